@@ -5,7 +5,8 @@ Scene and solution
     `SceneError` lists the mistakes of a scene; `NotConvergedError` says why there are no charges.
     `Replaced` is a table that takes the place of a whole one in `Scene.with_`.
 About one solution
-    `gradients` differentiates the charges; `modes` gives the frequencies of the film, `respond` the
+    `gradients` differentiates the charges, `uncertainty` tells what uncertain values of the scene
+    make of these; `modes` gives the frequencies of the film, `respond` the
     charges of an oscillating force by frequency, `transient` those of a touch by time.
 Many scenes
     `sweep` solves a grid of scenes; `Report` makes a page of a report script.
@@ -14,7 +15,8 @@ From known touches to the sensor
 From charges to touches
     `build_response` makes a `Response`, the charges as a fast function of the touch; `locate` and
     `locate_many` find the touches that explain measured charges; `Tracker` follows touches in a
-    stream of readings. `design` tells how well different sensors would do so.
+    stream of readings. `design` tells how well different sensors would do so; `dataset` draws
+    random touches with noisy readings.
 
 ``help(pvdf_fem.solve)`` describes `solve` with its arguments, and so on.
 """
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 
     from pvdf_fem.calibration.calibrate import calibrate
     from pvdf_fem.derivatives.gradients import gradients
+    from pvdf_fem.derivatives.uncertainty import uncertainty
+    from pvdf_fem.designs.dataset import dataset
     from pvdf_fem.designs.design import design
     from pvdf_fem.dynamics.forced import respond, transient
     from pvdf_fem.dynamics.modes import modes
@@ -37,8 +41,9 @@ if TYPE_CHECKING:
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Replaced, Scene, SceneError
-    from pvdf_fem.solution.solution import NotConvergedError, Solution
+    from pvdf_fem.solution.solution import Solution
     from pvdf_fem.solution.solve import solve
+    from pvdf_fem.solvers.status import NotConvergedError
     from pvdf_fem.sweeps.sweep import sweep
     from pvdf_fem.touch.locate import locate
     from pvdf_fem.touch.locate_many import locate_many
@@ -55,6 +60,7 @@ __all__ = [
     "Tracker",
     "build_response",
     "calibrate",
+    "dataset",
     "design",
     "gradients",
     "locate",
@@ -64,12 +70,13 @@ __all__ = [
     "solve",
     "sweep",
     "transient",
+    "uncertainty",
 ]
 __version__ = "0.1.0"
 
 # Where the public names are defined.
 _MODULES = {
-    "NotConvergedError": "solution.solution",
+    "NotConvergedError": "solvers.status",
     "Report": "reporting.report",
     "Replaced": "scene.scene",
     "Response": "response.response",
@@ -79,6 +86,7 @@ _MODULES = {
     "Tracker": "tracking.tracker",
     "build_response": "response.build",
     "calibrate": "calibration.calibrate",
+    "dataset": "designs.dataset",
     "design": "designs.design",
     "gradients": "derivatives.gradients",
     "locate": "touch.locate",
@@ -88,6 +96,7 @@ _MODULES = {
     "solve": "solution.solve",
     "sweep": "sweeps.sweep",
     "transient": "dynamics.forced",
+    "uncertainty": "derivatives.uncertainty",
 }
 
 

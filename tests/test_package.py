@@ -107,6 +107,10 @@ def test_readme_s_python_runs_from_the_wheel(programs, tmp_path):
     assert Path(printed.splitlines()[-1]).is_relative_to(programs.parent)
 
 
+#: Pages of seconds; the others are slow.
+QUICK = ("verify", "extend")
+
+
 def pages() -> dict[str, list[str]]:
     """The cells of the guide's pages that need no checkout."""
     texts = {path.stem: path.read_text("utf-8") for path in ROOT.glob("reports/guide/*.md")}
@@ -114,9 +118,10 @@ def pages() -> dict[str, list[str]]:
     return {name: found for name, found in cells.items() if found}
 
 
-def test_every_page_of_the_guide_runs_from_the_wheel(programs, tmp_path):
-    cells = pages()
-    assert cells.keys() >= {"start", "sensor", "calibrate", "extend"}
+@pytest.mark.parametrize("of", [QUICK, pytest.param(None, marks=pytest.mark.slow)])
+def test_pages_of_the_guide_run_from_the_wheel(programs, tmp_path, of):
+    cells = {name: found for name, found in pages().items() if of is None or name in of}
+    assert cells.keys() >= set(QUICK)
     # plt.show() has no window here; xarray's HTML is not asked for
     warn = "-W", "error", "-W", "ignore:FigureCanvasAgg"
     code = programs / "python", *warn, "-c", NOTEBOOK

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -21,9 +20,9 @@ from pvdf_fem.calibration.options import DEFAULTS, CalibrateOptions
 from pvdf_fem.calibration.touches import read_touches
 from pvdf_fem.calibration.unknowns import unknowns_of
 from pvdf_fem.film.loads.kinds import LOADS
+from pvdf_fem.progress import Counted, Progress, shown
 from pvdf_fem.readout.channel import READINGS
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.sweeps.sweep import Counted, Progress, shown
 
 DEFAULT_UNKNOWN = ("film.pretension_N_m", "gains")
 CHOICES = {"reading": tuple(READINGS), "unit": ("pC", "V")}
@@ -40,7 +39,7 @@ def calibrate(
     noise: float = 0.0,
     place_sd: float = 0.0,
     priors: Mapping[str, float] | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     options: CalibrateOptions = DEFAULTS,
 ) -> Calibration:
     """Parameters of a sensor from touches with known place, rotation and force.
@@ -68,9 +67,9 @@ def calibrate(
         Standard deviations by parameter or group, relative but for shift, turn (mm, degrees) and
         offsets (V). By default gains 10 %, d31 and d32 20 %, pretension 30 %, other film
         parameters 20 %, shift 1 mm, turn 3°, offsets 0.1 V.
-    progress : callable, optional
-        Called with the numbers of finished and of expected solves. By default a terminal shows a
-        bar.
+    progress : callable or bool, optional
+        Called with the numbers of finished and of expected solves; or whether these are shown, see
+        `pvdf_fem.progress.shown`.
     options : CalibrateOptions
         When the fit has ended, and what is taken for a mistake.
 
@@ -89,7 +88,7 @@ def calibrate(
     given = read_touches(touches, scene)
     tolerance = min(max(options.tolerance_share * sigma, options.finest), options.coarsest)
     expected = options.expected_rounds * len(given)
-    with nullcontext(progress) if progress else shown("solve", lines=False) as show:
+    with shown("solves", progress) as show:
         count = Counted(show, expected)
         model = TouchModel(unknowns, given, reading, unit, tolerance, options, count=count)
         fit, found = explained(model, Noise(*deviations.values()))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -106,6 +107,18 @@ class Calibration(Told):
             "reading": fit.model.reading,
             "unit": fit.model.unit,
         }
+
+    def write_page(self, path: Path) -> None:
+        """Write one self-contained HTML page with pictures of readings, residuals and places."""
+        from pvdf_fem.output.calibration_page import CalibrationData, write_page
+
+        model = self.fit.model
+        touches, names = model.touches, [channel.name for channel in model.channels]
+        bad = np.isin(touches.rows, list(self.outliers))
+        read = touches.readings, self.fit.prediction.readings
+        places = touches.touches[:, :2], self.places_mm
+        data = CalibrationData(names, model.unit, touches.rows, bad, *read, *places)
+        write_page(data, self._repr_html_(), path)
 
     def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
         """Status, reason, the table of parameters, and what is said below it."""

@@ -19,12 +19,12 @@ from pvdf_fem.calibration.unknowns import GAIN, OFFSET, SHIFT, TURN, Unknowns, v
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.derivatives.parameters import COEFFICIENTS
 from pvdf_fem.derivatives.rates import force_rates
+from pvdf_fem.progress import Counted, silent
 from pvdf_fem.readout.channel import Channel, channels
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solution.solve import rest_forces, solve_goals
 from pvdf_fem.solvers.status import Status
-from pvdf_fem.sweeps.sweep import Counted, silent
 
 
 @dataclass(frozen=True, eq=False)

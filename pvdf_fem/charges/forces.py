@@ -24,9 +24,6 @@ from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 
-#: Least relative error that is stated of a charge, over the mean one of all charges: an estimate
-#: may vanish by chance.
-CHANCE = 0.5
 #: The tolerance of a charge is relative to the charge, but at least to this share of its parts
 #: |d31 X| + |d32 Y|, where they cancel.
 CANCELLED = 0.05
@@ -52,13 +49,14 @@ class Forces:
         """Charges d31 X + d32 Y, (goals,), in the units of `d` = d31, d32 times N."""
         return _charges(self.values, d)
 
-    def charge_errors(self, d: ArrayLike) -> Array:
+    def charge_errors(self, d: ArrayLike, chance: float = 0.5) -> Array:
         """Estimated absolute errors of `charges`, (goals,). All charges are of one displacement and
-        share its error. So none is taken for much better than all are in the mean."""
+        share its error, and an estimate may vanish by chance. So a relative error is at least the
+        part `chance` of the mean relative error."""
         errors, parts = np.abs(_charges(self.errors, d)), _charges(np.abs(self.values), np.abs(d))
         total = parts.sum()
         mean = errors.sum() / total if total > 0.0 else 0.0
-        return np.asarray(np.maximum(errors, CHANCE * mean * parts))
+        return np.asarray(np.maximum(errors, chance * mean * parts))
 
 
 def goal_forces(

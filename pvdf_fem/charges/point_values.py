@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,9 +15,6 @@ from pvdf_fem.film.space import shape_values
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.points import located
 
-#: Points whose values are computed together, so that memory beyond the results stays small.
-CHUNK = 20_000
-
 
 @dataclass(frozen=True, eq=False)
 class PointValues:
@@ -25,6 +23,7 @@ class PointValues:
     x_mm: Array  #: (...)
     y_mm: Array  #: (...)
     displacement_mm: Array  #: u, v, w, (..., 3).
+    slopes: Array  #: dw/dx and dw/dy, (..., 2).
     strain: Array  #: Green-Lagrange strain of the displacement, E11, E22, 2 E12, (..., 3).
     #: Second Piola-Kirchhoff stress with that of the pretension, S11, S22, S12, (..., 3).
     stress_MPa: Array
@@ -40,24 +39,38 @@ class PointValues:
 
 
 def values_at(
-    equilibrium: Equilibrium, state: State, x_mm: ArrayLike, y_mm: ArrayLike
+    equilibrium: Equilibrium,
+    state: State,
+    x_mm: ArrayLike,
+    y_mm: ArrayLike,
+    outside: Literal["refuse", "nan"] = "refuse",
+    together: int = 20_000,
 ) -> PointValues:
-    """Values at points, whose coordinates are numbers or arrays that broadcast together. Raises
-    ValueError for coordinates that are no numbers on the film."""
-    x, y = np.broadcast_arrays(np.asarray(x_mm, dtype=float), np.asarray(y_mm, dtype=float))
+    """Values at points, whose coordinates are numbers or arrays that broadcast together; NaN
+    `outside` the film, if asked for. Few are computed `together`, so that memory beyond the results
+    stays small. Raises ValueError for coordinates that are no numbers on the film."""
+    if outside not in ("refuse", "nan"):
+        raise ValueError(f'outside = {outside!r}: give "refuse" or "nan"')
+    x, y = np.asarray(x_mm, dtype=float), np.asarray(y_mm, dtype=float)
+    try:
+        x, y = np.broadcast_arrays(x, y)
+    except ValueError:
+        told = f"x_mm has the shape {x.shape}, and y_mm {y.shape}"
+        raise ValueError(f"{told}; give a y for each x, or one number for all") from None
     radius_mm = 1e3 * equilibrium.film.radius
     # rounding may put a point of the rim outside
-    outside = ~(np.hypot(x, y) <= radius_mm * (1.0 + 1e-9))
-    if outside.any():
-        first = f"({x[outside][0]:.9g}, {y[outside][0]:.9g}) mm"
+    beyond = ~(np.hypot(x, y) <= radius_mm * (1.0 + 1e-9))
+    if beyond.any() and outside == "refuse":
+        first = f"({x[beyond][0]:.9g}, {y[beyond][0]:.9g}) mm"
         raise ValueError(
             f"{first} is not on the film; give points up to {radius_mm:g} mm from (0, 0)"
         )
-    points = 1e-3 * np.stack([x.ravel(), y.ravel()])
-    chunks = (points[:, i : i + CHUNK] for i in range(0, x.size, CHUNK))
+    points = 1e-3 * np.stack([x[~beyond], y[~beyond]])
+    chunks = (points[:, i : i + together] for i in range(0, points.shape[1], together))
     found = (located(equilibrium.space.mesh, chunk) for chunk in chunks)
     parts = [_values(equilibrium, state, elements, p[:, :, None])[:, :, 0] for elements, p in found]
-    values = np.concatenate([np.empty((4, 0, 3)), *parts], axis=1).reshape(4, *x.shape, 3)
+    values = np.full((5, *x.shape, 3), np.nan)
+    values[:, ~beyond] = np.concatenate([np.empty((5, 0, 3)), *parts], axis=1)
     return _point_values(equilibrium, values, x, y)
 
 
@@ -70,29 +83,30 @@ def values_in_elements(equilibrium: Equilibrium, state: State, local: Array) -> 
 
 
 def _point_values(equilibrium: Equilibrium, values: Array, x: Array, y: Array) -> PointValues:
-    film, (_, displacement, strain, stress) = equilibrium.film, values
+    film, (_, displacement, slopes, strain, stress) = equilibrium.film, values
     density = film.d31_pC_N * stress[..., 0] + film.d32_pC_N * stress[..., 1]
-    return PointValues(x, y, displacement, strain, stress, density)
+    return PointValues(x, y, displacement, slopes[..., :2], strain, stress, density)
 
 
 def _values(equilibrium: Equilibrium, state: State, elements: Indices, local: Array) -> Array:
-    """Places and displacement in mm, strain, stress in MPa, (4, n, points, 3), in elements (n,) at
-    local points (2, n, points)."""
+    """Places and displacement in mm, slopes, strain, stress in MPa, (5, n, points, 3), in elements
+    (n,) at local points (2, n, points)."""
     space, membrane = equilibrium.space, equilibrium.membrane
     nodal = state.dofs.reshape(-1, 3)[space.nodes[elements]]
     displacement = np.matmul(shape_values(space.basis.elem, local), nodal)
     gradients = space.gradients_at(elements, local)
-    strain = strain_of(np.matmul(nodal[:, None].swapaxes(2, 3), gradients))
-    places = np.zeros_like(displacement)
+    gradients = np.matmul(nodal[:, None].swapaxes(2, 3), gradients)
+    strain, places, slopes = strain_of(gradients), *np.zeros((2, *displacement.shape))
+    slopes[..., :2] = gradients[..., 2, :]
     places[..., :2] = np.moveaxis(space.mesh.mapping().F(local, elements), 0, -1)
     stress = membrane.film_stress(strain, places[..., :2])
     if state.added is not None:
         stress = stress + state.added[elements]
-    return np.stack([1e3 * places, 1e3 * displacement, strain, 1e-6 * stress])
+    return np.stack([1e3 * places, 1e3 * displacement, slopes, strain, 1e-6 * stress])
 
 
 def values_along(
-    equilibrium: Equilibrium, state: State, line_mm: ArrayLike, points: int
+    equilibrium: Equilibrium, state: State, line_mm: ArrayLike, points: int = 200
 ) -> PointValues:
     """Values at this number of points at equal distances along a polyline, its ends included."""
     corners = np.asarray(line_mm, dtype=float)

@@ -18,12 +18,11 @@ from skfem import MeshTri2
 from skfem.quadrature import get_quadrature
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.mesh.points import PlacedQuadrature, curved_elements, local_coordinates
+from pvdf_fem.mesh.points import PlacedQuadrature, local_coordinates
+from pvdf_fem.mesh.six_node import curved_elements
 from pvdf_fem.scene.outlines.outline import Outline
 
 Geometries = NDArray[np.object_]
-
-CHORDS = 32  #: Number of chords that replace a curved edge of an element.
 
 
 def area_quadrature(
@@ -88,12 +87,12 @@ def _pieces(
     return owners[proper], elements[proper], pieces[proper]
 
 
-def _element_polygons(mesh: MeshTri2) -> Geometries:
-    """The elements as polygons, with chords for curved edges."""
+def _element_polygons(mesh: MeshTri2, chords: int = 32) -> Geometries:
+    """The elements as polygons, with this number of chords for a curved edge."""
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
     polygons = shapely.polygons(nodes[:, :3].transpose(2, 1, 0))
     curved = np.flatnonzero(curved_elements(nodes))
-    t = np.arange(CHORDS) / CHORDS
+    t = np.arange(chords) / chords
     edges = []
     for start, middle, end in ((0, 3, 1), (1, 4, 2), (2, 5, 0)):
         a, m, b = (nodes[:, i, curved, None] for i in (start, middle, end))

@@ -24,16 +24,13 @@ from pvdf_fem.film.term import State
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch
 from pvdf_fem.scene.scene import Scene
 
-#: d33 of PVDF in pC/N, by which charges that are left out are estimated.
-TYPICAL_PC_N = -15.0
-AT_CORNER = 0.05  #: Part of what a rigid probe's edge bears that the tip of each corner does.
-
 
 def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
     """Charge in C by d33 of each electrode of the whole film, (electrodes,)."""
     d33, mesh = equilibrium.film.d33_pC_N or 0.0, equilibrium.space.mesh
     forces, pressed = equilibrium.film_forces(state), np.zeros(mesh.nelements)
-    for elements, force in filter(None, (term.pressed(forces) for term in equilibrium.terms)):
+    by_term = (term.pressed(state, forces) for term in equilibrium.terms)
+    for elements, force in filter(None, by_term):
         pressed[elements] += force
     patches = (electrode_patch(electrode.name) for electrode in equilibrium.scene.electrode_list)
     on = [pressed[mesh.subdomains[patch]].sum() for patch in patches]
@@ -41,10 +38,10 @@ def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
 
 
 def thickness_remarks(
-    scene: Scene, charges_pC: Charges = None, posed: Posed = NOTHING
+    scene: Scene, charges_pC: Charges = None, posed: Posed = NOTHING, typical_pC_N: float = -15.0
 ) -> Iterator[tuple[bool, str]]:
     """Whether the charge by d33 is included, and its size, in parts of charges that are given;
-    none where no electrode is pressed."""
+    none where no electrode is pressed. What is left out is estimated by a typical d33 of PVDF."""
     given, electrodes = scene.film.d33_pC_N, scene.electrode_list
     polygons = np.array([electrode.outline.polygon for electrode in electrodes])
     spread = (scene.film.pressure_Pa or 0.0) * shapely.area(polygons)
@@ -53,7 +50,7 @@ def thickness_remarks(
         most = int(on.argmax())
         about = "thickness direction, pressed by a probe", "film.d33_pC_N"
         per_unit, name = -0.5 * on[most], electrodes[most].name
-        yield charge_remark(about, given, TYPICAL_PC_N, per_unit, name, charges_pC)
+        yield charge_remark(about, given, typical_pC_N, per_unit, name, charges_pC)
         if given and (wired := coupled(scene)):
             share = max(float(np.trace(electrode.share)) for electrode in wired)
             back = abs(0.5 * share * given * on[most])
@@ -61,8 +58,11 @@ def thickness_remarks(
             yield False, f"{text}; no key includes it"
 
 
-def _about(scene: Scene, touch: PosedProbe, polygons: NDArray[np.object_]) -> Array:
-    """About the force in N of a touch that presses on each electrode."""
+def _about(
+    scene: Scene, touch: PosedProbe, polygons: NDArray[np.object_], at_corner: float = 0.05
+) -> Array:
+    """About the force in N of a touch that presses on each electrode; the tip of each corner bears
+    the part `at_corner` of what a rigid probe's edge does."""
     (outline, _), force = guessed_press(scene, touch), guessed_force(touch.load, scene.film)
     probe, at_edge = outline.polygon, LOADS[touch.load.kind].edge_share
     inside, edge = (shapely.intersection(polygons, x) for x in (probe, probe.exterior))
@@ -71,5 +71,5 @@ def _about(scene: Scene, touch: PosedProbe, polygons: NDArray[np.object_]) -> Ar
         means = [profile.mean(shape) for shape in inside[pressed]]
         over[pressed] *= np.array(means) / max(profile.mean(probe), np.finfo(float).tiny)
     x, y = outline.corners.T
-    tips = AT_CORNER * shapely.contains_xy(polygons[:, None], x, y).sum(axis=1)
+    tips = at_corner * shapely.contains_xy(polygons[:, None], x, y).sum(axis=1)
     return np.asarray(force * (at_edge * (along + tips) + (1.0 - at_edge) * over))

@@ -11,6 +11,7 @@ from typing import Any
 from pvdf_fem.cli.program import (
     ExitCode,
     InputError,
+    add_progress,
     add_scene_command,
     add_texts,
     output_mistakes,
@@ -71,6 +72,7 @@ def add_to(commands: Any) -> None:
         "gains=0.05 or shift=2; may be given several times",
     )
     parser.add_argument("--output", metavar="FILE.toml", type=Path, help="write the sensor's scene")
+    add_progress(parser)
     parser.add_argument("--page", metavar="FILE.html", type=Path, help="write a page with pictures")
 
 
@@ -97,6 +99,7 @@ def run(options: argparse.Namespace) -> int:
             reading=options.reading,
             unit=options.unit,
             priors={o[len("--prior ") :]: v for o, v in values.items() if o.startswith("--prior ")},
+            progress=options.progress,
             **deviations,
         )
     except SceneError:  # told as it is
@@ -109,9 +112,7 @@ def run(options: argparse.Namespace) -> int:
             with replacing(options.output) as unfinished:
                 unfinished.write_text(found.scene.to_toml(), encoding="utf-8")
         if options.page:
-            from pvdf_fem.output.calibration_page import write_page
-
-            write_page(found, options.page)
+            found.write_page(options.page)
     finally:  # a full disk does not take the result with it
         if options.json:
             print(json.dumps(found.to_json(), allow_nan=False))

@@ -9,7 +9,9 @@ import argparse
 import json
 import re
 import sys
+import textwrap
 from collections.abc import Callable, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +31,8 @@ from pvdf_fem.cli.program import (
     save_plot,
     scene_of,
 )
-from pvdf_fem.cli.studies import design
-from pvdf_fem.scene.scene_file import example_text, examples
+from pvdf_fem.cli.studies import dataset, design
+from pvdf_fem.scene.scene_file import choose, example_text, examples, key_texts
 
 _DESCRIPTION = """\
 A model of a membrane PVDF tactile sensor: charges of its electrodes when a
@@ -41,51 +43,11 @@ example:
   pvdf-fem example triangle > scene.toml
   pvdf-fem solve scene.toml --set load.force_N=2 --plot scene.png
 
-scene files are TOML. Their keys, each with a default:
-  [film]        radius_mm, thickness_um, youngs_modulus_GPa (or [E1, E2]),
-                poisson_ratio, shear_modulus_GPa, density_kg_m3,
-                thermal_expansion_per_K, temperature_change_K (below zero
-                stretches the film) or pretension_N_m (a number, or [Nx, Ny]),
-                d31_pC_N, d32_pC_N, d33_pC_N, permittivity, loss_tangent,
-                bending and coupling (true, false, "auto": where it matters),
-                compression (refuse, tension-field: the film wrinkles),
-                warming_K (since it was zeroed), pyroelectric_uC_m2K,
-                thermal_diffusivity_m2_s,
-                rim_displacement_um ([mean, cos, sin, cos 2, sin 2, ...]),
-                law (hooke, neo-hookean), pressure_Pa on the whole film (along
-                z; with pressure_follows normal to it), gravity_m_s2 (along z)
-  [[film.patches]]  layers on the film: shape as of electrodes, thickness_um,
-                both_sides, youngs_modulus_GPa, poisson_ratio, density_kg_m3,
-                bonded ("at rest", "before stretching"), thermal_expansion_per_K
-  [electrodes]  layout (four, three, ring), ring_radius_mm, side_mm; for a ring:
-                count, first_angle_deg, centre, shape and its sizes
-  [probe]       shape and its sizes, x_mm, y_mm (centroid), rotation_deg,
-                edge_radius_mm (for contact), temperature_K, contact_time_s
-  [load]        force_N, kind (dead, follower, rigid, contact), tangential_N
-                ([Fx, Fy]; dead or stuck); for rigid: contact (sliding, stuck);
-                tilt (held, free); for contact: depth_mm, instead of
-                force_N, friction (0 to 10, "stuck"); for dead:
-                profile (uniform, hertz, gaussian, or a CSV or NetCDF file),
-                profile_width_mm (of gaussian)
-  [numerics]    tolerance (of every charge), observable (material, thesis-edge),
-                max_unknowns (of a mesh; default 60000, more for tolerances
-                below 1e-3), max_seconds (work of one core, counted by unknowns
-                and iterations; default 20, more for tolerances below 1e-3),
-                load_steps (to friction; default 4, stuck 6)
-  [readout]     kind (charge, voltage), feedback_capacitance_pF,
-                feedback_resistance_MOhm, input_resistance_MOhm,
-                cable_capacitance_pF, gain, offset_V, noise_V: each for all
-                electrodes, or a table by electrode; reading (change, total)
-  [stage]       x_mm, y_mm (the film's centre on the stage that positions the
-                probe), rotation_deg (of the film's axes there)
-  [air]         density_kg_m3, baffle (true, false: the rim is in one, or not)
-Any electrodes instead of a layout, each below a heading [[electrodes]]:
-  name, x_mm, y_mm, shape and its sizes, rotation_deg
-Several probes, each below a heading [[probe]]: its keys, and force_N,
-  tangential_N and load, a table, for what differs from [load]
-Shapes: triangle (side_mm; probes only), sphere (radius_mm; probes of kind
-contact), square (side_mm; electrodes only), rectangle (width_mm, height_mm),
-circle (radius_mm), ellipse (semi_axes_mm, a pair), polygon (vertices_mm).
+scene files are TOML. Their keys, each with a default, which `pvdf-fem keys`
+explains:
+{keys}
+`[[electrodes]]` stands in place of a layout, each with its name, and `[[probe]]`
+for several probes, each with what differs from [load].
 
 `pvdf-fem COMMAND --help` tells more about a command, that of `sweep` about sweep
 files.
@@ -95,7 +57,7 @@ exit codes: 0 converged, 2 bad input or an output that cannot be written,
 
 _EXAMPLE = """\
 Print a scene file, sweep file or report script that comes with the package, or
-without a name the list of them. `four_electrodes` explains every key."""
+without a name the list of them."""
 
 _EXAMPLE_EPILOG = """\
 example:
@@ -103,10 +65,22 @@ example:
 
 exit codes: 0 printed, 2 no example of this name"""
 
+_KEYS = """\
+Print a scene file with every key: its meaning, its range, and its default or an
+example. With words, print the keys that have a word in their names or meanings."""
+
+_KEYS_EPILOG = """\
+examples:
+  pvdf-fem keys > scene.toml
+  pvdf-fem keys force tension
+
+exit codes: 0 printed, 2 no key has a word"""
+
 _SOLVE = """\
 Charges of the electrodes in pC, each with its estimated discretisation error,
-and the largest deflection in mm. Meshes are refined until every charge is
-within numerics.tolerance of the scene."""
+and the largest deflection in mm; with `uncertain` in the scene also the
+standard deviations that uncertain values of film, force and place make.
+Meshes are refined until every charge is within numerics.tolerance of the scene."""
 
 _SOLVE_EPILOG = """\
 examples:
@@ -162,11 +136,21 @@ def _run(arguments: Sequence[str] | None) -> int:
     return command(options)
 
 
+def _key_names() -> str:
+    """The names of all keys of a scene file, by table."""
+    names: dict[str, dict[str, None]] = {}
+    for table, name, _ in key_texts():
+        names.setdefault(table, {})[name] = None
+    lines = (f"{table:<18}{', '.join(keys)}" for table, keys in names.items())
+    wrapper = textwrap.TextWrapper(79, initial_indent=2 * " ", subsequent_indent=20 * " ")
+    return "\n".join(map(wrapper.fill, lines))
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = ArgumentParser(
         "pvdf-fem",
         description=_DESCRIPTION,
-        epilog=_EPILOG,
+        epilog=_EPILOG.format(keys=_key_names()),
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
@@ -176,6 +160,9 @@ def _parser() -> argparse.ArgumentParser:
     summary = "files to begin with"
     example = add_command(commands, "example", _example, summary, _EXAMPLE, _EXAMPLE_EPILOG)
     example.add_argument("name", metavar="NAME", nargs="?", help="without it the names are listed")
+    about = "what the keys of a scene file mean"
+    keys = add_command(commands, "keys", _keys, about, _KEYS, _KEYS_EPILOG)
+    keys.add_argument("words", metavar="WORD", nargs="*", help="what names or meanings have")
     solve = add_scene_command(
         commands, "solve", _solve, "charges of a scene", _SOLVE, _SOLVE_EPILOG
     )
@@ -197,7 +184,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_texts(modes, ("--count", "N", "6", "how many frequencies"))
     add_plot(modes, "the shapes of the modes")
-    for command in (respond, sweep, response_model, locate, track, calibrate, design, explore):
+    touching = response_model, locate, track, calibrate, design, dataset
+    for command in (respond, sweep, *touching, explore):
         command.add_to(commands)
     return parser
 
@@ -212,6 +200,20 @@ def _example(options: argparse.Namespace) -> int:
     return ExitCode.CONVERGED
 
 
+def _keys(options: argparse.Namespace) -> int:
+    if not options.words:
+        print(examples()["four_electrodes"], end="")
+        return ExitCode.CONVERGED
+    keys, words = list(key_texts()), [word.casefold() for word in options.words]
+    found = [key for key in keys if any(word in key.text.casefold() for word in words)]
+    if not found:
+        near = choose(words[0], list(dict.fromkeys(key.name for key in keys)))
+        raise InputError(f"{options.words[0][:60]}: is in no key and its meaning; {near}")
+    for table, texts in groupby(found, lambda key: key.table):
+        print("\n".join([table, *(key.text for key in texts)]), end="\n\n")
+    return ExitCode.CONVERGED
+
+
 def _solve(options: argparse.Namespace) -> int:
     mistakes = output_mistakes(options.vtu, [".vtu"], options.scene, options.mesh)
     mistakes += plot_mistakes(options, options.scene, options.mesh, options.vtu)
@@ -220,25 +222,33 @@ def _solve(options: argparse.Namespace) -> int:
         mistakes.append("--quantity: is what --plot shows; give --plot FILE, or leave it out")
     scene = scene_of(options, *mistakes)
     if options.plot:
-        from pvdf_fem.output.film_map import require_quantity
+        from pvdf_fem.output.film_map import require_map
 
         try:
-            require_quantity(quantity, scene)
+            require_map(quantity, scene)
         except ValueError as error:
             raise InputError(f"--quantity: {error}") from error
     from pvdf_fem.solution.solve import solve
     from pvdf_fem.solvers.status import Status
 
+    if scene.uncertain:
+        from pvdf_fem.derivatives.uncertainty import require_known, uncertainty
+
+        require_known(scene)
     solution = solve(scene, mesh=options.mesh)
     converged = solution.status is Status.CONVERGED
+    told, text = solution.to_json(), lambda: str(solution)
     try:
+        if converged and scene.uncertain:
+            found = uncertainty(solution)
+            told["uncertainty"], text = found.to_json(), lambda: f"{solution}\n\n{found}"
         if converged:
             if options.vtu:
                 solution.to_vtu(options.vtu)
             if options.plot:
                 save_plot(solution.plot(quantity), options)
     finally:  # a full disk does not take the charges with it
-        _print(solution.to_json(), options.json, lambda: str(solution))
+        _print(told, options.json, text)
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 
@@ -246,14 +256,14 @@ def _mesh(options: argparse.Namespace) -> int:
     from pvdf_fem.output.export import FORMATS, write_mesh
 
     scene = scene_of(options, *output_mistakes(options.file, list(FORMATS), options.scene))
+    from pvdf_fem.film.loads.contact_guess import tip_outlines
     from pvdf_fem.film.models import film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
     from pvdf_fem.solution.first_sizes import ORDER, first_sizes
-    from pvdf_fem.solution.tips.edges import outlines_of
 
     try:
         sizes, jacobian = first_sizes(scene, ORDER), film_model(scene).least_jacobian
-        contacts = outlines_of(scene)
+        contacts = tip_outlines(scene)
         mesh = mesh_scene(scene, sizes, least_jacobian=jacobian, contacts=contacts)
         write_mesh(mesh, options.file)
     except MeshError as error:
@@ -267,7 +277,6 @@ def _mesh(options: argparse.Namespace) -> int:
 
 def _modes(options: argparse.Namespace) -> int:
     from pvdf_fem.dynamics.modes import MOST_MODES, modes
-    from pvdf_fem.output.text import modes_text
     from pvdf_fem.solvers.status import Status
 
     count, mistakes = options.count, []
@@ -280,7 +289,7 @@ def _modes(options: argparse.Namespace) -> int:
         if options.plot and converged:
             save_plot(result.plot(), options)
     finally:
-        _print(result.to_json(), options.json, lambda: modes_text(result))
+        _print(result.to_json(), options.json, lambda: str(result))
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 

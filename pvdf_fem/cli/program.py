@@ -143,6 +143,12 @@ def add_texts(parser: Any, *options: tuple[str, str, str | None, str]) -> None:
         parser.add_argument(name, metavar=metavar, default=default, help=about)
 
 
+def add_progress(parser: argparse.ArgumentParser) -> None:
+    """Add the option ``--progress`` of commands that take long."""
+    about = "tell what is done and how long the rest takes, on a terminal or not"
+    parser.add_argument("--progress", action="store_true", default=None, help=about)
+
+
 def output_mistakes(
     path: Path | None, extensions: Sequence[str], *others: Path | None
 ) -> list[str]:

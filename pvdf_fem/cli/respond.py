@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
     mistakes = [told] if frequencies is None else []
     scene = scene_of(options, *mistakes, *plot_mistakes(options, options.scene))
     from pvdf_fem.dynamics.forced import respond
-    from pvdf_fem.solution.solution import NotConvergedError
+    from pvdf_fem.solvers.status import NotConvergedError
 
     try:
         response = respond(scene, frequencies)
@@ -59,7 +59,8 @@ def run(options: argparse.Namespace) -> int:
         if options.plot:
             from pvdf_fem.output.charts import frequency_response
 
-            save_plot(frequency_response(response), options)
+            about = response.frequencies_Hz, response.charges_pC_N, response.solution.scene
+            save_plot(frequency_response(*about), options)
     finally:  # a full disk does not take the charges with it
         if options.json:
             print(json.dumps({**columns, "left_out": list(response.left_out)}, allow_nan=False))

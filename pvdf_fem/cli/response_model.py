@@ -13,8 +13,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
+from pvdf_fem.cli.program import (
+    ExitCode,
+    InputError,
+    add_progress,
+    add_scene_command,
+    add_texts,
+    scene_of,
+)
 from pvdf_fem.files import FileError, require_writable
+from pvdf_fem.progress import Progress, remaining, shown
 
 if TYPE_CHECKING:
     from pvdf_fem.response.model import Domain
@@ -62,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
         mistakes.append(f"{options.scene}: has no [probe]; add one")
     if mistakes := [*mistakes, *([] if mistakes else choice.mistakes(scene, options.scene))]:
         raise InputError(*mistakes)
-    from pvdf_fem.solution.solution import NotConvergedError
+    from pvdf_fem.solvers.status import NotConvergedError
 
     if options.list:
         present = [*choice.present(scene, options.scene)]
@@ -114,6 +122,7 @@ def add_options(parser: argparse.ArgumentParser, tolerance: str | None = None) -
         "model.reach_mm, or 12, at most 0.6 of the film's radius and the probe's width away from "
         "the rim)",
     )
+    add_progress(parser)
     forces = "model.force_range_N, or 0.1,5"
     error = "" if tolerance else " (default: model.tolerance, or 0.1 of the noise)"
     add_texts(
@@ -134,6 +143,7 @@ class ModelChoice:
     force_N: tuple[float, float] | None
     tolerance: float | None
     sigma: float = 0.01  #: Relative noise of readings.
+    progress: bool | None = None  #: Whether builds show it; by default on a terminal.
 
     @classmethod
     def of(cls, options: argparse.Namespace, mistakes: list[str]) -> ModelChoice:
@@ -144,7 +154,7 @@ class ModelChoice:
         tolerance = texts[2] and positive("--tolerance", texts[2], mistakes)
         # what is wrong with --sigma is told by its command
         sigma = positive("--sigma", getattr(options, "sigma", "0.01"), [], zero=True) or 0.01
-        return cls(options.model, reach, forces, tolerance, sigma)
+        return cls(options.model, reach, forces, tolerance, sigma, options.progress)
 
     def wanted(self, scene: Scene) -> tuple[Domain, float]:
         """Touches that a scene's model has to hold for, and its tolerance."""
@@ -206,14 +216,16 @@ class ModelChoice:
         return [beyond] if reach > rim else []
 
 
-def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
-    """The model of a scene, from its file or built and written there. Raises `ValueError` for a
-    file of a film or a probe that deforms otherwise, and `FileError`."""
+def model_of(
+    scene: Scene, scene_file: str, choice: ModelChoice, *, as_kept: bool = False
+) -> Response:
+    """The model of a scene, from its file or built and written there; `as_kept` may have other
+    electrodes. Raises `ValueError` for a file of a film or a probe that deforms otherwise, and
+    `FileError`."""
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.model import centred
     from pvdf_fem.response.response import Response, reads_alike, refuse_other_mechanics
-    from pvdf_fem.solution.solution import NotConvergedError
-    from pvdf_fem.sweeps.sweep import shown
+    from pvdf_fem.solvers.status import NotConvergedError
 
     path = choice.path(scene, scene_file)
     if not path.exists():
@@ -222,11 +234,10 @@ def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
         print(f"  for {domain}, with errors up to {tolerance:g} of a charge", file=sys.stderr)
         for other, why in () if choice.file else choice.present(scene, scene_file):
             print(f"  {other.name} does not serve: it {why}", file=sys.stderr)
-        print("  that takes a minute or so of one core, once", file=sys.stderr)
         try:
             wanted = domain.reach_mm, domain.force_N, tolerance
-            with shown("solve") as progress:
-                model = build_response(alone, *wanted, file=path, progress=progress)
+            with shown("s of one core", choice.progress) as show:
+                model = build_response(alone, *wanted, file=path, progress=_estimated(show))
         except NotConvergedError as error:
             low, high = domain.force_N
             now = f"now {domain.reach_mm:g} mm, {low:g} to {high:g} N"
@@ -237,15 +248,32 @@ def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
     kept = Response.load(path)
     try:
         refuse_other_mechanics(kept.scene, scene)
+        if as_kept:
+            return kept
         if not reads_alike(kept.scene, scene):
             print(f"reading {path} anew for other electrodes, d31 or d32", file=sys.stderr)
-        model = kept.for_scene(scene)
+        model = kept.for_scene(scene, progress=choice.progress)
     except ValueError as error:
         raise ValueError(f"--model {path}: {error}, or name another file") from error
     if model.spline is not kept.spline and not choice.file:
         with suppress(FileError):  # a model that cannot be kept is read anew next time
             model.for_scene(centred(scene)).save(path)
     return model
+
+
+def _estimated(show: Progress) -> Progress:
+    """A progress that first says how long a build takes, by its first solves."""
+    told = False
+
+    def tell(done: float, total: float) -> None:
+        nonlocal told
+        if not told:
+            text = f"  that takes {remaining(total)} of one core, as its first solves tell"
+            print(text, file=sys.stderr)
+        told = True
+        show(done, total)
+
+    return tell
 
 
 def _default_path(scene_file: str, key: str) -> Path:

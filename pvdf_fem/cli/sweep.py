@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,7 +48,7 @@ examples:
   dask scheduler & dask worker tcp://localhost:8786 --nworkers 8 --nthreads 1 &
   pvdf-fem sweep sweep.toml --scheduler tcp://localhost:8786
 
-Several sweeps may use one store at the same time; they share the solves.
+Several sweeps may use one store; what one has solved the others take from it.
 
 exit codes: 0 all converged, 2 bad input, 3 some scenes have no charges (their
 `status` in the file says why) or the Dask scheduler stopped, 130 interrupted"""
@@ -105,6 +104,7 @@ def add_to(commands: Any) -> None:
         "--scheduler", metavar="ADDRESS", help="of a Dask cluster that solves (see below)"
     )
     program.add_plot(parser, "the charges over one or two axes")
+    program.add_progress(parser)
     parser.add_argument("--plan", action="store_true", help="only print what there is to solve")
     parser.add_argument("--quiet", action="store_true", help="print complaints only")
     summary = "a page of figures and tables about a sensor"
@@ -120,6 +120,7 @@ def add_to(commands: Any) -> None:
     about = "take the keys in `full` of each figure: more scenes and tasks"
     size.add_argument("--full", action="store_true", help=about)
     _add_processes(parser)
+    program.add_progress(parser)
 
 
 def _add_processes(parser: Any) -> None:
@@ -180,11 +181,12 @@ def _sweep(options: argparse.Namespace) -> int:
 def _run(
     grid: Grid, plan: SweepPlan, store: Store, output: Path, options: argparse.Namespace
 ) -> int:
+    from pvdf_fem.progress import shown
     from pvdf_fem.sweeps.dataset import dataset, write_netcdf
-    from pvdf_fem.sweeps.sweep import records, shown, silent
+    from pvdf_fem.sweeps.sweep import records
 
     where: dict[str, Any] = {"processes": options.processes, "scheduler": options.scheduler}
-    with nullcontext(silent) if options.quiet else shown("scene") as progress:
+    with shown("scenes", False if options.quiet else options.progress) as progress:
         solved = records(plan, store, **where, progress=progress)
         data = dataset(grid, plan, solved)
     write_netcdf(data, output)
@@ -205,7 +207,6 @@ def _report(options: argparse.Namespace) -> int:
     from pvdf_fem.reporting.registry import kinds_of
     from pvdf_fem.reporting.report import Report
     from pvdf_fem.scene.scene_file import SceneError
-    from pvdf_fem.sweeps.sweep import shown
 
     mistakes = _process_mistakes(options)
     try:
@@ -215,8 +216,8 @@ def _report(options: argparse.Namespace) -> int:
     if mistakes:
         raise InputError(*mistakes)
     out, how = options.out or Path(options.script.stem), {"processes": options.processes}
-    with shown("task") as progress:
-        made = report.make(out, quick=options.quick, full=options.full, progress=progress, **how)
+    how |= {"quick": options.quick, "full": options.full, "progress": options.progress}
+    made = report.make(out, **how)
     tasks = f"; {made.tasks} tasks, of which {made.ran} ran now" * bool(made.tasks)
     print(f"{made.page}: {made.scenes} scenes, of which {made.solved} were solved now{tasks}")
     for failure in made.failures:

@@ -36,8 +36,8 @@ for standard input, which may be a live pipe: each row is answered at once by a
 row of CSV, and each touch that has ended by a line on standard error. An empty
 cell or nan is a missing reading; other columns are left out.
 
-A model of the charges is needed, as for locate: it is built on the first call,
-which takes a minute or two, and kept beside the scene file."""
+A model of the charges is needed, as for locate: it is built on the first call, which
+says how long that takes, and kept beside the scene file."""
 
 EPILOG = """\
 status of a row, and of a touch that has ended:

@@ -1,4 +1,4 @@
-"""Adjoint solutions of the charges, and the errors that the mesh leaves in these.
+"""Adjoint solutions of the charges.
 
 A charge Q(x, θ) of the displacement x that solves R(x, θ) = 0 has the derivative::
 
@@ -21,12 +21,9 @@ from pvdf_fem.charges.forces import charges_of, goal_forces, goal_gradients
 from pvdf_fem.charges.goals import Goal, goals_of
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.term import State
-from pvdf_fem.solution.attempt import error_indicators
-from pvdf_fem.solution.estimate import Correction, corrected
-from pvdf_fem.solution.solution import NotConvergedError, Solution
-from pvdf_fem.solvers.budget import Budget
-from pvdf_fem.solvers.newton import NewtonResult, factorise
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solution.next_order import factorised, next_order
+from pvdf_fem.solution.solution import Solution
+from pvdf_fem.solvers.newton import factorise
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +47,14 @@ class Adjoint:
         """One solve per electrode with the tangent's `factors` at the unknowns `q`."""
         membrane, state = equilibrium.membrane, equilibrium.state(q)
         rates = goal_gradients(goals, membrane, state.dofs)
-        unknowns = factors.solve(equilibrium.on_unknowns(state, rates), "T")
+        unknowns = factors.solve(equilibrium.unknowns.fold(rates), "T")
         forces = goal_forces(goals, membrane, state.dofs)
         return cls(equilibrium, goals, q, state, forces, unknowns)
 
     @cached_property
     def dofs(self) -> Array:
         """λ at the dofs, (dofs, electrodes)."""
-        columns = (self.equilibrium.step(self.state, column) for column in self.unknowns.T)
+        columns = (self.equilibrium.dofs(column) for column in self.unknowns.T)
         return np.stack(list(columns), axis=-1)
 
     def in_other(self, other: Equilibrium) -> Array:
@@ -69,36 +66,10 @@ class Adjoint:
 
 def adjoints(solution: Solution) -> tuple[Adjoint, Adjoint]:
     """The adjoint solutions of a solution, and those of the order above on the same mesh."""
-    solved, q, factors = factorised(solution)
+    solved, q, factors = factorised(solution.fields)
     goals = goals_of(solution.scene)
     correction = next_order(solved, q, factors)
     rich, rich_q = correction.rich, correction.q
     rich_factors = factorise(rich.tangent(rich.state(rich_q)))
     coarse = Adjoint.of(solved, goals, q, factors)
     return coarse, Adjoint.of(rich, goals, rich_q, rich_factors)
-
-
-def next_order(solved: Equilibrium, q: Array, factors: SuperLU) -> Correction:
-    """The solution in the order above on the same mesh; raises `NotConvergedError`."""
-    rich = solved.with_(order=solved.space.order + 1)
-    correction = corrected(solved, q, factors, rich, Budget.of(solved.scene))
-    if isinstance(correction, NewtonResult):
-        raise NotConvergedError(f"{correction.status}: {correction.status.advice}")
-    return correction
-
-
-def error_shares(solution: Solution) -> Array:
-    """Shares of the elements in the errors of the charges by the mesh, in C, (elements, goals)."""
-    solved, q, factors = factorised(solution)
-    correction = next_order(solved, q, factors)
-    return error_indicators(correction, factors, goals_of(solution.scene))[1]
-
-
-def factorised(solution: Solution) -> tuple[Equilibrium, Array, SuperLU]:
-    """The whole film's equations with their unknowns and the tangent's factors."""
-    fields, solved = solution.fields, solution.fields.equilibrium
-    q = solved.restrict(fields.displacement)
-    try:  # anew, since Newton's last factors may be of an earlier state
-        return solved, q, factorise(solved.tangent(fields.state))
-    except RuntimeError:  # SuperLU: exactly singular, as for a slack film without a load
-        raise NotConvergedError(f"{Status.SINGULAR}: {Status.SINGULAR.advice}") from None

@@ -18,18 +18,13 @@ from pvdf_fem.derivatives.parameters import (
 from pvdf_fem.derivatives.rates import rate_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.change import number_at
+from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.history import Stop
-from pvdf_fem.solution.solution import NotConvergedError, Solution
+from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.status import NotConvergedError, Status
 
-#: Error over what the next order takes away, of which corners leave it the least.
-SATURATION = 1.5
-#: Least error that is stated of a derivative, over the mean one: an estimate may vanish by chance.
-CHANCE = 0.5
-#: Derivatives count as no smaller than this part of the largest charge over the parameter's scale.
-NEGLIGIBLE = 1e-3
 TINY = np.finfo(float).tiny
 
 
@@ -54,7 +49,7 @@ class Gradients(dict[str, dict[str, float]]):
 
 
 def gradients(
-    solution: Solution | Scene,
+    solution: Solution | SceneLike,
     parameters: Sequence[str] | None = None,
     *,
     tolerance: float | None = None,
@@ -63,7 +58,7 @@ def gradients(
 
     Parameters
     ----------
-    solution : Solution or Scene
+    solution : Solution, Scene, or what `solve` takes for a scene
         A converged one, or a scene that is solved first.
     parameters : sequence of str, optional
         Keys of the scene file as in `Scene.with_`, by default all of `parameters_of` the scene.
@@ -86,8 +81,8 @@ def gradients(
         For a key that is not among `parameters_of` the scene, and for a tolerance out of range or
         of a solution on a mesh that was given.
     """
-    scene = solution if isinstance(solution, Scene) else solution.scene
-    pressure = None if isinstance(solution, Scene) else solution.pressure
+    scene = scene_of(solution)
+    pressure = solution.pressure if isinstance(solution, Solution) else None
     known = parameters_of(scene, pressure)
     wanted = known if parameters is None else tuple(parameters)
     for key in wanted:
@@ -99,7 +94,7 @@ def gradients(
     if tolerance and isinstance(solution, Solution) and solution.stop is Stop.GIVEN_MESH:
         reason = "would leave the mesh that was given; give the scene instead, or no tolerance"
         raise ValueError(f"tolerance = {tolerance:g}: {reason}")
-    found = _gradients_of(solve(scene) if isinstance(solution, Scene) else solution, wanted)
+    found = _gradients_of(solution if isinstance(solution, Solution) else solve(scene), wanted)
     while tolerance and max(found.relative_errors.values(), default=0.0) > tolerance:
         found = _gradients_of(_finer(found, tolerance), wanted)
     return found
@@ -125,11 +120,19 @@ def _finer(found: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
     )
 
 
-def _gradients_of(solution: Solution, wanted: Sequence[str]) -> Gradients:
+def _gradients_of(
+    solution: Solution,
+    wanted: Sequence[str],
+    chance: float = 0.5,
+    saturation: float = 1.5,
+    negligible: float = 1e-3,
+) -> Gradients:
     """Derivatives of the solution's charges, and what the next order changes as their errors.
 
     The derivatives share the displacement's error, so a tiny error is chance: an error over its
-    `unit` counts as at least `CHANCE` times the mean of its electrode, and times the overall mean.
+    `unit` counts as at least `chance` times the mean of its electrode, and times the overall mean.
+    The true error is up to `saturation` times what the next order takes away, of which corners
+    leave it the least. A derivative counts as at least the part `negligible` of its unit.
     """
     scene, keys = solution.scene, parameters_of(solution.scene, solution.pressure)
     adjoint, rich = adjoints(solution)
@@ -141,10 +144,10 @@ def _gradients_of(solution: Solution, wanted: Sequence[str]) -> Gradients:
     by_place = np.array([key.endswith(PLACE_NAMES) for key in keys])
     for group in (by_place, ~by_place):
         means = relative[group].sum(axis=0) / max(group.sum(), 1)
-        floors = CHANCE * np.maximum(means, means @ sizes / max(sizes.sum(), TINY))
+        floors = chance * np.maximum(means, means @ sizes / max(sizes.sum(), TINY))
         errors[group] = np.maximum(errors[group], floors * unit[group])
-    errors *= SATURATION * film_model(scene).saturation
-    largest = np.maximum(np.abs(rates), NEGLIGIBLE * unit).max(axis=1, initial=TINY)
+    errors *= saturation * film_model(scene).saturation
+    largest = np.maximum(np.abs(rates), negligible * unit).max(axis=1, initial=TINY)
     names = [electrode.name for electrode in scene.electrode_list]
     found = Gradients()
     found.errors, found.relative_errors, found.solution = {}, {}, solution

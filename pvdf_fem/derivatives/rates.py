@@ -26,7 +26,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.charges.rest import heat_charges
-from pvdf_fem.derivatives.adjoint import Adjoint, factorised
+from pvdf_fem.derivatives.adjoint import Adjoint
 from pvdf_fem.derivatives.parameters import (
     COEFFICIENTS,
     HEAT,
@@ -40,18 +40,16 @@ from pvdf_fem.mesh.points import facet_quadrature
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.quantity import Section
 from pvdf_fem.scene.scene import Probe, Scene
+from pvdf_fem.solution.next_order import factorised
 from pvdf_fem.solution.solution import Solution
 
 Table = TypeVar("Table", bound=Section)
-
-#: Step of a differenced key over its value; of a place in mm or degrees, and of a temperature in K.
-STEP = 1e-3
 
 
 def charge_rates(solution: Solution, keys: Sequence[str]) -> Array:
     """Derivatives of the charges of a converged solution, without errors, in C per unit of the
     keys, which are of `parameters_of` its scene, (keys, electrodes)."""
-    solved, q, factors = factorised(solution)
+    solved, q, factors = factorised(solution.fields)
     adjoint = Adjoint.of(solved, goals_of(solution.scene), q, factors)
     return np.array([rate_of(adjoint, key) for key in keys])
 
@@ -73,27 +71,29 @@ def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
     """
     units = [(1.0, 0.0), (0.0, 1.0)]
     goals = [replace(goal, d=d) for goal in goals_of(solution.scene) for d in units]
-    solved, q, factors = factorised(solution)
+    solved, q, factors = factorised(solution.fields)
     adjoint = Adjoint.of(solved, goals, q, factors)
     rates = [rate_of(adjoint, key, with_heat=False) for key in keys]
     return np.reshape(rates, (len(keys), -1, 2))
 
 
-def rate_of(adjoint: Adjoint, key: str, *, with_heat: bool = True) -> Array:
-    """dQ/dθ in C per unit of the key, (electrodes,), with the pyroelectric charge or without it."""
+def rate_of(adjoint: Adjoint, key: str, *, with_heat: bool = True, step: float = 1e-7) -> Array:
+    """dQ/dθ in C per unit of the key, (electrodes,), with the pyroelectric charge or without it. A
+    differenced key is changed by `step` times its value; a place by `step` in mm or degrees, and a
+    temperature in K."""
     scene = adjoint.equilibrium.scene
     if key in COEFFICIENTS:
         return 1e-12 * adjoint.forces[:, COEFFICIENTS.index(key)]
     swept, touches = np.zeros(len(adjoint.goals)), touched(scene).get(key, [])
     for touch, i, name in touches:
         load = adjoint.equilibrium.loads[i]
-        if name in PLACE_NAMES and load.seat is None:
+        if name in PLACE_NAMES and load.on_patch:
             swept = swept + _swept(adjoint, load, name)
             if not touch.probe.temperature_K:  # nothing else of it has a place
                 return swept
     placed = any(name in (*PLACE_NAMES, HEAT) for _, _, name in touches)
     value = 1.0 if placed else abs(number_at(scene, key)) or 1.0
-    return swept + _differenced(adjoint, key, STEP * value, with_heat)
+    return swept + _differenced(adjoint, key, step * value, with_heat)
 
 
 def _differenced(adjoint: Adjoint, key: str, step: float, with_heat: bool) -> Array:
@@ -101,7 +101,7 @@ def _differenced(adjoint: Adjoint, key: str, step: float, with_heat: bool) -> Ar
     and R at the unknowns that stay."""
     equilibrium, rate = adjoint.equilibrium, np.zeros(len(adjoint.goals))
     for weight, change in ((8.0, step), (-8.0, -step), (-1.0, 2.0 * step), (1.0, -2.0 * step)):
-        moved = equilibrium.with_(scene=_changed(equilibrium.scene, key, change))
+        moved = equilibrium.with_(scene=changed(equilibrium.scene, key, change))
         charges = adjoint.in_other(moved)
         if with_heat:
             charges = charges + heat_charges(moved.scene, equilibrium)
@@ -109,7 +109,7 @@ def _differenced(adjoint: Adjoint, key: str, step: float, with_heat: bool) -> Ar
     return rate
 
 
-def _changed(scene: Scene, key: str, change: float) -> Scene:
+def changed(scene: Scene, key: str, change: float) -> Scene:
     """The scene with a number changed, beyond the range of its key if need be."""
     if touches := touched(scene).get(key):
         probes = list(scene.loaded_probes)

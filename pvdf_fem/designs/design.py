@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -19,6 +18,7 @@ import numpy as np
 
 from pvdf_fem import __version__
 from pvdf_fem.arrays import Array
+from pvdf_fem.progress import Progress, shown
 from pvdf_fem.response import model as touched
 from pvdf_fem.response.build import build_response, refuse
 from pvdf_fem.response.model import FORCE, ROTATION, Domain
@@ -28,15 +28,9 @@ from pvdf_fem.scene.change import spelled
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.sweeps.grid import Grid
-from pvdf_fem.sweeps.sweep import Progress, shown
 from pvdf_fem.touch.locate import locate
 from pvdf_fem.touch.location import Location
-from pvdf_fem.touch.measurement import (
-    charge_mistakes,
-    electrode_columns,
-    number,
-    reading_of,
-)
+from pvdf_fem.touch.measurement import Measurement, charge_mistakes, electrode_columns, number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -110,7 +104,7 @@ class Designs:
             try:
                 refuse(scene, domain, tolerance)
             except ValueError as error:
-                yield str(error)
+                yield from str(error).splitlines()
 
 
 def design(
@@ -125,7 +119,7 @@ def design(
     tolerance: float = 1e-2,
     model: Response | Callable[[Scene], Response] | None = None,
     processes: int | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> xarray.Dataset:
     """How well each of some designs tells place and force of a touch.
 
@@ -193,8 +187,7 @@ def design(
     inside = np.hypot(x, y) <= reach_mm
     bounds = np.full((len(MAPS), len(designs.scenes), *inside.shape), np.nan)
     error_bounds, done = np.empty(len(designs.scenes)), 0
-    bar = shown("design", lines=False) if progress is None else nullcontext(progress)
-    with bar as show:
+    with shown("designs", progress) as show:
         for (_, indices), films in zip(designs.models, models, strict=True):
             for index in indices:
                 made = films.for_scene(designs.scenes[index], processes, check=False)
@@ -212,11 +205,9 @@ def _bounds(
     exact, scene = replace(model, error_bound=0.0), model.scene
     touches = np.tile([*touched.touch_of(scene).values()], (len(x_mm), 1))
     touches[:, :ROTATION] = np.stack([x_mm, y_mm], axis=-1)
-    charges, columns = model.evaluate(touches)[0], electrode_columns(scene)
-    gains, offsets, _ = np.array([columns[name] for name in model.names]).T
-    if reading_of(scene) == "change":
-        charges = charges - touched.rest_of(scene, "change")[0]
-    rows = (dict(zip(model.names, row, strict=True)) for row in gains * charges + offsets)
+    measured = Measurement.of(exact, exact.names, noise, noise_pC, None)
+    readings = measured.readings(exact.evaluate(touches)[0])
+    rows = (dict(zip(exact.names, row, strict=True)) for row in readings)
     found = (locate(exact, row, noise, noise_pC=noise_pC) for row in rows)
     return np.array([_bound(*pair) for pair in zip(found, touches, strict=True)]).T
 

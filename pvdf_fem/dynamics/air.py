@@ -26,7 +26,6 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.scene.film import Air
 
-FINEST_RULE = 19  #: Highest order of a quadrature on triangles that scikit-fem has.
 SOUND_SPEED = 343.2  #: Of air at 20 degrees Celsius, m/s.
 
 
@@ -48,7 +47,8 @@ class AirLoad:
         air, a = scene.air or Air(density_kg_m3=0.0), scene.film.radius
         largest = np.sqrt(2.0 * space.weights.sum(axis=1).max()) / a
         degree = 10 + int(1.5 / largest) if scene.air else 0
-        rule, s = int(min(8.0 + degree * largest, FINEST_RULE)), -0.5 if air.baffle else 0.5
+        s = -0.5 if air.baffle else 0.5
+        rule = int(min(8.0 + degree * largest, 19.0))  # the highest order that scikit-fem has
         places, values, weights = space.rule(np.arange(space.mesh.nelements), rule)
         points = np.repeat(np.arange(weights.size), values.shape[2])
         nodes = np.repeat(space.nodes, weights.shape[1], axis=0).ravel()

@@ -21,7 +21,7 @@ from pvdf_fem.dynamics.air import SOUND_SPEED
 from pvdf_fem.dynamics.modes import air_remark
 from pvdf_fem.dynamics.oscillation import ComplexArray, Oscillation, oscillations
 from pvdf_fem.readout.channel import Channel, channels
-from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
@@ -42,7 +42,7 @@ def half_sine(force_N: float, duration_s: float) -> Exponentials:
     return tuple((t, p * np.pi / duration_s, c * force_N) for t in starts for p, c in waves)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FrequencyResponse:
     """Complex amplitudes over that of the force, (n,), by electrode, about a solution."""
 
@@ -53,11 +53,6 @@ class FrequencyResponse:
     readings_V_N: dict[str, ComplexArray]  #: Of the channels; empty without ``[readout]``.
     left_out: tuple[str, ...]  #: What the model neglects.
 
-    def __repr__(self) -> str:
-        low, high = self.frequencies_Hz.min(), self.frequencies_Hz.max()
-        told = f"{self.frequencies_Hz.size} from {low:g} to {high:g} Hz", *self.left_out
-        return f"<FrequencyResponse: {'; '.join(told)}>"
-
     def columns(self) -> dict[str, Array]:
         """The columns of the table that `pvdf-fem respond` prints."""
         found = {"frequency_Hz": self.frequencies_Hz}
@@ -67,7 +62,7 @@ class FrequencyResponse:
         return found | {f"{n}_error_pC_N": error for n, error in self.charge_errors_pC_N.items()}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Transient:
     """Changes against a solution by time, (n,), by electrode."""
 
@@ -79,12 +74,12 @@ class Transient:
     left_out: tuple[str, ...]  #: What the model neglects.
 
 
-def respond(solution: Solution | Scene, frequencies_Hz: ArrayLike) -> FrequencyResponse:
+def respond(solution: Solution | SceneLike, frequencies_Hz: ArrayLike) -> FrequencyResponse:
     """Charges by a small oscillating force of the probe along z, by frequency.
 
     Parameters
     ----------
-    solution : Solution or Scene
+    solution : Solution, Scene, or what `solve` takes for a scene
         The loaded state, or a scene that is solved first, with one probe that is no tip.
     frequencies_Hz : array_like
         One or several, not below zero; `NotConvergedError` where they are too high for the film.
@@ -103,7 +98,10 @@ def respond(solution: Solution | Scene, frequencies_Hz: ArrayLike) -> FrequencyR
 
 
 def transient(
-    solution: Solution | Scene, touch: Exponentials, times_s: ArrayLike, highest_Hz: float = 1000.0
+    solution: Solution | SceneLike,
+    touch: Exponentials,
+    times_s: ArrayLike,
+    highest_Hz: float = 1000.0,
 ) -> Transient:
     """Charges and readings by time, linear in a further force of the probe along z.
 
@@ -117,6 +115,10 @@ def transient(
     highest_Hz : float, optional
         Up to which the modes are those of the film; slow touches have little beyond.
     """
+    if not isinstance(touch, tuple) or not touch or not isinstance(touch[0], tuple):
+        raise TypeError(
+            f"touch = {touch!r:.60}: is no course of a force; give half_sine() or step()"
+        )
     (solution, read), times = _loaded(solution), np.atleast_1d(np.asarray(times_s, dtype=float))
     if not solution.fields.equilibrium.conservative:
         raise SceneError([problem("load.kind", "follower", 'has no modes; give "dead"')])
@@ -131,14 +133,14 @@ def transient(
     return Transient(solution, times, *tables, _left_out(solution))
 
 
-def _loaded(solution: Solution | Scene) -> tuple[Solution, Sequence[Channel]]:
+def _loaded(solution: Solution | SceneLike) -> tuple[Solution, Sequence[Channel]]:
     """The solution of a scene whose force can change, and the channels of its readout."""
-    scene = solution if isinstance(solution, Scene) else solution.scene
+    scene = scene_of(solution)
     scene.require_no_tips("oscillations about the load")
     scene.require_plain_charges("oscillations", "warming_K", "temperature_K")
     if scene.single_probe is None:
         raise SceneError(["probe = (nothing): is required; add the one whose force changes"])
-    solution = solve(scene) if isinstance(solution, Scene) else solution
+    solution = solution if isinstance(solution, Solution) else solve(scene)
     return solution, channels(scene) if scene.readout is not None else ()
 
 

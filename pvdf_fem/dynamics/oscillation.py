@@ -24,18 +24,17 @@ from numpy.typing import NDArray
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.forces import goal_gradients
 from pvdf_fem.charges.goals import goals_of
-from pvdf_fem.derivatives.adjoint import factorised, next_order
 from pvdf_fem.dynamics.air import AirLoad
-from pvdf_fem.dynamics.modes import pencil_of
+from pvdf_fem.dynamics.spectrum import pencil_of
 from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.pressure import UP
 from pvdf_fem.film.term import State
-from pvdf_fem.solution.solution import NotConvergedError, Solution
+from pvdf_fem.solution.next_order import factorised, next_order
+from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solvers.newton import factorise
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.status import NotConvergedError, Status
 
-CHUNK = 256  #: Frequencies that are solved for together, so that memory stays small.
 TINY = np.finfo(float).tiny
 ComplexArray = NDArray[np.complex128]
 
@@ -60,7 +59,7 @@ class Oscillation:
         stiffness, mass = pencil_of(equilibrium, q)
         force = equilibrium.loads[0].with_components(UP).forces(state)
         rates = goal_gradients(goals_of(equilibrium.scene), equilibrium.membrane, state.dofs)
-        f, g = (equilibrium.on_unknowns(state, forces) for forces in (force, rates))
+        f, g = (equilibrium.unknowns.fold(forces) for forces in (force, rates))
         loss = equilibrium.film.loss_tangent or 0.0
         elastic = _elastic(equilibrium, state) if loss else 0.0 * stiffness
         moving = Raised(mass, air.root)
@@ -72,10 +71,11 @@ class Oscillation:
         loads = {k: getattr(self, k) for k in ("force", "rates", "volume")}
         return replace(self, **{k: vectors.T @ value for k, value in (matrices | loads).items()})
 
-    def charges(self, frequencies: Array) -> ComplexArray:
-        """Charges in C/N, (frequencies, electrodes), of dense equations, at frequencies in Hz."""
-        if len(frequencies) > CHUNK:
-            parts = np.array_split(frequencies, len(frequencies) // CHUNK + 1)
+    def charges(self, frequencies: Array, together: int = 256) -> ComplexArray:
+        """Charges in C/N, (frequencies, electrodes), of dense equations, at frequencies in Hz. Few
+        are solved for `together`, so that memory stays small."""
+        if len(frequencies) > together:
+            parts = np.array_split(frequencies, len(frequencies) // together + 1)
             return np.concatenate([self.charges(part) for part in parts])
         omega = 2.0 * np.pi * frequencies[:, None, None]
         sound = self.radiation * np.outer(self.volume, self.volume)
@@ -118,7 +118,7 @@ class Oscillation:
 
 def oscillations(solution: Solution) -> tuple[Oscillation, Oscillation]:
     """About a solution, and the same of the order above on the same mesh."""
-    solved, q, factors = factorised(solution)
+    solved, q, factors = factorised(solution.fields)
     better = next_order(solved, q, factors)
     return Oscillation.of(solved, q), Oscillation.of(better.rich, better.q)
 

@@ -16,23 +16,18 @@ import contourpy
 import numpy as np
 
 from pvdf_fem.arrays import Array, polar_grid
+from pvdf_fem.output.touch_map import deviation_ellipse
 from pvdf_fem.readout.channel import channels
-from pvdf_fem.response.build import ResponseOptions, build_response
+from pvdf_fem.response.build import build_response
 from pvdf_fem.response.model import Domain, Model, centred, touch_of, wanted_model
-from pvdf_fem.response.probe_stress import ProbeMesh
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import response_key
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.summary import Grid
 from pvdf_fem.touch.locate import locate
-from pvdf_fem.touch.posterior import deviation_ellipse
 
 TOLERANCE = 1e-2  #: Error bound of the response that is built for the page.
 LINE_STEP_MM = 0.5  #: Distance of the places between which isocharge lines are interpolated.
-#: Coarser than the options of `pvdf-fem locate`: the build takes a quarter of the time.
-OPTIONS = ResponseOptions(
-    cell=0.2, largest_cell_mm=1.0, held_out=8, elements=ProbeMesh().scaled(1.5)
-)
 
 
 class Found(NamedTuple):
@@ -75,7 +70,7 @@ def build(scene: Scene, file: Path) -> Path:
     """Build the response of a scene and write its file, which is returned."""
     domain = domain_of(scene)
     limits = domain.reach_mm, domain.force_N, TOLERANCE
-    build_response(centred(scene), *limits, processes=1, file=file, options=OPTIONS)
+    build_response(centred(scene), *limits, processes=1, file=file, progress=False)
     return file
 
 

@@ -30,9 +30,6 @@ from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import TOUCH, Outline
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
-#: A layer is resolved where leaving it out would change a charge by more tolerances than this.
-UNRESOLVED = 6.0
-
 
 @dataclass(frozen=True)
 class BendingFit:
@@ -62,11 +59,6 @@ class BendingEffect:
     rest_length: float
     rim_length: float
     probe_length: float
-    #: film_radius, probe_radius, electrode_radius: What to compare them with; of discs of the same
-    #: area, the smallest electrode's, m.
-    film_radius: float
-    probe_radius: float
-    electrode_radius: float
     #: rim, probe: Relative changes of the worst charge by what happens at the rim and at the probe.
     rim: float
     probe: float
@@ -78,22 +70,13 @@ class BendingEffect:
         return self.rim + self.probe + self.patches
 
     def __str__(self) -> str:
-        lengths = [
-            f"{1e3 * length:.2g} mm {where}"
-            for length, where in (
-                (self.rest_length, "at rest"),
-                (self.rim_length, "at the rim"),
-                (self.probe_length, "at the probe"),
-            )
-            if math.isfinite(length)
-        ]
-        radii = (self.film_radius, self.probe_radius, self.electrode_radius)
-        film, probe, electrode = (f"{1e3 * radius:.3g}" for radius in radii)
-        return (
-            f"could change a charge by up to {two_digits(100.0 * self.change)} %; it acts within"
-            f" {', '.join(lengths) or 'any length'} (radii: film {film}, probe {probe}, smallest"
-            f" electrode {electrode} mm)"
-        ) + (f"; patches on one side: {two_digits(100.0 * self.patches)} %" if self.patches else "")
+        lengths = (self.rest_length, self.rim_length, self.probe_length)
+        told = zip(lengths, ("at rest", "at the rim", "at the probe"), strict=True)
+        within = [f"{1e3 * length:.2g} mm {at}" for length, at in told if math.isfinite(length)]
+        change = f"could change a charge by up to {two_digits(100.0 * self.change)} %"
+        patches = f"; patches on one side: {two_digits(100.0 * self.patches)} %"
+        text = f"{change}; it acts within {', '.join(within) or 'any length'}"
+        return text + (patches if self.patches else "")
 
 
 def bending_effect(scene: Scene) -> BendingEffect:
@@ -144,18 +127,9 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
             made = part_by_force(film, force, r) / (1.0 + at_rim + at_probe)
             changes.append((made * at_rim, made * at_probe))
     rim, at_probe = max(changes, key=sum)
-    return BendingEffect(
-        *tensions[1:],
-        rest_length,
-        rim_length,
-        probe_length,
-        a,
-        b,
-        min((_radius(outline) for outline in electrodes), default=a),
-        rim,
-        at_probe,
-        max((_by_patch(scene, layer, force, probe) for layer in film.layers.values()), default=0.0),
-    )
+    by_patch = [_by_patch(scene, layer, force, probe) for layer in film.layers.values()]
+    lengths = rest_length, rim_length, probe_length
+    return BendingEffect(*tensions[1:], *lengths, rim, at_probe, max(by_patch, default=0.0))
 
 
 def _laminate(film: Film, layer: Layer) -> tuple[float, float, float]:
@@ -208,14 +182,17 @@ def _by_patch(scene: Scene, layer: Layer, force: float, probe: Outline | None) -
     return max(changes)
 
 
-def layer_size(length: float, change: float, tolerance: float) -> float:
-    """Element size in m along an edge where bending acts within `length`; infinite if any does. The
-    elements are 8 bending lengths wide where the change is just worth it, and narrower for smaller
+def layer_size(
+    length: float, change: float, tolerance: float, widest: float = 8.0, unresolved: float = 6.0
+) -> float:
+    """Element size in m along an edge where bending acts within `length`; infinite if any does. A
+    layer that changes a charge by up to `unresolved` tolerances is not resolved. The elements are
+    `widest` bending lengths wide where the change is just worth it, and narrower for smaller
     tolerances: elements of 100, 10, 5 and 3 bending lengths leave out a third, a tenth, a twentieth
     and a hundredth of the change."""
-    if change <= UNRESOLVED * tolerance:
+    if change <= unresolved * tolerance:
         return math.inf
-    return 8.0 * length * float((UNRESOLVED * tolerance / change) ** 0.25)
+    return widest * length * float((unresolved * tolerance / change) ** 0.25)
 
 
 def _radius(outline: Outline) -> float:

@@ -18,17 +18,9 @@ from pvdf_fem.arrays import ALL, Array, Selection, components_first, components_
 from pvdf_fem.film.laws.laminate import Laminate
 from pvdf_fem.film.term import State, Term
 
-#: Number of elements whose tangents are made together, so that they stay in the processor's cache.
-CHUNK = 128
 IDENTITY: Array = np.eye(3, 2)
 #: Pairs of displacement components whose blocks the tangent has, up to symmetry.
 PAIRS = [(i, j) for i in range(3) for j in range(i + 1)]
-#: Differences of stress over the film below this part of it are rounding.
-BALANCED = 1e-12
-#: Tension that keeps a slack film's tangent regular, over the mean tension.
-FLOOR = 1e-6
-#: The elastic strain whose tension stands for the mean one of a film that is slack everywhere.
-LEAST_STRAIN = 1e-16
 
 
 class Membrane(Laminate, Term):
@@ -37,6 +29,8 @@ class Membrane(Laminate, Term):
     States have the resultant of all plies over the film's thickness.
     """
 
+    #: Tension that keeps a slack film's tangent regular, over the mean tension.
+    floor = 1e-6
     _last_moduli: tuple[State, Array] | None = None
 
     @cached_property
@@ -72,7 +66,7 @@ class Membrane(Laminate, Term):
         rim: all of a stress that is the same everywhere, otherwise its mean."""
         flat = self.resultant(np.zeros((*self.volumes.shape, 3)))
         mean = np.einsum("epi,ep->i", flat, self.volumes) / self.volumes.sum()
-        even = np.abs(flat - mean).max() <= BALANCED * np.abs(mean).max()
+        even = np.abs(flat - mean).max() <= 1e-12 * np.abs(mean).max()  # rounding
         balanced = flat if even else np.broadcast_to(mean, flat.shape)
         flux = self._first_piola(np.broadcast_to(IDENTITY, (*self.volumes.shape, 3, 2)), balanced)
         return self.space.sum(self.space.forces(flux))
@@ -121,14 +115,15 @@ class Membrane(Laminate, Term):
     def element_tangent(self, state: State) -> tuple[Selection, Array]:
         return ALL, self.tangent_matrices(state)
 
-    def tangent_matrices(self, state: State) -> Array:
-        """Tangents in N/m, (elements, dofs of an element, dofs of an element). Damping keeps the
-        tangents of a wrinkling film regular where the film is slack; the residual is exact, and the
-        damping changes no solution."""
+    def tangent_matrices(self, state: State, together: int = 128) -> Array:
+        """Tangents in N/m, (elements, dofs of an element, dofs of an element), of so many elements
+        `together` that they stay in the processor's cache. Damping keeps the tangents of a
+        wrinkling film regular where the film is slack; the residual is exact, and the damping
+        changes no solution."""
         count, functions = len(self.space.gradient_rows), self.space.gradient_rows.shape[-1]
         blocks, moduli = np.empty((count, functions, 3, functions, 3)), self.moduli(state)
-        for first in range(0, count, CHUNK):
-            chunk = slice(first, first + CHUNK)
+        for first in range(0, count, together):
+            chunk = slice(first, first + together)
             products = self._tangent_products(state, moduli, chunk)
             for k, (i, j) in enumerate(PAIRS):
                 blocks[chunk, :, i, :, j] = products[:, :, k]
@@ -212,13 +207,14 @@ class Membrane(Laminate, Term):
         return self.space.laplace()
 
     def _damping(self, state: State) -> Array:
-        return (state.damping + FLOOR) * self.mean_tension(state) * self._laplace
+        return (state.damping + self.floor) * self.mean_tension(state) * self._laplace
 
-    def mean_tension(self, state: State) -> float:
-        """Mean of both principal tensions in N/m, or what rounding leaves of one."""
+    def mean_tension(self, state: State, least_strain: float = 1e-16) -> float:
+        """Mean of both principal tensions in N/m. The tension of `least_strain` stands for the mean
+        of a film that is slack everywhere."""
         mean = 0.5 * state.stress[..., :2].sum(axis=-1)
         average = float((mean * self.volumes).sum() / self.volumes.sum())
-        return self.film.thickness * max(average, LEAST_STRAIN * self.law.stiffness[0, 0])
+        return self.film.thickness * max(average, least_strain * self.law.stiffness[0, 0])
 
     def predicted(self, state: State, stress: Array, damping: float) -> State:
         """The state with another stress in its tangent, and moduli of its own strain."""
@@ -251,9 +247,8 @@ def principal(tensor: Array) -> tuple[Array, Array]:
 
 def tensile_part(stress: Array) -> Array:
     """The stress (..., 3) without its compressive principal values."""
-    mean = 0.5 * (stress[..., :1] + stress[..., 1:2])
-    radius = np.hypot(0.5 * (stress[..., :1] - stress[..., 1:2]), stress[..., 2:])
-    smallest, largest = mean - radius, mean + radius
+    smallest, largest = (value[..., None] for value in principal(stress))
     # The projection on the direction of the largest stress, which two equal stresses do not have.
-    onto = (stress - smallest * np.array([1.0, 1.0, 0.0])) / np.where(radius > 0, 2 * radius, 1)
+    apart = np.where(largest > smallest, largest - smallest, 1.0)
+    onto = (stress - smallest * np.array([1.0, 1.0, 0.0])) / apart
     return np.where(smallest >= 0.0, stress, np.maximum(largest, 0.0) * onto)

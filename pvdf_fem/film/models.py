@@ -23,7 +23,7 @@ from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.loads.kinds import loads_on, presses_rigidly, rigid_elements
 from pvdf_fem.film.loads.posed import NOTHING, Posed
 from pvdf_fem.film.membrane import Membrane
-from pvdf_fem.film.plate import LOWEST_ORDER, Plate
+from pvdf_fem.film.plate import Plate
 from pvdf_fem.film.remarks import two_digits
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
@@ -31,24 +31,17 @@ from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import quote
 
-#: Relative change of a charge by bending from which leaving bending out deserves a warning.
-CONSIDERABLE = 1e-2
-#: What rounding and Newton's last step may leave of balance, relative to the load.
-IMBALANCE = 1e-6
-
 
 class FilmModel:
-    """What a scene's film is taken for."""
+    """What a scene's film is taken for; by default a membrane, which carries compression where it
+    must."""
 
-    name: str
     #: Lowest polynomial order of a displacement.
     lowest_order = 1
     #: Elements of a mesh are compressed to no less than this part of their mean Jacobian.
     least_jacobian = 0.14
     #: Whether a part of a symmetric film may be solved for the whole.
     solved_on_parts = True
-    #: Whether the energy is convex, so that any equilibrium under a dead load is a minimum.
-    convex = False
     #: Whether the film wrinkles instead of carrying compression.
     wrinkles = False
     #: Whether bending is part of the model, and meshes resolve the layers in which it acts.
@@ -65,6 +58,10 @@ class FilmModel:
     force_over_thickness = True
     #: Whether charges can be differentiated by thickness, pretension or cooling, and moduli.
     film_is_differentiable = True
+    #: Relative change of a charge by bending from which leaving bending out deserves a warning.
+    considerable = 1e-2
+    #: What a solution may lack of balance, in the energy norm: rounding and Newton's last step.
+    imbalance: float = 1e-6
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -109,11 +106,6 @@ class FilmModel:
         """
         return 2.0 if presses_rigidly(self.scene) else 1.0
 
-    @property
-    def imbalance(self) -> float:
-        """What a solution may lack of balance, in the energy norm."""
-        return IMBALANCE
-
     def layers(self, terms: list[Term], expansion: sp.csr_matrix, state: State) -> Layers | None:
         """Bending layers that the elements do not resolve, where the film bends."""
         return None
@@ -128,7 +120,7 @@ class FilmModel:
     def warnings(self) -> tuple[str, ...]:
         """Warnings before any solve."""
         change = self.effect.change
-        if change <= max(self.scene.numerics.tolerance, CONSIDERABLE):
+        if change <= max(self.scene.numerics.tolerance, self.considerable):
             return ()
         return (
             f"bending: left out, it could change a charge by up to {two_digits(100.0 * change)} %;"
@@ -156,17 +148,10 @@ class FilmModel:
 ROUNDING = 1e-9
 
 
-class MembraneModel(FilmModel):
-    """A film without bending stiffness, which carries compression where it must."""
-
-    name = "membrane"
-
-
 class PlateModel(FilmModel):
     """A film that bends: membrane and plate."""
 
-    name = "plate"
-    lowest_order = LOWEST_ORDER
+    lowest_order = 2
     iteration_cost = 1.6
     least_jacobian = 0.2
     solved_on_parts = False
@@ -204,8 +189,6 @@ class PlateModel(FilmModel):
 class TensionFieldModel(FilmModel):
     """A film that wrinkles or goes slack instead of carrying compression."""
 
-    name = "tension field"
-    convex = True
     wrinkles = True
     smooth = False
     most_unknowns = 30_000
@@ -213,6 +196,11 @@ class TensionFieldModel(FilmModel):
     # kinks of the stress can be followed by the next mesh only, so the first one is coarser
     size_factor = 1.7
     film_is_differentiable = False
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        # steps shrink only linearly, and rounding in a stiff film ends them early
+        self.imbalance = max(self.imbalance, 0.1 * scene.numerics.tolerance)
 
     @property
     def film_law(self) -> Law:
@@ -227,11 +215,6 @@ class TensionFieldModel(FilmModel):
     @property
     def _remedy(self) -> str:
         return 'film.compression = "refuse" with film.bending = "auto" or true'
-
-    @property
-    def imbalance(self) -> float:
-        """Steps shrink only linearly, and rounding in a stiff film ends them early."""
-        return max(IMBALANCE, 0.1 * self.scene.numerics.tolerance)
 
     def compression_remarks(self, smallest: Array, largest: Array) -> Iterator[tuple[str, Array]]:
         """Where the film has wrinkled or gone slack."""
@@ -251,4 +234,4 @@ def film_model(scene: Scene) -> FilmModel:
     bends = film.bending
     if bends == "auto":
         bends = not scene.tips and bending_effect(scene).change > scene.numerics.tolerance
-    return PlateModel(scene) if bends else MembraneModel(scene)
+    return PlateModel(scene) if bends else FilmModel(scene)

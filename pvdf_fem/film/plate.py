@@ -15,7 +15,7 @@ it. All this is quadratic in w and free of the displacement in the plane: one co
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -30,14 +30,6 @@ from pvdf_fem.mesh.gmsh_mesh import RIM
 from pvdf_fem.mesh.six_node import compression
 from pvdf_fem.scene.film import Film
 
-#: The reference triangle's edges: origin, direction, outward normal of the edge's length.
-EDGES = (
-    ((0.0, 0.0), (1.0, 0.0), (0.0, -1.0)),
-    ((1.0, 0.0), (-1.0, 1.0), (1.0, 1.0)),
-    ((0.0, 0.0), (0.0, 1.0), (-1.0, 0.0)),
-)
-LOWEST_ORDER = 2  #: Lowest order of functions that have a curvature.
-
 
 @dataclass(frozen=True)
 class Penalty:
@@ -49,10 +41,9 @@ class Penalty:
     #: function keeps its energy in a space of higher order. A larger number clamps too stiffly
     #: where an element of the rim is larger than the bending length.
     regular: float = 9.0
-    #: Elements whose area is compressed to less than this part somewhere, the few curved ones
-    #: beside a cusp, get the penalty that makes their own form semidefinite.
-    distorted_below: float = 0.8
-    reserve: float = 1.2  #: Factor on that penalty.
+    #: An element whose area is compressed to the part c somewhere, as a curved one beside a cusp,
+    #: has at least this number times 1/c^2 - 1, with which its own form is semidefinite (measured).
+    distorted: float = 16.0
     #: Functions of order 3 turn within an element of height H, beside a clamped edge, more easily
     #: than the film outside of its layer of length l. The layer's penalty divided by
     #: 1 - turning l/H corrects the energy, within 6 % for all l/H (measured; without the correction
@@ -102,7 +93,7 @@ class Plate(Term):
     def residual(self, state: State) -> Array:
         return self._of_dofs(self.form.forces(state.dofs[2::3]))
 
-    def coupled_tangent(self, assembly: Assembly) -> sp.csc_matrix:
+    def coupled_tangent(self, assembly: Assembly, state: State) -> sp.csc_matrix:
         if self._tangent is None or self._tangent[0] is not assembly:
             self._tangent = assembly, assembly.of_deflections(self.matrix)
         return self._tangent[1]
@@ -156,8 +147,8 @@ def bending_form(
     space: Space, film: Film, rigid_patch: Indices, rim_tension: float, punch_tension: float
 ) -> BendingForm:
     """Bending stiffness of a film; the parameters are those of `Plate`."""
-    if space.order < LOWEST_ORDER:
-        raise ValueError(f"order = {space.order}: cannot bend; give {LOWEST_ORDER} or 3")
+    if space.order < 2:
+        raise ValueError(f"order = {space.order}: has no curvature; give 2 or 3")
     mesh, D, count = space.mesh, plate_stiffness(film), space.basis.N
     soft = np.setdiff1d(np.arange(mesh.nelements), rigid_patch)
     curvature = _Shapes.of(space, space.basis.quadrature[0]).curvature
@@ -166,11 +157,6 @@ def bending_form(
     elements = [np.repeat(soft, strains[0].shape[0] // len(soft))]
 
     edges = _along_edges(space, D)
-    distorted = soft[compression(mesh)[soft] < PENALTY.distorted_below]
-    if len(distorted):
-        roots = np.matmul(curvature[distorted], np.linalg.cholesky(D))
-        roots *= np.sqrt(space.weights[distorted])[..., None, None]
-        edges = edges.stiffened(distorted, PENALTY.reserve * _steepest(edges, distorted, roots))
     single, double = _edges_by_sides(mesh, soft)
     rim = np.isin(mesh.t2f.ravel()[single[:, 0]], mesh.boundaries[RIM])
     groups = ((single[rim], rim_tension), (single[~rim], punch_tension), (double, 0.0))
@@ -222,16 +208,6 @@ class _Edges:
     height: Array  # area over length of the edge in m, (sides, 1)
     penalty: Array  # tau height/D_nn, (sides, 1)
 
-    def of(self, elements: Indices) -> Indices:
-        """The sides of elements, (elements, 3)."""
-        return elements[:, None] + len(self.slope) // 3 * np.arange(3)
-
-    def stiffened(self, elements: Indices, least: Array) -> _Edges:
-        """The same edges, the penalties of elements raised to `least`, (elements,)."""
-        sides, penalty = self.of(elements), self.penalty.copy()
-        penalty[sides] = np.maximum(penalty[sides], least[:, None, None])
-        return replace(self, penalty=penalty)
-
     def joined(self, sides: Indices, tension: float) -> tuple[Array, ...]:
         """Slope jumps, mean moments, penalties and weights of edges with sides (edges, 1 or 2)."""
         slope = np.concatenate([self.slope[side] for side in sides.T], axis=-1)
@@ -247,8 +223,15 @@ class _Edges:
 
 def _along_edges(space: Space, D: Array) -> _Edges:
     places, lengths = leggauss(space.order + 1)
-    by_edge = []
-    for origin, direction, outward in EDGES:
+    # of the reference triangle: origin, direction, and outward normal of the edge's length
+    around = (
+        ((0.0, 0.0), (1.0, 0.0), (0.0, -1.0)),
+        ((1.0, 0.0), (-1.0, 1.0), (1.0, 1.0)),
+        ((0.0, 0.0), (0.0, 1.0), (-1.0, 0.0)),
+    )
+    needed = PENALTY.distorted * (compression(space.mesh) ** -2.0 - 1.0)
+    by_edge, penalty = [], np.maximum(needed, PENALTY.regular)
+    for origin, direction, outward in around:
         points = np.add.outer(origin, np.zeros(len(places))) + np.outer(direction, (places + 1) / 2)
         shapes = _Shapes.of(space, points)
         normal = np.matmul(outward, shapes.inverse)
@@ -260,25 +243,8 @@ def _along_edges(space: Space, D: Array) -> _Edges:
         moment = np.matmul(shapes.curvature, (across @ D)[..., None])[..., 0]
         stiffness = ((across @ D) * across).sum(axis=-1)
         height = space.weights.sum(axis=1) / weights.sum(axis=1)
-        penalty = np.full_like(height, PENALTY.regular)
         by_edge.append((slope, moment, weights, stiffness, height[:, None], penalty[:, None]))
     return _Edges(*(np.concatenate(values) for values in zip(*by_edge, strict=True)))
-
-
-def _steepest(edges: _Edges, elements: Indices, roots: Array) -> Array:
-    """Largest of height M_nn^2/D_nn along the edges over kappa : D : kappa inside, (elements,).
-    With this as its penalty an element's form is semidefinite; `roots` (elements, points,
-    functions, 3) are those of kappa : D : kappa times the weights."""
-    sides = edges.of(elements)
-    scale = np.sqrt(edges.weights * edges.height / edges.stiffness)
-    moments = (scale[..., None] * edges.moment)[sides]
-    functions = moments.shape[-1]
-    inside = roots.swapaxes(2, 3).reshape(len(elements), -1, functions)
-    _, sizes, modes = np.linalg.svd(inside, full_matrices=False)
-    # the last three modes are the affine functions, which have no moments
-    modes, sizes = modes[:, :-3], sizes[:, :-3]
-    along = np.matmul(moments.reshape(len(elements), -1, functions), modes.swapaxes(1, 2))
-    return np.linalg.norm(along / sizes[:, None, :], ord=2, axis=(1, 2)) ** 2
 
 
 def _edges_by_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:

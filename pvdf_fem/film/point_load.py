@@ -16,10 +16,6 @@ import numpy as np
 
 from pvdf_fem.scene.film import Film
 
-#: N of Schwerin's point load without pretension over (E h F^2/r^2)^(1/3), for a Poisson's ratio of
-#: 1/3.
-SCHWERIN = 0.24
-
 
 def tension_at(film: Film, force: float, r: float) -> float:
     """Tension in N/m that a force makes about the distance r in m."""
@@ -27,10 +23,12 @@ def tension_at(film: Film, force: float, r: float) -> float:
     return _tension(rest, cube_at(film, force, r))
 
 
-def cube_at(film: Film, force: float, r: float) -> float:
+def cube_at(film: Film, force: float, r: float, schwerin: float = 0.24) -> float:
+    """Cube in N^3/m^3 of the tension without pretension; `schwerin` is the tension over
+    (E h F^2/r^2)^(1/3) for a Poisson's ratio of 1/3."""
     C = film.stiffness[:2, :2]
     modulus = float(np.linalg.det(C) / C.max())
-    return SCHWERIN**3 * modulus * film.thickness * (force / r) ** 2
+    return schwerin**3 * modulus * film.thickness * (force / r) ** 2
 
 
 def part_by_force(film: Film, force: float, r: float) -> float:
@@ -54,14 +52,25 @@ def _tension(rest: float, cube: float) -> float:
     return N
 
 
-def point_force(film: Film, depth: float) -> float:
-    """About the force in N that deflects the film's centre by `depth` in m."""
-    a, low, high = film.radius, 1e-12, 1e12
-    r = np.geomspace(1e-2 * a, a, 40)
+def point_deflection(
+    film: Film, force: float, nearest: float | None = None, reach: float | None = None
+) -> float:
+    """About the deflection in m at the distance `nearest` in m from a force in N.
+
+    By default a hundredth of the film's radius; `reach` is the distance of the rim.
+    """
+    reach = reach or film.radius
+    r = np.geomspace(nearest or 1e-2 * reach, reach, 40)
+    tension = np.array([tension_at(film, force, x) for x in r])
+    slopes = force / (2.0 * np.pi * r * tension)
+    return float(np.sum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(r)))
+
+
+def point_force(film: Film, deflection: float) -> float:
+    """About the force in N that deflects the film's centre by `deflection` in m."""
+    low, high = 1e-12, 1e12
     while high > 1.01 * low:
-        force = np.sqrt(low * high)
-        tension = np.array([tension_at(film, force, x) for x in r])
-        slopes = force / (2.0 * np.pi * r * tension)
-        reached = float(np.sum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(r)))
-        low, high = (force, high) if reached < depth else (low, force)
-    return float(force)
+        force = float(np.sqrt(low * high))
+        below = point_deflection(film, force) < deflection
+        low, high = (force, high) if below else (low, force)
+    return force

@@ -14,14 +14,10 @@ film of 1 mm and of 1 m.
 from __future__ import annotations
 
 import os
-import re
-import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
-from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -29,7 +25,7 @@ from skfem import MeshTri2
 
 from pvdf_fem.arrays import Indices
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError, missing_text
-from pvdf_fem.mesh.six_node import bulge, compression, straightened, with_sorted_vertices
+from pvdf_fem.mesh.six_node import bulge, straightened, with_sorted_vertices
 from pvdf_fem.mesh.size_field import SPARE, SizeField, Sizes, element_sizes
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 from pvdf_fem.scene.outlines.circle import Circle
@@ -42,8 +38,6 @@ try:
 except (ImportError, OSError) as error:  # everything but meshing does without
     _NOT_LOADED = missing_text(error)
 
-#: A node counts as on a mirror line that is nearer than this, relative to the film's radius.
-ON_LINE = 1e-8
 #: gmsh has one state for all threads, of which the worker of a cluster may have several.
 _ONE_MODEL = threading.Lock()
 if hasattr(os, "register_at_fork"):  # forks while another thread meshes would copy a lock for ever
@@ -83,6 +77,10 @@ class MeshError(RuntimeError):
     """gmsh could not mesh a scene; the text names the patches found and expected."""
 
 
+class GmshInUseError(RuntimeError):
+    """Another part of the program has a session of gmsh, whose options and models would change."""
+
+
 def outlines(scene: Scene) -> dict[str, Outline]:
     """The outlines that the mesh follows, by name: of electrodes, the film's patches, probes."""
     shapes = {electrode_patch(e.name): e.outline for e in scene.electrode_list}
@@ -112,8 +110,8 @@ def mesh_scene(
     Subdomains are ``film``, one ``electrode NAME`` each, ``film patch 1`` and so on, and ``probe``,
     or ``probe 1``, ``probe 2`` and so on; boundaries are ``rim``, and those of `MIRRORS` that a
     part has. Outside of the part an electrode or a probe has no elements. Raises `MeshError` when
-    gmsh fails, a patch has got no element, or elements fold although they are straight, and
-    `GmshMissingError` when gmsh cannot be loaded.
+    gmsh fails, a patch has got no element, or elements fold although they are straight,
+    `GmshMissingError` when gmsh cannot be loaded, and `GmshInUseError`.
     """
     shapes = outlines(scene) | dict(contacts)
     smallest = min((shape.perimeter for shape in shapes.values()), default=0.0)
@@ -122,16 +120,17 @@ def mesh_scene(
         require(sizes.elements(film.area, {FILM: film, **shapes}, arcs) / len(part.signs))
     for _ in range(attempts):
         # moving a side by this part of the smallest outline changes its area by less than 1e-6
-        mesh = straightened(_mesh_once(scene, shapes, sizes, part), least_jacobian, 1e-5 * smallest)
-        distorted = compression(mesh) < least_jacobian
+        mesh, distorted = straightened(
+            _mesh_once(scene, shapes, sizes, part), least_jacobian, 1e-5 * smallest
+        )
         if not distorted.any():
             return mesh
         next_sizes = SPARE * element_sizes(mesh)
         next_sizes[distorted] = 0.4 * element_sizes(mesh, sliver=0.1)[distorted]
         sizes = SizeField.of_elements(mesh, next_sizes)
         require(sizes.elements)
-    mesh = straightened(mesh, least_jacobian, np.inf)
-    if (distorted := compression(mesh) < least_jacobian).any():
+    mesh, distorted = straightened(mesh, least_jacobian, np.inf)
+    if distorted.any():
         raise MeshError(f"{distorted.sum()} elements fold: an outline nearly touches another")
     return mesh
 
@@ -174,57 +173,18 @@ def _arcs(tolerance: float) -> int:
 
 @contextmanager
 def _gmsh() -> Iterator[None]:
-    """An empty model with our options, in a session of its own or beside the caller's models."""
+    """An empty model with our options, in a session of its own."""
     if _NOT_LOADED:
         raise GmshMissingError(_NOT_LOADED)
-    with ExitStack() as stack:
-        if gmsh.isInitialized():
-            stack.enter_context(_beside_others())
-        else:
-            gmsh.initialize(readConfigFiles=False, interruptible=False)
-            stack.callback(gmsh.finalize)
+    if gmsh.isInitialized():
+        raise GmshInUseError("gmsh has models of this program; call gmsh.finalize() before a solve")
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
         for name, value in _OPTIONS.items():
             gmsh.option.setNumber(name, value)
         yield
-
-
-@contextmanager
-def _beside_others() -> Iterator[None]:
-    """A model of ours in a session that the caller has begun. Afterwards models, views and options
-    are as before, but for the options that views yet to be made begin with: gmsh does not tell
-    these."""
-    model, views = gmsh.model.getCurrent(), set(gmsh.view.getTags())
-    restore = _changed_options()
-    gmsh.model.add("pvdf_fem")
-    try:
-        gmsh.option.restoreDefaults()
-        yield
     finally:
-        for tag in set(gmsh.view.getTags()) - views:
-            gmsh.view.remove(tag)
-        gmsh.model.remove()
-        gmsh.model.setCurrent(model)
-        gmsh.option.restoreDefaults()
-        for set_option in restore:
-            set_option()
-
-
-def _changed_options() -> list[Callable[[], None]]:
-    """What gives the options that are not at their defaults the values that they have now. gmsh
-    tells which these are by writing a file, in which their values have too few digits."""
-    restore, verbosity = [], gmsh.option.getNumber("General.Verbosity")
-    gmsh.option.setNumber("General.Verbosity", 0)  # it tells of the file
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "changed.opt"
-        gmsh.write(str(path))
-        text = path.read_text(encoding="utf-8", errors="replace")
-    line = r"^([\w.\[\]]+) = (.)(?!.*\((?:read-only|do not change))"
-    for name, first in re.findall(line, text, re.MULTILINE):
-        kind = {'"': "String", "{": "Color"}.get(first, "Number")
-        value = getattr(gmsh.option, f"get{kind}")(name)
-        values = value if kind == "Color" else [value]
-        restore.append(partial(getattr(gmsh.option, f"set{kind}"), name, *values))
-    return [*restore, partial(gmsh.option.setNumber, "General.Verbosity", verbosity)]
+        gmsh.finalize()
 
 
 def _fragment(shapes: dict[str, Outline], unit: float, part: MirroredPart) -> dict[str, list[int]]:
@@ -269,14 +229,17 @@ def _ellipse(curve: EllipseCurve, unit: float) -> int:
     return int(gmsh.model.occ.addEllipse(x, y, 0.0, a, b, zAxis=upwards, xAxis=direction))
 
 
-def _outer_curves(surfaces: list[int], shape: Outline, part: MirroredPart) -> list[int]:
-    """The curves of a patch's outline, without those along which a mirror line cuts it."""
+def _outer_curves(
+    surfaces: list[int], shape: Outline, part: MirroredPart, on_line: float = 1e-8
+) -> list[int]:
+    """The curves of a patch's outline, without those along which a mirror line cuts it: curves
+    nearer to the line than the part `on_line` of the film's radius."""
     pairs = gmsh.model.getBoundary([(2, tag) for tag in surfaces], combined=True, oriented=False)
     curves = {abs(tag) for _, tag in pairs}
     for axis in part.mirrored:
-        if shape.lowest[axis] < -ON_LINE * shape.reach:
+        if shape.lowest[axis] < -on_line * shape.reach:
             place = {curve: gmsh.model.occ.getCenterOfMass(1, curve)[axis] for curve in curves}
-            curves = {curve for curve in curves if place[curve] > 100.0 * ON_LINE}
+            curves = {curve for curve in curves if place[curve] > 100.0 * on_line}
     return sorted(curves)
 
 
@@ -333,9 +296,14 @@ def _follow(sizes: SizeField, unit: float) -> None:
 
 
 def _read(
-    patches: dict[str, list[int] | None], unit: float, smooth: list[Outline], part: MirroredPart
+    patches: dict[str, list[int] | None],
+    unit: float,
+    smooth: list[Outline],
+    part: MirroredPart,
+    on_line: float = 1e-8,
 ) -> MeshTri2:
-    """The gmsh model as a mesh; a patch without a list of surfaces has no place in the part."""
+    """The gmsh model as a mesh; a patch without a list of surfaces has no place in the part. Nodes
+    nearer to a mirror line than the part `on_line` of the film's radius are on it."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     row = np.empty(int(tags.max()) + 1, dtype=np.int64)
     row[tags] = np.arange(len(tags))
@@ -351,7 +319,7 @@ def _read(
         raise MeshError(f"patches without elements: {empty}; patches found: {present}")
     points = coordinates.reshape(-1, 3)[:, :2].T * unit
     for axis in part.mirrored:
-        points[axis, np.abs(points[axis]) < ON_LINE * 100.0 * unit] = 0.0
+        points[axis, np.abs(points[axis]) < on_line * 100.0 * unit] = 0.0
     curved = np.zeros(len(tags), dtype=bool)
     for _, curve in gmsh.model.getEntities(1):
         if gmsh.model.getEntityType(1, curve) != "Line":

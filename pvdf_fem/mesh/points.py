@@ -7,14 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from skfem import MeshTri2
 
-from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.mesh.six_node import curved_elements
 
-CANDIDATES = 8  #: A point is sought in this number of triangles, those with the nearest centroids.
 
-
-def nearest_elements(
-    mesh: MeshTri2, points: Array, candidates: int = CANDIDATES
-) -> tuple[Indices, Array]:
+def nearest_elements(mesh: MeshTri2, points: Array, candidates: int = 8) -> tuple[Indices, Array]:
     """Elements (n,) of points (2, n), and the points' local coordinates (2, n) there. Elements
     count as straight-sided. A point is sought in the `candidates` with the nearest centroids; a
     point outside the candidates gets the candidate with the least negative local coordinate."""
@@ -41,7 +38,7 @@ def located(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indices, Ar
     facets = mesh.t2f[[1, 2, 0]]  # opposite of each vertex
     first, second = mesh.f2t[:, facets]
     across = np.where(first == np.arange(mesh.nelements), second, first)
-    elements, _ = nearest_elements(mesh, points, 4 * CANDIDATES)
+    elements, _ = nearest_elements(mesh, points, 32)
     for step in range(steps + 1):
         local = local_coordinates(mesh, elements, points.T[:, None])[:, :, 0]
         weights = np.stack([1.0 - local.sum(axis=0), *local])
@@ -71,14 +68,6 @@ def local_coordinates(
         miss = target - mapping.F(here, elements[rows])
         local[:, rows] += np.einsum("ijnp,jnp->inp", mapping.invDF(here, elements[rows]), miss)
     return local
-
-
-def curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
-    """Which of the elements with the nodes (2, 6, elements) have a curved edge. An edge is curved
-    whose midside node is farther than `bent` from its middle, relative to the element's size."""
-    corners = nodes[:, :3]
-    off = np.abs(nodes[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1)))
-    return off.max(axis=(0, 1)) > bent * np.ptp(corners, axis=1).max(axis=0)
 
 
 @dataclass(frozen=True, eq=False)

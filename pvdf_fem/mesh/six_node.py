@@ -44,26 +44,36 @@ def bulge(
     points[:, middle[arcs]] = outline.arc_middles(starts, stops).T
 
 
+def curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
+    """Which of the elements with the nodes (2, 6, elements) have a curved edge. An edge is curved
+    whose midside node is farther than `bent` from its middle, relative to the element's size."""
+    corners = nodes[:, :3]
+    off = np.abs(nodes[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1)))
+    return off.max(axis=(0, 1)) > bent * np.ptp(corners, axis=1).max(axis=0)
+
+
 def compression(mesh: MeshTri2) -> Array:
     """Least Jacobian of each element over its mean, (elements,); below 0 where it folds."""
     points, _ = get_quadrature(mesh.elem.refdom, 8)
-    jacobian = mesh.mapping().detDF(points)
-    mean = jacobian.mean(axis=1, keepdims=True)
-    return (jacobian / mean).min(axis=1)
+    least = np.ones(mesh.nelements)
+    curved = np.flatnonzero(curved_elements(mesh.doflocs[:, mesh.dofs.element_dofs]))
+    jacobian = mesh.mapping().detDF(points, curved)
+    least[curved] = (jacobian / jacobian.mean(axis=1, keepdims=True)).min(axis=1)
+    return least
 
 
-def bent(mesh: MeshTri2, least_jacobian: float) -> MeshTri2:
-    """The mesh with bent sides inside of patches, where elements have a Jacobian below
-    `least_jacobian` times its mean. In a gap narrower than the height of its arcs over their
-    chords, straight sides would cross the arcs. A side is bent by the arc's height times the square
-    of its own extent along the arc's chord over that chord: a quadratic shear of the element, whose
-    Jacobian is constant. Passes end when they mend no more elements."""
+def bent(mesh: MeshTri2, distorted: Mask, least_jacobian: float) -> tuple[MeshTri2, Mask]:
+    """The mesh with bent sides inside of patches, where elements (elements,) are `distorted`: they
+    have a Jacobian below `least_jacobian` times its mean; and which elements still are. In a gap
+    narrower than the height of its arcs over their chords, straight sides would cross the arcs. A
+    side is bent by the arc's height times the square of its own extent along the arc's chord over
+    that chord: a quadratic shear of the element, whose Jacobian is constant. Passes end when they
+    mend no more elements."""
     every = np.arange(mesh.nelements)
     patch_of = np.stack([np.isin(every, elements) for elements in mesh.subdomains.values()])
     first, second = mesh.f2t
     inside = (second >= 0) & (patch_of[:, first] == patch_of[:, second]).all(axis=0)
     movable = mesh.dofs.facet_dofs[0, inside]
-    distorted = compression(mesh) < least_jacobian
     while distorted.any():
         nodes = mesh.dofs.element_dofs[:, distorted]
         starts, ends = mesh.doflocs[:, nodes[np.transpose(SIDES)]].swapaxes(0, 1)
@@ -83,20 +93,24 @@ def bent(mesh: MeshTri2, least_jacobian: float) -> MeshTri2:
         if still.sum() >= distorted.sum():
             break
         mesh, distorted = after, still
-    return mesh
+    return mesh, distorted
 
 
-def straightened(mesh: MeshTri2, least_jacobian: float, most: float) -> MeshTri2:
+def straightened(mesh: MeshTri2, least_jacobian: float, most: float) -> tuple[MeshTri2, Mask]:
     """The mesh with bent sides of distorted elements in gaps (`bent`), and then with straight ones
-    where that moves them by up to `most`: of elements in cusps too narrow for an arc."""
-    mesh = bent(mesh, least_jacobian)
-    while True:
-        points = mesh.doflocs.copy()
-        nodes = mesh.dofs.element_dofs[:, compression(mesh) < least_jacobian]
+    where that moves them by up to `most`: of elements in cusps too narrow for an arc. And which
+    elements (elements,) are distorted still."""
+    distorted = compression(mesh) < least_jacobian
+    if distorted.any():
+        mesh, distorted = bent(mesh, distorted, least_jacobian)
+    while distorted.any():
+        points, nodes = mesh.doflocs.copy(), mesh.dofs.element_dofs[:, distorted]
         for middle, (a, b) in enumerate(SIDES, start=3):
             halfway = 0.5 * (points[:, nodes[a]] + points[:, nodes[b]])
             near = np.linalg.norm(halfway - points[:, nodes[middle]], axis=0) <= most
             points[:, nodes[middle][near]] = halfway[:, near]
         if np.array_equal(points, mesh.doflocs):
-            return mesh
+            break
         mesh = replace(mesh, doflocs=points)
+        distorted = compression(mesh) < least_jacobian
+    return mesh, distorted

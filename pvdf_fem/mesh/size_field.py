@@ -13,8 +13,6 @@ from pvdf_fem.scene.outlines.outline import Outline
 
 #: gmsh's elements are smaller than the sizes that they are asked for by about this factor.
 SPARE = 1.18
-#: Elements at each corner of outlines with many: their sides are shorter than the sizes.
-AT_CORNER = 4.0
 
 
 @dataclass(frozen=True)
@@ -27,9 +25,12 @@ class Sizes:
     film: float  #: Largest element size.
     growths: dict[str, float] = field(default_factory=dict)  #: `growth` about some patches.
 
-    def elements(self, area: float, outlines: Mapping[str, Outline], arcs: int) -> float:
+    def elements(
+        self, area: float, outlines: Mapping[str, Outline], arcs: int, at_corner: float = 4.0
+    ) -> float:
         """Estimated number of elements on a film of an area in m², within a factor of about 2. A
-        smooth outline has at least `arcs` sides."""
+        smooth outline has at least `arcs` sides. `at_corner` are elements at each corner of
+        outlines with many, whose sides are shorter than the sizes."""
         total, corners = area / self.film**2, 0
         for name, outline in outlines.items():
             least = self.film if len(outline.corners) else outline.perimeter / arcs
@@ -38,7 +39,7 @@ class Sizes:
             # both sides of the outline, to where the size is the largest
             total += 2.0 * outline.perimeter / growth * max(1.0 / size - 1.0 / self.film, 0.0)
             corners += len(outline.corners)
-        return float(4.0 / np.sqrt(3.0) * SPARE**2 * total + AT_CORNER * corners)
+        return float(4.0 / np.sqrt(3.0) * SPARE**2 * total + at_corner * corners)
 
     def scaled(self, factor: float) -> Sizes:
         """All element sizes, and so the gradient, times `factor`."""

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.affects import Affects, affecting
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import TOUCH, Outline, overlaps
 from pvdf_fem.scene.outlines.polygon import Polygon
+from pvdf_fem.scene.quantity import Affects, affecting
 from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 from pvdf_fem.scene.shapes import Bonded, Pressing

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,11 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
 from matplotlib.tri import Triangulation
+from skfem import Basis
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.designs.design import best
-from pvdf_fem.dynamics.forced import FrequencyResponse
-from pvdf_fem.dynamics.modes import Modes, Spectrum
 from pvdf_fem.output.figures import (
     MARKERS,
     colour_bar,
@@ -33,18 +32,14 @@ from pvdf_fem.scene.scene import Scene
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
-PANEL_MM = 45.0  #: Width of the picture of a mode, or of an electrode's charges.
-ABREAST = 2  #: Number of panels beside each other, which are readable on a phone.
-MOST_TICKS = 5  #: Of texts and logarithmic numbers on an axis, so that they do not overlap.
 SIGNS = {"um": "µm", "degree": "°"}  #: Units as figures have them.
 
 
-def frequency_response(response: FrequencyResponse) -> Figure:
-    """A figure of all charges' amplitudes over that of the force, and below their phases, which
-    have no jumps of 360°. Its title says what damps the film."""
-    frequencies, charges = response.frequencies_Hz, response.charges_pC_N
+def frequency_response(frequencies: Array, charges: Mapping[str, Any], scene: Scene) -> Figure:
+    """A figure of all charges' complex amplitudes over the force's, and below their phases, which
+    have no jumps of 360°. Its title says what damps the film of the scene."""
     phases = np.degrees(np.unwrap(np.angle([*charges.values()])))
-    film, air = response.solution.scene.film.loss_tangent or 0.0, response.solution.scene.air
+    film, air = scene.film.loss_tangent or 0.0, scene.air
     with style():
         figure = new_figure(130.0, 110.0)
         size, phase = figure.subplots(2, sharex=True)
@@ -64,41 +59,32 @@ def frequency_response(response: FrequencyResponse) -> Figure:
     return figure
 
 
-def mode_shapes(modes: Modes) -> Figure:
-    """A figure of the deflections of modes, with their frequencies in vacuum and in air."""
-    spectra = {"in vacuum": modes.spectrum, "in air": modes.spectrum.in_air}
-    shapes = [
-        (f"{i + 1}: {f:.4g} Hz {where}", spectrum, i)
-        for where, spectrum in spectra.items()
-        if spectrum is not None
-        for i, f in enumerate(spectrum.frequencies)
-    ]
-    about = "under its load" if modes.loaded else "without a load"
+def mode_shapes(
+    shapes: Sequence[tuple[str, Array]], basis: Basis, radius_mm: float, heading: str
+) -> Figure:
+    """A figure of the deflections of modes over their largest, (dofs,) on a basis, by title."""
+    levels = np.linspace(-1.0, 1.0, 21)
     with style():
         figure, panels = _panels(len(shapes))
-        for ax, (title, spectrum, i) in zip(panels, shapes, strict=True):
-            filled = _shape(ax, spectrum, i, modes.scene.film.radius_mm)
+        for ax, (title, deflection) in zip(panels, shapes, strict=True):
+            mesh, w = basis.refinterp(deflection, nrefs=3)
+            draw_rim(ax, radius_mm, radius_mm)
+            w = np.clip(w, -0.999, 0.999)  # a peak between nodes may be higher than the scale
+            x, y = 1e3 * mesh.p
+            triangles = Triangulation(x, y, mesh.t.T)
+            filled = ax.tricontourf(triangles, w, levels=levels, cmap="RdBu_r")
             ax.set_title(title)
             ax.label_outer()
         label = "deflection over its largest"
         figure.colorbar(filled, ax=panels, label=label, shrink=0.8, aspect=10 * len(panels))
-        figure.suptitle(f"Modes of the stretched film {about}", x=0.02, ha="left", fontsize=9)
+        figure.suptitle(heading, x=0.02, ha="left", fontsize=9)
     return figure
 
 
-def _shape(ax: Axes, spectrum: Spectrum, mode: int, radius_mm: float) -> Any:
-    grid, w = spectrum.equilibrium.space.basis.refinterp(spectrum.shapes[mode][:, 2], nrefs=3)
-    x, y = 1e3 * grid.p
-    draw_rim(ax, radius_mm, radius_mm)
-    levels, triangles = np.linspace(-1.0, 1.0, 21), Triangulation(x, y, grid.t.T)
-    w = np.clip(w, -0.999, 0.999)  # a peak between nodes may be higher than the scale
-    return ax.tricontourf(triangles, w, levels=levels, cmap="RdBu_r")
-
-
-def _panels(count: int) -> tuple[Figure, list[Axes]]:
-    """A figure with panels of the same axes."""
-    rows, columns = math.ceil(count / ABREAST), min(count, ABREAST)
-    figure = new_figure(PANEL_MM * columns + 30.0, (PANEL_MM + 8.0) * rows + 10.0)
+def _panels(count: int, abreast: int = 2, panel_mm: float = 45.0) -> tuple[Figure, list[Axes]]:
+    """A figure with panels of the same axes, few beside each other for a phone."""
+    rows, columns = math.ceil(count / abreast), min(count, abreast)
+    figure = new_figure(panel_mm * columns + 30.0, (panel_mm + 8.0) * rows + 10.0)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for ax in panels.flat[count:]:
         ax.remove()
@@ -136,10 +122,10 @@ def _label(varied: list[DataArray]) -> str:
     return ", ".join(f"{n} ({SIGNS.get(u, u)})" if u else f"{n}" for n, u in names)
 
 
-def _draw_axis(axis: XAxis | YAxis, varied: list[DataArray]) -> Array:
+def _draw_axis(axis: XAxis | YAxis, varied: list[DataArray], most_ticks: int = 5) -> Array:
     """Scale an axis as its values are spaced, and return where these stand: numbers at themselves,
-    texts and several keys in a row."""
-    values, few = varied[0].values, slice(None, None, -(-varied[0].size // MOST_TICKS))
+    texts and several keys in a row. Few texts and logarithmic numbers do not overlap."""
+    values, few = varied[0].values, slice(None, None, -(-varied[0].size // most_ticks))
     if len(varied) > 1 or values.dtype.kind != "f":
         texts = [", ".join(row) for row in zip(*map(_texts, varied), strict=True)]
         axis.set_ticks(np.arange(values.size)[few], texts[few])
@@ -206,10 +192,9 @@ def _maps(data: Dataset, down: list[DataArray], across: list[DataArray]) -> Figu
     return figure
 
 
-def design_chart(data: Dataset) -> Figure:
+def design_chart(data: Dataset, chosen: Dataset) -> Figure:
     """A figure of designs: the median deviation of the place along the longest axis, a curve for
-    each value of another axis, the others as in the best design; and the map of the best design."""
-    chosen = best(data)
+    each value of another axis, the others as in the chosen design; and the map of this one."""
     sizes = data.place_deviation_median_mm.sizes
     varied = sorted((axis for axis in sizes if sizes[axis] > 1), key=lambda axis: -sizes[axis])
     curves = data.sel({axis: chosen[axis].item() for axis in sizes if axis not in varied[:2]})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -13,21 +13,18 @@ from numpy.typing import NDArray
 from skfem import ElementTriP2, MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.charges.point_values import values_in_elements
+from pvdf_fem.charges.film_data import FilmData
 from pvdf_fem.files import FileError, replacing
-from pvdf_fem.film.loads.touchdown import tips_of
+from pvdf_fem.film.loads.touchdown import contact_pressure
 from pvdf_fem.film.membrane import principal
 from pvdf_fem.mesh.gmsh_mesh import FILM, RIM
-
-if TYPE_CHECKING:
-    from pvdf_fem.solution.solution import Solution
 
 
 class ExportError(FileError):
     """A format cannot hold a solution or a mesh; the text says what to change."""
 
 
-def write_vtu(solution: Solution, path: str | Path) -> None:
+def write_vtu(film: FilmData, path: str | Path) -> None:
     """Write a solution as an unstructured grid of VTK, on the reference disc in m, for ParaView.
 
     Point data: ``displacement_m``, which is cubic in between (Warp By Vector shows the deformed
@@ -36,61 +33,56 @@ def write_vtu(solution: Solution, path: str | Path) -> None:
     principal value; and ``contact_pressure_Pa`` of tips. Cell data: the stresses averaged over an
     element, and for each patch an array of 0 and 1 of its name (``electrode A``, ``probe``). Field
     data: ``charge_pC A`` and ``charge_error_pC A`` of each electrode, and as bytes of UTF-8
-    ``scene_toml``, the scene, and ``included``, the solution's. Raises `NotConvergedError`, and
-    `ExportError` or `FileError` for another ending than ``.vtu`` and for a file that cannot be
-    written.
+    ``scene_toml``, the scene, and ``included``. Raises `ExportError` for another ending than
+    ``.vtu``, and `FileError` for a file that cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() != ".vtu":
         raise ExportError(f"{path}: is written as VTU; give a name that ends in .vtu")
-    displacement, nodal = _at_nodes(solution)
-    space, state = solution.fields.equilibrium.space, solution.fields.state
-    at = values_in_elements(solution.fields.equilibrium, state, space.basis.X)
-    weights = space.weights[..., None]
+    displacement, nodal = _at_nodes(film)
+    at = film.in_elements(film.equilibrium.space.basis.X)
+    weights = film.equilibrium.space.weights[..., None]
     mean = 1e6 * (at.stress_MPa * weights).sum(axis=1) / weights.sum(axis=1)
     point_data = {"displacement_m": displacement, "deflection_m": displacement[:, 2].copy()}
     point_data |= {**_components(nodal), "principal_stress_Pa": principal(nodal)[1]}
-    if solution.contacts:
-        point_data["contact_pressure_Pa"] = _contact_pressure(solution)
-    cell_data = {**_components(mean), **_masks(solution.mesh)}
-    grid = _grid(solution.mesh, point_data=point_data, cell_data=cell_data)
-    grid.field_data = _field_data(solution)
+    if film.contacts:
+        point_data["contact_pressure_Pa"] = _contact_pressure(film)
+    cell_data = {**_components(mean), **_masks(film.mesh)}
+    grid = _grid(film.mesh, point_data=point_data, cell_data=cell_data)
+    grid.field_data = _field_data(film)
     _write(grid, path, "vtu")
 
 
-def _field_data(solution: Solution) -> dict[str, Array]:
+def _field_data(film: FilmData) -> dict[str, Array]:
     """Charges with their errors by electrode, and the scene, which meshio reads as numbers only."""
-    tables = {"charge_pC": solution.charges_pC, "charge_error_pC": solution.charge_errors_pC}
+    tables = {"charge_pC": film.charges_pC, "charge_error_pC": film.charge_errors_pC}
     values = {
         f"{key} {name}": np.array([value])
         for key, table in tables.items()
         for name, value in table.items()
     }
-    texts = {"scene_toml": solution.scene.to_toml(), "included": "\n".join(solution.included)}
+    texts = {"scene_toml": film.scene.to_toml(), "included": "\n".join(film.included)}
     told = {key: np.frombuffer(t.encode(), dtype=np.uint8) for key, t in texts.items() if t}
     return {**values, **told}
 
 
-def _at_nodes(solution: Solution) -> tuple[Array, Array]:
+def _at_nodes(film: FilmData) -> tuple[Array, Array]:
     """Displacement (nodes, 3) and averaged stress (nodes, 3) at the nodes of the mesh."""
-    equilibrium, nodes = solution.fields.equilibrium, solution.mesh.dofs.element_dofs.T
-    at = values_in_elements(equilibrium, solution.fields.state, ElementTriP2.doflocs.T)
-    displacement = np.zeros((solution.mesh.doflocs.shape[1], 3))
+    nodes, at = film.mesh.dofs.element_dofs.T, film.in_elements(ElementTriP2.doflocs.T)
+    displacement = np.zeros((film.mesh.doflocs.shape[1], 3))
     displacement[nodes] = 1e-3 * at.displacement_mm
-    areas = equilibrium.space.weights.sum(axis=1)[:, None]
+    areas = film.equilibrium.space.weights.sum(axis=1)[:, None]
     parts = np.moveaxis(1e6 * at.stress_MPa, -1, 0)
     return displacement, np.stack([_means(nodes, part, areas) for part in parts], axis=-1)
 
 
-def _contact_pressure(solution: Solution) -> Array:
+def _contact_pressure(film: FilmData) -> Array:
     """Mean pressure of tips in the elements about each node, zero beside them, (nodes,)."""
-    fields, nodes = solution.fields, solution.mesh.dofs.element_dofs.T
-    total, areas = np.zeros((2, len(nodes), 1))
-    for contact in tips_of(fields.solved):
-        _, pressure = contact.traction(fields.solved_state, solution.scene.film.thickness)
-        weights = contact.space.weights[contact.patch]
-        total[contact.patch, 0] = (pressure * weights).sum(axis=1)
-        areas[contact.patch, 0] = weights.sum(axis=1)
+    nodes = film.mesh.dofs.element_dofs.T
+    weights = film.equilibrium.space.weights
+    pressure = contact_pressure(film.equilibrium, film.state)
+    areas = (weights * (pressure > 0.0)).sum(axis=1, keepdims=True)
+    total = (weights * pressure).sum(axis=1, keepdims=True)
     return _means(nodes, total / np.where(areas > 0.0, areas, 1.0), areas)
 
 

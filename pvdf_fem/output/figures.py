@@ -38,12 +38,9 @@ _STYLE: dict[Any, Any] = matplotlib.rc_params_from_file(
 COLOURS: tuple[str, ...] = tuple(_STYLE["axes.prop_cycle"].by_key()["color"])
 GREY = "0.45"
 DIVERGING = "RdBu_r"  #: Colours of values of both signs, white at zero.
-BOTH_SIGNS = 0.05  #: Share of the largest magnitude that the other sign needs to be one to show.
 MARKERS = "os^Dv<>pP*"  #: A marker for each electrode, besides its colour.
 LABEL_SIZE = 8.0  #: Size of labels in points.
 HALO = withStroke(linewidth=1.8, foreground="white")  #: Shows lines and texts on any colour.
-LEAST_NAMED = 0.25  #: Size of the lines that have names, over the width of a map.
-INNER = 0.75  #: Part of the reach within which lines have their names.
 DPI = 200.0  #: Pixels per inch of pictures without lines.
 
 # Settings without which SVG files have random identifiers.
@@ -63,7 +60,7 @@ def style() -> Iterator[None]:
         yield
 
 
-class Picture(Figure):
+class NotebookFigure(Figure):
     """A figure that belongs to no window and that notebooks show."""
 
     def _repr_png_(self) -> bytes:
@@ -72,7 +69,7 @@ class Picture(Figure):
 
 def new_figure(width_mm: float = 160.0, height_mm: float = 100.0) -> Figure:
     """An empty figure that belongs to no window."""
-    return Picture(figsize=(width_mm / 25.4, height_mm / 25.4), dpi=DPI)  # in inches
+    return NotebookFigure(figsize=(width_mm / 25.4, height_mm / 25.4), dpi=DPI)  # in inches
 
 
 def save(figure: Figure, path: str | Path) -> None:
@@ -121,12 +118,15 @@ def look_of(number: int) -> dict[str, Any]:
     return {**look, "marker": MARKERS[number % len(MARKERS)]}
 
 
-def colours_of(values: ArrayLike, sequential: str = "viridis") -> tuple[str, float, float]:
+def colours_of(
+    values: ArrayLike, sequential: str = "viridis", both_signs: float = 0.05
+) -> tuple[str, float, float]:
     """A colour map with its limits: `DIVERGING` about zero for values of both signs, else a
-    sequential one over the values, which is reversed where these are negative."""
+    sequential one over the values, which is reversed where these are negative. Values of one sign
+    that are below the share `both_signs` of the largest magnitude do not count."""
     low, high = float(np.min(values)), float(np.max(values))
     small, large = sorted([max(high, 0.0), max(-low, 0.0)])
-    if small > BOTH_SIGNS * large:
+    if small > both_signs * large:
         return DIVERGING, -large, large
     return sequential + "_r" * (-low > high), low, high
 
@@ -162,9 +162,17 @@ def draw_film(
 
 
 def named_lines(
-    ax: Axes, x: Array, y: Array, values: Array, levels: Iterable[float], taken: Array
+    ax: Axes,
+    x: Array,
+    y: Array,
+    values: Array,
+    levels: Iterable[float],
+    taken: Array,
+    least: float = 0.25,
+    inner: float = 0.75,
 ) -> None:
-    """Lines of equal charge, each named once, far from places (n, 2) that are taken."""
+    """Lines of equal charge, each named once, far from places (n, 2) that are taken. Lines smaller
+    than the part `least` of the map have no names, and lines have them within `inner` of it."""
     inside = [level for level in levels if values.min() < level < values.max()]
     if not inside:
         return
@@ -172,8 +180,8 @@ def named_lines(
     at = list[tuple[float, float]]()
     for places in (np.asarray(path.vertices) for path in lines.get_paths()):
         ways = np.linalg.norm(places[:, None] - [*taken, *at], axis=-1).min(axis=1)
-        ways[np.linalg.norm(places, axis=1) > INNER * x.max()] *= 1e-3
-        if np.ptp(places, axis=0).max() > LEAST_NAMED * np.ptp(x):
+        ways[np.linalg.norm(places, axis=1) > inner * x.max()] *= 1e-3
+        if np.ptp(places, axis=0).max() > least * np.ptp(x):
             at.append((places[ways.argmax(), 0], places[ways.argmax(), 1]))
     words = ax.clabel(lines, inside, fmt="%.4g", fontsize=7, manual=at)
     for drawn in (lines, *words):

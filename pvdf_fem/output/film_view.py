@@ -15,16 +15,12 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.charges.point_values import PointValues
+from pvdf_fem.charges.film_data import FilmData
+from pvdf_fem.charges.point_values import PointValues, values_along
 from pvdf_fem.files import replacing
 from pvdf_fem.output.figures import COLOURS, colours_of
-from pvdf_fem.output.film_map import Quantity, require_quantity, sampled
-from pvdf_fem.solution.solution import Solution
+from pvdf_fem.output.film_map import FilmMap, require_map, sampled
 
-ABOVE = 0.002  #: Height of lines above the film, over its radius, so that it does not hide them.
-DEPTH = 0.25  #: Depth of the picture of the film, over its radius.
-LEVELS = 9  #: Number of lines of equal deflection.
-VIEWED_FROM: Array = np.array([-1.0, -1.5, 1.2])  #: Direction to the camera.
 #: A program that ends with 0 where VTK renders, and by a signal where VTK misses its libraries.
 TRIAL = """
 from vtkmodules import vtkRenderingOpenGL2
@@ -48,42 +44,44 @@ def require_rendering() -> None:
         )
 
 
-def film_view(solution: Solution, name: str, scale: float | None, html: str | Path | None) -> Any:
+def film_view(data: FilmData, name: str, scale: float | None, html: str | Path | None) -> Any:
     """`Solution.view`."""
-    quantity, scene = require_quantity(name, solution.scene), solution.scene
+    shown, scene = require_map(name, data.scene), data.scene
     pyvista = _imported("pyvista")
     require_rendering()
     if scale is None:
-        scale = DEPTH * scene.film.radius_mm / (solution.deflection_max_mm or 1.0)
+        deepest = 1e3 * float(np.abs(data.state.dofs[2::3]).max())
+        scale = 0.25 * scene.film.radius_mm / (deepest or 1.0)
     plotter = pyvista.Plotter(off_screen=True if html else None)
-    film = film_mesh(solution, quantity, scale)
-    bar = {"title": _plain(quantity.label), "color": "black", "fmt": "%.3g"}
-    colours, *limits = colours_of(film.active_scalars, quantity.colours)
+    film = film_mesh(data, shown, scale)
+    bar = {"title": _plain(shown.label), "color": "black", "fmt": "%.3g"}
+    colours, *limits = colours_of(film.active_scalars, shown.colours)
     plotter.add_mesh(film, cmap=colours, clim=limits, scalar_bar_args=bar, smooth_shading=True)
-    above = np.array([0.0, 0.0, ABOVE * scene.film.radius_mm])
-    lines = film.contour(LEVELS, scalars=film.points[:, 2]).translate(above)
+    above = np.array([0.0, 0.0, 2e-3 * scene.film.radius_mm])  # or the film would hide lines
+    lines = film.contour(9, scalars=film.points[:, 2]).translate(above)
     if lines.n_points:  # which a flat film has not
         plotter.add_mesh(lines, color="white", opacity=0.5)
     edges = [(electrode.outline, "black") for electrode in scene.electrode_list]
     edges += [(touch.outline, COLOURS[1]) for touch in scene.loaded_probes]
     for outline, colour in edges:
-        along = solution.along(1e3 * np.array(outline.shape.exterior.coords))
+        corners_mm = 1e3 * np.array(outline.shape.exterior.coords)
+        along = values_along(data.equilibrium, data.state, corners_mm)
         line = pyvista.lines_from_points(_hanging(along, scale) + above)
         plotter.add_mesh(line, color=colour, line_width=4)
     plotter.set_background("white")
-    plotter.view_vector(VIEWED_FROM, viewup=(0.0, 0.0, 1.0))
+    plotter.view_vector((-1.0, -1.5, 1.2), viewup=(0.0, 0.0, 1.0))
     if html:
         with replacing(Path(html)) as unfinished:
             unfinished.write_text(_page(plotter.render_window), encoding="utf-8")
     return plotter
 
 
-def film_mesh(solution: Solution, quantity: Quantity, scale: float = 1.0) -> Any:
-    """The deflected film in mm as a surface of pyvista, with the values of a quantity."""
-    at, triangles, values = sampled(solution, quantity)
+def film_mesh(data: FilmData, shown: FilmMap, scale: float = 1.0) -> Any:
+    """The deflected film in mm as a surface of pyvista, with the values of a field."""
+    at, triangles, values = sampled(data, shown)
     points = _hanging(at, scale).reshape(-1, 3)
     surface = _imported("pyvista").PolyData.from_regular_faces(points, triangles)
-    surface.point_data[_plain(quantity.label)] = values.ravel()
+    surface.point_data[_plain(shown.label)] = values.ravel()
     return surface.clean()
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,151 +15,133 @@ from matplotlib.ticker import MaxNLocator
 from pvdf_fem.arrays import Array, polar_grid
 from pvdf_fem.output import figures
 from pvdf_fem.output.figures import COLOURS
-from pvdf_fem.response.model import ROTATION, X, Y, period_deg
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.touch.least_squares import SearchOptions, descend
-from pvdf_fem.touch.location import Location
-from pvdf_fem.touch.posterior import deviation_ellipse
-from pvdf_fem.touch.problem import Problem
 
-if TYPE_CHECKING:
-    from pvdf_fem.response.response import Response
-
-RADII = 33  #: Number of distances from the centre in a map.
-ANGLES = 97  #: Number of directions, the first one twice.
-TITLE_LETTERS = 62  #: Longest line of the title.
-SHADES = 256  #: Number of colours.
-LINES = 10  #: About the number of lines of equal charge.
+RASTER = (33, 97)  #: Numbers of distances from the centre and of directions, the first one twice.
 #: Limits of the colours of a likelihood, in standard deviations.
 LEVELS: Array = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 1000.0])
-WIDE = 6.0  #: Half the width of the enlarged picture, over the largest standard deviation.
-RASTER = 41  #: Places across the enlarged picture.
-ROTATIONS = 6  #: Number of rotations from which the likeliest at a place is sought.
-SEARCH = SearchOptions(max_steps=8)  #: Few steps, as most places are far from any touch that fits.
 
 
 def charge_map(
-    response: Response, electrode: str, rotation_deg: float, force_N: float, ax: Axes | None
+    scene: Scene, reach_mm: float, charge: Callable[[Array], Array], title: str, ax: Axes | None
 ) -> Figure:
-    """`Response.plot`."""
-    if electrode not in response.names:
-        known = ", ".join(response.names)
-        raise ValueError(f"electrode {electrode!r}: is none of the response; choose from {known}")
+    """A map of an electrode's charge by the probe's place, with lines of equal charge.
+
+    Parameters
+    ----------
+    charge : callable
+        Charges in pC, (n,), of probes at places (n, 2) in mm.
+    """
     if ax is None:
         with figures.style():
-            return charge_map(response, electrode, rotation_deg, force_N, figures.map_axes())
-    places = polar_grid(response.domain.reach_mm, RADII, ANGLES)
+            return charge_map(scene, reach_mm, charge, title, figures.map_axes())
+    places = polar_grid(reach_mm, *RASTER)
     x, y = np.moveaxis(places, -1, 0)
-    others = np.tile([rotation_deg, force_N], (x.size, 1))
-    charges, _ = response.evaluate(np.hstack([places.reshape(-1, 2), others]))
-    charges = charges[:, response.names.index(electrode)].reshape(x.shape)
+    charges = charge(places.reshape(-1, 2)).reshape(x.shape)
     colours, low, high = figures.colours_of(charges)
-    shades = np.linspace(low, high, SHADES)
-    filled = ax.contourf(x, y, charges, levels=shades, cmap=colours)
-    levels = [at for at in MaxNLocator(LINES).tick_values(low, high) if low < at < high]
-    centres = [1e3 * known.outline.centroid for known in response.scene.electrode_list]
+    filled = ax.contourf(x, y, charges, levels=np.linspace(low, high, 256), cmap=colours)
+    levels = [at for at in MaxNLocator(10).tick_values(low, high) if low < at < high]
+    centres = [1e3 * known.outline.centroid for known in scene.electrode_list]
     figures.named_lines(ax, x, y, charges, levels, np.array(centres))
-    _electrodes(ax, response.scene, 1.15 * response.domain.reach_mm, Stage())
-    ax.set_title(f"Charge of {electrode} by the probe's place, {force_N:g} N, {rotation_deg:g}°")
-    figures.colour_bar(ax, filled, f"charge of {electrode} (pC), with that at rest", ticks=levels)
+    _electrodes(ax, scene, 1.15 * reach_mm, Stage())
+    ax.set_title(title)
+    figures.colour_bar(ax, filled, "charge (pC), with the charge at rest", ticks=levels)
     return figures.figure_of(ax)
 
 
-def likelihood_map(location: Location) -> Figure:
-    """`Location.plot`."""
-    if not location.touches or not _places(location):
-        raise ValueError("a map of the likelihood needs a touch of which x and y were sought")
-    if not location.problem.model.cheap:
-        return _ellipses(location)
-    problem, best = location.problem, location.best.values[:ROTATION]
-    centre, reach = np.array(problem.centre_mm), problem.model.domain.reach_mm
-    wide = min(WIDE * max(location.deviations["x_mm"], location.deviations["y_mm"]), reach)
+def likelihood_map(
+    scene: Scene,
+    reach_mm: float,
+    touches: Sequence[Mapping[str, Any]],
+    apart: Callable[[Array], Array],
+    remarks: Sequence[str],
+) -> Figure:
+    """The likelihood over the film, and near the likeliest of the touches, which are as JSON.
+
+    Parameters
+    ----------
+    apart : callable
+        √(2 ln(L max/L)), (n,), of the likelihood L of places (n, 2) in mm.
+    """
+    stage, best = scene.stage or Stage(), touches[0]
+    deviations, middle = best["standard_deviations"], np.array([best["x_mm"], best["y_mm"]])
+    wide = min(6.0 * max(deviations["x_mm"], deviations["y_mm"]), reach_mm)
     with figures.style():
         figure = figures.new_figure(120.0, 190.0)  # one above the other: a phone shows them
         figure.set_layout_engine("compressed")
         film, near = figure.subplots(2)
-        drawn = _likelihood(film, location, polar_grid(reach, RADII, ANGLES) + centre)
-        scene = problem.model.scene
-        _electrodes(film, scene, 1.15 * reach, scene.stage or Stage())
-        across = np.linspace(-wide, wide, RASTER)
-        places = np.stack(np.meshgrid(across, across), axis=-1) + best
-        _likelihood(near, location, places)
-        near.set(xlim=best[0] + across[[0, -1]], ylim=best[1] + across[[0, -1]], aspect="equal")
-        near.set(xlabel="x (mm)", ylabel="y (mm)")
-        ellipse = deviation_ellipse(location.to_json()["touches"][0])
-        near.plot(*ellipse.T, color=COLOURS[1])
+        centre = np.array([stage.x_mm, stage.y_mm])
+        drawn = _likelihood(film, apart, polar_grid(reach_mm, *RASTER) + centre)
+        _electrodes(film, scene, 1.15 * reach_mm, stage)
+        across = np.linspace(-wide, wide, 41)
+        _likelihood(near, apart, np.stack(np.meshgrid(across, across), axis=-1) + middle)
+        near.set(xlim=middle[0] + across[[0, -1]], ylim=middle[1] + across[[0, -1]])
+        near.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
+        near.plot(*deviation_ellipse(best).T, color=COLOURS[1])
         for ax in (film, near):
             ax.grid(False)
-            _touches(ax, location)
+            _touches(ax, touches)
         film.set_title("Likelihood over the film")
         near.set_title("Enlarged, with the ellipse of one σ")
         near.legend(loc="upper right", framealpha=0.8, frameon=True)
         label = "how much less likely than the best touch (standard deviations)"
         figure.colorbar(drawn, ax=[film, near], label=label, shrink=0.9, format="%g")
-        if location.remarks:
-            heads = (remark.partition(";")[0] for remark in location.remarks)
-            lines = [fill(head, TITLE_LETTERS) for head in heads]
-            figure.suptitle("\n".join(lines), fontsize="medium")
+        if remarks:
+            heads = (remark.partition(";")[0] for remark in remarks)
+            figure.suptitle("\n".join(fill(h, 62) for h in heads), fontsize="medium")
     return figure
 
 
-def _places(location: Location) -> list[str]:
-    """Names of x coordinates for places with x and y unknown."""
-    sought = location.unknown
-    return [n for n in sought if n.endswith("x_mm") and f"{n[:-4]}y_mm" in sought]
-
-
-def _ellipses(location: Location) -> Figure:
-    """The touches listed with the ellipses of one standard deviation, without a likelihood."""
-    scene, reach = location.problem.model.scene, location.problem.model.domain.reach_mm
+def ellipses_map(
+    scene: Scene, reach_mm: float, touches: Sequence[Mapping[str, Any]], keys: Sequence[str]
+) -> Figure:
+    """Touches as JSON with the ellipses of one standard deviation about their places, of which
+    `keys` have x."""
     with figures.style():
         ax = figures.map_axes()
-        _electrodes(ax, scene, 1.15 * reach, scene.stage or Stage())
-        for touch in location.to_json()["touches"]:
-            for name in _places(location):
+        _electrodes(ax, scene, 1.15 * reach_mm, scene.stage or Stage())
+        for touch in touches:
+            for key in keys:
                 share = max(float(touch["weight"]), 0.2)
-                ax.plot(*deviation_ellipse(touch, name).T, color=COLOURS[1], alpha=share)
-                label = f"{touch[name[:-4] + 'force_N']:.3g} N"
-                at = touch[name], touch[name[:-4] + "y_mm"]
+                ax.plot(*deviation_ellipse(touch, key).T, color=COLOURS[1], alpha=share)
+                label = f"{touch[key[:-4] + 'force_N']:.3g} N"
+                at = touch[key], touch[key[:-4] + "y_mm"]
                 ax.annotate(label, at, (5, 5), textcoords="offset points", alpha=share)
         ax.set_title("Touches with ellipses of one σ")
         return figures.figure_of(ax)
 
 
-def _touches(ax: Axes, location: Location) -> None:
+def deviation_ellipse(touch: Mapping[str, Any], x_key: str = "x_mm", points: int = 97) -> Array:
+    """Points in mm, (points, 2), of the ellipse about a place of a touch as JSON whose shadows are
+    its standard deviations."""
+    keys = [x_key, x_key.replace("x_mm", "y_mm")]
+    rows = [[*touch["standard_deviations"]].index(key) for key in keys]
+    squares, vectors = np.linalg.eigh(np.array(touch["covariance"])[np.ix_(rows, rows)])
+    root, angle = vectors * np.sqrt(np.maximum(squares, 0.0)), np.linspace(0.0, 2 * np.pi, points)
+    around = root @ [np.cos(angle), np.sin(angle)]
+    return np.asarray([touch[key] for key in keys] + around.T)
+
+
+def _touches(ax: Axes, touches: Sequence[Mapping[str, Any]]) -> None:
     """Mark the likeliest touch and its rivals, these with their shares of the likelihood."""
-    for number, touch in enumerate(location.touches):
+    for number, touch in enumerate(touches):
         label = ("the likeliest", "rivals")[min(number, 1)] if number < 2 else None
         look: dict[str, Any] = {"color": COLOURS[1], "linestyle": "none", "label": label}
-        ax.plot(touch.x_mm, touch.y_mm, marker="x+"[min(number, 1)], **look)
+        place = touch["x_mm"], touch["y_mm"]
+        ax.plot(*place, marker="x+"[min(number, 1)], **look)
         if number:
-            place, share = (touch.x_mm, touch.y_mm), f"{100.0 * touch.weight:.2g} %"
+            share = f"{100.0 * touch['weight']:.2g} %"
             words = ax.annotate(share, place, (5, -11), textcoords="offset points")
             words.set(clip_on=True, path_effects=[figures.HALO])
 
 
-def _likelihood(ax: Axes, location: Location, places: Array) -> Any:
-    """Colours of √(2 ln(L max/L)) of the likelihood L at places (n, m, 2) in mm."""
-    problem, best = location.problem, location.best
-    at = problem.coordinates(np.tile(best.values, (places.size // 2, 1)))
-    at[:, :ROTATION] = places.reshape(-1, 2) - problem.centre_mm
-    apart = np.sqrt(np.maximum(least_chi_square(problem, at) - best.chi_square, 0.0))
-    apart = np.minimum(apart, LEVELS[-1]).reshape(places.shape[:2])
+def _likelihood(ax: Axes, apart: Callable[[Array], Array], places: Array) -> Any:
+    """Colours of what is `apart` at places (n, m, 2) in mm."""
+    shades = np.minimum(apart(places.reshape(-1, 2)), LEVELS[-1]).reshape(places.shape[:2])
+    bands = BoundaryNorm(LEVELS, 256, extend="neither")
     x, y = np.moveaxis(places, -1, 0)
-    bands = BoundaryNorm(LEVELS, SHADES, extend="neither")
-    return ax.contourf(x, y, apart, levels=LEVELS, cmap="Blues_r", norm=bands)
-
-
-def least_chi_square(problem: Problem, at: Array) -> Array:
-    """Least chi-square (n,) by force and rotation, if sought, at the places of coordinates."""
-    sought = problem.unknown[~np.isin(problem.unknown, (X, Y))]
-    of_first, held = np.zeros(len(at), dtype=int), replace(problem, unknown=sought)
-    turns = period_deg(problem.model) * np.arange(ROTATIONS) / ROTATIONS
-    turned = [at + turn * (np.arange(at.shape[1]) == ROTATION) for turn in turns]
-    starts = turned if ROTATION in sought else [at]
-    ends = (descend(held, start, of_first, options=SEARCH) for start in starts)
-    return np.min([end.chi_square for end in ends], axis=0)
+    return ax.contourf(x, y, shades, levels=LEVELS, cmap="Blues_r", norm=bands)
 
 
 def _electrodes(ax: Axes, scene: Scene, reach_mm: float, stage: Stage) -> None:

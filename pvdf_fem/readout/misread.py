@@ -11,9 +11,6 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import Channel, units_pC
 
-#: Up to this number of channels any permutation is tried; with more, only exchanges of two.
-MOST_PERMUTED = 4
-
 
 @dataclass(frozen=True, eq=False)
 class Misreading:
@@ -62,8 +59,9 @@ def misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misreading]:
         )
 
 
-def _orders(count: int) -> Iterator[tuple[int, ...]]:
-    if count <= MOST_PERMUTED:
+def _orders(count: int, most_permuted: int = 4) -> Iterator[tuple[int, ...]]:
+    """All permutations of up to `most_permuted` channels, and exchanges of two of more channels."""
+    if count <= most_permuted:
         yield from list(permutations(range(count)))[1:]
         return
     for a, b in combinations(range(count), 2):

@@ -12,6 +12,7 @@ from typing import Any, Self
 
 from pvdf_fem.files import make_directory, replacing
 from pvdf_fem.output.figures import content_of, style
+from pvdf_fem.progress import Progress, shown
 from pvdf_fem.reporting.kind import Inputs, Kind
 from pvdf_fem.reporting.page import VERDICT, Entry, page_of, verdict, with_others
 from pvdf_fem.reporting.script import Need, Plan, load
@@ -19,7 +20,7 @@ from pvdf_fem.reporting.solved import NothingToShow, Solved
 from pvdf_fem.reporting.task import Rows, done, key
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.store import Record, Store
-from pvdf_fem.sweeps.sweep import Progress, planned, records, silent
+from pvdf_fem.sweeps.sweep import planned, records
 from pvdf_fem.sweeps.workers import Died
 
 PAGE = "index.html"
@@ -62,7 +63,7 @@ class Report:
         quick: bool = False,
         full: bool = False,
         processes: int = -1,
-        progress: Progress = silent,
+        progress: Progress | bool | None = None,
     ) -> Made:
         """Solve the scenes, run the tasks and write ``index.html`` in a directory, anew with each
         figure. ``verdict.txt`` beside it has the verdict of the page.
@@ -70,8 +71,8 @@ class Report:
         What is computed is kept there in ``solved.db``: a report that was stopped goes on. `quick`
         makes a preview, of few scenes to a coarse tolerance; `full` takes the keys in the `full` of
         each figure. `processes` is their number, -1 for all cores; with 1 all is computed in turn,
-        for timings. `progress` is called with two numbers of scenes and tasks: how many are done,
-        and how many had to be.
+        for timings. `progress` is called with the numbers of scenes and tasks that are done and
+        that had to be, or says whether these are shown (`pvdf_fem.progress.shown`).
         """
         out = Path(out)
         make_directory(out, PAGE, *self.plan.files)
@@ -80,19 +81,19 @@ class Report:
         work.begin()
         scenes = list(dict.fromkeys(scene for need in needed for scene in need.scenes))
         tasks = {key(task): task for need in needed for task in need.tasks}
-        with Store(out / STORE) as store:
+        with Store(out / STORE) as store, shown("scenes and tasks", progress) as show:
             stored = {name: rows for name in tasks if (rows := store.kept(name)) is not None}
             missing = {name: task for name, task in tasks.items() if name not in stored}
             todo = planned(scenes, store)
             total = todo.missing + len(missing)
             for name, rows in stored.items():
                 work.add(name, rows)
-            how: Any = {"processes": processes, "progress": lambda n, _: progress(n, total)}
+            how: Any = {"processes": processes, "progress": lambda n, _: show(n, total)}
             for index, record in records(todo, store, **how):
                 work.add(scenes[index], record)
             for count, (name, found) in enumerate(done(missing, store, processes), start=1):
                 work.add(name, found)
-                progress(todo.missing + count, total)
+                show(todo.missing + count, total)
         failures = tuple(work.failures)
         return Made(out / PAGE, len(scenes), todo.missing, len(tasks), len(missing), failures)
 
@@ -152,18 +153,19 @@ class _Work:
     def _compose(self, part: _Part) -> None:
         item, solved = part.need.item, Solved(self.found)
         remarks = solved.failures(part.need.scenes, part.need.tasks)
+        warnings = solved.warnings(part.need.scenes)
         try:
             with style():
                 content = item.kind.compose(self.inputs, solved)
                 svg = content_of(content.figure, ".svg").decode() if content.figure else ""
-            part.entry = Entry(item, content, svg, remarks=tuple(remarks))
+            part.entry = Entry(item, content, svg, remarks=(*remarks, *warnings))
             table = content.frame.to_csv(index=False, lineterminator="\n")
             write(self.out / "data" / f"{item.name}.csv", table)
             if svg:
                 write(self.out / "figures" / f"{item.name}.svg", svg)
         except NothingToShow as error:
             others = [remark for remark in remarks if remark != str(error)]
-            part.entry = Entry(item, error=str(error), remarks=tuple(others))
+            part.entry = Entry(item, error=str(error), remarks=(*others, *warnings))
             remarks = [str(error), *others]
         except Exception as error:  # of one figure must not take the others with it
             traceback.print_exc(file=sys.stderr)

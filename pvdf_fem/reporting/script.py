@@ -214,6 +214,9 @@ class _Reader:
                     where = f"section[{number}].{form}[{index}]"
                     if (kind := self._kind(known, of, where)) is None:
                         continue
+                    for key in kind.full.keys() & {"kind", "name", "full"}:
+                        reason = "is the same in every form of a report; leave it out"
+                        self.problems.append(problem(f"{where}.full.{key}", kind.full[key], reason))
                     full = self.valid(type(kind), {**of, **kind.full}, f"{where}.full")
                     name = self._name(kind, where, names)
                     items.append(Item(number, where, name, kind, full or kind))

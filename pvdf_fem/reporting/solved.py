@@ -76,6 +76,14 @@ class Solved:
         results = ((task, self._found[key(task)]) for task in tasks)
         return told + [_told(task, of) for task, of in results if isinstance(of, Died)]
 
+    def warnings(self, scenes: Sequence[Scene]) -> list[str]:
+        """How many scenes have warnings, and the first warning."""
+        every = ((*one.doubts, *self._found[one].warnings) for one in dict.fromkeys(scenes))
+        warned = [told for told in every if told]
+        if not warned:
+            return []
+        return [f"{len(warned)} of the scenes have warnings, such as: {warned[0][0]}"]
+
     def _values(self, scenes: Sequence[Scene], names: Sequence[str], what: Reader) -> Array:
         values = np.full((len(scenes), len(names)), np.nan)
         for row, scene in zip(values, scenes, strict=True):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,12 +12,10 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.response.model import Domain, scene_of_touch
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.solvers.status import NotConvergedError, Status
 
 if TYPE_CHECKING:
-    from pvdf_fem.sweeps.store import Store
-
-SAFETY = 5.0  #: Error bound over the largest error at these touches.
-SHARE = 0.05  #: Tolerance of their full solves over that of the response.
+    from pvdf_fem.charges.forces import Forces
 
 
 def random_touches(domain: Domain, count: int, seed: int = 0) -> Array:
@@ -27,6 +25,24 @@ def random_touches(domain: Domain, count: int, seed: int = 0) -> Array:
     low, high = domain.force_N
     x, y, forces = distance * np.cos(angle), distance * np.sin(angle), low * (high / low) ** u[:, 3]
     return np.stack([x, y, 360.0 * u[:, 2], forces], axis=-1)
+
+
+def solves_of(
+    scene: Scene, touches: Array, tolerance: float, share: float = 0.05
+) -> list[tuple[Any, ...]]:
+    """Tasks of full solves of touches (n, 4), to a share of a response's tolerance."""
+    return [(forces_at, scene, touch, share * tolerance) for touch in touches]
+
+
+def forces_at(scene: Scene, touch: Array, tolerance: float) -> Forces | str:
+    """Forces X, Y of the electrodes under a touch (4,), or why there are none."""
+    from pvdf_fem.charges.goals import goals_of  # with gmsh
+    from pvdf_fem.solution.solve import solve_goals
+
+    touched = scene_of_touch(scene, touch, tolerance)
+    solution = solve_goals(touched, goals_of(touched))
+    converged = solution.status is Status.CONVERGED
+    return solution.fields.forces if converged else solution.reason
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,33 +55,20 @@ class HeldOut:
     errors: Array
 
     @classmethod
-    def solved(
-        cls,
-        scene: Scene,
-        touches: Array,
-        tolerance: float,
-        processes: int,
-        store: Store | None = None,
-        progress: Callable[[int, int], None] | None = None,
-    ) -> HeldOut:
-        """Solve touches to a tolerance; those that have no solution are left out.
+    def of(cls, touches: Array, found: Sequence[Forces | str]) -> HeldOut:
+        """The touches that have a solution, with their forces or else a reason.
 
         Raises `NotConvergedError` when fewer than half of the touches have a solution.
         """
-        from pvdf_fem.solution.solution import NotConvergedError  # with gmsh
-        from pvdf_fem.sweeps.sweep import silent, solve_all
 
-        scenes = [scene_of_touch(scene, touch, tolerance) for touch in touches]
-        records = solve_all(scenes, store, processes=processes, progress=progress or silent)
-        solved = [i for i, record in enumerate(records) if record.converged]
-        if 2 * len(solved) < len(records):
-            failed = next(i for i in range(len(records)) if i not in solved)
-            x, y, rotation, force = touches[failed]
+        failed = [i for i, forces in enumerate(found) if isinstance(forces, str)]
+        if 2 * len(failed) > len(touches):
+            x, y, rotation, force = touches[failed[0]]
             place = f"({x:.6g}, {y:.6g}) mm, {rotation:.6g} deg, {force:.6g} N"
-            raise NotConvergedError(f"touch at {place}: {records[failed].reason}")
-        forces = [records[i].forces["material"] for i in solved]
-        errors = [records[i].force_errors["material"] for i in solved]
-        return cls(touches[solved], np.array(forces), np.array(errors))
+            raise NotConvergedError(f"touch at {place}: {found[failed[0]]}")
+        known = [forces for forces in found if not isinstance(forces, str)]
+        values = np.array([forces.values for forces in known])
+        return cls(np.delete(touches, failed, 0), values, np.array([f.errors for f in known]))
 
     def relative_errors(self, film: Film, charges_pC: Array) -> tuple[Array, float]:
         """Errors of charges (n, electrodes) of these touches over |d31 X| + |d32 Y|.

@@ -20,22 +20,9 @@ from pvdf_fem.scene.stage import WantedModel
 
 #: Quantities of one probe's touch, in the order of its row.
 QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")
-X = 0
-Y = 1
-ROTATION = 2
-FORCE = 3
+X, Y, ROTATION, FORCE = range(len(QUANTITIES))
 #: Scene keys in the order of `QUANTITIES`.
 SCENE_KEYS = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
-#: Largest distance of touches from the centre in mm where none is asked for, and over the film's
-#: radius; and the part of the radius where touches by probes of any width are sought.
-REACH_MM = 12.0
-MOST_REACH = 0.6
-LEAST_REACH = 0.2
-#: Tolerance of a model over the relative noise of readings, and its limits.
-NOISE_SHARE = 0.1
-FINEST = 1e-4
-COARSEST = 1e-2
-FEW_TOUCHES = 32  #: Number of touches up to which plain floats are compared faster than arrays.
 
 
 @dataclass(frozen=True)
@@ -128,13 +115,16 @@ def rotation_counts(model: Model) -> bool:
     return not touches or any(touch.probe.period_deg > 0.0 for touch in touches)
 
 
-def all_within(touches: Array, reach_mm: float, lowest: float, highest: float) -> bool:
+def all_within(
+    touches: Array, reach_mm: float, lowest: float, highest: float, few: int = 32
+) -> bool:
     """Whether touches (n, 4) are finite, within a reach, and within limits of the force.
 
-    The last column and the limits may both be logarithms of the force.
+    The last column and the limits may both be logarithms of the force. Plain floats are compared
+    faster than arrays of `few` touches.
     """
     square = reach_mm * reach_mm
-    if len(touches) <= FEW_TOUCHES:
+    if len(touches) <= few:
         return all(
             x * x + y * y <= square and math.isfinite(rotation) and lowest <= force <= highest
             for x, y, rotation, force in touches.tolist()
@@ -144,26 +134,31 @@ def all_within(touches: Array, reach_mm: float, lowest: float, highest: float) -
     return bool((inside & np.isfinite(rotation)).all())
 
 
-def room_mm(scene: Scene) -> float:
-    """How far from the centre probes are their width away from the rim; a part of the film's radius
-    for probes that are nearly as wide as the film."""
+def room_mm(scene: Scene, least: float = 0.2) -> float:
+    """How far from the centre probes are their width away from the rim; at least a part of the
+    film's radius, for probes that are nearly as wide as the film."""
     radius = scene.film.radius_mm
     width = max(1e3 / math.pi * touch.outline.perimeter for touch in scene.loaded_probes)
-    return max(radius - width, LEAST_REACH * radius)
+    return max(radius - width, least * radius)
 
 
-def default_reach_mm(scene: Scene) -> float:
-    """Largest distance of touches from the centre where none is asked for, to the last digit the
-    same wherever the probe is: it is in the names of responses."""
-    return min(REACH_MM, MOST_REACH * scene.film.radius_mm, room_mm(centred(scene)))
+def default_reach_mm(scene: Scene, most_mm: float = 12.0, most: float = 0.6) -> float:
+    """Largest distance of touches from the centre where none is asked for, at most a share of the
+    film's radius. It is in the names of files, and does not depend on the probe's place."""
+    return min(most_mm, most * scene.film.radius_mm, room_mm(centred(scene)))
 
 
-def wanted_model(scene: Scene, sigma: float = 0.01) -> tuple[Domain, float]:
+def wanted_model(
+    scene: Scene,
+    sigma: float = 0.01,
+    share: float = 0.1,
+    limits: tuple[float, float] = (1e-4, 1e-2),
+) -> tuple[Domain, float]:
     """Domain and tolerance of the model that a scene wants, for readings with the relative noise
-    `sigma`."""
+    `sigma`: by default a share of the noise, within limits."""
     wanted = scene.model or WantedModel()
     reach_mm = default_reach_mm(scene) if wanted.reach_mm is None else wanted.reach_mm
-    tolerance = min(max(NOISE_SHARE * sigma, FINEST), COARSEST)
+    tolerance = min(max(share * sigma, limits[0]), limits[1])
     domain = Domain(reach_mm, wanted.force_range_N)
     return domain, tolerance if wanted.tolerance is None else wanted.tolerance
 

@@ -7,7 +7,6 @@ probe, from which the table is made anew for other electrodes, d31 and d32.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,19 +17,14 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.response.held_out import SAFETY, SHARE, HeldOut
+from pvdf_fem.progress import Progress, Work, shown
+from pvdf_fem.response.held_out import HeldOut, solves_of
 from pvdf_fem.response.model import FORCE, QUANTITIES, AtRest, Domain, all_within, centred, rest_of
-from pvdf_fem.response.response_file import (
-    Contents,
-    StressContents,
-    mechanics_of,
-    read,
-    write,
-)
-from pvdf_fem.response.rim_places import ProbeCharges
+from pvdf_fem.response.response_file import Contents, mechanics_of, read, write
+from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.response.table import Grid, scaled_force
 from pvdf_fem.response.uniform_spline import UniformSpline
-from pvdf_fem.scene.affects import Affects, affecting
+from pvdf_fem.scene.quantity import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import Status
 
@@ -38,7 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-ROUNDING = 1e-9  #: Share by which a touch may exceed the domain, as rounding makes it.
 # Rows of the products (value and derivatives by x, y, rotation) x (value and derivative by force):
 # the value, and the derivatives by x, y, rotation and force.
 _VALUE_AND_SLOPES: Indices = np.array([0, 2, 4, 6, 1])
@@ -46,10 +39,10 @@ _VALUE_AND_SLOPES: Indices = np.array([0, 2, 4, 6, 1])
 _KEPT = ("scene", "domain", "error_bound", "error_rms", "tolerance", "remarks", "at_rest_pC")
 
 
-def refuse_outside(domain: Domain, touches: Array) -> None:
+def refuse_outside(domain: Domain, touches: Array, rounding: float = 1e-9) -> None:
     """Raise `ValueError` for touches (n, 4) that are not finite, or outside of a domain."""
     low, high = domain.force_N
-    more, less = 1.0 + ROUNDING, 1.0 - ROUNDING
+    more, less = 1.0 + rounding, 1.0 - rounding
     limits = more * domain.reach_mm, less * low, more * high
     if all_within(touches, *limits):
         return
@@ -158,17 +151,17 @@ class Response:
         processes: int | None = None,
         *,
         check: bool = True,
-        progress: Callable[[int, int], None] | None = None,
+        progress: Progress | bool | None = None,
     ) -> Response:
         """The response of a scene that differs in what only reads the stress about the probe.
 
         That is electrodes, d31, d32, readout, stage, and the place of the probe and the force,
         which do not matter. The table is made anew, in seconds, and its error bound is measured by
         the full solves that the build had. For other electrodes, and where the meshes for the old
-        d31 and d32 leave the bound above the tolerance, the same touches are solved anew, and
-        `progress` is called with the numbers of finished and of all solves. Without a `check`
-        nothing is solved: the error bound stays the bound of this response. Raises `ValueError`
-        for a scene whose film deforms otherwise, and `NotConvergedError` when half of them fail.
+        d31 and d32 leave the bound above the tolerance, the same touches are solved anew. Without
+        a `check` nothing is solved: the error bound stays the bound of this response. `progress` is
+        as for `build_response`. Raises `ValueError` for a scene whose film deforms otherwise, and
+        `NotConvergedError` when half of the touches fail.
         """
         refuse_other_mechanics(self.scene, scene)
         names = tuple(electrode.name for electrode in scene.electrode_list)
@@ -179,23 +172,26 @@ class Response:
             raise ValueError("response: keeps no stress about the probe; build it again")
         grid = Grid(self.domain, self.spline.axes, self._polynomial_count)
         dtype = self.spline.coefficients.dtype.type
-        made = replace(made, spline=grid.charges(self.stress, scene, processes or -1, dtype))
-        if not check:
-            return replace(made, held_out=None, at_rest_pC=None)
-        if _outlines(self.scene) == _outlines(scene):
-            kept = made.measured()
-            if kept.status is Status.CONVERGED:
-                return kept
-        touches, tolerance = self.held_out.touches, SHARE * self.tolerance
-        solved = HeldOut.solved(scene, touches, tolerance, processes or -1, progress=progress)
-        return replace(made, held_out=solved).measured()
+        with shown("s of one core", progress) as show:
+            work = Work(processes, show)
+            made = replace(made, spline=grid.charges(self.stress, scene, work, dtype))
+            if not check:
+                return replace(made, held_out=None, at_rest_pC=None)
+            if _outlines(self.scene) == _outlines(scene):
+                kept = made.measured()
+                if kept.status is Status.CONVERGED:
+                    return kept
+            touches = self.held_out.touches
+            found = [*work.run(solves_of(scene, touches, self.tolerance))]
+        return replace(made, held_out=HeldOut.of(touches, found)).measured()
 
-    def measured(self) -> Response:
-        """This response with the error that it has at the touches held out."""
+    def measured(self, safety: float = 5.0) -> Response:
+        """This response with the error that it has at the touches held out: the bound is the
+        largest error times `safety`, and the error of the full solves."""
         assert self.held_out is not None
         touches = self.held_out.touches
         errors, stated = self.held_out.relative_errors(self.scene.film, self.evaluate(touches)[0])
-        bounds, rms = SAFETY * errors.max(axis=1) + stated, float(np.sqrt((errors**2).mean()))
+        bounds, rms = safety * errors.max(axis=1) + stated, float(np.sqrt((errors**2).mean()))
         bound, rest = float(bounds.max()), rest_of(self.scene)
         at_rest: AtRest = (tuple(rest[0].tolist()), tuple(rest[1].tolist()))
         known = at_rest if np.isfinite(rest).all() else None
@@ -232,47 +228,44 @@ class Response:
         ax: Axes | None = None,
     ) -> Figure:
         """Draw the charge of an electrode by the place of the probe, with lines of equal charge."""
-        from pvdf_fem.output.touch_map import charge_map  # output/ is above
+        from pvdf_fem.output.touch_map import charge_map
 
-        return charge_map(self, electrode, rotation_deg, force_N, ax)
+        if electrode not in self.names:
+            known = ", ".join(self.names)
+            raise ValueError(f"electrode {electrode!r}: is none of the response; give {known}")
+
+        def charge(places_mm: Array) -> Array:
+            others = np.tile([rotation_deg, force_N], (len(places_mm), 1))
+            charges, _ = self.evaluate(np.hstack([places_mm, others]))
+            return np.asarray(charges[:, self.names.index(electrode)])
+
+        title = f"Charge of {electrode} by the probe's place, {force_N:g} N, {rotation_deg:g}°"
+        return charge_map(self.scene, self.domain.reach_mm, charge, title, ax)
 
     def save(self, path: Path | str) -> None:
         """Write the response to a file, which replaces an older one only when it is complete."""
-        parts = [self.spline.coefficients]
-        contents = Contents(
-            **{name: getattr(self, name) for name in _KEPT},
-            axes=self.spline.axes,
-            polynomials=self._polynomial_count,
-            dtype=parts[0].dtype.newbyteorder("<").str,
-            touches=0 if self.held_out is None else len(self.held_out.touches),
-            stress=None,
-        )
+        contents = Contents(**{name: getattr(self, name) for name in _KEPT}, axes=self.spline.axes)
+        arrays = {"coefficients": self.spline.coefficients}
         if (stress := self.stress) is not None:
-            modes, places = stress.modes, stress.places
-            contents.stress = StressContents(
-                grid=(places.reach_mm, places.radii, places.film_rotations),
-                stretch_mm=stress.stretch_mm,
-                axes=(modes.axes[0], modes.axes[1]),
-                modes=stress.amplitudes.shape[-1],
-            )
-            parts += [modes.coefficients, stress.amplitudes]
+            places = stress.places
+            contents.places = places.reach_mm, places.radii, places.film_rotations
+            contents.stretch_mm, contents.mode_axes = stress.stretch_mm, stress.modes.axes
+            arrays |= {"modes": stress.modes.coefficients, "amplitudes": stress.amplitudes}
         if self.held_out is not None:
-            parts += [self.held_out.touches, self.held_out.forces, self.held_out.errors]
-        write(Path(path), contents, parts)
+            arrays |= vars(self.held_out)
+        write(Path(path), contents, arrays)
 
     @classmethod
     def load(cls, path: Path | str) -> Response:
         """Read a response; raises `ResponseError`, a `FileError`, for what holds no sound one."""
-        file, (coefficients, modes, amplitudes, *held_out) = read(Path(path))
+        file, arrays = read(Path(path))
         names = tuple(electrode.name for electrode in file.scene.electrode_list)
-        stress = None
-        if (kept := file.stress) is not None:
-            spline = UniformSpline(kept.axes, modes)
-            stress = ProbeCharges(kept.places(file.scene), spline, kept.stretch_mm, amplitudes)
-        return cls(
-            names=names,
-            spline=UniformSpline(file.axes, coefficients),
-            stress=stress,
-            held_out=HeldOut(*held_out) if file.touches else None,
-            **{name: getattr(file, name) for name in _KEPT},
-        )
+        spline = UniformSpline(file.axes, arrays.pop("coefficients"))
+        stress, probe = None, file.scene.single_probe
+        if file.places is not None and probe is not None:
+            modes = UniformSpline(file.mode_axes, arrays.pop("modes"))
+            places = RimPlaces(probe, *file.places)
+            stress = ProbeCharges(places, modes, file.stretch_mm, arrays.pop("amplitudes"))
+        held_out = HeldOut(**arrays) if arrays else None
+        kept = {name: getattr(file, name) for name in _KEPT}
+        return cls(names=names, spline=spline, stress=stress, held_out=held_out, **kept)

@@ -29,10 +29,6 @@ from pvdf_fem.response.uniform_spline import UniformSpline
 from pvdf_fem.scene.outlines.outline import Outline, turn
 from pvdf_fem.scene.scene import Probe
 
-#: Least number of Gauss points on a side of an electrode; more if the raster is finer.
-LEAST_POINTS = 6
-CHUNK = 2000  #: Positions whose integrals are one sparse matrix.
-
 
 class Image(NamedTuple):
     """A place as the image of another place at the same distance."""
@@ -190,19 +186,23 @@ class ProbeCharges:
         positions_mm: Array,
         rotation: float,
         d_pC_N: tuple[float, float],
+        at_once: int = 2000,
     ) -> Array:
         """Charges (n, forces, electrodes) with the probe at positions (n, 2), turned in radians.
 
-        `d_pC_N` are d31 and d32.
+        `d_pC_N` are d31 and d32. Integrals at positions `at_once` are one sparse matrix. Beyond the
+        places' reach charges only go on smoothly: the rim is taken to be as far as at the reach.
         """
         d31, d32 = d_pC_N
         c, s = np.cos(rotation), np.sin(rotation)
         turned = np.array([[c, -s], [s, c]])
-        weights = self.places.weights(-positions_mm @ turned, rotation)
+        share = np.linalg.norm(positions_mm, axis=-1, keepdims=True) / self.places.reach_mm
+        seen_mm = positions_mm / np.maximum(share, 1.0)
+        weights = self.places.weights(-seen_mm @ turned, rotation)
         amplitudes = np.tensordot(weights, self.amplitudes, axes=3)
         charges = []
         for electrode in electrodes:
-            chunks = [positions_mm[i : i + CHUNK] for i in range(0, len(positions_mm), CHUNK)]
+            chunks = [positions_mm[i : i + at_once] for i in range(0, len(positions_mm), at_once)]
             forces = np.concatenate([self._forces(electrode, at, turned) for at in chunks])
             # the deviator is turned into the film's axes
             c, s = np.cos(2.0 * rotation), np.sin(2.0 * rotation)
@@ -211,10 +211,13 @@ class ProbeCharges:
             charges.append(np.einsum("nm,nfm->nf", by_mode, amplitudes))
         return np.stack(charges, axis=-1)
 
-    def _forces(self, electrode: Outline, positions_mm: Array, turned: Array) -> Array:
-        """Integrals (n, components, modes) in N of the stress over an electrode."""
+    def _forces(
+        self, electrode: Outline, positions_mm: Array, turned: Array, least_points: int = 6
+    ) -> Array:
+        """Integrals (n, components, modes) in N of the stress over an electrode, by at least so
+        many Gauss points on each of its sides."""
         side_mm = 1e3 * electrode.perimeter / max(4, len(electrode.boundary))
-        count = max(LEAST_POINTS, int(np.ceil(side_mm / self.modes.axes[0].step)))
+        count = max(least_points, int(np.ceil(side_mm / self.modes.axes[0].step)))
         points, normals = electrode.boundary_rule(count)
         from_probe = (1e3 * points - positions_mm[:, None]) @ turned
         factors = 0.5e-3 * np.einsum("nqi,qi->nq", from_probe, normals @ turned)

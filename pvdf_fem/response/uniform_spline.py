@@ -22,10 +22,6 @@ from pvdf_fem.arrays import Array, Indices
 _CUBIC = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6.0
 _SLOPE = np.array([[-3, 0, 3, 0], [6, -12, 6, 0], [-3, 9, -9, 3], [0, 0, 0, 0]]) / 6.0
 _POWERS = np.arange(4.0)
-#: Cells by which values are continued at an end: the influence of the last falls to 0.27^10 = 2e-6.
-CONTINUED_CELLS = 10
-#: Points that are evaluated at a time, so that the coefficients they need stay in the cache.
-CHUNK = 512
 
 
 @dataclass(frozen=True)
@@ -48,9 +44,9 @@ class UniformAxis:
 class UniformSpline:
     """The tensor product of cubic splines through values on a uniform grid.
 
-    At the ends of an axis that is not periodic, the values are continued by parabolas. The error
-    there is of third order in the step, and of fourth order a few cells further in. Outside of the
-    grid the polynomials of the outermost cells are evaluated.
+    At the ends of an axis without a period the spline is level. The error of that falls to 0.27 of
+    itself from each cell to the next. Outside of the grid the polynomials of the outermost cells
+    are evaluated.
     """
 
     #: Each with four values at least.
@@ -66,20 +62,24 @@ class UniformSpline:
         """The spline through `values` (axes..., functions), with coefficients of type `dtype`."""
         coefficients = np.asarray(values, dtype=float)
         for i, axis in enumerate(axes):
-            along = np.moveaxis(coefficients, i, 0)
+            mode = "grid-wrap" if axis.periodic else "mirror"
+            inner = spline_filter1d(coefficients, 3, axis=i, mode=mode)
+            at = np.arange(-1, axis.count + 1 + axis.periodic)
             if axis.periodic:
-                along = spline_filter1d(along, 3, axis=0, mode="grid-wrap")
-                along = np.concatenate([along[-1:], along, along[:2]])
+                at %= axis.count
             else:
-                along = _continued(along)
-            coefficients = np.moveaxis(along, 0, i)
+                at = axis.count - 1 - np.abs(axis.count - 1 - np.abs(at))
+            coefficients = inner.take(at, axis=i)
         return cls(tuple(axes), np.ascontiguousarray(coefficients, dtype))
 
-    def with_gradient(self, points: Array) -> Array:
-        """Values, then derivatives by each coordinate, (n, 1 + axes, functions)."""
-        if len(points) > CHUNK:
-            firsts = range(0, len(points), CHUNK)
-            return np.concatenate([self.with_gradient(points[i : i + CHUNK]) for i in firsts])
+    def with_gradient(self, points: Array, at_once: int = 512) -> Array:
+        """Values, then derivatives by each coordinate, (n, 1 + axes, functions).
+
+        The coefficients of the points that are evaluated `at_once` stay in the cache.
+        """
+        if len(points) > at_once:
+            firsts = range(0, len(points), at_once)
+            return np.concatenate([self.with_gradient(points[i : i + at_once]) for i in firsts])
         weights, rows = self._weights(points, self._polynomials)
         return np.matmul(weights, self._flat.take(rows, axis=0))
 
@@ -138,16 +138,3 @@ class UniformSpline:
         stride = np.append(np.cumprod(self.coefficients.shape[-2:0:-1])[::-1], 1).astype(np.int64)
         corners = np.indices((4,) * len(self.axes)).reshape(len(self.axes), -1)
         return stride, stride @ corners
-
-
-def _continued(values: Array) -> Array:
-    """Coefficients along the first axis, one before the first value and one after the last."""
-    # weights of the outermost three values in the k-th value of their parabola beyond the end
-    k = np.arange(1.0, CONTINUED_CELLS + 1.0)
-    parabola = np.stack([(k + 1) * (k + 2) / 2, -k * (k + 2), k * (k + 1) / 2], axis=1)
-    before = np.tensordot(parabola[::-1], values[:3], axes=1)
-    after = np.tensordot(parabola, values[:-4:-1], axes=1)
-    coefficients = spline_filter1d(
-        np.concatenate([before, values, after]), 3, axis=0, mode="mirror"
-    )
-    return coefficients[CONTINUED_CELLS - 1 : 1 - CONTINUED_CELLS]

@@ -10,17 +10,10 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.registry import FORCES, RIVALS, put
 from pvdf_fem.scene.scene_file import problem
-from pvdf_fem.scene.shapes import Bonded
+from pvdf_fem.scene.shapes import SIZES, Layout
 
-# Keys that a shape keeps when it becomes another one, alone or all around a ring.
-_PLACE = {"name", "shape", "x_mm", "y_mm", "rotation_deg"}
-_PLACE |= {"layout", "count", "ring_radius_mm", "first_angle_deg", "centre"}
-_PLACE |= {"load", *FORCES, *HEAT, *Bonded.model_fields}
-# Keys that electrodes keep when their layout becomes another one.
-_OF_ALL_LAYOUTS = {"layout", "ring_radius_mm", "side_mm"}
 # Keys that decide which other keys there are, in the order in which they are changed.
 _FIRST = ("layout", "shape", "kind", "profile")
 # The change of a key that has to be a table, whose keys are changes of their own.
@@ -133,10 +126,10 @@ def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any, rival: Any)
         node[last] = value
         return
     if last == "shape" and node.get("shape") != value:
-        for size in node.keys() - _PLACE:
+        for size in node.keys() & SIZES:
             del node[size]
     if steps == ("electrodes", "layout") and node.get("layout") != value:
-        for key in node.keys() - _OF_ALL_LAYOUTS:
+        for key in node.keys() - Layout.model_fields:
             del node[key]
     put(node, last, value, rival)
 

@@ -2,40 +2,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias, TypeVar
+from dataclasses import replace
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Discriminator, Field, StrictBool, Tag, ValidationInfo, field_validator
+from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 
-from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import overlaps
-from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, refusal, within
+from pvdf_fem.scene.quantity import Affects, Key, Section, refusal
 from pvdf_fem.scene.registry import LAW_CLASSES
 from pvdf_fem.scene.scene_file import quote
-from pvdf_fem.scene.shapes import MOST_PATCHES, Expansion, Patch
+from pvdf_fem.scene.shapes import EXPANSION, MODULUS, Patch
 
 Value = TypeVar("Value")
-if TYPE_CHECKING:
-    LawName: TypeAlias = str
-else:
-    LawName = Literal[tuple(LAW_CLASSES)]
-
-
-def _number_or_pair(value: Any) -> str:
-    return "pair" if isinstance(value, list | tuple) else "number"
-
-
 #: A number, or a pair of numbers along x and y.
 NumberOrPair = Annotated[
-    Annotated[Value, Tag("number")] | Annotated[tuple[Value, Value], Tag("pair")],
-    Discriminator(_number_or_pair),
+    Annotated[Value, Tag("<number>")] | Annotated[tuple[Value, Value], Tag("<pair>")],
+    Discriminator(lambda value: "<pair>" if isinstance(value, list | tuple) else "<number>"),
 ]
-
-Displacement = Annotated[Finite, within(-1e6, 1e6, "µm")]
-Tension = Annotated[Finite, within(-1e6, 1e6, "N/m")]
-Kelvins = Annotated[Finite, within(-1e4, 1e4, "K")]
+#: A coefficient of the charge by stress.
+COEFFICIENT = Key("pC/N", (-1e5, 1e5), Affects.READING, usual=(1e-6, 1e5), mistaken={"C/N": 1e12})
 
 
 class Layer(NamedTuple):
@@ -49,83 +37,98 @@ class Layer(NamedTuple):
 
 
 class Film(Section):
-    """The film: a flat disc clamped on its rim, centred on the origin.
+    """The film: a flat disc clamped on its rim, centred on the origin."""
 
-    `youngs_modulus_GPa` is a number, or a pair [E1, E2] along x and y; `poisson_ratio` is then
-    ν12 (ν21 = ν12 E2/E1). Without `shear_modulus_GPa`, Huber's estimate
-    √(E1 E2)/(2(1 + √(ν12 ν21))) is taken, which is E/(2(1 + ν)) for an isotropic film.
-    `bending` adds the film's stiffness as a plate: always, never, or (``"auto"``) where it could
-    change a charge by more than ``numerics.tolerance``.
-
-    `permittivity` is that of the film across its thickness, relative to that of the vacuum.
-    `loss_tangent` is that of its stiffness, and of its patches', for oscillations; None is a film
-    without damping.
-    `coupling` lets the voltages of electrodes stiffen the film that no charge amplifier keeps at
-    zero voltage (``readout.kind = "voltage"``): always, never, or where that could change a charge
-    by more than ``numerics.tolerance``.
-
-    `d33_pC_N`, of PVDF negative, is for the charge that a probe's pressure makes on an electrode
-    under it; without a value it is left out. `warming_K` is a change of the film's temperature
-    since it was zeroed at rest: it loosens the film.
-
-    `compression` says what the model does with compressive stress: ``refuse`` warns of it, counts
-    what wrinkles would change as an error, and takes no membrane for a result of which they would
-    change a charge by more than a tenth; ``tension-field`` lets the film wrinkle.
-
-    The clamped film is stretched either by its cooling, `temperature_change_K` (-1 K where neither
-    is given), or to `pretension_N_m`, its tension at rest: a number, or a pair along x and y. In
-    compression, below zero, it is like a film that is heated.
-
-    `rim_displacement_um` then moves the rim outwards, and the film with all patches: coefficients
-    of 1, cos θ, sin θ, cos 2θ, sin 2θ and so on. The strain of that is added to the film's, whose
-    disc, electrodes and probe stay in their places: an error of second order, of 3e-4 in charges
-    for 9 µm on 45 mm.
-
-    `pyroelectric_uC_m2K` is the charge per area and kelvin of a film that is free to expand; where
-    it is not, its stress makes charge by d31 and d32. Without a value it is left out.
-    `thermal_diffusivity_m2_s` says how the heat of a probe with `temperature_K` spreads
-    (`pvdf_fem.film.loads.heat`).
-
-    `law` is ``hooke``, linear in the Green-Lagrange strain, or ``neo-hookean`` for rubber, which is
-    Hooke's law for small strains (`pvdf_fem.film.laws.neo_hookean`); it is that of the patches,
-    too.
-
-    `pressure_Pa` is a uniform pressure on the whole film, along z, or with `pressure_follows`
-    normal to the deformed film; the film at rest is without it. `gravity_m_s2` is the acceleration
-    along z by which the film has a weight, also at rest. Without a value the weight is left out.
-
-    `patches` are layers bonded to the film, as tape or ink, each with a shape and what
-    `pvdf_fem.scene.shapes.Bonded` has. They may overlap, and end on or beyond the rim.
-    """
-
-    radius_mm: Length = 45.0
-    thickness_um: Annotated[Finite, within(1e-3, 1e6, "µm"), Affects.SCALE] = 25.0
-    youngs_modulus_GPa: NumberOrPair[Modulus] = 2.0
-    poisson_ratio: Number = Field(0.34, validate_default=True)
-    shear_modulus_GPa: Modulus | None = None
-    density_kg_m3: Annotated[Finite, within(1e-3, 1e6, "kg/m³"), Affects.DYNAMICS] = 1760.0
-    thermal_expansion_per_K: Annotated[Expansion, Affects.STRAIN_AT_REST] = 110e-6
-    pretension_N_m: Annotated[NumberOrPair[Tension] | None, Affects.STRAIN_AT_REST] = None
-    temperature_change_K: Annotated[Kelvins | None, Affects.STRAIN_AT_REST] = Field(
-        None, validate_default=True
-    )
-    bending: bool | Literal["auto"] = False
-    d31_pC_N: Annotated[Number, Affects.READING] = 8.0
-    d32_pC_N: Annotated[Number, Affects.READING] = 8.0
-    permittivity: Annotated[Finite, within(1.0, 1e6), Affects.INSTRUMENT] = 11.0
-    loss_tangent: Annotated[Annotated[Finite, within(0.0, 1.0)] | None, Affects.DYNAMICS] = None
-    coupling: bool | Literal["auto"] = False
+    radius_mm: Annotated[
+        float,
+        Key("mm", (1e-3, 1e5), usual=(0.3, 1e5), mistaken={"m": 1e3}),
+    ] = 45.0
+    """Radius of the clamped rim."""
+    thickness_um: Annotated[
+        float,
+        Key("µm", (1e-3, 1e5), Affects.SCALE, usual=(0.5, 1e5), mistaken={"mm": 1e3, "m": 1e6}),
+    ] = 25.0
+    """Thickness."""
+    youngs_modulus_GPa: Annotated[NumberOrPair[float], MODULUS] = 2.0
+    """Young's modulus; a pair [E1, E2] along x and y is of an orthotropic film."""
+    poisson_ratio: Annotated[float, Field(validate_default=True), Key("", (-10.0, 10.0))] = 0.34
+    """Poisson's ratio, from 0 to less than 0.5; of an orthotropic film ν12, where ν21 is
+    ν12 E2/E1 and ν12 ν21 is below 1."""
+    shear_modulus_GPa: Annotated[float | None, replace(MODULUS, example=0.746)] = None
+    """Shear modulus; by default Huber's estimate √(E1 E2)/(2(1 + √(ν12 ν21))), which is
+    E/(2(1 + ν)) for an isotropic film."""
+    density_kg_m3: Annotated[
+        float,
+        Key("kg/m³", (1e-3, 1e5), Affects.DYNAMICS, usual=(50.0, 1e5), mistaken={"g/cm³": 1e3}),
+    ] = 1760.0
+    """Density, for vibrations, for weight and for the heat of a warm probe."""
+    thermal_expansion_per_K: Annotated[float, EXPANSION] = 110e-6
+    """Thermal expansion."""
+    pretension_N_m: Annotated[
+        NumberOrPair[float] | None,
+        Key("N/m", (-1e6, 1e6), Affects.STRAIN_AT_REST, example=8.333),
+    ] = None
+    """Tension of the clamped film at rest, in place of temperature_change_K; a pair [Nx, Ny] where
+    x and y differ. Below zero the film is like a film that is heated."""
+    temperature_change_K: Annotated[
+        float | None,
+        Field(validate_default=True),
+        Key("K", (-1e4, 1e4), Affects.STRAIN_AT_REST, example=-1.0),
+    ] = None
+    """Change of temperature of the clamped film: cooling stretches it. -1 where pretension_N_m is
+    not given either."""
+    bending: Annotated[bool | Literal["auto"], Key()] = False
+    """true: the film bends, too, with its stiffness as a plate. auto: where bending could change a
+    charge by more than numerics.tolerance."""
+    d31_pC_N: Annotated[float, COEFFICIENT] = 8.0
+    """Charge per stress along x."""
+    d32_pC_N: Annotated[float, COEFFICIENT] = 8.0
+    """Charge per stress along y."""
+    permittivity: Annotated[float, Key("", (1.0, 1e6), Affects.INSTRUMENT)] = 11.0
+    """Permittivity across the thickness, relative to the permittivity of the vacuum."""
+    loss_tangent: Annotated[
+        float | None,
+        Key("", (0.0, 1.0), Affects.DYNAMICS, example=0.02),
+    ] = None
+    """Loss tangent of the stiffness of film and patches, for oscillations; without it they have no
+    damping."""
+    coupling: Annotated[bool | Literal["auto"], Key()] = False
+    """true: the voltages of electrodes stiffen the film that no charge amplifier keeps at zero
+    voltage (readout.kind "voltage"). auto: where that could change a charge by more than
+    numerics.tolerance."""
     compression: Literal["refuse", "tension-field"] = "refuse"
-    d33_pC_N: Number | None = None
-    warming_K: Kelvins | None = None
-    rim_displacement_um: tuple[Displacement, ...] | None = None
-    pyroelectric_uC_m2K: Annotated[Number | None, Affects.READING] = None
-    thermal_diffusivity_m2_s: Annotated[Finite, within(1e-12, 1.0, "m²/s")] = 6e-8
-    patches: Annotated[tuple[Patch, ...], Field(max_length=MOST_PATCHES)] | None = None
-    law: LawName = "hooke"
-    pressure_Pa: Annotated[Finite, within(-1e9, 1e9, "Pa")] | None = None
-    pressure_follows: StrictBool = False
-    gravity_m_s2: Annotated[Finite, within(-1e6, 1e6, "m/s²")] | None = None
+    """refuse: compressive stress is warned of, what wrinkles would change is counted as an error,
+    and more than a tenth of a charge is no result. tension-field: the film wrinkles."""
+    d33_pC_N: Annotated[float | None, replace(COEFFICIENT, affects=None, example=-15.0)] = None
+    """Charge per stress across the thickness, of PVDF negative: what a probe's pressure makes on an
+    electrode under it; left out when not given."""
+    warming_K: Annotated[float | None, Key("K", (-500.0, 500.0), example=1.0)] = None
+    """By how much the film at rest has warmed since it was zeroed: that loosens the film."""
+    rim_displacement_um: Annotated[
+        tuple[float, ...] | None, Key("µm", (-1e4, 1e4), example=[0.0, 0.0, 0.0, 1.0, 0.0])
+    ] = None
+    """How the rim is then moved outwards, with film and patches: coefficients of 1, cos θ, sin θ,
+    cos 2θ, sin 2θ ... The disc, electrodes and probe stay in their places: an error of second
+    order, of 3e-4 in charges for 9 µm on 45 mm."""
+    pyroelectric_uC_m2K: Annotated[
+        float | None, Key("µC/(m² K)", (-1e5, 1e5), Affects.READING, example=-25.0)
+    ] = None
+    """Charge per area and kelvin of a film that is free to expand; where the film is not, its
+    stress makes charge by d31 and d32. Left out when not given."""
+    thermal_diffusivity_m2_s: Annotated[float, Key("m²/s", (1e-10, 0.01))] = 6e-8
+    """Of the heat of a probe with temperature_K."""
+    patches: Annotated[tuple[Patch, ...] | None, Field(max_length=100)] = None
+    """Layers on the film: tape, ink, solder."""
+    law: Annotated[str, Key(words=LAW_CLASSES)] = "hooke"
+    """hooke: linear in the Green-Lagrange strain. neo-hookean: rubber at large strains, at small
+    strains Hooke's law. Patches have the law of the film."""
+    pressure_Pa: Annotated[float | None, Key("Pa", (-1e8, 1e8), example=300.0)] = None
+    """Uniform pressure along z on the whole film, which is at rest without it."""
+    pressure_follows: Annotated[bool, Key(needs=("pressure_Pa", None))] = False
+    """The pressure is normal to the deformed film."""
+    gravity_m_s2: Annotated[float | None, Key("m/s²", (-1e5, 1e5), example=-9.81)] = None
+    """Acceleration along z by which the film has a weight, also at rest; left out when not
+    given."""
 
     @field_validator("poisson_ratio")
     @classmethod
@@ -193,13 +196,6 @@ class Film(Section):
         unlike = isinstance(info.data.get("youngs_modulus_GPa"), tuple)
         if value == "neo-hookean" and (unlike or info.data.get("shear_modulus_GPa") is not None):
             raise refusal("is of an isotropic film; give one film.youngs_modulus_GPa alone")
-        return value
-
-    @field_validator("pressure_follows")
-    @classmethod
-    def _has_a_pressure(cls, value: bool, info: ValidationInfo) -> bool:
-        if value and not info.data.get("pressure_Pa"):
-            raise refusal("is of a pressure on the film; give film.pressure_Pa")
         return value
 
     @property
@@ -325,10 +321,12 @@ class Film(Section):
 
 
 class Air(Section):
-    """The air on both sides of the film; around its rim it flows unless there is a `baffle`."""
+    """The air on both sides of the film."""
 
-    density_kg_m3: Annotated[Finite, within(0.0, 1e6, "kg/m³")] = 1.204
-    baffle: StrictBool = True
+    density_kg_m3: Annotated[float, Key("kg/m³", (0.0, 1e5))] = 1.204
+    """Density of the air."""
+    baffle: Annotated[bool, Key()] = True
+    """The rim is in a rigid wall; without it air flows around the rim."""
 
 
 def plane_stress(E1: Any, E2: Any, nu12: Any, G: Any = None) -> NDArray[Any]:

@@ -18,8 +18,6 @@ from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, SPREAD_CLASSES, Load, sa
 from pvdf_fem.scene.scene_file import problem
 from pvdf_fem.scene.shapes import Electrode, Layout, Pressing, PressingProbe, Probe, Ring
 
-LEAST_RADIUS_MM = 0.3  #: A smaller radius of a film in mm was probably meant in m.
-
 
 def misplacements(
     radius_mm: float | None,
@@ -115,16 +113,13 @@ def _of_tip(key: str, probe: Any, load: Load) -> Iterator[str]:
     """Complaints about a probe that is a tip but does not touch, or touches and is none."""
     touches, rounding = load.kind == "contact", probe.edge_radius_mm
     try:
-        tip = tip_of(probe)
+        tip_of(probe)
     except ValueError as error:
         if touches or rounding is not None:
             reason = f'{error}; give shape = "sphere" or edge_radius_mm'
             name = "shape" if rounding is None else "edge_radius_mm"
             yield problem(f"{key}.{name}", getattr(probe, name), reason)
         return
-    if load.friction == "stuck" and tip.modes(probe.outline.centroid[None]) is None:
-        reason = "is of round tips: spheres, and circles with edge_radius_mm; give 0"
-        yield problem(said_at(key, probe, "friction"), load.friction, reason)
     if not touches:
         reason = "is of a tip that the film touches where it must"
         name = "shape" if rounding is None else "edge_radius_mm"
@@ -210,8 +205,9 @@ def _over_rim(key: str, shape: Electrode | Probe, radius_mm: float) -> Iterator[
 
 def _beyond(reach_mm: float, radius_mm: float) -> str:
     excess = reach_mm - radius_mm
-    meant = f" (were {1e3 * radius_mm:g} mm meant?)" if radius_mm < LEAST_RADIUS_MM else ""
-    return f"reaches {excess:.3g} mm over the rim at film.radius_mm = {radius_mm:g}{meant}"
+    told = f"reaches {excess:.3g} mm over the rim at film.radius_mm = {radius_mm:g}"
+    meant = Film.key_of("radius_mm").meant(radius_mm)
+    return f"{told} ({meant})" if meant else told
 
 
 def _without_edges(observable: str, electrodes: Mapping[str, Electrode]) -> Iterator[str]:

@@ -1,15 +1,20 @@
-"""Numbers as people write them in a scene: strictly numbers, finite, each within its range.
-
-The ranges keep squares and cubes of the values far from overflow; they are no physical limits.
-"""
+"""Keys of a scene file: the unit and range of each, and what it affects."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from functools import cache
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import PydanticCustomError
+from pydantic_core.core_schema import (
+    literal_schema,
+    no_info_after_validator_function,
+    with_info_after_validator_function,
+)
 
 
 def refusal(reason: str) -> PydanticCustomError:
@@ -17,26 +22,104 @@ def refusal(reason: str) -> PydanticCustomError:
     return PydanticCustomError("scene", "{reason}", {"reason": reason})
 
 
-def within(low: float, high: float, unit: str = "", ends: bool = True) -> AfterValidator:
-    """Refuse numbers outside of [low, high], or of the open interval without its ends."""
+class Affects(Enum):
+    """What a key affects. Scenes that differ in nothing that affects the mechanics share a solve.
 
-    def check(value: float) -> float:
-        if low < value < high or (ends and value in (low, high)):
+    A key that does not say what it affects, affects the mechanics.
+    """
+
+    MECHANICS = auto()  #: The deformation of the film.
+    OUTLINE = auto()  #: The mechanics, through nothing but the outline of a shape.
+    STRAIN_AT_REST = auto()  #: The mechanics, through the strain at rest of an even film.
+    SCALE = auto()  #: The mechanics of a membrane, through nothing but force over thickness.
+    READING = auto()  #: The charge that a stress makes.
+    DYNAMICS = auto()  #: Motions of the film, and how fast a warm probe heats the film.
+    INSTRUMENT = auto()  #: What a charge is read as, and from where places are counted.
+
+
+@dataclass(frozen=True, eq=False)
+class Key:
+    """What is said of a key of a scene: an annotation of its field. Its meaning is the text below
+    the field.
+
+    Help, reference and example of the scene file are written from keys, values are checked by them,
+    and what a key affects tells which scenes share a solve. A table in a field has keys of its own.
+    """
+
+    unit: str = ""
+    within: tuple[float, float] | None = None  #: Least and largest number, in `unit`.
+    affects: Affects | None = None  #: Of a table, None leaves it to the table's keys.
+    #: A key above in the table and its value, None for any, without which this key is refused ...
+    needs: tuple[str, str | None] | None = None
+    idle: Any = None  #: ... unless its value is this, or zero, or false.
+    usual: tuple[float, float] | None = None  #: Numbers that nobody doubts; by default `within`.
+    #: Units in which a number outside of `usual` was probably given, with their size in `unit`.
+    mistaken: Mapping[str, float] = field(default_factory=dict)
+    words: Iterable[str] = ()  #: All that a text may be, where it is a name in a registry.
+    example: Any = None  #: A value for the example scene, where the default is none.
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
+        schema = self._checked(handler(source))
+        return with_info_after_validator_function(self._needed, schema) if self.needs else schema
+
+    def _checked(self, schema: Any) -> Any:
+        """A schema whose numbers are strictly numbers, finite and within the range, and whose texts
+        are among the words; tables in it are not changed."""
+        if isinstance(schema, list):
+            return [self._checked(part) for part in schema]
+        kind = schema.get("type") if isinstance(schema, dict) else "model"
+        if kind == "model":
+            return schema
+        if kind == "str" and self.words:
+            return literal_schema([*self.words])
+        if kind not in ("float", "int", "bool"):
+            return {name: self._checked(part) for name, part in schema.items()}
+        strict = {**schema, "strict": True, **({"allow_inf_nan": False} if kind == "float" else {})}
+        if self.within is None or kind == "bool":
+            return strict
+        return no_info_after_validator_function(self._ranged, strict)
+
+    def _needed(self, value: Any, info: ValidationInfo) -> Any:
+        assert self.needs is not None
+        key, needed = self.needs
+        if value and value != self.idle and key in info.data:
+            found = info.data[key]
+            if needed is None and found is None:
+                raise refusal(f"is of a table with {key}; give {key} too, or remove it")
+            if needed is not None and isinstance(found, str) and found != needed:
+                raise refusal(f'is for {key} = "{needed}" only; remove it or change {key}')
+        return value
+
+    def _ranged(self, value: float) -> float:
+        assert self.within is not None
+        low, high = self.within
+        if low <= value <= high:
             return value + 0  # no negative zero, so that equal scenes have equal JSON
-        size = "small" if value <= low else "large"
+        size = "small" if value < low else "large"
         reason = "must be positive" if value <= 0 < low else f"is too {size}"
-        span = f"from {low:g} to {high:g}" if ends else f"between {low:g} and {high:g}"
-        raise refusal(f"{reason}; give a value {span} {unit}".rstrip())
+        span = f"give a value from {low:g} to {high:g} {self.unit}".rstrip()
+        raise refusal("; ".join(filter(None, [reason, span, self.meant(value)])))
 
-    return AfterValidator(check)
+    def meant(self, value: float) -> str:
+        """The question whether another unit was meant; empty for a usual number."""
+        low, high = self.usual or self.within or (-1e300, 1e300)
+        if value == 0.0 or low <= abs(value) <= high:
+            return ""
+        for unit, size in self.mistaken.items():
+            if low <= abs(meant := value * size) <= high:
+                return f"were {meant:.3g} {self.unit} meant, which are {value:g} {unit}?"
+        return ""
 
 
-Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Whole = Annotated[int, Field(strict=True)]
-Number = Annotated[Finite, within(-1e6, 1e6)]
-Coordinate = Annotated[Finite, within(-1e6, 1e6, "mm")]
-Length = Annotated[Finite, within(1e-6, 1e6, "mm")]
-Modulus = Annotated[Finite, within(1e-6, 1e6, "GPa")]
+def within(low: float, high: float, unit: str = "") -> Key:
+    """The key of a number in a range."""
+    return Key(unit, (low, high))
+
+
+Finite = Annotated[float, Key()]
+Whole = Annotated[int, Key()]
+Number = Annotated[float, within(-1e6, 1e6)]
+Length = Annotated[float, within(1e-6, 1e6, "mm")]
 
 
 class Section(BaseModel):
@@ -44,9 +127,41 @@ class Section(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
+    @classmethod
+    def key_of(cls, name: str) -> Key:
+        """What is said of a key of the table."""
+        said = (mark for mark in cls.model_fields[name].metadata if isinstance(mark, Key))
+        return next(said, Key())
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        told = f"{name} = {value!r:.60}: a scene does not change; make another one by Scene.with_"
+        raise AttributeError(told)
+
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """A copy with some other values, and nothing cached of the old ones."""
         copy = super().model_copy(update=update, deep=deep)
         for name in copy.__dict__.keys() - type(copy).model_fields.keys():
             del copy.__dict__[name]
         return copy
+
+
+def affecting(table: Section, *effects: Affects) -> dict[str, Any]:
+    """The values of a table's keys that affect some of `effects`; lists of such for tables in it.
+
+    Equal dictionaries have equal texts by `repr`.
+    """
+    found: dict[str, Any] = {}
+    for name, effect in _effects(type(table)).items():
+        value = getattr(table, name)
+        inner = value if isinstance(value, tuple) else (value,)
+        if effect is None and inner and isinstance(inner[0], Section):
+            found[name] = [affecting(one, *effects) for one in inner]
+        elif (effect or Affects.MECHANICS) in effects:
+            found[name] = value
+    return found
+
+
+@cache
+def _effects(model: type[Section]) -> dict[str, Affects | None]:
+    """What a model's keys say that they affect."""
+    return {name: model.key_of(name).affects for name in model.model_fields}

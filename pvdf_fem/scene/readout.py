@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import (
     AfterValidator,
+    BeforeValidator,
     Discriminator,
     SerializerFunctionWrapHandler,
     Tag,
-    ValidationInfo,
-    field_validator,
     model_serializer,
 )
 
-from pvdf_fem.scene.quantity import Finite, Section, refusal, within
-from pvdf_fem.scene.scene_file import choose, problem
+from pvdf_fem.scene.quantity import Key, Section, refusal
+from pvdf_fem.scene.scene_file import choose, flattened, problem
 
 Value = TypeVar("Value")
 
@@ -28,15 +28,11 @@ class ByName(dict[str, Value]):
         return hash(frozenset(self.items()))
 
 
-def _one_or_table(value: Any) -> str:
-    return "table" if isinstance(value, Mapping) else "one"
-
-
 #: A value of all channels, or a table of values by electrode; the others have the default.
 ByChannel = Annotated[
-    Annotated[Value, Tag("one")]
-    | Annotated[dict[str, Value], AfterValidator(ByName), Tag("table")],
-    Discriminator(_one_or_table),
+    Annotated[Value, Tag("<one>")]
+    | Annotated[dict[str, Value], AfterValidator(ByName), Tag("<table>")],
+    Discriminator(lambda value: "<table>" if isinstance(value, Mapping) else "<one>"),
 ]
 
 
@@ -46,47 +42,61 @@ def _is_not_zero(value: float) -> float:
     return value
 
 
-Capacitance = Annotated[Finite, within(1e-6, 1e12, "pF")]
-Resistance = Annotated[Finite, within(1e-9, 1e12, "MOhm")]
-Voltage = Annotated[Finite, within(-1e6, 1e6, "V")]
+def deviation(value: float | str, of: float) -> float:
+    """A standard deviation, given as a number or as ``"5 %"`` of the size of a number."""
+    if isinstance(value, str):
+        return abs(of) * float(value.rstrip("% ")) / 100.0
+    return float(value)
 
-#: The kind of channel to which a key belongs.
-KEYS_OF_KIND = {
-    "feedback_capacitance_pF": "charge",
-    "feedback_resistance_MOhm": "charge",
-    "input_resistance_MOhm": "voltage",
-    "cable_capacitance_pF": "voltage",
-}
+
+def _are_deviations(given: dict[str, Any]) -> ByName[Any]:
+    for key, value in given.items():
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        is_share = isinstance(value, str) and re.fullmatch(r"\d+(\.\d*)? ?%", value)
+        if not is_share and not (is_number and 0.0 < value < 1e12):
+            raise refusal(f'has {value!r:.60} for {key}; give a number in its unit, or "5 %"')
+    return ByName(given)
+
+
+#: Standard deviations by key of the scene: numbers, or shares such as ``"5 %"``.
+Uncertain = Annotated[dict[str, Any], BeforeValidator(flattened), AfterValidator(_are_deviations)]
 
 
 class Readout(Section):
-    """What reads the electrodes; every value but `reading` is one for all or a table by electrode.
-
-    ``charge``: a charge amplifier, whose output is the charge over its feedback capacitance and
-    decays through its feedback resistance. ``voltage``: an amplifier of the voltage that the charge
-    makes on electrode and cable, loaded by its input resistance. A resistance that is not given is
-    infinite. A reading in V is ``offset_V`` plus `gain` times that voltage; `noise_V` is its
-    standard deviation. `reading` says whether readings are of the ``change`` of the charge since
-    the untouched film, or of the ``total`` charge.
-    """
+    """What reads the electrodes. Every value but `reading` is one for all electrodes or a table by
+    electrode such as ``gain = { A = 1.02, B = 0.97 }``, where the others have the default."""
 
     kind: ByChannel[Literal["charge", "voltage"]] = "charge"
-    feedback_capacitance_pF: ByChannel[Capacitance] = 1000.0
-    feedback_resistance_MOhm: ByChannel[Resistance] | None = None
-    input_resistance_MOhm: ByChannel[Resistance] | None = None
-    cable_capacitance_pF: ByChannel[Annotated[Finite, within(0.0, 1e12, "pF")]] = 0.0
-    gain: ByChannel[Annotated[Finite, within(-1e6, 1e6), AfterValidator(_is_not_zero)]] = 1.0
-    offset_V: ByChannel[Voltage] = 0.0
-    noise_V: ByChannel[Annotated[Finite, within(0.0, 1e6, "V")]] = 0.0
+    """charge: a charge amplifier, whose output is the charge over its feedback capacitance and
+    decays through its feedback resistance. voltage: an amplifier of the voltage that the charge
+    makes on electrode and cable, loaded by its input resistance."""
+    feedback_capacitance_pF: Annotated[
+        ByChannel[float], Key("pF", (1e-3, 1e9), needs=("kind", "charge"))
+    ] = 1000.0
+    """Feedback capacitance of the charge amplifier."""
+    feedback_resistance_MOhm: Annotated[
+        ByChannel[float] | None, Key("MΩ", (1e-6, 1e9), needs=("kind", "charge"), example=1e3)
+    ] = None
+    """Feedback resistance; without it the output does not decay."""
+    input_resistance_MOhm: Annotated[
+        ByChannel[float] | None, Key("MΩ", (1e-6, 1e9), needs=("kind", "voltage"), example=1e3)
+    ] = None
+    """Input resistance; without it the voltage does not decay."""
+    cable_capacitance_pF: Annotated[
+        ByChannel[float], Key("pF", (0.0, 1e9), needs=("kind", "voltage"))
+    ] = 0.0
+    """Capacitance of the cable."""
+    gain: Annotated[
+        ByChannel[Annotated[float, AfterValidator(_is_not_zero)]], Key("", (-1e6, 1e6))
+    ] = 1.0
+    """Reading over the output or the voltage of the amplifier."""
+    offset_V: Annotated[ByChannel[float], Key("V", (-1e4, 1e4))] = 0.0
+    """Added to each reading."""
+    noise_V: Annotated[ByChannel[float], Key("V", (0.0, 1e4))] = 0.0
+    """Standard deviation of each reading."""
     reading: Literal["change", "total"] = "change"
-
-    @field_validator(*KEYS_OF_KIND)
-    @classmethod
-    def _belongs_to_kind(cls, value: Any, info: ValidationInfo) -> Any:
-        kind, name = info.data.get("kind"), str(info.field_name)
-        if kind in ("charge", "voltage") and kind != KEYS_OF_KIND[name]:
-            raise refusal(f'is for kind = "{KEYS_OF_KIND[name]}" only; remove it or change kind')
-        return value
+    """change: readings are of the change of the charge since the untouched film. total: of all
+    charge."""
 
     @model_serializer(mode="wrap")
     def _without_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:

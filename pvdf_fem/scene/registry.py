@@ -6,8 +6,7 @@ A further one is a class in a file of its own and its line here. Classes are giv
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 from pydantic import (
     Field,
@@ -18,9 +17,8 @@ from pydantic import (
     model_serializer,
 )
 
-from pvdf_fem.scene.affects import Affects
-from pvdf_fem.scene.quantity import Finite, Length, Section, refusal, within
-from pvdf_fem.scene.readout import KEYS_OF_KIND
+from pvdf_fem.scene.quantity import Affects, Key, Section, refusal
+from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene_file import choose
 
 #: Class of each ``load.kind``.
@@ -28,7 +26,7 @@ LOAD_CLASSES = {
     "dead": "pvdf_fem.film.loads.pressure:DeadPressure",
     "follower": "pvdf_fem.film.loads.pressure:FollowerPressure",
     "rigid": "pvdf_fem.film.loads.pressure:Punch",
-    "contact": "pvdf_fem.film.loads.contact:Contact",
+    "contact": "pvdf_fem.film.loads.rigid_tip:RigidTip",
 }
 
 
@@ -76,104 +74,57 @@ OBSERVABLE_ENTRIES = {
     "thesis-edge": ObservableEntry("pvdf_fem.charges.observables:ThesisEdge", needs_edges=True),
 }
 
-if TYPE_CHECKING:
-    LoadKind: TypeAlias = str
-else:
-    LoadKind = Literal[tuple(LOAD_CLASSES)]
-Depth = Annotated[Finite, within(1e-6, 1e3, "mm")]
-Force = Annotated[Finite, within(0.0, 1e6, "N")]
-_InPlane = Annotated[Finite, within(-1e6, 1e6, "N")]
-Tangential = tuple[_InPlane, _InPlane]
-#: Keys of a load, and the (key, value) needed beside a key.
-_NEEDS = {
-    "contact": ("kind", "rigid"),
-    "depth_mm": ("kind", "contact"),
-    "friction": ("kind", "contact"),
-    "tilt": ("kind", "rigid"),
-    "profile": ("kind", "dead"),
-    "profile_width_mm": ("profile", "gaussian"),
-}
-#: Keys of loads and channels, and the (key, value) needed beside a key.
-_ALL_NEEDS = {**_NEEDS, **{key: ("kind", kind) for key, kind in KEYS_OF_KIND.items()}}
 #: Pairs of keys of a table; a key with a value removes its rival.
 RIVALS = {"depth_mm": "force_N", "temperature_change_K": "pretension_N_m"}
 RIVALS |= {rival: key for key, rival in RIVALS.items()}
 #: Keys of a load that a probe of a list has beside its shape; a file may have them in `load`, too.
 FORCES = ("depth_mm", "force_N", "tangential_N")
-
-
-def put(table: dict[str, Any], key: str, value: Any, rival: Any = None) -> None:
-    """Change a key of a scene's table. Keys that need another value of this one are left behind,
-    and so is its rival. Where a value of the `rival` is given, too, both stay and are refused."""
-    if isinstance(value, dict):  # a value by channel leaves nothing behind
-        table[key] = value
-        return
-    for other, (decider, needed) in _ALL_NEEDS.items():
-        if other in table and decider == key and value != needed:
-            put(table, other, None)
-            del table[other]
-    if value is not None and rival is None:
-        table.pop(RIVALS.get(key, ""), None)
-    table[key] = value
+#: Forces and depths of loads, which probes of a list have, too.
+DEPTH = Key("mm", (1e-6, 1e3), needs=("kind", "contact"), example=3.0)
+FORCE = Key(
+    "N", (0.0, 1e6), Affects.SCALE, usual=(0.0, 99.9), mistaken={"grams": 9.81e-3}, example=0.6
+)
+TANGENTIAL = Key("N", (-1e6, 1e6), example=[0.5, 0.0])
 
 
 class Load(Section):
-    """The force of a probe on the film: `force_N` along +z, `tangential_N` along x and y.
+    """The force of a probe on the film."""
 
-    ``dead``: a traction on the reference area, spread as `profile` says; ``follower``: a pressure
-    normal to the deformed film; ``rigid``: a flat punch, sliding or stuck in the plane (`contact`,
-    which no other kind has; sliding when not given). A stuck punch is held in the plane, unless
-    `tangential_N` pushes it. With `tilt` ``free`` it leans as the film lets it, by small angles
-    about x and y; otherwise its guide holds it with moments.
+    kind: Annotated[str, Key(words=LOAD_CLASSES)] = "dead"
+    """dead: a traction along z on the reference area. follower: a pressure normal to the deformed
+    film. rigid: a flat punch. contact: a rigid tip, a sphere or a probe with edge_radius_mm, on
+    which the film slides where it touches."""
+    depth_mm: Annotated[float | None, DEPTH] = None
+    """Depth of a tip, in place of force_N."""
+    force_N: Annotated[float, FORCE] = 1.0
+    """Force along z."""
+    contact: Annotated[
+        Literal["sliding", "stuck"] | None,
+        Field(validate_default=True),
+        Key(needs=("kind", "rigid"), example="sliding"),
+    ] = None
+    """A flat punch is sliding in the plane, or stuck, held by its guide unless tangential_N pushes
+    it; sliding where it is not given."""
+    tilt: Annotated[Literal["held", "free"], Key(needs=("kind", "rigid"), idle="held")] = "held"
+    """held: the guide of a punch keeps it horizontal by moments. free: it leans as the film lets
+    it, by small angles about x and y."""
+    tangential_N: Annotated[tuple[float, float] | None, TANGENTIAL] = None
+    """Force along x and y, of a dead load or a stuck punch."""
+    profile: Annotated[str, Key(needs=("kind", "dead"), idle="uniform")] = "uniform"
+    """How a dead load is spread: uniform, hertz (discs and ellipses), gaussian, or the path, from
+    the working directory, of a CSV or NetCDF file with x_mm, y_mm and pressure on a grid in the
+    probe's own axes, whose total is the force. A path that ends in #sha256= and a digest refuses
+    any other content of the file."""
+    profile_width_mm: Annotated[
+        float | None, Key("mm", (1e-4, 1e5), needs=("profile", "gaussian"), example=2.0)
+    ] = None
+    """Where a gaussian is 1/e² of its largest value; by default the radius of a disc of the same
+    area."""
 
-    ``contact``: a rigid tip, a sphere or a flat probe with `edge_radius_mm`, on which the film
-    slides where it touches; `depth_mm` may take the place of `force_N`. `friction` is Coulomb's
-    coefficient. With ``stuck`` the film never slides on a round tip: it keeps the place where it
-    touched. With either the load grows from zero in `numerics.load_steps`. Then `tangential_N`
-    pushes the tip sideways; without it the tip is guided.
-
-    `profile` is ``uniform``, ``hertz``, ``gaussian`` or the path, from the working directory, of a
-    CSV or NetCDF file with ``x_mm``, ``y_mm`` and ``pressure`` on a grid in the probe's own axes.
-    Only its shape counts: its total is the force. A path that ends in ``#sha256=`` and a digest, as
-    in the scene of a solution, refuses any other content of the file. At `profile_width_mm` from
-    the probe's centroid a ``gaussian`` is 1/e² of its largest value; by default the radius of a
-    disc of the same area.
-    """
-
-    kind: LoadKind = "dead"
-    depth_mm: Depth | None = None
-    force_N: Annotated[Force, Affects.SCALE] = 1.0
-    friction: Any = 0.0
-    contact: Literal["sliding", "stuck"] | None = Field(None, validate_default=True)
-    tilt: Literal["held", "free"] = "held"
-    tangential_N: Tangential | None = None
-    profile: str = "uniform"
-    profile_width_mm: Length | None = None
-
-    @field_validator(*_NEEDS)
+    @field_validator("contact")
     @classmethod
-    def _has_what_it_needs(cls, value: Any, info: ValidationInfo) -> Any:
-        key, needed = _NEEDS[str(info.field_name)]
-        found = info.data.get(key) or needed  # refused already, or said by the scene's load
-        if info.field_name == "contact" and info.data.get("kind") == "rigid":
-            return value or "sliding"
-        if value not in (None, "uniform", "held", 0.0) and found != needed:
-            only = f'is for {key} = "{needed}" only, not "{found}"; remove it or change load.{key}'
-            raise refusal(only)
-        return value
-
-    @field_validator("friction")
-    @classmethod
-    def _is_a_coefficient_or_all(cls, value: Any) -> str | float:
-        if value == "stuck":
-            return "stuck"
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not 0.0 <= value <= 10.0
-        ):
-            raise refusal('is no coefficient from 0 to 10; give one, or "stuck" for no sliding')
-        return float(value)
+    def _slides(cls, value: str | None, info: ValidationInfo) -> str | None:
+        return value or ("sliding" if info.data.get("kind") == "rigid" else None)
 
     @field_validator("profile")
     @classmethod
@@ -185,15 +136,11 @@ class Load(Section):
 
     @field_validator("tangential_N")
     @classmethod
-    def _is_borne(cls, value: Tangential | None, info: ValidationInfo) -> Tangential | None:
+    def _is_borne(cls, value: Any, info: ValidationInfo) -> Any:
         if value is not None and info.data.get("kind") == "follower":
             raise refusal('is not of a pressure normal to the film; remove it or give kind "dead"')
-        friction, force = info.data.get("friction"), info.data.get("force_N")
-        if value is not None and info.data.get("kind") == "contact" and isinstance(friction, float):
-            most = math.inf if info.data.get("depth_mm") and friction else friction * (force or 0.0)
-            if math.hypot(*value) >= most:
-                reason = f"slides off, as friction bears {most:.3g} N at most"
-                raise refusal(f'{reason}; raise load.friction, or give friction = "stuck"')
+        if value is not None and info.data.get("kind") == "contact":
+            raise refusal("is not of a tip, which a guide holds and the film slides on; remove it")
         if value is not None and info.data.get("contact") == "sliding":
             raise refusal('slides off without friction; remove it or give contact = "stuck"')
         return value
@@ -219,12 +166,11 @@ class Load(Section):
         """Depth of a tip in m, where it is given instead of a force."""
         return None if self.depth_mm is None else self.depth_mm / 1e3
 
-    def times(self, part: float) -> Load:
-        """A part of the force along z, none sideways; a tip's depth is about as its third root."""
-        depth_mm = self.depth_mm and self.depth_mm * part ** (1.0 / 3.0)
+    @property
+    def unloaded(self) -> Load:
+        """The load without any force."""
         pushed = self.tangential_N and (0.0, 0.0)
-        update = {"depth_mm": depth_mm, "tangential_N": pushed, "force_N": part * self.force_N}
-        return self.model_copy(update=update)
+        return self.model_copy(update={"tangential_N": pushed, "force_N": 0.0})
 
     @property
     def force(self) -> float:
@@ -248,10 +194,32 @@ if TYPE_CHECKING:
         """What a probe of a list says of its load. What it does not say is None."""
 else:
     _own: Any = {
-        key: (Annotated[(field.annotation, Field(), *field.metadata)] | None, None)
+        key: (Annotated[(field.annotation | None, Field(), *field.metadata)], None)
         for key, field in Load.model_fields.items()
     }
     OwnLoad = create_model("OwnLoad", __base__=Load, __module__=__name__, **_own)
+#: What keys of loads and channels need beside them: a key and its value.
+_NEEDS = {
+    name: needs
+    for table in (Load, Readout)
+    for name in table.model_fields
+    if (needs := table.key_of(name).needs)
+}
+
+
+def put(table: dict[str, Any], key: str, value: Any, rival: Any = None) -> None:
+    """Change a key of a scene's table. Keys that need another value of this one are left behind,
+    and so is its rival. Where a value of the `rival` is given, too, both stay and are refused."""
+    if isinstance(value, dict):  # a value by channel leaves nothing behind
+        table[key] = value
+        return
+    for other, (decider, needed) in _NEEDS.items():
+        if other in table and decider == key and value != needed:
+            put(table, other, None)
+            del table[other]
+    if value is not None and rival is None:
+        table.pop(RIVALS.get(key, ""), None)
+    table[key] = value
 
 
 def said_at(where: str, probe: Any, key: str) -> str:

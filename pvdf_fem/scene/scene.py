@@ -8,11 +8,11 @@ nothing else in the package converts lengths or moduli. Defaults are the thesis'
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeAlias, overload
+from typing import TYPE_CHECKING, Annotated, Any, Self, overload
 
 from pydantic import (
     SerializerFunctionWrapHandler,
@@ -22,15 +22,14 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.change import Replaced, change
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.tip import Tip, tip_of
-from pvdf_fem.scene.placement import LEAST_RADIUS_MM, clashes, misplacements
-from pvdf_fem.scene.quantity import Finite, Section, Whole, within
-from pvdf_fem.scene.readout import Readout
+from pvdf_fem.scene.placement import clashes, misplacements
+from pvdf_fem.scene.quantity import Affects, Key, Section
+from pvdf_fem.scene.readout import Readout, Uncertain
 from pvdf_fem.scene.registry import FORCES, OBSERVABLE_ENTRIES, Load, OwnLoad
 from pvdf_fem.scene.scene_file import (
     SceneError,
@@ -61,30 +60,25 @@ __all__ = [
 ]
 
 
-if TYPE_CHECKING:
-    ObservableName: TypeAlias = str
-else:
-    ObservableName = Literal[tuple(OBSERVABLE_ENTRIES)]
-
-
 class Numerics(Section):
-    """The relative error wanted in every charge, which observable is called charge, and limits.
+    """The error that is wanted in every charge, what is called charge, and limits of a solve."""
 
-    `tolerance` is relative to each charge. Where its parts, d31 S11 and d32 S22, cancel to less
-    than 5 % of them, it is relative to 5 % of them, and a warning names charge, parts and error.
-    `load_steps` is the number of steps in which film comes to stick to a tip, 6 by default, or
-    slides against friction, 4 by default.
-    `max_unknowns` is the largest number of unknowns of a mesh. `max_seconds` is the work allowed
-    for a solve in seconds of one core, counted by unknowns and iterations, so that a result does
-    not depend on the machine's load. A limit that is None is the solver's, which grows where the
-    tolerance is below 1e-3.
-    """
-
-    tolerance: Annotated[Finite, within(1e-8, 0.5, ends=False)] = 1e-3
-    observable: Annotated[ObservableName, Affects.READING] = "material"
-    load_steps: Annotated[Whole, within(3, 50)] | None = None
-    max_unknowns: Annotated[Whole, within(100, 10_000_000, "unknowns")] | None = None
-    max_seconds: Annotated[Finite, within(0.1, 1e6, "s")] | None = None
+    tolerance: Annotated[float, Key("", (2e-8, 0.49))] = 1e-3
+    """Error wanted in every charge, relative to the charge. Where its parts, d31 S11 and d32 S22,
+    cancel to less than 5 % of them, relative to 5 % of them; a warning says so."""
+    observable: Annotated[
+        str,
+        Key(affects=Affects.READING, words=OBSERVABLE_ENTRIES),
+    ] = "material"
+    """material: d31 S11 + d32 S22 over the electrode. thesis-edge: mean stress on opposite edges
+    times the area."""
+    max_unknowns: Annotated[int | None, Key("unknowns", (100, 10_000_000), example=60000)] = None
+    """Largest number of unknowns of a refined mesh; by default 60000, 30000 if the film wrinkles,
+    and more for tolerances below 1e-3."""
+    max_seconds: Annotated[float | None, Key("s", (0.1, 1e6), example=20.0)] = None
+    """Work allowed for a solve in seconds of one core, counted by unknowns and iterations so that a
+    result does not depend on the machine's load; by default 20, and more for tolerances below
+    1e-3."""
 
     @model_serializer(mode="wrap")
     def _without_default_limits(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -124,11 +118,6 @@ class LoadedProbe:
         return tip_of(self.probe)
 
 
-_THINNEST_UM = 0.5  #: A thinner film in µm was probably meant in mm.
-_MOST_N = 100.0  #: A larger force in N was probably meant in grams.
-_LEAST_PC_N = 1e-6  #: A smaller piezoelectric coefficient in pC/N was probably meant in C/N.
-
-
 class Scene(Section):
     """One film with its electrodes, probes or none, a load, and what reads and positions them.
 
@@ -139,17 +128,31 @@ class Scene(Section):
     """
 
     film: Film = Film()
-    electrodes: Annotated[Electrodes, Affects.READING] = Layout()
+    """The film and its material."""
+    electrodes: Annotated[Electrodes, Key(affects=Affects.READING)] = Layout()
+    """The electrodes: a layout, or a list of any."""
     probe: Probes | None = None
+    """What presses on the film, or a list of several; nothing does where it is not given."""
     if TYPE_CHECKING:
         load: _LoadOrReader = _LoadOrReader()
     else:
         load: Load = Load()
+        """The force of the probe."""
     numerics: Numerics = Numerics()
-    readout: Annotated[Readout | None, Affects.INSTRUMENT] = None
-    stage: Annotated[Stage | None, Affects.INSTRUMENT] = None
-    air: Annotated[Air | None, Affects.DYNAMICS] = None
-    model: Annotated[WantedModel | None, Affects.INSTRUMENT] = None
+    """The accuracy of a solve."""
+    readout: Annotated[Readout | None, Key(affects=Affects.INSTRUMENT)] = None
+    """What reads the electrodes."""
+    stage: Annotated[Stage | None, Key(affects=Affects.INSTRUMENT)] = None
+    """The film on the stage that positions the probe."""
+    air: Annotated[Air | None, Key(affects=Affects.DYNAMICS)] = None
+    """The air on both sides of the film, for vibrations."""
+    model: Annotated[WantedModel | None, Key(affects=Affects.INSTRUMENT)] = None
+    """The model of the charges by the touch."""
+    uncertain: Annotated[
+        Uncertain | None,
+        Key(affects=Affects.INSTRUMENT, example={"film.thickness_um": "5 %"}),
+    ] = None
+    """Standard deviations of numbers of the scene, by key: ``{ "film.thickness_um" = "5 %" }``."""
 
     if not TYPE_CHECKING:  # type checkers have the keys from the fields
 
@@ -184,24 +187,18 @@ class Scene(Section):
     @property
     def doubts(self) -> tuple[str, ...]:
         """What a scene may say and hardly means: a load on nothing, and units of other keys."""
-        film, found = self.film, []
+        found, tables = [], {"film": self.film, "load": self.load}
         if self.probe is None and self.load != Load():
             found.append("load: nothing presses, since there is no probe; add [probe]")
-        elif (force := self.load.force_N) >= _MOST_N:
-            meant = f"were {force * 9.81e-3:.3g} N meant, which are {force:g} grams?"
-            found.append(f"{problem('load.force_N', force, 'is in N')}; {meant}")
+            del tables["load"]
         for key in self.unheeded(f"load.{k}" for k in self.load.model_dump(exclude_defaults=True)):
             found.append(f"{key}: no probe has it, since each says its own; remove one of the two")
-        for key, least, factor, unit, other in (
-            ("d31_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
-            ("d32_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
-            ("d33_pC_N", _LEAST_PC_N, 1e12, "pC/N", "C/N"),
-            ("thickness_um", _THINNEST_UM, 1e3, "µm", "mm"),
-            ("radius_mm", LEAST_RADIUS_MM, 1e3, "mm", "m"),
-        ):
-            if 0.0 < abs(value := getattr(film, key) or 0.0) < least:
-                meant = f"were {factor * value:g} {unit} meant, which are {value:g} {other}?"
-                found.append(f"{problem(f'film.{key}', value, f'is in {unit}')}; {meant}")
+        for name, table in tables.items():
+            for key, value in table:
+                said = table.key_of(key)
+                if isinstance(value, float) and (meant := said.meant(value)):
+                    told = problem(f"{name}.{key}", value, f"is in {said.unit}")
+                    found.append(f"{told}; {meant}")
         return tuple(found)
 
     @property
@@ -300,11 +297,13 @@ class Scene(Section):
         scenes = {k: text for k, text in examples().items() if not any(o in text for o in others)}
         return cls.parse(example_text(name, scenes), name)
 
-    def with_(self, /, **changes: Any) -> Scene:
+    def with_(self, tables: Mapping[str, Any] | None = None, /, **changes: Any) -> Scene:
         """Another scene, with some values changed.
 
         Parameters
         ----------
+        tables : mapping, optional
+            Changes as a dict instead of keywords.
         **changes
             Values by dotted key, ``{"load.force_N": 2.0, "electrodes.0.x_mm": 8}``, or tables,
             ``film={"thickness_um": 12}``, which are merged: keys that a table does not have stay. A
@@ -321,8 +320,8 @@ class Scene(Section):
         SceneError
             Listing all mistakes, as for a file.
         """
-        tables = self._tables()
-        return self._from_tables(tables, "", change(tables, changes))
+        own = self._tables()
+        return self._from_tables(own, "", change(own, {**(tables or {}), **changes}))
 
     def to_toml(self) -> str:
         """The scene as a scene file with every key; parsing it gives an equal scene."""

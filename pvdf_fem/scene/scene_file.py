@@ -6,9 +6,9 @@ import difflib
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pvdf_fem.files import FileError, printable, read_text
 
@@ -65,6 +65,28 @@ def example_text(name: str, files: Mapping[str, str]) -> str:
     return files[name]
 
 
+class KeyText(NamedTuple):
+    """A key of a scene file with its meaning."""
+
+    table: str  #: As its heading has it: ``[film]``.
+    name: str
+    text: str  #: The key with its default or an example, below lines of comment.
+
+
+def key_texts() -> Iterator[KeyText]:
+    """The keys of scene files as the example with every key has them."""
+    table = ""
+    lines: list[str] = []
+    for line in examples()["four_electrodes"].splitlines():
+        if heading := re.match(r"#?(\[+[\w.]+\]+)", line):
+            table, lines = heading[1], []
+        elif name := re.match(r"#?(\w+) = ", line):
+            yield KeyText(table, name[1], "\n".join([*lines, line]))
+            lines = []
+        else:
+            lines = [*lines, line] if line.startswith("# ") else []
+
+
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The table in a TOML text; SceneError naming source and line for what is not TOML."""
     if len(text) > MOST_BYTES:
@@ -97,9 +119,24 @@ def write_toml(table: Mapping[str, Any]) -> str:
             (f"[[{name}]]", content) if isinstance(content, list) else (f"[{name}]", [content])
         )
         for row in rows:
-            lines = [heading, *(f"{key} = {toml_value(value)}" for key, value in row.items())]
+            lines = [heading, *(f"{_key(k)} = {toml_value(value)}" for k, value in row.items())]
             blocks.append("\n".join(lines) + "\n")
     return "\n".join(blocks)
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else toml_value(name)
+
+
+def flattened(table: Any, prefix: str = "") -> Any:
+    """Values by dotted key of nested tables, as TOML makes them of keys without quotes."""
+    if not isinstance(table, Mapping):
+        return table
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        nested = isinstance(value, Mapping)
+        flat |= flattened(value, f"{prefix}{key}.") if nested else {f"{prefix}{key}": value}
+    return flat
 
 
 def parse_change(text: str) -> tuple[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from string import ascii_uppercase
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
@@ -14,28 +15,23 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
-    ValidationInfo,
     create_model,
     field_validator,
     model_validator,
 )
 
-from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.outlines.circle import CircleShape
 from pvdf_fem.scene.outlines.ellipse import EllipseShape
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.outlines.polygon import PolygonShape, RectangleShape, SquareShape, TriangleShape
-from pvdf_fem.scene.outlines.shape import HEAT, Shape
+from pvdf_fem.scene.outlines.shape import HEAT, SIZE, Shape, Touching
 from pvdf_fem.scene.outlines.sphere import SphereShape
-from pvdf_fem.scene.quantity import Finite, Length, Modulus, Number, Section, Whole, refusal, within
-from pvdf_fem.scene.registry import FORCES, RIVALS, Depth, Force, Load, OwnLoad, Tangential, put
-from pvdf_fem.scene.scene_file import quote
+from pvdf_fem.scene.quantity import Affects, Key, Section, refusal
+from pvdf_fem.scene.registry import DEPTH, FORCE, FORCES, RIVALS, TANGENTIAL, Load, OwnLoad, put
 
-MOST_ELECTRODES = 100  #: Sensors with more electrodes are refused.
-MOST_PROBES = 20  #: Scenes with more probes are refused.
-MOST_PATCHES = 100  #: Films with more patches are refused.
-Density = Annotated[Finite, within(0.0, 1e6, "kg/m³")]
-Expansion = Annotated[Finite, within(-1.0, 1.0, "1/K")]
+#: Keys of materials, which the film and its patches have.
+MODULUS = Key("GPa", (1e-6, 1e4), usual=(1e-6, 1500.0), mistaken={"Pa": 1e-9, "MPa": 1e-3})
+EXPANSION = Key("1/K", (-0.1, 0.1), Affects.STRAIN_AT_REST)
 #: Shapes of probes and electrodes. A new shape is named here.
 _SHAPES: list[type[Shape]] = [RectangleShape, CircleShape, EllipseShape, PolygonShape]
 _OF_PROBES_ONLY: list[type[Shape]] = [TriangleShape, SphereShape]
@@ -50,45 +46,38 @@ def _is_name(name: str) -> str:
     return name
 
 
-class _Flat(Section):
-    """What is no probe."""
-
-    @field_validator("edge_radius_mm", *HEAT, check_fields=False)
-    @classmethod
-    def _is_of_probes(cls, value: float | None) -> float | None:
-        if value is not None:
-            raise refusal("is of probes only; remove it")
-        return value
-
-
-class _Named(_Flat):
+class _Named(Section):
     """The name of an electrode."""
 
-    name: Annotated[str, AfterValidator(_is_name)]
+    name: Annotated[str, AfterValidator(_is_name), Key(example="A")]
+    """A name that no other electrode has."""
 
 
-class Bonded(_Flat):
-    """A layer bonded to the film, on one side or, half as thick, on both. Its material is the
-    film's where it is not given; a modulus makes it isotropic. ``bonded = "at rest"``: to the
-    stretched film, without stress of its own; ``"before stretching"``: it is stretched, or cooled
-    and clamped, together with the film."""
+class Bonded(Section):
+    """A layer bonded to the film, as tape, ink or solder. Layers may overlap electrodes, probes and
+    each other, and reach over the rim. Their material is the film's where it is not given."""
 
-    thickness_um: Annotated[Finite, within(1e-3, 1e6, "µm")]
-    both_sides: Annotated[bool, Field(strict=True)] = False
-    youngs_modulus_GPa: Modulus | None = None
-    poisson_ratio: Annotated[Finite, within(0.0, 0.4999)] | None = None
-    density_kg_m3: Annotated[Density | None, Affects.DYNAMICS] = None
+    thickness_um: Annotated[float, Key("µm", (1e-3, 1e5), example=50.0)]
+    """Thickness, of both layers together where the layer is on both sides."""
+    both_sides: Annotated[bool, Key()] = False
+    """The layer is half on the one side and half on the other."""
+    youngs_modulus_GPa: Annotated[float | None, replace(MODULUS, example=3.0)] = None
+    """Young's modulus, of an isotropic layer."""
+    poisson_ratio: Annotated[
+        float | None, Key("", (0.0, 0.4999), needs=("youngs_modulus_GPa", None), example=0.3)
+    ] = None
+    """Poisson's ratio."""
+    density_kg_m3: Annotated[
+        float | None, Key("kg/m³", (0.0, 1e5), Affects.DYNAMICS, example=1400.0)
+    ] = None
+    """Density."""
     bonded: Literal["at rest", "before stretching"] = "at rest"
-    thermal_expansion_per_K: Expansion | None = None
-
-    @field_validator("poisson_ratio", "thermal_expansion_per_K")
-    @classmethod
-    def _has_what_it_needs(cls, value: float | None, info: ValidationInfo) -> float | None:
-        needs = {"poisson_ratio": "youngs_modulus_GPa", "thermal_expansion_per_K": "bonded"}
-        key = needs[str(info.field_name)]
-        if value is not None and key in info.data and info.data[key] in (None, "at rest"):
-            raise refusal(f"needs another {key} than {quote(info.data[key])}; change one of them")
-        return value
+    """at rest: to the stretched film, without stress of its own. before stretching: it is
+    stretched, or cooled and clamped, together with the film."""
+    thermal_expansion_per_K: Annotated[
+        float | None, Key("1/K", (-0.1, 0.1), needs=("bonded", "before stretching"), example=1e-5)
+    ] = None
+    """Thermal expansion."""
 
     @property
     def thickness(self) -> float:
@@ -100,10 +89,14 @@ class Pressing(Section):
     """What a probe of a list says of its load, which is merged over the scene's load: a kind of its
     own leaves behind what only the kind of the scene's load bears."""
 
-    depth_mm: Depth | None = None
-    force_N: Force | None = None
-    tangential_N: Tangential | None = None
-    load: OwnLoad | None = None
+    depth_mm: Annotated[float | None, DEPTH] = None
+    """Depth of the tip, in place of force_N."""
+    force_N: Annotated[float | None, FORCE] = None
+    """Force along z."""
+    tangential_N: Annotated[tuple[float, float] | None, TANGENTIAL] = None
+    """Force along x and y."""
+    load: Annotated[OwnLoad | None, Key(example={"kind": "rigid"})] = None
+    """Other keys of [load] that the probe has for itself."""
 
     @model_validator(mode="before")
     @classmethod
@@ -152,7 +145,7 @@ def _over(table: dict[str, Any], said: Mapping[str, Any]) -> dict[str, Any]:
 
 if TYPE_CHECKING:
 
-    class Probe(Shape):
+    class Probe(Touching):
         """A probe, whatever its shape."""
 
     class PressingProbe(Probe, Pressing):
@@ -173,13 +166,14 @@ def _made(name: str, base: Any, doc: str | None, **fields: Any) -> Any:
     return model
 
 
-def _pressing(shape: type[Shape]) -> Any:
-    """The model of probes of a list of a shape."""
-    name = shape.__name__.replace("Shape", "Probe")
-    return _made(name, (shape, Pressing), f"A probe of a list: {(shape.__doc__ or '').strip()}")
+def _probe(shape: type[Shape], kind: str, *bases: type[Section]) -> Any:
+    """The model of probes of a shape."""
+    name = shape.__name__.replace("Shape", kind)
+    touching = () if issubclass(shape, Touching) else (Touching,)
+    return _made(name, (shape, *touching, *bases), shape.__doc__)
 
 
-def _flat(shape: type[Shape], base: type[_Flat], kind: str) -> Any:
+def _flat(shape: type[Shape], base: type[Section], kind: str) -> Any:
     """The model of electrodes or patches of a shape, without default for place and sizes. A shape
     of probes has the sizes of the thesis's probe by default, so electrodes and patches must give
     their sizes; the square keeps its default, the size of the thesis's electrodes."""
@@ -192,7 +186,7 @@ def _flat(shape: type[Shape], base: type[_Flat], kind: str) -> Any:
         if name in required and not field.is_required()
     }
     name = shape.__name__.replace("Shape", kind)
-    return _made(name, (shape, base), f"{kind}: {(shape.__doc__ or '').strip()}", **fields)
+    return _made(name, (shape, base), shape.__doc__, **fields)
 
 
 def _word(shape: type[Shape]) -> str:
@@ -200,11 +194,15 @@ def _word(shape: type[Shape]) -> str:
 
 
 #: The models of probes, of probes of a list and of electrodes by shape.
-PROBES = {_word(shape): shape for shape in _OF_PROBES_ONLY + _SHAPES}
-LISTED_PROBES = {word: _pressing(shape) for word, shape in PROBES.items()}
+_PROBES = _OF_PROBES_ONLY + _SHAPES
+PROBES = {_word(shape): _probe(shape, "Probe") for shape in _PROBES}
+LISTED_PROBES = {_word(shape): _probe(shape, "ListedProbe", Pressing) for shape in _PROBES}
 _FLAT = _OF_ELECTRODES_ONLY + _SHAPES
 ELECTRODES = {_word(shape): _flat(shape, _Named, "Electrode") for shape in _FLAT}
 PATCHES = {_word(shape): _flat(shape, Bonded, "Patch") for shape in _FLAT}
+#: Keys that shapes do not share. A shape that becomes another one leaves them behind.
+SIZES = {key for probe in PROBES.values() for key in probe.model_fields}
+SIZES -= {*Shape.model_fields, *HEAT}
 
 
 def _one_of(models: Mapping[str, type[Section]], default: str) -> Any:
@@ -213,10 +211,10 @@ def _one_of(models: Mapping[str, type[Section]], default: str) -> Any:
     def shape_of(value: Any) -> str | None:
         if isinstance(value, Mapping):
             value = value.get("shape", default)
-            return value if isinstance(value, str) else ""
-        return getattr(value, "shape", None)
+            return f"<{value}>" if isinstance(value, str) else ""
+        return f"<{value.shape}>" if isinstance(value, Shape | Ring) else None
 
-    tagged = tuple(Annotated[model, Tag(shape)] for shape, model in models.items())
+    tagged = tuple(Annotated[model, Tag(f"<{shape}>")] for shape, model in models.items())
     return Annotated[Union[tagged], Discriminator(shape_of)]  # noqa: UP007
 
 
@@ -227,58 +225,64 @@ if not TYPE_CHECKING:
     Patch = _one_of(PATCHES, "square")
 
 
-class Layout(Section):
-    """The thesis's layouts: square electrodes on a ring, their edges along x and y.
+def _around(
+    ring_radius_mm: float, count: int, first_deg: float, **keys: Any
+) -> tuple[Electrode, ...]:
+    """Electrodes evenly on a ring, none of them turned: A at the first angle, B, C, ..."""
+    model = ELECTRODES[keys["shape"]]
+    angles = first_deg + 360.0 * np.arange(count) / count
+    places = [turn([ring_radius_mm, 0.0], angle).tolist() for angle in angles]
+    return tuple(
+        model(name=name, x_mm=x, y_mm=y, **keys)
+        for name, (x, y) in zip(ascii_uppercase, places, strict=False)
+    )
 
-    ``four``: A on +x, B on +y, C on -x, D on -y; ``three``: A at 270°, B at 30°, C at 150°.
-    """
+
+class Layout(Section):
+    """The thesis's layouts: square electrodes on a ring, their edges along x and y."""
 
     layout: Literal["four", "three"] = "four"
-    ring_radius_mm: Length = 10.0
-    side_mm: Length = 3.0
+    """four: A on +x, B on +y, C on -x, D on -y. three: A at 270°, B at 30°, C at 150°. ring: any
+    number of electrodes of any shape."""
+    ring_radius_mm: Annotated[float, SIZE] = 10.0
+    """From the film's centre to the centres of the electrodes."""
+    side_mm: Annotated[float, SIZE] = 3.0
+    """Length of a side."""
 
     @cached_property
     def electrodes(self) -> tuple[Electrode, ...]:
         """The electrodes of the layout."""
-        angles = _ANGLES_DEG[self.layout].items()
-        places = {name: turn([self.ring_radius_mm, 0.0], angle) for name, angle in angles}
-        return tuple(
-            ELECTRODES["square"](name=name, x_mm=float(x), y_mm=float(y), side_mm=self.side_mm)
-            for name, (x, y) in places.items()
-        )
-
-
-_ANGLES_DEG = {
-    "four": {"A": 0.0, "B": 90.0, "C": 180.0, "D": 270.0},
-    "three": {"A": 270.0, "B": 30.0, "C": 150.0},
-}
+        count, first_deg = {"four": (4, 0.0), "three": (3, 270.0)}[self.layout]
+        keys = {"shape": "square", "side_mm": self.side_mm}
+        return _around(self.ring_radius_mm, count, first_deg, **keys)
 
 
 class Ring(Section):
-    """Electrodes of one shape, evenly on a ring: A at the first angle, B, C, ... counter-clockwise.
-
-    No electrode is turned: its axes are the film's, as in the thesis. `centre` adds a last
-    electrode on the film's centre.
-    """
+    """Electrodes of one shape, evenly on a ring: A, B, C, ... counter-clockwise. None is turned:
+    the axes of each electrode are the film's, as in the thesis."""
 
     layout: Literal["ring"] = "ring"
-    count: Annotated[Whole, within(1, 25, "electrodes")] = 4
-    ring_radius_mm: Length = 10.0
-    first_angle_deg: Number = 0.0
-    centre: Annotated[bool, Field(strict=True)] = False
+    """A ring of any number of electrodes of any shape."""
+    count: Annotated[int, Key("electrodes", (1, 25))] = 4
+    """Number of electrodes on the ring."""
+    ring_radius_mm: Annotated[float, SIZE] = 10.0
+    """From the film's centre to the centres of the electrodes."""
+    first_angle_deg: Annotated[float, Key("degrees", (-3600.0, 3600.0))] = 0.0
+    """From +x to A."""
+    centre: Annotated[bool, Key()] = False
+    """One more electrode, the last, is on the film's centre."""
     shape: str
+    """The shape of all electrodes, with its sizes."""
 
     @cached_property
     def electrodes(self) -> tuple[Electrode, ...]:
-        """The electrodes on the ring, then that on the centre."""
-        turns = 360.0 * np.arange(self.count) / self.count
-        places = [turn([self.ring_radius_mm, 0.0], self.first_angle_deg + a) for a in turns]
-        places += [np.zeros(2)] if self.centre else []
-        sizes = self.model_dump(exclude=set(Ring.model_fields))
-        return tuple(
-            ELECTRODES[self.shape](name=name, x_mm=float(x), y_mm=float(y), **sizes)
-            for name, (x, y) in zip(ascii_uppercase, places, strict=False)
-        )
+        """The electrodes on the ring, then the one on the centre."""
+        keys = self.model_dump(exclude=set(Ring.model_fields) - {"shape"})
+        around = _around(self.ring_radius_mm, self.count, self.first_angle_deg, **keys)
+        if self.centre:
+            name = ascii_uppercase[self.count]
+            around += (around[0].model_copy(update={"name": name, "x_mm": 0.0, "y_mm": 0.0}),)
+        return around
 
 
 def _ring(electrode: type[Shape]) -> Any:
@@ -312,25 +316,21 @@ else:
 
 def _table_or_list(value: Any) -> str | None:
     if isinstance(value, list | tuple):
-        return "list"
+        return "<list>"
     if not isinstance(value, Mapping | Layout | Ring):
         return None
     layout = value.get("layout") if isinstance(value, Mapping) else value.layout
-    return "ring" if layout == "ring" else "layout"
+    return "<ring>" if layout == "ring" else "<layout>"
 
 
 Probes: TypeAlias = Annotated[
-    Annotated[Probe, Tag("table")]
-    | Annotated[
-        tuple[PressingProbe, ...], Field(min_length=1, max_length=MOST_PROBES), Tag("list")
-    ],
-    Discriminator(lambda value: "list" if isinstance(value, list | tuple) else "table"),
+    Annotated[Probe, Tag("<table>")]
+    | Annotated[tuple[PressingProbe, ...], Field(min_length=1, max_length=20), Tag("<list>")],
+    Discriminator(lambda value: "<list>" if isinstance(value, list | tuple) else "<table>"),
 ]
 Electrodes: TypeAlias = Annotated[
-    Annotated[Layout, Tag("layout")]
-    | Annotated[AnyRing, Tag("ring")]
-    | Annotated[
-        tuple[Electrode, ...], Field(min_length=1, max_length=MOST_ELECTRODES), Tag("list")
-    ],
+    Annotated[Layout, Tag("<layout>")]
+    | Annotated[AnyRing, Tag("<ring>")]
+    | Annotated[tuple[Electrode, ...], Field(min_length=1, max_length=100), Tag("<list>")],
     Discriminator(_table_or_list),
 ]

@@ -10,17 +10,7 @@ from pydantic import BeforeValidator, field_validator
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.outlines.outline import turn
-from pvdf_fem.scene.quantity import (
-    Coordinate,
-    Finite,
-    Length,
-    Number,
-    Section,
-    refusal,
-    within,
-)
-
-Force = Annotated[Finite, within(1e-9, 1e9, "N")]
+from pvdf_fem.scene.quantity import Key, Section, refusal
 
 
 def _none_for_auto(value: Any) -> Any:
@@ -28,15 +18,18 @@ def _none_for_auto(value: Any) -> Any:
 
 
 class Stage(Section):
-    """Where the film's centre is on the stage, and how far the film's axes are turned there.
+    """Where the film is on the stage that positions the probe, as `pvdf-fem calibrate` finds it.
 
     Touches that are read or told, as by `calibrate` and `locate`, are places on the stage. A
     scene's probe is a place on the film.
     """
 
-    x_mm: Coordinate = 0.0
-    y_mm: Coordinate = 0.0
-    rotation_deg: Number = 0.0
+    x_mm: Annotated[float, Key("mm", (-1e5, 1e5))] = 0.0
+    """The film's centre in the frame of the stage, along x."""
+    y_mm: Annotated[float, Key("mm", (-1e5, 1e5))] = 0.0
+    """The film's centre in the frame of the stage, along y."""
+    rotation_deg: Annotated[float, Key("degrees", (-3600.0, 3600.0))] = 0.0
+    """From the axes of the stage to the axes of the film, counter-clockwise."""
 
     @property
     def turn(self) -> Array:
@@ -55,19 +48,17 @@ class Stage(Section):
 
 
 class WantedModel(Section):
-    """Touches that the model of `locate`, `track` and `explore` holds for, and its error.
+    """Touches for which the model of `pvdf-fem locate`, `track` and `explore` holds."""
 
-    `reach_mm` is the largest distance of the probe's centroid from the film's centre, by default
-    12, at most 0.6 of the film's radius and the probe's width away from the rim. `force_range_N`
-    are the least and the largest force. `tolerance` is the largest error bound relative to a
-    charge, or ``"auto"``: a tenth of the relative noise of readings.
-    """
-
-    reach_mm: Length | None = None
-    force_range_N: tuple[Force, Force] = (0.1, 5.0)
+    reach_mm: Annotated[float | None, Key("mm", (1e-3, 1e5), example=12.0)] = None
+    """Largest distance of the probe's centroid from the film's centre; by default 12, at most 0.6
+    of the film's radius and the probe's width away from the rim."""
+    force_range_N: Annotated[tuple[float, float], Key("N", (1e-9, 1e6))] = (0.1, 5.0)
+    """Least and largest force."""
     tolerance: Annotated[
-        Annotated[Finite, within(1e-6, 1.0)] | None, BeforeValidator(_none_for_auto)
+        float | None, BeforeValidator(_none_for_auto), Key("", (1e-6, 1.0), example="auto")
     ] = None
+    """Largest error bound relative to a charge. auto: a tenth of the relative noise of readings."""
 
     @field_validator("force_range_N")
     @classmethod

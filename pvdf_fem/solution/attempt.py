@@ -15,6 +15,7 @@ from pvdf_fem.charges.forces import (
     Forces,
     area_defects,
     charge_sizes,
+    charges_of,
     force_errors,
     goal_forces,
     goal_gradients,
@@ -26,35 +27,25 @@ from pvdf_fem.film.layers import Layers, remaining_part
 from pvdf_fem.film.loads.kinds import rigid_elements
 from pvdf_fem.film.loads.posed import NOTHING, Posed
 from pvdf_fem.film.space import transferred
-from pvdf_fem.film.unknowns import prolonged
-from pvdf_fem.mesh.size_field import SizeField, element_sizes, refined_sizes
+from pvdf_fem.film.unknowns import prolongation
+from pvdf_fem.mesh.size_field import SizeField, refined_sizes
 from pvdf_fem.mesh.symmetry import MirroredPart
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.estimate import Correction, corrected, duals, indicators
 from pvdf_fem.solution.fields import Fields
 from pvdf_fem.solution.history import Clock
-from pvdf_fem.solution.tips import edges
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import NewtonResult, Tried
-from pvdf_fem.solvers.settled import OF_TOLERANCE, Settled
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import barely_loaded
 
-#: Relative size of Newton's last step in the orders below, whose discretisation errors are larger.
-LOWER_TOLERANCE = 3e-2
-#: Newton iterations that an error estimate costs as much as.
-ESTIMATE_ITERATIONS = 4
 #: Unknowns per element, by order of the displacement.
 UNKNOWNS_PER_ELEMENT = {1: 1.5, 2: 6.0, 3: 13.5}
-#: Number of charges that a refined mesh follows, those with the largest errors.
-MOST_DUALS = 32
 #: Part of the sum of all elements' shares, which cannot cancel, that the error of a charge is at
 #: least. Shares at the singular edge of a rigid probe cancel by chance. Measured on 100 solves of
 #: rigid scenes, true errors are 0.02 to 1.5 times the sum, in the median a quarter.
 UNCANCELLED = 0.3
-
-
 #: A charge is accepted whose estimated error times this is within the tolerance. Measured on 36
 #: pressures at 1e-3 and at 1e-4, errors beyond 0.4 of the tolerance are up to 1.5 times the
 #: estimate, one in ten beyond 1.4 times. What rigid scenes have by `UNCANCELLED` is large enough.
@@ -134,11 +125,6 @@ def solve_on(
     problem: Problem, part: MirroredPart, mesh: MeshTri2, coarser: Attempt | None = None
 ) -> Attempt:
     """Solve on the mesh of a part of the film, from the solution on a coarser one if there is."""
-    # a guessed edge of a contact is found well enough in the order below
-    if coarser is None and problem.order > 2 and edges.outlines_of(problem.scene):
-        rough = solve_on(replace(problem, order=2), part, mesh)
-        if rough.status is Status.MISPLACED:
-            return replace(rough, problem=problem)
     with problem.clock("solve"):
         equilibrium = Equilibrium(problem.scene, mesh, problem.order, part, problem.posed)
         result = _equilibrated(problem, equilibrium, coarser)
@@ -152,13 +138,6 @@ def solve_on(
     )
     if not result.converged or result.factors is None:
         return attempt
-    if equilibrium.unknowns.seats:
-        fields = edges.with_edges(attempt.fields)
-        attempt = replace(attempt, fields=fields)
-        moved = coarser.fields if coarser and coarser.status is Status.MISPLACED else None
-        sizes = attempt.charge_sizes
-        if status := edges.status_of(fields, moved, result.factors, problem.goals, sizes):
-            return replace(attempt, result=replace(result, status=status))
     with problem.clock("estimate"):
         return _with_errors(attempt)
 
@@ -168,19 +147,19 @@ def _forces(problem: Problem, equilibrium: Equilibrium, q: Array) -> Array:
     return goal_forces(problem.goals, equilibrium.membrane, x, equilibrium.part)
 
 
-def _with_errors(attempt: Attempt) -> Attempt:
-    """The attempt with estimated errors, or with the status of a richer space that has none."""
+def _with_errors(attempt: Attempt, iterations: int = 4) -> Attempt:
+    """The attempt with estimated errors, or with the status of a richer space that has none. An
+    estimate without a solve in the richer space costs as much as these Newton `iterations`."""
     problem, equilibrium, result = attempt.problem, attempt.equilibrium, attempt.result
     assert result.factors is not None
     rich = equilibrium.with_(order=equilibrium.space.order + 1)
-    settled = Settled(problem.goals, rich)
-    correction = corrected(equilibrium, result.q, result.factors, rich, problem.budget, settled)
+    correction = corrected(equilibrium, result.q, result.factors, rich, problem.budget)
     if isinstance(correction, NewtonResult):
         problem.budget.spend(rich, correction.fresh_count)
         tried = (*result.tried, *correction.as_tried("order above"))
         return replace(attempt, result=replace(result, status=correction.status, tried=tried))
     if correction.result is None:
-        problem.budget.spend(equilibrium, ESTIMATE_ITERATIONS)
+        problem.budget.spend(equilibrium, iterations)
     else:
         problem.budget.spend(rich, correction.result.fresh_count)
 
@@ -193,28 +172,17 @@ def _with_errors(attempt: Attempt) -> Attempt:
         # the next order sees a part of the layers only: both errors may have one sign
         by_layers = np.abs(_forces(problem, equilibrium, changed) - forces)
         errors += np.where(errors < 0.0, -by_layers, by_layers)
-    least = force_errors(_least_errors(attempt, correction), forces, problem.goals)
-    errors = larger(errors, least, problem.goals)
+    if len(rigid_elements(equilibrium.terms)):
+        _, shares = error_indicators(correction, result.factors, problem.goals)
+        least = force_errors(UNCANCELLED * shares.sum(axis=0), forces, problem.goals)
+        errors = larger(errors, least, problem.goals)
     # both orders share the elements, and the area that these lack of a round electrode
     lacking = area_defects(problem.goals, equilibrium.space, equilibrium.part)
-    defects = lacking[:, None] * np.abs(forces)
-    errors += np.where(errors < 0.0, -defects, defects)
-    if attempt.fields.edges:
-        errors += edges.errors_by_edges(attempt.fields, result.factors, problem.goals)
+    defects = lacking[:, None] * forces
+    charges, lost = (charges_of(problem.goals, some) for some in (errors, defects))
+    errors += np.where(charges * lost < 0.0, -1.0, 1.0)[:, None] * defects
     fields = replace(attempt.fields, forces=Forces(forces, errors))
     return replace(attempt, fields=fields, correction=correction, layers=layers)
-
-
-def _least_errors(attempt: Attempt, correction: Correction) -> Array:
-    """What is no chance of signs in the error of each charge, in C, (goals,)."""
-    problem, factors, least = attempt.problem, attempt.result.factors, np.zeros(1)
-    assert factors is not None
-    if attempt.equilibrium.model.wrinkles:  # its iteration ends when the charges move that little
-        least = OF_TOLERANCE * problem.scene.numerics.tolerance * attempt.charge_sizes
-    if len(rigid_elements(attempt.equilibrium.terms)):
-        _, shares = error_indicators(correction, factors, problem.goals)
-        least = np.maximum(least, UNCANCELLED * shares.sum(axis=0))
-    return np.broadcast_to(least, len(problem.goals))
 
 
 def error_indicators(
@@ -232,21 +200,24 @@ def _equilibrated(
     problem: Problem, equilibrium: Equilibrium, coarser: Attempt | None
 ) -> NewtonResult:
     """The equilibrium, from the coarser mesh's solution or from those of lower orders."""
-    settled, budget = Settled(problem.goals, equilibrium), problem.budget
+    budget = problem.budget
     # the stress that a change of mesh leaves in film in compression leads nowhere, and in film that
     # wrinkles takes longer than a start on the same mesh
     slack = equilibrium.film.stress_at_rest[:2].min() < 0.0 or equilibrium.model.wrinkles
     if coarser is not None and not slack:
         x = transferred(coarser.equilibrium.space, coarser.fields.solved_dofs, equilibrium.space)
-        return equilibrate(equilibrium, equilibrium.restrict(x), budget=budget, settled=settled)
+        return equilibrate(equilibrium, equilibrium.restrict(x), budget=budget)
     start = _from_below(equilibrium, budget)
     if isinstance(start, Status):
         return NewtonResult(np.zeros(equilibrium.unknowns.count), start, (), None)
-    return equilibrate(equilibrium, start, budget=budget, settled=settled)
+    return equilibrate(equilibrium, start, budget=budget)
 
 
-def _from_below(equilibrium: Equilibrium, budget: Budget) -> Array | Status | None:
+def _from_below(
+    equilibrium: Equilibrium, budget: Budget, tolerance: float = 3e-2
+) -> Array | Status | None:
     """The solution of the order below: a start that costs less than the iterations it saves.
+    Newton's last step there has the relative size `tolerance`, less than the error by the mesh.
 
     None where it would not help or was not found. A status where the order below is unstable in a
     film that bends: so is this one, whose displacements contain those.
@@ -256,63 +227,37 @@ def _from_below(equilibrium: Equilibrium, budget: Budget) -> Array | Status | No
         return None
     if equilibrium.model.wrinkles and barely_loaded(equilibrium.scene):
         return None  # the solution of another order is far away
-    lower = equilibrium.with_(order=order - 1)
+    lower = equilibrium.with_(order=order - 1).each(lambda term: term.softer())
     start = _from_below(lower, budget)
     if isinstance(start, Status):
         return start
-    result = equilibrate(lower, start, LOWER_TOLERANCE, budget=budget)
+    result = equilibrate(lower, start, tolerance, budget=budget)
     budget.spend(lower, result.fresh_count)
     if result.status is Status.UNSTABLE and lower.model.bends:
         return result.status
-    return prolonged(lower, equilibrium, result.q) if result.converged else None
+    if not result.converged:
+        return None
+    return equilibrium.started(equilibrium.dofs(prolongation(lower, equilibrium) @ result.q))
 
 
-def refined(attempt: Attempt, tolerance: float, most_unknowns: float) -> SizeField:
-    """Element sizes at which the worst error would be `tolerance`, or coarser ones."""
+def refined(
+    attempt: Attempt, tolerance: float, most_unknowns: float, most_duals: int = 32
+) -> SizeField:
+    """Element sizes at which the worst error would be `tolerance`, or coarser ones. They follow the
+    `most_duals` charges with the largest errors."""
     correction, factors = attempt.correction, attempt.result.factors
     if correction is None or factors is None:
         raise ValueError("only a converged attempt can be refined")
     mesh, flat = attempt.equilibrium.space.mesh, rigid_elements(attempt.equilibrium.terms)
-    worst = np.argsort(attempt.charge_errors)[-MOST_DUALS:]
+    worst = np.argsort(attempt.charge_errors)[-most_duals:]
     goals = [attempt.problem.goals[i] for i in worst]
     dual, by_goal = error_indicators(correction, factors, goals, attempt.charge_sizes[worst])
     shares = by_goal.max(axis=1)
     reduction = tolerance / attempt.worst
-    if attempt.fields.edges:
-        reduction = min(reduction, 1.0)
     most: Array | float = np.inf
     if layers := attempt.layers:
         effects = layers.effects(dual).max(axis=1)
         total = float((effects * remaining_part(layers.widths)).sum())
         most = layers.sizes(effects, max(reduction * total, tolerance))
-        if len(flat):
-            corners = _sizes_at_corners(attempt, shares, reduction)
-            most = np.minimum(most, corners)
     sizes = refined_sizes(mesh, shares, reduction, most, flat)
     return sizes.coarsened(most_unknowns / UNKNOWNS_PER_ELEMENT[attempt.problem.order])
-
-
-def _sizes_at_corners(
-    attempt: Attempt, shares: Array, reduction: float, smallest: float = 0.01
-) -> Array:
-    """Element sizes in m at a punch's corners; infinite elsewhere, (elements,).
-
-    A plate clamped along the edges of a corner has moments that grow to it as the root of the
-    distance falls, so that an element's share is only proportional to its size. The elements at the
-    corners may make half of the error; they become smaller by the factor `smallest` at the most.
-    """
-    equilibrium = attempt.equilibrium
-    mesh, frame = equilibrium.space.mesh, equilibrium.part.frame
-    sizes = np.full(mesh.nelements, np.inf)
-    punches = [load.touch.outline for load in equilibrium.loads if len(load.rigid_patch)]
-    if len(
-        corners_m := np.concatenate([np.empty((0, 2)), *(p.corners for p in punches)]) @ frame.T
-    ):
-        from scipy.spatial import cKDTree  # many scenes are solved without
-
-        near = cKDTree(mesh.p.T).query(corners_m)[1]
-        corners = np.isin(mesh.t, near).any(axis=0)
-        share = max(0.5 * reduction * shares.sum() / corners.sum(), np.finfo(float).tiny)
-        factor = share / np.maximum(shares[corners], share)
-        sizes[corners] = element_sizes(mesh)[corners] * np.maximum(factor, smallest)
-    return sizes

@@ -26,28 +26,28 @@ from scipy.sparse.linalg import SuperLU
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.term import State
-from pvdf_fem.film.unknowns import prolongation, prolonged
+from pvdf_fem.film.unknowns import prolongation
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
-from pvdf_fem.solvers.newton import FullSteps, NewtonResult, compressed, is_stable, newton
-from pvdf_fem.solvers.settled import Settled
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.newton import NewtonResult
 
-#: Conjugate gradients end when an iteration lowers the energy by less than this part of what all
-#: have done.
-ENERGY_PART = 0.02
-#: The same for bending and wrinkles, which the diagonal meets less well.
-ENERGY_PART_ROUGH = 1e-3
-#: Largest number of conjugate gradients' iterations.
-MAX_ITERATIONS = 40
-#: Newton steps in the space of order p after the linear correction.
-SMOOTH_STEPS = 2
-#: Residual over that of the start below which a correction of a film that wrinkles will do.
-REMAINDER = 0.2
-#: Relative size of Newton's last step where the richer equations are solved.
-RICH_TOLERANCE = 1e-3
-#: A richer space is solved only where the budget pays for this number of iterations.
-RICH_ITERATIONS = 10
+
+@dataclass(frozen=True)
+class CorrectionOptions:
+    """How far the solution is corrected in the richer space."""
+
+    #: Conjugate gradients end when an iteration lowers the energy by less than this part of what
+    #: all have done.
+    energy_part: float = 0.02
+    #: The same part for bending and wrinkles, which the diagonal meets less well.
+    energy_part_rough: float = 1e-3
+    max_iterations: int = 40  #: Of conjugate gradients.
+    smooth_steps: int = 2  #: Newton steps in the space of order p after the linear correction.
+    #: Residual over that of the start below which a correction of a film that wrinkles will do.
+    remainder: float = 0.2
+    #: Size of Newton's last step where the richer equations are solved, over the tolerance of the
+    #: charges.
+    last_step: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -74,54 +74,57 @@ def corrected(
     factors: SuperLU,
     rich: Equilibrium,
     budget: Budget,
-    settled: Settled | None = None,
+    options: CorrectionOptions = CorrectionOptions(),
 ) -> Correction | NewtonResult:
     """The solution `q` of `coarse` in the space of `rich`, or the solve there that failed.
 
     Usually a few conjugate gradients and two smooth steps give it. Where the film is too far from
     linear for them, or too stiff as it wrinkles, the richer equations are solved.
-    `rich` is the scene of `coarse` on the same mesh in a space that contains the other, `factors`
-    the factorised tangent of `coarse` near `q`, and `settled` has charges that the last steps must
-    leave as they are.
+    `rich` is the scene of `coarse` on the same mesh in a space that contains the other, and
+    `factors` the factorised tangent of `coarse` near `q`.
     """
-    prolong = prolongation(coarse, rich, coarse.state(q))
-    start = prolonged(coarse, rich, q)
+    prolong = prolongation(coarse, rich)
+    start = prolong @ q
     state = rich.state(start)
     correction = Correction(rich, start, start, state, prolong)
-    better = _few_steps(correction, factors)
-    if better is not None and not _lacks_balance(rich, start, better):
+    better = _few_steps(correction, factors, options)
+    if better is not None:
         return replace(correction, q=better)
-    last = settled and replace(settled, start=start)
-    affordable = budget.iterations(rich)
-    if rich.model.wrinkles or affordable >= RICH_ITERATIONS:
-        result = equilibrate(rich, start, RICH_TOLERANCE, budget=budget, settled=last)
-    else:
-        result = _undamped(rich, start)
+    tolerance = options.last_step * rich.scene.numerics.tolerance
+    result = equilibrate(rich, start, tolerance, budget=budget)
     if not result.converged:
         return result
     return replace(correction, q=result.q, result=result)
 
 
-def _few_steps(correction: Correction, factors: SuperLU) -> Array | None:
+def _few_steps(
+    correction: Correction, factors: SuperLU, options: CorrectionOptions
+) -> Array | None:
     """A Newton step in the richer space, and smooth steps in the space below.
 
     None where the smooth steps grow: between the two spaces the equations are not linear enough, or
-    not stable.
+    not stable. None, too, where a film that wrinkles is still far from balance.
     """
-    rich, prolong = correction.rich, correction.prolong
-    better = correction.start - _solve(correction, rich.residual(correction.state), factors)
+    rich, prolong, residual = correction.rich, correction.prolong, correction.rich.residual
+    unbalanced = residual(correction.state)
+    better = correction.start - _solve(correction, unbalanced, factors, options)
     last = np.inf
-    for _ in range(SMOOTH_STEPS):
-        residual = prolong.T @ rich.residual(rich.state(better))
-        step = factors.solve(residual)
-        size = abs(float(step @ residual))
+    for _ in range(options.smooth_steps):
+        smooth = prolong.T @ residual(rich.state(better))
+        step = factors.solve(smooth)
+        size = abs(float(step @ smooth))
         if not size <= last:
             return None
         better, last = better - prolong @ step, size
+    if rich.model.wrinkles:
+        left = np.linalg.norm(residual(rich.state(better)))
+        return better if left <= options.remainder * np.linalg.norm(unbalanced) else None
     return better
 
 
-def _solve(correction: Correction, right: Array, factors: SuperLU) -> Array:
+def _solve(
+    correction: Correction, right: Array, factors: SuperLU, options: CorrectionOptions
+) -> Array:
     """Preconditioned conjugate gradients with the tangent of the richer space."""
     rich, state, prolong = correction.rich, correction.state, correction.prolong
     diagonal = rich.diagonal(state)
@@ -129,11 +132,11 @@ def _solve(correction: Correction, right: Array, factors: SuperLU) -> Array:
     def precondition(residual: Array) -> Array:
         return prolong @ factors.solve(prolong.T @ residual) + residual / diagonal
 
-    enough = ENERGY_PART if rich.model.smooth else ENERGY_PART_ROUGH
+    enough = options.energy_part if rich.model.smooth else options.energy_part_rough
     x, residual, energy = np.zeros_like(right), right.copy(), 0.0
     direction = precondition(residual)
     product = residual @ direction
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(options.max_iterations):
         force = rich.action(state, direction)
         curvature = float(direction @ force)
         if curvature <= 0.0:  # no minimum along it: the smooth steps take the remainder
@@ -149,33 +152,12 @@ def _solve(correction: Correction, right: Array, factors: SuperLU) -> Array:
     return x
 
 
-def _lacks_balance(rich: Equilibrium, start: Array, better: Array) -> bool:
-    """Whether a film that wrinkles is still far from balance."""
-    if not rich.model.wrinkles:
-        return False
-    left, before = (float(np.linalg.norm(rich.residual(rich.state(q)))) for q in (better, start))
-    return not left <= REMAINDER * before
-
-
-def _undamped(rich: Equilibrium, start: Array) -> NewtonResult:
-    """Undamped Newton in a large space.
-
-    Where it leads nowhere, the film is in compression and buckles into waves that its mesh is too
-    coarse for, and Newton's method from afar would take minutes to say no more.
-    """
-    result = newton(FullSteps(rich, RICH_TOLERANCE), start)
-    unsure = rich.conservative and compressed(rich.state(start))
-    if unsure and result.factors is not None and not is_stable(rich, result.factors):
-        return replace(result, status=Status.UNSTABLE)
-    return result
-
-
 def duals(correction: Correction, factors: SuperLU, goals: Array) -> Array:
     """Dual solutions in the coarse space, (coarse unknowns, goals).
 
     `goals` (rich dofs, goals) are the derivatives of the goals; `factors` is the coarse tangent.
     """
-    rich = correction.rich.on_unknowns(correction.state, goals)
+    rich = correction.rich.unknowns.fold(goals)
     return factors.solve(correction.prolong.T @ rich, "T")
 
 
@@ -191,8 +173,8 @@ def indicators(correction: Correction, dual: Array, goals: Array) -> Array:
     error = rich.element_action(state, correction.q - correction.start)
     diagonal = rich.diagonal(state)
     shares = []
-    for goal, solution in zip(rich.on_unknowns(state, goals).T, dual.T, strict=True):
+    for goal, solution in zip(rich.unknowns.fold(goals).T, dual.T, strict=True):
         missing = (goal - rich.action(state, correction.prolong @ solution)) / diagonal
-        local = rich.step(state, missing)[rich.space.element_dofs]
+        local = rich.unknowns.expand(missing)[rich.space.element_dofs]
         shares.append(np.abs((error * local).sum(axis=1)))
     return np.stack(shares, axis=-1)

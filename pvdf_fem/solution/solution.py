@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array, finite
+from pvdf_fem.charges.film_data import FilmData
 from pvdf_fem.charges.forces import Forces
+from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.charges.point_values import PointValues, values_along, values_at
 from pvdf_fem.charges.rest import heat_charges
 from pvdf_fem.charges.thickness import thickness_charges
@@ -26,9 +29,10 @@ from pvdf_fem.solution.fields import Fields, largest
 from pvdf_fem.solution.history import MeshRecord, Stop
 from pvdf_fem.solution.summary import solution_html, solution_text
 from pvdf_fem.solvers.newton import Iteration
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.status import NotConvergedError, Status
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
@@ -37,10 +41,6 @@ if TYPE_CHECKING:
 
 KINDS = "charge", "rest_charge", "charge_change"
 CHARGES = tuple(f"{kind}{end}" for kind in KINDS for end in ("s_pC", "_errors_pC"))
-
-
-class NotConvergedError(RuntimeError):
-    """A result was asked of a solve that has none; the text says its status and what to change."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,12 +188,40 @@ class Solution:
         told = {load.touch.patch: load.leaning(state, forces) for load in film.loads}
         return {patch: leaning for patch, leaning in told.items() if leaning}
 
-    def at(self, x_mm: ArrayLike, y_mm: ArrayLike) -> PointValues:
+    def at(
+        self, x_mm: ArrayLike, y_mm: ArrayLike, outside: Literal["refuse", "nan"] = "refuse"
+    ) -> PointValues:
         """Values at points of the film: coordinates are numbers, or arrays of any shape.
 
-        Raises ValueError, which names the first one, for points that are not on the film.
+        Raises ValueError, which names the first one, for points that are not on the film, unless
+        values `outside` shall be ``"nan"``.
         """
-        return values_at(self.fields.equilibrium, self.fields.state, x_mm, y_mm)
+        return values_at(self.fields.equilibrium, self.fields.state, x_mm, y_mm, outside)
+
+    def to_xarray(self, step_mm: float = 0.5) -> xarray.Dataset:
+        """The fields on a square grid about the film's centre, NaN off the film.
+
+        Parameters
+        ----------
+        step_mm : float
+            Distance of the grid's points.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``deflection_mm``, ``charge_density_pC_mm2`` (y_mm, x_mm), and with named components
+            ``displacement_mm``, ``slopes``, ``strain`` and ``stress_MPa`` (y_mm, x_mm, ...).
+
+        Examples
+        --------
+        >>> fields = solve(Scene.example("triangle")).to_xarray(step_mm=1.0)
+        >>> fields.deflection_mm.plot()
+        """
+        from pvdf_fem.output.grid import dataset_of, ticks
+
+        x_mm = ticks(self.scene.film.radius_mm, step_mm)
+        values = self.at(x_mm[None], x_mm[:, None], outside="nan")
+        return dataset_of(values, self.scene.to_toml())
 
     def along(self, line_mm: ArrayLike, points: int = 200) -> PointValues:
         """Values at this number of equally spaced points of a line, with both ends.
@@ -218,11 +246,6 @@ class Solution:
     def unknowns(self) -> int:
         """Number of equations on the last mesh, which may be that of a part of the film."""
         return self._fields.solved.unknowns.count if self._fields else 0
-
-    @property
-    def newton_iterations(self) -> int:
-        """Newton iterations on the last mesh."""
-        return len(self.iterations)
 
     def to_json(self) -> dict[str, Any]:
         """What `pvdf-fem solve --json` prints; without results unless converged."""
@@ -249,7 +272,7 @@ class Solution:
             **results,
             "observable": self.scene.numerics.observable,
             "unknowns": self.unknowns,
-            "newton_iterations": self.newton_iterations,
+            "newton_iterations": len(self.iterations),
             "left_out": list(self.left_out),
             "included": list(self.included),
             "warnings": list(self.warnings),
@@ -267,7 +290,7 @@ class Solution:
     def _repr_html_(self) -> str:
         return solution_html(self.to_json())
 
-    # What draws and writes is above, and slow to import.
+    # What draws and writes is slow to import.
     def plot(
         self, quantity: str = "deflection", ax: Axes | None = None, reach_mm: float | None = None
     ) -> Figure:
@@ -280,7 +303,7 @@ class Solution:
         """
         from pvdf_fem.output.film_map import film_map
 
-        return film_map(self, quantity, ax, reach_mm)
+        return film_map(self.film_data(), quantity, ax, reach_mm)
 
     def view(
         self,
@@ -297,7 +320,7 @@ class Solution:
         """
         from pvdf_fem.output.film_view import film_view
 
-        return film_view(self, quantity, scale, html)
+        return film_view(self.film_data(), quantity, scale, html)
 
     def to_dataframe(self) -> DataFrame:
         """Charges in pC and, with ``[readout]``, readings in V, by electrode."""
@@ -310,7 +333,16 @@ class Solution:
         """Write displacement, stresses, patches, charges and the scene to a VTU file."""
         from pvdf_fem.output.export import write_vtu
 
-        write_vtu(self, Path(path))
+        write_vtu(self.film_data(), Path(path))
+
+    def film_data(self) -> FilmData:
+        """Fields and charges, as `plot`, `view` and `to_vtu` take them."""
+        from pvdf_fem.solution.next_order import error_shares  # it imports the solvers
+
+        fields, charges = self.fields, (self.charges_pC, self.charge_errors_pC)
+        shares = partial(error_shares, fields, goals_of(self.scene))
+        film = fields.equilibrium, fields.state, self.unknowns
+        return FilmData(*film, *charges, self.contacts, self.included, shares)
 
 
 def _known(values: dict[str, float]) -> dict[str, float] | None:

@@ -12,23 +12,22 @@ from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.models import FilmModel, film_model
 from pvdf_fem.scene.scene import Scene
 
-#: Seconds of work that a solve may take by default, at tolerances from `USUAL_TOLERANCE` on.
-MAX_SECONDS = 20.0
-#: A finer tolerance multiplies the defaults by the root of its ratio to this one.
-USUAL_TOLERANCE = 1e-3
-#: Unknowns that one core handles in a second of Newton iterations on a small mesh.
-UNKNOWNS_PER_SECOND = 1.4e5
-#: Unknowns that take as much time as an iteration takes on any mesh, however small. This and the
-#: next one are fitted to the times of 38 solves of films that wrinkle.
-FIXED_UNKNOWNS = 150.0
-#: Number of unknowns at which factorising takes as much time as the rest of an iteration.
-FACTORISING_UNKNOWNS = 22_500.0
 
+def iteration_seconds(
+    count: float,
+    model: FilmModel,
+    per_second: float = 1.4e5,
+    fixed: float = 150.0,
+    factorising: float = 22_500.0,
+) -> float:
+    """Work of a Newton iteration with a new tangent of `count` unknowns.
 
-def iteration_seconds(count: float, model: FilmModel) -> float:
-    """Work of a Newton iteration with a new tangent of `count` unknowns."""
-    unknowns = FIXED_UNKNOWNS + count * (1.0 + (count / FACTORISING_UNKNOWNS) ** 0.5)
-    return model.iteration_cost * unknowns / UNKNOWNS_PER_SECOND
+    A second is enough for `per_second` unknowns of a small mesh. An iteration on any mesh takes the
+    time of `fixed` unknowns, and factorising as much time as the rest at `factorising` unknowns;
+    both numbers are fitted to the times of 38 solves of films that wrinkle.
+    """
+    unknowns = fixed + count * (1.0 + (count / factorising) ** 0.5)
+    return model.iteration_cost * unknowns / per_second
 
 
 @dataclass
@@ -45,15 +44,16 @@ class Budget:
     equilibrium_share: float = 0.4
 
     @classmethod
-    def of(cls, scene: Scene) -> Budget:
-        """That of a scene's numerics."""
+    def of(cls, scene: Scene, seconds: float = 20.0, usual_tolerance: float = 1e-3) -> Budget:
+        """What a scene's numerics allow. By default the work takes `seconds` at tolerances from
+        `usual_tolerance` on; a finer tolerance multiplies defaults by the root of its ratio."""
         numerics = scene.numerics
-        patience = max(1.0, USUAL_TOLERANCE / numerics.tolerance) ** 0.5
-        unknowns, seconds = numerics.max_unknowns, numerics.max_seconds
+        patience = max(1.0, usual_tolerance / numerics.tolerance) ** 0.5
+        unknowns, given = numerics.max_unknowns, numerics.max_seconds
         if unknowns is None:
             unknowns = int(film_model(scene).most_unknowns * patience)
-        seconds = MAX_SECONDS * patience if seconds is None else seconds
-        return cls(unknowns, seconds, numerics.max_unknowns is not None)
+        work = seconds * patience if given is None else given
+        return cls(unknowns, work, numerics.max_unknowns is not None)
 
     @property
     def left_seconds(self) -> float:

@@ -23,13 +23,11 @@ from pvdf_fem.solvers.newton import (
     FullSteps,
     NewtonOptions,
     NewtonResult,
-    beyond_limit,
     factorise,
     negative_pivots,
     newton,
 )
 from pvdf_fem.solvers.seed import seed
-from pvdf_fem.solvers.settled import Settled
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import PredictedStress, from_larger_loads
 
@@ -37,12 +35,6 @@ from pvdf_fem.solvers.wrinkling import PredictedStress, from_larger_loads
 #: state changes from point to point steps shrink only linearly, and rounding in a stiff film ends
 #: that early.
 LAST_STEP = 1e-2
-#: Size of a step on a tip after which the tangent serves on: forces turn with its surface.
-ON_TIP = 1e-2
-#: Most iterations against friction before that is smoothed.
-MOST_ON_TIP = 25
-#: Relative size of a step after which friction's direction does not lag any more.
-LAGGED_STEP = 1e-4
 
 
 @dataclass
@@ -53,7 +45,6 @@ class Task:
     budget: Budget
     start: Array | None = None  #: Unknowns near the solution, if they are known.
     tolerance: float = STEP_TOLERANCE  #: Relative size of Newton's last step in the energy norm.
-    settled: Settled | None = None  #: Charges to be settled where the film wrinkles.
     tried: list[tuple[str, NewtonResult]] = field(default_factory=list)
 
     @property
@@ -86,44 +77,28 @@ class Rung(ABC):
         """How it ends."""
 
 
-class FlatFilm(Rung):
-    """The unloaded film: an equilibrium for any tension, a stable one unless it is compressed."""
+class OnTips(Rung):
+    """Undamped Newton, after continuation in the stiffness of tips where there is no near start."""
 
-    name = "flat film"
-
-    def applies(self, task: Task) -> bool:
-        """Where the flat film is in balance."""
-        return task.equilibrium.is_flat
-
-    def solve(self, task: Task) -> NewtonResult:
-        """Tells whether the film stays flat."""
-        equilibrium = task.equilibrium
-        q = np.zeros(equilibrium.unknowns.count)
-        state = equilibrium.state(q)
-        least, largest = principal(state.stress)
-        # a slack film is stable, too
-        stable = task.wrinkles or least.min() >= -ROUNDING * np.abs(largest).max()
-        if not stable and equilibrium.model.bends:  # it bears less than makes it buckle
-            stable = negative_pivots(factorise(equilibrium.tangent(state))) == 0
-        return NewtonResult(q, Status.CONVERGED if stable else Status.UNSTABLE, (), None)
-
-
-class OnTip(Rung):
-    """A film on a tip, from the equilibrium under as large a pressure on the same patch."""
-
-    name = "pressure in place of the tip"
+    name = "continuation in the stiffness of tips"
 
     def applies(self, task: Task) -> bool:
-        """Without a start."""
-        return bool(task.equilibrium.unknowns.seats) and task.start is None
+        """Where terms change abruptly."""
+        return task.equilibrium.is_abrupt
 
     def solve(self, task: Task) -> NewtonResult:
-        """The equilibrium under the pressure, which starts the next rungs."""
+        """From the start if there is one, otherwise from the equilibrium of softer tips."""
         equilibrium = task.equilibrium
-        pressed = equilibrium.each(lambda term: term.loose(equilibrium.film))
-        result = climb(Task(pressed, task.budget, tolerance=task.tolerance))
-        task.start = equilibrium.restrict(pressed.dofs(result.q))
-        return replace(result, status=Status.MAX_ITERATIONS)
+        if task.start is not None:
+            near = newton(FullSteps(equilibrium, task.tolerance), task.start)
+            if near.converged:
+                return near
+        softer = equilibrium.each(lambda term: term.softer())
+        result = climb(Task(softer, task.budget, tolerance=task.tolerance))
+        if not result.converged:
+            return result
+        start = equilibrium.started(softer.dofs(result.q))
+        return newton(FullSteps(equilibrium, task.tolerance), start)
 
 
 class LineSearchNewton(Rung):
@@ -132,33 +107,15 @@ class LineSearchNewton(Rung):
     name = "Newton"
 
     def applies(self, task: Task) -> bool:
-        """A film that carries compression."""
-        return not task.wrinkles
+        """A film that carries compression, where no term changes abruptly."""
+        return not task.wrinkles and not task.equilibrium.is_abrupt
 
     def solve(self, task: Task) -> NewtonResult:
         """With the full tangent from near, with the convex one from the seed."""
         start = seed(task.equilibrium) if task.start is None else task.start
         options = NewtonOptions(tolerance=task.tolerance)
-        if task.equilibrium.unknowns.seats:
-            options = replace(options, defer_size=ON_TIP, max_following=MOST_ON_TIP)
         near = task.start is not None
-        return newton(DeferredNewton(task.equilibrium, options, task.budget, near=near), start)
-
-
-class AgainstFriction(LineSearchNewton):
-    """Newton's method after steps whose tangent lags friction's direction behind (Picard)."""
-
-    name = "Newton after lagged friction"
-
-    def applies(self, task: Task) -> bool:
-        """Where film slides against friction."""
-        return super().applies(task) and any(t.lagged() is not t for t in task.equilibrium.terms)
-
-    def solve(self, task: Task) -> NewtonResult:
-        """From the start."""
-        start = seed(task.equilibrium) if task.start is None else task.start
-        lagged = FullSteps(task.equilibrium.each(lambda term: term.lagged()), LAGGED_STEP)
-        return super().solve(replace(task, start=newton(lagged, start).q))
+        return newton(DeferredNewton(task.equilibrium, options, near=near), start)
 
 
 class NearNewton(Rung):
@@ -173,7 +130,7 @@ class NearNewton(Rung):
     def solve(self, task: Task) -> NewtonResult:
         """From the start."""
         assert task.start is not None
-        return newton(PredictedStress(task.equilibrium, task.last_step, task.settled), task.start)
+        return newton(PredictedStress(task.equilibrium, task.last_step), task.start)
 
 
 class FallingLoad(Rung):
@@ -182,48 +139,24 @@ class FallingLoad(Rung):
     name = "continuation in the load"
 
     def applies(self, task: Task) -> bool:
-        """Under a dead load only."""
-        conservative = task.equilibrium.conservative and not task.equilibrium.unknowns.seats
-        return task.wrinkles and conservative
+        """From anywhere."""
+        return task.wrinkles
 
     def solve(self, task: Task) -> NewtonResult:
-        """From the linear membrane's deflection."""
-        return from_larger_loads(task.equilibrium, task.last_step, task.settled, task.iterations)
-
-
-class FromDeadPressure(Rung):
-    """A pressure that follows the film, from the equilibrium under the dead one."""
-
-    name = "Newton from the dead pressure"
-
-    def applies(self, task: Task) -> bool:
-        """Under a pressure that follows."""
-        return any(term.held() is not term for term in task.equilibrium.terms)
-
-    def solve(self, task: Task) -> NewtonResult:
-        """Without a line search, since no energy exists."""
-        following = task.equilibrium
-        dead_film = following.each(lambda term: term.held())
-        dead = climb(Task(dead_film, task.budget, tolerance=task.tolerance))
-        if not dead.converged:
-            return dead
-        if task.wrinkles:
-            result = newton(PredictedStress(following, task.last_step, task.settled), dead.q)
-        else:
-            result = newton(FullSteps(following, task.tolerance), dead.q)
-        if beyond_limit(result.factors):
-            result = replace(result, status=Status.MAX_ITERATIONS)
-        return replace(result, tried=dead.as_tried("dead pressure"))
+        """Under dead loads; a pressure that follows the film starts from their equilibrium."""
+        film = task.equilibrium.each(lambda term: term.held())
+        result = from_larger_loads(film, task.last_step, task.iterations)
+        if task.equilibrium.conservative or not result.converged:
+            return result
+        last = newton(PredictedStress(task.equilibrium, task.last_step), result.q)
+        return replace(last, tried=result.as_tried("dead pressure"))
 
 
 LADDER: tuple[Rung, ...] = (
-    FlatFilm(),
-    OnTip(),
-    AgainstFriction(),
+    OnTips(),
     LineSearchNewton(),
     NearNewton(),
     FallingLoad(),
-    FromDeadPressure(),
 )
 
 
@@ -233,22 +166,24 @@ def equilibrate(
     tolerance: float = STEP_TOLERANCE,
     *,
     budget: Budget | None = None,
-    settled: Settled | None = None,
 ) -> NewtonResult:
     """The equilibrium of a scene, whatever its film and load are; see `Task` for the parameters."""
     budget = Budget.of(equilibrium.scene) if budget is None else budget
-    task = Task(equilibrium, budget, start, tolerance, settled)
+    task = Task(equilibrium, budget, start, tolerance)
     return climb(task)
 
 
 def climb(task: Task) -> NewtonResult:
-    """The result of the first converging rung, or else of the last applicable rung."""
+    """The flat film where it is in balance; else the result of the first converging rung, or of the
+    last applicable rung."""
+    if task.equilibrium.is_flat:
+        return flat_film(task.equilibrium)
     for rung in LADDER:
         if not rung.applies(task):
             continue
         result = rung.solve(task)
         task.tried.append((rung.name, result))
-        if result.converged or task.equilibrium.is_flat:
+        if result.converged:
             break
     if not task.tried:
         nowhere = np.zeros(task.equilibrium.unknowns.count)
@@ -256,3 +191,16 @@ def climb(task: Task) -> NewtonResult:
     earlier = tuple(entry for name, failed in task.tried[:-1] for entry in failed.as_tried(name))
     last = task.tried[-1][1]
     return replace(last, tried=(*earlier, *last.tried))
+
+
+def flat_film(equilibrium: Equilibrium) -> NewtonResult:
+    """The unloaded film: an equilibrium for any tension, a stable one unless it is compressed."""
+    q = np.zeros(equilibrium.unknowns.count)
+    state = equilibrium.state(q)
+    least, largest = principal(state.stress)
+    # a slack film is stable, too
+    wrinkles = equilibrium.model.wrinkles
+    stable = wrinkles or least.min() >= -ROUNDING * np.abs(largest).max()
+    if not stable and equilibrium.model.bends:  # it bears less than makes it buckle
+        stable = negative_pivots(factorise(equilibrium.tangent(state))) == 0
+    return NewtonResult(q, Status.CONVERGED if stable else Status.UNSTABLE, (), None)

@@ -23,7 +23,6 @@ from pvdf_fem.film.electric.raised import Raised, RaisedFactors
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import tensile_part
 from pvdf_fem.film.term import State
-from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.status import Status
 
 #: Relative size, in the energy norm, of the last Newton step that is made with a fresh tangent. The
@@ -191,10 +190,6 @@ class Variant(ABC):
     def ended(self, step: Step, state: State, table: Sequence[Iteration]) -> Status | None:
         """Status after a step that led to `state`; None to go on."""
 
-    def exhausted(self, state: State) -> Status:
-        """Status after `max_iterations`."""
-        return Status.MAX_ITERATIONS
-
 
 @np.errstate(over="raise", invalid="raise")
 def newton(variant: Variant, q: Array) -> NewtonResult:
@@ -221,7 +216,7 @@ def newton(variant: Variant, q: Array) -> NewtonResult:
         return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
     except RuntimeError:  # SuperLU: exactly singular
         return NewtonResult(q, Status.SINGULAR, tuple(table), None)
-    return NewtonResult(q, variant.exhausted(state), tuple(table), None)
+    return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
 
 
 @dataclass(frozen=True)
@@ -235,28 +230,23 @@ class NewtonOptions:
     #: Below this size full steps keep the quadratic convergence, and no line search is made.
     local_size: float = 1e-2
     defer_size: float = 0.3  #: A tangent serves on after a smaller step ...
-    contraction: float = 0.5  #: ... as long as each step is at most this part of the one before,
-    tangent_cost: float = 12.0  #: ... and unless a new one, at the cost of these steps, saves more.
+    contraction: float = 0.5  #: ... as long as each step is at most this part of the one before.
     max_iterations: int = 60
     #: The same under a load that follows the film, whose energy along a step is not known.
     max_following: int = 25
     #: A film that is still in compression after this number of iterations, and moves or has an
     #: indefinite tangent, has no equilibrium that is a minimum.
     patience: int = 20
-    least_patience: int = 9  #: New tangents that are tried however small the budget is.
 
 
 class DeferredNewton(Variant):
     """Newton's method with an exact line search, whose tangents serve on near the solution. `near`
     says that the start is a solution of less resolution, not a mere seed."""
 
-    def __init__(
-        self, equilibrium: Equilibrium, options: NewtonOptions, budget: Budget, *, near: bool
-    ) -> None:
+    def __init__(self, equilibrium: Equilibrium, options: NewtonOptions, *, near: bool) -> None:
         super().__init__(equilibrium)
         self.options, self._tangent = options, None
         self._start_size = options.near_size if near else np.inf
-        self._patience = max(options.least_patience, budget.iterations(equilibrium))
         conservative = equilibrium.conservative
         self.max_iterations = options.max_iterations if conservative else options.max_following
 
@@ -269,22 +259,10 @@ class DeferredNewton(Variant):
         return self._tangent, True
 
     def _outdated(self, tangent: Tangent, table: Sequence[Iteration]) -> bool:
-        """Whether a new tangent would save more steps than it costs."""
+        """Whether steps with the tangent are large, or shrink slowly."""
         if tangent.convex or table[-1].step > self.options.defer_size:
             return True
-        if table[-1].fresh:
-            return False
-        step, rate = table[-1].step, table[-1].step / table[-2].step
-        if rate > self.options.contraction:
-            return True
-        # a step of this size is about the rate of the steps after it with a new tangent
-        now, later = (self._steps_left(size, size) for size in (step, rate * step))
-        saved = self._steps_left(step, rate) - now
-        return saved > self.options.tangent_cost and now <= later + 1.0
-
-    def _steps_left(self, step: float, rate: float) -> float:
-        """Number of steps still needed after `step`, if step sizes shrink by the factor `rate`."""
-        return float(np.log(self.options.tolerance**2 / step) / np.log(rate))
+        return not table[-1].fresh and self.options.contraction * table[-2].step < table[-1].step
 
     def _fresh_tangent(self, state: State, size: float) -> Tangent:
         """The full tangent near the solution, otherwise the convex one. Where no stress is
@@ -305,7 +283,7 @@ class DeferredNewton(Variant):
     def ended(self, step: Step, state: State, table: Sequence[Iteration]) -> Status | None:
         assert self._tangent is not None
         moves = step.size > self.options.local_size**2 or self._tangent.convex
-        if moves and self._lasts(table) and compressed(state):
+        if moves and len(table) >= self.options.patience and compressed(state):
             return Status.UNSTABLE
         if not self._small(table):
             return None
@@ -321,22 +299,11 @@ class DeferredNewton(Variant):
         step, fresh = table[-1].step, table[-1].fresh
         return step * (step if fresh else step / table[-2].step) < self.options.tolerance**2
 
-    def _lasts(self, table: Sequence[Iteration]) -> bool:
-        fresh = sum(row.fresh for row in table)
-        return fresh >= self._patience or len(table) >= self.options.patience
-
-    def exhausted(self, state: State) -> Status:
-        """A film that is still in compression has no equilibrium that is a minimum."""
-        stuck = self._tangent is not None and self._tangent.convex and compressed(state)
-        return Status.UNSTABLE if stuck else Status.MAX_ITERATIONS
-
 
 class FullSteps(Variant):
-    """Undamped Newton from a near start. It gives up after eight steps, at a step of relative size
-    above 3, or when a step grows from the third on."""
+    """Undamped Newton from a near start."""
 
-    max_iterations = 8
-    largest_step = 3.0
+    max_iterations = 20
 
     def __init__(self, equilibrium: Equilibrium, tolerance: float) -> None:
         super().__init__(equilibrium)
@@ -346,13 +313,7 @@ class FullSteps(Variant):
         self.factors = factorise(self.equilibrium.tangent(state))
         return Tangent(self.factors), True
 
-    def length(self, step: Step) -> float:
-        return 1.0 if step.size < self.largest_step else 0.0
-
     def ended(self, step: Step, state: State, table: Sequence[Iteration]) -> Status | None:
-        grows = len(table) > 2 and step.size > table[-2].step
-        if not step.size < self.largest_step or grows:
-            return Status.MAX_ITERATIONS
         return Status.CONVERGED if step.size < self.tolerance else None
 
 

@@ -96,9 +96,9 @@ def coordinates(grid: Grid) -> dict[str, Any]:
             name = _end(key) if ends[_end(key)] == 1 else key
             if len(axis.values) == 1:
                 name = axis.name
-            coordinates[name] = (axis.name, _labels(values), {"key": key, **_about(key)})
+            coordinates[name] = (axis.name, _labels(values), {"key": key, **about(key)})
         for name, further in axis.beside.items():
-            coordinates[name] = (axis.name, list(further), _about(name))
+            coordinates[name] = (axis.name, list(further), about(name))
     return coordinates
 
 
@@ -116,7 +116,7 @@ def _labels(values: tuple[Any, ...]) -> list[Any]:
     ]
 
 
-def _about(key: str) -> dict[str, str]:
+def about(key: str) -> dict[str, str]:
     """The attributes of what a key stands for: ``film.thickness_um`` is film thickness in um."""
     ends = "|".join(sorted(_UNITS, key=len, reverse=True))
     match = re.search(rf"_({ends})$", key)

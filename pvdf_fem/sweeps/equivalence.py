@@ -19,7 +19,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.symmetry import isotropy
-from pvdf_fem.scene.affects import Affects, affecting
+from pvdf_fem.scene.quantity import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.shapes import Probe
 

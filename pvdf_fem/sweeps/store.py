@@ -3,10 +3,8 @@
 Each scene has a row. The row's key is a hash of what is solved of the scene, with its numerics and
 the content of its files, and of the source of every module that numbers depend on, so that results
 of older code are never taken for new ones.
-The rows of a solve are committed together, right after the solve.
-
-Programs that use a store at the same time claim a solve before they begin it. A claim is a lock on
-a byte of a file beside the store, so the system ends it together with its process.
+The rows of a solve are committed together, right after the solve. Several programs may use one
+file: each looks into the file right before a solve.
 """
 
 from __future__ import annotations
@@ -15,26 +13,22 @@ import hashlib
 import json
 import os
 import sqlite3
-import sys
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any, BinaryIO, Self
+from typing import Any, Self
 
 import numpy as np
 
 from pvdf_fem.charges.forces import Forces
-from pvdf_fem.files import FileError, give_permissions
+from pvdf_fem.files import FileError
 from pvdf_fem.film.loads.profiles import pinned
-from pvdf_fem.scene.affects import Affects, affecting
+from pvdf_fem.scene.quantity import Affects, affecting
 from pvdf_fem.scene.scene import Scene
-
-if sys.platform != "win32":
-    import fcntl
 
 # SQLite's application id of our files: "pvd" in ASCII, and the version of their table.
 APPLICATION_ID = 0x70766403
@@ -109,16 +103,6 @@ class Record:
         errors = self.forces_by(observable).charge_errors((d31_pC_N, d32_pC_N))
         return dict(zip(self.electrodes, errors.tolist(), strict=True))
 
-    def charge_pC(
-        self,
-        electrode: str,
-        observable: str = "material",
-        d31_pC_N: float = 8.0,
-        d32_pC_N: float = 8.0,
-    ) -> float:
-        """Charge in pC of one electrode; NaN for a record without charges."""
-        return self.charges_pC(d31_pC_N, d32_pC_N, observable)[electrode]
-
     def _forces(self, values: Any, errors: Any) -> Forces:
         unknown = np.full((len(self.electrodes), 2), np.nan)
         return Forces(*(np.array(given) if given else unknown for given in (values, errors)))
@@ -190,37 +174,9 @@ class Store:
                 text = zlib.compress(json.dumps([name, value]).encode())
                 self._execute("INSERT OR REPLACE INTO records VALUES (?, ?)", name, text)
 
-    @contextmanager
-    def claims(self) -> Iterator[Callable[[str], bool]]:
-        """A function that claims a solve for this process, and is False if another process has
-        claimed the solve. Claims end with the context, and with the process. Raises `StoreError`
-        when the file cannot be written: records would be lost."""
+    def require_writable(self) -> None:
+        """Raise `StoreError` when the file cannot be written: records would be lost."""
         self._execute(_SIGN)
-        path = Path(f"{os.path.realpath(self._path)}-claims")
-        with self._told():
-            file = path.open("ab")
-
-        def claim(solve: str) -> bool:
-            digest = hashlib.sha256((self._code + code_version() + solve).encode()).hexdigest()
-            with self._told():
-                return _locked(file, 1, int(digest[:15], 16))
-
-        with file:
-            give_permissions(self._path, path)
-            self._journal("WAL")
-            try:
-                yield claim
-            finally:
-                self._journal("DELETE")
-                with suppress(OSError):
-                    if _locked(file):  # no other process has claims
-                        path.unlink()
-
-    def _journal(self, mode: str) -> None:
-        """Change how SQLite writes, unless others use the file: with WAL in a quarter of the time,
-        otherwise so that the file can be read where nothing can be written."""
-        with suppress(sqlite3.OperationalError):
-            self._rows.execute(f"PRAGMA journal_mode = {mode}")
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -258,16 +214,6 @@ class Store:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _locked(file: BinaryIO, count: int = 0, start: int = 0) -> bool:
-    """Whether this process has now locked some bytes of a file, or all if their `count` is 0."""
-    if sys.platform != "win32":
-        try:
-            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, count, start)
-        except BlockingIOError:
-            return False
-    return True
 
 
 def key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-import sys
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +11,8 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.film.loads.profiles import pinned
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
+from pvdf_fem.progress import Progress, shown, silent
+from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan, plan
@@ -29,63 +27,25 @@ if TYPE_CHECKING:
 #: records are not stored, so that the next run tries the scenes again.
 CRASHED = "crashed"
 
-WAIT = 0.2  #: Seconds between two looks at what other processes have solved.
-
-Progress = Callable[[int, int], None]
 Task = tuple[list[Scene], Array]
 Run = Callable[..., Iterator[tuple[int, Any]]]
 Films = dict[Scene, Record]  #: Records of untouched films.
 
 
-def silent(done: int, total: int) -> None:
-    """A `Progress` that shows nothing."""
-
-
-@contextmanager
-def shown(unit: str, lines: bool = True) -> Iterator[Progress]:
-    """A `Progress` on standard error: a bar on a terminal, else a line for each tenth, or none."""
-    from tqdm import tqdm  # most scenes are solved without
-
-    terminal, tenths = sys.stderr.isatty(), 0
-    with tqdm(unit=unit, disable=not terminal) as bar:
-
-        def show(done: int, total: int) -> None:
-            nonlocal tenths
-            bar.total = total
-            bar.update(done - bar.n)
-            before, tenths = tenths, 10 * done // max(total, 1)
-            if lines and not terminal and tenths != before:
-                print(f"{done} of {total} {unit}s", file=sys.stderr, flush=True)
-
-        yield show
-
-
-class Counted:
-    """Tells a `Progress` of solves whose number is only expected."""
-
-    def __init__(self, progress: Progress, expected: int) -> None:
-        self.progress, self.expected, self.done = progress, expected, 0
-
-    def __call__(self) -> None:
-        """One solve more."""
-        self.done += 1
-        self.progress(self.done, max(self.expected, self.done))
-
-
 def sweep(
-    scene: Scene,
+    scene: SceneLike,
     axes: Sequence[Mapping[str, Any]],
     store: Store | Path | str | None = None,
     *,
     processes: int = -1,
     scheduler: str | None = None,
-    progress: Progress = silent,
+    progress: Progress | bool | None = None,
 ) -> xarray.Dataset:
     """Charges of a scene over a grid, as the dataset of `pvdf_fem.sweeps.dataset.dataset`.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, path of its file, dict of its tables, or a result of it
         The base scene.
     axes : sequence of mapping
         See `pvdf_fem.sweeps.grid.Grid.of`: ``[{"film.thickness_um": [9, 25, 110]}, ...]``.
@@ -95,20 +55,22 @@ def sweep(
         Number of processes, -1 for all cores; 1 solves in this one.
     scheduler : str, optional
         Address of a Dask scheduler, whose workers solve instead of processes of this machine.
-    progress : callable
-        Called with two numbers of distinct scenes: how many are solved, and how many had to be.
+    progress : callable or bool, optional
+        Called with the numbers of distinct scenes that are solved and that had to be; or whether
+        these are shown, see `pvdf_fem.progress.shown`.
 
     Raises `SceneError` when an axis, or a scene of the grid, has a mistake.
     """
     from pvdf_fem.sweeps.dataset import dataset  # xarray is slow to import
 
-    how: dict[str, Any] = {"processes": processes, "scheduler": scheduler, "progress": progress}
+    how: dict[str, Any] = {"processes": processes, "scheduler": scheduler}
     if isinstance(store, Path | str):
         with Store(Path(store)) as opened:
-            return sweep(scene, axes, opened, **how)
-    grid = Grid.of(scene, axes)
+            return sweep(scene, axes, opened, **how, progress=progress)
+    grid = Grid.of(scene_of(scene), axes)
     todo = planned(grid.scenes(), store)
-    return dataset(grid, todo, records(todo, store, **how))
+    with shown("scenes", progress) as show:
+        return dataset(grid, todo, records(todo, store, **how, progress=show))
 
 
 def solve_all(scenes: Sequence[Scene], store: Store | None = None, **how: Any) -> list[Record]:
@@ -145,49 +107,35 @@ def records(
     at_rest = solve_all(films, store, processes=processes, scheduler=scheduler) if films else []
     done, total = 0, todo.missing
     progress(done, total)
-    for number, result in _shared(todo, store, run, dict(zip(films, at_rest, strict=True))):
+    for number, result in _solves(todo, store, run, dict(zip(films, at_rest, strict=True))):
         indices = todo.blocks[number].indices
         done += len(indices)
         progress(done, total)
         yield from zip(indices, result, strict=True)
 
 
-def _shared(
+def _solves(
     todo: SweepPlan, store: Store | None, run: Run, films: Films
 ) -> Iterator[tuple[int, list[Record]]]:
-    """Numbers of blocks with their records, which join the store, as they come. A block that
-    another process solves at the same time is left until the store has its records."""
-    left = set(range(len(todo.blocks)))
-    if not left:
-        return
-    with nullcontext(lambda solve: True) if store is None else store.claims() as claim:
-        while left:
-            stored: dict[int, list[Record]] = {}
-            tasks = _claimed(todo, sorted(left), store, claim, stored)
-            if first := next(tasks, None):
-                for number, result in run(_solved, itertools.chain([first], tasks)):
-                    left.remove(number)
-                    yield number, _kept(todo.scenes_of(number), result, store, films)
-            left -= stored.keys()
-            yield from stored.items()
-            if left:
-                time.sleep(WAIT)
+    """Numbers of blocks with their records, which join the store, as they come."""
+    if store is not None and todo.blocks:
+        store.require_writable()
+    elsewhere: dict[int, list[Record]] = {}
+    for number, result in run(_solved, _tasks(todo, store, elsewhere)):
+        yield number, _kept(todo.scenes_of(number), result, store, films)
+    yield from elsewhere.items()
 
 
-def _claimed(
-    todo: SweepPlan,
-    left: list[int],
-    store: Store | None,
-    claim: Callable[[str], bool],
-    stored: dict[int, list[Record]],
+def _tasks(
+    todo: SweepPlan, store: Store | None, elsewhere: dict[int, list[Record]]
 ) -> Iterator[tuple[int, Task]]:
-    """Blocks to be solved here and their tasks; those that are in the store join `stored`."""
-    for number in left:
-        block, scenes = todo.blocks[number], todo.scenes_of(number)
-        is_claimed = claim(block.mechanics)
-        if store is not None and all(scene in store for scene in scenes):
-            stored[number] = [record for scene in scenes if (record := store.get(scene))]
-        elif is_claimed:
+    """The tasks of blocks, but for blocks that another program has solved `elsewhere` by now."""
+    for number, block in enumerate(todo.blocks):
+        scenes = todo.scenes_of(number)
+        stored = [record for scene in scenes if (record := store and store.get(scene))]
+        if len(stored) == len(scenes):
+            elsewhere[number] = stored
+        else:
             yield number, (scenes, block.frames)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import READINGS
 from pvdf_fem.solution.summary import Grid, Told, rounded
-from pvdf_fem.touch.posterior import Posterior, posterior
+from pvdf_fem.touch.posterior import Posterior, least_chi_square, posterior
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.touch import EXPLAINED, Touch, TouchStatus
 
@@ -41,7 +41,6 @@ class Location(Told):
     #: rotations and magnitudes of the force in the model's domain equally likely before.
     log_evidence: float
     problem: Problem  #: The charges, and what explains them.
-    reading: str = "total"  #: What the readings were taken for, of `READINGS`.
     #: Mistakes in readings that would explain them, where no touch does.
     explanations: tuple[Explanation, ...] = ()
 
@@ -69,6 +68,8 @@ class Location(Told):
     @property
     def status(self) -> TouchStatus:
         """Whether the best touch is the answer, and else why not."""
+        if not self.problem.is_determinable:
+            return TouchStatus.UNDETERMINED
         if not self.touches:
             return TouchStatus.NOT_FOUND
         if not self.best.explained:
@@ -76,6 +77,11 @@ class Location(Told):
         if self.ambiguous:
             return TouchStatus.AMBIGUOUS
         return TouchStatus.AT_EDGE if self.best.at_edge else TouchStatus.LOCATED
+
+    @property
+    def reading(self) -> str:
+        """What the readings were taken for, of `READINGS`."""
+        return self.problem.reading
 
     @property
     def explained(self) -> bool:
@@ -136,6 +142,10 @@ class Location(Told):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What keeps the best touch from being the answer, in sentences."""
+        if not self.problem.is_determinable:
+            count, names = len(self.problem.electrodes), ", ".join(self.unknown)
+            few = f"{count} {'charge does' if count == 1 else 'charges do'} not tell {names}"
+            return (f"undetermined: {few}; read more electrodes, or seek less",)
         if not self.touches:
             return (*self._mistakes(), "no search ended: the charges fit no touch of the domain")
         best, texts = self.best, [*self._mistakes()]
@@ -150,10 +160,8 @@ class Location(Told):
         if self.ambiguous:
             texts.append(f"ambiguous: {1 + self.alternatives} touches are likely")
         if not best.determined:
-            few = self.degrees_of_freedom < 0
-            short = "fewer charges than unknown quantities; " if few else ""
             free = " and ".join(_direction(best.unknown, row) for row in best.null_directions)
-            texts.append(f"undetermined: {short}free along {free}")
+            texts.append(f"undetermined: free along {free}")
         if best.at_edge:
             limits = ", ".join(best.at_edge)
             texts.append(f"at the edge of the model's domain ({limits}): the touch may lie beyond")
@@ -172,9 +180,21 @@ class Location(Told):
         standard deviation and the rivals. What else was sought is the likeliest at each place.
         Where each charge takes a solve, and of two touches at once, there are ellipses alone.
         Raises ValueError without a touch of which x and y were sought."""
-        from pvdf_fem.output.touch_map import likelihood_map  # output/ is above
+        from pvdf_fem.output.touch_map import ellipses_map, likelihood_map
 
-        return likelihood_map(self)
+        keys = [n for n in self.unknown if n.endswith("x_mm") and f"{n[:-4]}y_mm" in self.unknown]
+        if not self.touches or not keys:
+            raise ValueError("a map of the likelihood needs a touch of which x and y were sought")
+        model, touches = self.problem.model, self.to_json()["touches"]
+        if not model.cheap:
+            return ellipses_map(model.scene, model.domain.reach_mm, touches, keys)
+        about = model.scene, model.domain.reach_mm, touches
+        return likelihood_map(*about, self._apart, self.remarks)
+
+    def _apart(self, places_mm: Array) -> Array:
+        """√(2 ln(L max/L)), (n,), of the likelihood L of places (n, 2)."""
+        least = least_chi_square(self.problem, self.best, places_mm)
+        return np.sqrt(np.maximum(least - self.best.chi_square, 0.0))
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for JSON."""

@@ -61,6 +61,8 @@ class TouchStatus(StrEnum):
     AT_EDGE = "at edge"  #: The limits of the model's domain hold the touch.
     AMBIGUOUS = "ambiguous"  #: Other touches are likely, too.
     UNEXPLAINED = "unexplained"  #: The nearest touch of the model's domain does not fit.
+    #: There are fewer charges than unknown quantities, and no search is made.
+    UNDETERMINED = "undetermined"
     #: No search ended: the charges fit no touch of the model's domain.
     NOT_FOUND = "no_touch_found"
     NOT_FINITE = "not_finite"
@@ -137,17 +139,6 @@ class Touch:
         return dict(zip(self.unknown, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     @property
-    def condition(self) -> float:
-        """Condition number of the Jacobian, its columns scaled to length 1; inf if one is 0.
-
-        This scaling is within √unknown of the best (van der Sluis 1969): units do not matter.
-        """
-        lengths = np.linalg.norm(self.jacobian, axis=0)
-        if not lengths.all() or len(self.jacobian) < len(lengths):
-            return np.inf
-        return float(np.linalg.cond(self.jacobian / lengths))
-
-    @property
     def explained(self) -> bool:
         """Whether charges as far from the model's are common."""
         rows, columns = self.jacobian.shape
@@ -182,7 +173,6 @@ class Touch:
         """Plain values for JSON, None for what is infinite; errors are left to the location."""
         return {
             **self.by_name,
-            "condition": finite(self.condition),
             "chi_square": self.chi_square,
             "p_value": finite(self.p_value),
             "explained": self.explained,

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import nullcontext
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
 import pandas as pd
 
-from pvdf_fem import Scene, modes, solve
+from pvdf_fem import solve
 from pvdf_fem.reporting.registry import kinds_of
 from pvdf_fem.reporting.report import STORE, Report
 from pvdf_fem.reporting.solved import Solved
@@ -20,8 +19,6 @@ from pvdf_fem.solvers.status import Status
 from pvdf_fem.sweeps.store import Store
 from pvdf_fem.sweeps.sweep import planned, solve_all
 from reports.accuracy.drawn import drawn_scenes
-from reports.reference.axisymmetric import axisymmetric_membrane
-from reports.reference.closed_form import disc_frequencies, linear_patch_deflection
 
 ROOT = Path(__file__).parents[2]
 OUT = ROOT / "reports" / "out"
@@ -34,13 +31,6 @@ QUICK = ("pressure", "punch")
 OTHERS = ("accuracy", "stability", "locating", "design")
 
 
-LOADS: dict[str, dict[str, Any]] = {
-    "a pressure": {"kind": "dead"},
-    "a follower pressure": {"kind": "follower"},
-    "a stuck punch": {"kind": "rigid", "contact": "stuck"},
-}
-
-
 class Markdown(NamedTuple):
     """A text that notebooks show."""
 
@@ -50,20 +40,6 @@ class Markdown(NamedTuple):
         return self.text
 
 
-class Agreement(NamedTuple):
-    """A number of ours beside the same number of a source."""
-
-    what: str
-    source: str
-    ours: float
-    theirs: float
-
-    @property
-    def difference(self) -> float:
-        """Relative difference."""
-        return self.ours / self.theirs - 1.0
-
-
 def table(heads: Iterable[str], rows: Iterable[Iterable[object]]) -> Markdown:
     """A table that notebooks show."""
     heads = list(heads)
@@ -71,69 +47,20 @@ def table(heads: Iterable[str], rows: Iterable[Iterable[object]]) -> Markdown:
     return Markdown("\n".join(f"| {' | '.join(line)} |" for line in lines))
 
 
-def agreement_table(rows: Iterable[Agreement]) -> Markdown:
-    """A line for each number, with the relative difference."""
-    heads = "compared", "with", "ours", "theirs", "difference"
-    return table(
-        heads,
-        (
-            [r.what, r.source, f"{r.ours:.6g}", f"{r.theirs:.6g}", f"{r.difference:+.1e}"]
-            for r in rows
-        ),
-    )
-
-
-def other_codes(tolerance: float) -> Iterator[Agreement]:
-    """Charges beside those of two other codes that agree to 1e-7, as the tests have them."""
+def proofs() -> Markdown:
+    """A table for each proof of the tests, its numbers computed now."""
     # not an import statement, since tests have no types
-    dead = import_module("tests.validation.test_agreement").DEAD
-    for name, (scene, charges, _) in dead.items():
-        found = solve(scene.with_(**{"numerics.tolerance": tolerance})).charges_pC
-        for electrode, theirs in charges.items():
-            yield Agreement(f"{name}, {electrode} (pC)", "two codes", found[electrode], theirs)
-
-
-def exact_solutions(tolerance: float = 1e-4) -> Iterator[Agreement]:
-    """Deflections and frequencies beside closed forms and problems in one dimension."""
-    film = Scene().film
-    a, h, rho = film.radius, film.thickness, film.density
-    N0, fine = float(film.stress_at_rest[0]) * h, Scene().with_(**{"numerics.tolerance": tolerance})
-    yield _tight(fine)
-    for kind, load in LOADS.items():
-        yield _in_one_dimension(fine, kind, load)
-    drum = disc_frequencies(4, radius=a, tension=N0, areal_density=rho * h)
-    names = "j01", "j11", "j11", "j21"
-    for name, ours, theirs in zip(names, modes(fine, 4).frequencies_Hz, drum, strict=True):
-        yield Agreement(f"frequency {name} (Hz)", "zeros of Bessel functions", ours, theirs)
-
-
-def _tight(fine: Scene) -> Agreement:
-    """The deflection of a tight film under a disc off its centre."""
-    place, force, tension = np.array([12.0, -8.0]), 1e-3, 1e3
-    probe = {"shape": "circle", "radius_mm": 5.0, "x_mm": 12.0, "y_mm": -8.0}
-    scene = fine.with_(film={"pretension_N_m": tension}, probe=probe, load={"force_N": force})
-    exact_mm = 1e3 * linear_patch_deflection(
-        place, centre=place, patch_radius=5.0, film_radius=45.0, force=force, tension=tension
-    )
-    ours_mm = float(solve(scene).at(*place).deflection_mm)
-    return Agreement("deflection, tight film (mm)", "Green's function", ours_mm, float(exact_mm))
-
-
-def _in_one_dimension(fine: Scene, kind: str, load: dict[str, Any]) -> Agreement:
-    """The deflection under a disc of 5 mm at the centre, 1 N."""
-    film = fine.film
-    stiffness = float(film.youngs_modulus_GPa) * 1e9 * film.thickness  # type: ignore[arg-type]
-    pretension = float(film.stress_at_rest[0]) * film.thickness / stiffness
-    exact = axisymmetric_membrane(
-        1.0 / (stiffness * film.radius),
-        poisson_ratio=film.poisson_ratio,
-        patch_radius=5.0 / 45.0,
-        pretension=pretension,
-        **load,
-    )
-    scene = fine.with_(probe={"shape": "circle", "radius_mm": 5.0}, load={**load, "force_N": 1.0})
-    ours_mm, theirs_mm = solve(scene).deflection_max_mm, 1e3 * film.radius * exact.centre_deflection
-    return Agreement(f"deflection under {kind} (mm)", "one dimension", ours_mm, theirs_mm)
+    found = import_module("tests.validation.proofs").PROOFS
+    heads = "number", "ours", "theirs", "difference", "allowed"
+    texts = []
+    for proof in found:
+        rows = []
+        for n in proof.numbers():
+            sizes = f"{n.ours:.6g}", f"{n.theirs:.6g}"
+            rows.append([n.quantity, *sizes, f"{n.difference:+.1e}", f"{n.tolerance:.0e}"])
+        told = f"Source: {proof.source}. Allowed: {proof.why}."
+        texts.append(f"**{proof.problem}.** {told}\n\n{table(heads, rows).text}")
+    return Markdown("\n\n".join(texts))
 
 
 def stated_and_true(seed: int = 1, count: int = 3) -> Markdown:

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import ast
 import inspect
-import json
 import re
-import types
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import pvdf_fem
 from pvdf_fem.cli.main import _parser as parser
@@ -19,32 +16,10 @@ from pvdf_fem.reporting.kind import Kind
 from pvdf_fem.reporting.registry import FIGURES
 from pvdf_fem.reporting.registry import TABLES as REPORT_TABLES
 from pvdf_fem.reporting.script import Other, Script, ScriptSection
-from pvdf_fem.scene.film import Air, Film
-from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.quantity import Section
-from pvdf_fem.scene.readout import Readout
-from pvdf_fem.scene.registry import Load
-from pvdf_fem.scene.scene import Numerics, Scene
 from pvdf_fem.scene.scene_file import example_text, examples
-from pvdf_fem.scene.shapes import ELECTRODES, PATCHES, PROBES, RINGS, Layout, Pressing
-from pvdf_fem.scene.stage import Stage, WantedModel
+from reports.guide.scene_keys import cleaned, scene_page, table_of
 
-#: Tables of a scene file and their models; shapes of one kind stand side by side.
-TABLES: Mapping[str, tuple[type[Section], ...]] = {
-    "[film]": (Film,),
-    "[[film.patches]]": tuple(PATCHES.values()),
-    "[electrodes]": (Layout,),
-    '[electrodes] with layout = "ring"': tuple(RINGS.values()),
-    "[[electrodes]]": tuple(ELECTRODES.values()),
-    "[probe]": tuple(PROBES.values()),
-    "[[probe]], besides the keys of [probe]": (Pressing,),
-    "[load]": (Load,),
-    "[numerics]": (Numerics,),
-    "[readout]": (Readout,),
-    "[stage]": (Stage,),
-    "[air]": (Air,),
-    "[model]": (WantedModel,),
-}
 #: What public names return or take, by headings of the page.
 RESULTS: Mapping[str, tuple[str, ...]] = {
     "What results hold": (
@@ -90,24 +65,6 @@ def write_references(folder: Path) -> None:
             path.write_text(text, "utf-8")
 
 
-def scene_page() -> str:
-    """Every table of a scene file with its keys, defaults and ranges."""
-    lines = [
-        "# Scene files",
-        "A scene is a TOML file of these tables. Every key has a default unless it is marked as",
-        "needed, and the units are in the keys' names. The scene at the end of this page, which",
-        "`pvdf-fem example four_electrodes` prints, explains every key.",
-        "",
-        _cleaned(Scene.__doc__),
-    ]
-    for heading, models in TABLES.items():
-        lines += ["", f"## `{heading}`", ""]
-        lines += _alone(models[0]) if len(models) == 1 else _beside(models)
-    commented = example_text("four_electrodes", examples()).rstrip()
-    lines += ["", "## A scene with every key", "", "```toml", commented, "```"]
-    return "\n".join(lines) + "\n"
-
-
 def report_page() -> str:
     """Every table of a report script, and every kind of figure and table, with its keys."""
     lines = [
@@ -127,82 +84,14 @@ def report_page() -> str:
         for name, model in kinds.items():
             keys = [key for key in model.model_fields if key not in Kind.model_fields]
             lines += ["", f'## `[[section.{form}]]` with `kind = "{name}"`', ""]
-            lines += [_cleaned(model.__doc__), "", *_table(model, keys)]
+            lines += [cleaned(model.__doc__), "", *table_of(model, keys)]
     lines += ["", "## A script", "", "```toml", example_text("report", examples()).rstrip(), "```"]
     return "\n".join(lines) + "\n"
 
 
-def _cleaned(doc: str | None) -> str:
-    """A docstring as Markdown: double backticks are single ones."""
-    return inspect.cleandoc(doc or "").replace("``", "`")
-
-
 def _alone(model: type[Section]) -> list[str]:
     """A model's docstring, and a table of its keys."""
-    return [_cleaned(model.__doc__), "", *_table(model, model.model_fields)]
-
-
-def _beside(models: Sequence[type[Section]]) -> list[str]:
-    """The keys that models of one table share, and for each shape those that it has besides."""
-    shared = set.intersection(*(set(model.model_fields) for model in models)) - {"shape"}
-    if models[0] not in PROBES.values():
-        shared -= {"edge_radius_mm", *HEAT}  # which only probes have
-    lines = _table(models[0], [key for key in models[0].model_fields if key in shared])
-    for model in models:
-        shape = model.model_fields["shape"].default
-        lines += ["", f'`shape = "{shape}"`: {_cleaned(model.__doc__)}', ""]
-        known = {"shape", "edge_radius_mm", *HEAT, *shared}
-        lines += _table(model, [key for key in model.model_fields if key not in known])
-    return lines
-
-
-def _table(model: type[Section], keys: Iterable[str]) -> list[str]:
-    lines = ["| key | default | values |", "| --- | --- | --- |"]
-    for key in keys:
-        field = model.model_fields[key]
-        default = "needed"
-        if not field.is_required():
-            default = _written(field.get_default(call_default_factory=True))
-        lines += [f"| `{key}` | {default} | {_values(field.annotation, field.metadata)} |"]
-    return lines
-
-
-def _written(value: Any) -> str:
-    if value is None:
-        return "not given"
-    if value in ((), {}):
-        return "none"
-    if isinstance(value, Section | tuple):
-        return "the table's"
-    return f"`{json.dumps(value)}`"
-
-
-def _values(annotation: Any, metadata: Any = ()) -> str:
-    """What a type takes, in words, with the range of `quantity.within`."""
-    for check in (getattr(entry, "func", None) for entry in metadata):
-        found = inspect.getclosurevars(check).nonlocals if inspect.isfunction(check) else {}
-        if {"low", "high", "unit"} <= found.keys():
-            return f"{found['low']:g} to {found['high']:g} {found['unit']}".rstrip()
-    origin, arguments = get_origin(annotation), get_args(annotation)
-    if origin is Annotated:
-        return _values(arguments[0], arguments[1:])
-    if origin is Literal:
-        return ", ".join(_written(value) for value in arguments)
-    if origin in (Union, types.UnionType):
-        kinds = dict.fromkeys(_values(a) for a in arguments if a is not type(None))
-        return " or ".join(kind for kind in kinds if kind)
-    if origin is tuple:
-        kinds = dict.fromkeys(_values(a) for a in arguments if a is not Ellipsis)
-        is_tables = any("Patch" in kind for kind in kinds)
-        return "list of the next table" if is_tables else f"list of {'; '.join(kinds)}"
-    if origin is dict:
-        is_number = _values(arguments[1]) not in ("value", "list of value")
-        return f"table by {'electrode' if is_number else 'key'} of {_values(arguments[1])}"
-    if inspect.isclass(annotation) and issubclass(annotation, Section):
-        return f"table {annotation.__name__}"
-    names = {bool: "`true`, `false`", float: "number", int: "whole number", str: "text"}
-    names[Any] = "value"
-    return names.get(annotation, "as said above")
+    return [cleaned(model.__doc__), "", *table_of(model, model.model_fields)]
 
 
 def commands_page() -> str:

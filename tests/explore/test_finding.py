@@ -7,10 +7,10 @@ import pytest
 
 from pvdf_fem.explore.finding import find, isocharge_lines
 from pvdf_fem.explore.picture import ORDER, PIXELS, image_of, picture_of
+from pvdf_fem.output.touch_map import deviation_ellipse
 from pvdf_fem.response.model import SCENE_KEYS
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solve import solve
-from pvdf_fem.touch.posterior import deviation_ellipse
 from tests.helpers.touch_models import bumps
 
 SCENE = Scene.example("triangle").with_(**{"numerics.tolerance": 1e-2})

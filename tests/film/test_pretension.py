@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from skfem import Basis, BilinearForm, ElementTriP2, LinearForm, condense
 from skfem import solve as solve_linear
@@ -19,6 +19,7 @@ from pvdf_fem.scene.film import Film
 from pvdf_fem.solution.solve import rest_charges, rest_forces
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import barely_loaded
+from tests.helpers.damage import drawn
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, graded_mesh
 from tests.helpers.solvers import newton_result
 
@@ -188,7 +189,7 @@ def test_unequal_tensions_leave_the_mirror_lines_along_the_axes():
     ratio=st.floats(0.3, 3.0),
     force_N=st.floats(0.05, 5.0),
 )
-@settings(max_examples=6, deadline=None, derandomize=True)
+@drawn(0.05)
 def test_exchanging_x_and_y_of_everything_exchanges_the_charges(place, angle, ratio, force_N):
     """Reflected at the diagonal, A and B, and C and D, change their places."""
     (x, y), pair = place, [9.0, 9.0 * ratio]

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from pvdf_fem.arrays import Array, unit_gauss
-from pvdf_fem.scene.outlines.disc import ImageOfDisc
+from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import Outline
 
 
@@ -15,7 +15,7 @@ def area_rule(outline: Outline, count: int) -> tuple[Array, Array]:
     ellipse has `count` Gauss points along each of 2 `count` radii; a polygon is cut into triangles,
     each of which has `count` points along two of its sides."""
     s, w = unit_gauss(count)
-    if isinstance(outline, ImageOfDisc):
+    if isinstance(outline, Ellipse):
         angles = 2.0 * np.pi * np.arange(2 * count) / (2 * count)
         points = outline.centre + s[:, None, None] * (outline.at(angles) - outline.centre)
         return points.reshape(-1, 2), np.repeat(outline.area * w * s / count, len(angles))

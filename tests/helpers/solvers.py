@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.newton import DeferredNewton, NewtonOptions, NewtonResult, newton
 from pvdf_fem.solvers.seed import seed
 
@@ -14,6 +13,5 @@ def newton_result(
 ) -> NewtonResult:
     """How Newton's method with an exact line search ends, by default from the seed."""
     options = NewtonOptions() if options is None else options
-    budget = Budget.of(equilibrium.scene)
-    variant = DeferredNewton(equilibrium, options, budget, near=False)
+    variant = DeferredNewton(equilibrium, options, near=False)
     return newton(variant, seed(equilibrium) if start is None else start)

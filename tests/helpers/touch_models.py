@@ -35,7 +35,7 @@ class Bumps:
     #: By default not those of the scene, which are 48 pC.
     rest_pC: float = 40.0
 
-    def for_scene(self, scene, processes=None, *, check=True):
+    def for_scene(self, scene, processes=None, *, check=True, progress=None):
         """The charges of other electrodes."""
         places = 1e3 * np.array([electrode.outline.centroid for electrode in scene.electrode_list])
         names = tuple(electrode.name for electrode in scene.electrode_list)

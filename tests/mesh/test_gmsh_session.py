@@ -1,4 +1,4 @@
-"""A session of gmsh that the caller has begun stays as it was; a missing library is told."""
+"""Sessions of gmsh are ours alone, and are closed; a missing library is told."""
 
 from __future__ import annotations
 
@@ -6,151 +6,55 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import gmsh
-import numpy as np
 import pytest
 
 from pvdf_fem import solve
-from pvdf_fem.mesh.gmsh_mesh import MeshError
+from pvdf_fem.mesh.gmsh_mesh import GmshInUseError, MeshError
 from tests.helpers.discs import RECTANGLE, graded_mesh
 
 ROOT = Path(__file__).parents[2]
 
-# Most of them change our mesh if they are left as the caller has set them.
-CALLERS: dict[str, Any] = {
-    "Mesh.MeshSizeFactor": 0.1 + 0.2,  # no number of 16 digits
-    "Mesh.MeshSizeMax": 0.3,
-    "Mesh.MeshSizeMin": 0.01,
-    "Mesh.MeshSizeFromPoints": 1,
-    "Mesh.MeshSizeExtendFromBoundary": 1,
-    "Mesh.Algorithm": 1,
-    "Mesh.ElementOrder": 2,
-    "Mesh.SecondOrderLinear": 1,
-    "Mesh.RandomFactor": 1e-3,
-    "Mesh.RandomSeed": 7,
-    "Mesh.RecombineAll": 1,
-    "Mesh.SubdivisionAlgorithm": 1,
-    "Mesh.Smoothing": 10,
-    "Mesh.MeshOnlyVisible": 1,
-    "Geometry.Tolerance": 1e-3,
-    "Geometry.OCCParallel": 1,
-    "General.NumThreads": 2,
-    "General.AbortOnError": 0,
-    "General.Terminal": 0,
-    "General.Verbosity": 3,
-    "General.GraphicsFont": "Helvetica-Bold",
-    "View[0].IntervalsType": 3,
-    "View[0].NumberFormat": "%g",
-}
 
-
-def set_option(name: str, value: Any) -> None:
-    (gmsh.option.setString if isinstance(value, str) else gmsh.option.setNumber)(name, value)
-
-
-def option(name: str, value: Any) -> Any:
-    return (gmsh.option.getString if isinstance(value, str) else gmsh.option.getNumber)(name)
-
-
-@pytest.fixture
-def session() -> Iterator[None]:
-    """A session with two models, the first of them current, a mesh, a view and options."""
+def test_a_session_that_is_open_is_refused_and_left_alone() -> None:
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.model.add("first")
-        gmsh.model.occ.addDisk(0.0, 0.0, 0.0, 1.0, 1.0)
-        gmsh.model.occ.synchronize()
-        gmsh.model.addPhysicalGroup(2, [1], name="disc")
-        gmsh.model.mesh.generate(2)
-        gmsh.model.add("second")
-        gmsh.model.occ.addPoint(1.0, 2.0, 3.0)  # not yet synchronized
-        gmsh.model.setCurrent("first")
-        view = gmsh.view.add("a point")
-        gmsh.view.addListData(view, "SP", 1, [0.0, 0.0, 0.0, 5.0])
-        for name, value in CALLERS.items():
-            set_option(name, value)
-        gmsh.option.setColor("Mesh.Color.Nodes", 1, 2, 3, 200)
-        yield
+        gmsh.option.setNumber("Mesh.RecombineAll", 1)
+        gmsh.model.add("mine")
+        with pytest.raises(GmshInUseError, match=r"gmsh\.finalize"):
+            solve(RECTANGLE)
+        assert gmsh.model.getCurrent() == "mine"
+        assert gmsh.option.getNumber("Mesh.RecombineAll") == 1
     finally:
         gmsh.finalize()
 
 
-def state(folder: Path) -> dict[str, Any]:
-    """What a caller sees of a session."""
-    numbers = {name: option(name, value) for name, value in CALLERS.items()}
-    gmsh.option.setNumber("General.Verbosity", 0)  # it tells of the file
-    gmsh.write(str(folder / "all.opt"))
-    gmsh.option.setNumber("General.Verbosity", numbers["General.Verbosity"])
-    options = (folder / "all.opt").read_text().splitlines()
-    tags, coordinates, _ = gmsh.model.mesh.getNodes()
-    return {
-        "models": (gmsh.model.list(), gmsh.model.getCurrent()),
-        "entities": gmsh.model.getEntities(),
-        "groups": [
-            (group, gmsh.model.getPhysicalName(*group)) for group in gmsh.model.getPhysicalGroups()
-        ],
-        "nodes": (tags.tolist(), coordinates.tolist()),
-        "views": gmsh.view.getTags().tolist(),
-        "numbers": numbers,
-        "options": [line for line in options if "(read-only)" not in line],
-        "colour": gmsh.option.getColor("Mesh.Color.Nodes"),
-    }
-
-
-def test_a_callers_session_stays_as_it_was(session: None, tmp_path: Path) -> None:
-    gmsh.logger.start()
-    before = state(tmp_path)
-    assert before["numbers"] == CALLERS
-    solve(RECTANGLE)  # on meshes of both kinds of sizes
-    assert state(tmp_path) == before
-    assert list(gmsh.logger.get()) == []
-    gmsh.model.setCurrent("second")
-    gmsh.model.occ.synchronize()
-    assert gmsh.model.getEntities() == [(0, 1)]
-
-
-def test_a_callers_session_changes_no_result(session: None) -> None:
-    beside, mesh = solve(RECTANGLE), graded_mesh(RECTANGLE, 1.0, 6.0)
-    gmsh.finalize()
-    alone, same_mesh = solve(RECTANGLE), graded_mesh(RECTANGLE, 1.0, 6.0)
-    gmsh.initialize(readConfigFiles=False, interruptible=False)  # the fixture finalizes it
-    assert np.array_equal(mesh.doflocs, same_mesh.doflocs)
-    assert beside.charges_pC == alone.charges_pC
-    assert beside.charge_errors_pC == alone.charge_errors_pC
-
-
-def test_a_callers_session_stays_after_a_failure(
-    session: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(_: int) -> None:
-        raise Exception("no elements in surface 7")
-
-    before = state(tmp_path)
-    with monkeypatch.context() as patch:
-        patch.setattr(gmsh.model.mesh, "generate", fail)
-        with pytest.raises(MeshError, match="no elements in surface 7"):
-            graded_mesh(RECTANGLE, 1.0, 6.0)
-    assert state(tmp_path) == before
-
-
-def test_threads_mesh_beside_a_callers_session(session: None, tmp_path: Path) -> None:
-    before, made = state(tmp_path), []
+def test_threads_mesh_one_after_another_and_leave_no_session() -> None:
+    made: list[bytes] = []
     threads = [
-        threading.Thread(target=lambda: made.append(graded_mesh(RECTANGLE, 1.0, 6.0)))
+        threading.Thread(target=lambda: made.append(graded_mesh(RECTANGLE, 1.0, 6.0).p.tobytes()))
         for _ in range(3)
     ]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len({mesh.doflocs.tobytes() for mesh in made}) == 1
-    assert len(made) == 3
-    assert state(tmp_path) == before
+    assert (len(made), len(set(made))) == (3, 1)
+    assert not gmsh.isInitialized()
+
+
+def test_no_session_is_left_by_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: int) -> None:
+        raise Exception("no elements in surface 7")
+
+    monkeypatch.setattr(gmsh.model.mesh, "generate", fail)
+    with pytest.raises(MeshError, match="no elements in surface 7"):
+        graded_mesh(RECTANGLE, 1.0, 6.0)
+    assert not gmsh.isInitialized()
 
 
 # ------------------------------------------------------------------------- gmsh cannot be loaded
@@ -210,7 +114,7 @@ def test_a_command_names_the_missing_package_in_a_line(without_glu: Run, command
     assert (done.returncode, done.stdout, done.stderr.splitlines()[-1]) == (2, "", TOLD)
 
 
-@pytest.mark.parametrize("processes", ["1", "2"])
+@pytest.mark.parametrize("processes", ["2"])
 def test_a_sweep_names_the_missing_package_once(without_glu: Run, processes: str) -> None:
     done = without_glu("-m", "pvdf_fem", "sweep", "sweep.toml", "--processes", processes)
     assert done.returncode == 2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import gmsh
@@ -12,7 +11,6 @@ import pytest
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.files import FileError
-from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch
 from pvdf_fem.mesh.mesh_file import READERS, MeshFileError, read_mesh
 from pvdf_fem.output.export import write_mesh
@@ -33,7 +31,7 @@ def by_gmsh(
     *,
     unit: float = 1.0,
     version: float = 4.1,
-    order: int = 1,
+    order: int = 2,
     size: float = 3.0,
     names: tuple[str, ...] = ("A", "B", "C", "D", "probe"),
     moved: float = 0.0,
@@ -69,8 +67,6 @@ def by_gmsh(
 
 @pytest.mark.parametrize("extension", READERS)
 def test_what_the_command_writes_is_read_as_it_was(tmp_path: Path, extension: str) -> None:
-    if extension == ".xdmf" and not importlib.util.find_spec("h5py"):
-        pytest.skip("meshio writes this format with h5py")
     mesh, path = graded_mesh(SCENE, 1.5, 8.0), tmp_path / f"a{extension}"
     write_mesh(mesh, path)
     found = read_mesh(path, SCENE)
@@ -89,29 +85,17 @@ def test_what_the_command_writes_is_read_as_it_was(tmp_path: Path, extension: st
 
 
 @pytest.mark.parametrize(
-    ("unit", "version", "order", "names"),
-    [
-        (1.0, 4.1, 1, ("A", "B", "C", "D", "probe")),
-        (1e-3, 2.2, 1, ("A", "B", "C", "D", "probe")),
-        (1e-3, 4.1, 2, ("A", "C")),
-        (1.0, 2.2, 2, ()),
-    ],
+    ("unit", "version", "names"),
+    [(1e-3, 4.1, ("A", "C")), (1.0, 2.2, ()), (1e-3, 2.2, ("A", "B", "C", "D", "probe"))],
 )
 def test_a_mesh_of_the_user(
-    tmp_path: Path, unit: float, version: float, order: int, names: tuple[str, ...]
+    tmp_path: Path, unit: float, version: float, names: tuple[str, ...]
 ) -> None:
-    """In mm or m, straight or curved, with overlapping groups, with some or with none."""
-    path = by_gmsh(tmp_path / "a.msh", unit=unit, version=version, order=order, names=names)
+    """In mm or m, with overlapping groups, with some or with none."""
+    path = by_gmsh(tmp_path / "a.msh", unit=unit, version=version, names=names)
     mesh = read_mesh(path, SCENE)
     assert set(mesh.subdomains) == {"film", "probe", *map(electrode_patch, "ABCD")}
     np.testing.assert_allclose(charges(path), CHARGES, rtol=1e-3)
-
-
-def test_round_outlines_of_straight_triangles_have_their_areas(tmp_path: Path) -> None:
-    mesh = read_mesh(by_gmsh(tmp_path / "a.msh", size=6.0), SCENE)
-    weights = Space(mesh, 1).weights.sum(axis=1)
-    assert weights.sum() == pytest.approx(np.pi * 0.045**2, rel=1e-9)
-    assert weights[mesh.subdomains["probe"]].sum() == pytest.approx(np.pi * 0.004**2, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -119,10 +103,9 @@ def test_round_outlines_of_straight_triangles_have_their_areas(tmp_path: Path) -
     [
         (SCENE, {"unit": 10.0}, "45 mm radius"),
         (SCENE.with_(**{"film.radius_mm": 46.0}), {}, "nodes up to 45 from the origin"),
-        (SCENE, {"moved": 6.0}, r"electrode A: \d+ triangles of this name lie outside"),
-        (SCENE, {"moved": 6.0, "names": ()}, r"electrode A: the mesh does not follow its outline"),
+        (SCENE, {"order": 1}, "types line, triangle"),
+        (SCENE, {"moved": 6.0}, r"electrode A: the mesh does not follow its outline"),
         (SCENE.with_(**{"probe.radius_mm": 4.1}), {}, "probe: the mesh does not follow"),
-        (SCENE.with_(**{"probe.radius_mm": 4.1}), {}, "groups are: .*probe"),
     ],
 )
 def test_a_mesh_of_another_scene(
@@ -169,34 +152,36 @@ FANS = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
 CRACK = [*SQUARE, [0, 0, 0], [45, 0, 0]]
 
 
+def fans(points: list[list[float]], triangles: list[list[int]]) -> meshio.Mesh:
+    """Six-node triangles with straight sides."""
+    places, middles, nodes = [*points], dict[tuple[int, ...], int](), []
+    for corners in triangles:
+        nodes.append([*corners])
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            side = tuple(sorted((corners[a], corners[b])))
+            if side not in middles:
+                middles[side] = len(places)
+                places.append(np.mean([points[i] for i in side], axis=0).tolist())
+            nodes[-1].append(middles[side])
+    return grid(places, triangle6=nodes)
+
+
 @pytest.mark.parametrize(
     ("mesh", "text"),
     [
         (grid(SQUARE, quad=[[0, 1, 2, 3]]), "types quad"),
         (grid(SQUARE, line=[[0, 1]]), "types line"),
-        (grid(CRACK, triangle=[*FANS[:3], [3, 6, 5]]), "sides within the film"),
-        (grid([[*p[:2], p[0]] for p in SQUARE], triangle=FANS), "off the plane"),
-        (grid([[np.nan, 0, 0], *SQUARE[1:]], triangle=FANS), "off the plane"),
-        (grid(SQUARE, triangle=[*FANS, [0, 4, 2]]), "without an area"),
-        (grid(SQUARE, triangle=FANS[:3]), "sides within the film"),
+        (fans(CRACK, [*FANS[:3], [3, 6, 5]]), "sides within the film"),
+        (fans([[*p[:2], p[0]] for p in SQUARE], FANS), "off the plane"),
+        (fans([[np.nan, 0, 0], *SQUARE[1:]], FANS), "off the plane"),
+        (fans(SQUARE, [*FANS, [0, 4, 2]]), "without an area"),
+        (fans(SQUARE, FANS[:3]), "sides within the film"),
     ],
 )
 def test_no_mesh_of_a_film(tmp_path: Path, mesh: meshio.Mesh, text: str) -> None:
     mesh.write(tmp_path / "a.vtu")
     with pytest.raises(MeshFileError, match=text):
         read_mesh(tmp_path / "a.vtu", SCENE)
-
-
-def test_rim_that_is_named_in_part(tmp_path: Path) -> None:
-    write_mesh(graded_mesh(SCENE, 1.5, 8.0), tmp_path / "a.msh")
-    half = meshio.read(tmp_path / "a.msh")
-    lines = half.cells_dict["line3"][::2]
-    half.cells[1] = meshio.CellBlock("line3", lines)
-    for tags in half.cell_data.values():
-        tags[1] = tags[1][::2]
-    half.write(tmp_path / "a.msh", file_format="gmsh22", binary=False)
-    with pytest.raises(MeshFileError, match=f"{len(lines)} lines in the group rim"):
-        read_mesh(tmp_path / "a.msh", SCENE)
 
 
 def test_folded_triangles(tmp_path: Path) -> None:
@@ -219,7 +204,7 @@ def test_midside_nodes_that_are_not_shared(tmp_path: Path) -> None:
         read_mesh(tmp_path / "a.vtu", SCENE)
 
 
-@pytest.mark.parametrize("name", ["a.msh", "a.inp", "a.vtu", "a.vtk", "a.stl"])
+@pytest.mark.parametrize("name", ["a.msh", "a.inp", "a.vtu", "a.stl"])
 def test_no_mesh_at_all(tmp_path: Path, name: str) -> None:
     with pytest.raises(FileError, match="cannot be read"):
         read_mesh(tmp_path / name, SCENE)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from pvdf_fem import Scene, modes
 from pvdf_fem.designs.design import best, design
-from pvdf_fem.dynamics.forced import FrequencyResponse
 from pvdf_fem.output.charts import design_chart, frequency_response, sweep_chart
 from pvdf_fem.sweeps import sweep
 from pvdf_fem.sweeps.store import Record
@@ -72,9 +69,7 @@ def test_phases_are_continuous_at_multiples_of_45_degrees():
     turns = np.linspace(0.0, -3.0 * np.pi, 60)
     scene = Scene().with_(**{"film.loss_tangent": 0.05, "air": {"baffle": True}})
     charges = {"A": np.exp(1j * turns), "B": 2.0 * np.exp(0.5j * turns)}
-    about = SimpleNamespace(scene=scene)
-    response = FrequencyResponse(about, np.geomspace(1.0, 100.0, 60), charges, {}, {}, ())  # type: ignore[arg-type]
-    size, phase = frequency_response(response).axes
+    size, phase = frequency_response(np.geomspace(1.0, 100.0, 60), charges, scene).axes
     np.testing.assert_allclose(phase.lines[0].get_ydata(), np.degrees(turns), atol=1e-9)
     np.testing.assert_array_equal(np.diff(phase.get_yticks()), 180.0)
     assert "0.05, sound" in size.get_title(loc="left")
@@ -113,8 +108,8 @@ def test_designs_are_a_curve_for_each_value_and_the_map_of_the_best(forces):
         model=model.for_scene,  # type: ignore[arg-type]
         progress=lambda done, of: None,
     )
-    curves, film, _ = design_chart(data).axes
     chosen = best(data)
+    curves, film, _ = design_chart(data, chosen).axes
     medians = data.place_deviation_median_mm.sel(force_N=chosen.force_N.item())
     for line, count in zip(curves.lines, (4, 6), strict=True):
         np.testing.assert_array_equal(line.get_ydata(), medians.sel(count=count))

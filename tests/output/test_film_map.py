@@ -11,10 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
 from pvdf_fem import NotConvergedError, Scene, Solution, solve
+from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.charges.point_values import values_in_elements
-from pvdf_fem.derivatives.adjoint import error_shares
 from pvdf_fem.output.figures import new_figure, save, style
-from pvdf_fem.output.film_map import QUANTITIES, sampled
+from pvdf_fem.output.film_map import MAPS, sampled
+from pvdf_fem.solution.next_order import error_shares
 from pvdf_fem.solvers.status import Status
 
 
@@ -58,9 +59,9 @@ def test_a_film_that_is_pulled_is_palest_where_it_stays(monkeypatch: pytest.Monk
     pressed, pulled = axes(), axes()
     flat = solve(Scene.example("triangle").with_(**{"numerics.tolerance": 0.02}))
     flat.plot(ax=pressed)
-    deflection = QUANTITIES["deflection"]
+    deflection = MAPS["deflection"]
     upwards = replace(deflection, values=lambda at: -at.deflection_mm)
-    monkeypatch.setitem(QUANTITIES, "deflection", upwards)
+    monkeypatch.setitem(MAPS, "deflection", upwards)
     flat.plot(ax=pulled)
     down, up = (ax.collections[0] for ax in (pressed, pulled))
     np.testing.assert_allclose(down.levels, -up.levels[::-1], atol=1e-12)
@@ -83,16 +84,16 @@ def test_values_in_elements_are_those_at_their_places(solution: Solution) -> Non
     at = solution.at(inside.x_mm, inside.y_mm)
     np.testing.assert_allclose(inside.displacement_mm, at.displacement_mm, atol=1e-12)
     np.testing.assert_allclose(inside.stress_MPa, at.stress_MPa, rtol=1e-9, atol=1e-9)
-    density = QUANTITIES["charge density"].values
+    density = MAPS["charge density"].values
     assert density is not None
     np.testing.assert_allclose(density(inside), at.charge_density_pC_mm2, rtol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["stress", "charge density", "principal directions"])
 def test_colours_go_from_the_least_to_the_largest_value(solution: Solution, name: str) -> None:
-    ax, quantity = axes(), QUANTITIES[name]
+    ax, quantity = axes(), MAPS[name]
     figure = solution.plot(name, ax=ax)
-    _, _, values = sampled(solution, quantity)
+    _, _, values = sampled(solution.film_data(), quantity)
     drawn = ax.collections[0]
     np.testing.assert_array_equal(drawn.get_array(), values.ravel())
     assert drawn.get_clim() == (values.min(), values.max())
@@ -101,7 +102,7 @@ def test_colours_go_from_the_least_to_the_largest_value(solution: Solution, name
 
 def test_the_rim_is_drawn_round(solution: Solution) -> None:
     """Straight sides between the nodes on the rim would be far inside of it."""
-    at, *_ = sampled(solution, QUANTITIES["stress"])
+    at, *_ = sampled(solution.film_data(), MAPS["stress"])
     angle, radius = np.arctan2(at.y_mm, at.x_mm), np.hypot(at.x_mm, at.y_mm)
     outermost = [radius[np.abs(angle - a) < 0.05].max() for a in np.linspace(-3.0, 3.0, 40)]
     assert min(outermost) > 0.9995 * solution.scene.film.radius_mm
@@ -123,7 +124,7 @@ def test_mesh_and_error_shares_are_of_all_elements(solution: Solution) -> None:
     mesh, errors = axes(), axes()
     solution.plot("mesh", ax=mesh)
     solution.plot("error", ax=errors)
-    count, shares = solution.mesh.nelements, error_shares(solution)
+    count, shares = solution.mesh.nelements, error_shares(solution.fields, goals_of(solution.scene))
     assert f"{count} triangles" in mesh.get_title()
     lines, drawn = mesh.collections[-1], errors.collections[-1]
     assert isinstance(lines, LineCollection)
@@ -147,10 +148,10 @@ def test_contact_has_the_limits_and_the_edge_of_the_touch(touched: Solution) -> 
 
 
 def test_a_quantity_that_there_is_not_is_refused(solution: Solution) -> None:
-    with pytest.raises(ValueError, match="choose from") as caught:
+    with pytest.raises(ValueError, match="strain") as caught:
         solution.plot("strain")
-    assert all(name in str(caught.value) for name in QUANTITIES)
-    with pytest.raises(ValueError, match=r"no contact; load\.kind"):
+    assert all(name in str(caught.value) for name in MAPS)
+    with pytest.raises(ValueError, match=r"load\.kind"):
         solution.plot("contact")
     with pytest.raises(NotConvergedError):
         Solution(Scene(), Status.MAX_ITERATIONS, "no").plot()

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from pvdf_fem import locate
-from pvdf_fem.output.touch_map import charge_map, least_chi_square
+from pvdf_fem.output.touch_map import charge_map
 from pvdf_fem.touch.location import Location
+from pvdf_fem.touch.posterior import least_chi_square
 from tests.helpers.touch_models import bumps
 
 TOUCH = np.array([[3.0, -4.0, 25.0, 0.7]])
@@ -30,14 +31,16 @@ def found() -> Location:
 
 def test_isocharge_lines_are_where_the_model_has_their_charge() -> None:
     model = bumps()
-    ax = charge_map(model, "B", 30.0, 1.5, None).axes[0]  # type: ignore[arg-type]
+
+    def charge(places: np.ndarray) -> np.ndarray:
+        touches = np.hstack([places, np.tile([30.0, 1.5], (len(places), 1))])
+        return np.asarray(model.evaluate(touches)[0][:, 1])
+
+    ax = charge_map(model.scene, 12.0, charge, "B", None).axes[0]
     filled, lines = ax.collections[:2]
     for level, path in zip(lines.levels, lines.get_paths(), strict=True):
-        touches = np.array([[x, y, 30.0, 1.5] for x, y in path.vertices]).reshape(-1, 4)
-        np.testing.assert_allclose(model.evaluate(touches)[0][:, 1], level, rtol=2e-3)
+        np.testing.assert_allclose(charge(path.vertices.reshape(-1, 2)), level, rtol=2e-3)
     assert np.hypot(*filled.get_paths()[0].vertices.T).max() <= 12.0 + 1e-9
-    with pytest.raises(ValueError, match="choose from A, B, C, D"):
-        charge_map(model, "E", 0.0, 1.0, None)  # type: ignore[arg-type]
 
 
 def test_the_ellipse_is_that_of_the_covariance(found: Location) -> None:
@@ -56,15 +59,14 @@ def test_the_likelihood_is_that_of_the_likeliest_force() -> None:
     root, angles = np.linalg.cholesky(found.best.covariance[:2, :2]), np.linspace(0.0, 6.0, 9)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ root.T
     places = found.best.values[:2] + np.vstack([ring, np.zeros(2)])
-    at = found.problem.coordinates(np.tile([0.0, 0.0, 25.0, 5.0], (len(places), 1)))
-    at[:, :2] = places
-    *around, middle = least_chi_square(found.problem, at) - found.best.chi_square
+    least = least_chi_square(found.problem, found.best, places)
+    *around, middle = least - found.best.chi_square
     assert middle == pytest.approx(0.0, abs=1e-6)
     np.testing.assert_allclose(around, 1.0, rtol=0.02)
 
 
 def test_rivals_are_marked_with_their_shares() -> None:
-    found = located("x_mm", "y_mm", "force_N", electrodes=2)
+    found = located("x_mm", "y_mm", electrodes=2)
     assert len(found.touches) > 1
     film = found.plot().axes[0]
     marked = np.array([line.get_xydata()[0] for line in film.lines if len(line.get_xdata()) == 1])
@@ -73,7 +75,7 @@ def test_rivals_are_marked_with_their_shares() -> None:
 
 
 def test_places_have_to_be_sought() -> None:
-    with pytest.raises(ValueError, match="x and y were sought"):
+    with pytest.raises(ValueError, match="x and y"):
         located("x_mm", "force_N").plot()
 
 

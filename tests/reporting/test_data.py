@@ -33,6 +33,25 @@ def test_a_row_is_a_scene(tmp_path):
     np.testing.assert_array_equal(charges, [[100.25, np.nan], [80.0, np.nan]])
 
 
+@pytest.mark.parametrize(
+    ("table", "key"),
+    [
+        ("x_mm;A\n1.5;100.25\n", ""),
+        ("x_mm,A,A\n1,100,90\n", "data.touches.file"),
+        ("x_mm,A\n1,nan\n", "data.touches.A"),
+        ("x_mm,A\nnan,100\n", "data.touches, row 1"),
+    ],
+)
+def test_cells_are_numbers_and_columns_are_there_once(tmp_path, table, key):
+    if key:
+        with pytest.raises(SceneError) as refused:
+            readings(tmp_path, table, reading="total")
+        assert refused.value.problems[0].startswith(key)
+    else:
+        found = readings(tmp_path, table, reading="total")
+        assert found.charges(found.scenes(SCENE), ["A"], "total") == pytest.approx(100.25)
+
+
 def test_voltages_are_charges_through_the_channels(tmp_path):
     charges = np.array([[600.0, 500.0, 400.0, 300.0]])
     rest = 1e12 * rest_charges(SCENE)

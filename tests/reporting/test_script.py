@@ -5,17 +5,17 @@ from __future__ import annotations
 import contextlib
 import io
 import math
-import os
 import re
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pvdf_fem import Report, SceneError
 from pvdf_fem.cli.main import main
 from pvdf_fem.sweeps import sweep
+from tests.helpers.damage import drawn
 from tests.helpers.report_scripts import TOUCHES, script, text_of
 
 
@@ -93,7 +93,13 @@ TABLE = "section/1/table"
         (f"{FIGURE}/1/level_pC", 3, "section[0].figure[1].level_pC"),
         (f"{FIGURE}/2/values", [2.0, 1.0], "section[0].figure[2].values"),
         (f"{FIGURE}/2/values", {"start": 1.0, "stop": 2.0}, "section[0].figure[2].values.count"),
-        (f"{FIGURE}/2/x", "film.thickness", "section[0].figure[2].values, family: film.thickness"),
+        (
+            f"{FIGURE}/2/x",
+            "film.thickness",
+            "section[0].figure[2].x, values, family: film.thickness",
+        ),
+        (f"{FIGURE}/2/full", {"name": "other"}, "section[0].figure[2].full.name"),
+        (f"{FIGURE}/2/values", [], "section[0].figure[2].values"),
         (f"{FIGURE}/3/set", {"probe": {"x_mm": 19.0}}, "section[0].figure[3].set: probe"),
         (f"{FIGURE}/3/name", "charges", "section[1].table[0].name"),
         (f"{TABLE}/0/data", None, "section[1].table[0].data"),
@@ -139,8 +145,6 @@ def test_what_is_no_script_is_refused(tmp_path):
         Report.load(tmp_path)
 
 
-#: Examples of a run of the suite; by hand: ``PVDF_FEM_EXAMPLES=300 ./run test tests/reporting``.
-EXAMPLES = int(os.environ.get("PVDF_FEM_EXAMPLES", "60"))
 JUNK = st.sampled_from(
     ["", "x", "A", "\n", -1, 0, 0.5, True, [], [[]], {}, [1, "a"], {"x": 1}, [{}], "touches"]
 )
@@ -234,7 +238,7 @@ OF_TABLES = [drop, retype, extreme, add], [rename]
 OF_FILES = [cut, cells], [no_text, no_readings, utf_16, missing]
 
 
-@settings(max_examples=EXAMPLES, deadline=None, derandomize="PVDF_FEM_EXAMPLES" not in os.environ)
+@drawn(0.2)
 @given(data=st.data())
 def test_a_damaged_script_is_refused_by_key_before_any_solve(data, tmp_path_factory):
     """The command ends with 2 and names a key or a file, or comes to the first solve of a script

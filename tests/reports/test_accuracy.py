@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pvdf_fem import Scene, solve
+from pvdf_fem import Scene
 from pvdf_fem.reporting.kind import Inputs
 from pvdf_fem.reporting.registry import kinds_of
 from pvdf_fem.reporting.solved import Solved
@@ -21,9 +21,6 @@ from reports.accuracy.drawn import KINDS, drawn_scenes
 from reports.accuracy.measure import ByNGSolve, Known, Swept, Timed
 
 CASES = {case.name: case for case in cases("cases.toml")}
-#: A sphere by shooting takes seconds, and one of them is enough.
-SLOW = ("sphere of 5 mm",)
-INDEPENDENT = [n for n, case in CASES.items() if case.truth != "finer" and n not in SLOW]
 INPUTS = Inputs(Scene(), {}, quick=True)
 COARSE = {"numerics.tolerance": 1e-2}
 
@@ -35,15 +32,6 @@ def made(kind, **keys):
     scenes = item.scenes(INPUTS)
     records = dict(zip(scenes, solve_all(scenes, processes=1), strict=True))
     return item.compose(INPUTS, Solved({**records, **rows}))
-
-
-@pytest.mark.parametrize("name", INDEPENDENT)
-def test_charges_that_are_known_otherwise_are_those_of_the_finite_elements(name):
-    case = CASES[name]
-    tolerance = max(case.finest, 1e-4)
-    known = case.charges_pC or known_charges(case.truth, case.scene)
-    charges = solve(case.scene.with_(**{"numerics.tolerance": tolerance})).charges_pC
-    assert charges == pytest.approx(known, rel=tolerance)
 
 
 def test_a_charge_is_the_integral_of_the_tension_over_its_electrode():

@@ -11,14 +11,13 @@ import pytest
 
 from pvdf_fem import Report, Scene
 from pvdf_fem.reporting.registry import kinds_of
-from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.reporting.task import key
 from pvdf_fem.solution.solve import rest_charges
 from pvdf_fem.sweeps.store import Record
 from reports.__main__ import kinds_file, script_of
 from reports.locating import signals, touches
 from reports.locating.signals import Taps
-from reports.locating.touches import LAYOUTS, NOISE, Located, Pair
+from reports.locating.touches import LAYOUTS, NOISE, Located
 from tests.helpers.streams import Rested
 from tests.helpers.touch_models import DOMAIN, POINTS, Bumps
 
@@ -85,36 +84,6 @@ def test_touches_are_found_where_they_are(made_up):
     assert medians["eight"] < medians["four"] < medians["three"]
 
 
-def test_a_pair_is_found_in_either_order(monkeypatch):
-    charges = dict.fromkeys("ABCDEFGH", 100.0)
-    asked = []
-
-    def solved(scene):
-        asked.append(scene)
-        return SimpleNamespace(charges_pC=charges)
-
-    def located(scene, given, sigma, touches):
-        probes = list(reversed(asked[0].probe))
-        values = {
-            f"probe[{i}].{n}": getattr(probe, n) + 0.1 * (n == "x_mm")
-            for i, probe in enumerate(probes)
-            for n in ("x_mm", "y_mm", "force_N")
-        }
-        far = dict.fromkeys(values, 0.0)
-        how = {"unknown": tuple(values), "deviations": dict.fromkeys(values, 0.1)}
-        assert given != charges
-        return SimpleNamespace(touches=[SimpleNamespace(by_name=of, **how) for of in (far, values)])
-
-    monkeypatch.setattr(touches, "solve", solved)
-    monkeypatch.setattr(touches, "locate", located)
-    ring = {"layout": "ring", "count": 8, "shape": "square"}
-    scene = Scene().with_(electrodes=ring, probe={**DISC, "radius_mm": 2.0})
-    rows = Pair(scene, 3, 0.01, 10.0, 6.0).run()
-    true, found = (np.array([row[of] for row in rows]) for of in ("true", "found"))
-    np.testing.assert_allclose(found - true, [[0.1, 0.0, 0.0]] * 2, atol=1e-12)
-    assert np.linalg.norm(true[0, :2] - true[1, :2]) >= 6.0
-
-
 def test_a_tap_is_tracked_through_its_circuit(monkeypatch):
     def solved(scene):
         changes = charges_of(scene, Rested) - 1e12 * rest_charges(scene)
@@ -153,17 +122,3 @@ def test_only_touches_of_known_rotation_count(report, made_up):
     assert numbers["fits"] > 75.0  # there is no chi-square where the rotation is sought
     assert numbers["exact"] > 90.0
     assert 45.0 < numbers["within"]["four"] < 90.0
-
-
-def test_figures_have_the_numbers_of_their_captions(report, made_up):
-    inputs, needed = report.plan.needs(quick=True)
-    drawn = [need for need in needed if isinstance(need.tasks[0], Located)]
-    (task,) = {key(need.tasks[0]): need.tasks[0] for need in drawn[:2]}.values()
-    rows = replace(task, reach_mm=12.0).run()
-    for need in drawn[:2]:
-        content = need.item.kind.compose(inputs, Solved({key(task): rows}))
-        assert "{" not in content.caption + content.claim
-        assert "nan" not in content.caption + content.claim
-        assert content.claim
-        assert content.figure is not None
-        assert len(content.frame)

@@ -77,13 +77,6 @@ def test_what_follows_a_response_is_found(change: bytes, path: Path) -> None:
     refusal(path)
 
 
-@given(data=kept.wrong_contents())
-@drawn(1.0)
-def test_content_is_checked_though_its_digest_is_right(data: bytes, path: Path) -> None:
-    path.write_bytes(data)
-    assert "holds what no response can be" in refusal(path)
-
-
 FOREIGN = (
     *(b"", b"(lp0\nF1.0\na.", b"PK\x05\x06" + bytes(18), b"\x89PNG\r\n\x1a\n" + bytes(100)),
     *(b"SQLite format 3\0" + bytes(1000), bytes(5000), b"\x93NUMPY\x01\x00" + bytes(128)),

@@ -6,20 +6,13 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Response, Scene, build_response, locate
+from pvdf_fem.progress import Work
 from pvdf_fem.response.build import ResponseOptions
-from pvdf_fem.response.held_out import HeldOut, random_touches
-from pvdf_fem.response.probe_stress import ProbeMesh
+from pvdf_fem.response.held_out import HeldOut, random_touches, solves_of
 from pvdf_fem.solvers.status import Status
 
 SPHERE = Scene(probe={"shape": "sphere", "radius_mm": 5.0}, load={"kind": "contact"})
-# fewer places, larger elements and a coarser table than a real response has
-OPTIONS = ResponseOptions(
-    radii=2,
-    tip_cell=0.3,
-    held_out=4,
-    attempts=1,
-    elements=ProbeMesh(disc_size=0.15, growth=0.35, film_size=0.15),
-)
+OPTIONS = ResponseOptions(error=1e-2, held_out=4, attempts=1)
 DOMAIN = {"reach_mm": 4.0, "force_N": (0.4, 1.2)}
 
 
@@ -27,7 +20,7 @@ DOMAIN = {"reach_mm": 4.0, "force_N": (0.4, 1.2)}
 def built(tmp_path_factory):
     """A small response, as its file has it."""
     path = tmp_path_factory.mktemp("built") / "sphere.response"
-    made = build_response(SPHERE, tolerance=3e-3, file=path, processes=1, options=OPTIONS, **DOMAIN)
+    made = build_response(SPHERE, tolerance=1e-2, file=path, processes=1, options=OPTIONS, **DOMAIN)
     read = Response.load(path)
     touches = random_touches(made.domain, 5, seed=2)
     assert np.array_equal(read.evaluate(touches)[0], made.evaluate(touches)[0])
@@ -37,14 +30,16 @@ def built(tmp_path_factory):
 @pytest.fixture(scope="module")
 def solved(built):
     """Full solves of touches that the build has not seen."""
-    return HeldOut.solved(SPHERE, random_touches(built.domain, 3, seed=9), 1e-4, 1)
+    touches = random_touches(built.domain, 3, seed=9)
+    return HeldOut.of(touches, [*Work(1).run(solves_of(SPHERE, touches, 5e-4, share=1.0))])
 
 
+@pytest.mark.slow
 def test_a_response_is_true_to_the_solver(built, solved):
     """Though the contact grows with the force, and elements along its edge with it."""
     assert (built.status, built.remarks) == (Status.CONVERGED, ())
     errors, _ = solved.relative_errors(SPHERE.film, built.evaluate(solved.touches)[0])
-    assert errors.max() < built.error_bound < 3e-3
+    assert errors.max() < built.error_bound < 1e-2
 
 
 def test_charges_turn_with_the_touch(built):
@@ -70,10 +65,3 @@ def test_touches_are_located(built, solved):
 def test_a_depth_is_refused():
     with pytest.raises(ValueError, match=r"load\.depth_mm"):
         build_response(Scene(probe=SPHERE.probe, load={"kind": "contact", "depth_mm": 2.0}))
-
-
-@pytest.mark.parametrize("friction", [0.3, "stuck"])
-def test_friction_is_refused(friction):
-    load = {"kind": "contact", "friction": friction}
-    with pytest.raises(ValueError, match=r"load\.friction: .* give 0"):
-        build_response(Scene(probe=SPHERE.probe, load=load))

@@ -177,7 +177,7 @@ def test_rivals_of_a_probe_are_refused_together_and_replace_each_other():
 @pytest.mark.parametrize(
     ("one", "other"),
     [
-        ({"load.kind": ["contact", "dead"]}, {"load.friction": [0.1, 0.2]}),
+        ({"load.kind": ["contact", "dead"]}, {"load.depth_mm": [1.0, 2.0]}),
         ({"load.profile": ["gaussian", "uniform"]}, {"load.profile_width_mm": [1.0, 2.0]}),
         ({"probe.shape": ["sphere", "triangle"]}, {"probe.radius_mm": [4.0, 5.0]}),
     ],

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pvdf_fem import Scene, SceneError
-from pvdf_fem.scene.affects import affecting
+from pvdf_fem.scene.quantity import affecting
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.sweeps.equivalence import MECHANICS
 from pvdf_fem.sweeps.store import key

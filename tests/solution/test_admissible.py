@@ -19,7 +19,7 @@ from pvdf_fem.solvers.newton import factorise, negative_pivots
 from pvdf_fem.solvers.status import Status
 from reports.reference.axisymmetric import axisymmetric_membrane
 from reports.reference.axisymmetric_wrinkled import wrinkled_membrane
-from tests.helpers.discs import RECTANGLE, TRIANGLE, free_disc, graded_mesh
+from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, free_disc, graded_mesh
 from tests.helpers.solvers import newton_result
 
 NO_FORCES = Forces(np.zeros((0, 2)), np.zeros((0, 2)))
@@ -43,6 +43,36 @@ def test_forces_must_balance(solved):
     assert admissible.refusal(off, result.factors, None) is Status.UNBALANCED
     none = Fields(problem, result.q * np.nan, NO_FORCES)
     assert admissible.refusal(none, result.factors, None) is Status.UNBALANCED
+
+
+def test_forces_in_the_plane_must_balance(solved):
+    """Rim and load balance along z, while the film is displaced in its plane."""
+    problem, result = solved
+    moved = np.where(problem.unknowns.deflections(), 1.0, 1.0 + 1e-3) * result.q
+    fields = Fields(problem, moved, NO_FORCES)
+    allowed = problem.model.imbalance * problem.force
+    push = np.where(problem.unknowns.deflections(), 0.0, problem.residual(fields.solved_state))
+    # undo along z what the displacement in the plane changes there
+    for _ in range(3):
+        residual = problem.residual(problem.state(moved)) - push
+        moved = moved - result.factors.solve(residual)
+    off = Fields(problem, moved, NO_FORCES)
+    assert problem.imbalance(off.solved_state) < allowed
+    assert admissible.refusal(off, result.factors, None) is Status.UNBALANCED
+
+
+def test_a_pressure_that_follows_beyond_its_limit_is_refused():
+    """An odd number of negative pivots is beyond a limit of the load, although forces balance."""
+    scene = TRIANGLE.with_(**LOADS["follower"])
+    problem = Equilibrium(scene, graded_mesh(scene, 6.0, 14.0))
+    result = newton_result(problem)
+    fields = Fields(problem, result.q, NO_FORCES)
+    assert admissible.refusal(fields, result.factors, None) is None
+    tangent = problem.tangent(fields.solved_state).tolil()
+    tangent[0, 0] *= -1.0
+    beyond = factorise(tangent.tocsc())
+    assert negative_pivots(beyond) == 1
+    assert admissible.refusal(fields, beyond, None) is Status.UNSTABLE
 
 
 def test_a_buckled_plate_is_refused():

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
 
 from pvdf_fem import solve
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.mesh.gmsh_mesh import mesh_scene
-from pvdf_fem.solution.first_sizes import first_sizes
-from pvdf_fem.solvers import ladder
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import NewtonOptions
@@ -53,21 +48,17 @@ def test_a_film_that_nothing_presses_is_flat(mesh, changes, kind):
     assert result.iterations == result.tried == ()
 
 
-def test_a_pressure_that_follows_is_reached_from_a_dead_one(monkeypatch):
-    scene = free_disc(0.3, poisson_ratio=0.3, patch_radius=0.05, **{"load.kind": "follower"})
-    equilibrium = Equilibrium(scene, mesh_scene(scene, first_sizes(scene, 2)), 2)
-    directly = equilibrate(equilibrium)
-    assert directly.status is Status.CONVERGED
-    monkeypatch.setattr(ladder, "NewtonOptions", partial(NewtonOptions, max_following=3))
+def test_a_pressure_that_follows_a_film_that_wrinkles_is_reached_from_a_dead_one(mesh):
+    scene = TRIANGLE.with_(**WRINKLING, **LOADS["follower"])
+    equilibrium = Equilibrium(scene, mesh)
     result = equilibrate(equilibrium)
     assert result.status is Status.CONVERGED
-    assert result.q == pytest.approx(directly.q, abs=1e-6 * np.abs(directly.q).max())
-    newton, dead = result.tried
-    assert (newton.solver, newton.status, newton.iterations) == ("Newton", "max_iterations", 3)
+    residual = equilibrium.residual(equilibrium.state(result.q))
+    assert np.linalg.norm(residual) < 1e-7
+    [dead] = result.tried
     assert (dead.solver, dead.status) == ("dead pressure", "converged")
     # each tangent counts once
-    tangents = sum(row.fresh for row in result.iterations)
-    assert result.fresh_count == newton.tangents + dead.tangents + tangents
+    assert result.fresh_count == dead.tangents + len(result.iterations)
 
 
 def test_a_pressure_that_turns_its_patch_over_has_no_equilibrium():
@@ -90,6 +81,7 @@ def test_a_film_that_wrinkles_is_found_from_afar(mesh):
     near = equilibrate(equilibrium)
     result = equilibrate(equilibrium, 1e3 * near.q)
     assert near.status is result.status is Status.CONVERGED
+    assert near.tried == ()
     stresses = [equilibrium.state(found.q).stress for found in (near, result)]
     assert stresses[1] == pytest.approx(stresses[0], abs=1e-6 * np.abs(stresses[0]).max())
 
@@ -122,13 +114,9 @@ def test_work_counts_iterations_with_a_new_tangent(mesh):
     assert budget.left_seconds == 0.0
 
 
-def test_a_film_in_compression_is_given_up_sooner_on_a_small_budget(mesh):
-    """The search for a minimum that is not there ends by the work that it may take."""
+def test_a_film_in_compression_is_given_up(mesh):
+    """The search for a minimum that is not there ends before the most iterations."""
     scene = TRIANGLE.with_(**{"film.temperature_change_K": 10.0, "load.force_N": 1e-2})
-    equilibrium = Equilibrium(scene, mesh, 3)
-    short, long = (
-        equilibrate(equilibrium, budget=Budget(max_unknowns=10_000, max_seconds=seconds))
-        for seconds in (1e-3, 1e3)
-    )
-    assert short.status is long.status is Status.UNSTABLE
-    assert short.fresh_count == NewtonOptions().least_patience < long.fresh_count
+    result = equilibrate(Equilibrium(scene, mesh, 3))
+    assert result.status is Status.UNSTABLE
+    assert len(result.iterations) <= NewtonOptions().patience < NewtonOptions().max_iterations

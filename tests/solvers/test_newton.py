@@ -16,7 +16,13 @@ from pvdf_fem.solution import solve as solving
 from pvdf_fem.solution.history import Stop
 from pvdf_fem.solution.refinement import MeshLoop, Rules
 from pvdf_fem.solvers import ladder
-from pvdf_fem.solvers.newton import NewtonOptions, Tangent, factorise, negative_pivots
+from pvdf_fem.solvers.newton import (
+    NewtonOptions,
+    Tangent,
+    factorise,
+    least_energy,
+    negative_pivots,
+)
 from pvdf_fem.solvers.seed import seed
 from pvdf_fem.solvers.status import Status
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, graded_mesh
@@ -109,6 +115,15 @@ def test_an_older_tangent_serves_as_long_as_steps_shrink(mesh):
         assert row.fresh or not slow
 
 
+def test_the_line_search_takes_the_lowest_of_two_minima():
+    """(s - 1)² (s - 3)² falls to 0 at 1 and 3; the linear part makes the farther one lower."""
+    product = np.polynomial.polynomial.polyfromroots([1.0, 1.0, 3.0, 3.0])
+    for slope, lowest in ((-0.1, 3.0), (0.1, 1.0)):
+        energy = np.add(product, [0.0, slope, 0.0, 0.0, 0.0])
+        assert least_energy(energy) == pytest.approx(lowest, abs=0.05)
+    assert least_energy(np.array([0.0, -1.0, 0.0, 0.0, 0.0])) == 1.0
+
+
 # named ends
 
 
@@ -161,7 +176,7 @@ def test_last_iteration_is_named(monkeypatch):
     monkeypatch.setattr(ladder, "NewtonOptions", impatient)
     result = solve(TRIANGLE)
     assert result.status is Status.MAX_ITERATIONS
-    assert result.newton_iterations == 2
+    assert len(result.iterations) == 2
     assert "load.force_N" in result.reason
     refuses_results(result)
 

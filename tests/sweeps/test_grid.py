@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import tracemalloc
 from pathlib import Path
 
@@ -17,6 +16,13 @@ from pvdf_fem.sweeps.lines import MappingScheme
 GEOMETRY = Path(__file__).parents[2] / "geometry"
 LINES = {"electrode": "A", "angles_deg": list(range(2000))}
 BASE = Scene().with_(**{"probe.shape": "triangle"})
+
+
+def refused(axes) -> list[str]:
+    """Keys and values of the complaints about axes."""
+    with pytest.raises(SceneError) as error:
+        Grid.of(BASE, axes).scenes()
+    return [problem.partition(": ")[0] for problem in error.value.problems]
 
 
 def test_axes_are_lists_and_ranges_and_the_last_is_fastest():
@@ -57,12 +63,6 @@ def test_a_mapping_scheme_is_an_axis():
     assert axis.beside["distance_mm"] == pytest.approx([0.0, 4.0, 16.0, 0.0, 4.0])
 
 
-def test_a_mapping_cannot_vary_together_with_keys():
-    table = {"mapping": {"electrode": "A", "angles_deg": [0]}, "load": {"force_N": [1, 2]}}
-    with pytest.raises(SceneError, match=r"axes\[0\].load.force_N = .*an axis of its own"):
-        Grid.of(BASE, [table])
-
-
 def test_a_sweep_file_finds_its_scene_beside_it(tmp_path):
     (tmp_path / "scene.toml").write_text("[load]\nforce_N = 3.0\n[probe]\n")
     text = 'scene = "scene.toml"\n[[axes]]\nfilm.thickness_um = [9, 25]\n'
@@ -75,7 +75,7 @@ def test_a_sweep_file_finds_its_scene_beside_it(tmp_path):
 @pytest.mark.parametrize("axes", ["[axes]\nload.force_N = [1]\n", "[axes]\n[axes]\n"])
 def test_axes_are_a_list_of_tables(axes, tmp_path):
     (path := tmp_path / "sweep.toml").write_text(f"scene = {{}}\n{axes}")
-    with pytest.raises(SceneError, match=r"begin each (of them )?with \[\[axes\]\]"):
+    with pytest.raises(SceneError, match=r"\[\[axes\]\]"):
         Grid.load(path)
 
 
@@ -112,56 +112,51 @@ def test_all_mistakes_of_a_file_are_told_at_once(tmp_path):
     )
     with pytest.raises(SceneError) as error:
         Grid.load(path)
-    problems = "\n".join(error.value.problems)
-    for part in (
-        "scen = 3: is no key there; did you mean scene?",
+    assert [problem.partition(": ")[0] for problem in error.value.problems] == [
+        "scen = 3",
         "film.radius_mm = -1",
-        "axes[0].load.force_N.start = 0.0: both ends of equal ratios need one sign",
-        "axes[1].load.force_N.count = (nothing): is required",
-        "axes[1].load.force_N.cuont = 3: is no key there; did you mean count?",
-        "axes[2].probe.x_mm = 3: must be a list",
-        "axes[3]: probe.x_mm has 2, probe.y_mm has 3 values",
-        "axes[4].mapping.electrode 'Z': the scene has A, B, C, D",
-        "axes[5] = (nothing): has no key of a scene",
-    ):
-        assert part in problems
-    assert len(error.value.problems) == 9
+        "axes[0].load.force_N.start = 0.0",
+        "axes[1].load.force_N.count = (nothing)",
+        "axes[1].load.force_N.cuont = 3",
+        "axes[2].probe.x_mm = 3",
+        "axes[3]",
+        "axes[4].mapping.electrode 'Z'",
+        "axes[5] = (nothing)",
+    ]
+
+
+FORCE = {"load.force_N": [1]}
 
 
 @pytest.mark.parametrize(
-    ("axes", "reason"),
+    ("axes", "key"),
     [
-        ([{"load.force_N": [1]}, {"load.force_N": [2]}], "axes[1] = "),
-        ([{"load.force_N": [1], "name": "electrode"}], "is the dataset's own name"),
-        ([{"load.force_N": list(range(2000))}, {"film.d31_pC_N": list(range(2000))}], "4000000"),
-        ([{"load.force_N": [1], "name": "x_mm"}, {"load.kind": ["dead"], "name": "x_mm"}], "name"),
-        ([{"load.force_N": [1], "name": "angle_deg"}, {"mapping": LINES}], '"angle_deg": is the'),
-        ([{"load.force_N": [1], "name": "probe.x_mm"}, {"mapping": LINES}], '"probe.x_mm": is the'),
-        ([{"electrodes[0].x_mm": [9], "electrodes.0.x_mm": [8]}], "axes[0].electrodes.0.x_mm = "),
-        ([{"electrodes[0].x_mm": [9]}, {"electrodes.00.x_mm": [8], "name": "b"}], "axes[1] = "),
-        ([{"probe": [{"x_mm": 1}]}, {"probe.x_mm": [2]}], 'axes[1] = "probe.x_mm": a table that'),
-        ([{"probe": [{}], "probe.x_mm": [1]}, {"probe": [{}], "name": "b"}], "has this key"),
-        ([{"mapping": {**LINES, "distances_mm": list(range(500_000))}}], "make 1000000000 places"),
-        (
-            [{"load.force_N": [1], "name": f"n{i}"} for i in range(64)],
-            "axes = 64: is the number",
-        ),
+        ([FORCE, {"load.force_N": [2]}], 'axes[1] = "load.force_N"'),
+        ([{**FORCE, "name": "electrode"}], 'axes[0].name = "electrode"'),
+        ([{"load.force_N": list(range(2000))}, {"film.d31_pC_N": list(range(2000))}], "axes"),
+        ([{**FORCE, "name": "x_mm"}, {"load.kind": ["dead"], "name": "x_mm"}], "axes"),
+        ([{**FORCE, "name": "angle_deg"}, {"mapping": LINES}], 'axes[0].name = "angle_deg"'),
+        ([{**FORCE, "name": "probe.x_mm"}, {"mapping": LINES}], 'axes[0].name = "probe.x_mm"'),
+        ([{"electrodes[0].x_mm": [9], "electrodes.0.x_mm": [8]}], "axes[0].electrodes.0.x_mm"),
+        ([{"electrodes[0].x_mm": [9]}, {"electrodes.00.x_mm": [8], "name": "b"}], "axes[1]"),
+        ([{"probe": [{"x_mm": 1}]}, {"probe.x_mm": [2]}], 'axes[1] = "probe.x_mm"'),
+        ([{"probe": [{}], "probe.x_mm": [1]}, {"probe": [{}], "name": "b"}], "axes[1]"),
+        ([{"mapping": {**LINES, "distances_mm": list(range(500_000))}}], "axes[0].mapping"),
+        ([{"mapping": {"electrode": "A", "angles_deg": [0]}, **FORCE}], "axes[0].load.force_N"),
+        ([{**FORCE, "name": f"n{i}"} for i in range(64)], "axes = 64"),
+        ([{"film.d34_pC_N": [8.0]}, {"load.force_N": [1.0, 2.0]}], "film.d34_pC_N"),
     ],
 )
-def test_axes_that_clash_are_refused(axes, reason):
-    with pytest.raises(SceneError, match=None) as error:
-        Grid.of(BASE, axes)
-    assert reason in str(error.value)
+def test_axes_that_clash_are_refused(axes, key):
+    assert any(told.startswith(key) for told in refused(axes))
 
 
 @pytest.mark.parametrize(
     "name", [*sorted(OWN_NAMES), "a/b", "it's", "int", "string7", "-a", "a ", "e\u0301", 61 * "a"]
 )
 def test_names_that_a_file_cannot_hold_are_refused(name):
-    with pytest.raises(SceneError) as error:
-        Grid.of(BASE, [{"load.force_N": [1.0]}, {"film.d31_pC_N": [8.0], "name": name}])
-    (problem,) = error.value.problems
-    assert problem.startswith(f"axes[1].name = {quote(name)}: ")
+    axes = [{"load.force_N": [1.0]}, {"film.d31_pC_N": [8.0], "name": name}]
+    assert refused(axes) == [f"axes[1].name = {quote(name)}"]
 
 
 def test_tables_may_vary_beside_keys_that_they_leave_alone():
@@ -176,23 +171,12 @@ def test_grids_that_are_too_large_are_not_expanded():
     axes = [{"load.force_N": steps, "name": f"n{i}"} for i in range(60)]
     tracemalloc.start()
     try:
-        with pytest.raises(SceneError, match=r"axes = an integer of \d+ bits: is the num"):
-            Grid.of(BASE, axes)
+        assert "axes" in refused(axes)[0]
         assert tracemalloc.get_traced_memory()[1] < 5e6
     finally:
         tracemalloc.stop()
 
 
-def test_a_wrong_key_of_many_scenes_is_told_soon():
-    axes = [{"film.d34_pC_N": [8.0]}, {"load.force_N": {"start": 1, "stop": 2, "count": 100_000}}]
-    start = time.process_time()
-    with pytest.raises(SceneError, match="did you mean"):
-        Grid.of(BASE, axes).scenes()
-    assert time.process_time() - start < 5.0
-
-
 def test_mistakes_of_scenes_are_told_once_each():
-    grid = Grid.of(BASE, [{"electrodes.ring_radius_mm": [1, 10, 50]}, {"load.force_N": [1, 2]}])
-    with pytest.raises(SceneError) as error:
-        grid.scenes()
-    assert len(error.value.problems) == 2
+    axes = [{"electrodes.ring_radius_mm": [1, 10, 50]}, {"load.force_N": [1, 2]}]
+    assert len(refused(axes)) == 2

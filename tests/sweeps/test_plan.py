@@ -110,7 +110,7 @@ def test_joined_scenes_have_the_charges_of_separate_solves(observable):
     for alone, record in zip(map(solve, scenes), solve_all(scenes, processes=1), strict=True):
         for name, charge in alone.charges_pC.items():
             assert record.charge_errors_pC(18.0, 2.0, observable)[name] <= 2e-3 * charge
-            shared = record.charge_pC(name, observable, 18.0, 2.0)
+            shared = record.charges_pC(18.0, 2.0, observable)[name]
             assert shared == pytest.approx(charge, rel=2e-3)
 
 
@@ -124,7 +124,7 @@ def test_a_pretension_and_a_cooling_share_a_solve():
     assert len(planned(scenes).blocks) == 1
     for scene, record in zip(scenes, solve_all(scenes, processes=1), strict=True):
         for name, charge in solve(scene).charges_pC.items():
-            shared = record.charge_pC(name, "material", 18.0, 2.0)
+            shared = record.charges_pC(18.0, 2.0)[name]
             assert shared == pytest.approx(charge, rel=1e-9)
 
 
@@ -144,8 +144,8 @@ def test_images_of_a_scene_share_its_mesh():
     first, turned = solve_all([scene, scene.with_(**TURNED)], processes=1)
     assert first.charges_pC(18.0, 2.0) == solve(scene).charges_pC
     # B of the turned scene lies where A of the first was, and its axes have changed places
-    charge = first.charge_pC("A", "material", 2.0, 18.0)
-    assert turned.charge_pC("B", "material", 18.0, 2.0) == pytest.approx(charge, rel=1e-12)
+    charge = first.charges_pC(2.0, 18.0)["A"]
+    assert turned.charges_pC(18.0, 2.0)["B"] == pytest.approx(charge, rel=1e-12)
 
 
 def test_scenes_that_miss_the_tolerance_together_are_solved_alone(monkeypatch):

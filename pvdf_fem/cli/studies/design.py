@@ -89,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
     wrong += program.plot_mistakes(options, options.scene, options.output)
     scene = scene_of(options, *wrong)
     from pvdf_fem.designs.design import Designs, design
-    from pvdf_fem.solution.solution import NotConvergedError
+    from pvdf_fem.solvers.status import NotConvergedError
 
     try:
         designs = Designs.of(scene, vary)
@@ -102,8 +102,8 @@ def run(options: argparse.Namespace) -> int:
         if wrong:
             raise InputError(*dict.fromkeys(wrong))
         print(designs, file=sys.stderr)
-        asked["model"] = lambda film: model_of(film, options.scene, choice)
-        data = design(scene, vary, **asked)
+        asked["model"] = lambda film: model_of(film, options.scene, choice, as_kept=True)
+        data = design(scene, vary, progress=options.progress, **asked)
     except ValueError as error:
         raise InputError(*str(error).splitlines()) from error
     except NotConvergedError as error:
@@ -115,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _write(data: xarray.Dataset, options: argparse.Namespace) -> None:
     """Print the designs, and write the files that are asked for."""
-    from pvdf_fem.designs.design import table
+    from pvdf_fem.designs.design import best, table
     from pvdf_fem.output.charts import design_chart
     from pvdf_fem.sweeps.dataset import write_netcdf
 
@@ -127,7 +127,7 @@ def _write(data: xarray.Dataset, options: argparse.Namespace) -> None:
         shown = rows.drop(columns="model_error_bound").rename(columns=_HEADS)
         print(shown.to_string(index=False, float_format="{:.3g}".format))
     if options.plot:
-        program.save_plot(design_chart(data), options)
+        program.save_plot(design_chart(data, best(data)), options)
     if options.output and options.output.suffix.lower() == ".nc":
         write_netcdf(data, options.output)
     elif options.output:

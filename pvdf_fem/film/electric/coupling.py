@@ -34,9 +34,6 @@ from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 from pvdf_fem.scene.scene_file import quote
 
-#: Stress of its own that a small part of a film keeps: (1 - ν)/2, of a shear (1 + ν)/4 (Eshelby).
-KEPT = 0.4
-
 
 @dataclass(frozen=True, eq=False)
 class Floating:
@@ -69,14 +66,16 @@ class Floating:
         rest = self.film.stress_at_rest[:2] * self.outline.area
         return np.asarray(forces + self.share @ (forces - rest))
 
-    def effect(self, scene: Scene, touch: LoadedProbe) -> float:
-        """About the part of its charge by which coupling changes what a touch makes of it."""
+    def effect(self, scene: Scene, touch: LoadedProbe, own: float = 0.4) -> float:
+        """About the part of its charge by which coupling changes what a touch makes of it. A small
+        part of a film keeps about `own` of its own stress: (1 - ν)/2, of a shear (1 + ν)/4
+        (Eshelby)."""
         film, area = self.film, self.outline.area
         probe, force = guessed_press(scene, touch)
-        own, pressed = np.sqrt([area / np.pi, probe.area / np.pi])
+        radius, pressed = np.sqrt([area / np.pi, probe.area / np.pi])
         # an electrode under the probe has its mean tension at about half its radius
-        r = max(math.dist(self.outline.centroid, probe.centroid) - own, pressed, 0.5 * own)
-        kept = KEPT + (1.0 - KEPT) * area / (np.pi * film.radius**2)
+        r = max(math.dist(self.outline.centroid, probe.centroid) - radius, pressed, 0.5 * radius)
+        kept = own + (1.0 - own) * area / (np.pi * film.radius**2)
         return float(np.trace(self.share)) * kept * part_by_force(film, force, r)
 
 

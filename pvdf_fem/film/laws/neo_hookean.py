@@ -24,9 +24,6 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.laws.law import Law
 from pvdf_fem.scene.film import Film
 
-#: Newton steps from Hooke's strain at rest to the neo-Hookean one, which squares its error in each.
-STEPS = 30
-
 
 class NeoHookean(Law):
     """Blatz and Ko's neo-Hookean solid of an isotropic stiffness."""
@@ -42,15 +39,16 @@ class NeoHookean(Law):
         nu = stiffness[0, 1] / stiffness[0, 0]
         self.shear, self.m = stiffness[2, 2], nu / (1.0 - nu)
 
-    def at_rest(self, film: Film) -> Array:
-        """The strain of a cooled film, or what makes the pretension that is given."""
+    def at_rest(self, film: Film, steps: int = 30) -> Array:
+        """The strain of a cooled film, or what makes the pretension that is given, by Newton steps
+        from Hooke's strain, which square the error."""
         strain = film.strain_at_rest
         if film.pretension_N_m is None:
             return strain
         wanted, none = film.stress_at_rest, np.zeros(3)
-        for _ in range(STEPS):  # by differences of an analytic function
-            steps = np.array([self.stress(none, strain + 1e-20j * e).imag for e in np.eye(3)])
-            strain = strain - np.linalg.solve(1e20 * steps.T, self.stress(none, strain) - wanted)
+        for _ in range(steps):  # by differences of an analytic function
+            moved = np.array([self.stress(none, strain + 1e-20j * e).imag for e in np.eye(3)])
+            strain = strain - np.linalg.solve(1e20 * moved.T, self.stress(none, strain) - wanted)
         return np.asarray(strain)
 
     def stress(self, strain: Array, at_rest: Array) -> Array:

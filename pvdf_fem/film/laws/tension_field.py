@@ -31,9 +31,6 @@ from pvdf_fem.film.laws.law import Hooke
 
 # adj S = S22, S11, -S12 of a stress S11, S22, S12, as a strain with engineering shear.
 ADJUGATE: Array = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -2.0]])
-#: Newton steps for x in [0, 1]; each at least halves its bounds, so that 60 leave rounding.
-MAX_STEPS = 60
-ROUNDING = 1e-15  #: Change of x after which its equation counts as solved.
 
 
 class TensionField(Hooke):
@@ -73,10 +70,11 @@ class TensionField(Hooke):
         elastic = strain + at_rest
         return 0.5 * np.asarray((elastic * self.stress(elastic)).sum(axis=-1))
 
-    def _wrinkled(self, strain: Array) -> Array:
+    def _wrinkled(self, strain: Array, most_steps: int = 60) -> Array:
         """Stress S in Pa at strains (n, 3) of wrinkled film. With y = V^-1 S and f = V^T e,
         y_i (1 - lambda mu_i) = f_i. On the cone sqrt(mu_3) y_3 = |(sqrt(-mu_i) y_i), i = 1, 2|, and
-        x = -lambda mu_1/(1 - lambda mu_1) makes lambda in [0, inf) an x in [0, 1)."""
+        x = -lambda mu_1/(1 - lambda mu_1) makes lambda in [0, inf) an x in [0, 1). Each Newton step
+        at least halves its bounds, so that 60 leave rounding."""
         f = strain @ self._vectors
         scaled = f * np.sqrt(np.abs(self._values))
         first, second, third = scaled.T
@@ -85,7 +83,7 @@ class TensionField(Hooke):
 
         low, high = np.zeros(len(f)), np.ones(len(f))
         x = np.full(len(f), 0.5)
-        for _ in range(MAX_STEPS):
+        for _ in range(most_steps):
             denominator = 1.0 + stiffer * x
             radius = np.hypot(first, second / denominator)
             excess = third - (1.0 - opening * x) * radius
@@ -98,7 +96,7 @@ class TensionField(Hooke):
             better = np.where(outside, 0.5 * (low + high), better)
             moved = np.abs(better - x)
             x = better
-            if np.all(moved <= ROUNDING):
+            if np.all(moved <= 1e-15):
                 break
         # y by its first two components, and the third from the cone
         y1 = f[:, 0] * (1.0 - x)

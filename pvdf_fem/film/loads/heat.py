@@ -19,11 +19,6 @@ from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline, mean_over
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
-HEAT_CAPACITY = 1300.0  #: Of PVDF, J/(kg K).
-#: Pyroelectric coefficient of PVDF in µC/(m² K), by which charges that are left out are estimated.
-TYPICAL_UC_M2K = 25.0
-HEAT_TRANSFER = 10.0  #: Of each face to still air, W/(m² K).
-
 
 def warmed(fourier: float, terms: int = 12) -> float:
     """Mean temperature through a plate over that of the face heated since κ t/h² = `fourier`; the
@@ -39,10 +34,20 @@ def spread(film: Film, touch: LoadedProbe) -> float:
     return float(np.sqrt(4.0 * film.thermal_diffusivity_m2_s * (touch.probe.contact_time_s or 1.0)))
 
 
-def heat_remarks(scene: Scene, charges_pC: Charges = None) -> Iterator[tuple[bool, str]]:
-    """Whether what heat does is included, and its size, in parts of charges that are given."""
+def heat_remarks(
+    scene: Scene,
+    charges_pC: Charges = None,
+    typical_uC_m2K: float = 25.0,
+    heat_capacity: float = 1300.0,
+    heat_transfer: float = 10.0,
+) -> Iterator[tuple[bool, str]]:
+    """Whether what heat does is included, and its size, in parts of charges that are given.
+
+    What is left out is estimated by a typical pyroelectric coefficient and heat capacity of PVDF in
+    J/(kg K), and by the heat transfer of each face to still air in W/(m² K).
+    """
     film = scene.film
-    seconds = film.thickness * film.density * HEAT_CAPACITY / (2.0 * HEAT_TRANSFER)
+    seconds = film.thickness * film.density * heat_capacity / (2.0 * heat_transfer)
     for touch in scene.loaded_probes:
         if touch.probe.temperature_K:
             part = 100.0 * _misplaced(touch.outline, spread(film, touch))
@@ -50,7 +55,7 @@ def heat_remarks(scene: Scene, charges_pC: Charges = None) -> Iterator[tuple[boo
             yield False, f"{corners}: about {part:.2g} % of that heat; no key includes it"
             lost = f"heat that the air takes from the film beside the {touch.patch}"
             yield False, f"{lost}: most of it after some {seconds:.2g} s; no key includes it"
-    given, typical = film.pyroelectric_uC_m2K, TYPICAL_UC_M2K
+    given, typical = film.pyroelectric_uC_m2K, typical_uC_m2K
     heated = {e.name: _heated(scene, e.outline) for e in scene.electrode_list}
     name, most = max(heated.items(), key=lambda item: abs(item[1]), default=("", 0.0))
     if most:

@@ -21,23 +21,18 @@ import shapely
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import FileError, decoded, read_bytes
 from pvdf_fem.film.loads.posed import PosedProbe, Pressure, name_of
-from pvdf_fem.scene.outlines.disc import ImageOfDisc
+from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import mean_over, turn
 from pvdf_fem.scene.registry import PIN, PROFILE_ENTRIES, said_at
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import problem
-
-#: Largest file of a profile in bytes.
-MOST_BYTES = 20_000_000
-#: Polynomial degree that quadrature is exact for under a profile that is not uniform.
-RICH_ORDER = 16
 
 
 class Profile(ABC):
     """A pressure over a patch, to a factor."""
 
     #: Degree of the quadrature that it takes; None for that of the film.
-    order: int | None = RICH_ORDER
+    order: int | None = 16
 
     def __init__(self, touch: PosedProbe) -> None:
         self.touch = touch
@@ -71,7 +66,7 @@ class Hertz(Profile):
 
     def __call__(self, points: Array) -> Array:
         outline = self.touch.outline
-        assert isinstance(outline, ImageOfDisc)  # the scene refuses others
+        assert isinstance(outline, Ellipse)  # the scene refuses others
         z = (points - outline.centre) @ np.linalg.inv(outline.axes).T
         return np.sqrt(np.maximum(1.0 - (z**2).sum(axis=-1), 0.0))
 
@@ -149,11 +144,11 @@ def pinned(scenes: Iterable[Scene]) -> list[Scene]:
     return [changed(scene) for scene in scenes]
 
 
-def _read(profile: str) -> tuple[str, Callable[[Array], Array]]:
+def _read(profile: str, most_bytes: int = 20_000_000) -> tuple[str, Callable[[Array], Array]]:
     """Digest of a file, and the profile that the file holds."""
     name, _, pin = profile.partition(PIN)
     try:
-        content = read_bytes(Path(name), MOST_BYTES, "a pressure profile")
+        content = read_bytes(Path(name), most_bytes, "a pressure profile")
         digest = sha256(content).hexdigest()
         if pin not in ("", digest):
             reason = "does not hold the profile that is to be solved, as its digest tells"

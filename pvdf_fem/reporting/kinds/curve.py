@@ -74,7 +74,7 @@ class Curve(Along):
             families = {_named(full, value): {full: value} for value in values}
         found = []
         for name, changes in families.items():
-            with blamed("values, family" if self.family else "values"):
+            with blamed("x, values, family" if self.family else "x, values"):
                 scenes = [scene.with_(**{**changes, self.full_key: x}) for x in numbers]
             names = self.names(scenes[0])
             for group in [(n,) for n in names] if self.family else [names]:

@@ -2,48 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.outlines.disc import ImageOfDisc
-from pvdf_fem.scene.outlines.shape import Shape, Size
+from pvdf_fem.scene.outlines.ellipse import Ellipse
+from pvdf_fem.scene.outlines.shape import SIZE, Shape
 
 
-@dataclass(frozen=True, eq=False)
-class Circle(ImageOfDisc):
-    """A disc; lengths are in m, the centre is stored read-only."""
+class Circle(Ellipse):
+    """A disc; lengths are in m."""
 
-    centre: Array
-    radius: float
-
-    def __post_init__(self) -> None:
-        centre = np.array(self.centre, dtype=float)
-        centre.setflags(write=False)
-        object.__setattr__(self, "centre", centre)
+    def __init__(self, centre: ArrayLike, radius: float) -> None:
+        super().__init__(np.asarray(centre), np.array([radius, 0.0]), radius)
 
     @property
-    def axes(self) -> Array:
-        return self.radius * np.eye(2)
-
-    @property
-    def area(self) -> float:
-        return float(np.pi * self.radius**2)
-
-    @property
-    def perimeter(self) -> float:
-        return float(2.0 * np.pi * self.radius)
+    def radius(self) -> float:
+        """Radius in m."""
+        return self.second
 
     @property
     def reach(self) -> float:
         return float(np.linalg.norm(self.centre) + self.radius)
-
-    @property
-    def lowest(self) -> Array:
-        return self.centre - self.radius
 
     @property
     def landmarks(self) -> Array:
@@ -64,7 +47,8 @@ class CircleShape(Shape):
     is_mirrored = True
     size_key = "radius_mm"
     shape: Literal["circle"] = "circle"
-    radius_mm: Size = 1.0
+    radius_mm: Annotated[float, SIZE] = 1.0
+    """Radius of the disc."""
 
     @cached_property
     def outline(self) -> Circle:

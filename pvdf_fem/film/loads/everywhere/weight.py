@@ -9,8 +9,6 @@ from pvdf_fem.film.loads.everywhere.spread import Spread
 from pvdf_fem.film.remarks import two_digits
 from pvdf_fem.scene.scene import Scene
 
-STANDARD_GRAVITY = 9.80665  #: In m/s².
-
 
 class Weight(Spread):
     """Density times thickness times the acceleration ``film.gravity_m_s2`` along z."""
@@ -20,13 +18,13 @@ class Weight(Spread):
         return self.film.weight
 
 
-def weight_effect(scene: Scene) -> float:
+def weight_effect(scene: Scene, gravity_m_s2: float = 9.80665) -> float:
     """About the largest relative change of a charge by the weight that is left out.
 
     At the distance r from a probe of force F a linear film has the slope F/(2 pi r N), and by its
     weight q the slope q r/(2 N); the strain has twice their product over the square of the former.
     """
-    q = scene.film.density * scene.film.thickness * STANDARD_GRAVITY
+    q = scene.film.density * scene.film.thickness * gravity_m_s2
     changes = [0.0]
     for touch in scene.loaded_probes:
         force = math.hypot(*touch.load.components)

@@ -4,7 +4,6 @@ import pytest
 
 from pvdf_fem import Scene
 from pvdf_fem.dynamics.modes import modes
-from pvdf_fem.output.text import modes_text
 from pvdf_fem.solution.summary import rounded
 
 
@@ -21,8 +20,11 @@ def test_values_end_with_the_second_digit_of_their_error(value, error, text):
     assert rounded(value, error) == text
 
 
-def test_modes_are_numbered():
-    lines = modes_text(modes(Scene(), 3)).splitlines()
-    assert lines[0] == "frequencies (flat film)"
-    assert [line.split()[0] for line in lines[1:4]] == ["1", "2", "3"]
-    assert all(line.endswith(" Hz") for line in lines[1:4])
+def test_modes_are_numbered_in_vacuum_and_in_air():
+    found = modes(Scene().with_(air={}, **{"numerics.tolerance": 0.02}), 3)
+    head, vacuum, air, *_ = str(found).split("\n\n")
+    assert head.startswith(found.status)
+    for block, frequencies in ((vacuum, found.frequencies_Hz), (air, found.frequencies_in_air_Hz)):
+        rows = [line.split() for line in block.splitlines()[1:]]
+        assert [number for number, *_ in rows] == ["1", "2", "3"]
+        assert [float(f) for _, f, _ in rows] == pytest.approx(frequencies, rel=0.01)

@@ -1,0 +1,87 @@
+"""What the whole suite shares: slow tests wait for `./run test --all`, the variable CPU_TIMES names
+a file for CPU times of tests, and a fixture runs commands in this process."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from hypothesis import settings
+
+from pvdf_fem.cli import main as cli
+
+#: Examples of a property in `./run test --all`, drawn anew at each run.
+EXAMPLES_OF_ALL = "2000"
+
+
+def pytest_addoption(parser):
+    parser.addoption("--all", action="store_true", help="slow tests too, and random examples")
+
+
+def pytest_configure(config):
+    """Choose the examples of properties, before the modules with properties are imported."""
+    if config.getoption("--all"):
+        os.environ.setdefault("PVDF_FEM_EXAMPLES", EXAMPLES_OF_ALL)
+    same_at_each_run = "PVDF_FEM_EXAMPLES" not in os.environ
+    settings.register_profile("suite", deadline=None, derandomize=same_at_each_run)
+    settings.load_profile("suite")
+
+
+def pytest_collection_modifyitems(config, items):
+    slow = [item for item in items if "slow" in item.keywords]
+    if slow and not config.getoption("--all"):
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if item not in slow]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item):
+    """Append a test's CPU seconds, those of its processes included, to the file CPU_TIMES."""
+    began = sum(os.times()[:4])
+    result = yield
+    if path := os.environ.get("CPU_TIMES"):
+        with open(path, "a", encoding="utf-8") as file:
+            file.write(f"{sum(os.times()[:4]) - began:.2f} {item.nodeid}\n")
+    return result
+
+
+@dataclass(frozen=True)
+class Run:
+    """Exit code, standard output and standard error of a command."""
+
+    code: int
+    out: str
+    err: str
+
+    @classmethod
+    def of(cls, arguments: tuple[object, ...], capsys: Any) -> Run:
+        try:
+            code = cli.main([str(argument) for argument in arguments])
+        except SystemExit as exit_:  # of argparse
+            code = exit_.code
+        return cls(code, *capsys.readouterr())
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.out)
+
+    @property
+    def told(self) -> list[str]:
+        """Keys with values, options or files that standard error names, one in each line."""
+        lines = (line.removeprefix("warning: ") for line in self.err.splitlines())
+        return [line.partition(": ")[0] for line in lines]
+
+    @property
+    def mistakes(self) -> list[str]:
+        """What is told by a run that refuses its input."""
+        assert (self.code, self.out) == (2, "")
+        return self.told
+
+
+@pytest.fixture
+def command(capsys):
+    """Runs a command of the program, and returns what it told."""
+    return lambda *arguments: Run.of(arguments, capsys)

@@ -1,0 +1,180 @@
+"""Proofs of deflections and tensions of the round film.
+
+The Foeppl-von Karman solutions hold for vanishing slopes, so the loads are as small as that:
+at F/(E h a) of 1e-10 the slopes are about 1e-3, and their squares, by which the geometrically exact
+film differs, move the deflection by less than 1e-8 and the tension by less than 1e-6. The problems
+remain fully nonlinear.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+
+from pvdf_fem import Scene
+from reports.reference.axisymmetric import axisymmetric_membrane
+from reports.reference.closed_form import campbell, hencky, linear_patch_deflection, schwerin
+from tests.helpers.discs import free_disc, uniform_mesh
+from tests.validation.proof import Number, proof
+from tests.validation.round_film import SLOPE, SMALL, TENSION, RoundFilm, patch_mesh, solved_to
+
+
+@proof(
+    "Uniform pressure without pretension",
+    source="H. Hencky, Z. Math. Phys. 63 (1915) 311-317; his series summed to 14 digits",
+    why="one mesh of some 1,000 cubic elements; the closed form is exact for vanishing slopes",
+)
+def without_pretension() -> Iterator[Number]:
+    for nu in (0.2, 0.3, 0.4):
+        scene = free_disc(math.pi * SMALL, poisson_ratio=nu)
+        film, exact = RoundFilm.solved(scene, uniform_mesh(scene, 3.0)), hencky(nu)
+        w, N = film.centre_deflection / SLOPE, film.edge_tension / TENSION
+        yield Number(f"deflection at the centre, ν = {nu}", w, exact.centre_deflection, 2e-6)
+        yield Number(f"tension at the rim, ν = {nu}", N, exact.edge_tension, 1e-5)
+        ours, theirs = film.beside(lambda r, exact=exact: SLOPE * exact.deflection(r))
+        size = film.centre_deflection
+        yield Number("deflection where it differs most", ours, theirs, 5e-5, size)
+
+
+@proof(
+    "A formula for the pressure",
+    source="S. Komaragiri, M. R. Begley, J. G. Simmonds, J. Appl. Mech. 72 (2005) 203-212:"
+    " w₀ = (0.7179 − 0.1706 ν − 0.1495 ν²) a (p a/(E h))^⅓",
+    why="a parabola in ν that the authors fitted to the exact solution, up to 1e-3 from it",
+)
+def fitted() -> Iterator[Number]:
+    for nu in (0.1, 0.25, 0.4):
+        scene = free_disc(math.pi * SMALL, poisson_ratio=nu)
+        film = RoundFilm.solved(scene, uniform_mesh(scene, 4.0))
+        theirs = 0.7179 - 0.1706 * nu - 0.1495 * nu**2
+        yield Number(
+            f"deflection at the centre, ν = {nu}", film.centre_deflection / SLOPE, theirs, 2e-3
+        )
+
+
+@proof(
+    "Uniform pressure with pretension",
+    source="J. D. Campbell, Q. J. Mech. Appl. Math. 9 (1956) 84-93; the series to 14 digits",
+    why="one mesh; exact for vanishing slopes, from nearly slack to nearly linear films",
+)
+def with_pretension() -> Iterator[Number]:
+    for n0 in (0.01, 0.1, 1.0, 10.0):
+        scene = free_disc(math.pi * SMALL, poisson_ratio=0.3, pretension=n0 * TENSION)
+        film, exact = RoundFilm.solved(scene, uniform_mesh(scene, 4.0)), campbell(n0, 0.3)
+        w, N = film.centre_deflection / SLOPE, film.edge_tension / TENSION
+        yield Number(f"deflection at the centre, n₀ = {n0}", w, exact.centre_deflection, 1e-5)
+        yield Number(f"tension at the rim, n₀ = {n0}", N, exact.edge_tension, 1e-5)
+
+
+@proof(
+    "Uniform pressure at finite slopes",
+    source="the problem of W. B. Fichter, NASA TP-3658 (1997), by the project's spectral method"
+    " in one dimension",
+    why="one mesh; the same finite strains on both sides, deflections up to 0.14 a",
+)
+def finite_slopes() -> Iterator[Number]:
+    for kind, p in product(("follower", "dead"), (1e-3, 1e-2)):
+        scene = free_disc(math.pi * p, poisson_ratio=0.3, **{"load.kind": kind})
+        film = RoundFilm.solved(scene, uniform_mesh(scene, 4.0))
+        exact = axisymmetric_membrane(math.pi * p, poisson_ratio=0.3, kind=kind)
+        ours, theirs = film.centre_deflection, exact.centre_deflection
+        yield Number(f"deflection, {kind}, p a/(E h) = {p}", ours, theirs, 1e-5)
+
+
+@proof(
+    "A soft film that bulges",
+    source="Sensors 24 (2024) 5314, table A2: a = 70 mm, h = 0.3 mm, E = 3.05 MPa, ν = 0.45",
+    why="the source is another theory of large deflections, up to 0.6 % from the exact one for"
+    " deflections up to 0.41 a",
+)
+def soft_film() -> Iterator[Number]:
+    film = {"radius_mm": 70.0, "thickness_um": 300.0, "youngs_modulus_GPa": 3.05e-3}
+    film |= {"poisson_ratio": 0.45, "temperature_change_K": 0.0}
+    scene = Scene().with_(film=film, probe={"shape": "circle", "radius_mm": 70.0})
+    for kilopascal, deflection_mm in {0.5: 14.496, 1.0: 18.303, 2.0: 23.092, 4.0: 29.026}.items():
+        force = 1e3 * kilopascal * math.pi * scene.film.radius**2
+        found = solved_to(scene.with_(**{"load.force_N": force}), 1e-3).deflection_max_mm
+        yield Number(f"deflection under {kilopascal} kPa (mm)", found, deflection_mm, 1.2e-2)
+
+
+@proof(
+    "A point load",
+    source="E. Schwerin, Z. techn. Phys. (1929), in closed form",
+    why="pressures on discs of 0.02 and 0.0025 a, extrapolated to a point: what differs goes with"
+    " the radius to the power 2/3, and the next power is left",
+)
+def point_load() -> Iterator[Number]:
+    for n0 in (0.0, 0.2):
+        deflections = []
+        for b in (2e-2, 2.5e-3):
+            scene = free_disc(SMALL, poisson_ratio=0.3, patch_radius=b, pretension=n0 * TENSION)
+            film = RoundFilm.solved(scene, patch_mesh(scene, 1.0))
+            deflections.append(film.centre_deflection / SLOPE)
+        wide, narrow = deflections
+        exact = schwerin(n0, 0.3)
+        ours = (4.0 * narrow - wide) / 3.0
+        yield Number(f"deflection at the centre, n₀ = {n0}", ours, exact.centre_deflection, 1e-4)
+        tension = film.edge_tension / TENSION
+        yield Number(f"tension at the rim, n₀ = {n0}", tension, exact.edge_tension, 1e-4)
+
+
+@proof(
+    "A patch of pressure at the centre",
+    source="the project's spectral method in one dimension, to 11 digits",
+    why="one mesh; a film of 45 mm under 1 N, finite strains",
+)
+def patch() -> Iterator[Number]:
+    known = {(5, 0.0): 0.8643790, (5, 0.03): 0.8435545, (2, 0.03): 0.9022513}
+    force = 4.444e-4
+    for (radius_mm, n0), deflection in known.items():
+        tension, b = n0 * force ** (2 / 3), radius_mm / 45
+        scene = free_disc(force, poisson_ratio=0.3, patch_radius=b, pretension=tension)
+        film = RoundFilm.solved(scene, patch_mesh(scene, 0.5))
+        ours = film.centre_deflection / force ** (1 / 3)
+        yield Number(f"deflection, {radius_mm} mm, n₀ = {n0}", ours, deflection, 3e-5)
+
+
+@proof(
+    "A rigid punch at the centre",
+    source="the project's spectral method in one dimension, to 11 digits",
+    why="the film kinks at the punch's edge; there elements lose their order",
+)
+def punch() -> Iterator[Number]:
+    known = {(2, 0.0): 0.8681492, (5, 0.0): 0.7632369, (5, 0.03): 0.7435842}
+    stuck = {"load.kind": "rigid", "load.contact": "stuck"}
+    for (radius_mm, n0), deflection in known.items():
+        b, tension = radius_mm / 45, n0 * TENSION
+        scene = free_disc(SMALL, poisson_ratio=0.3, patch_radius=b, pretension=tension, **stuck)
+        film = RoundFilm.solved(scene, patch_mesh(scene, 1.0))
+        ours = film.centre_deflection / SLOPE
+        yield Number(f"deflection, stuck, {radius_mm} mm, n₀ = {n0}", ours, deflection, 1e-4)
+    shape = {"poisson_ratio": 0.34, "patch_radius": 0.1, "pretension": 1.7e-4}
+    for contact in ("sliding", "stuck"):
+        load = {"load.kind": "rigid", "load.contact": contact}
+        scene = free_disc(4.444e-4, **shape, **load)
+        film = RoundFilm.solved(scene, patch_mesh(scene, 0.7))
+        exact = axisymmetric_membrane(4.444e-4, **shape, kind="rigid", contact=contact)
+        size = exact.centre_deflection
+        yield Number(f"deflection, {contact}, 1 N", film.centre_deflection, size, 2e-4)
+        ours, theirs = film.beside(exact.deflection)
+        yield Number("deflection where it differs most", ours, theirs, 2e-4, size)
+
+
+@proof(
+    "A tight film under a patch off its centre",
+    source="Green's function of the disc, averaged over the patch",
+    why="one mesh; exact as the tension grows",
+)
+def off_centre() -> Iterator[Number]:
+    place, shape = (0.3, -0.2), {"patch_radius": 0.1}
+    scene = free_disc(1e-12, poisson_ratio=0.3, centre=place, pretension=1e-3, **shape)
+    film = RoundFilm.solved(scene, patch_mesh(scene, 0.4))
+    exact = linear_patch_deflection(
+        film.nodes.T, centre=place, film_radius=1.0, force=1e-12, tension=1e-3, **shape
+    )
+    worst = np.abs(film.deflection - exact).argmax()
+    ours, theirs = film.deflection[worst], exact[worst]
+    yield Number("deflection where it differs most", ours, theirs, 3e-5, float(exact.max()))

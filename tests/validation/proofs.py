@@ -1,0 +1,13 @@
+"""All proofs, in the order of the guide's page "How good is it?"."""
+
+from __future__ import annotations
+
+from tests.validation import charges, membranes, vibrations
+from tests.validation.proof import Proof
+
+PROOFS = [
+    found
+    for module in (membranes, vibrations, charges)
+    for found in vars(module).values()
+    if isinstance(found, Proof)
+]

@@ -1,0 +1,91 @@
+"""A solved round film, scale-free as the closed forms: lengths in a, tensions in E h."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from skfem import MeshTri2
+
+from pvdf_fem import Scene, Solution, solve
+from pvdf_fem.arrays import Array
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.mesh.gmsh_mesh import mesh_scene
+from pvdf_fem.mesh.size_field import Sizes
+from pvdf_fem.solvers.status import Status
+from tests.helpers.solvers import newton_result
+
+#: F/(E h a) and p a/(E h) at which slopes vanish, and the scales of deflection and tension there.
+SMALL = 1e-10
+SLOPE = SMALL ** (1 / 3)
+TENSION = SMALL ** (2 / 3)
+
+
+@dataclass(frozen=True)
+class RoundFilm:
+    """A film solved on one mesh to the last digits."""
+
+    equilibrium: Equilibrium
+    displacement: Array  # (dofs, 3), m
+
+    @classmethod
+    def solved(cls, scene: Scene, mesh: MeshTri2) -> RoundFilm:
+        equilibrium = Equilibrium(scene, mesh)
+        result = newton_result(equilibrium)
+        assert result.status is Status.CONVERGED
+        return cls(equilibrium, equilibrium.unknowns.expand(result.q).reshape(-1, 3))
+
+    @property
+    def radius(self) -> float:
+        return self.equilibrium.film.radius
+
+    @property
+    def nodes(self) -> Array:
+        """Places of all nodes over a, (2, nodes)."""
+        return self.equilibrium.space.basis.doflocs / self.radius
+
+    @property
+    def deflection(self) -> Array:
+        """Deflections of all nodes."""
+        return self.displacement[:, 2] / self.radius
+
+    @property
+    def centre_deflection(self) -> float:
+        """Deflection of the node on the centre."""
+        distance = np.hypot(*self.nodes)
+        assert distance.min() < 1e-12
+        return float(self.deflection[distance.argmin()])
+
+    @property
+    def edge_tension(self) -> float:
+        """Mean radial tension at the rim, from the reaction of the clamp in the plane.
+
+        The reaction is that of the first Piola-Kirchhoff stress: the tension for small slopes.
+        """
+        membrane = self.equilibrium.membrane
+        forces = membrane.internal_forces(membrane.state(self.displacement.ravel()))
+        rim = membrane.space.basis.get_dofs("rim").all()
+        pull = (forces.reshape(-1, 3)[rim, :2] * self.nodes[:, rim].T).sum()
+        film = membrane.film
+        stiffness = film.youngs_modulus_GPa * 1e9 * film.thickness
+        return float(pull / (2 * math.pi * self.radius * stiffness))
+
+    def beside(self, profile: Callable[[Array], Array]) -> tuple[float, float]:
+        """Deflection of the node that differs most from a profile(r/a), and the profile there."""
+        theirs = profile(np.minimum(np.hypot(*self.nodes), 1.0))
+        worst = np.abs(self.deflection - theirs).argmax()
+        return float(self.deflection[worst]), float(theirs[worst])
+
+
+def patch_mesh(scene: Scene, refinement: float) -> MeshTri2:
+    """A mesh graded to the outlines, its sizes in proportion to the patches."""
+    outline = scene.probe.outline
+    sizes = {"probe": 0.4 * outline.radius, "electrode A": 0.08 * scene.film.radius}
+    return mesh_scene(scene, Sizes(sizes, 0.3, 0.16 * scene.film.radius).scaled(refinement))
+
+
+def solved_to(scene: Scene, tolerance: float) -> Solution:
+    """The solution that users get at a tolerance."""
+    return solve(scene.with_(**{"numerics.tolerance": tolerance}))
