@@ -28,7 +28,7 @@ from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 
 #: The module of meshio that reads a format, by extension.
-READERS = {".msh": "gmsh", ".inp": "abaqus", ".vtu": "vtu"}
+READERS = {".msh": "gmsh", ".inp": "abaqus", ".vtu": "vtu", ".vtk": "vtk", ".xdmf": "xdmf"}
 
 
 class MeshFileError(FileError):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -14,7 +15,7 @@ from skfem import ElementTriP2, MeshTri2
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.charges.film_data import FilmData
 from pvdf_fem.files import FileError, replacing
-from pvdf_fem.film.loads.touchdown import tips_of
+from pvdf_fem.film.loads.touchdown import contact_pressure
 from pvdf_fem.film.membrane import principal
 from pvdf_fem.mesh.gmsh_mesh import FILM, RIM
 
@@ -78,12 +79,10 @@ def _at_nodes(film: FilmData) -> tuple[Array, Array]:
 def _contact_pressure(film: FilmData) -> Array:
     """Mean pressure of tips in the elements about each node, zero beside them, (nodes,)."""
     nodes = film.mesh.dofs.element_dofs.T
-    total, areas = np.zeros((2, len(nodes), 1))
-    for contact in tips_of(film.equilibrium):
-        _, pressure = contact.traction(film.state, film.scene.film.thickness)
-        weights = contact.space.weights[contact.patch]
-        total[contact.patch, 0] = (pressure * weights).sum(axis=1)
-        areas[contact.patch, 0] = weights.sum(axis=1)
+    weights = film.equilibrium.space.weights
+    pressure = contact_pressure(film.equilibrium, film.state)
+    areas = (weights * (pressure > 0.0)).sum(axis=1, keepdims=True)
+    total = (weights * pressure).sum(axis=1, keepdims=True)
     return _means(nodes, total / np.where(areas > 0.0, areas, 1.0), areas)
 
 
@@ -98,8 +97,26 @@ def _components(stress: Array) -> dict[str, Array]:
     return dict(zip(("S11_Pa", "S22_Pa", "S12_Pa"), np.moveaxis(stress, -1, 0), strict=True))
 
 
-#: meshio's names of formats that hold six-node triangles and patches, by extension.
-FORMATS = {".msh": "gmsh22", ".inp": "abaqus", ".vtu": "vtu"}
+@dataclass(frozen=True)
+class MeshFormat:
+    """A file format and the way it holds patches."""
+
+    name: str  #: Name that meshio has for the format.
+    #: ``arrays`` for 0/1 cell data of each patch; ``groups`` for named groups without overlap, one
+    #: for each combination of patches; ``sets`` for named sets, which may overlap.
+    patches: Literal["arrays", "groups", "sets"]
+    #: Names and values of keyword arguments of meshio's writer.
+    options: tuple[tuple[str, Any], ...] = ()
+
+
+#: Formats of meshio that hold six-node triangles and patches, by extension.
+FORMATS = {
+    ".msh": MeshFormat("gmsh22", "groups", (("binary", False),)),
+    ".inp": MeshFormat("abaqus", "sets"),
+    ".vtu": MeshFormat("vtu", "arrays"),
+    ".vtk": MeshFormat("vtk", "arrays"),
+    ".xdmf": MeshFormat("xdmf", "arrays", (("data_format", "XML"),)),  # the others: in two files
+}
 
 
 def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
@@ -112,28 +129,31 @@ def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
       ``electrode A + probe``, ``film`` outside of all patches, and ``rim`` with three-node lines.
     - ``.inp``: element sets of the patches, which may overlap, and the node set ``rim``. Blanks in
       names become underscores.
-    - ``.vtu``: cell data, 1 inside a patch and 0 outside.
+    - ``.vtu``, ``.vtk``, ``.xdmf``: cell data, 1 inside a patch and 0 outside. Blanks in names
+      become underscores in ``.vtk``.
 
-    Raises `ExportError` when there is no such format, and `FileError` when the file cannot be
-    written.
+    Raises `ExportError` when there is no such format, or meshio lacks a library for it, and
+    `FileError` when the file cannot be written.
     """
     path = Path(path)
-    if (name := FORMATS.get(path.suffix.lower())) is None:
+    if (file_format := FORMATS.get(path.suffix.lower())) is None:
         raise ExportError(
             f"{path}: no format for six-node triangles with patches has the extension "
             f"{path.suffix!r}; choose from {' '.join(FORMATS)}"
         )
+    patches = _masks(mesh)
+    if file_format.name in ("abaqus", "vtk"):
+        patches = _without_blanks(patches, path)
     data: dict[str, Any] = {}
-    if name == "vtu":
-        data["cell_data"] = _masks(mesh)
-    elif name == "abaqus":
-        patches = _without_blanks(_masks(mesh), path)
-        data["cell_sets"] = {patch: [np.flatnonzero(mask)] for patch, mask in patches.items()}
+    if file_format.patches == "arrays":
+        data["cell_data"] = patches
+    elif file_format.patches == "sets":
+        data["cell_sets"] = {name: [np.flatnonzero(mask)] for name, mask in patches.items()}
         data["point_sets"] = {RIM: np.unique(_rim(mesh))}
     grid = _grid(mesh, **data)
-    if name == "gmsh22":
+    if file_format.patches == "groups":
         _add_groups(grid, mesh)
-    _write(grid, path, name, **({"binary": False} if name == "gmsh22" else {}))
+    _write(grid, path, file_format.name, **dict(file_format.options))
 
 
 def _add_groups(grid: Any, mesh: MeshTri2) -> None:
@@ -206,10 +226,16 @@ def _counter_clockwise(mesh: MeshTri2) -> Indices:
 def _write(grid: Any, path: Path, name: str, **options: Any) -> None:
     if name == "vtu":  # meshio writes names into the XML as they are
         grid.cell_data = {_xml(key): values for key, values in grid.cell_data.items()}
-    with replacing(path) as temporary:
-        grid.write(temporary, file_format=name, **options)
-        if name == "vtu" and grid.field_data:
-            _add_field_data(temporary, grid.field_data)
+    try:
+        with replacing(path) as temporary:
+            grid.write(temporary, file_format=name, **options)
+            if name == "vtu" and grid.field_data:
+                _add_field_data(temporary, grid.field_data)
+    except ImportError as error:
+        raise ExportError(
+            f"{path}: meshio writes this format with {error.name}; run `pip install {error.name}`,"
+            " or choose another extension"
+        ) from error
 
 
 def _xml(name: str) -> str:

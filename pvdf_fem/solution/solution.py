@@ -247,11 +247,6 @@ class Solution:
         """Number of equations on the last mesh, which may be that of a part of the film."""
         return self._fields.solved.unknowns.count if self._fields else 0
 
-    @property
-    def newton_iterations(self) -> int:
-        """Newton iterations on the last mesh."""
-        return len(self.iterations)
-
     def to_json(self) -> dict[str, Any]:
         """What `pvdf-fem solve --json` prints; without results unless converged."""
         results: dict[str, Any] = {"reason": self.reason}
@@ -277,7 +272,7 @@ class Solution:
             **results,
             "observable": self.scene.numerics.observable,
             "unknowns": self.unknowns,
-            "newton_iterations": self.newton_iterations,
+            "newton_iterations": len(self.iterations),
             "left_out": list(self.left_out),
             "included": list(self.included),
             "warnings": list(self.warnings),

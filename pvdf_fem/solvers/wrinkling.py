@@ -29,7 +29,7 @@ from pvdf_fem.solvers.newton import (
     factorise,
     newton,
 )
-from pvdf_fem.solvers.seed import deflected_film
+from pvdf_fem.solvers.seed import seed
 from pvdf_fem.solvers.status import Status
 
 
@@ -59,9 +59,6 @@ class WrinklingOptions:
 
     #: Tension that holds slack film in a step, over the mean tension and the size of the last step.
     damping: float = 1e-2
-    #: Factor on the damping after a step shorter than `stalled`, until a full step is made.
-    stiffening: float = 4.0
-    stalled: float = 0.05  #: Length of a step that stalls.
     max_iterations: int = 25
     #: Part of the slope of the energy at a step's start that may be left at its end.
     line_search_slope: float = 0.5
@@ -79,11 +76,11 @@ class PredictedStress(Variant):
         self.options = WrinklingOptions() if options is None else options
         self.tolerance, self.max_iterations = tolerance, self.options.max_iterations
         self._predicted: Array | None = None
-        self._size, self._stiffer = self.options.damping, 1.0
+        self._size = self.options.damping
 
     def tangent(self, state: State, table: Sequence[Iteration]) -> tuple[Tangent, bool]:
         predicted = state.stress if self._predicted is None else self._predicted
-        damping = self._stiffer * self.options.damping * min(self._size, 1.0)
+        damping = self.options.damping * min(self._size, 1.0)
         mixed = self.equilibrium.membrane.predicted(state, predicted, damping)
         return Tangent(factorise(self.equilibrium.tangent(mixed))), True
 
@@ -119,22 +116,15 @@ class PredictedStress(Variant):
         return length
 
     def ended(self, step: Step, state: State, table: Sequence[Iteration]) -> Status | None:
-        if not np.isfinite(step.size):
-            return Status.MAX_ITERATIONS
         self._predict(step)
-        length = table[-1].length
-        if length < self.options.stalled:
-            self._stiffer *= self.options.stiffening
-        elif length == 1.0:
-            self._stiffer = max(self._stiffer / self.options.stiffening, 1.0)
-        if self._stiffer > 1.0 or not step.size < self.tolerance:
+        if not step.size < self.tolerance:
             return None
         self.factors = factorise(self.equilibrium.tangent(state))
         return Status.CONVERGED
 
     def _predict(self, step: Step) -> None:
         """The stress of the strain that the step would have in a linear film."""
-        gradient = self.equilibrium.space.gradient(self.equilibrium.step(step.state, step.change))
+        gradient = self.equilibrium.space.gradient(self.equilibrium.unknowns.expand(step.change))
         rate = strain_rate(step.state.deformation_gradient, gradient)
         self._predicted = self.equilibrium.membrane.resultant(step.state.strain + rate)
 
@@ -163,7 +153,7 @@ def from_larger_loads(
         variant = PredictedStress(loaded, passing)
         if factor == 1.0:
             variant = PredictedStress(loaded, tolerance, WrinklingOptions(max_iterations=left))
-        result = newton(variant, deflected_film(loaded) if q is None else q)
+        result = newton(variant, seed(loaded) if q is None else q)
         table.extend(result.iterations)
         if (result.converged and factor == 1.0) or len(table) >= most:
             break

@@ -9,18 +9,17 @@ explains, the edge of the model's domain. `weigh` tells which of several probes 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from pvdf_fem.arrays import Array
 from pvdf_fem.progress import Counted, Progress, shown
-from pvdf_fem.readout.channel import READINGS, channels, units_pC
-from pvdf_fem.readout.misread import Misreading, misreadings
-from pvdf_fem.response.model import QUANTITIES, Model, touch_of
+from pvdf_fem.response.model import FORCE, QUANTITIES, Model, touch_of
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.touch.locate_many import explanations
 from pvdf_fem.touch.location import Explanation, Location
 from pvdf_fem.touch.measurement import (
     Deviations,
@@ -30,7 +29,6 @@ from pvdf_fem.touch.measurement import (
     known_mistakes,
 )
 from pvdf_fem.touch.search import DEFAULTS, LocateOptions, location, search
-from pvdf_fem.touch.touch import TouchStatus
 
 PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
 
@@ -99,23 +97,20 @@ def locate(
     sought = np.array([i for i, name in enumerate(QUANTITIES) if name in unknown])
     values = {**default, **(known or {})}
     fixed = {i: values[n] - origin[i] for i, n in enumerate(QUANTITIES) if n not in unknown}
-
-    def found(measurement: Measurement, readings: Array) -> Location:
-        problem = measurement.problem(readings[None], sought)
-        ends = search(problem, fixed, options) if problem.is_determinable else None
-        return location(problem, ends, options)
-
+    if FORCE in fixed:
+        fixed[FORCE] = math.log(fixed[FORCE])
     measurement = Measurement.of(model, tuple(charges_pC), *noise)
-    readings = np.array([*charges_pC.values()], dtype=float)
-    best = found(measurement, readings)
-    if best.explained or best.status is TouchStatus.UNDETERMINED:
-        return best
-    others = (
-        (text, found(meant, undone(readings)))
-        for text, meant, undone in meant_otherwise(measurement)
-    )
-    explanations = (Explanation(text, other.best) for text, other in others if other.explained)
-    return replace(best, explanations=tuple(explanations))
+    readings = np.array([[*charges_pC.values()]], dtype=float)
+    problem = measurement.problem(readings, sought)
+    if not problem.is_determinable:
+        return location(problem, None, options)
+    found = location(problem, search(problem, fixed, options), options)
+    if found.explained:
+        return found
+    held = {i: np.array([value]) for i, value in fixed.items()}
+    mistakes = explanations(measurement, readings, sought, held, options.retries)
+    right = (Explanation(text, location(of, ends, options).best) for text, of, ends, _ in mistakes)
+    return replace(found, explanations=tuple(right))
 
 
 def _by_solves(
@@ -141,24 +136,6 @@ def _by_solves(
         problem = measurement.problem(readings, solves.unknown)
         ends = search_by_solves(problem, solves, options) if problem.is_determinable else None
         return location(problem, ends, options)
-
-
-Undone = Callable[[Array], Array]
-
-
-def meant_otherwise(measurement: Measurement) -> Iterator[tuple[str, Measurement, Undone]]:
-    """Mistakes in readings: a text, what readings are without it, and what undoes it in them."""
-    if other := measurement.other:
-        yield f"readings are {READINGS[other.reading]}", other, np.asarray
-    scene = measurement.model.scene
-    given = [channels(scene)[i] for i in measurement.electrodes]
-    mistakes = [m for m in misreadings(given, "pC") if m.exchanged <= 2]
-    if scene.readout:
-        volts = 1.0 / units_pC(given)["V"]
-        straight = tuple(range(len(given)))
-        mistakes.append(Misreading("wrong_unit", "readings are in pC, not in V", straight, volts))
-    for mistake in mistakes:
-        yield mistake.text, measurement, mistake.undone
 
 
 def staged_touch(scene: Scene) -> dict[str, float]:

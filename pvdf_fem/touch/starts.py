@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -74,10 +74,6 @@ class TouchTable:
     nodes: Single  #: Charges, then their slopes, (1 + 3, rotations, electrodes, forces, places).
     period_deg: float  #: Period of the rotation, when the axis is the whole period; else 0.
     options: StartOptions
-
-    def of(self, electrodes: Indices) -> TouchTable:
-        """The table of some electrodes."""
-        return replace(self, nodes=self.nodes.take(electrodes, axis=2))
 
     def starts(self, charges_pC: Array, deviations_pC: Array, known: Mapping[int, float]) -> Array:
         """Coordinates (n, 4) near the local minima of chi-square over places, at each rotation, for
@@ -148,10 +144,11 @@ def tabulate(
     model: Model,
     turn_deg: float,
     known: Mapping[int, float],
+    electrodes: tuple[int, ...],
     options: StartOptions = DEFAULTS,
 ) -> TouchTable:
-    """The table of a model, along axes in which the film is turned, over all that is not `known`,
-    which are values by their index."""
+    """The table of some electrodes of a model, along axes in which the film is turned, over all
+    that is not `known`, which are coordinates by their index."""
     reach, (lowest, highest) = model.domain.reach_mm, model.domain.force_N
     line = np.linspace(-reach, reach, options.across)
     x, y = (np.array([known[i]]) if i in known else line for i in (X, Y))
@@ -166,8 +163,8 @@ def tabulate(
     count = options.rotations if rotation_counts(model) else 1
     rotations = np.arange(count) * period / count if period else np.array([known[ROTATION]])
     steps = np.geomspace(lowest, highest, options.forces)
-    forces = np.array([known[FORCE]]) if FORCE in known else steps
-    nodes = np.empty((4, len(rotations), len(model.names), len(forces), len(places)), np.float32)
+    forces = np.exp([known[FORCE]]) if FORCE in known else steps
+    nodes = np.empty((4, len(rotations), len(electrodes), len(forces), len(places)), np.float32)
     touches = np.empty((len(forces), len(places), 4))
     touches[..., :ROTATION], touches[..., FORCE] = places, forces[:, None]
     for k, rotation in enumerate(rotations):
@@ -175,29 +172,25 @@ def tabulate(
         charges, slopes = evaluated(model, touches.reshape(-1, 4), turn_deg)
         slopes[:, :, FORCE] *= touches[..., FORCE].reshape(-1, 1)
         columns = np.concatenate([charges[..., None], slopes[..., _MOVING]], axis=-1)
+        columns = columns.take(electrodes, axis=1)
         nodes[:, k] = columns.T.reshape(4, -1, *touches.shape[:2])
     return TouchTable(places, neighbours, rotations, np.log(forces), nodes, period, options)
 
 
-@lru_cache(maxsize=8)
-def _whole_table(model: Model, turn_deg: float) -> TouchTable:
-    return tabulate(model, turn_deg, {})
-
-
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=16)
 def table_of(model: Model, turn_deg: float, electrodes: tuple[int, ...]) -> TouchTable:
     """The table of some electrodes of a model over places, rotations and forces, made once."""
-    return _whole_table(model, turn_deg).of(np.array(electrodes))
+    return tabulate(model, turn_deg, {}, electrodes)
 
 
 def starts(problem: Problem, known: Mapping[int, float]) -> Array:
     """Coordinates (n, 4) to start searches from, for the first row of a problem; a sought rotation
-    starts from all of the table's. `known` are values by index."""
-    turn_deg, electrodes = problem.stage.rotation_deg, problem.electrodes
+    starts from all of the table's. `known` are coordinates by index."""
+    turn_deg, electrodes = problem.stage.rotation_deg, tuple(problem.electrodes.tolist())
     if set(known) <= {ROTATION}:
-        table = table_of(problem.model, turn_deg, tuple(electrodes.tolist()))
+        table = table_of(problem.model, turn_deg, electrodes)
     else:
-        table = tabulate(problem.model, turn_deg, known).of(electrodes)
+        table = tabulate(problem.model, turn_deg, known, electrodes)
     return table.starts(problem.charges_pC[0], problem.deviations_pC[0], known)
 
 

@@ -22,10 +22,6 @@ from pvdf_fem.touch.search import LocateOptions, distinct, weakest
 from pvdf_fem.touch.solves import UNSOLVED_PC, Solves, pressed_alone
 from pvdf_fem.touch.touch import explains
 
-#: Charges of single touches are superposed. A probe's force is its share times this power of the
-#: sum of the shares: the common tension makes the film stiffer.
-STIFFENING = 0.35
-
 
 def search_by_solves(problem: Problem, model: Solves, options: LocateOptions) -> Descent:
     """Distinct ends of searches for the touch of a problem by its model: coarse ones from the most
@@ -35,7 +31,7 @@ def search_by_solves(problem: Problem, model: Solves, options: LocateOptions) ->
     coarse, how = replace(problem, model=rough, deviations_pC=spread), options.solve_search
     other = model.other_probe
     begun = _begun(coarse, model.touch, options)
-    freedom, found = len(problem.electrodes) - len(problem.unknown), []
+    freedom, found = problem.freedom, []
     for starts in (begun[: options.followed], begun[options.followed :]):
         ends = _ordered(coarse, descend(coarse, starts, options=how), other, options)
         for _ in range(options.rounds if ends.at.size else 0):
@@ -105,7 +101,7 @@ def superposed(problem: Problem, touch: Array, options: LocateOptions) -> Array:
     starts = of_probes.copy()
     stage = model.scene.stage or Stage()
     starts[..., :ROTATION] = places[chosen[kept]] @ stage.turn.T
-    starts[..., FORCE] = np.log(share) + STIFFENING * np.log(share.sum(axis=1))[:, None]
+    starts[..., FORCE] = np.log(share) + options.stiffening * np.log(share.sum(axis=1))[:, None]
     sought = np.isin(np.arange(at.shape[1]), problem.unknown)
     of_probes[...] = np.where(problem.of_probes(np.tile(sought, (len(at), 1))), starts, of_probes)
     return at

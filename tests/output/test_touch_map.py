@@ -75,7 +75,7 @@ def test_rivals_are_marked_with_their_shares() -> None:
 
 
 def test_places_have_to_be_sought() -> None:
-    with pytest.raises(ValueError, match="x and y were sought"):
+    with pytest.raises(ValueError, match="x and y"):
         located("x_mm", "force_N").plot()
 
 
