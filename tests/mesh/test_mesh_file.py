@@ -67,6 +67,8 @@ def by_gmsh(
 
 @pytest.mark.parametrize("extension", READERS)
 def test_what_the_command_writes_is_read_as_it_was(tmp_path: Path, extension: str) -> None:
+    if extension == ".xdmf":
+        pytest.importorskip("h5py", reason="meshio writes this format with h5py")
     mesh, path = graded_mesh(SCENE, 1.5, 8.0), tmp_path / f"a{extension}"
     write_mesh(mesh, path)
     found = read_mesh(path, SCENE)
