@@ -111,7 +111,7 @@ class Work:
 
 
 def _timed(function: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
-    """What a function returns, and the seconds of one core that it took."""
+    """Result of a function, and its CPU time in seconds."""
     begun = time.process_time()
     result = function(*arguments)
     return result, time.process_time() - begun

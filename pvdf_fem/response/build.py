@@ -180,7 +180,9 @@ def _best(
         raster = options.raster(scene, domain, places)
         # a place first: it takes the longest, and tells soon what the others take
         elements = options.elements.scaled(options.scale)
-        fields = _solves(scene, grid, places, raster, elements)
+        # how stiff a tip's penalty is follows from the tolerance
+        softened = scene.with_(**{"numerics.tolerance": min(options.error, 1e-2)})
+        fields = _solves(softened, grid, places, raster, elements)
         found = [*work.run([fields[0], *solves, *fields[1:]])]
         if held_out is None:
             held_out = HeldOut.of(touches, found[1 : 1 + len(solves)])

@@ -28,7 +28,7 @@ def random_touches(domain: Domain, count: int, seed: int = 0) -> Array:
 
 
 def solves_of(
-    scene: Scene, touches: Array, tolerance: float, share: float = 0.05
+    scene: Scene, touches: Array, tolerance: float, share: float = 0.1
 ) -> list[tuple[Any, ...]]:
     """Tasks of full solves of touches (n, 4), to a share of a response's tolerance."""
     return [(forces_at, scene, touch, share * tolerance) for touch in touches]

@@ -1,6 +1,6 @@
 """The file of a response: a line with a digest, and NumPy's archive of its arrays and a JSON text.
 
-The digest is of all that follows its line, which tells damage of any kind.
+The digest of the archive tells damage of any kind.
 """
 
 from __future__ import annotations
