@@ -117,12 +117,11 @@ def _locator(
     def located(rows: Sequence[Row]) -> list[dict[str, Any]]:
         given: dict[str, Any] = {KNOWN[n]: np.full(len(rows), v) for n, v in known.items()}
         for name in KNOWN.keys() & set(columns):
-            given[KNOWN[name]] = _numbers(rows, [name])[:, 0]
+            given[KNOWN[name]] = _numbers(rows, name)
         touches = locate_many(
             model,
-            _numbers(rows, names) * [units[name] for name in names],
+            {name: units[name] * _numbers(rows, name) for name in names},
             request.sigma,
-            electrodes=names,
             noise_pC=request.noise_pC(scene),
             reading=request.reading,
             calibrated=not options.quick,
@@ -140,7 +139,6 @@ def _locator(
     return located
 
 
-def _numbers(rows: Sequence[Row], columns: list[str]) -> Array:
-    """The numbers in some columns, NaN where there is none."""
-    cells = [[number(values.get(column)) for column in columns] for values, _ in rows]
-    return np.array(cells).reshape(len(rows), len(columns))
+def _numbers(rows: Sequence[Row], column: str) -> Array:
+    """The numbers in a column, NaN where there is none."""
+    return np.array([number(values.get(column)) for values, _ in rows])

@@ -129,9 +129,9 @@ class Load(Section):
     @field_validator("profile")
     @classmethod
     def _is_a_profile(cls, value: str) -> str:
-        if value not in PROFILE_ENTRIES and not value.partition(PIN)[0].endswith((".csv", ".nc")):
+        if value not in PROFILE_ENTRIES and not value.partition(PIN)[0].endswith(".csv"):
             known = choose(value, list(PROFILE_ENTRIES))
-            raise refusal(f"is no path that ends in .csv or .nc and no profile; {known}")
+            raise refusal(f"is no path that ends in .csv and no profile; {known}")
         return value
 
     @field_validator("tangential_N")

@@ -15,9 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self, overload
 
 from pydantic import (
-    SerializerFunctionWrapHandler,
     ValidationError,
-    model_serializer,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
@@ -40,7 +38,7 @@ from pvdf_fem.scene.scene_file import (
     read_scene_text,
     write_toml,
 )
-from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe, Probes
+from pvdf_fem.scene.shapes import LAYOUTS, Electrode, Electrodes, Layout, Probe, Probes
 from pvdf_fem.scene.stage import Stage, WantedModel
 
 __all__ = [
@@ -79,11 +77,6 @@ class Numerics(Section):
     """Work allowed for a solve in seconds of one core, counted by unknowns and iterations so that a
     result does not depend on the machine's load; by default 20, and more for tolerances below
     1e-3."""
-
-    @model_serializer(mode="wrap")
-    def _without_default_limits(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """The table without limits that are None, as scene files leave them out."""
-        return {key: value for key, value in handler(self).items() if value is not None}
 
 
 if TYPE_CHECKING:
@@ -129,7 +122,7 @@ class Scene(Section):
 
     film: Film = Film()
     """The film and its material."""
-    electrodes: Annotated[Electrodes, Key(affects=Affects.READING)] = Layout()
+    electrodes: Annotated[Electrodes, Key(affects=Affects.READING)] = LAYOUTS["square"]()
     """The electrodes: a layout, or a list of any."""
     probe: Probes | None = None
     """What presses on the film, or a list of several; nothing does where it is not given."""

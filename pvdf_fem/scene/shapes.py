@@ -212,7 +212,7 @@ def _one_of(models: Mapping[str, type[Section]], default: str) -> Any:
         if isinstance(value, Mapping):
             value = value.get("shape", default)
             return f"<{value}>" if isinstance(value, str) else ""
-        return f"<{value.shape}>" if isinstance(value, Shape | Ring) else None
+        return f"<{value.shape}>" if isinstance(value, Shape | Layout) else None
 
     tagged = tuple(Annotated[model, Tag(f"<{shape}>")] for shape, model in models.items())
     return Annotated[Union[tagged], Discriminator(shape_of)]  # noqa: UP007
@@ -225,51 +225,24 @@ if not TYPE_CHECKING:
     Patch = _one_of(PATCHES, "square")
 
 
-def _around(
-    ring_radius_mm: float, count: int, first_deg: float, **keys: Any
-) -> tuple[Electrode, ...]:
-    """Electrodes evenly on a ring, none of them turned: A at the first angle, B, C, ..."""
-    model = ELECTRODES[keys["shape"]]
-    angles = first_deg + 360.0 * np.arange(count) / count
-    places = [turn([ring_radius_mm, 0.0], angle).tolist() for angle in angles]
-    return tuple(
-        model(name=name, x_mm=x, y_mm=y, **keys)
-        for name, (x, y) in zip(ascii_uppercase, places, strict=False)
-    )
-
-
 class Layout(Section):
-    """The thesis's layouts: square electrodes on a ring, their edges along x and y."""
-
-    layout: Literal["four", "three"] = "four"
-    """four: A on +x, B on +y, C on -x, D on -y. three: A at 270°, B at 30°, C at 150°. ring: any
-    number of electrodes of any shape."""
-    ring_radius_mm: Annotated[float, SIZE] = 10.0
-    """From the film's centre to the centres of the electrodes."""
-    side_mm: Annotated[float, SIZE] = 3.0
-    """Length of a side."""
-
-    @cached_property
-    def electrodes(self) -> tuple[Electrode, ...]:
-        """The electrodes of the layout."""
-        count, first_deg = {"four": (4, 0.0), "three": (3, 270.0)}[self.layout]
-        keys = {"shape": "square", "side_mm": self.side_mm}
-        return _around(self.ring_radius_mm, count, first_deg, **keys)
-
-
-class Ring(Section):
     """Electrodes of one shape, evenly on a ring: A, B, C, ... counter-clockwise. None is turned:
     the axes of each electrode are the film's, as in the thesis."""
 
-    layout: Literal["ring"] = "ring"
-    """A ring of any number of electrodes of any shape."""
-    count: Annotated[int, Key("electrodes", (1, 25))] = 4
-    """Number of electrodes on the ring."""
+    layout: Literal["four", "three", "ring"] = "four"
+    """four: the thesis's squares, A on +x, B on +y, C on -x, D on -y. three: A at 270°, B at 30°,
+    C at 150°. ring: any number of electrodes of any shape."""
+    count: Annotated[
+        int | None, Key("electrodes", (1, 25), needs=("layout", "ring"), example=6)
+    ] = None
+    """Number of electrodes on the ring; 4 where it is not given."""
     ring_radius_mm: Annotated[float, SIZE] = 10.0
     """From the film's centre to the centres of the electrodes."""
-    first_angle_deg: Annotated[float, Key("degrees", (-3600.0, 3600.0))] = 0.0
-    """From +x to A."""
-    centre: Annotated[bool, Key()] = False
+    first_angle_deg: Annotated[
+        float | None, Key("degrees", (-3600.0, 3600.0), needs=("layout", "ring"), example=45.0)
+    ] = None
+    """From +x to A; 0 where it is not given."""
+    centre: Annotated[bool, Key(needs=("layout", "ring"))] = False
     """One more electrode, the last, is on the film's centre."""
     shape: str
     """The shape of all electrodes, with its sizes."""
@@ -277,60 +250,66 @@ class Ring(Section):
     @cached_property
     def electrodes(self) -> tuple[Electrode, ...]:
         """The electrodes on the ring, then the one on the centre."""
-        keys = self.model_dump(exclude=set(Ring.model_fields) - {"shape"})
-        around = _around(self.ring_radius_mm, self.count, self.first_angle_deg, **keys)
-        if self.centre:
-            name = ascii_uppercase[self.count]
-            around += (around[0].model_copy(update={"name": name, "x_mm": 0.0, "y_mm": 0.0}),)
-        return around
+        count, first_deg = self.count or 4, self.first_angle_deg or 0.0
+        if self.layout == "three":
+            count, first_deg = 3, 270.0
+        turns = 360.0 * np.arange(count) / count
+        places = [turn([self.ring_radius_mm, 0.0], first_deg + angle) for angle in turns]
+        places += [np.zeros(2)] if self.centre else []
+        sizes = {key: getattr(self, key) for key in type(self).model_fields.keys() & SIZES}
+        return tuple(
+            ELECTRODES[self.shape](name=name, x_mm=float(x), y_mm=float(y), **sizes)
+            for name, (x, y) in zip(ascii_uppercase, places, strict=False)
+        )
 
 
-def _ring(electrode: type[Shape]) -> Any:
-    """The model of a ring of electrodes of a shape, whose keys it has but for name and place."""
+#: What keys of a layout need beside them.
+RING = {key: needs for key in Layout.model_fields if (needs := Layout.key_of(key).needs)}
+RING["shape"] = ("layout", "ring")
+
+
+def _layout(electrode: type[Shape]) -> Any:
+    """The model of a layout of electrodes of a shape, whose keys it has but for name and place."""
     fields: Any = {
         key: (field.annotation, field)
         for key, field in electrode.model_fields.items()
-        if key == "shape" or key not in Shape.model_fields | _Named.model_fields
+        if key not in Shape.model_fields | _Named.model_fields
     }
-    name = electrode.__name__.replace("Electrode", "Ring")
-    return _made(name, Ring, Ring.__doc__, **fields)
+    shape = electrode.model_fields["shape"]
+    said = Key(needs=RING["shape"], idle="square")
+    fields["shape"] = Annotated[shape.annotation, said], shape.default
+    name = electrode.__name__.replace("Electrode", "Layout")
+    return _made(name, Layout, electrode.__doc__, **fields)
 
 
-#: The models of rings by the shape of their electrodes.
-RINGS = {shape: _ring(electrode) for shape, electrode in ELECTRODES.items()}
+#: The models of layouts by the shape of their electrodes.
+LAYOUTS = {shape: _layout(electrode) for shape, electrode in ELECTRODES.items()}
 #: Models by the sections and tags of unions that lead to them.
 MODELS: dict[tuple[str, ...], type[Section]] = {
-    ("electrodes", "layout"): Layout,
     **{("probe", "table", shape): model for shape, model in PROBES.items()},
     **{("probe", "list", shape): model for shape, model in LISTED_PROBES.items()},
     **{("probe", "list", shape, "load"): OwnLoad for shape in LISTED_PROBES},
     **{("electrodes", "list", shape): model for shape, model in ELECTRODES.items()},
-    **{("electrodes", "ring", shape): model for shape, model in RINGS.items()},
+    **{("electrodes", "table", shape): model for shape, model in LAYOUTS.items()},
     **{("film", "patches", shape): model for shape, model in PATCHES.items()},
 }
 if TYPE_CHECKING:
-    AnyRing: TypeAlias = Ring
+    AnyLayout: TypeAlias = Layout
 else:
-    AnyRing = _one_of(RINGS, "square")
+    AnyLayout = _one_of(LAYOUTS, "square")
 
 
-def _table_or_list(value: Any) -> str | None:
-    if isinstance(value, list | tuple):
-        return "<list>"
-    if not isinstance(value, Mapping | Layout | Ring):
-        return None
-    layout = value.get("layout") if isinstance(value, Mapping) else value.layout
-    return "<ring>" if layout == "ring" else "<layout>"
+def _table_or_list(value: Any) -> str:
+    return "<list>" if isinstance(value, list | tuple) else "<table>"
 
 
 Probes: TypeAlias = Annotated[
     Annotated[Probe, Tag("<table>")]
     | Annotated[tuple[PressingProbe, ...], Field(min_length=1, max_length=20), Tag("<list>")],
-    Discriminator(lambda value: "<list>" if isinstance(value, list | tuple) else "<table>"),
+    Discriminator(_table_or_list),
 ]
 Electrodes: TypeAlias = Annotated[
-    Annotated[Layout, Tag("<layout>")]
-    | Annotated[AnyRing, Tag("<ring>")]
+    Annotated[AnyLayout, Tag("<table>")]
     | Annotated[tuple[Electrode, ...], Field(min_length=1, max_length=100), Tag("<list>")],
     Discriminator(_table_or_list),
 ]

@@ -210,7 +210,7 @@ def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
 
 
 def _part(problem: Problem) -> MirroredPart:
-    """The part of the film that is solved for all of it."""
+    """The part of a symmetric film whose solution is unfolded; else the whole film."""
     scene, model = problem.scene, film_model(problem.scene)
     leaning = scene.tips or any(touch.load.tilt == "free" for touch in scene.loaded_probes)
     whole = leaning or problem.posed.pressure

@@ -1,8 +1,7 @@
 """The ladder: which solvers are tried for an equilibrium, in which order.
 
 Each rung is a solver that says whether it applies; the first that converges wins, and what the
-others did stays in the result. A loaded film that does not wrinkle, under a load that does not
-follow it, needs `LineSearchNewton` only.
+others did stays in the result. A loaded film that does not wrinkle needs `LineSearchNewton` only.
 """
 
 from __future__ import annotations
@@ -185,9 +184,6 @@ def climb(task: Task) -> NewtonResult:
         task.tried.append((rung.name, result))
         if result.converged:
             break
-    if not task.tried:
-        nowhere = np.zeros(task.equilibrium.unknowns.count)
-        return NewtonResult(nowhere, Status.MAX_ITERATIONS, (), None)
     earlier = tuple(entry for name, failed in task.tried[:-1] for entry in failed.as_tried(name))
     last = task.tried[-1][1]
     return replace(last, tried=(*earlier, *last.tried))

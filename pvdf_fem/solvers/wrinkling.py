@@ -59,9 +59,6 @@ class WrinklingOptions:
 
     #: Tension that holds slack film in a step, over the mean tension and the size of the last step.
     damping: float = 1e-2
-    #: Factor on the damping after a step shorter than `stalled`, until a full step is made.
-    stiffening: float = 4.0
-    stalled: float = 0.05  #: Length of a step that stalls.
     max_iterations: int = 25
     #: Part of the slope of the energy at a step's start that may be left at its end.
     line_search_slope: float = 0.5
@@ -79,11 +76,11 @@ class PredictedStress(Variant):
         self.options = WrinklingOptions() if options is None else options
         self.tolerance, self.max_iterations = tolerance, self.options.max_iterations
         self._predicted: Array | None = None
-        self._size, self._stiffer = self.options.damping, 1.0
+        self._size = self.options.damping
 
     def tangent(self, state: State, table: Sequence[Iteration]) -> tuple[Tangent, bool]:
         predicted = state.stress if self._predicted is None else self._predicted
-        damping = self._stiffer * self.options.damping * min(self._size, 1.0)
+        damping = self.options.damping * min(self._size, 1.0)
         mixed = self.equilibrium.membrane.predicted(state, predicted, damping)
         return Tangent(factorise(self.equilibrium.tangent(mixed))), True
 
@@ -120,12 +117,7 @@ class PredictedStress(Variant):
 
     def ended(self, step: Step, state: State, table: Sequence[Iteration]) -> Status | None:
         self._predict(step)
-        length = table[-1].length
-        if length < self.options.stalled:
-            self._stiffer *= self.options.stiffening
-        elif length == 1.0:
-            self._stiffer = max(self._stiffer / self.options.stiffening, 1.0)
-        if self._stiffer > 1.0 or not step.size < self.tolerance:
+        if not step.size < self.tolerance:
             return None
         self.factors = factorise(self.equilibrium.tangent(state))
         return Status.CONVERGED

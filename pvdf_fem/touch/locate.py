@@ -108,13 +108,8 @@ def locate(
     if found.explained:
         return found
     held = {i: np.array([value]) for i, value in fixed.items()}
-    right = (
-        Explanation(text, location(meant, ends, options).best)
-        for text, meant, ends, rows in explanations(
-            measurement, readings, sought, held, options.retries
-        )
-        if rows.size
-    )
+    mistakes = explanations(measurement, readings, sought, held, options.retries)
+    right = (Explanation(text, location(of, ends, options).best) for text, of, ends, _ in mistakes)
     return replace(found, explanations=tuple(right))
 
 

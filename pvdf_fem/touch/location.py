@@ -36,7 +36,6 @@ class Location(Told):
 
     touches: tuple[Touch, ...]  #: The likeliest first; empty when no search ended.
     unknown: tuple[str, ...]  #: What was sought.
-    degrees_of_freedom: int  #: Charges less unknown quantities; negative with too few charges.
     #: Logarithm of the probability density of the charges, whatever the touch is, with all places,
     #: rotations and magnitudes of the force in the model's domain equally likely before.
     log_evidence: float
@@ -77,6 +76,11 @@ class Location(Told):
         if self.ambiguous:
             return TouchStatus.AMBIGUOUS
         return TouchStatus.AT_EDGE if self.best.at_edge else TouchStatus.LOCATED
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Charges less unknown quantities; negative with too few charges."""
+        return self.problem.freedom
 
     @property
     def reading(self) -> str:

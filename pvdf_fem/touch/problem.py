@@ -219,6 +219,11 @@ class Problem:
         return CLOSE * self.longest
 
     @property
+    def freedom(self) -> int:
+        """Charges less unknown quantities; negative with too few charges."""
+        return len(self.electrodes) - len(self.unknown)
+
+    @property
     def is_determinable(self) -> bool:
         """Whether there are as many charges as unknown coordinates that charges depend on."""
         return len(self.electrodes) >= len(self.moving)

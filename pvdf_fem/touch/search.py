@@ -13,13 +13,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import ROTATION, periods_deg
 from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.problem import Problem, extents, rows_of
 from pvdf_fem.touch.starts import starts
-from pvdf_fem.touch.touch import Touch, p_values
+from pvdf_fem.touch.touch import Touch, explains, p_values, roots_of
 
 
 @dataclass(frozen=True)
@@ -120,32 +120,30 @@ def location(problem: Problem, ends: Descent | None, options: LocateOptions = DE
     search was made."""
     quantities = problem.model.quantities
     names = tuple(quantities[i] for i in problem.unknown.tolist())
-    freedom = len(problem.electrodes) - len(names)
     ends = ends and ends.take(distinct(problem, ends, options))
     if ends is None or not ends.arrived.size:
-        return Location((), names, freedom, -np.inf, problem)
-    extent = extents(problem.model)
+        return Location((), names, -np.inf, problem)
     # likelihood times a normal prior of the domain's extents, integrated by Laplace's method
-    slopes = ends.slopes * extent
-    normal = np.matmul(slopes.swapaxes(1, 2), slopes) + np.eye(len(extent))
+    slopes = ends.slopes * extents(problem.model)
+    normal = np.matmul(slopes.swapaxes(1, 2), slopes) + np.eye(slopes.shape[2])
     logs = -0.5 * (ends.chi_square + np.log(np.linalg.det(normal)))
     total = float(np.logaddexp.reduce(logs))
-    values = problem.touches(ends.at)
-    scale = problem.per_coordinate(values)
-    columns = (
-        (ends.slopes / scale[:, None]).take(problem.unknown, axis=2),
-        (extent * scale).take(problem.unknown, axis=1),
-        ends.chi_square.tolist(),
-        p_values(ends.chi_square, freedom).tolist(),
-        np.exp(logs - total).tolist(),
-        problem.edges(ends.at),
-    )
-    touches = (
-        Touch(quantities, touch, names, *attributes)
-        for touch, *attributes in zip(values, *columns, strict=True)
-    )
+    weights = np.exp(logs - total).tolist()
+    columns = zip(*described(problem, ends), weights, problem.edges(ends.at), strict=True)
+    touches = tuple(Touch(quantities, names, *attributes) for attributes in columns)
     spread = math.log(2.0 * math.pi) / 2.0 + np.log(problem.deviations_pC[0])
-    return Location(tuple(touches), names, freedom, total - float(spread.sum()), problem)
+    return Location(touches, names, total - float(spread.sum()), problem)
+
+
+def described(problem: Problem, ends: Descent) -> tuple[Array, Array, Mask, Array, Array, Mask]:
+    """Of the touches at some ends: values (n, k), `roots_of` their covariances, chi-square, its
+    p-value, and whether the charges are explained, (n,)."""
+    values, sought = problem.touches(ends.at), problem.unknown
+    scale = problem.per_coordinate(values)[:, sought]
+    slopes, extent = ends.slopes[:, :, sought] / scale[:, None], extents(problem.model)[sought]
+    chi_square, freedom = ends.chi_square, problem.freedom
+    fit = chi_square, p_values(chi_square, freedom), explains(chi_square, freedom)
+    return values, *roots_of(slopes, extent * scale), *fit
 
 
 def distinct(problem: Problem, ends: Descent, options: LocateOptions) -> Indices:

@@ -69,6 +69,7 @@ SAMPLES: dict[str, Any] = {
     "film.density_kg_m3": 5000.0,
     "film.radius_mm": 40.0,
     "film.thermal_expansion_per_K": 500e-6,
+    "count": 6,
     "first_angle_deg": 20.0,
     "force_range_N": (0.2, 2.0),
     "gravity_m_s2": 200.0,
@@ -171,9 +172,7 @@ def places() -> Iterator[Place]:
         entry = {"shape": shape, "x_mm": 2.0, "y_mm": 1.0, **SIZES.get(shape, {})}
         kind = {"load.kind": "contact"} if shape == "sphere" else {}
         match path:
-            case ("electrodes", "layout"):
-                yield Place("electrodes", "electrodes", model, {})
-            case ("electrodes", "ring", _):
+            case ("electrodes", "table", _):
                 ring = {"layout": "ring", "ring_radius_mm": 8.0, "shape": shape, **SIZES[shape]}
                 yield Place(name, "electrodes", model, {"electrodes": ring})
             case ("electrodes", "list", _):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import NotConvergedError, Scene, locate, solve
+from pvdf_fem.response.model import Domain
 from pvdf_fem.touch.least_squares import descend
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.search import LocateOptions, location
@@ -28,37 +29,28 @@ FINGER = Scene().with_(probe=WARM, **{"film.pyroelectric_uC_m2K": -25.0})
 FEW = LocateOptions(pitch_mm=7.5, fine_mm=2.5, starts=3, followed=1, rounds=0, tolerance=1e-3)
 
 
-def test_shear_of_a_touch_is_found_with_its_place():
+def test_shear_of_a_touch_is_found_with_its_place_on_the_stage():
     truth = {"probe.x_mm": 5.0, "probe.y_mm": 3.0, "load.tangential_N": [0.4, -0.2]}
     charges = solve(EIGHT.with_(**truth)).charges_pC
-    unknown = ("x_mm", "y_mm", "force_N", "tangential_N")
-    asked = []
-    found = locate(
-        EIGHT, charges, 1e-3, unknown=unknown, options=FEW, progress=lambda *n: asked.append(n)
-    )
-    assert found.best.values == pytest.approx([5.0, 3.0, 0.0, 1.0, 0.4, -0.2], abs=0.03)
+    staged = EIGHT.with_(stage={"x_mm": 20.0, "y_mm": -5.0, "rotation_deg": 90.0})
+    unknown, asked = ("x_mm", "y_mm", "force_N", "tangential_N"), []
+    how = {"unknown": unknown, "options": FEW, "progress": lambda *n: asked.append(n)}
+    found = locate(staged, charges, 1e-3, **how)
+    assert found.best.values == pytest.approx([17.0, 0.0, 90.0, 1.0, 0.4, -0.2], abs=0.03)
     assert found.deviations["force_N"] < 0.01
     assert found.to_json()["touches"][0]["tangential_N[1]"] == pytest.approx(-0.2, abs=0.03)
     assert [done for done, _ in asked] == [*range(1, len(asked) + 1)]
     assert all(done <= total for done, total in asked)
 
 
-def test_places_are_on_the_stage():
-    """One start beside the touch: what is not sought is the scene's there."""
-    staged = EIGHT.with_(stage={"x_mm": 20.0, "y_mm": -5.0, "rotation_deg": 90.0})
-    charges = solve(EIGHT.with_(**{"probe.y_mm": 3.0})).charges_pC
-    found = locate(staged, charges, 1e-3, options=FEW)
-    assert [found.best.x_mm, found.best.y_mm] == pytest.approx([17.0, -1.0], abs=0.03)
+def test_touches_are_sought_where_the_scenes_model_says():
+    near = EIGHT.with_(model={"reach_mm": 4.0, "force_range_N": [0.2, 3.0]})
+    assert Solves.of(near, 2, ("x_mm", "y_mm"), 1e-2).domain == Domain(4.0, (0.2, 3.0))
+    far = Solves.of(EIGHT.with_(model={"reach_mm": 60.0}), 2, ("x_mm", "y_mm"), 1e-2)
+    assert 40.0 < far.domain.reach_mm < 45.0 - 2.0
 
 
-def test_a_touch_beyond_reach_is_told():
-    charges = solve(EIGHT.with_(**{"probe.x_mm": 7.0})).charges_pC
-    near = EIGHT.with_(model={"reach_mm": 4.0})
-    found = locate(near, charges, 1e-3, touches=1, options=replace(FEW, pitch_mm=4.0))
-    assert found.best.at_edge == ("reach_mm",)
-    assert found.status == "unexplained"
-
-
+@pytest.mark.slow
 def test_a_film_that_bears_no_touch_is_told():
     slack = PAIR.with_(**{"film.temperature_change_K": 20.0, "film.bending": False})
     charges = dict.fromkeys("ABCDEFGH", 500.0)
