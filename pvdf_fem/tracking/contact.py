@@ -38,9 +38,9 @@ class Contact:
         self._sum = ChargeSum(model.circuit, time, before)
         self._located = options.first  #: Number of samples when the place was last sought.
 
-    def add(self, time: float, voltage: Array, noise: Array, doubt: Array) -> None:
+    def add(self, time: float, voltage: Array, noise: Array, drift: Array) -> None:
         """Take in a sample. Voltages are those over the baseline, NaN where missing, and `noise`
-        their deviations in V; `doubt` is the variance in pC² of the baseline's error by now."""
+        their deviations in V; `drift` is the deviation in pC of the baseline's error by now."""
         charges = self._sum.add(time, voltage, noise)
         white = np.square(self.model.circuit.capacitance * noise)
         white[np.isnan(voltage)] = Sample.UNHEARD
@@ -48,8 +48,8 @@ class Contact:
         self._aside = np.maximum(
             self._aside, self.options.skew**2 * self._sum.missed * along
         )  # errors only grow
-        walked = self._sum.variance + doubt + self._aside
-        sample = Sample(time, charges, white, walked, self._sum.missed)
+        walked = self._sum.variance + self._aside
+        sample = Sample(time, charges, white, walked, drift, self._sum.missed)
         self.history.append(sample)
         self.voltages.append(voltage)
         count, options = len(self.history), self.options
@@ -69,9 +69,9 @@ class Contact:
         least = self.options.telling * np.linalg.norm(largest)
         return bool(np.linalg.norm(sample.charges) >= least)
 
-    def _fit(self, others: Array, last: int, total: Array | float = np.inf) -> None:
+    def _fit(self, others: Array, last: int, end: tuple[Array, Array] | None = None) -> None:
         """Fit the known places, and others, to telling samples of the whole course, one of them
-        last. The variance of errors walks on to `total` (electrodes,), where they are known."""
+        last. At the `end` the errors are known, see `fitted`."""
         starts = np.concatenate([others, self.places.at]) if self.places else others
         if not len(starts):
             return
@@ -79,7 +79,7 @@ class Contact:
         chosen = np.linspace(0, len(telling) - 1, self.options.fitted).round().astype(int)
         numbers = {telling[k] for k in chosen.tolist()} - {last}
         samples = [self.history[k] for k in (*sorted(numbers), last)]
-        self.places = fitted(self.model, starts, samples, total)
+        self.places = fitted(self.model, starts, samples, end)
 
     def _candidates(self, sample: Sample) -> Array:
         """Coordinates (n, 4) of the likely touches that explain the charges of one sample; none
@@ -118,8 +118,13 @@ class Contact:
         if len(self.history) <= 2 * count:
             return 0
         (early, white), (late, noise) = self._mean(-2 * count, count), self._mean(-count, count)
-        walked = self.history[-1].walked - self.history[-2 * count].walked
-        return count if _is_noise(late - early, walked + white + noise) else 0
+        variance = self._since(self.history[-2 * count]) + white + noise
+        return count if _is_noise(late - early, variance) else 0
+
+    def _since(self, sample: Sample) -> Array:
+        """Variance in pC² of what has summed up since a sample, (electrodes,)."""
+        last = self.history[-1]
+        return last.walked - sample.walked + np.square(last.drift - sample.drift)
 
     def ended(self) -> bool:
         """Whether the charges do not change any longer, and are none by what their errors may be.
@@ -145,11 +150,12 @@ class Contact:
     @property
     def _total(self) -> Array:
         """Variances in pC² of all that has summed up since the onset, (electrodes,)."""
-        return self.history[-1].walked + self.history[-1].missed * np.square(self._unit)
+        last = self.history[-1]
+        return last.walked + np.square(last.drift) + last.missed * np.square(self._unit)
 
     def lost(self) -> bool:
         """Whether the errors have grown over the charges, or no place was found in time."""
-        deviation = np.linalg.norm(np.sqrt(self.history[-1].walked))
+        deviation = np.linalg.norm(np.sqrt(self._total))
         largest = np.linalg.norm(self.history[self.peak].charges)
         drowned = self.places is None or deviation > self.options.lost * largest
         return bool(drowned) and len(self.history) > self.options.memory
@@ -176,22 +182,26 @@ class Contact:
         errors' walk is a bridge between onset and end then. The touch is that at its peak."""
         last, count = self.history[-1], self.rested
         (left, noise), along = self._mean(-count, count), np.square(self._unit)
-        total, missed = self._total + noise, last.missed + float(along @ (last.walked + noise))
+        total = self._total + noise
+        missed = last.missed + float(along @ (total - last.missed * along))
         closed = copy(self)
         size = (self.charges[:-count] - left) @ self._unit
-        walks = [along @ (last.walked - s.walked + s.noise) for s in self.history[:-count]]
-        changed = np.flatnonzero(size > 4.0 * np.sqrt(np.array(walks) + along @ noise))
+        apart = [self._since(s) + s.noise + noise for s in self.history[:-count]]
+        changed = np.flatnonzero(size > 4.0 * np.sqrt(np.array(apart) @ along))
         closed.end = self.history[max(changed, default=0)].time
         closed.history = [
             replace(
                 s,
-                charges=s.charges - left * (s.walked + s.missed * along) / total,
+                charges=s.charges
+                - left * (s.walked + s.drift * last.drift + s.missed * along) / total,
                 missed=s.missed * (1.0 - s.missed / missed),
             )
             for s in self.history
         ]
         closed.peak = closed._smooth_peak()
-        closed._fit(closed._candidates(closed.history[closed.peak]), closed.peak, total)
+        closed._fit(
+            closed._candidates(closed.history[closed.peak]), closed.peak, (last.drift, total)
+        )
         if closed.places:
             closed.at = closed.places.at[0]
         return closed

@@ -33,6 +33,7 @@ class Sample:
     UNHEARD: ClassVar[float] = 1e12
     noise: Array
     walked: Array
+    drift: Array  #: Standard deviation in pC of the baseline's error, which grows steadily.
     missed: float  #: Variance in pC² of what sampling missed, along the charges.
 
     @property
@@ -43,7 +44,7 @@ class Sample:
     @property
     def variance(self) -> Array:
         """Variances of the charges in pC², (electrodes,)."""
-        return self.noise + self.walked
+        return self.noise + self.walked + np.square(self.drift)
 
     @property
     def significance(self) -> float:
@@ -212,14 +213,18 @@ class Places:
 
 
 def fitted(
-    model: ChangeModel, starts: Array, samples: Sequence[Sample], total: Array | float
+    model: ChangeModel, starts: Array, samples: Sequence[Sample], end: tuple[Array, Array] | None
 ) -> Places:
-    """The places near `starts` (n, 4) that explain some samples of a touch, the forces free. The
-    walks of the errors are known again where their variances are `total` (electrodes,)."""
+    """The places near `starts` (n, 4) that explain some samples of a touch, the forces free. What
+    has summed up is known again at the `end`, which has the deviation of the drift and the variance
+    of all errors there, (electrodes,)."""
     charges = np.array([sample.charges for sample in samples])
     walked = np.array([sample.walked for sample in samples]).T
-    errors = np.minimum(walked[:, :, None], walked[:, None])
-    errors -= walked[:, :, None] * walked[:, None] / np.reshape(total, (-1, 1, 1))
+    drift = np.array([sample.drift for sample in samples]).T
+    errors = np.minimum(walked[:, :, None], walked[:, None]) + drift[:, :, None] * drift[:, None]
+    if end:
+        with_end = walked + drift * end[0][:, None]
+        errors -= with_end[:, :, None] * with_end[:, None] / end[1][:, None, None]
     errors += np.array([sample.noise for sample in samples]).T[:, :, None] * np.eye(len(samples))
     bound = model.model.error_bound * (charges + model.rest_pC).T
     errors += bound[:, :, None] * bound[:, None]

@@ -158,11 +158,11 @@ class Tracker:
         return self._row(t, contact)
 
     def _add(self, contact: Contact, t: float, voltage: Array) -> None:
-        """Give a touch the voltages over the baseline, and the doubt by the baseline's error."""
+        """Give a touch the voltages over the baseline, and the drift by the baseline's error."""
         baseline, circuit, elapsed = self._baseline, self._model.circuit, t - contact.onset
         error = baseline.noise * baseline.relative_error(t, elapsed / self._step)
-        doubt = np.square((circuit.capacitance + circuit.leak * elapsed) * error)
-        contact.add(t, voltage - baseline.at(t) + baseline.remaining(t), baseline.noise, doubt)
+        drift = (circuit.capacitance + circuit.leak * elapsed) * error
+        contact.add(t, voltage - baseline.at(t) + baseline.remaining(t), baseline.noise, drift)
 
     def _follow(self, t: float, voltage: Array, contact: Contact) -> Row:
         """During a touch."""
