@@ -33,8 +33,9 @@ A model of the charges is needed, over all places within --reach and forces in
 kept beside the scene file; later calls take a moment.
 
 Two touches at once (--touches 2), tangential forces and temperatures (--unknown
-with tangential or temperature) are found by full solves instead, without a
-model, which takes up to a minute; the scene's list of probes, or its probe twice, is what touches.
+with tangential or temperature) are found by full solves over the same reach and
+forces instead, without a model, which takes up to a minute; the scene's list of
+probes, or its probe twice, is what touches.
 
 With --csv every row of a file is located. Its header has names of electrodes,
 and may have rotation_deg and force_N, which are then known. Other columns are
@@ -168,6 +169,9 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
     asked: dict[str, Any] = {"unknown": request.unknown, "reading": request.reading}
     if request.by_solves:
         asked |= {"touches": request.touches, "progress": request.model.progress}
+        domain = {"reach_mm": request.model.reach_mm, "force_range_N": request.model.force_N}
+        if given := {key: value for key, value in domain.items() if value}:
+            sensor = sensor.with_(model=given)
         return match({file: locate(sensor, readings, **asked, **errors)})
     touch = staged_touch(sensor)
     known = {name: value for name, value in touch.items() if name not in request.unknown}

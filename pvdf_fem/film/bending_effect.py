@@ -27,7 +27,7 @@ from pvdf_fem.film.point_load import part_by_force, tension_at
 from pvdf_fem.film.remarks import two_digits
 from pvdf_fem.scene.film import Film, Layer
 from pvdf_fem.scene.outlines.circle import Circle
-from pvdf_fem.scene.outlines.outline import TOUCH, Outline
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 
@@ -90,7 +90,7 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
     film = scene.film
     C, h, a = film.stiffness[:2, :2], film.thickness, film.radius
     stiffness = float(C.max())
-    D = rim_D = probe_D = h**3 / 12.0 * stiffness
+    D = h**3 / 12.0 * stiffness
     rest = h * float(film.stress_at_rest[:2].mean())
     force, probe, rigid = film.spread_force, None, False
     if touch is not None:
@@ -99,16 +99,9 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
     elif force:  # it presses as a probe that covers the film
         probe = Circle(np.zeros(2), a)
     b = _radius(probe) if probe else a
-    for layer in film.layers.values():
-        outline = layer.patch.outline
-        if outline.reach >= a * (1.0 - TOUCH):
-            rim_D = max(rim_D, _laminate(film, layer)[0])
-        if probe and outline.polygon.intersects(probe.polygon.exterior):
-            probe_D = max(probe_D, _laminate(film, layer)[0])
     tensions = (max(rest, 0.0), tension_at(film, force, a), tension_at(film, force, b))
     rest_length, rim_length, probe_length = (
-        math.sqrt(D / N) if N > 0.0 else math.inf
-        for D, N in zip((D, rim_D, probe_D), tensions, strict=True)
+        math.sqrt(D / N) if N > 0.0 else math.inf for N in tensions
     )
     electrodes = [electrode.outline for electrode in scene.electrode_list]
     changes = [(0.0, 0.0)]

@@ -15,9 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self, overload
 
 from pydantic import (
-    SerializerFunctionWrapHandler,
     ValidationError,
-    model_serializer,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
@@ -79,11 +77,6 @@ class Numerics(Section):
     """Work allowed for a solve in seconds of one core, counted by unknowns and iterations so that a
     result does not depend on the machine's load; by default 20, and more for tolerances below
     1e-3."""
-
-    @model_serializer(mode="wrap")
-    def _without_default_limits(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """The table without limits that are None, as scene files leave them out."""
-        return {key: value for key, value in handler(self).items() if value is not None}
 
 
 if TYPE_CHECKING:

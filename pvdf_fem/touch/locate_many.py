@@ -177,9 +177,8 @@ def locate_many(
         found.put(rows, problem, ends)
         strange = np.flatnonzero(~found.explained[rows])
         if strange.size:
-            other = {i: of[strange] for i, of in held.items()}
-            mistakes_of = explanations(measurement, charges[rows[strange]], sought, other)
-            for text, _, _, which in mistakes_of:
+            told, other = charges[rows[strange]], {i: of[strange] for i, of in held.items()}
+            for text, _, _, which in explanations(measurement, told, sought, other):
                 found.explanations[rows[strange[which]]] += f"; explained if {text}"
     return found
 

@@ -17,7 +17,15 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.derivatives.parameters import parameters_of
 from pvdf_fem.derivatives.rates import charge_rates
-from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Domain, probes_of, wanted_model
+from pvdf_fem.response.model import (
+    FORCE,
+    QUANTITIES,
+    ROTATION,
+    Domain,
+    probes_of,
+    room_mm,
+    wanted_model,
+)
 from pvdf_fem.scene.change import number_at, plain, steps_of
 from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.scene import Numerics, Scene, SceneError
@@ -53,7 +61,8 @@ class Solves:
         count: Callable[[], None] = lambda: None,
     ) -> Solves:
         """The model of a scene's probes, or of its one probe twice, over the reach and the forces
-        of the scene's ``[model]``. Raises `ValueError` with a line for each mistake."""
+        of the scene's ``[model]``, with probes on the film. Raises `ValueError` with a line for
+        each mistake."""
         if mistakes := [*_mistakes(scene, touches, unknown)]:
             raise ValueError("\n".join(mistakes))
         listed = _listed(scene, touches, unknown)
@@ -62,8 +71,9 @@ class Solves:
         for name, ends in (("tangential_N", ("[0]", "[1]")), ("temperature_K", ("",))):
             if name in unknown:
                 names += [probe + name + end for probe in probes for end in ends]
-        domains = [wanted_model(pressed_alone(listed, i))[0] for i in range(touches)]
-        domain = min(domains, key=lambda of: of.reach_mm)
+        wanted = [wanted_model(pressed_alone(listed, i))[0] for i in range(touches)]
+        reach_mm = min(room_mm(listed), *(domain.reach_mm for domain in wanted))
+        domain = Domain(reach_mm, wanted[0].force_N)
         periods = [touch.probe.period_deg for touch in listed.loaded_probes]
         sought = tuple(
             name

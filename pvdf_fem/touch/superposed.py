@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 from itertools import combinations, product
@@ -30,9 +31,10 @@ def search_by_solves(problem: Problem, model: Solves, options: LocateOptions) ->
     spread = np.hypot(problem.deviations_pC, options.first_tolerance / 3**0.5 * problem.charges_pC)
     coarse, how = replace(problem, model=rough, deviations_pC=spread), options.solve_search
     other = model.other_probe
-    begun = _begun(coarse, model.touch, options)
+    begun = [_begun(cold, model.touch, options) for cold in _cold(coarse)]
     freedom, found = problem.freedom, []
-    for starts in (begun[: options.followed], begun[options.followed :]):
+    for part in (slice(options.followed), slice(options.followed, None)):
+        starts = np.concatenate([likely[part] for likely in begun])
         ends = _ordered(coarse, descend(coarse, starts, options=how), other, options)
         for _ in range(options.rounds if ends.at.size else 0):
             least = ends.chi_square[0]
@@ -48,11 +50,21 @@ def search_by_solves(problem: Problem, model: Solves, options: LocateOptions) ->
     return _ordered(problem, joined(found), other, options) if found else ends
 
 
+def _cold(problem: Problem) -> Iterator[Problem]:
+    """Problems for starts, with cold touches: by the charges of all electrodes, then, if a
+    temperature is unknown, without each electrode in turn, since a warm touch may be above it."""
+    names, unknown = problem.model.quantities, problem.unknown.tolist()
+    cold = [i for i in unknown if kind_of(names[i]) != "temperature_K"]
+    yield (whole := replace(problem, unknown=np.array(cold)))
+    for left in range(len(problem.electrodes) if len(cold) < len(unknown) else 0):
+        electrodes = np.delete(problem.electrodes, left)
+        charges = np.delete(problem.charges_pC, left, axis=1)
+        spread = np.delete(problem.deviations_pC, left, axis=1)
+        yield replace(whole, electrodes=electrodes, charges_pC=charges, deviations_pC=spread)
+
+
 def _begun(problem: Problem, touch: Array, options: LocateOptions) -> Array:
-    """Where first steps of a cold touch lead, (n, k), the likeliest first."""
-    names = problem.model.quantities
-    cold = [i for i in problem.unknown.tolist() if kind_of(names[i]) != "temperature_K"]
-    problem = replace(problem, unknown=np.array(cold))
+    """Where first steps from the starts lead, (n, k), the likeliest first."""
     first = replace(options.solve_search, max_steps=options.first_steps)
     ends = descend(problem, superposed(problem, touch, options), options=first)
     return ends.at[np.argsort(ends.chi_square)]

@@ -59,7 +59,7 @@ def test_deviations_and_chi_square_are_those_of_many_sensors():
 
 
 def test_readings_that_scatter_more_than_said_widen_the_deviations():
-    columns = made(sigma=0.02)
+    columns = made(12, sigma=0.02)
     said, less = (calibrate(SCENE, columns, UNKNOWN, sigma=of) for of in (0.02, 0.01))
     assert less.status == "calibrated"
     assert less.fit.scale == pytest.approx(2.0, rel=0.2)
@@ -194,7 +194,6 @@ def test_too_few_touches_are_named():
     assert calibration.reason.startswith("6 touches (24 readings) for 8 unknowns")
 
 
-@pytest.mark.slow
 def test_volts_are_read_through_the_channels():
     scene = SCENE.with_(**{"readout.feedback_capacitance_pF": 220.0})
     columns = made(sigma=0.01, place_sd=0.3)

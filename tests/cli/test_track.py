@@ -63,7 +63,7 @@ def test_json_lines_from_standard_input(files, monkeypatch, capsys):
 @pytest.mark.parametrize(
     "text",
     [
-        "time,A,B\n",
+        "t,A,B\n",
         "t_s,A,A\n",
         "t_s\tA\tB\n",
         "t_s;A;B;C;D\n0;1;2;3;1,2,3\n",

@@ -158,7 +158,7 @@ def test_a_part_of_a_symmetric_film_has_the_heat_of_all_of_it(monkeypatch):
 @pytest.mark.parametrize(
     ("key", "middle", "step", "allowed"),
     [
-        ("x_mm", 6.5, 0.1, 0.01),
+        pytest.param("x_mm", 6.5, 0.1, 0.01, marks=pytest.mark.slow),
         ("rotation_deg", 20.0, 1.0, 0.04),
         ("temperature_K", 10.0, 1.0, 1e-3),
     ],

@@ -80,9 +80,7 @@ def profile(solution):
     return np.minimum(radius, 1.0), solution.displacement[:, 2]
 
 
-@pytest.mark.parametrize(
-    ("thickness_um", "patch_radius"), [(0.5, 0.02), (25.0, 0.3), (1000.0, 0.02), (1000.0, 1.0)]
-)
+@pytest.mark.parametrize(("thickness_um", "patch_radius"), [(0.5, 0.02), (1000.0, 1.0)])
 def test_clamped_plate(thickness_um, patch_radius):
     """F a^2/(16 pi D) and p a^4/(64 D) with the correction for a disc."""
     scene = plate(thickness_um, patch_radius)
@@ -90,7 +88,7 @@ def test_clamped_plate(thickness_um, patch_radius):
     assert solved(scene, 2.0).deflection_max_mm == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.parametrize("bending_length", [0.5, 0.1])
+@pytest.mark.parametrize("bending_length", [pytest.param(0.5, marks=pytest.mark.slow), 0.1])
 def test_stretched_plate(bending_length):
     scene = plate(20.0, 0.2, bending_length**-2)
     solution = solved(scene)
@@ -176,7 +174,7 @@ def punched(radius, b, length):
     return np.tensordot(factors, functions(radius), 1) - np.log(radius) / (2.0 * np.pi)
 
 
-@pytest.mark.parametrize("bending_length", [0.3, 0.1])
+@pytest.mark.parametrize("bending_length", [pytest.param(0.3, marks=pytest.mark.slow), 0.1])
 def test_punch_keeps_the_film_horizontal_up_to_its_edge(bending_length):
     scene = plate(20.0, 0.2, bending_length**-2, **LOADS["sliding"])
     scale = LOAD * scene.film.thickness * bending_length**2
@@ -305,7 +303,14 @@ HONEST = {
 }
 
 
-@pytest.mark.parametrize("case", HONEST)
+@pytest.mark.parametrize(
+    "case",
+    [
+        "thin",
+        "plate",
+        *(pytest.param(case, marks=pytest.mark.slow) for case in ("thick", "punch", "stuck")),
+    ],
+)
 def test_error_estimates_are_honest(case):
     scene = HONEST[case].with_(**PLATE, **{"numerics.tolerance": 3e-3})
     solution, exact = solve(scene), solve(scene.with_(**{"numerics.tolerance": 3e-4}))

@@ -254,6 +254,7 @@ def test_a_load_that_hardly_reaches_the_film_is_named():
     assert "charges_pC" not in solution.to_json()
 
 
+@pytest.mark.slow
 def test_a_load_far_too_small_is_named():
     """Tension runs in a few lines: more elements only make them thinner."""
     changes = {"film.temperature_change_K": 5.0, "load.force_N": 1e-12, **WRINKLING}

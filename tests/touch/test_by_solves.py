@@ -46,8 +46,11 @@ def test_shear_of_a_touch_is_found_with_its_place_on_the_stage():
 def test_touches_are_sought_where_the_scenes_model_says():
     near = EIGHT.with_(model={"reach_mm": 4.0, "force_range_N": [0.2, 3.0]})
     assert Solves.of(near, 2, ("x_mm", "y_mm"), 1e-2).domain == Domain(4.0, (0.2, 3.0))
+    far = Solves.of(EIGHT.with_(model={"reach_mm": 60.0}), 2, ("x_mm", "y_mm"), 1e-2)
+    assert 40.0 < far.domain.reach_mm < 45.0 - 2.0
 
 
+@pytest.mark.slow
 def test_a_film_that_bears_no_touch_is_told():
     slack = PAIR.with_(**{"film.temperature_change_K": 20.0, "film.bending": False})
     charges = dict.fromkeys("ABCDEFGH", 500.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem.tracking.tracker import Tracker
-from tests.helpers.streams import RESISTIVE, Hold, Tap, sensor, stream
+from tests.helpers.streams import RESISTIVE, Hold, Tap, charges_of, sensor, stream
 
 TAP = Tap(0.6004, 0.12, (3.0, -2.0), 0.8)
 
@@ -69,6 +69,20 @@ def test_forces_are_unbiased_and_deviations_true():
     spread = np.sqrt(np.mean(np.square(pulls), axis=0))
     assert (spread > 0.5).all()
     assert (spread < 1.4).all()
+
+
+def test_a_charge_that_is_left_at_the_end_was_an_error():
+    """Errors of voltages during a touch sum up to 6 % of its charge, of which half by its peak."""
+    model, tap, forces = sensor(), Smooth(0.4, 0.1, (3.0, -2.0), 0.8), []
+    t, readings = stream(model, [tap], 0.7, noise_V=2e-4)
+    (charges,) = charges_of(model, tap, np.array([tap.force_N]))
+    current_A = 0.06 * 1e-12 * charges / tap.duration_s
+    during = (t >= 0.4) & (t < 0.5)
+    for sign in (1.0, -1.0):
+        wrong = readings + 1e6 * sign * during[:, None] * current_A
+        (touch,) = followed(model, t, wrong)[0].touches
+        forces.append(touch.force_N)
+    assert forces[0] == pytest.approx(forces[1], rel=0.04)  # 0.09 without what the end tells
 
 
 def test_deviations_are_turned_to_the_stage():
