@@ -1,10 +1,9 @@
-"""A rigid sphere pressed into the centre of a clamped film: sliding, against friction, or stuck.
+"""A rigid sphere pressed into the centre of a clamped film that slides on it.
 
 Green-Lagrange membrane, axisymmetric, by shooting; it shares nothing with the finite elements.
 Outside of the contact's edge b the forces balance: r N_r w' is constant and (r N_r (1 + u'))' =
 N_t (1 + u/r). At the edge the film leaves the sphere without a kink and without a jump of N_r.
-Film that slides obeys the same balance along the sphere, with a friction towards the centre. A
-stuck one keeps the displacement U that it had when the edge came by: dU/db = u'(b) outside.
+On the sphere the film obeys the same balance along its surface.
 """
 
 from __future__ import annotations
@@ -21,8 +20,6 @@ from scipy.optimize import brentq
 
 from pvdf_fem.arrays import Array
 
-#: First edge of a stuck contact over the last one; inside of it nothing has moved yet.
-FIRST_EDGE = 0.01
 Fields = Callable[[float], Array]
 Rates = Callable[[float, Array], Sequence[float]]
 
@@ -67,11 +64,11 @@ class Sphere:
     radius: float
     rtol: float = 1e-9
 
-    def sliding(self, edge: float, friction: float = 0.0) -> SphereContact:
+    def sliding(self, edge: float) -> SphereContact:
         """The contact with this edge in m where all film slides outwards."""
 
         def leaving(strain: float) -> tuple[Fields, Fields]:
-            inside = self._inside(edge, strain, friction)
+            inside = self._inside(edge, strain)
             u, pull = inside(edge)
             return inside, self._outside(edge, u, pull / (1.0 + self._sphere(edge + u)[1] ** 2))
 
@@ -83,36 +80,6 @@ class Sphere:
             return self._sum(r, u, pull / math.sqrt(1.0 + self._sphere(r + u)[1] ** 2))
 
         return self._contact(edge, outside, lambda r: _disc(density, 0.0, r))
-
-    def stuck(self, edge: float) -> SphereContact:
-        """The contact with this edge in m where nothing slides."""
-
-        k, _, tension = self._stiffness
-        share = 1.0  # of the guessed pull, found at the last edge
-
-        def held_outside(b: float, u: float) -> Fields:
-            nonlocal share
-            guess = share * b * (tension + 0.35 * k * (b / self.radius) ** 2)
-            pull = self._clamped(lambda pull: self._outside(b, u, pull), guess)
-            share *= pull / guess
-            return self._outside(b, u, pull)
-
-        def rates(logarithm: float, y: Array) -> list[float]:
-            b = math.exp(logarithm)
-            start = held_outside(b, y[0])(b)
-            pull = math.hypot(start[2], start[3])
-            return [b * self._outer(b, start)[0], 2.0 * np.pi * b**2 * self._sum(b, y[0], pull)]
-
-        first = FIRST_EDGE * edge
-        rest = np.pi * first**2 * tension * 2.0
-        sizes = 1e-3 * np.array([edge, rest / FIRST_EDGE**2])
-        span = np.log([first, edge])
-        held = solve_ivp(
-            rates, span, [0.0, rest], "DOP853",
-            dense_output=True, rtol=1e2 * self.rtol, atol=1e2 * self.rtol * sizes,
-        ).sol  # fmt: skip
-        outside = held_outside(edge, held(span[1])[0])
-        return self._contact(edge, outside, lambda r: float(held(np.log(r))[1]))
 
     def _contact(
         self, edge: float, outside: Fields, inside: Callable[[float], float]
@@ -183,7 +150,7 @@ class Sphere:
         y = [u, 0.0, pull, self._sphere(edge + u)[1] * pull]
         return _integrated(self._outer, (edge, self.film.radius), y, self.rtol)
 
-    def _inside(self, edge: float, strain: float, friction: float) -> Fields:
+    def _inside(self, edge: float, strain: float) -> Fields:
         """u and r N_r (1 + u') (1 + z'^2), of the strain at the centre."""
 
         def rates(r: float, y: Array) -> list[float]:
@@ -192,9 +159,8 @@ class Sphere:
             steep = 1.0 + first**2
             n_r, n_t, stretch = self._tensions(r, u, pull / math.sqrt(steep))
             radial, around = stretch / math.sqrt(steep), 1.0 + u / r
-            pressed = n_r * radial**2 * second + n_t * around**2 * first / (r + u)
             turned = r * n_r * radial**2 * first * second
-            return [radial - 1.0, n_t * around + turned + r * friction * pressed]
+            return [radial - 1.0, n_t * around + turned]
 
         k, nu, rest = self._stiffness
         start = 1e-4 * edge

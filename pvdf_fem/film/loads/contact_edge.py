@@ -94,4 +94,3 @@ def _gaps(tip: RigidTip, state: State, points: Array) -> tuple[Array, Array]:
     distances = tip.tip.distances(flat + moves[:, :2]).value
     gaps = tip.tip.profile(distances)[0] + moves[:, 2] - tip.overlap(state).depth
     return distances.reshape(points.shape[:-1]), gaps.reshape(points.shape[:-1])
-
