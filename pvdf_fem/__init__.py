@@ -5,7 +5,8 @@ Scene and solution
     `SceneError` lists the mistakes of a scene; `NotConvergedError` says why there are no charges.
     `Replaced` is a table that takes the place of a whole one in `Scene.with_`.
 About one solution
-    `gradients` differentiates the charges; `modes` gives the frequencies of the film, `respond` the
+    `gradients` differentiates the charges, `uncertainty` tells what uncertain values of the scene
+    make of these; `modes` gives the frequencies of the film, `respond` the
     charges of an oscillating force by frequency, `transient` those of a touch by time.
 Many scenes
     `sweep` solves a grid of scenes; `Report` makes a page of a report script.
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
     from pvdf_fem.calibration.calibrate import calibrate
     from pvdf_fem.derivatives.gradients import gradients
+    from pvdf_fem.derivatives.uncertainty import uncertainty
     from pvdf_fem.designs.dataset import dataset
     from pvdf_fem.designs.design import design
     from pvdf_fem.dynamics.forced import respond, transient
@@ -68,6 +70,7 @@ __all__ = [
     "solve",
     "sweep",
     "transient",
+    "uncertainty",
 ]
 __version__ = "0.1.0"
 
@@ -93,6 +96,7 @@ _MODULES = {
     "solve": "solution.solve",
     "sweep": "sweeps.sweep",
     "transient": "dynamics.forced",
+    "uncertainty": "derivatives.uncertainty",
 }
 
 

@@ -39,7 +39,7 @@ def shown(
         yield asked
         return
     terminal = sys.stderr is not None and sys.stderr.isatty()
-    if asked is False or not (asked or terminal):
+    if sys.stderr is None or asked is False or not (asked or terminal):
         yield silent
         return
     begun, told_at = time.monotonic(), -math.inf
@@ -48,7 +48,7 @@ def shown(
         nonlocal told_at
         now = time.monotonic()
         pause_s = 0.1 if terminal else after_s
-        if done <= 0 or now - begun < after_s or now - told_at < pause_s:
+        if not 0 < done < total or now - begun < after_s or now - told_at < pause_s:
             return
         told_at, left = now, remaining((now - begun) * (total - done) / done)
         text = f"{done:.0f} of {total:.0f} {unit}, {left} left"

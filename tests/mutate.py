@@ -88,7 +88,7 @@ def mutants_of(path: Path) -> Iterator[Mutant]:
                 yield Mutant(path, node.lineno, node.col_offset, node.end_col_offset or 0, text)
 
 
-def killed(mutant: Mutant, checkout: Path) -> bool:
+def killed(mutant: Mutant, checkout: Path, only_own: bool) -> bool:
     """Whether a test fails in a checkout with the mutant; the checkout is left as it was."""
     there = checkout / mutant.path.relative_to(ROOT)
     source = there.read_text("utf-8")
@@ -96,7 +96,7 @@ def killed(mutant: Mutant, checkout: Path) -> bool:
     environment = {**os.environ, "PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
     own = f"tests/{there.relative_to(checkout).parts[1]}"
     try:
-        for tests in ([own], ["--ignore", own]):
+        for tests in ([own], ["--ignore", own])[: 1 if only_own else 2]:
             command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "auto", *tests]
             quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
             limits = {"cwd": checkout, "env": environment, "timeout": PATIENCE_S}
@@ -114,6 +114,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--folders", nargs="*", default=FOLDERS)
+    parser.add_argument("--own", action="store_true", help="only the tests of a mutant's folder")
     options = parser.parse_args()
     paths = [
         p for name in options.folders for p in sorted((ROOT / "pvdf_fem" / name).rglob("*.py"))
@@ -125,7 +126,7 @@ def main() -> None:
         shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*NOT_COPIED))
         for mutant in drawn:
             where = mutant.path.relative_to(ROOT / "pvdf_fem")
-            end = killed(mutant, copy)
+            end = killed(mutant, copy, options.own)
             dead[where.parts[0]] += end
             told = mutant.path.read_text("utf-8").split("\n")[mutant.line - 1].strip()
             print("killed" if end else "SURVIVED", f"{where}:{mutant.line}", told, flush=True)

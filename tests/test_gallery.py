@@ -20,7 +20,7 @@ def expected_scenes(name):
     return scenes[:1]
 
 
-@pytest.mark.parametrize("name", pictures.PICTURES)
+@pytest.mark.parametrize("name", ["deflection", pytest.param("rotation", marks=pytest.mark.slow)])
 def test_a_picture_is_of_today_s_charges(name):
     shown = pictures.read(pictures.Path(pictures.__file__).with_name(f"{name}.png"))
     scenes = [Scene.parse(text) for text in shown["scenes"]]

@@ -24,6 +24,7 @@ PUBLIC = (
     "respond",
     "transient",
     "gradients",
+    "uncertainty",
     "sweep",
     "Report",
     "calibrate",

@@ -9,9 +9,6 @@ import numpy as np
 
 from pvdf_fem.calibration.calibration import Calibration
 from pvdf_fem.calibration.diagnosis import (
-    FAR,
-    MOST_SCATTER,
-    UNLIKELY,
     CalibrationStatus,
     Change,
     explained,
@@ -19,6 +16,7 @@ from pvdf_fem.calibration.diagnosis import (
 )
 from pvdf_fem.calibration.fit import Fit, Noise
 from pvdf_fem.calibration.model import TouchModel
+from pvdf_fem.calibration.options import DEFAULTS, CalibrateOptions
 from pvdf_fem.calibration.touches import read_touches
 from pvdf_fem.calibration.unknowns import unknowns_of
 from pvdf_fem.film.loads.kinds import LOADS
@@ -27,11 +25,6 @@ from pvdf_fem.readout.channel import READINGS
 from pvdf_fem.scene.scene import Scene
 
 DEFAULT_UNKNOWN = ("film.pretension_N_m", "gains")
-TOLERANCE_SHARE = 0.05  #: Tolerance of the solves over the relative noise.
-#: The finest and the coarsest tolerance of the solves.
-FINEST = 1e-5
-COARSEST = 1e-3
-ROUNDS = 3  #: Solves of each touch that are expected.
 CHOICES = {"reading": tuple(READINGS), "unit": ("pC", "V")}
 
 
@@ -47,6 +40,7 @@ def calibrate(
     place_sd: float = 0.0,
     priors: Mapping[str, float] | None = None,
     progress: Progress | bool | None = None,
+    options: CalibrateOptions = DEFAULTS,
 ) -> Calibration:
     """Parameters of a sensor from touches with known place, rotation and force.
 
@@ -76,6 +70,8 @@ def calibrate(
     progress : callable or bool, optional
         Called with the numbers of finished and of expected solves; or whether these are shown, see
         `pvdf_fem.progress.shown`.
+    options : CalibrateOptions
+        When the fit has ended, and what is taken for a mistake.
 
     Raises
     ------
@@ -90,11 +86,11 @@ def calibrate(
         raise ValueError("\n".join(mistakes))
     unknowns = unknowns_of(scene, unknown, priors or {})
     given = read_touches(touches, scene)
-    tolerance = min(max(TOLERANCE_SHARE * sigma, FINEST), COARSEST)
-    expected = ROUNDS * len(given)
+    tolerance = min(max(options.tolerance_share * sigma, options.finest), options.coarsest)
+    expected = options.expected_rounds * len(given)
     with shown("solves", progress) as show:
         count = Counted(show, expected)
-        model = TouchModel(unknowns, given, reading, unit, tolerance, count=count)
+        model = TouchModel(unknowns, given, reading, unit, tolerance, options, count=count)
         fit, found = explained(model, Noise(*deviations.values()))
     status, reason = _judged(fit, found)
     rows, bad = given.rows.tolist(), np.flatnonzero(model.solved & ~fit.kept).tolist()
@@ -126,6 +122,7 @@ def _mistakes(scene: Scene, words: Mapping[str, str], deviations: Mapping[str, f
 def _judged(fit: Fit, found: Sequence[tuple[Change, Fit]]) -> tuple[CalibrationStatus, str]:
     """Status and reason of a fit, and of the changes that explain the touches better."""
     unknowns, count = len(fit.model.unknowns.names), int(fit.kept.sum())
+    is_scattered = fit.scale > fit.model.options.most_scatter
     if count < unknowns:
         readings = f"{count} touches ({fit.counts[fit.kept].sum()} readings)"
         text = f"{readings} for {unknowns} unknowns; give more touches or seek less"
@@ -135,10 +132,10 @@ def _judged(fit: Fit, found: Sequence[tuple[Change, Fit]]) -> tuple[CalibrationS
     if not fit.converged:
         text = "solves of the touches do not settle, or fail; correct scene and touches"
         return CalibrationStatus.NOT_CONVERGED, text
-    if fit.scale > MOST_SCATTER and np.ptp(fit.model.touches.touches[:, 3]) == 0.0:
+    if is_scattered and np.ptp(fit.model.touches.touches[:, 3]) == 0.0:
         text = "force_N is the same in every row, and the readings ask for others"
         return CalibrationStatus.FORCE, text
-    if fit.scale > MOST_SCATTER:
+    if is_scattered:
         text = f"readings scatter {fit.scale:.2g} times as much as their noise about any sensor"
         return CalibrationStatus.NOT_EXPLAINED, f"{text} like the scene's"
     return CalibrationStatus.CALIBRATED, f"{unknowns} parameters from {count} touches"
@@ -149,10 +146,10 @@ def _remarks(fit: Fit, found: Sequence[tuple[Change, Fit]]) -> Iterator[str]:
     force, names = fit.model.touches.touches[:, 3], fit.model.unknowns.names
     if np.ptp(force) == 0.0:
         yield f"force_N is {force[0]:g} in every row; touches with several forces tell more"
-    for i in np.flatnonzero(fit.pulls > FAR):
+    for i in np.flatnonzero(fit.pulls > fit.model.options.far):
         far = f"{fit.pulls[i]:.2g} deviations of its prior from the scene's value"
         yield f"{names[i]}: is {far}"
-    if fit.p_value < UNLIKELY:
+    if fit.p_value < fit.model.options.unlikely:
         text = f"readings scatter {fit.scale:.2g} times as much as their noise, so do the ±"
         yield text + "; if the places are uncertain, give place_sd" * (not fit.noise.place_mm)
     for change, better in found:

@@ -15,8 +15,6 @@ from pvdf_fem.calibration.fit import Fit
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.summary import Grid, Told, rounded
 
-PART = 0.15  #: Parts of a direction, over its largest, that are told.
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration(Told):
@@ -78,7 +76,7 @@ class Calibration(Told):
         """Combinations of parameters that the priors decided, rather than the readings."""
         of, texts, (values, directions) = self.fit.model.unknowns, [], self.fit.told
         for direction in np.abs(directions[values < 1.0]):
-            large = np.flatnonzero(direction > PART * direction.max()).tolist()
+            large = np.flatnonzero(direction > 0.15 * direction.max()).tolist()
             names = " and ".join(of.names[i] for i in large)
             priors = [f"{of.names[i]} {of.start[i]:.4g} ± {of.priors[i]:.2g}" for i in large]
             texts.append(

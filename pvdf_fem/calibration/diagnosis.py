@@ -13,30 +13,12 @@ from enum import StrEnum
 
 import numpy as np
 from scipy.constants import g
-from scipy.stats import chi2
 
-from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.calibration.fit import FALSE_OUTLIERS, Fit, Noise, fitted
+from pvdf_fem.arrays import Array
+from pvdf_fem.calibration.fit import Fit, Noise, fitted
 from pvdf_fem.calibration.model import TouchModel
 from pvdf_fem.calibration.touches import Touches
 from pvdf_fem.readout.misread import misreadings
-from pvdf_fem.touch.least_squares import LeastSquares, SearchOptions, descend
-
-FEW_TOUCHES = 8  #: Number of touches by which changes of places and forces are ranked.
-COARSE = 2e-3  #: Tolerance of their solves.
-MOST_FITS = 3  #: Changes that are then fitted in full.
-UNLIKELY = 1e-4  #: Probability of a chi-square that is no chance.
-SCATTER = 1.5  #: Scatter that is still explained.
-FAR = 4.0  #: Deviations of a prior that a parameter may be away from the scene's value.
-#: Scatter over the noise after the first steps, with which changes are tried at once.
-FAR_OFF = 10.0
-CLOSE_SCORE = 5.0  #: Changes are fitted if their score is no farther than this from the best one.
-CLOSE = 20.0  #: They are told if their chi-square is no farther than this from the best one ...
-CLEARLY = 2.0  #: ... and that of the touches as they are is larger by this factor.
-MOST_SCATTER = 4.0  #: Scatter over the noise beyond which parameters are of no use.
-LONGEST_MM = 3.0  #: Longest step in the search for the place of a touch that does not fit.
-UNSOLVED = 1e6  #: Residuals over their deviations of a place without a solution.
-OTHER_SIZE = 3.0  #: Readings this factor above or below the scene's are not due to a wrong frame.
 
 
 class CalibrationStatus(StrEnum):
@@ -69,11 +51,13 @@ def explained(model: TouchModel, noise: Noise) -> tuple[Fit, list[tuple[Change, 
     """The fit, and where it is suspect the changes with which the touches fit a sensor better.
     Touches that are far off at first are fitted to the end only if no change explains them."""
     enough = len(model.touches) >= len(model.unknowns.names)
-    fit = fitted(model, noise, FAR_OFF if enough else np.inf)
+    options = model.options
+    fit = fitted(model, noise, options.far_off if enough else np.inf)
     # the readings, or the parameters they lead to, are not those of such a sensor
-    suspect = not fit.converged or fit.p_value < UNLIKELY or bool((fit.pulls > FAR).any())
+    suspect = not fit.converged or fit.p_value < options.unlikely
+    suspect |= bool((fit.pulls > options.far).any())
     found = mistakes_of(fit) if enough and suspect else []
-    if not found and fit.scale > FAR_OFF and not fit.converged:
+    if not found and fit.scale > options.far_off and not fit.converged:
         fit = fitted(model, noise)
     return fit, found
 
@@ -87,20 +71,22 @@ def mistakes_of(fit: Fit) -> list[tuple[Change, Fit]]:
         found += _better(fit, _of_touches(fit))
     others = [pair for pair in found if pair[0].status is not CalibrationStatus.CHANNEL]
     best = min((better.chi_square for _, better in others or found), default=0.0)
-    return [pair for pair in others or found if pair[1].chi_square < best + CLOSE]
+    return [pair for pair in others or found if pair[1].chi_square < best + fit.model.options.close]
 
 
 def _better(fit: Fit, changes: Iterable[Change]) -> list[tuple[Change, Fit]]:
     """Those of the changes that explain the touches: the best ones are fitted in full."""
     scored = sorted(((_score(fit, change), change) for change in changes), key=lambda pair: pair[0])
-    found = []
-    for score, change in scored[:MOST_FITS]:
-        if not score < CLOSE_SCORE + 1.5 * scored[0][0]:
+    found, options = [], fit.model.options
+    for score, change in scored[: options.most_fits]:
+        if not score < options.close_score + 1.5 * scored[0][0]:
             break
-        better = fitted(fit.model.changed(change.touches, change.reading), fit.noise, FAR_OFF)
-        likely = better.p_value > UNLIKELY or better.scale < SCATTER
-        gain = fit.chi_square > CLEARLY * better.chi_square or fit.p_value > UNLIKELY
-        if better.converged and likely and gain and (better.pulls < FAR).all():
+        changed = fit.model.changed(change.touches, change.reading)
+        better = fitted(changed, fit.noise, options.far_off)
+        likely = better.p_value > options.unlikely or better.scale < options.scatter
+        gain = fit.chi_square > options.clearly * better.chi_square
+        gain |= fit.p_value > options.unlikely
+        if better.converged and likely and gain and (better.pulls < options.far).all():
             found.append((change, better))
     return found
 
@@ -109,9 +95,11 @@ def _score(fit: Fit, change: Change) -> float:
     """How badly the changed touches fit a sensor, by solves at hand or those of a few touches."""
     model, start = fit.model.changed(change.touches, change.reading), fit.model.unknowns.start
     if not model.solved.any():
-        few = np.linspace(0, len(change.touches) - 1, FEW_TOUCHES).astype(int)
+        few = np.linspace(0, len(change.touches) - 1, model.options.few_touches).astype(int)
         chosen = change.touches.some(np.unique(few).tolist())
-        model = replace(model.changed(chosen, change.reading), tolerance=COARSE)
+        model = replace(
+            model.changed(chosen, change.reading), tolerance=model.options.few_tolerance
+        )
         model.solve(start, np.zeros((len(chosen), 2)), np.ones(len(chosen), dtype=bool))
     none = np.zeros((len(model.touches), 2))
     tried = Fit(model, fit.noise, start, none, model.solved).settled(soft=True)
@@ -145,7 +133,7 @@ def _of_touches(fit: Fit) -> Iterator[Change]:
     start = fit.model.predict(fit.model.unknowns.start, np.zeros((len(touches), 2))).readings
     solved = fit.model.solved
     size = np.nanmedian(np.abs(touches.readings[solved] / start[solved])) if solved.any() else 0.0
-    if 1.0 / OTHER_SIZE < size < OTHER_SIZE:
+    if abs(np.log(max(size, 1e-300))) < np.log(fit.model.options.other_size):
         seen = {touches.touches.tobytes()}
         probe = fit.model.unknowns.scene.single_probe
         for text, frame in _frames(touches.touches, probe is None or bool(probe.period_deg)):
@@ -181,35 +169,14 @@ def _frames(touches: Array, turns: bool) -> Iterator[tuple[str, Array]]:
 
 
 def what_is_wrong(fit: Fit, i: int) -> str:
-    """Why a touch does not fit, by the place where its readings do."""
-    end = descend(_Elsewhere(fit, i), np.zeros((1, 2)), options=SearchOptions(max_steps=8))
-    if end.chi_square[0] < chi2.isf(FALSE_OUTLIERS, max(fit.counts[i] - 2, 1)):
-        (x, y), off = fit.model.touches.touches[i, :2] + end.at[0], float(np.hypot(*end.at[0]))
-        place = f"x_mm, y_mm = {x:.2f}, {y:.2f}"
-        return f"its readings are those of {place}, {off:.1f} mm away: misplaced?"
-    return "no place near it explains its readings; force, rotation or readings are wrong"
-
-
-@dataclass(frozen=True, eq=False)
-class _Elsewhere(LeastSquares):
-    """The least-squares problem of a touch's place by its readings: moves x, y in mm."""
-
-    fit: Fit
-    number: int  #: Of the touch.
-
-    @property
-    def longest(self) -> Array:
-        """Longest steps, (2,)."""
-        return np.array([LONGEST_MM, LONGEST_MM])
-
-    def linearised(self, at: Array, rows: Indices | None = None) -> Array:
-        """Whitened differences of readings, then slopes, (1, electrodes, 1 + 2)."""
-        one = self.fit.model.touches.some([self.number])
-        model = self.fit.model.changed(one, self.fit.model.reading)
-        model.solve(self.fit.values, at, np.ones(1, dtype=bool))
-        if model.failures:
-            return np.broadcast_to([UNSOLVED, 0.0, 0.0], (1, len(model.channels), 3)).copy()
-        there = Fit(model, self.fit.noise, self.fit.values, at, model.solved)
-        residuals = np.nan_to_num(there.prediction.readings - one.readings)
-        system = np.concatenate([residuals[..., None], there.prediction.by_touch[..., :2]], axis=2)
-        return np.asarray(system / there.deviations[..., None])
+    """Why a touch does not fit: by the linear step of its place, or of its force, that would make
+    it fit best."""
+    roots, residuals, _ = fit.whitened
+    slopes = np.linalg.solve(roots[i], fit.prediction.by_touch[i])
+    left = []
+    for columns in (slopes[:, :2], slopes[:, 2:]):
+        step = np.linalg.lstsq(columns, residuals[i])[0]
+        left.append(float(np.sum((residuals[i] - columns @ step) ** 2)))
+    if left[0] < left[1]:
+        return "its readings are rather those of another place: misplaced?"
+    return "its readings are rather those of another force; force_N or the readings are wrong"

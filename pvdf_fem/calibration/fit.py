@@ -18,16 +18,7 @@ from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.calibration.model import Prediction, TouchModel
 from pvdf_fem.touch.least_squares import LeastSquares, SearchOptions, descend, robust, with_priors
 
-#: Probability with which a good touch is taken for a bad one, over all touches.
-FALSE_OUTLIERS = 1e-3
-MOST_OUTLIERS = 0.2  #: Largest part of the touches that may be bad.
 SEARCH = SearchOptions(max_steps=25, arrived=1e-6, short=1e-3)  #: Between solves.
-MOST_ROUNDS = 12  #: Rounds of solves.
-SETTLED = 0.02  #: Readings that change by this part of their deviations are settled.
-LEAST_SIGMA = 1e-4  #: Relative deviation below which readings are not settled any better.
-LONGEST_STEP = 2.0  #: Largest step of a parameter between solves, over its prior's deviation.
-MOST_MOVE = 4.0  #: Longest correction of a place, over its deviation.
-MISSING = 1e6  #: A deviation of a reading that is missing, over the reading.
 
 
 @dataclass(frozen=True)
@@ -63,7 +54,7 @@ class Fit:
         size = np.fmax(np.abs(readings), np.abs(predicted))
         floor = 1e-9 * np.nanmax(np.abs(readings))
         variance = (self.noise.sigma**2 + self.model.errors**2) * size**2 + self.noise.noise**2
-        missing = np.where(np.isnan(readings), MISSING, 1.0)
+        missing = np.where(np.isnan(readings), 1e6, 1.0)  # counts for nothing
         return np.asarray(missing * np.sqrt(variance + floor**2))
 
     @cached_property
@@ -132,13 +123,13 @@ class Fit:
         singular, directions = self.told
         scaled = directions.T * (1.0 / (singular**2 + 1.0))
         priors = self.model.unknowns.priors
-        inflation = self.scale**2 if self.p_value < FALSE_OUTLIERS else 1.0
+        inflation = self.scale**2 if self.p_value < self.model.options.false_outliers else 1.0
         return np.asarray(inflation * (scaled @ directions) * np.outer(priors, priors))
 
     @property
     def limits(self) -> Array:
         """Squared lengths that residuals of good touches do not exceed, (touches,)."""
-        most = chi2.isf(FALSE_OUTLIERS / len(self.kept), self.counts)
+        most = chi2.isf(self.model.options.false_outliers / len(self.kept), self.counts)
         return np.asarray(most * self.scale**2)
 
     def settled(self, soft: bool) -> Fit:
@@ -151,7 +142,9 @@ class Fit:
         roots, residuals, _ = fit.whitened
         E = np.linalg.solve(roots, fit.prediction.by_touch[..., :2])
         moves = self.noise.place_mm**2 * (E.swapaxes(1, 2) @ residuals[..., None])[..., 0]
-        limit = MOST_MOVE * self.noise.place_mm  # that of a bad touch would lead far away
+        limit = (
+            self.model.options.longest_move * self.noise.place_mm
+        )  # that of a bad touch would lead far away
         moves *= np.minimum(1.0, limit / np.maximum(np.linalg.norm(moves, axis=1), 1e-12))[:, None]
         return replace(fit, moves=moves)
 
@@ -160,7 +153,7 @@ class Fit:
         soft = fit = replace(self, kept=self.model.solved).settled(soft=True)
         for _ in range(10):
             kept = fit.model.solved & (fit.deleted()[1] <= fit.limits)
-            if kept.sum() < (1.0 - MOST_OUTLIERS) * len(kept) - 1.0:
+            if kept.sum() < (1.0 - self.model.options.most_outliers) * len(kept) - 1.0:
                 return soft
             if (kept == fit.kept).all():
                 break
@@ -191,12 +184,12 @@ class _Between(LeastSquares):
     @cached_property
     def longest(self) -> Array:
         """Longest steps, (parameters,)."""
-        return np.full(len(self.fit.values), LONGEST_STEP)
+        return np.full(len(self.fit.values), self.fit.model.options.longest_step)
 
     def held_back(self, at: Array) -> Array:
         """Parameters not far from those of the solves; moduli and tension keep their signs."""
         begun, unknowns = self.fit.values / self.fit.model.unknowns.priors, self.fit.model.unknowns
-        held = np.clip(at, begun - LONGEST_STEP, begun + LONGEST_STEP)
+        held = np.clip(at, begun - self.longest, begun + self.longest)
         halves = 0.5 * begun[unknowns.film]
         film = held[:, unknowns.film]
         held[:, unknowns.film] = np.where(halves > 0.0, np.maximum(film, halves), film)
@@ -219,7 +212,7 @@ def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit
     ends without convergence where the first steps leave a scatter above `most_scatter`."""
     values, moves = model.unknowns.start.copy(), np.zeros((len(model.touches), 2))
     pending = ~model.solved
-    for number in range(MOST_ROUNDS):
+    for number in range(model.options.max_rounds):
         model.solve(values, moves, pending)
         fit = Fit(model, noise, values, moves, model.solved)
         if 2 * model.solved.sum() < len(model.touches):
@@ -229,8 +222,8 @@ def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit
             return replace(fit, converged=False)
         values, moves = fit.values, fit.moves
         # the relative error of a linear step is about its square
-        error = np.square(_change(fit)) / max(noise.sigma, LEAST_SIGMA)
-        pending = model.solved & (error >= SETTLED)
+        error = np.square(_change(fit)) / max(noise.sigma, 10.0 * model.options.finest)
+        pending = model.solved & (error >= model.options.settled)
         if not (pending & fit.kept).any():
             return fit
     return replace(fit, converged=False)

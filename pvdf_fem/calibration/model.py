@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.calibration.options import DEFAULTS, CalibrateOptions
 from pvdf_fem.calibration.touches import TOUCH_KEYS, Touches, touched
 from pvdf_fem.calibration.unknowns import GAIN, OFFSET, SHIFT, TURN, Unknowns, value_of
 from pvdf_fem.charges.goals import goals_of
@@ -45,6 +46,7 @@ class TouchModel:
     reading: str  #: ``change`` or ``total``.
     unit: str  #: ``V`` or ``pC``.
     tolerance: float  #: Of the solves.
+    options: CalibrateOptions = DEFAULTS
     #: Why touches have no solution, by index.
     failures: dict[int, str] = field(default_factory=dict)
     #: Called before each solve.

@@ -19,8 +19,6 @@ from pvdf_fem.scene.scene_file import choose
 
 TOUCH_KEYS = (*PLACE, "load.force_N")
 PLACE_COLUMNS = ("x_mm", "y_mm", "rotation_deg", "force_N")
-MOST_BYTES = 10_000_000  #: Largest file of touches in bytes.
-CONSTANT = 1e-6  #: Readings of a channel that differ by less than this part of them are constant.
 
 
 class TouchesError(ValueError):
@@ -76,7 +74,7 @@ def _columns(source: Any) -> dict[str, Sequence[Any]]:
     if not isinstance(source, str | Path):
         names = source if isinstance(source, Mapping) else source.columns
         return {str(name): list(source[name]) for name in names}
-    text = read_text(Path(source), MOST_BYTES, "a CSV file of touches")
+    text = read_text(Path(source), 10_000_000, "a CSV file of touches")
     try:
         cells = csv_rows(io.StringIO(text), text.partition("\n")[0])
         rows = [row for row in cells if any(map(str.strip, row))]
@@ -115,7 +113,7 @@ def _mistakes(touches: Touches, names: Sequence[str], scene: Scene) -> Iterator[
         return
     for name, column in zip(names, touches.readings.T, strict=True):
         known = column[np.isfinite(column)]
-        if not len(known) or np.ptp(known) <= CONSTANT * np.abs(known).max():
+        if not len(known) or np.ptp(known) <= 1e-6 * np.abs(known).max():
             what = f"{known[0]:g} in every row" if len(known) else "empty"
             yield f"column {name}: is {what}; the channel is dead or not connected"
     x_y, force = touches.touches[:, :2], touches.touches[:, 3]

@@ -26,9 +26,8 @@ READOUT_KEYS = {"gain": "gain", "offset": "offset_V"}
 SHIFT = ("stage.x_mm", "stage.y_mm")
 TURN = "stage.rotation_deg"
 PRETENSION = "film.pretension_N_m"
-#: Relative standard deviations of priors; other film parameters have `PRIOR_OF_FILM`.
-RELATIVE_PRIORS = {"gain": 0.1, "film.d31_pC_N": 0.2, "film.d32_pC_N": 0.2, PRETENSION: 0.3}
-PRIOR_OF_FILM = 0.2
+#: Relative standard deviations of priors; other film parameters have the one of ``film``.
+RELATIVE_PRIORS = {"gain": 0.1, PRETENSION: 0.3, "film": 0.2}
 #: Standard deviations of priors in mm, degrees and V.
 ABSOLUTE_PRIORS = {"stage.x_mm": 1.0, "stage.y_mm": 1.0, TURN: 3.0, "offset": 0.1}
 
@@ -119,7 +118,7 @@ def _prior(name: str, value: float, given: Mapping[str, float]) -> float:
     kind = kind if kind in READOUT_KEYS else name
     if kind in ABSOLUTE_PRIORS:
         return given.get(name, ABSOLUTE_PRIORS[kind])
-    share = RELATIVE_PRIORS.get(kind.removesuffix(".0").removesuffix(".1"), PRIOR_OF_FILM)
+    share = RELATIVE_PRIORS.get(kind.removesuffix(".0").removesuffix(".1"), RELATIVE_PRIORS["film"])
     return given.get(name, share) * (abs(value) or 1.0)
 
 

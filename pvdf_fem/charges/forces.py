@@ -16,8 +16,7 @@ from skfem import MeshTri2
 from pvdf_fem.arrays import COMPLEX_STEP, Array, Selection
 from pvdf_fem.charges.goals import Goal, areas_of, coefficients_of, images_of
 from pvdf_fem.charges.observables import OBSERVABLES, Observable
-from pvdf_fem.charges.quadrature import area_quadrature
-from pvdf_fem.charges.sampling import Sampling
+from pvdf_fem.charges.sampling import Sampling, area_quadrature
 from pvdf_fem.film.laws.laminate import Laminate
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space

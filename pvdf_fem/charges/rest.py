@@ -19,7 +19,7 @@ def untouched(scene: Scene) -> Scene:
     touched film does."""
     bends = {"bending": film_model(scene).bends, "coupling": False}
     film = scene.film.zeroed.model_copy(update=bends)
-    bare = dict.fromkeys(("probe", "readout", "stage", "air"))
+    bare = dict.fromkeys(("probe", "readout", "stage", "air", "model", "uncertain"))
     return scene.model_copy(update={**bare, "film": film, "load": Load()})
 
 

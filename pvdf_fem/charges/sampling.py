@@ -1,7 +1,12 @@
 """Points at which electrodes sample the stress: over their areas, or along their edges.
 
-On a mesh that follows an electrode points over its area are the quadrature points of its elements;
-on any other mesh the electrode is cut out of the elements, as its edges are on all.
+On a mesh that follows an electrode points over its area are the quadrature points of its elements.
+On any other mesh the electrode is cut out of the elements, as edges are on all. The stress is
+smooth inside each element, so an integral is exact when it is taken over the pieces into which the
+elements cut an outline. A piece is a polygon. The triangles that join its edges to its first
+corner, each counted with the sign of its orientation, add up to it, so that it needs no
+triangulation. Chords replace curved edges of elements, the same ones for both neighbours, so that
+no part of an outline is counted twice.
 """
 
 from __future__ import annotations
@@ -10,12 +15,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 from skfem import MeshTri2
+from skfem.quadrature import get_quadrature
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.charges.goals import Goal, areas_of
-from pvdf_fem.charges.quadrature import area_quadrature, line_quadrature
 from pvdf_fem.film.space import Space
+from pvdf_fem.mesh.points import PlacedQuadrature, local_coordinates
+from pvdf_fem.mesh.six_node import curved_elements
+from pvdf_fem.scene.outlines.outline import Outline
+
+Geometries = NDArray[np.object_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +60,14 @@ def area_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
     follows = np.array([goal.patch is not None for goal in goals], dtype=bool)
     followed, others = np.flatnonzero(follows), np.flatnonzero(~follows)
     if len(followed):
-        patches = [goals[i].elements(space.mesh) for i in followed]
+        patches = [goals[i].elements(space.mesh) for i in followed.tolist()]
         elements, owners = np.concatenate(patches), np.repeat(followed, list(map(len, patches)))
         gradients, weights = space.gradients[elements], space.weights[elements]
         points = space.basis.quadrature[0][:, None]
         local = np.broadcast_to(points, (2, len(elements), points.shape[-1]))
         yield Sampling(owners, (0, 1), elements, gradients, weights, local)
     if len(others):
-        cut = area_quadrature(space.mesh, [goals[i].placed for i in others])
+        cut = area_quadrature(space.mesh, [goals[i].placed for i in others.tolist()])
         gradients = space.gradients_at(cut.elements, cut.points)
         owners = others[cut.owners]
         yield Sampling(owners, (0, 1), cut.elements, gradients, cut.weights, cut.points)
@@ -81,3 +93,80 @@ def _edge_lines(goal: Goal, axis: int) -> Array:
     """Left and right (axis 0), or lower and upper edges (2, 2, 2) in the mesh's axes."""
     lines = np.stack([goal.corners, np.roll(goal.corners, -1, axis=0)], axis=1)
     return goal.place(lines[lines[:, 0, axis] == lines[:, 1, axis]])
+
+
+def area_quadrature(
+    mesh: MeshTri2, outlines: Sequence[Outline], degree: int = 6
+) -> PlacedQuadrature:
+    """Quadrature over the area of each outline, exact for polynomials of a `degree`. A stress of
+    St. Venant and Kirchhoff is one of degree 2 (order - 1) on a straight-sided element, which is 6
+    for the highest order."""
+    owners, elements, pieces = _pieces(mesh, [outline.polygon for outline in outlines])
+    corners, ring = shapely.get_coordinates(shapely.get_exterior_ring(pieces), return_index=True)
+    first = corners[np.searchsorted(ring, ring[:-1])]
+    a, b = corners[:-1] - first, corners[1:] - first
+    areas = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    areas *= ring[1:] == ring[:-1]  # no triangle joins the last corner of a ring to the next ring
+    areas *= np.sign(np.bincount(ring[:-1], areas))[ring[:-1]]
+    used = np.flatnonzero(areas)
+    (s, t), weights = get_quadrature(mesh.elem.refdom, degree)
+    points = first[used, None] + a[used, None] * s[:, None] + b[used, None] * t[:, None]
+    piece = ring[used]
+    local = local_coordinates(mesh, elements[piece], points)
+    return PlacedQuadrature(
+        owners[piece], elements[piece], local, 2.0 * np.outer(areas[used], weights)
+    )
+
+
+def line_quadrature(
+    mesh: MeshTri2, lines: Array, count: int = 4, aside: float = 1e-7
+) -> PlacedQuadrature:
+    """Quadrature along straight lines (n, 2, 2) from start to end in m, half of it on each side:
+    the stress jumps at an edge of elements, and a line may run along one. There are `count` Gauss
+    points on each piece of a line in an element, `aside` times its length beside it."""
+    along = lines[:, 1] - lines[:, 0]
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=-1)[:, None]
+    both_sides = np.concatenate([lines + aside * normal, lines - aside * normal])
+    owners, elements, pieces = _pieces(mesh, shapely.linestrings(both_sides))
+    ends = shapely.get_coordinates(pieces).reshape(-1, 2, 2)
+    middle, half = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
+    s, weights = np.polynomial.legendre.leggauss(count)
+    points = middle[:, None] + half[:, None] * s[:, None]
+    return PlacedQuadrature(
+        owners % len(lines),
+        elements,
+        local_coordinates(mesh, elements, points),
+        0.5 * np.outer(np.linalg.norm(half, axis=1), weights),
+    )
+
+
+def _pieces(
+    mesh: MeshTri2, shapes: Sequence[shapely.Geometry] | Geometries, negligible: float = 1e-12
+) -> tuple[Indices, Indices, Geometries]:
+    """Pieces into which elements cut polygons, or lines: index of the shape, element, and piece. An
+    element that only touches a shape has a piece of no size, or of less than the `negligible` part
+    of the shape, which is rounding."""
+    polygons, cut = _element_polygons(mesh), np.asarray(shapes)
+    owners, elements = shapely.STRtree(polygons).query(cut)
+    pieces, pair = shapely.get_parts(
+        shapely.intersection(polygons[elements], cut[owners]), return_index=True
+    )
+    size = shapely.area if shapely.get_dimensions(cut[0]) == 2 else shapely.length
+    owners, elements = owners[pair], elements[pair]
+    proper = size(pieces) > negligible * size(cut)[owners]
+    return owners[proper], elements[proper], pieces[proper]
+
+
+def _element_polygons(mesh: MeshTri2, chords: int = 32) -> Geometries:
+    """The elements as polygons, with this number of chords for a curved edge."""
+    nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
+    polygons = shapely.polygons(nodes[:, :3].transpose(2, 1, 0))
+    curved = np.flatnonzero(curved_elements(nodes))
+    t = np.arange(chords) / chords
+    edges = []
+    for start, middle, end in ((0, 3, 1), (1, 4, 2), (2, 5, 0)):
+        a, m, b = (nodes[:, i, curved, None] for i in (start, middle, end))
+        edges.append(a * (1 - t) * (1 - 2 * t) + 4 * m * t * (1 - t) + b * t * (2 * t - 1))
+    rings = np.concatenate(edges, axis=-1).transpose(1, 2, 0)
+    polygons[curved] = shapely.polygons(rings)
+    return polygons

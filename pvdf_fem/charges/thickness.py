@@ -29,7 +29,8 @@ def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
     """Charge in C by d33 of each electrode of the whole film, (electrodes,)."""
     d33, mesh = equilibrium.film.d33_pC_N or 0.0, equilibrium.space.mesh
     forces, pressed = equilibrium.film_forces(state), np.zeros(mesh.nelements)
-    for elements, force in filter(None, (term.pressed(forces) for term in equilibrium.terms)):
+    by_term = (term.pressed(state, forces) for term in equilibrium.terms)
+    for elements, force in filter(None, by_term):
         pressed[elements] += force
     patches = (electrode_patch(electrode.name) for electrode in equilibrium.scene.electrode_list)
     on = [pressed[mesh.subdomains[patch]].sum() for patch in patches]

@@ -33,8 +33,9 @@ A model of the charges is needed, over all places within --reach and forces in
 kept beside the scene file; later calls take a moment.
 
 Two touches at once (--touches 2), tangential forces and temperatures (--unknown
-with tangential or temperature) are found by full solves instead, without a
-model, which takes up to a minute; the scene's list of probes, or its probe twice, is what touches.
+with tangential or temperature) are found by full solves over the same reach and
+forces instead, without a model, which takes up to a minute; the scene's list of
+probes, or its probe twice, is what touches.
 
 With --csv every row of a file is located. Its header has names of electrodes,
 and may have rotation_deg and force_N, which are then known. Other columns are
@@ -53,7 +54,7 @@ EPILOG = """\
 examples:
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9 \\
-      --unknown x,y,force,rotation --sigma 0.005 --polish --json
+      --unknown x,y,force,rotation --sigma 0.005 --json
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9 --plot touch.png
   pvdf-fem locate eight.toml --touches 2 --charges A=1164,B=906,C=860,D=1009,...
   pvdf-fem locate sensor.toml --changes A=0.857,B=0.683,C=0.552,D=0.593 --unit V
@@ -118,11 +119,6 @@ def add_to(commands: Any) -> None:
     )
     response_model.add_options(parser)
     program.add_plot(parser, "the likelihood of places of the touch")
-    parser.add_argument(
-        "--polish",
-        action="store_true",
-        help="improve the touches with finite-element solves, which takes seconds",
-    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -142,15 +138,14 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(*mistakes)
     from pvdf_fem.cli.locate_rows import locate_rows
     from pvdf_fem.solvers.status import NotConvergedError
-    from pvdf_fem.touch.locate import PolishError
 
     try:
         if options.csv is not None:
             return locate_rows(scenes[options.scene], request, options)
-        choices = located(scenes, request, options.polish)
+        choices = located(scenes, request)
     except ValueError as error:
         raise InputError(*str(error).splitlines()) from error
-    except (PolishError, NotConvergedError) as error:
+    except NotConvergedError as error:
         print(error, file=sys.stderr)
         return ExitCode.NOT_CONVERGED
     try:
@@ -161,14 +156,12 @@ def run(options: argparse.Namespace) -> int:
     return ExitCode.CONVERGED if choices[0].location.explained else ExitCode.NOT_CONVERGED
 
 
-def located(
-    scenes: Mapping[str, Scene], request: Request, polishing: bool
-) -> tuple[ProbeMatch, ...]:
+def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, ...]:
     """Locations with the probe of each scene, the likeliest first.
 
     What is not sought is known from the first. Raises `ValueError` with all mistakes.
     """
-    from pvdf_fem.touch.locate import locate, match, polish, staged_touch, weigh
+    from pvdf_fem.touch.locate import locate, match, staged_touch, weigh
 
     file, sensor = next(iter(scenes.items()))
     readings = request.readings_pC(sensor)
@@ -176,6 +169,9 @@ def located(
     asked: dict[str, Any] = {"unknown": request.unknown, "reading": request.reading}
     if request.by_solves:
         asked |= {"touches": request.touches, "progress": request.model.progress}
+        domain = {"reach_mm": request.model.reach_mm, "force_range_N": request.model.force_N}
+        if given := {key: value for key, value in domain.items() if value}:
+            sensor = sensor.with_(model=given)
         return match({file: locate(sensor, readings, **asked, **errors)})
     touch = staged_touch(sensor)
     known = {name: value for name, value in touch.items() if name not in request.unknown}
@@ -183,10 +179,7 @@ def located(
     # files that are there come first, so that a damaged one is told before any model is built
     order = sorted(scenes, key=lambda name: not request.model.path(scenes[name], name).exists())
     models = {name: model_of(scenes[name], name, request.model) for name in order}
-    matches = weigh(models, readings, known=known, **asked, **errors)
-    if not polishing:
-        return matches
-    return match({m.name: polish(models[m.name], m.location, readings, **errors) for m in matches})
+    return weigh(models, readings, known=known, **asked, **errors)
 
 
 def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:

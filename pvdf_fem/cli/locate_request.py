@@ -105,7 +105,7 @@ def _misplaced(options: argparse.Namespace) -> list[str]:
 
 def _singles(options: argparse.Namespace) -> dict[str, Any]:
     """Options for single touches, and whether they were given."""
-    return {"--or": options.others, "--polish": options.polish, "--plot": options.plot}
+    return {"--or": options.others, "--plot": options.plot}
 
 
 def _charges(option: str, text: str, mistakes: list[str]) -> dict[str, float]:

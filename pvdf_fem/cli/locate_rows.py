@@ -17,6 +17,7 @@ from pvdf_fem.cli.locate_request import Request, require
 from pvdf_fem.cli.program import ExitCode, InputError, output_mistakes
 from pvdf_fem.cli.response_model import model_of
 from pvdf_fem.cli.table import ENDINGS, Row, form, number, plain, rows_of, writer
+from pvdf_fem.progress import shown
 
 if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
@@ -56,6 +57,9 @@ def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> 
         passed = [c for c in columns if c not in electrodes and c not in KNOWN]
         write = writer(stack, target, form(target, options.json), [*passed, *found])
         counts, mistakes = Counter[str](), Counter[str]()
+        total = _line_count(source)
+        # neither beside rows on a terminal, nor of a pipe, whose rows nobody has counted
+        show = stack.enter_context(shown("rows", options.progress if target and total else False))
         for batch in batches:
             step = len(batch) if options.quick else CALIBRATED_ROWS
             for first in range(0, len(batch), step):
@@ -64,7 +68,16 @@ def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> 
                 told = (part for row in located for part in row["remark"].split("; "))
                 mistakes.update(part for part in told if part.startswith(OTHER))
                 write(located)
+                show(counts.total(), max(total, counts.total()))
     return _told(counts, mistakes)
+
+
+def _line_count(source: Path | None) -> int:
+    """Number of lines of a file; 0 for standard input."""
+    if source is None:
+        return 0
+    with source.open("rb") as file:
+        return sum(1 for _ in file)
 
 
 def _told(counts: Counter[str], mistakes: Counter[str]) -> int:
@@ -104,12 +117,11 @@ def _locator(
     def located(rows: Sequence[Row]) -> list[dict[str, Any]]:
         given: dict[str, Any] = {KNOWN[n]: np.full(len(rows), v) for n, v in known.items()}
         for name in KNOWN.keys() & set(columns):
-            given[KNOWN[name]] = _numbers(rows, [name])[:, 0]
+            given[KNOWN[name]] = _numbers(rows, name)
         touches = locate_many(
             model,
-            _numbers(rows, names) * [units[name] for name in names],
+            {name: units[name] * _numbers(rows, name) for name in names},
             request.sigma,
-            electrodes=names,
             noise_pC=request.noise_pC(scene),
             reading=request.reading,
             calibrated=not options.quick,
@@ -127,7 +139,6 @@ def _locator(
     return located
 
 
-def _numbers(rows: Sequence[Row], columns: list[str]) -> Array:
-    """The numbers in some columns, NaN where there is none."""
-    cells = [[number(values.get(column)) for column in columns] for values, _ in rows]
-    return np.array(cells).reshape(len(rows), len(columns))
+def _numbers(rows: Sequence[Row], column: str) -> Array:
+    """The numbers in a column, NaN where there is none."""
+    return np.array([number(values.get(column)) for values, _ in rows])

@@ -78,8 +78,9 @@ exit codes: 0 printed, 2 no key has a word"""
 
 _SOLVE = """\
 Charges of the electrodes in pC, each with its estimated discretisation error,
-and the largest deflection in mm. Meshes are refined until every charge is
-within numerics.tolerance of the scene."""
+and the largest deflection in mm; with `uncertain` in the scene also the
+standard deviations that uncertain values of film, force and place make.
+Meshes are refined until every charge is within numerics.tolerance of the scene."""
 
 _SOLVE_EPILOG = """\
 examples:
@@ -230,16 +231,24 @@ def _solve(options: argparse.Namespace) -> int:
     from pvdf_fem.solution.solve import solve
     from pvdf_fem.solvers.status import Status
 
+    if scene.uncertain:
+        from pvdf_fem.derivatives.uncertainty import require_known, uncertainty
+
+        require_known(scene)
     solution = solve(scene, mesh=options.mesh)
     converged = solution.status is Status.CONVERGED
+    told, text = solution.to_json(), lambda: str(solution)
     try:
+        if converged and scene.uncertain:
+            found = uncertainty(solution)
+            told["uncertainty"], text = found.to_json(), lambda: f"{solution}\n\n{found}"
         if converged:
             if options.vtu:
                 solution.to_vtu(options.vtu)
             if options.plot:
                 save_plot(solution.plot(quantity), options)
     finally:  # a full disk does not take the charges with it
-        _print(solution.to_json(), options.json, lambda: str(solution))
+        _print(told, options.json, text)
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 
@@ -247,14 +256,14 @@ def _mesh(options: argparse.Namespace) -> int:
     from pvdf_fem.output.export import FORMATS, write_mesh
 
     scene = scene_of(options, *output_mistakes(options.file, list(FORMATS), options.scene))
+    from pvdf_fem.film.loads.contact_guess import tip_outlines
     from pvdf_fem.film.models import film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
     from pvdf_fem.solution.first_sizes import ORDER, first_sizes
-    from pvdf_fem.solution.tips.edges import outlines_of
 
     try:
         sizes, jacobian = first_sizes(scene, ORDER), film_model(scene).least_jacobian
-        contacts = outlines_of(scene)
+        contacts = tip_outlines(scene)
         mesh = mesh_scene(scene, sizes, least_jacobian=jacobian, contacts=contacts)
         write_mesh(mesh, options.file)
     except MeshError as error:

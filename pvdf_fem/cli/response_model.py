@@ -216,9 +216,12 @@ class ModelChoice:
         return [beyond] if reach > rim else []
 
 
-def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
-    """The model of a scene, from its file or built and written there. Raises `ValueError` for a
-    file of a film or a probe that deforms otherwise, and `FileError`."""
+def model_of(
+    scene: Scene, scene_file: str, choice: ModelChoice, *, as_kept: bool = False
+) -> Response:
+    """The model of a scene, from its file or built and written there; `as_kept` may have other
+    electrodes. Raises `ValueError` for a file of a film or a probe that deforms otherwise, and
+    `FileError`."""
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.model import centred
     from pvdf_fem.response.response import Response, reads_alike, refuse_other_mechanics
@@ -245,6 +248,8 @@ def model_of(scene: Scene, scene_file: str, choice: ModelChoice) -> Response:
     kept = Response.load(path)
     try:
         refuse_other_mechanics(kept.scene, scene)
+        if as_kept:
+            return kept
         if not reads_alike(kept.scene, scene):
             print(f"reading {path} anew for other electrodes, d31 or d32", file=sys.stderr)
         model = kept.for_scene(scene, progress=choice.progress)

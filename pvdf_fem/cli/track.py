@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pvdf_fem.tracking.rows import Row
 
 TIMES = {"t_s": 1.0, "t_ms": 1e-3}  #: Columns of times, and their units in s.
+LONG_S = 60.0  #: Settling in s after which the unit of times is in doubt.
 #: Of touches with these the unit is in doubt.
 DOUBTED = ("too_strong", "unexplained")
 DESCRIPTION = """\
@@ -98,7 +99,9 @@ def run(options: argparse.Namespace) -> int:
         columns, batches = rows_of(stack, source, ".csv", electrodes)
         time = next((column for column in TIMES if column in columns), "")
         if not time:
-            raise InputError(f"{name}: has no column t_s or t_ms; give the times in s or ms there")
+            reason = "has a column t; name it t_s or t_ms" if "t" in columns else ""
+            reason = reason or "has no column t_s or t_ms; give the times in s or ms there"
+            raise InputError(f"{name}: {reason}")
         if mistakes := choice.mistakes(scene, options.scene):
             raise InputError(*mistakes)
         try:
@@ -122,6 +125,8 @@ def run(options: argparse.Namespace) -> int:
             write([_plain(row)])
             if row.status == "settling" and math.isfinite(tracker.settled_s) and not said:
                 said = f"settling until t_s = {tracker.settled_s:.4g}: do not touch"
+                if time == "t_s" and row.settling_s > LONG_S:
+                    said += f" for {row.settling_s:.3g} s; are times in ms? Name the column t_ms"
                 print(said, file=sys.stderr, flush=True)
             for summary in tracker.touches[told:]:
                 if options.json:

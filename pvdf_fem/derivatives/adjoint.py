@@ -47,14 +47,14 @@ class Adjoint:
         """One solve per electrode with the tangent's `factors` at the unknowns `q`."""
         membrane, state = equilibrium.membrane, equilibrium.state(q)
         rates = goal_gradients(goals, membrane, state.dofs)
-        unknowns = factors.solve(equilibrium.on_unknowns(state, rates), "T")
+        unknowns = factors.solve(equilibrium.unknowns.fold(rates), "T")
         forces = goal_forces(goals, membrane, state.dofs)
         return cls(equilibrium, goals, q, state, forces, unknowns)
 
     @cached_property
     def dofs(self) -> Array:
         """λ at the dofs, (dofs, electrodes)."""
-        columns = (self.equilibrium.step(self.state, column) for column in self.unknowns.T)
+        columns = (self.equilibrium.dofs(column) for column in self.unknowns.T)
         return np.stack(list(columns), axis=-1)
 
     def in_other(self, other: Equilibrium) -> Array:

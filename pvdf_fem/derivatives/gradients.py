@@ -141,12 +141,9 @@ def _gradients_of(
     sizes = np.abs(adjoint.forces) @ np.abs([scene.film.d31, scene.film.d32])
     unit = sizes / np.array([[_scale(scene, key)] for key in keys])
     relative = np.divide(errors, unit, out=np.zeros_like(errors), where=unit > 0.0)
-    by_place = np.array([key.endswith(PLACE_NAMES) for key in keys])
-    for group in (by_place, ~by_place):
-        means = relative[group].sum(axis=0) / max(group.sum(), 1)
-        floors = chance * np.maximum(means, means @ sizes / max(sizes.sum(), TINY))
-        errors[group] = np.maximum(errors[group], floors * unit[group])
-    errors *= saturation * film_model(scene).saturation
+    means = relative.sum(axis=0) / max(len(keys), 1)
+    floors = chance * np.maximum(means, means @ sizes / max(sizes.sum(), TINY))
+    errors = saturation * film_model(scene).saturation * np.maximum(errors, floors * unit)
     largest = np.maximum(np.abs(rates), negligible * unit).max(axis=1, initial=TINY)
     names = [electrode.name for electrode in scene.electrode_list]
     found = Gradients()

@@ -24,15 +24,13 @@ def parameters_of(scene: Scene, pressure: Pressure | None = None) -> tuple[str, 
     ``film.pretension_N_m`` has that, or its ``.0`` and ``.1``, in place of
     ``film.temperature_change_K``, and the others at this pretension; loads on the whole film add
     their keys. A rigid probe has no derivative by its place, as the tractions along its edge are
-    singular. Of a film that bends or wrinkles, or touches a tip with friction, there is none by
-    what its stiffness depends on; of a film that feels the voltages of electrodes none by d31 and
-    d32 either.
+    singular. Of a film that bends or wrinkles there is none by what its stiffness depends on; of a
+    film that feels the voltages of electrodes none by d31 and d32 either.
     """
     scene.require_plain_charges("derivatives", "coupling", "warming_K", HEAT)
     probes = tuple(key for key in touched(scene) if not _hindrance(scene, key, pressure))
-    rubs = any(touch.load.friction for touch in scene.loaded_probes)
     model = film_model(scene)
-    differentiable = model.film_is_differentiable and model.electrodes_only_read and not rubs
+    differentiable = model.film_is_differentiable and model.electrodes_only_read
     film = _film_keys(scene.film) if differentiable else ()
     return (*probes, *film, *(COEFFICIENTS if model.electrodes_only_read else ()))
 
@@ -56,8 +54,6 @@ def touched(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
 def _hindrance(scene: Scene, key: str, pressure: Pressure | None) -> str:
     """Why the charges have no derivative by a key of `touched`; empty if they have."""
     for touch, _, name in touched(scene)[key]:
-        if touch.load.friction:
-            return "of a tip with friction has no derivative here; give load.friction = 0"
         if name in PLACE_NAMES and (touch.load.profile != "uniform" or pressure):
             return 'of a pressure profile has no derivative here; press with "uniform"'
         if name in PLACE_NAMES and LOADS[touch.load.kind].rigid:

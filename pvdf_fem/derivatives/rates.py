@@ -77,7 +77,7 @@ def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
     return np.reshape(rates, (len(keys), -1, 2))
 
 
-def rate_of(adjoint: Adjoint, key: str, *, with_heat: bool = True, step: float = 1e-3) -> Array:
+def rate_of(adjoint: Adjoint, key: str, *, with_heat: bool = True, step: float = 1e-7) -> Array:
     """dQ/dθ in C per unit of the key, (electrodes,), with the pyroelectric charge or without it. A
     differenced key is changed by `step` times its value; a place by `step` in mm or degrees, and a
     temperature in K."""
@@ -87,7 +87,7 @@ def rate_of(adjoint: Adjoint, key: str, *, with_heat: bool = True, step: float =
     swept, touches = np.zeros(len(adjoint.goals)), touched(scene).get(key, [])
     for touch, i, name in touches:
         load = adjoint.equilibrium.loads[i]
-        if name in PLACE_NAMES and load.seat is None:
+        if name in PLACE_NAMES and load.on_patch:
             swept = swept + _swept(adjoint, load, name)
             if not touch.probe.temperature_K:  # nothing else of it has a place
                 return swept
@@ -101,7 +101,7 @@ def _differenced(adjoint: Adjoint, key: str, step: float, with_heat: bool) -> Ar
     and R at the unknowns that stay."""
     equilibrium, rate = adjoint.equilibrium, np.zeros(len(adjoint.goals))
     for weight, change in ((8.0, step), (-8.0, -step), (-1.0, 2.0 * step), (1.0, -2.0 * step)):
-        moved = equilibrium.with_(scene=_changed(equilibrium.scene, key, change))
+        moved = equilibrium.with_(scene=changed(equilibrium.scene, key, change))
         charges = adjoint.in_other(moved)
         if with_heat:
             charges = charges + heat_charges(moved.scene, equilibrium)
@@ -109,7 +109,7 @@ def _differenced(adjoint: Adjoint, key: str, step: float, with_heat: bool) -> Ar
     return rate
 
 
-def _changed(scene: Scene, key: str, change: float) -> Scene:
+def changed(scene: Scene, key: str, change: float) -> Scene:
     """The scene with a number changed, beyond the range of its key if need be."""
     if touches := touched(scene).get(key):
         probes = list(scene.loaded_probes)

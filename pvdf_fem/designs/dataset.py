@@ -22,8 +22,9 @@ from pvdf_fem.response.held_out import random_touches
 from pvdf_fem.response.model import QUANTITIES, ROTATION
 from pvdf_fem.response.response import Response
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.stage import Stage
 from pvdf_fem.touch.locate_many import CHUNK
-from pvdf_fem.touch.measurement import Measurement, centre_mm, charge_mistakes, electrode_columns
+from pvdf_fem.touch.measurement import Measurement, charge_mistakes, electrode_columns
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -88,13 +89,13 @@ def dataset(
     model = model.for_scene(scene, processes, progress=progress)
     measured = Measurement.of(model, model.names, sigma, noise_pC, reading)
     at = random_touches(model.domain, touches, seed)
-    at[:, ROTATION] %= touched.period_deg(model)
     parts = np.array_split(at, 1 + touches // CHUNK)
-    charges = np.concatenate([measured.model.evaluate(part)[0] for part in parts])
+    charges = np.concatenate([model.evaluate(part)[0] for part in parts])
     # the touches have used the stream of random numbers of the seed alone
     normal = np.random.default_rng([seed, 1]).standard_normal(charges.shape)
     signals = charges + measured.noise(charges) * normal
-    at[:, :ROTATION] += centre_mm(scene)
+    at[:, :ROTATION], turned = (scene.stage or Stage()).to_stage(at[:, :ROTATION], at[:, ROTATION])
+    at[:, ROTATION] = turned % touched.period_deg(model)
     of_electrodes = charges, model.error_bound * np.abs(charges), measured.readings(signals)
     told = {
         "seed": seed,

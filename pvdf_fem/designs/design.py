@@ -30,12 +30,7 @@ from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.touch.locate import locate
 from pvdf_fem.touch.location import Location
-from pvdf_fem.touch.measurement import (
-    charge_mistakes,
-    electrode_columns,
-    number,
-    reading_of,
-)
+from pvdf_fem.touch.measurement import Measurement, charge_mistakes, electrode_columns, number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -109,7 +104,7 @@ class Designs:
             try:
                 refuse(scene, domain, tolerance)
             except ValueError as error:
-                yield str(error)
+                yield from str(error).splitlines()
 
 
 def design(
@@ -210,11 +205,9 @@ def _bounds(
     exact, scene = replace(model, error_bound=0.0), model.scene
     touches = np.tile([*touched.touch_of(scene).values()], (len(x_mm), 1))
     touches[:, :ROTATION] = np.stack([x_mm, y_mm], axis=-1)
-    charges, columns = model.evaluate(touches)[0], electrode_columns(scene)
-    gains, offsets, _ = np.array([columns[name] for name in model.names]).T
-    if reading_of(scene) == "change":
-        charges = charges - touched.rest_of(scene, "change")[0]
-    rows = (dict(zip(model.names, row, strict=True)) for row in gains * charges + offsets)
+    measured = Measurement.of(exact, exact.names, noise, noise_pC, None)
+    readings = measured.readings(exact.evaluate(touches)[0])
+    rows = (dict(zip(exact.names, row, strict=True)) for row in readings)
     found = (locate(exact, row, noise, noise_pC=noise_pC) for row in rows)
     return np.array([_bound(*pair) for pair in zip(found, touches, strict=True)]).T
 

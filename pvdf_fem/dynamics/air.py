@@ -34,7 +34,6 @@ class AirLoad:
     """The air on both sides of a film's unknowns."""
 
     root: Array  #: R of the added mass R R^T, (unknowns, functions), in kg^(1/2).
-    degrees: Array  #: Polynomial degrees of the functions, (functions,).
     volume: Array  #: v, the volume that a unit of each unknown displaces, m^2, (unknowns,).
     #: r of the resistance r omega^2 v v^T, in kg s/m^4: that of a point source on both sides of a
     #: baffle, to leading order in the radius over the wavelength; without one both cancel.
@@ -57,22 +56,15 @@ class AirLoad:
         onto = equilibrium.unknowns.expansion[2::3].T @ integrals
         unit = places.reshape(-1, 2) / a
         weight = np.maximum(1.0 - (unit**2).sum(axis=1), 0.0) ** max(s, 0.0)
-        blocks = [(d, onto @ (weight[:, None] * f)) for d, f in _functions(unit, degree, s)]
-        root = np.sqrt(2.0 * air.density_kg_m3 / a) * np.hstack([block for _, block in blocks])
-        degrees = np.concatenate([of for of, _ in blocks])
+        blocks = [onto @ (weight[:, None] * f) for f in _functions(unit, degree, s)]
+        root = np.sqrt(2.0 * air.density_kg_m3 / a) * np.hstack(blocks)
         radiation = air.density_kg_m3 / (np.pi * SOUND_SPEED) if air.baffle else 0.0
-        return cls(root, degrees, onto @ np.ones(weights.size), radiation)
-
-    def lacking(self, shapes: Array) -> Array:
-        """About what the polynomials leave of phi^T R R^T phi, of each of the shapes (unknowns, n):
-        what the last two degrees, an even and an odd one, add."""
-        last = self.degrees > self.degrees.max() - 2
-        return np.asarray(np.square(self.root[:, last].T @ shapes).sum(axis=0))
+        return cls(root, onto @ np.ones(weights.size), radiation)
 
 
-def _functions(unit: Array, degree: int, s: float) -> Iterator[tuple[Array, Array]]:
-    """Degrees (k,) and values (points, k) of phi_mn up to a degree at points of the unit disc, by
-    m, scaled so that the sums of squares are the energies."""
+def _functions(unit: Array, degree: int, s: float) -> Iterator[Array]:
+    """Values (points, functions) of phi_mn up to a degree at points of the unit disc, by m, scaled
+    so that the sums of squares are the energies."""
     r, angle = np.hypot(*unit.T), np.arctan2(*unit.T[::-1])
     for m in range(degree + 1):
         n = np.arange((degree - m) // 2 + 1)
@@ -80,4 +72,4 @@ def _functions(unit: Array, degree: int, s: float) -> Iterator[tuple[Array, Arra
         scale = ratio * np.sqrt((2 * n + m + s + 1) / (2.0 * np.pi if m == 0 else np.pi))
         radial = scale * eval_jacobi(n, s, m, (2.0 * r**2 - 1.0)[:, None]) * (r**m)[:, None]
         turns = [np.cos(m * angle), np.sin(m * angle)][: 1 + (m > 0)]
-        yield np.tile(m + 2 * n, len(turns)), np.hstack([radial * t[:, None] for t in turns])
+        yield np.hstack([radial * t[:, None] for t in turns])

@@ -157,7 +157,7 @@ def modes(scene: SceneLike, count: int = 6, loaded: bool = False) -> Modes:
         scene.require_no_tips("frequencies about the load")
     else:  # on the flat film only rigid probes matter, by the unknowns that they bind together
         rigid = [touch for touch in scene.loaded_probes if LOADS[touch.load.kind].rigid]
-        bare = scene.loaded([replace(t, load=t.load.times(0.0)) for t in rigid])
+        bare = scene.loaded([replace(t, load=t.load.unloaded) for t in rigid])
     share = _bending_share(bare, count, loaded)
     bends = scene.film.bending
     if bends == "auto":

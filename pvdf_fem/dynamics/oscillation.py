@@ -59,7 +59,7 @@ class Oscillation:
         stiffness, mass = pencil_of(equilibrium, q)
         force = equilibrium.loads[0].with_components(UP).forces(state)
         rates = goal_gradients(goals_of(equilibrium.scene), equilibrium.membrane, state.dofs)
-        f, g = (equilibrium.on_unknowns(state, forces) for forces in (force, rates))
+        f, g = (equilibrium.unknowns.fold(forces) for forces in (force, rates))
         loss = equilibrium.film.loss_tangent or 0.0
         elastic = _elastic(equilibrium, state) if loss else 0.0 * stiffness
         moving = Raised(mass, air.root)

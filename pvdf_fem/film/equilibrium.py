@@ -44,7 +44,7 @@ class Equilibrium:
     ) -> None:
         self.scene, self.film, self.part, self.posed = scene, scene.film, part, posed
         self.model = film_model(scene)
-        self.space = Space(mesh, order) if space is None else space
+        self.space = space or Space(mesh, order, posed.own_nodes(scene))
         self.membrane = self.model.membrane(self.space, part)
         #: The membrane, first, the loads, coupling and, where the film bends, the plate.
         self.terms: list[Term] = [self.membrane, *self.model.others(self.space, part, posed)]
@@ -65,7 +65,7 @@ class Equilibrium:
     def with_terms(self, terms: Iterable[Term]) -> Equilibrium:
         """The equilibrium equations of other terms; the membrane term must stay first."""
         other = copy(self)
-        for name in ("unknowns", "assembly", "flat_forces"):
+        for name in ("unknowns", "assembly", "flat_forces", "_uneven_forces"):
             other.__dict__.pop(name, None)
         other.terms = list(terms)
         return other
@@ -111,13 +111,9 @@ class Equilibrium:
         """Unknowns of the dofs `x`, averaged where dofs share one."""
         return self.unknowns.restrict(x)
 
-    def step(self, state: State, step: Array) -> Array:
-        """Change of the dofs by a small step of the unknowns from a state."""
-        return self.unknowns.step(state, step)
-
-    def on_unknowns(self, state: State, forces: Array) -> Array:
-        """Forces on the unknowns, of forces (dofs, ...) on the film: the transpose of `step`."""
-        return self.unknowns.pulled(state, forces)
+    def started(self, x: Array) -> Array:
+        """Unknowns near the dofs `x`, with suitable values of the terms' own dofs."""
+        return self.restrict(reduce(lambda x, term: term.started(x), self.terms, x))
 
     def state(self, q: Array) -> State:
         """Fields of the unknowns `q`."""
@@ -135,14 +131,13 @@ class Equilibrium:
 
     def residual(self, state: State) -> Array:
         """Internal minus external forces of the unknowns, N."""
-        return self.unknowns.balanced(state, self.film_forces(state)) - self.unknowns.driven
+        return self.unknowns.fold(self.film_forces(state))
 
     def tangent(self, state: State) -> sp.csc_matrix | Raised:
         """Derivative of `residual` in N/m."""
         columns = [c for term in self.terms if (c := term.tangent_column(state)) is not None]
         sparse = self.sparse_tangent(state)
-        places = self.on_unknowns(state, np.transpose(columns)) if columns else None
-        return sparse if places is None else Raised(sparse, places)
+        return Raised(sparse, self.unknowns.fold(np.transpose(columns))) if columns else sparse
 
     def sparse_tangent(self, state: State) -> sp.csc_matrix:
         """The tangent without the columns of terms that couple many elements."""
@@ -151,14 +146,11 @@ class Equilibrium:
         (_, matrices), *others = [local for local in by_element if local is not None]
         for elements, values in others:
             matrices[elements] += values
-        if self.unknowns.seats:
-            forces = self.film_forces(state)
-            matrices = self.unknowns.pulled_matrices(matrices, forces, state)
-        return self.with_coupled(self.assembly.matrix(matrices))
+        return self.with_coupled(self.assembly.matrix(matrices), state)
 
-    def with_coupled(self, matrix: sp.csc_matrix) -> sp.csc_matrix:
-        """A matrix (unknowns, unknowns) with the constant parts that couple elements."""
-        coupled = (term.coupled_tangent(self.assembly) for term in self.terms)
+    def with_coupled(self, matrix: sp.csc_matrix, state: State) -> sp.csc_matrix:
+        """A matrix (unknowns, unknowns) with the parts of the tangent that couple elements."""
+        coupled = (term.coupled_tangent(self.assembly, state) for term in self.terms)
         return reduce(add, (c for c in coupled if c is not None), matrix)
 
     def element_action(self, state: State, step: Array) -> Array:
@@ -166,19 +158,15 @@ class Equilibrium:
 
         They are symmetric: the tangent of a load that follows the film is left out.
         """
-        x = self.step(state, step)
+        x = self.unknowns.expand(step)
         actions = (term.element_action(state, x) for term in self.terms)
         return reduce(add, (action for action in actions if action is not None))
 
     def action(self, state: State, step: Array) -> Array:
         """The tangent, less that of a load that follows, times a step, (unknowns,)."""
-        x, unknowns = self.step(state, step), self.unknowns
+        x = self.unknowns.expand(step)
         actions = (term.action(state, x) for term in self.terms)
-        pulls = reduce(add, (force for force in actions if force is not None))
-        forces = unknowns.balanced(state, pulls)
-        if unknowns.seats:
-            forces += unknowns.turned(state, self.film_forces(state), x)
-        return forces
+        return self.unknowns.fold(reduce(add, (force for force in actions if force is not None)))
 
     def diagonal(self, state: State) -> Array:
         """Diagonal of the tangent without the coupling of shared dofs, (unknowns,)."""
@@ -190,7 +178,7 @@ class Equilibrium:
 
         `slope` is residual . step. Forces that follow the film are held as they are.
         """
-        x = self.step(state, step)
+        x = self.unknowns.expand(step)
         energy: Array = reduce(add, (term.along(state, x) for term in self.terms))
         energy[1] = slope
         return energy
@@ -198,17 +186,30 @@ class Equilibrium:
     @cached_property
     def flat_forces(self) -> Array:
         """What moves the flat film, (unknowns,), in N: its residual with a minus sign."""
-        return -self.residual(self.membrane.state(np.zeros(self.space.dof_count)))
+        return -self.residual(self._flat)
+
+    @cached_property
+    def _flat(self) -> State:
+        return self.membrane.state(np.zeros(self.space.dof_count))
+
+    @cached_property
+    def _uneven_forces(self) -> Array:
+        """Part of `flat_forces` that is no load."""
+        return self.flat_forces - self.unknowns.fold(self.load_forces(self._flat))
 
     @property
     def is_flat(self) -> bool:
-        """Whether the flat film is in balance, and no tip deflects it."""
-        return not (self.unknowns.seats or self.flat_forces.any())
+        """Whether the flat film is in balance."""
+        return not self.flat_forces.any()
 
     def work(self, state: State, q: Array) -> float:
-        """Work in J along `q` of what moves the flat film, and of tips at given depths."""
-        work, unknowns = float(self.flat_forces @ q), self.unknowns
-        return work + unknowns.raised_work(self.film_forces(state)) if unknowns.seats else work
+        """Work in J along `q` of the loads at a state, and of what else moves the flat film."""
+        return float((self.unknowns.fold(self.load_forces(state)) + self._uneven_forces) @ q)
+
+    @property
+    def is_abrupt(self) -> bool:
+        """Whether a term changes abruptly."""
+        return any(term.softer() is not term for term in self.terms)
 
     def load_forces(self, state: State) -> Array:
         """External forces in N, (dofs,)."""
@@ -218,16 +219,11 @@ class Equilibrium:
     def rim_reaction(self, state: State) -> Array:
         """Force in N, (3,), by which the rim, and guides of punches, hold the film."""
         held = self.unknowns.of_dof == FIXED
-        for term in self.terms:
-            held[term.borne] = False
         return self._of_all_images(np.where(held, self.film_forces(state), 0.0))
 
     def applied_force(self, state: State) -> Array:
         """Force in N, (3,), by which the loads press."""
-        pressing, forces = self.load_forces(state), self.film_forces(state)
-        for term in self.terms:
-            pressing[term.borne] += forces[term.borne]
-        return self._of_all_images(pressing)
+        return self._of_all_images(self.load_forces(state))
 
     def imbalance(self, state: State) -> float:
         """What rim and loads lack of balance in N, along the applied force."""

@@ -247,9 +247,8 @@ def principal(tensor: Array) -> tuple[Array, Array]:
 
 def tensile_part(stress: Array) -> Array:
     """The stress (..., 3) without its compressive principal values."""
-    mean = 0.5 * (stress[..., :1] + stress[..., 1:2])
-    radius = np.hypot(0.5 * (stress[..., :1] - stress[..., 1:2]), stress[..., 2:])
-    smallest, largest = mean - radius, mean + radius
+    smallest, largest = (value[..., None] for value in principal(stress))
     # The projection on the direction of the largest stress, which two equal stresses do not have.
-    onto = (stress - smallest * np.array([1.0, 1.0, 0.0])) / np.where(radius > 0, 2 * radius, 1)
+    apart = np.where(largest > smallest, largest - smallest, 1.0)
+    onto = (stress - smallest * np.array([1.0, 1.0, 0.0])) / apart
     return np.where(smallest >= 0.0, stress, np.maximum(largest, 0.0) * onto)

@@ -93,7 +93,7 @@ class Plate(Term):
     def residual(self, state: State) -> Array:
         return self._of_dofs(self.form.forces(state.dofs[2::3]))
 
-    def coupled_tangent(self, assembly: Assembly) -> sp.csc_matrix:
+    def coupled_tangent(self, assembly: Assembly, state: State) -> sp.csc_matrix:
         if self._tangent is None or self._tangent[0] is not assembly:
             self._tangent = assembly, assembly.of_deflections(self.matrix)
         return self._tangent[1]

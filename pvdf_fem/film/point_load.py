@@ -52,14 +52,25 @@ def _tension(rest: float, cube: float) -> float:
     return N
 
 
-def point_force(film: Film, depth: float) -> float:
-    """About the force in N that deflects the film's centre by `depth` in m."""
-    a, low, high = film.radius, 1e-12, 1e12
-    r = np.geomspace(1e-2 * a, a, 40)
+def point_deflection(
+    film: Film, force: float, nearest: float | None = None, reach: float | None = None
+) -> float:
+    """About the deflection in m at the distance `nearest` in m from a force in N.
+
+    By default a hundredth of the film's radius; `reach` is the distance of the rim.
+    """
+    reach = reach or film.radius
+    r = np.geomspace(nearest or 1e-2 * reach, reach, 40)
+    tension = np.array([tension_at(film, force, x) for x in r])
+    slopes = force / (2.0 * np.pi * r * tension)
+    return float(np.sum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(r)))
+
+
+def point_force(film: Film, deflection: float) -> float:
+    """About the force in N that deflects the film's centre by `deflection` in m."""
+    low, high = 1e-12, 1e12
     while high > 1.01 * low:
-        force = np.sqrt(low * high)
-        tension = np.array([tension_at(film, force, x) for x in r])
-        slopes = force / (2.0 * np.pi * r * tension)
-        reached = float(np.sum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(r)))
-        low, high = (force, high) if reached < depth else (low, force)
-    return float(force)
+        force = float(np.sqrt(low * high))
+        below = point_deflection(film, force) < deflection
+        low, high = (force, high) if below else (low, force)
+    return force

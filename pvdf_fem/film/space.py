@@ -2,6 +2,7 @@
 
 All three displacement components have the same scalar space of order 1 to 4 on six-node triangles.
 The dofs are those of ``ElementVector(element, 3)``: component c of scalar dof i is dof 3 i + c.
+Behind these are dofs of nodes beside the film, such as a tip that moves.
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ INTEGRATION_ORDER = {1: 1, 2: 4, 3: 6, 4: 8}
 class Space:
     """Continuous displacements of one polynomial order, 1 to 4, on a mesh in m."""
 
-    def __init__(self, mesh: MeshTri2, order: int) -> None:
-        self.mesh, self.order = mesh, order
+    def __init__(self, mesh: MeshTri2, order: int, own_nodes: int = 0) -> None:
+        self.mesh, self.order, self.own_nodes = mesh, order, own_nodes
         self.basis = Basis(mesh, ELEMENTS[order](), intorder=INTEGRATION_ORDER[order])
         #: Gradients of the scalar functions in 1/m, (elements, points, functions, 2).
         self.gradients: Array = np.stack(
@@ -52,7 +53,12 @@ class Space:
         self.weights: Array = self.basis.dx
         nodes = self.nodes
         self.element_dofs: Indices = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
-        self.dof_count = 3 * self.basis.N
+        self.dof_count = 3 * (self.basis.N + own_nodes)
+
+    @property
+    def own_dofs(self) -> Indices:
+        """Dofs of nodes beside the film, (3 own nodes,)."""
+        return np.arange(3 * self.basis.N, self.dof_count)
 
     @property
     def nodes(self) -> Indices:
@@ -163,4 +169,5 @@ def transferred(space: Space, x: Array, target: Space) -> Array:
 
     A starting guess: points in none of the triangles tried are extrapolated from the nearest.
     """
-    return (space.interpolation(target.basis.doflocs) @ x.reshape(-1, 3)).ravel()
+    film = (space.interpolation(target.basis.doflocs) @ x.reshape(-1, 3)[: space.basis.N]).ravel()
+    return np.append(film, x[space.own_dofs])

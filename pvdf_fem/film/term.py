@@ -11,7 +11,6 @@ import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array, Indices, Selection
 from pvdf_fem.film.space import Space
-from pvdf_fem.scene.film import Film
 
 
 @dataclass(frozen=True)
@@ -40,48 +39,8 @@ class Assembly(Protocol):
     def of_deflections(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
         """From a matrix (scalar dofs, scalar dofs) of the deflections."""
 
-
-class Seat(Protocol):
-    """A nonlinear part of the map, from dofs that move with a tip to dofs of the film.
-
-    All arrays are (dofs,) unless they say otherwise.
-    """
-
-    @property
-    def driven(self) -> Array:
-        """Forces in N on the dofs that move with the tip."""
-
-    @property
-    def lead(self) -> int | None:
-        """A dof whose unknown is the tip's depth; None where the depth is given."""
-
-    def rested(self, x: Array) -> Array:
-        """The film's dofs."""
-
-    def lifted(self, x: Array) -> Array:
-        """The inverse of `rested`."""
-
-    def pushed(self, x: Array, state: State) -> Array:
-        """The derivative of `rested` at a state, times a step."""
-
-    def push_matrix(self, state: State) -> sp.csr_matrix:
-        """The derivative as a matrix (dofs, dofs)."""
-
-    def pulled(self, forces: Array, state: State) -> Array:
-        """The transpose of `pushed`, of forces (dofs, ...) in N."""
-
-    def balanced(self, forces: Array, state: State) -> Array:
-        """The film's forces less what the seat bears of them; without friction that is `pulled`."""
-
-    def turned(self, forces: Array, state: State, x: Array) -> Array:
-        """Change of `balanced` forces as the seat turns by a step."""
-
-    def pulled_matrices(self, matrices: Array, forces: Array, state: State) -> Array:
-        """Derivative of `balanced` forces by the dofs that move with the tip, (elements, dofs,
-        dofs), from the film's tangents and forces."""
-
-    def raised_work(self, forces: Array) -> float:
-        """Work in J of the film's forces on the tip where the depth is given."""
+    def of_dofs(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
+        """From a matrix (dofs, dofs)."""
 
 
 class Term(ABC):
@@ -95,14 +54,14 @@ class Term(ABC):
     space: Space
     #: Whether `residual` derives from `energy`.
     conservative: bool = True
+    #: Dofs beside the film that the term moves, (n,).
+    own_dofs: Indices = np.empty(0, dtype=np.int64)
     #: Dofs that the term holds at zero, (n,).
     fixed_dofs: Indices = np.empty(0, dtype=np.int64)
     #: Groups of dofs; the dofs within a group move by a common value.
     shared_dofs: tuple[Indices, ...] = ()
     #: Dofs that it lets move by sums of functions: (n,), and the functions' values there, (n, m).
     modes: tuple[tuple[Indices, Array], ...] = ()
-    #: Dofs whose film forces the term bears, (n,), beside those of `forces`.
-    borne: Indices = np.empty(0, dtype=np.int64)
     #: Elements that the term keeps straight, (n,).
     rigid_patch: Indices = np.empty(0, dtype=np.int64)
 
@@ -119,20 +78,20 @@ class Term(ABC):
         """A conservative approximation of the term, whose equilibrium starts the solve."""
         return self
 
-    @property
-    def seat(self) -> Seat | None:
-        """What makes the map from unknowns to dofs nonlinear, where it does."""
-        return None
-
-    def loose(self, film: Film) -> Term:
-        """An approximation of the load without held dofs, whose equilibrium starts the solve."""
+    def softer(self) -> Term:
+        """An approximation of the term that changes less abruptly, whose equilibrium starts the
+        solve."""
         return self
 
-    def lagged(self) -> Term:
-        """The term with a tangent in which friction keeps its direction."""
-        return self
+    def started(self, x: Array) -> Array:
+        """The dofs `x` with values of the term's own dofs that suit the film."""
+        return x
 
-    def pressed(self, film_forces: Array) -> tuple[Selection, Array] | None:
+    def reach(self, state: State) -> float:
+        """Largest distance in m from the film's centre at which a tip touches; 0 of other terms."""
+        return 0.0
+
+    def pressed(self, state: State, film_forces: Array) -> tuple[Selection, Array] | None:
         """Elements, and the force in N that presses each of them against the film's face, (n,), by
         the film's forces less those of loads, (dofs,)."""
         return None
@@ -153,8 +112,8 @@ class Term(ABC):
         """Elements, and their derivatives (elements, dofs, dofs) of `residual` in N/m."""
         return None
 
-    def coupled_tangent(self, assembly: Assembly) -> sp.csc_matrix | None:
-        """The constant part of the tangent that couples elements, of the unknowns in N/m."""
+    def coupled_tangent(self, assembly: Assembly, state: State) -> sp.csc_matrix | None:
+        """The part of the tangent that couples elements, of the unknowns in N/m."""
         return None
 
     def added_stress(self, state: State) -> tuple[Indices, Array] | None:

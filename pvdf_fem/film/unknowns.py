@@ -1,15 +1,12 @@
-"""The map from unknowns to dofs: clamped, shared and summed dofs, and film that rests on tips.
+"""The linear map from unknowns to dofs: clamped, shared and summed dofs, and dofs beside the film.
 
 A constraint adds no equation, so that the tangent stays as sparse and as symmetric as the film's.
-The map is linear but where the film rests on a tip: there a `Seat` turns dofs that move with the
-tip into dofs of the film.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property, reduce
-from operator import attrgetter
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -17,7 +14,7 @@ import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.film.space import ELEMENTS, Space, shape_values
-from pvdf_fem.film.term import Seat, State, Term
+from pvdf_fem.film.term import Term
 
 #: Marks a dof without an unknown.
 FIXED = -1
@@ -38,7 +35,6 @@ class Unknowns:
         fixed: Indices,
         shared: Sequence[Indices] = (),
         modes: Sequence[tuple[Indices, Array]] = (),
-        seats: Sequence[Seat] = (),
     ) -> None:
         free = np.ones(dof_count, dtype=bool)
         free[fixed] = False
@@ -51,7 +47,7 @@ class Unknowns:
         for group in moving:
             self.of_dof[group] = self.places
             self.places += 1
-        self.count, alone, self.seats = self.places, sp.identity(self.places), seats
+        self.count, alone = self.places, sp.identity(self.places)
         self.sums: sp.csr_matrix | None = None
         self.means: sp.csr_matrix | None = None
         for dofs, functions in modes:
@@ -64,71 +60,29 @@ class Unknowns:
     @classmethod
     def of(cls, space: Space, clamped: Indices, terms: Sequence[Term]) -> Unknowns:
         """The map that `clamped` dofs and the terms leave."""
-        fixed = [clamped, *(term.fixed_dofs for term in terms)]
+        moved = [term.own_dofs for term in terms]
+        at_rest = np.setdiff1d(space.own_dofs, np.concatenate(moved))
+        fixed = [clamped, at_rest, *(term.fixed_dofs for term in terms)]
         shared = [group for term in terms for group in term.shared_dofs]
         modes = [mode for term in terms for mode in term.modes]
-        seats = [term.seat for term in terms if term.seat is not None]
-        return cls(space.dof_count, np.concatenate(fixed), shared, modes, seats)
+        return cls(space.dof_count, np.concatenate(fixed), shared, modes)
 
     @cached_property
     def expansion(self) -> sp.csr_matrix:
-        """The linear part as a matrix (dofs, unknowns); its transpose sums forces on dofs."""
+        """The map as a matrix (dofs, unknowns); its transpose sums forces on dofs."""
         dofs = np.flatnonzero(self.of_dof >= 0)
         shape = (len(self.of_dof), self.places)
         matrix = sp.csr_matrix((np.ones(len(dofs)), (dofs, self.of_dof[dofs])), shape=shape)
         return matrix if self.sums is None else matrix @ self.sums
 
-    def expansion_at(self, state: State | None) -> sp.csr_matrix:
-        """Derivative of `expand`, (dofs, unknowns), at `state` where the film rests on a tip."""
-        matrix = self.expansion
-        for seat in self.seats:
-            assert state is not None
-            matrix = seat.push_matrix(state) @ matrix
-        return matrix
-
-    def _linear(self, q: Array) -> Array:
-        return np.append(q if self.sums is None else self.sums @ q, 0.0)[self.of_dof]
-
     def expand(self, q: Array) -> Array:
         """Dofs of the unknowns `q`."""
-        return reduce(lambda x, seat: seat.rested(x), self.seats, self._linear(q))
-
-    def step(self, state: State, step: Array) -> Array:
-        """The derivative of `expand` at a state, times a step of the unknowns."""
-        return reduce(lambda x, seat: seat.pushed(x, state), self.seats, self._linear(step))
-
-    def pulled(self, state: State, forces: Array) -> Array:
-        """The transpose of `step`: forces on the unknowns of forces (dofs, ...)."""
-        pulled = reduce(lambda f, seat: seat.pulled(f, state), self.seats, forces)
-        return self.expansion.T @ pulled if pulled.ndim > 1 else self.fold(pulled)
-
-    def balanced(self, state: State, forces: Array) -> Array:
-        """`pulled` forces less the forces borne by friction on the tips."""
-        return self.fold(reduce(lambda f, seat: seat.balanced(f, state), self.seats, forces))
-
-    def turned(self, state: State, forces: Array, x: Array) -> Array:
-        """Change of `balanced` forces as the map turns by a step `x` of the dofs."""
-        turned = sum((seat.turned(forces, state, x) for seat in self.seats), np.zeros_like(x))
-        return self.fold(turned)
-
-    def pulled_matrices(self, matrices: Array, forces: Array, state: State) -> Array:
-        """The film's tangents (elements, dofs, dofs) through all seats."""
-        for seat in self.seats:
-            matrices = seat.pulled_matrices(matrices, forces, state)
-        return matrices
-
-    @cached_property
-    def driven(self) -> Array:
-        """Forces in N on unknowns, (unknowns,), that are no forces on the film."""
-        total = map(attrgetter("driven"), self.seats)
-        return self.fold(sum(total, np.zeros(len(self.of_dof))))
-
-    def raised_work(self, forces: Array) -> float:
-        """Work in J of the film's forces (dofs,) on tips at given depths."""
-        return sum(seat.raised_work(forces) for seat in self.seats)
+        return np.append(q if self.sums is None else self.sums @ q, 0.0)[self.of_dof]
 
     def fold(self, forces: Array) -> Array:
-        """Forces on the unknowns of forces on the dofs; those on fixed dofs drop out."""
+        """Forces on the unknowns of forces (dofs, ...); forces on fixed dofs drop out."""
+        if forces.ndim > 1:
+            return np.asarray(self.expansion.T @ forces)
         total = np.bincount(self.of_dof + 1, forces, self.places + 1)[1:]
         return np.asarray(total if self.sums is None else self.sums.T @ total, dtype=np.float64)
 
@@ -139,7 +93,6 @@ class Unknowns:
 
     def restrict(self, x: Array) -> Array:
         """Unknowns of the dofs `x`, averaged where dofs share one."""
-        x = reduce(lambda x, seat: seat.lifted(x), self.seats, x)
         total = np.bincount(self.of_dof + 1, x, self.places + 1)
         mean = total[1:] / np.bincount(self.of_dof + 1, minlength=self.places + 1)[1:]
         return np.asarray(mean if self.means is None else self.means @ mean)
@@ -171,6 +124,11 @@ class Assembly:
         sums = self.unknowns.sums
         return total if sums is None else (sums.T @ total @ sums).tocsc()
 
+    def of_dofs(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
+        """The matrix (unknowns, unknowns) of one of the dofs (dofs, dofs)."""
+        expansion = self.unknowns.expansion
+        return (expansion.T @ matrix @ expansion).tocsc()
+
     def of_deflections(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
         """The matrix (unknowns, unknowns) of one of the deflections (scalar dofs, scalar dofs)."""
         expansion = self.unknowns.expansion[2::3]
@@ -186,33 +144,15 @@ class Discrete(Protocol):
     def unknowns(self) -> Unknowns: ...
 
 
-def prolonged(coarse: Discrete, rich: Discrete, q: Array) -> Array:
-    """The unknowns of `rich` for the displacement that has the unknowns `q` in `coarse`."""
-    if not rich.unknowns.seats:
-        return prolongation(coarse, rich) @ q
-    values, nodes, _, _ = _representatives(coarse.space, rich.space, np.arange(rich.space.basis.N))
-    x = np.einsum("nf,nfc->nc", values, coarse.unknowns.expand(q).reshape(-1, 3)[nodes])
-    return rich.unknowns.restrict(x.ravel())
-
-
-def prolongation(coarse: Discrete, rich: Discrete, state: State | None = None) -> sp.csr_matrix:
-    """Prolongation matrix (rich unknowns, coarse unknowns): derivative of `prolonged` by `q`, at a
-    `state` of `coarse` where the film rests on a tip."""
+def prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
+    """Matrix (rich unknowns, coarse unknowns) of a displacement in both."""
     fine = rich.unknowns
     node, component = np.divmod(_first_places(fine.of_dof, fine.places), 3)
     values, nodes, matters, ends = _representatives(coarse.space, rich.space, node)
     dofs, shape = 3 * nodes + component[:, None], (fine.places, coarse.space.dof_count)
     matrix = sp.csr_matrix((values[matters], dofs[matters], ends), shape)
-    matrix = matrix @ coarse.unknowns.expansion_at(state)
-    if fine.means is not None:
-        matrix = fine.means @ matrix
-    for here, there in zip(fine.seats, coarse.unknowns.seats, strict=True):
-        if here.lead is not None and there.lead is not None:  # a depth is the same in both
-            depths = fine.of_dof[here.lead], coarse.unknowns.of_dof[there.lead]
-            others = np.arange(fine.count) != depths[0]
-            one = sp.csr_matrix(([1.0], ([depths[0]], [depths[1]])), matrix.shape)
-            matrix = sp.diags(others.astype(float)) @ matrix + one
-    return matrix.tocsr()
+    matrix = matrix @ coarse.unknowns.expansion
+    return (matrix if fine.means is None else fine.means @ matrix).tocsr()
 
 
 def _representatives(
@@ -221,16 +161,19 @@ def _representatives(
     """What makes a function of `coarse` at scalar dofs of `rich`.
 
     The values (n, functions) and scalar dofs (n, functions) of `coarse` in an element of each,
-    which of the values are not zero but for rounding, and their sums, (n + 1,).
+    which of the values are not zero but for rounding, and their sums, (n + 1,). A node beside the
+    film is its own.
     """
     shapes = shape_values(coarse.basis.elem, ELEMENTS[rich.order].doflocs.T)
-    rich_nodes = rich.basis.element_dofs
-    element, local = np.divmod(
-        _first_places(rich_nodes.T.ravel(), rich.basis.N)[nodes], len(rich_nodes)
-    )
-    matters = np.abs(shapes)[local] > rounding
+    rich_nodes, beside = rich.basis.element_dofs, nodes >= rich.basis.N
+    first = _first_places(rich_nodes.T.ravel(), rich.basis.N)
+    element, local = np.divmod(first[np.where(beside, 0, nodes)], len(rich_nodes))
+    values, coarse_nodes = shapes[local], coarse.nodes[element]
+    values[beside] = np.eye(1, values.shape[1])
+    coarse_nodes[beside, 0] = nodes[beside] - rich.basis.N + coarse.basis.N
+    matters = np.abs(values) > rounding
     ends = np.append(0, np.cumsum(matters.sum(axis=1)))
-    return shapes[local], coarse.nodes[element], matters, ends
+    return values, coarse_nodes, matters, ends
 
 
 def _first_places(labels: Indices, count: int) -> Indices:

@@ -15,7 +15,7 @@ from skfem import ElementTriP2, MeshTri2
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.charges.film_data import FilmData
 from pvdf_fem.files import FileError, replacing
-from pvdf_fem.film.loads.touchdown import tips_of
+from pvdf_fem.film.loads.touchdown import contact_pressure
 from pvdf_fem.film.membrane import principal
 from pvdf_fem.mesh.gmsh_mesh import FILM, RIM
 
@@ -79,12 +79,10 @@ def _at_nodes(film: FilmData) -> tuple[Array, Array]:
 def _contact_pressure(film: FilmData) -> Array:
     """Mean pressure of tips in the elements about each node, zero beside them, (nodes,)."""
     nodes = film.mesh.dofs.element_dofs.T
-    total, areas = np.zeros((2, len(nodes), 1))
-    for contact in tips_of(film.equilibrium):
-        _, pressure = contact.traction(film.state, film.scene.film.thickness)
-        weights = contact.space.weights[contact.patch]
-        total[contact.patch, 0] = (pressure * weights).sum(axis=1)
-        areas[contact.patch, 0] = weights.sum(axis=1)
+    weights = film.equilibrium.space.weights
+    pressure = contact_pressure(film.equilibrium, film.state)
+    areas = (weights * (pressure > 0.0)).sum(axis=1, keepdims=True)
+    total = (weights * pressure).sum(axis=1, keepdims=True)
     return _means(nodes, total / np.where(areas > 0.0, areas, 1.0), areas)
 
 

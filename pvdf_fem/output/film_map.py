@@ -18,7 +18,7 @@ from skfem import MeshTri1
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.charges.film_data import FilmData
 from pvdf_fem.charges.point_values import PointValues, values_at
-from pvdf_fem.film.loads.touchdown import tips_of
+from pvdf_fem.film.loads.touchdown import contact_pressure
 from pvdf_fem.film.membrane import principal
 from pvdf_fem.mesh.gmsh_mesh import FILM, electrode_patch
 from pvdf_fem.output import figures
@@ -132,10 +132,10 @@ def _contact(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
     places = 1e3 * np.asarray(film.equilibrium.space.basis.global_coordinates())
     least = min(touchdown.least_pressure_MPa for touchdown in touchdowns)
     norm = Normalize(least, max(touchdown.largest_pressure_MPa for touchdown in touchdowns))
-    for contact in tips_of(film.equilibrium):
-        _, pressure = contact.traction(film.state, film.scene.film.thickness)
-        grid = Triangulation(*places[:, contact.patch].reshape(2, -1))
-        drawn = _shaded(ax, grid, 1e-6 * pressure.ravel(), norm, shown.colours)
+    pressure = contact_pressure(film.equilibrium, film.state)
+    touching = pressure > 0.0
+    grid = Triangulation(*places[:, touching])
+    drawn = _shaded(ax, grid, 1e-6 * pressure[touching], norm, shown.colours)
     edges = np.concatenate([touchdown.edge_mm for touchdown in touchdowns])
     x, y = (edges.max(axis=0) + edges.min(axis=0)) / 2.0
     wide = 0.7 * np.ptp(edges, axis=0).max()

@@ -7,7 +7,7 @@ as the electrode. Empty cells leave the scene's value, or have no reading.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -24,7 +24,7 @@ from pvdf_fem.scene.change import plain, spelled
 from pvdf_fem.scene.mistakes import MOST_MISTAKES
 from pvdf_fem.scene.quantity import Section
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, choose, problem
+from pvdf_fem.scene.scene_file import SceneError, choose, flattened, problem
 from pvdf_fem.solution.solve import rest_forces
 
 MOST_BYTES = 5_000_000  #: Largest table in bytes.
@@ -32,17 +32,6 @@ PREVIEW_ROWS = 8  #: About the number of rows in a preview.
 ERROR_MM = "error_mm"  #: Column with errors of places that others found.
 #: Short names of the keys of a touch.
 SHORT = dict(zip(QUANTITIES, SCENE_KEYS, strict=True))
-
-
-def flattened(table: Any, prefix: str = "") -> Any:
-    """Values by dotted key of nested tables, as TOML makes them of keys without quotes."""
-    if not isinstance(table, Mapping):
-        return table
-    flat: dict[str, Any] = {}
-    for key, value in table.items():
-        nested = isinstance(value, Mapping)
-        flat |= flattened(value, f"{prefix}{key}.") if nested else {f"{prefix}{key}": value}
-    return flat
 
 
 #: Changes of a scene by dotted key.

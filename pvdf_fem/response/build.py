@@ -260,9 +260,6 @@ def _mistakes_of(
         if value := getattr(film, key):
             reason = "a response is of a film that is flat before it is touched"
             yield f"film.{key}: {value!r} is not for a response; {reason}; remove it"
-    if load.friction:
-        reason = "a response is of film that slides freely; give 0"
-        yield f"load.friction: {load.friction!r}: {reason}"
     if load.tangential_N is not None or load.profile != "uniform":
         uniform = "remove load.tangential_N and load.profile"
         yield f"load: a response is of a uniform pressure along z; {uniform}"

@@ -12,7 +12,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.response.model import Domain, scene_of_touch
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.status import NotConvergedError, Status
 
 if TYPE_CHECKING:
     from pvdf_fem.charges.forces import Forces
@@ -60,7 +60,6 @@ class HeldOut:
 
         Raises `NotConvergedError` when fewer than half of the touches have a solution.
         """
-        from pvdf_fem.solvers.status import NotConvergedError  # with gmsh
 
         failed = [i for i, forces in enumerate(found) if isinstance(forces, str)]
         if 2 * len(failed) > len(touches):

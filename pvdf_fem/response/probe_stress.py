@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from scipy.interpolate import krogh_interpolate
@@ -19,21 +19,18 @@ from skfem.models import mass
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact_edge import LARGEST, PENETRATION, Edge
-from pvdf_fem.film.loads.contact_guess import faces, guessed_width
-from pvdf_fem.film.loads.touchdown import edges_of, overlap_at
+from pvdf_fem.film.loads.contact_guess import first_contacts, tip_outlines
 from pvdf_fem.film.space import Space, transferred
 from pvdf_fem.mesh.gmsh_mesh import PROBE, mesh_scene, outlines
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.response.polar_raster import PolarRaster
-from pvdf_fem.scene.outlines.outline import Outline, turn
+from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import factorise
 from pvdf_fem.solvers.status import NotConvergedError, Status
 
 INSIDE = 0.999  #: Share of the film's radius within which the stress is evaluated.
-COARSER = 2.0  #: Size of the elements that find the edge of a contact over that of the others.
 
 
 @dataclass(frozen=True)
@@ -55,14 +52,14 @@ class ProbeMesh:
         sizes = "probe_size", "disc_size", "growth", "film_size"
         return replace(self, **{name: ratio * getattr(self, name) for name in sizes})
 
-    def mesh(self, scene: Scene, contact: Outline | None = None) -> MeshTri2:
-        """The mesh of a scene with a probe, or with the contact with a tip in its place."""
+    def mesh(self, scene: Scene) -> MeshTri2:
+        """The mesh of a scene with a probe, or with the guessed contact with a tip in its place."""
         assert scene.single_probe is not None
         share = self.probe_size if scene.single_probe.period_deg else self.disc_size
-        pressed = outlines(scene)[PROBE] if contact is None else contact
+        pressed = (outlines(scene) | first_contacts(scene))[PROBE]
         size = share * float(np.sqrt(pressed.area))
         sizes = Sizes({PROBE: size}, self.growth, self.film_size * scene.film.radius)
-        return mesh_scene(scene, sizes, contacts={PROBE: pressed} | faces(scene))
+        return mesh_scene(scene, sizes, contacts=tip_outlines(scene))
 
 
 def mean_stress_about_probe(
@@ -134,42 +131,18 @@ def _solved(loaded: Equilibrium, start: Array | None, force: float) -> Array:
     return result.q
 
 
-class _Rested(NamedTuple):
-    """A displacement on a tip, the edge of the contact, and how wide that was guessed to be, m."""
-
-    space: Space
-    dofs: Array
-    edge: Edge
-    guess: float
-
-
 def _stresses_on_tip(
-    scene: Scene, loads: Sequence[float], elements: ProbeMesh, most_fits: int = 3
+    scene: Scene, loads: Sequence[float], elements: ProbeMesh
 ) -> Iterator[tuple[Space, Array]]:
-    """Stress and space of a tip's forces, each on a mesh that follows the edge of its contact.
-
-    The first mesh of a force is coarse, to find the edge. Its contact is the previous force's
-    contact, with the width scaled by the ratio of the guessed widths.
-    """
-    known: _Rested | None = None
-    meshes = [replace(elements.scaled(COARSER), order=elements.order - 1), *[elements] * most_fits]
+    """Stress and space of a tip's forces, each on a mesh that is fine where its contact ends."""
+    known: tuple[Space, Array] | None = None
     for force in loads:
         loaded = scene.with_(**{"load.force_N": force})
-        (touch,) = loaded.loaded_probes
-        guess = guessed_width(touch, scene.film)
-        contact = known.edge.grown(guess / known.guess) if known else touch.tip.grown(guess)
-        for finer in meshes:
-            equilibrium = Equilibrium(loaded, finer.mesh(loaded, contact), finer.order)
-            space = equilibrium.space
-            start = known and equilibrium.restrict(transferred(known.space, known.dofs, space))
-            state = equilibrium.state(_solved(equilibrium, start, force))
-            edges = edges_of(equilibrium, state)
-            known, contact = _Rested(space, state.dofs, edges[0], guess), edges[0].fitted
-            overlap = overlap_at(equilibrium, state.dofs, edges)
-            if finer is elements and overlap <= PENETRATION:
-                break
-        if overlap > LARGEST:
-            raise NotConvergedError(f"{force:g} N: {Status.MISPLACED}; {Status.MISPLACED.advice}")
+        equilibrium = Equilibrium(loaded, elements.mesh(loaded), elements.order)
+        space = equilibrium.space
+        start = known and equilibrium.restrict(transferred(*known, space))
+        state = equilibrium.state(_solved(equilibrium, start, force))
+        known = space, state.dofs
         yield space, state.stress
 
 

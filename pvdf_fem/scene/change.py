@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from pvdf_fem.scene.registry import FORCES, RIVALS, put
 from pvdf_fem.scene.scene_file import problem
-from pvdf_fem.scene.shapes import SIZES, Layout
+from pvdf_fem.scene.shapes import LAYOUTS, RING, SIZES
 
 # Keys that decide which other keys there are, in the order in which they are changed.
 _FIRST = ("layout", "shape", "kind", "profile")
@@ -129,7 +129,7 @@ def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any, rival: Any)
         for size in node.keys() & SIZES:
             del node[size]
     if steps == ("electrodes", "layout") and node.get("layout") != value:
-        for key in node.keys() - Layout.model_fields:
+        for key in node.keys() - (LAYOUTS["square"].model_fields.keys() - RING):
             del node[key]
     put(node, last, value, rival)
 

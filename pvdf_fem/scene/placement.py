@@ -16,12 +16,12 @@ from pvdf_fem.scene.outlines.sphere import SphereShape
 from pvdf_fem.scene.outlines.tip import tip_of
 from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, SPREAD_CLASSES, Load, said_at
 from pvdf_fem.scene.scene_file import problem
-from pvdf_fem.scene.shapes import Electrode, Layout, Pressing, PressingProbe, Probe, Ring
+from pvdf_fem.scene.shapes import Electrode, Layout, Pressing, PressingProbe, Probe
 
 
 def misplacements(
     radius_mm: float | None,
-    electrodes: Layout | Ring | Mapping[str, Electrode],
+    electrodes: Layout | Mapping[str, Electrode],
     probes: Mapping[str, Any],
     load: Load | None,
     observable: str,
@@ -113,16 +113,13 @@ def _of_tip(key: str, probe: Any, load: Load) -> Iterator[str]:
     """Complaints about a probe that is a tip but does not touch, or touches and is none."""
     touches, rounding = load.kind == "contact", probe.edge_radius_mm
     try:
-        tip = tip_of(probe)
+        tip_of(probe)
     except ValueError as error:
         if touches or rounding is not None:
             reason = f'{error}; give shape = "sphere" or edge_radius_mm'
             name = "shape" if rounding is None else "edge_radius_mm"
             yield problem(f"{key}.{name}", getattr(probe, name), reason)
         return
-    if load.friction == "stuck" and tip.modes(probe.outline.centroid[None]) is None:
-        reason = "is of round tips: spheres, and circles with edge_radius_mm; give 0"
-        yield problem(said_at(key, probe, "friction"), load.friction, reason)
     if not touches:
         reason = "is of a tip that the film touches where it must"
         name = "shape" if rounding is None else "edge_radius_mm"
@@ -130,7 +127,7 @@ def _of_tip(key: str, probe: Any, load: Load) -> Iterator[str]:
         yield problem(f"{key}.{name}", getattr(probe, name), f"{reason}; {change}")
 
 
-_Electrodes = Layout | Ring | tuple[tuple[str, Electrode], ...]
+_Electrodes = Layout | tuple[tuple[str, Electrode], ...]
 
 
 @lru_cache(maxsize=16)
@@ -152,7 +149,7 @@ def _of_electrodes(
         yield from _without_edges(observable, keyed)
 
 
-def _of_layout(radius_mm: float | None, layout: Layout | Ring) -> Iterator[str]:
+def _of_layout(radius_mm: float | None, layout: Layout) -> Iterator[str]:
     key, value = "electrodes.ring_radius_mm", layout.ring_radius_mm
     electrodes = layout.electrodes
     smaller = f"electrodes.{electrodes[0].size_key} smaller"
@@ -162,7 +159,7 @@ def _of_layout(radius_mm: float | None, layout: Layout | Ring) -> Iterator[str]:
         yield problem(key, value, f"{reason}; make the ring or {smaller}")
     for a, b in combinations(electrodes, 2):
         if overlaps(a.outline, b.outline):
-            fewer = "electrodes.count or " if isinstance(layout, Ring) else ""
+            fewer = "electrodes.count or " if layout.layout == "ring" else ""
             change = f"make the ring larger or {fewer}{smaller}"
             yield problem(key, value, f"electrodes {a.name} and {b.name} overlap; {change}")
             return

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import (
     AfterValidator,
+    BeforeValidator,
     Discriminator,
     SerializerFunctionWrapHandler,
     Tag,
@@ -14,7 +16,7 @@ from pydantic import (
 )
 
 from pvdf_fem.scene.quantity import Key, Section, refusal
-from pvdf_fem.scene.scene_file import choose, problem
+from pvdf_fem.scene.scene_file import choose, flattened, problem
 
 Value = TypeVar("Value")
 
@@ -38,6 +40,26 @@ def _is_not_zero(value: float) -> float:
     if not value:
         raise refusal("reads nothing; give a number other than zero")
     return value
+
+
+def deviation(value: float | str, of: float) -> float:
+    """A standard deviation, given as a number or as ``"5 %"`` of the size of a number."""
+    if isinstance(value, str):
+        return abs(of) * float(value.rstrip("% ")) / 100.0
+    return float(value)
+
+
+def _are_deviations(given: dict[str, Any]) -> ByName[Any]:
+    for key, value in given.items():
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        is_share = isinstance(value, str) and re.fullmatch(r"\d+(\.\d*)? ?%", value)
+        if not is_share and not (is_number and 0.0 < value < 1e12):
+            raise refusal(f'has {value!r:.60} for {key}; give a number in its unit, or "5 %"')
+    return ByName(given)
+
+
+#: Standard deviations by key of the scene: numbers, or shares such as ``"5 %"``.
+Uncertain = Annotated[dict[str, Any], BeforeValidator(flattened), AfterValidator(_are_deviations)]
 
 
 class Readout(Section):

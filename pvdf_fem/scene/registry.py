@@ -6,7 +6,6 @@ A further one is a class in a file of its own and its line here. Classes are giv
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 from pydantic import (
@@ -27,7 +26,7 @@ LOAD_CLASSES = {
     "dead": "pvdf_fem.film.loads.pressure:DeadPressure",
     "follower": "pvdf_fem.film.loads.pressure:FollowerPressure",
     "rigid": "pvdf_fem.film.loads.pressure:Punch",
-    "contact": "pvdf_fem.film.loads.contact:Contact",
+    "contact": "pvdf_fem.film.loads.rigid_tip:RigidTip",
 }
 
 
@@ -99,9 +98,6 @@ class Load(Section):
     """Depth of a tip, in place of force_N."""
     force_N: Annotated[float, FORCE] = 1.0
     """Force along z."""
-    friction: Annotated[Any, Key(needs=("kind", "contact"))] = 0.0
-    """Coulomb's coefficient of a tip, from 0 to 10. stuck: the film keeps the place where it
-    touched. With either the load grows from zero in numerics.load_steps."""
     contact: Annotated[
         Literal["sliding", "stuck"] | None,
         Field(validate_default=True),
@@ -113,7 +109,7 @@ class Load(Section):
     """held: the guide of a punch keeps it horizontal by moments. free: it leans as the film lets
     it, by small angles about x and y."""
     tangential_N: Annotated[tuple[float, float] | None, TANGENTIAL] = None
-    """Force along x and y, of a dead load, a stuck punch or a tip with friction."""
+    """Force along x and y, of a dead load or a stuck punch."""
     profile: Annotated[str, Key(needs=("kind", "dead"), idle="uniform")] = "uniform"
     """How a dead load is spread: uniform, hertz (discs and ellipses), gaussian, or the path, from
     the working directory, of a CSV or NetCDF file with x_mm, y_mm and pressure on a grid in the
@@ -130,25 +126,12 @@ class Load(Section):
     def _slides(cls, value: str | None, info: ValidationInfo) -> str | None:
         return value or ("sliding" if info.data.get("kind") == "rigid" else None)
 
-    @field_validator("friction")
-    @classmethod
-    def _is_a_coefficient_or_all(cls, value: Any) -> str | float:
-        if value == "stuck":
-            return "stuck"
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not 0.0 <= value <= 10.0
-        ):
-            raise refusal('is no coefficient from 0 to 10; give one, or "stuck" for no sliding')
-        return float(value)
-
     @field_validator("profile")
     @classmethod
     def _is_a_profile(cls, value: str) -> str:
-        if value not in PROFILE_ENTRIES and not value.partition(PIN)[0].endswith((".csv", ".nc")):
+        if value not in PROFILE_ENTRIES and not value.partition(PIN)[0].endswith(".csv"):
             known = choose(value, list(PROFILE_ENTRIES))
-            raise refusal(f"is no path that ends in .csv or .nc and no profile; {known}")
+            raise refusal(f"is no path that ends in .csv and no profile; {known}")
         return value
 
     @field_validator("tangential_N")
@@ -156,12 +139,8 @@ class Load(Section):
     def _is_borne(cls, value: Any, info: ValidationInfo) -> Any:
         if value is not None and info.data.get("kind") == "follower":
             raise refusal('is not of a pressure normal to the film; remove it or give kind "dead"')
-        friction, force = info.data.get("friction"), info.data.get("force_N")
-        if value is not None and info.data.get("kind") == "contact" and isinstance(friction, float):
-            most = math.inf if info.data.get("depth_mm") and friction else friction * (force or 0.0)
-            if math.hypot(*value) >= most:
-                reason = f"slides off, as friction bears {most:.3g} N at most"
-                raise refusal(f'{reason}; raise load.friction, or give friction = "stuck"')
+        if value is not None and info.data.get("kind") == "contact":
+            raise refusal("is not of a tip, which a guide holds and the film slides on; remove it")
         if value is not None and info.data.get("contact") == "sliding":
             raise refusal('slides off without friction; remove it or give contact = "stuck"')
         return value
@@ -187,12 +166,11 @@ class Load(Section):
         """Depth of a tip in m, where it is given instead of a force."""
         return None if self.depth_mm is None else self.depth_mm / 1e3
 
-    def times(self, part: float) -> Load:
-        """A part of the force along z, none sideways; a tip's depth is about as its third root."""
-        depth_mm = self.depth_mm and self.depth_mm * part ** (1.0 / 3.0)
+    @property
+    def unloaded(self) -> Load:
+        """The load without any force."""
         pushed = self.tangential_N and (0.0, 0.0)
-        update = {"depth_mm": depth_mm, "tangential_N": pushed, "force_N": part * self.force_N}
-        return self.model_copy(update=update)
+        return self.model_copy(update={"tangential_N": pushed, "force_N": 0.0})
 
     @property
     def force(self) -> float:

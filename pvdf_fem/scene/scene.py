@@ -15,9 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self, overload
 
 from pydantic import (
-    SerializerFunctionWrapHandler,
     ValidationError,
-    model_serializer,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
@@ -29,7 +27,7 @@ from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.tip import Tip, tip_of
 from pvdf_fem.scene.placement import clashes, misplacements
 from pvdf_fem.scene.quantity import Affects, Key, Section
-from pvdf_fem.scene.readout import Readout
+from pvdf_fem.scene.readout import Readout, Uncertain
 from pvdf_fem.scene.registry import FORCES, OBSERVABLE_ENTRIES, Load, OwnLoad
 from pvdf_fem.scene.scene_file import (
     SceneError,
@@ -40,7 +38,7 @@ from pvdf_fem.scene.scene_file import (
     read_scene_text,
     write_toml,
 )
-from pvdf_fem.scene.shapes import Electrode, Electrodes, Layout, Probe, Probes
+from pvdf_fem.scene.shapes import LAYOUTS, Electrode, Electrodes, Layout, Probe, Probes
 from pvdf_fem.scene.stage import Stage, WantedModel
 
 __all__ = [
@@ -72,9 +70,6 @@ class Numerics(Section):
     ] = "material"
     """material: d31 S11 + d32 S22 over the electrode. thesis-edge: mean stress on opposite edges
     times the area."""
-    load_steps: Annotated[int | None, Key("", (3, 50), example=6)] = None
-    """Steps in which film comes to stick to a tip, 6 by default, or slides against friction, 4 by
-    default."""
     max_unknowns: Annotated[int | None, Key("unknowns", (100, 10_000_000), example=60000)] = None
     """Largest number of unknowns of a refined mesh; by default 60000, 30000 if the film wrinkles,
     and more for tolerances below 1e-3."""
@@ -82,11 +77,6 @@ class Numerics(Section):
     """Work allowed for a solve in seconds of one core, counted by unknowns and iterations so that a
     result does not depend on the machine's load; by default 20, and more for tolerances below
     1e-3."""
-
-    @model_serializer(mode="wrap")
-    def _without_default_limits(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """The table without limits that are None, as scene files leave them out."""
-        return {key: value for key, value in handler(self).items() if value is not None}
 
 
 if TYPE_CHECKING:
@@ -132,7 +122,7 @@ class Scene(Section):
 
     film: Film = Film()
     """The film and its material."""
-    electrodes: Annotated[Electrodes, Key(affects=Affects.READING)] = Layout()
+    electrodes: Annotated[Electrodes, Key(affects=Affects.READING)] = LAYOUTS["square"]()
     """The electrodes: a layout, or a list of any."""
     probe: Probes | None = None
     """What presses on the film, or a list of several; nothing does where it is not given."""
@@ -151,6 +141,11 @@ class Scene(Section):
     """The air on both sides of the film, for vibrations."""
     model: Annotated[WantedModel | None, Key(affects=Affects.INSTRUMENT)] = None
     """The model of the charges by the touch."""
+    uncertain: Annotated[
+        Uncertain | None,
+        Key(affects=Affects.INSTRUMENT, example={"film.thickness_um": "5 %"}),
+    ] = None
+    """Standard deviations of numbers of the scene, by key: ``{ "film.thickness_um" = "5 %" }``."""
 
     if not TYPE_CHECKING:  # type checkers have the keys from the fields
 

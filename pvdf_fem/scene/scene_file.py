@@ -119,9 +119,24 @@ def write_toml(table: Mapping[str, Any]) -> str:
             (f"[[{name}]]", content) if isinstance(content, list) else (f"[{name}]", [content])
         )
         for row in rows:
-            lines = [heading, *(f"{key} = {toml_value(value)}" for key, value in row.items())]
+            lines = [heading, *(f"{_key(k)} = {toml_value(value)}" for k, value in row.items())]
             blocks.append("\n".join(lines) + "\n")
     return "\n".join(blocks)
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else toml_value(name)
+
+
+def flattened(table: Any, prefix: str = "") -> Any:
+    """Values by dotted key of nested tables, as TOML makes them of keys without quotes."""
+    if not isinstance(table, Mapping):
+        return table
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        nested = isinstance(value, Mapping)
+        flat |= flattened(value, f"{prefix}{key}.") if nested else {f"{prefix}{key}": value}
+    return flat
 
 
 def parse_change(text: str) -> tuple[str, Any]:

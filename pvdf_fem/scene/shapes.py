@@ -24,13 +24,13 @@ from pvdf_fem.scene.outlines.circle import CircleShape
 from pvdf_fem.scene.outlines.ellipse import EllipseShape
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.outlines.polygon import PolygonShape, RectangleShape, SquareShape, TriangleShape
-from pvdf_fem.scene.outlines.shape import HEAT, SIZE, Shape
+from pvdf_fem.scene.outlines.shape import HEAT, SIZE, Shape, Touching
 from pvdf_fem.scene.outlines.sphere import SphereShape
 from pvdf_fem.scene.quantity import Affects, Key, Section, refusal
 from pvdf_fem.scene.registry import DEPTH, FORCE, FORCES, RIVALS, TANGENTIAL, Load, OwnLoad, put
 
 #: Keys of materials, which the film and its patches have.
-MODULUS = Key("GPa", (1e-6, 1e4), mistaken={"Pa": 1e-9, "MPa": 1e-3})
+MODULUS = Key("GPa", (1e-6, 1e4), usual=(1e-6, 1500.0), mistaken={"Pa": 1e-9, "MPa": 1e-3})
 EXPANSION = Key("1/K", (-0.1, 0.1), Affects.STRAIN_AT_REST)
 #: Shapes of probes and electrodes. A new shape is named here.
 _SHAPES: list[type[Shape]] = [RectangleShape, CircleShape, EllipseShape, PolygonShape]
@@ -46,25 +46,14 @@ def _is_name(name: str) -> str:
     return name
 
 
-class _Flat(Section):
-    """What is no probe."""
-
-    @field_validator("edge_radius_mm", *HEAT, check_fields=False)
-    @classmethod
-    def _is_of_probes(cls, value: float | None) -> float | None:
-        if value is not None:
-            raise refusal("is of probes only; remove it")
-        return value
-
-
-class _Named(_Flat):
+class _Named(Section):
     """The name of an electrode."""
 
     name: Annotated[str, AfterValidator(_is_name), Key(example="A")]
     """A name that no other electrode has."""
 
 
-class Bonded(_Flat):
+class Bonded(Section):
     """A layer bonded to the film, as tape, ink or solder. Layers may overlap electrodes, probes and
     each other, and reach over the rim. Their material is the film's where it is not given."""
 
@@ -156,7 +145,7 @@ def _over(table: dict[str, Any], said: Mapping[str, Any]) -> dict[str, Any]:
 
 if TYPE_CHECKING:
 
-    class Probe(Shape):
+    class Probe(Touching):
         """A probe, whatever its shape."""
 
     class PressingProbe(Probe, Pressing):
@@ -177,13 +166,14 @@ def _made(name: str, base: Any, doc: str | None, **fields: Any) -> Any:
     return model
 
 
-def _pressing(shape: type[Shape]) -> Any:
-    """The model of probes of a list of a shape."""
-    name = shape.__name__.replace("Shape", "Probe")
-    return _made(name, (shape, Pressing), shape.__doc__)
+def _probe(shape: type[Shape], kind: str, *bases: type[Section]) -> Any:
+    """The model of probes of a shape."""
+    name = shape.__name__.replace("Shape", kind)
+    touching = () if issubclass(shape, Touching) else (Touching,)
+    return _made(name, (shape, *touching, *bases), shape.__doc__)
 
 
-def _flat(shape: type[Shape], base: type[_Flat], kind: str) -> Any:
+def _flat(shape: type[Shape], base: type[Section], kind: str) -> Any:
     """The model of electrodes or patches of a shape, without default for place and sizes. A shape
     of probes has the sizes of the thesis's probe by default, so electrodes and patches must give
     their sizes; the square keeps its default, the size of the thesis's electrodes."""
@@ -204,14 +194,15 @@ def _word(shape: type[Shape]) -> str:
 
 
 #: The models of probes, of probes of a list and of electrodes by shape.
-PROBES = {_word(shape): shape for shape in _OF_PROBES_ONLY + _SHAPES}
-LISTED_PROBES = {word: _pressing(shape) for word, shape in PROBES.items()}
+_PROBES = _OF_PROBES_ONLY + _SHAPES
+PROBES = {_word(shape): _probe(shape, "Probe") for shape in _PROBES}
+LISTED_PROBES = {_word(shape): _probe(shape, "ListedProbe", Pressing) for shape in _PROBES}
 _FLAT = _OF_ELECTRODES_ONLY + _SHAPES
 ELECTRODES = {_word(shape): _flat(shape, _Named, "Electrode") for shape in _FLAT}
 PATCHES = {_word(shape): _flat(shape, Bonded, "Patch") for shape in _FLAT}
 #: Keys that shapes do not share. A shape that becomes another one leaves them behind.
-SIZES = {key for shape in _FLAT + _OF_PROBES_ONLY for key in shape.model_fields}
-SIZES -= {"shape", *Shape.model_fields} - {"edge_radius_mm"}
+SIZES = {key for probe in PROBES.values() for key in probe.model_fields}
+SIZES -= {*Shape.model_fields, *HEAT}
 
 
 def _one_of(models: Mapping[str, type[Section]], default: str) -> Any:
@@ -221,7 +212,7 @@ def _one_of(models: Mapping[str, type[Section]], default: str) -> Any:
         if isinstance(value, Mapping):
             value = value.get("shape", default)
             return f"<{value}>" if isinstance(value, str) else ""
-        return f"<{value.shape}>" if isinstance(value, Shape | Ring) else None
+        return f"<{value.shape}>" if isinstance(value, Shape | Layout) else None
 
     tagged = tuple(Annotated[model, Tag(f"<{shape}>")] for shape, model in models.items())
     return Annotated[Union[tagged], Discriminator(shape_of)]  # noqa: UP007
@@ -234,51 +225,24 @@ if not TYPE_CHECKING:
     Patch = _one_of(PATCHES, "square")
 
 
-def _around(
-    ring_radius_mm: float, count: int, first_deg: float, **keys: Any
-) -> tuple[Electrode, ...]:
-    """Electrodes evenly on a ring, none of them turned: A at the first angle, B, C, ..."""
-    model = ELECTRODES[keys["shape"]]
-    angles = first_deg + 360.0 * np.arange(count) / count
-    places = [turn([ring_radius_mm, 0.0], angle).tolist() for angle in angles]
-    return tuple(
-        model(name=name, x_mm=x, y_mm=y, **keys)
-        for name, (x, y) in zip(ascii_uppercase, places, strict=False)
-    )
-
-
 class Layout(Section):
-    """The thesis's layouts: square electrodes on a ring, their edges along x and y."""
-
-    layout: Literal["four", "three"] = "four"
-    """four: A on +x, B on +y, C on -x, D on -y. three: A at 270°, B at 30°, C at 150°. ring: any
-    number of electrodes of any shape."""
-    ring_radius_mm: Annotated[float, SIZE] = 10.0
-    """From the film's centre to the centres of the electrodes."""
-    side_mm: Annotated[float, SIZE] = 3.0
-    """Length of a side."""
-
-    @cached_property
-    def electrodes(self) -> tuple[Electrode, ...]:
-        """The electrodes of the layout."""
-        count, first_deg = {"four": (4, 0.0), "three": (3, 270.0)}[self.layout]
-        keys = {"shape": "square", "side_mm": self.side_mm}
-        return _around(self.ring_radius_mm, count, first_deg, **keys)
-
-
-class Ring(Section):
     """Electrodes of one shape, evenly on a ring: A, B, C, ... counter-clockwise. None is turned:
     the axes of each electrode are the film's, as in the thesis."""
 
-    layout: Literal["ring"] = "ring"
-    """A ring of any number of electrodes of any shape."""
-    count: Annotated[int, Key("electrodes", (1, 25))] = 4
-    """Number of electrodes on the ring."""
+    layout: Literal["four", "three", "ring"] = "four"
+    """four: the thesis's squares, A on +x, B on +y, C on -x, D on -y. three: A at 270°, B at 30°,
+    C at 150°. ring: any number of electrodes of any shape."""
+    count: Annotated[
+        int | None, Key("electrodes", (1, 25), needs=("layout", "ring"), example=6)
+    ] = None
+    """Number of electrodes on the ring; 4 where it is not given."""
     ring_radius_mm: Annotated[float, SIZE] = 10.0
     """From the film's centre to the centres of the electrodes."""
-    first_angle_deg: Annotated[float, Key("degrees", (-3600.0, 3600.0))] = 0.0
-    """From +x to A."""
-    centre: Annotated[bool, Key()] = False
+    first_angle_deg: Annotated[
+        float | None, Key("degrees", (-3600.0, 3600.0), needs=("layout", "ring"), example=45.0)
+    ] = None
+    """From +x to A; 0 where it is not given."""
+    centre: Annotated[bool, Key(needs=("layout", "ring"))] = False
     """One more electrode, the last, is on the film's centre."""
     shape: str
     """The shape of all electrodes, with its sizes."""
@@ -286,60 +250,66 @@ class Ring(Section):
     @cached_property
     def electrodes(self) -> tuple[Electrode, ...]:
         """The electrodes on the ring, then the one on the centre."""
-        keys = self.model_dump(exclude=set(Ring.model_fields) - {"shape"})
-        around = _around(self.ring_radius_mm, self.count, self.first_angle_deg, **keys)
-        if self.centre:
-            name = ascii_uppercase[self.count]
-            around += (around[0].model_copy(update={"name": name, "x_mm": 0.0, "y_mm": 0.0}),)
-        return around
+        count, first_deg = self.count or 4, self.first_angle_deg or 0.0
+        if self.layout == "three":
+            count, first_deg = 3, 270.0
+        turns = 360.0 * np.arange(count) / count
+        places = [turn([self.ring_radius_mm, 0.0], first_deg + angle) for angle in turns]
+        places += [np.zeros(2)] if self.centre else []
+        sizes = {key: getattr(self, key) for key in type(self).model_fields.keys() & SIZES}
+        return tuple(
+            ELECTRODES[self.shape](name=name, x_mm=float(x), y_mm=float(y), **sizes)
+            for name, (x, y) in zip(ascii_uppercase, places, strict=False)
+        )
 
 
-def _ring(electrode: type[Shape]) -> Any:
-    """The model of a ring of electrodes of a shape, whose keys it has but for name and place."""
+#: What keys of a layout need beside them.
+RING = {key: needs for key in Layout.model_fields if (needs := Layout.key_of(key).needs)}
+RING["shape"] = ("layout", "ring")
+
+
+def _layout(electrode: type[Shape]) -> Any:
+    """The model of a layout of electrodes of a shape, whose keys it has but for name and place."""
     fields: Any = {
         key: (field.annotation, field)
         for key, field in electrode.model_fields.items()
-        if key == "shape" or key not in Shape.model_fields | _Named.model_fields
+        if key not in Shape.model_fields | _Named.model_fields
     }
-    name = electrode.__name__.replace("Electrode", "Ring")
-    return _made(name, Ring, Ring.__doc__, **fields)
+    shape = electrode.model_fields["shape"]
+    said = Key(needs=RING["shape"], idle="square")
+    fields["shape"] = Annotated[shape.annotation, said], shape.default
+    name = electrode.__name__.replace("Electrode", "Layout")
+    return _made(name, Layout, electrode.__doc__, **fields)
 
 
-#: The models of rings by the shape of their electrodes.
-RINGS = {shape: _ring(electrode) for shape, electrode in ELECTRODES.items()}
+#: The models of layouts by the shape of their electrodes.
+LAYOUTS = {shape: _layout(electrode) for shape, electrode in ELECTRODES.items()}
 #: Models by the sections and tags of unions that lead to them.
 MODELS: dict[tuple[str, ...], type[Section]] = {
-    ("electrodes", "layout"): Layout,
     **{("probe", "table", shape): model for shape, model in PROBES.items()},
     **{("probe", "list", shape): model for shape, model in LISTED_PROBES.items()},
     **{("probe", "list", shape, "load"): OwnLoad for shape in LISTED_PROBES},
     **{("electrodes", "list", shape): model for shape, model in ELECTRODES.items()},
-    **{("electrodes", "ring", shape): model for shape, model in RINGS.items()},
+    **{("electrodes", "table", shape): model for shape, model in LAYOUTS.items()},
     **{("film", "patches", shape): model for shape, model in PATCHES.items()},
 }
 if TYPE_CHECKING:
-    AnyRing: TypeAlias = Ring
+    AnyLayout: TypeAlias = Layout
 else:
-    AnyRing = _one_of(RINGS, "square")
+    AnyLayout = _one_of(LAYOUTS, "square")
 
 
-def _table_or_list(value: Any) -> str | None:
-    if isinstance(value, list | tuple):
-        return "<list>"
-    if not isinstance(value, Mapping | Layout | Ring):
-        return None
-    layout = value.get("layout") if isinstance(value, Mapping) else value.layout
-    return "<ring>" if layout == "ring" else "<layout>"
+def _table_or_list(value: Any) -> str:
+    return "<list>" if isinstance(value, list | tuple) else "<table>"
 
 
 Probes: TypeAlias = Annotated[
     Annotated[Probe, Tag("<table>")]
     | Annotated[tuple[PressingProbe, ...], Field(min_length=1, max_length=20), Tag("<list>")],
-    Discriminator(lambda value: "<list>" if isinstance(value, list | tuple) else "<table>"),
+    Discriminator(_table_or_list),
 ]
 Electrodes: TypeAlias = Annotated[
-    Annotated[Layout, Tag("<layout>")]
-    | Annotated[AnyRing, Tag("<ring>")]
+    Annotated[AnyLayout, Tag("<table>")]
     | Annotated[tuple[Electrode, ...], Field(min_length=1, max_length=100), Tag("<list>")],
     Discriminator(_table_or_list),
 ]

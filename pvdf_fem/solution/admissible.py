@@ -32,6 +32,8 @@ STRENGTH = 180e6
 SLOPE_LIMIT = 0.5
 
 
+#: Reach of a contact over the film's radius from which a tip meets the clamped rim.
+NEAR_RIM = 0.99
 #: Relative change of a charge by wrinkles above which a membrane in compression is no result.
 MOST_CHANGE = 0.1
 
@@ -46,11 +48,20 @@ def refusal(fields: Fields, factors: SuperLU | None, change: float | None) -> St
     equilibrium, state = fields.solved, fields.solved_state
     if not balanced(equilibrium, state, factors, equilibrium.model.imbalance):
         return Status.UNBALANCED
+    if meets_rim(fields):
+        return Status.RIM
     if not equilibrium.conservative and beyond_limit(factors):
         return Status.UNSTABLE
     # without compression the energy has no other stationary point
     buckled = compressed(state) and not is_stable(equilibrium, factors)
     return Status.UNSTABLE if buckled or (change or 0.0) > MOST_CHANGE else None
+
+
+def meets_rim(fields: Fields) -> bool:
+    """Whether a tip touches the film up to the rim."""
+    solved = fields.solved
+    reach = max(term.reach(fields.solved_state) for term in solved.terms)
+    return reach > NEAR_RIM * solved.film.radius
 
 
 def changes_by_wrinkles(attempt: Attempt) -> Array | None:

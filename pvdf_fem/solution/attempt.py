@@ -15,6 +15,7 @@ from pvdf_fem.charges.forces import (
     Forces,
     area_defects,
     charge_sizes,
+    charges_of,
     force_errors,
     goal_forces,
     goal_gradients,
@@ -26,14 +27,13 @@ from pvdf_fem.film.layers import Layers, remaining_part
 from pvdf_fem.film.loads.kinds import rigid_elements
 from pvdf_fem.film.loads.posed import NOTHING, Posed
 from pvdf_fem.film.space import transferred
-from pvdf_fem.film.unknowns import prolonged
+from pvdf_fem.film.unknowns import prolongation
 from pvdf_fem.mesh.size_field import SizeField, refined_sizes
 from pvdf_fem.mesh.symmetry import MirroredPart
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.estimate import Correction, corrected, duals, indicators
 from pvdf_fem.solution.fields import Fields
 from pvdf_fem.solution.history import Clock
-from pvdf_fem.solution.tips import edges
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import NewtonResult, Tried
@@ -125,11 +125,6 @@ def solve_on(
     problem: Problem, part: MirroredPart, mesh: MeshTri2, coarser: Attempt | None = None
 ) -> Attempt:
     """Solve on the mesh of a part of the film, from the solution on a coarser one if there is."""
-    # a guessed edge of a contact is found well enough in the order below
-    if coarser is None and problem.order > 2 and edges.outlines_of(problem.scene):
-        rough = solve_on(replace(problem, order=2), part, mesh)
-        if rough.status is Status.MISPLACED:
-            return replace(rough, problem=problem)
     with problem.clock("solve"):
         equilibrium = Equilibrium(problem.scene, mesh, problem.order, part, problem.posed)
         result = _equilibrated(problem, equilibrium, coarser)
@@ -143,13 +138,6 @@ def solve_on(
     )
     if not result.converged or result.factors is None:
         return attempt
-    if equilibrium.unknowns.seats:
-        fields = edges.with_edges(attempt.fields)
-        attempt = replace(attempt, fields=fields)
-        moved = coarser.fields if coarser and coarser.status is Status.MISPLACED else None
-        sizes = attempt.charge_sizes
-        if status := edges.status_of(fields, moved, result.factors, problem.goals, sizes):
-            return replace(attempt, result=replace(result, status=status))
     with problem.clock("estimate"):
         return _with_errors(attempt)
 
@@ -190,10 +178,9 @@ def _with_errors(attempt: Attempt, iterations: int = 4) -> Attempt:
         errors = larger(errors, least, problem.goals)
     # both orders share the elements, and the area that these lack of a round electrode
     lacking = area_defects(problem.goals, equilibrium.space, equilibrium.part)
-    defects = lacking[:, None] * np.abs(forces)
-    errors += np.where(errors < 0.0, -defects, defects)
-    if attempt.fields.edges:
-        errors += edges.errors_by_edges(attempt.fields, result.factors, problem.goals)
+    defects = lacking[:, None] * forces
+    charges, lost = (charges_of(problem.goals, some) for some in (errors, defects))
+    errors += np.where(charges * lost < 0.0, -1.0, 1.0)[:, None] * defects
     fields = replace(attempt.fields, forces=Forces(forces, errors))
     return replace(attempt, fields=fields, correction=correction, layers=layers)
 
@@ -240,7 +227,7 @@ def _from_below(
         return None
     if equilibrium.model.wrinkles and barely_loaded(equilibrium.scene):
         return None  # the solution of another order is far away
-    lower = equilibrium.with_(order=order - 1)
+    lower = equilibrium.with_(order=order - 1).each(lambda term: term.softer())
     start = _from_below(lower, budget)
     if isinstance(start, Status):
         return start
@@ -248,7 +235,9 @@ def _from_below(
     budget.spend(lower, result.fresh_count)
     if result.status is Status.UNSTABLE and lower.model.bends:
         return result.status
-    return prolonged(lower, equilibrium, result.q) if result.converged else None
+    if not result.converged:
+        return None
+    return equilibrium.started(equilibrium.dofs(prolongation(lower, equilibrium) @ result.q))
 
 
 def refined(
@@ -265,8 +254,6 @@ def refined(
     dual, by_goal = error_indicators(correction, factors, goals, attempt.charge_sizes[worst])
     shares = by_goal.max(axis=1)
     reduction = tolerance / attempt.worst
-    if attempt.fields.edges:
-        reduction = min(reduction, 1.0)
     most: Array | float = np.inf
     if layers := attempt.layers:
         effects = layers.effects(dual).max(axis=1)

@@ -26,7 +26,7 @@ from scipy.sparse.linalg import SuperLU
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.term import State
-from pvdf_fem.film.unknowns import prolongation, prolonged
+from pvdf_fem.film.unknowns import prolongation
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import NewtonResult
@@ -83,8 +83,8 @@ def corrected(
     `rich` is the scene of `coarse` on the same mesh in a space that contains the other, and
     `factors` the factorised tangent of `coarse` near `q`.
     """
-    prolong = prolongation(coarse, rich, coarse.state(q))
-    start = prolonged(coarse, rich, q)
+    prolong = prolongation(coarse, rich)
+    start = prolong @ q
     state = rich.state(start)
     correction = Correction(rich, start, start, state, prolong)
     better = _few_steps(correction, factors, options)
@@ -157,7 +157,7 @@ def duals(correction: Correction, factors: SuperLU, goals: Array) -> Array:
 
     `goals` (rich dofs, goals) are the derivatives of the goals; `factors` is the coarse tangent.
     """
-    rich = correction.rich.on_unknowns(correction.state, goals)
+    rich = correction.rich.unknowns.fold(goals)
     return factors.solve(correction.prolong.T @ rich, "T")
 
 
@@ -173,8 +173,8 @@ def indicators(correction: Correction, dual: Array, goals: Array) -> Array:
     error = rich.element_action(state, correction.q - correction.start)
     diagonal = rich.diagonal(state)
     shares = []
-    for goal, solution in zip(rich.on_unknowns(state, goals).T, dual.T, strict=True):
+    for goal, solution in zip(rich.unknowns.fold(goals).T, dual.T, strict=True):
         missing = (goal - rich.action(state, correction.prolong @ solution)) / diagonal
-        local = rich.step(state, missing)[rich.space.element_dofs]
+        local = rich.unknowns.expand(missing)[rich.space.element_dofs]
         shares.append(np.abs((error * local).sum(axis=1)))
     return np.stack(shares, axis=-1)

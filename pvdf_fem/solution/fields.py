@@ -13,8 +13,7 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.charges.forces import Forces, goal_forces
 from pvdf_fem.charges.goals import Goal
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact_edge import Edge
-from pvdf_fem.film.loads.touchdown import Touchdown, tips_of
+from pvdf_fem.film.loads.touchdown import Touchdown, touchdowns
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch, named
@@ -32,8 +31,6 @@ class Fields:
     q: Array
     #: Of the goals, with their errors.
     forces: Forces
-    #: The edges of contacts with tips.
-    edges: tuple[Edge, ...] = ()
 
     @cached_property
     def solved_dofs(self) -> Array:
@@ -52,8 +49,7 @@ class Fields:
     @cached_property
     def touchdowns(self) -> dict[str, Touchdown]:
         """What the tips do, by the names of their patches."""
-        pairs, state = zip(tips_of(self.solved), self.edges, strict=True), self.solved_state
-        return {c.touch.patch: Touchdown.of(self.solved, c, edge, state) for c, edge in pairs}
+        return touchdowns(self.solved, self.solved_state)
 
     @cached_property
     def equilibrium(self) -> Equilibrium:
@@ -130,4 +126,4 @@ def unfolded_dofs(solved: Equilibrium, x: Array, whole: Equilibrium) -> Array:
     displacement = x.reshape(-1, 3)[source]
     signs = np.where((places < 0.0) & mirrored, -1.0, 1.0).T
     displacement[:, :2] = (signs * displacement[:, :2]) @ part.frame
-    return displacement.ravel()
+    return np.append(displacement, x[solved.space.own_dofs])

@@ -17,7 +17,6 @@ class Stop(StrEnum):
     GIVEN_MESH = "the mesh was given"
     SECONDS = "a finer mesh would need more work than numerics.max_seconds allows; raise it"
     UNKNOWNS = "a finer mesh would need more unknowns than numerics.max_unknowns allows; raise it"
-    STEPS = "the steps of the load leave more; raise numerics.tolerance or numerics.load_steps"
     MESHES = "the largest number of meshes was made"
     MESH_FAILED = "gmsh could not make the next mesh"
     FINER_FAILED = "Newton's method failed on the next mesh"

@@ -72,8 +72,6 @@ class Rules:
     #: A mesh that may only have this part of the last one's unknowns would not be better.
     least: float = 0.7
     most_meshes: int = 10
-    #: The edge of a contact is moved at most this often on meshes of the same sizes.
-    most_fits: int = 5
     #: The unknowns that can be paid grow as this power of the work of a mesh.
     work_exponent: float = 0.8
     #: Newton iterations that a solve on a mesh, with the estimate of its error, takes at least.
@@ -98,7 +96,7 @@ class MeshLoop(Generic[T]):
     unknowns_per_element: float
     #: The part of the film that is meshed.
     part: MirroredPart = WHOLE
-    #: Edges of contacts with tips by patch name, after the attempt before or None.
+    #: Outlines of contacts with tips by patch name, after the attempt before or None.
     contacts_of: Callable[[T | None], Mapping[str, Outline]] = lambda attempt: {}
     rules: Rules = field(default_factory=Rules)
     history: list[MeshRecord] = field(default_factory=list)
@@ -151,15 +149,7 @@ class MeshLoop(Generic[T]):
         return most, Stop.SECONDS if most == by_work else Stop.UNKNOWNS
 
     def attempt(self, sizes: Sizes | SizeField, coarser: T | None) -> T:
-        """Mesh and solve, again where the edge of a contact has to move."""
-        attempt = self._attempt_once(sizes, coarser)
-        for _ in range(self.rules.most_fits):
-            if attempt.status is not Status.MISPLACED:
-                break
-            attempt = self._attempt_once(sizes, attempt)
-        return attempt
-
-    def _attempt_once(self, sizes: Sizes | SizeField, coarser: T | None) -> T:
+        """Mesh and solve."""
         start = time.perf_counter()
         require = partial(self._require_affordable, overestimate=self.rules.overestimate)
         with self.clock("mesh"):

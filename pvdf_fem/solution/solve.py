@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -23,15 +23,19 @@ from pvdf_fem.charges.goals import Goal, goals_of
 from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.charges.thickness import thickness_remarks
 from pvdf_fem.film.electric.coupling import coupling_remarks
+from pvdf_fem.film.loads.contact_edge import outlines_found
+from pvdf_fem.film.loads.contact_guess import tip_outlines
 from pvdf_fem.film.loads.everywhere.weight import weight_remarks
 from pvdf_fem.film.loads.heat import heat_remarks
-from pvdf_fem.film.loads.posed import NOTHING, Held, Posed, Pressure
+from pvdf_fem.film.loads.posed import NOTHING, Posed, Pressure
 from pvdf_fem.film.loads.profiles import pinned, profile_of
+from pvdf_fem.film.loads.touchdown import tips_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.mesh.mesh_file import mesh_of
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart, part_of
 from pvdf_fem.scene.given import SceneLike, scene_of
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solution import admissible
@@ -46,16 +50,12 @@ from pvdf_fem.solution.first_sizes import ORDER, first_sizes
 from pvdf_fem.solution.history import Clock, MeshRecord, Stop
 from pvdf_fem.solution.refinement import MeshLoop, TooManyUnknownsError
 from pvdf_fem.solution.solution import Solution
-from pvdf_fem.solution.tips import steps
-from pvdf_fem.solution.tips.edges import outlines_of
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import barely_loaded
 
 #: Relative error of a charge above which a film that is barely loaded is called slack.
 UNKNOWN_CHARGE = 0.1
-#: Tolerance over the error of steps of the load from which both that and a mesh's keep to it.
-ROOM = 2.0
 
 
 class RestError(SceneError):
@@ -185,12 +185,7 @@ def solve_goals(
         scene.require_no_tips("a mesh that is given")
     budget = Budget.of(scene) if budget is None else budget
 
-    def solved(loaded: Scene, held: Mapping[str, Held]) -> Solution:
-        """With less load or tips that have moved, and what these hold."""
-        here = replace(posed, held=held)
-        return _solved(Problem(loaded, goals, order, budget, Clock(), here), mesh)
-
-    solution = steps.stepped(scene, solved)
+    solution = _solved(Problem(scene, goals, order, budget, Clock(), posed), mesh)
     included = (*posed.remarks, *solution.included)
     return replace(solution, scene=scene, pressure=posed.pressure, included=included)
 
@@ -201,7 +196,7 @@ def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
     loop = _mesh_loop(problem, WHOLE if mesh is not None else _part(problem))
     if mesh is not None:
         attempt = loop.attempt_on(mesh, None, time.perf_counter())
-        return _solution(steps.with_errors(attempt), Stop.GIVEN_MESH, loop.history)
+        return _solution(attempt, Stop.GIVEN_MESH, loop.history)
     try:
         attempt, stop = loop.run()
     except MeshError as error:
@@ -211,9 +206,7 @@ def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
     except TooManyUnknownsError as error:
         seconds = problem.clock.seconds()
         return Solution(scene, Status.TOLERANCE, str(error), error.stop, seconds=seconds)
-    judged = steps.with_errors(attempt)
-    few = attempt.bound <= scene.numerics.tolerance < judged.bound
-    return _solution(judged, Stop.STEPS if few else stop, loop.history)
+    return _solution(attempt, stop, loop.history)
 
 
 def _part(problem: Problem) -> MirroredPart:
@@ -227,7 +220,6 @@ def _part(problem: Problem) -> MirroredPart:
 
 
 def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
-    scene = problem.scene
     return MeshLoop(
         problem.scene,
         partial(first_sizes, problem.scene, problem.order),
@@ -237,8 +229,17 @@ def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
         problem.clock,
         UNKNOWNS_PER_ELEMENT[problem.order],
         part,
-        lambda attempt: outlines_of(scene, attempt.fields if attempt else None),
+        partial(_contacts, problem.scene),
     )
+
+
+def _contacts(scene: Scene, attempt: Attempt | None) -> dict[str, Outline]:
+    """What a mesh follows of tips: outlines as guessed, or as an attempt found."""
+    if attempt is None:
+        return tip_outlines(scene)
+    state = attempt.fields.solved_state
+    found = (outlines_found(tip, state) for tip in tips_of(attempt.equilibrium))
+    return {name: outline for outlines in found for name, outline in outlines.items()}
 
 
 def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> Solution:
@@ -260,9 +261,8 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
     remarks += [*heat_remarks(scene, charges_pC), *weight_remarks(scene)]
     reason = status.advice
     if status is Status.TOLERANCE:
-        # a coarser mesh leaves more beside what the steps do
-        enough = attempt.bound * (ROOM if stop is Stop.STEPS else 1.0)
-        reason = f"{reason}, to at least {_rounded_up(enough)}, which can be reached ({stop.value})"
+        enough = _rounded_up(attempt.bound)
+        reason = f"{reason}, to at least {enough}, which can be reached ({stop.value})"
     elif status is Status.CONVERGED and (change or 0.0) > problem.scene.numerics.tolerance:
         reason = f"{reason}, but for {change:.1e} of a charge that wrinkles would change"
     return Solution(
@@ -296,6 +296,8 @@ def _status(attempt: Attempt, stop: Stop, change: float | None) -> Status:
     if status is Status.CONVERGED and attempt.bound > scene.numerics.tolerance:
         status = Status.TOLERANCE
     missed = status in (Status.MAX_ITERATIONS, Status.UNBALANCED)
+    if missed and admissible.meets_rim(fields):
+        return Status.RIM
     unknown = status is Status.TOLERANCE and attempt.worst > UNKNOWN_CHARGE
     slack = film_model(scene).wrinkles and barely_loaded(scene)
     return Status.SLACK if slack and (missed or unknown) else status

@@ -34,12 +34,6 @@ from pvdf_fem.solvers.wrinkling import PredictedStress, from_larger_loads
 #: state changes from point to point steps shrink only linearly, and rounding in a stiff film ends
 #: that early.
 LAST_STEP = 1e-2
-#: Size of a step on a tip after which the tangent serves on: forces turn with its surface.
-ON_TIP = 1e-2
-#: Most iterations against friction before that is smoothed.
-MOST_ON_TIP = 25
-#: Relative size of a step after which friction's direction does not lag any more.
-LAGGED_STEP = 1e-4
 
 
 @dataclass
@@ -82,22 +76,28 @@ class Rung(ABC):
         """How it ends."""
 
 
-class OnTip(Rung):
-    """A film on a tip, from the equilibrium under as large a pressure on the same patch."""
+class OnTips(Rung):
+    """Undamped Newton, after continuation in the stiffness of tips where there is no near start."""
 
-    name = "pressure in place of the tip"
+    name = "continuation in the stiffness of tips"
 
     def applies(self, task: Task) -> bool:
-        """Without a start."""
-        return bool(task.equilibrium.unknowns.seats) and task.start is None
+        """Where terms change abruptly."""
+        return task.equilibrium.is_abrupt
 
     def solve(self, task: Task) -> NewtonResult:
-        """The equilibrium under the pressure, which starts the next rungs."""
+        """From the start if there is one, otherwise from the equilibrium of softer tips."""
         equilibrium = task.equilibrium
-        pressed = equilibrium.each(lambda term: term.loose(equilibrium.film))
-        result = climb(Task(pressed, task.budget, tolerance=task.tolerance))
-        task.start = equilibrium.restrict(pressed.dofs(result.q))
-        return replace(result, status=Status.MAX_ITERATIONS)
+        if task.start is not None:
+            near = newton(FullSteps(equilibrium, task.tolerance), task.start)
+            if near.converged:
+                return near
+        softer = equilibrium.each(lambda term: term.softer())
+        result = climb(Task(softer, task.budget, tolerance=task.tolerance))
+        if not result.converged:
+            return result
+        start = equilibrium.started(softer.dofs(result.q))
+        return newton(FullSteps(equilibrium, task.tolerance), start)
 
 
 class LineSearchNewton(Rung):
@@ -106,33 +106,15 @@ class LineSearchNewton(Rung):
     name = "Newton"
 
     def applies(self, task: Task) -> bool:
-        """A film that carries compression."""
-        return not task.wrinkles
+        """A film that carries compression, where no term changes abruptly."""
+        return not task.wrinkles and not task.equilibrium.is_abrupt
 
     def solve(self, task: Task) -> NewtonResult:
         """With the full tangent from near, with the convex one from the seed."""
         start = seed(task.equilibrium) if task.start is None else task.start
         options = NewtonOptions(tolerance=task.tolerance)
-        if task.equilibrium.unknowns.seats:
-            options = replace(options, defer_size=ON_TIP, max_following=MOST_ON_TIP)
         near = task.start is not None
         return newton(DeferredNewton(task.equilibrium, options, near=near), start)
-
-
-class AgainstFriction(LineSearchNewton):
-    """Newton's method after steps whose tangent lags friction's direction behind (Picard)."""
-
-    name = "Newton after lagged friction"
-
-    def applies(self, task: Task) -> bool:
-        """Where film slides against friction."""
-        return super().applies(task) and any(t.lagged() is not t for t in task.equilibrium.terms)
-
-    def solve(self, task: Task) -> NewtonResult:
-        """From the start."""
-        start = seed(task.equilibrium) if task.start is None else task.start
-        lagged = FullSteps(task.equilibrium.each(lambda term: term.lagged()), LAGGED_STEP)
-        return super().solve(replace(task, start=newton(lagged, start).q))
 
 
 class NearNewton(Rung):
@@ -156,8 +138,8 @@ class FallingLoad(Rung):
     name = "continuation in the load"
 
     def applies(self, task: Task) -> bool:
-        """Without a tip."""
-        return task.wrinkles and not task.equilibrium.unknowns.seats
+        """From anywhere."""
+        return task.wrinkles
 
     def solve(self, task: Task) -> NewtonResult:
         """Under dead loads; a pressure that follows the film starts from their equilibrium."""
@@ -170,8 +152,7 @@ class FallingLoad(Rung):
 
 
 LADDER: tuple[Rung, ...] = (
-    OnTip(),
-    AgainstFriction(),
+    OnTips(),
     LineSearchNewton(),
     NearNewton(),
     FallingLoad(),

@@ -20,9 +20,7 @@ class Status(StrEnum):
     TOLERANCE = "tolerance_not_reached"
     SLACK = "slack"
     MESH_FAILED = "mesh_failed"
-    MISPLACED = "contact_not_settled"
     RIM = "tip_meets_rim"
-    SLIDES = "tip_slides_off"
 
     @property
     def advice(self) -> str:
@@ -46,10 +44,6 @@ ADVICE = {
     Status.MESH_FAILED: "gmsh could not mesh the scene; move or resize the probe slightly",
     Status.RIM: "the tip presses the film onto the clamped rim; move the probe inwards, or lower"
     " force or depth",
-    Status.SLIDES: "no place was found where friction bears load.tangential_N; lower that, or raise"
-    " load.friction",
-    Status.MISPLACED: "the edge of the contact with the tip does not settle; change force or depth"
-    " slightly, or give the tip a larger radius",
     Status.UNSTABLE: "no equilibrium found is a minimum of the energy: the film is in compression,"
     ' which it cannot carry; let it wrinkle (film.compression = "tension-field") or stretch it'
     f" {_TENSION}",

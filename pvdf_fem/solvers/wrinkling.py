@@ -124,7 +124,7 @@ class PredictedStress(Variant):
 
     def _predict(self, step: Step) -> None:
         """The stress of the strain that the step would have in a linear film."""
-        gradient = self.equilibrium.space.gradient(self.equilibrium.step(step.state, step.change))
+        gradient = self.equilibrium.space.gradient(self.equilibrium.unknowns.expand(step.change))
         rate = strain_rate(step.state.deformation_gradient, gradient)
         self._predicted = self.equilibrium.membrane.resultant(step.state.strain + rate)
 

@@ -22,7 +22,14 @@ from pvdf_fem.scene.change import named, plain, spelled, steps_of
 from pvdf_fem.scene.mistakes import MOST_MISTAKES, told
 from pvdf_fem.scene.quantity import Finite, Length, Number, Section
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, choose, parse_toml, problem, read_scene_text
+from pvdf_fem.scene.scene_file import (
+    SceneError,
+    choose,
+    parse_toml,
+    problem,
+    quote,
+    read_scene_text,
+)
 from pvdf_fem.sweeps.lines import MappingScheme
 
 MOST_SCENES = 1_000_000  #: Largest number of scenes in a grid.
@@ -169,7 +176,7 @@ class Grid:
         `SceneError` with the mistakes of the first `MOST_MISTAKES` scenes that have any, each once.
         """
         known: dict[Any, Any] = {}
-        scenes, problems, refused = [], dict[str, None](), 0
+        scenes, problems, refused = [], dict[str, str](), 0
         for indices in itertools.product(*map(range, self.shape)):
             changes: dict[str, Any] = {}
             for axis, index in zip(self.axes, indices, strict=True):
@@ -180,7 +187,11 @@ class Grid:
                     reason = "varies, and each probe says its own; remove one of the two"
                     raise SceneError(f"{key}: {reason}" for key in unheeded)
             except SceneError as error:
-                problems |= dict.fromkeys(error.problems)
+                where = ", ".join(f"{key} = {quote(value)}" for key, value in changes.items())
+                for text in error.problems:
+                    # what varies is named beside the key that does not go with it
+                    own = text.partition(" = ")[0] in changes
+                    problems.setdefault(text, text if own else f"{text} (with {where})")
                 refused += 1
                 if refused == MOST_MISTAKES:
                     break
@@ -189,7 +200,7 @@ class Grid:
             shared = {name: known.setdefault((name, value), value) for name, value in sections}
             scenes.append(Scene.model_construct(**shared))
         if problems:
-            raise SceneError(list(problems)[:MOST_MISTAKES])
+            raise SceneError([*problems.values()][:MOST_MISTAKES])
         return scenes
 
 

@@ -9,19 +9,17 @@ explains, the edge of the model's domain. `weigh` tells which of several probes 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from pvdf_fem.arrays import Array
-from pvdf_fem.progress import Progress
-from pvdf_fem.readout.channel import READINGS, channels, units_pC
-from pvdf_fem.readout.misread import Misreading, misreadings
-from pvdf_fem.response.model import QUANTITIES, Model, touch_of
+from pvdf_fem.progress import Counted, Progress, shown
+from pvdf_fem.response.model import FORCE, QUANTITIES, Model, touch_of
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.touch.least_squares import descend
+from pvdf_fem.touch.locate_many import explanations
 from pvdf_fem.touch.location import Explanation, Location
 from pvdf_fem.touch.measurement import (
     Deviations,
@@ -30,11 +28,7 @@ from pvdf_fem.touch.measurement import (
     charge_mistakes,
     known_mistakes,
 )
-from pvdf_fem.touch.problem import Adapted, along_stage
-from pvdf_fem.touch.search import LocateOptions, location, search
-
-if TYPE_CHECKING:
-    from pvdf_fem.touch.solves import SolveOptions
+from pvdf_fem.touch.search import DEFAULTS, LocateOptions, location, search
 
 PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
 
@@ -49,7 +43,7 @@ def locate(
     noise_pC: Deviations | None = None,
     reading: str | None = None,
     touches: int = 1,
-    options: LocateOptions | SolveOptions | None = None,
+    options: LocateOptions = DEFAULTS,
     progress: Progress | bool | None = None,
 ) -> Location:
     """All touches that may have given some charges, the likeliest first.
@@ -88,69 +82,60 @@ def locate(
     The model's own error, evenly distributed within `model.error_bound` of the total charge, is
     added to the standard deviations. It is taken as independent between electrodes.
     """
+    noise = sigma, noise_pC, reading
     if isinstance(model, Scene):
-        from pvdf_fem.touch.solves import SolveOptions, locate_by_solves  # with gmsh
-
         if known:
             raise ValueError("known: a scene has what is known; change the scene")
-        how = _options(options, SolveOptions, "scene")
-        asked = (charges_pC, sigma, noise_pC, reading)
-        return locate_by_solves(model, *asked, touches, unknown, how, progress)
-    how = _options(options, LocateOptions, "response")
+        return _by_solves(model, charges_pC, noise, unknown, touches, options, progress)
+    wrong = [*charge_mistakes(model.scene, charges_pC, *noise, model.at_rest_pC)]
     if touches != 1:
-        raise ValueError(f"touches = {touches}: a response is of one; give its scene instead")
-    default = staged_touch(model.scene)
-    mistakes = [
-        *charge_mistakes(model.scene, charges_pC, sigma, noise_pC, reading, model.at_rest_pC)
-    ]
-    origin = *centre_mm(model.scene), 0.0, 0.0
-    mistakes += known_mistakes(model.domain, unknown, known or {}, default, origin)
-    if mistakes:
-        raise ValueError("\n".join(mistakes))
+        wrong.append(f"touches = {touches}: a response is of one; give its scene instead")
+    default, origin = staged_touch(model.scene), (*centre_mm(model.scene), 0.0, 0.0)
+    wrong += known_mistakes(model.domain, unknown, known or {}, default, origin)
+    if wrong:
+        raise ValueError("\n".join(wrong))
     sought = np.array([i for i, name in enumerate(QUANTITIES) if name in unknown])
     values = {**default, **(known or {})}
     fixed = {i: values[n] - origin[i] for i, n in enumerate(QUANTITIES) if n not in unknown}
-    readings = np.array(list(charges_pC.values()), dtype=float)
-
-    def found(measurement: Measurement, given: Array) -> Location:
-        problem = measurement.problem(given[None], sought)
-        ends = search(problem, fixed, how)
-        return replace(location(problem, ends, how), reading=measurement.reading)
-
-    measurement = Measurement.of(model, tuple(charges_pC), sigma, noise_pC, reading)
-    best = found(measurement, readings)
-    if best.explained:
-        return best
-    others = (
-        (text, found(meant, undone(readings)))
-        for text, meant, undone in meant_otherwise(measurement)
-    )
-    explanations = (Explanation(text, other.best) for text, other in others if other.explained)
-    return replace(best, explanations=tuple(explanations))
+    if FORCE in fixed:
+        fixed[FORCE] = math.log(fixed[FORCE])
+    measurement = Measurement.of(model, tuple(charges_pC), *noise)
+    readings = np.array([[*charges_pC.values()]], dtype=float)
+    problem = measurement.problem(readings, sought)
+    if not problem.is_determinable:
+        return location(problem, None, options)
+    found = location(problem, search(problem, fixed, options), options)
+    if found.explained:
+        return found
+    held = {i: np.array([value]) for i, value in fixed.items()}
+    mistakes = explanations(measurement, readings, sought, held, options.retries)
+    right = (Explanation(text, location(of, ends, options).best) for text, of, ends, _ in mistakes)
+    return replace(found, explanations=tuple(right))
 
 
-def _options(given: Any, kind: type, what: str) -> Any:
-    if not isinstance(given, kind | None):
-        raise ValueError(f"options: {type(given).__name__} suits no {what}; give {kind.__name__}")
-    return given or kind()
+def _by_solves(
+    scene: Scene,
+    charges_pC: Mapping[str, float],
+    noise: tuple[Deviations, Deviations | None, str | None],
+    unknown: Sequence[str],
+    touches: int,
+    options: LocateOptions,
+    progress: Progress | bool | None,
+) -> Location:
+    """`locate` with a scene; `noise` has its sigma, noise_pC and reading."""
+    from pvdf_fem.touch.solves import Solves  # with gmsh
+    from pvdf_fem.touch.superposed import search_by_solves
 
-
-Undone = Callable[[Array], Array]
-
-
-def meant_otherwise(measurement: Measurement) -> Iterator[tuple[str, Measurement, Undone]]:
-    """Mistakes in readings: a text, what readings are without it, and what undoes it in them."""
-    if other := measurement.other:
-        yield f"readings are {READINGS[other.reading]}", other, np.asarray
-    scene = measurement.model.scene
-    given = [channels(scene)[i] for i in measurement.electrodes]
-    mistakes = [m for m in misreadings(given, "pC") if m.exchanged <= 2]
-    if scene.readout:
-        volts = 1.0 / units_pC(given)["V"]
-        straight = tuple(range(len(given)))
-        mistakes.append(Misreading("wrong_unit", "readings are in pC, not in V", straight, volts))
-    for mistake in mistakes:
-        yield mistake.text, measurement, mistake.undone
+    if wrong := [*charge_mistakes(scene, charges_pC, *noise)]:
+        raise ValueError("\n".join(wrong))
+    expected = options.starts * (1 + options.first_steps) + 10 * options.followed
+    with shown("solves", progress) as show:
+        solves = Solves.of(scene, touches, unknown, options.tolerance, Counted(show, expected))
+        measurement = Measurement.of(solves, tuple(charges_pC), *noise)
+        readings = np.array([[*charges_pC.values()]], dtype=float)
+        problem = measurement.problem(readings, solves.unknown)
+        ends = search_by_solves(problem, solves, options) if problem.is_determinable else None
+        return location(problem, ends, options)
 
 
 def staged_touch(scene: Scene) -> dict[str, float]:
@@ -161,54 +146,6 @@ def staged_touch(scene: Scene) -> dict[str, float]:
     x, y, rotation, force = touch.values()
     place, turned = scene.stage.to_stage([x, y], rotation)
     return dict(zip(QUANTITIES, (*place.tolist(), float(turned), force), strict=True))
-
-
-class PolishError(RuntimeError):
-    """A touch could not be polished; the text says why."""
-
-
-def polish(
-    model: Model,
-    found: Location,
-    charges_pC: Mapping[str, float],
-    sigma: Deviations = 0.01,
-    *,
-    tolerance: float = 1e-4,
-    noise_pC: Deviations | None = None,
-    better: Model | None = None,
-) -> Location:
-    """The touches of a location with charges of full solves.
-
-    `found` is from the model, of the same readings with the same `sigma` and `noise_pC`. The
-    `tolerance` is the relative error of the solves; `better` is a model that takes their place. The
-    model with the difference at the best touch added tells the deviations. Raises `PolishError`
-    when a search by the solves does not end.
-    """
-    if not found.touches:
-        return found
-    if better is None:
-        from pvdf_fem.touch.solves import SolveOptions, Solves  # with gmsh
-
-        options = SolveOptions(model.domain.reach_mm, tolerance=tolerance)
-        better = Solves.of(model.scene, 1, found.unknown, options)
-    measurement = Measurement.of(better, tuple(charges_pC), sigma, noise_pC, found.reading)
-    readings = np.array([list(charges_pC.values())], dtype=float)
-    problem = measurement.problem(readings, found.problem.unknown)
-    at = problem.coordinates(np.array([touch.values for touch in found.touches]))
-    ends = descend(problem, at, np.zeros(len(at), dtype=int))
-    solved = ends.arrived & ends.slopes.any(axis=(1, 2))
-    for touch, arrived in zip(found.touches, solved, strict=True):
-        if not arrived:
-            place = f"({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm, {touch.force_N:.4g} N"
-            raise PolishError(f"polish: no solve near {place}, or the search there did not end")
-    best = ends.at[[ends.chi_square.argmin()]]
-    near = along_stage(model)
-    exact, known = (of.linearised(best)[0, :, 0] for of in (problem, replace(problem, model=near)))
-    added = np.zeros(len(model.names))
-    added[problem.electrodes] = (exact - known) * problem.deviations_pC[0]
-    right = Adapted.of(near, error_bound=better.error_bound, added_pC=added)
-    polished = location(replace(problem, model=right), ends)
-    return replace(polished, reading=found.reading, explanations=found.explanations)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,23 +13,20 @@ from numpy.typing import ArrayLike, NDArray
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y
 from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined
-from pvdf_fem.touch.locate import meant_otherwise
 from pvdf_fem.touch.measurement import (
     LARGEST_PC,
     LEAST_PC,
     Deviations,
     Measurement,
     charge_mistakes,
-    number,
 )
-from pvdf_fem.touch.problem import Problem, extents
-from pvdf_fem.touch.search import DEFAULTS, location, search
+from pvdf_fem.touch.problem import Problem
+from pvdf_fem.touch.search import DEFAULTS, described, location, search
 from pvdf_fem.touch.starts import nearest_starts
-from pvdf_fem.touch.touch import SIGNIFICANCE, TouchStatus, explains, p_values, roots_of
+from pvdf_fem.touch.touch import TouchStatus, explains
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
 CHUNK = 32768
-RETRIES = 8  #: Starts of the second search for a row.
 SHORT = SearchOptions(max_steps=12)  #: Of searches with mistakes undone, few of which end.
 
 
@@ -74,27 +71,20 @@ class Touches:
         """Whether a touch explains the charges, (n,)."""
         return np.isfinite(self.chi_square) & (self.status != TouchStatus.UNEXPLAINED)
 
-    def put(self, rows: Indices, problem: Problem, ends: Descent, significance: float) -> None:
+    def put(self, rows: Indices, problem: Problem, ends: Descent) -> None:
         """Write down the ends of searches for some rows."""
-        sought = problem.unknown
         self.status[rows[~ends.arrived]] = TouchStatus.NOT_FOUND
         rows, ends = rows[ends.arrived], ends.take(np.flatnonzero(ends.arrived))
-        values = problem.touches(ends.at)
-        scale = problem.per_coordinate(values)[:, sought]
-        extent = extents(problem.model)[sought] * scale
-        root, free = roots_of(ends.slopes[:, :, sought] / scale[:, None], extent)
+        values, root, free, chi_square, p_value, explained = described(problem, ends)
         self.values[rows], self.determined[rows] = values, ~free.any(axis=1)
         self.covariances[rows] = root @ root.swapaxes(1, 2)
         if np.isnan(self.alternatives[rows]).all():  # not calibrated
             self.deviations[rows] = np.sqrt(np.einsum("nuu->nu", self.covariances[rows]))
-        freedom = len(problem.electrodes) - len(sought)
-        self.chi_square[rows] = ends.chi_square
-        self.p_value[rows] = p_values(ends.chi_square, freedom)
+        self.chi_square[rows], self.p_value[rows] = chi_square, p_value
         self.at_edge[rows] = [bool(limits) for limits in problem.edges(ends.at)]
         self.status[rows[self.at_edge[rows]]] = TouchStatus.AT_EDGE
         self.status[rows[self.alternatives[rows] > 0]] = TouchStatus.AMBIGUOUS
-        strange = ~explains(ends.chi_square, freedom, significance)
-        self.status[rows[strange]] = TouchStatus.UNEXPLAINED
+        self.status[rows[~explained]] = TouchStatus.UNEXPLAINED
 
     def to_table(self) -> dict[str, NDArray[Any]]:
         """Columns (n,): touches, deviations (NaN where known), fit, alternatives, status, remark.
@@ -123,15 +113,13 @@ class Touches:
 
 def locate_many(
     model: Model,
-    charges_pC: ArrayLike | Mapping[str, Sequence[float]],
+    charges_pC: ArrayLike | Mapping[str, ArrayLike],
     sigma: Deviations = 0.01,
     *,
     rotations_deg: ArrayLike | None = None,
     forces_N: ArrayLike | None = None,
-    electrodes: Sequence[str] | None = None,
     noise_pC: Deviations | None = None,
     reading: str | None = None,
-    significance: float = SIGNIFICANCE,
     calibrated: bool = False,
 ) -> Touches:
     """The likeliest place, and force and rotation if they are not known, for rows of charges.
@@ -145,14 +133,10 @@ def locate_many(
     model, sigma, noise_pC, reading
         As for `locate`.
     charges_pC : array_like, shape (n, electrodes), or mapping
-        Rows of readings as for `locate`, or the readings of all rows by the electrode's name.
+        Rows of readings as for `locate`, of all electrodes, or the readings of all rows by the
+        electrode's name, of some.
     rotations_deg, forces_N : array_like, shape (n,), optional
         Known rotations, in the frame of the scene's stage, and forces; sought if not given.
-    electrodes : sequence of str, optional
-        The columns of `charges_pC`; by default the model's, or the names of the mapping.
-    significance : float
-        Charges count as explained if their p-value is not below this. With 0 all do: the touches
-        of the first search are kept, however far their charges are.
     calibrated : bool
         Find all likely touches of each row, and calibrated deviations, as `locate` does; that is
         a hundred times slower.
@@ -162,21 +146,23 @@ def locate_many(
     ValueError
         For shapes that do not match, and mistakes as `locate` tells them.
     """
-    names, charges = _table(model, charges_pC, electrodes)
+    names, charges = _table(model, charges_pC)
     any_charges = dict.fromkeys(names, math.pi)
     mistakes = [
         *charge_mistakes(model.scene, any_charges, sigma, noise_pC, reading, model.at_rest_pC)
     ]
-    given = {ROTATION: rotations_deg, FORCE: forces_N}
-    known = {i: _numbers(values) for i, values in given.items() if values is not None}
-    for name, i in {"rotations_deg": ROTATION, "forces_N": FORCE}.items():
-        if i in known and known[i].shape != charges.shape[:1]:
-            mistakes.append(f"{name} of shape {known[i].shape}: give one per row")
+    known = {}
+    given = {"rotations_deg": (ROTATION, rotations_deg), "forces_N": (FORCE, forces_N)}
+    for name, (i, values) in given.items():
+        if values is not None:
+            known[i] = _numbers(values, name)
+            if known[i].shape != charges.shape[:1]:
+                mistakes.append(f"{name} of shape {known[i].shape}: give one per row")
     if mistakes:
         raise ValueError("\n".join(mistakes))
     measurement = Measurement.of(model, names, sigma, noise_pC, reading)
     sought = np.array([i for i in range(len(QUANTITIES)) if i not in known])
-    status = _status(measurement, charges, known)
+    status = _status(measurement, charges, known, sought)
     found = Touches.empty(status, tuple(QUANTITIES[i] for i in sought), measurement.reading)
     usable = np.flatnonzero(status == TouchStatus.LOCATED)
     for first in range(0, len(usable), CHUNK):
@@ -185,18 +171,34 @@ def locate_many(
         if FORCE in held:
             held[FORCE] = np.log(held[FORCE])
         problem = measurement.problem(charges[rows], sought)
-        ends = _ends(problem, held, significance)
+        ends = _ends(problem, held)
         if calibrated:
             _calibrate(found, rows, problem, ends)
-        found.put(rows, problem, ends, significance)
+        found.put(rows, problem, ends)
         strange = np.flatnonzero(~found.explained[rows])
-        for text, meant, undone in meant_otherwise(measurement) if len(strange) else ():
-            problem = meant.problem(undone(charges[rows[strange]]), sought)
-            other = {i: values[strange] for i, values in held.items()}
-            ends = _nearest_end(problem, np.arange(len(strange)), other, 1, SHORT)
-            explained = rows[strange[_explained(problem, ends, significance)]]
-            found.explanations[explained] += f"; explained if {text}"
+        if strange.size:
+            told, other = charges[rows[strange]], {i: of[strange] for i, of in held.items()}
+            for text, _, _, which in explanations(measurement, told, sought, other):
+                found.explanations[rows[strange[which]]] += f"; explained if {text}"
     return found
+
+
+def explanations(
+    measurement: Measurement,
+    readings: Array,
+    sought: Indices,
+    held: Mapping[int, Array],
+    count: int = 1,
+) -> Iterator[tuple[str, Problem, Descent, Indices]]:
+    """Mistakes that explain some of the readings (n, electrodes): a text, the problem without the
+    mistake, ends of searches from `count` starts that explain readings, and their rows."""
+    every = np.arange(len(readings))
+    for text, meant, undone in measurement.meant_otherwise():
+        problem = meant.problem(undone(readings), sought)
+        ends = _nearest_end(problem, every, held, count, SHORT)
+        rows = np.flatnonzero(_explained(problem, ends))
+        if rows.size:
+            yield text, problem, ends.take(rows), rows
 
 
 def _calibrate(found: Touches, rows: Indices, problem: Problem, ends: Descent) -> None:
@@ -209,53 +211,40 @@ def _calibrate(found: Touches, rows: Indices, problem: Problem, ends: Descent) -
 
 
 def _table(
-    model: Model,
-    charges_pC: ArrayLike | Mapping[str, ArrayLike],
-    electrodes: Sequence[str] | None,
+    model: Model, charges_pC: ArrayLike | Mapping[str, ArrayLike]
 ) -> tuple[tuple[str, ...], Array]:
-    """Names of electrodes, and their charges (n, electrodes); NaN for what is no number."""
+    """Names of electrodes, and their charges (n, electrodes)."""
     if not hasattr(charges_pC, "keys"):
-        names = tuple(model.names if electrodes is None else electrodes)
-        charges = _numbers(charges_pC, len(names))
+        names, charges = tuple(model.names), _numbers(charges_pC, "charges_pC")
         if charges.ndim != 2 or charges.shape[1] != len(names):
             raise ValueError(f"charges_pC of shape {charges.shape}: give (n, {len(names)})")
-    else:
-        by_name: Any = charges_pC
-        names = tuple(by_name.keys() if electrodes is None else electrodes)
-        if missing := [name for name in names if name not in by_name]:
-            raise ValueError(f"charges_pC: has no {missing[0]}; choose from {', '.join(by_name)}")
-        columns = [_numbers(by_name[name]) for name in names]
-        if len({column.shape for column in columns}) > 1:
-            raise ValueError("charges_pC: columns differ in length; give one charge per row")
-        charges = np.stack(columns, axis=1) if columns else np.empty((0, 0))
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise ValueError(f"electrodes: {', '.join(twice)} named twice; name each once")
-    return names, charges
+        return names, charges
+    given: Any = charges_pC
+    columns = {name: _numbers(given[name], f"charges_pC.{name}") for name in given}
+    if len({column.shape for column in columns.values()}) > 1:
+        raise ValueError("charges_pC: columns differ in length; give one charge per row")
+    return tuple(columns), np.stack([*columns.values()], axis=1) if columns else np.empty((0, 0))
 
 
-def _numbers(values: Any, width: int = 0) -> Array:
-    """Values, or rows of a `width`, as floats; NaN for a value, or in a row, that is none."""
+def _numbers(values: Any, what: str) -> Array:
+    """Values as floats, NaN for None; raises `ValueError` for what is no table of numbers."""
     try:
         return np.asarray(values, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        if not width:
-            return np.array([number(value) for value in values])
-    rows = np.full((len(values), width), np.nan)
-    for row, given in zip(rows, values, strict=True):
-        if not isinstance(given, str) and np.size(given) == width:
-            row[:] = _numbers(given)
-    return rows
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{what}: {error}; give numbers, NaN where there is none") from None
 
 
 def _status(
-    measurement: Measurement, readings: Array, known: Mapping[int, Array]
+    measurement: Measurement, readings: Array, known: Mapping[int, Array], sought: Indices
 ) -> NDArray[np.object_]:
     """What keeps rows from being located; `TouchStatus.LOCATED` for those that can be."""
+    determinable = measurement.problem(readings[:1], sought).is_determinable
     small = np.abs(measurement.signals(readings)) < LEAST_PC
     lowest, highest = measurement.model.domain.force_N
     forces = known.get(FORCE, np.full(len(readings), lowest))
     # the last reasons win
     reasons = {
+        TouchStatus.UNDETERMINED: np.full(len(readings), not determinable),
         TouchStatus.OUTSIDE: ~((lowest <= forces) & (forces <= highest)),
         TouchStatus.ZERO: small.all(axis=1) | (small & (measurement.noise_pC == 0.0)).any(axis=1),
         TouchStatus.TOO_LARGE: (np.abs(readings) > LARGEST_PC).any(axis=1),
@@ -267,12 +256,12 @@ def _status(
     return status
 
 
-def _ends(problem: Problem, held: Mapping[int, Array], significance: float) -> Descent:
+def _ends(problem: Problem, held: Mapping[int, Array]) -> Descent:
     """The best end found for each row of the charges."""
     ends = _nearest_end(problem, np.arange(len(problem.charges_pC)), held, 1)
-    if (rows := np.flatnonzero(~_explained(problem, ends, significance))).size:
-        ends.improve(rows, _nearest_end(problem, rows, held, RETRIES))
-    for row in np.flatnonzero(~_explained(problem, ends, significance)).tolist():
+    if (rows := np.flatnonzero(~_explained(problem, ends))).size:
+        ends.improve(rows, _nearest_end(problem, rows, held, DEFAULTS.retries))
+    for row in np.flatnonzero(~_explained(problem, ends)).tolist():
         _search_everywhere(problem, ends, row)
     return ends
 
@@ -285,9 +274,7 @@ def _nearest_end(
     options: SearchOptions = DEFAULTS.search,
 ) -> Descent:
     """The best end of searches from `count` starts each, for some rows of the charges."""
-    known = held[ROTATION][rows] if ROTATION in held else None
-    charges = problem.charges_pC[rows]
-    at = nearest_starts(problem.model, charges, problem.electrodes, known, count)
+    at = nearest_starts(problem, rows, held[ROTATION][rows] if ROTATION in held else None, count)
     for quantity, values in held.items():
         at[..., quantity] = values[rows, None]
     at = at.reshape(-1, 4)
@@ -299,17 +286,14 @@ def _nearest_end(
     return ends.take(count * np.arange(len(rows)) + best)
 
 
-def _explained(problem: Problem, ends: Descent, significance: float = SIGNIFICANCE) -> Mask:
+def _explained(problem: Problem, ends: Descent) -> Mask:
     """Rows whose search was not given up, and ended where the charges are explained."""
-    freedom = len(problem.electrodes) - len(problem.unknown)
-    return ends.arrived & explains(ends.chi_square, freedom, significance)
+    return ends.arrived & explains(ends.chi_square, problem.freedom)
 
 
 def _search_everywhere(problem: Problem, ends: Descent, row: int) -> Descent:
     """Replace the end of a row by the best that a search from everywhere finds; return all."""
-    touch = ends.at[row].tolist()
-    touch[FORCE] = math.exp(touch[FORCE])
-    known = {i: touch[i] for i in (ROTATION, FORCE) if i not in problem.unknown}
+    known = {i: float(ends.at[row, i]) for i in (ROTATION, FORCE) if i not in problem.unknown}
     others = search(problem.row(row), known, DEFAULTS)
     ends.improve(np.array([row]), others.take(np.array([others.ranking.argmin()])))
     return joined([others, ends.take(np.array([row]))])

@@ -36,12 +36,10 @@ class Location(Told):
 
     touches: tuple[Touch, ...]  #: The likeliest first; empty when no search ended.
     unknown: tuple[str, ...]  #: What was sought.
-    degrees_of_freedom: int  #: Charges less unknown quantities; negative with too few charges.
     #: Logarithm of the probability density of the charges, whatever the touch is, with all places,
     #: rotations and magnitudes of the force in the model's domain equally likely before.
     log_evidence: float
     problem: Problem  #: The charges, and what explains them.
-    reading: str = "total"  #: What the readings were taken for, of `READINGS`.
     #: Mistakes in readings that would explain them, where no touch does.
     explanations: tuple[Explanation, ...] = ()
 
@@ -69,6 +67,8 @@ class Location(Told):
     @property
     def status(self) -> TouchStatus:
         """Whether the best touch is the answer, and else why not."""
+        if not self.problem.is_determinable:
+            return TouchStatus.UNDETERMINED
         if not self.touches:
             return TouchStatus.NOT_FOUND
         if not self.best.explained:
@@ -76,6 +76,16 @@ class Location(Told):
         if self.ambiguous:
             return TouchStatus.AMBIGUOUS
         return TouchStatus.AT_EDGE if self.best.at_edge else TouchStatus.LOCATED
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Charges less unknown quantities; negative with too few charges."""
+        return self.problem.freedom
+
+    @property
+    def reading(self) -> str:
+        """What the readings were taken for, of `READINGS`."""
+        return self.problem.reading
 
     @property
     def explained(self) -> bool:
@@ -136,6 +146,10 @@ class Location(Told):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What keeps the best touch from being the answer, in sentences."""
+        if not self.problem.is_determinable:
+            count, names = len(self.problem.electrodes), ", ".join(self.unknown)
+            few = f"{count} {'charge does' if count == 1 else 'charges do'} not tell {names}"
+            return (f"undetermined: {few}; read more electrodes, or seek less",)
         if not self.touches:
             return (*self._mistakes(), "no search ended: the charges fit no touch of the domain")
         best, texts = self.best, [*self._mistakes()]
@@ -150,10 +164,8 @@ class Location(Told):
         if self.ambiguous:
             texts.append(f"ambiguous: {1 + self.alternatives} touches are likely")
         if not best.determined:
-            few = self.degrees_of_freedom < 0
-            short = "fewer charges than unknown quantities; " if few else ""
             free = " and ".join(_direction(best.unknown, row) for row in best.null_directions)
-            texts.append(f"undetermined: {short}free along {free}")
+            texts.append(f"undetermined: free along {free}")
         if best.at_edge:
             limits = ", ".join(best.at_edge)
             texts.append(f"at the edge of the model's domain ({limits}): the touch may lie beyond")

@@ -9,7 +9,7 @@ stretched film (`change`), as an amplifier sees it that was zeroed before the to
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -17,10 +17,12 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.readout.channel import READINGS, channels
+from pvdf_fem.readout.channel import READINGS, channels, units_pC
+from pvdf_fem.readout.misread import Misreading, misreadings
 from pvdf_fem.response.model import QUANTITIES, AtRest, Domain, Model, rest_of
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.touch.problem import Problem, along_stage
+from pvdf_fem.scene.stage import Stage
+from pvdf_fem.touch.problem import Problem
 
 LARGEST_PC = 1e12  #: Readings beyond this many pC are in another unit, or none.
 LEAST_PC = 1e-12  #: Charges or changes below this many pC count as zero.
@@ -66,13 +68,22 @@ class Measurement:
             reading = reading_of(model.scene)
         rest = at_rest(model, reading)[:, electrodes]
         columns = gains, offsets, *rest, relative, noise
-        return cls(along_stage(model), electrodes, reading, *columns)
+        return cls(model, electrodes, reading, *columns)
 
-    @property
-    def other(self) -> Measurement | None:
-        """The same readings, taken for the other of `READINGS`; None without charges at rest."""
-        (reading,) = READINGS.keys() - {self.reading}
-        return None if np.isnan(self.rest_pC).any() else replace(self, reading=reading)
+    def meant_otherwise(self) -> Iterator[tuple[str, Measurement, Callable[[Array], Array]]]:
+        """Mistakes in readings: a text, what readings are without it, and what undoes it."""
+        if not np.isnan(self.rest_pC).any():
+            (reading,) = READINGS.keys() - {self.reading}
+            yield f"readings are {READINGS[reading]}", replace(self, reading=reading), np.asarray
+        given = [channels(self.model.scene)[i] for i in self.electrodes]
+        mistakes = [m for m in misreadings(given, "pC") if m.exchanged <= 2]
+        if self.model.scene.readout:
+            volts = 1.0 / units_pC(given)["V"]
+            straight = tuple(range(len(given)))
+            text = "readings are in pC, not in V"
+            mistakes.append(Misreading("wrong_unit", text, straight, volts))
+        for mistake in mistakes:
+            yield mistake.text, self, mistake.undone
 
     def problem(self, readings_pC: Array, unknown: Indices) -> Problem:
         """The problem of the touches that gave readings (n, electrodes)."""
@@ -82,8 +93,9 @@ class Measurement:
         variance = np.square(self.noise(charges)) + np.square(model_error * charges)
         if self.reading == "change":
             variance += np.square(self.rest_errors_pC)
-        centre = centre_mm(self.model.scene)
-        return Problem(self.model, self.electrodes, charges, np.sqrt(variance), unknown, centre)
+        stage = self.model.scene.stage or Stage()
+        given = self.model, self.electrodes, charges, np.sqrt(variance)
+        return Problem(*given, unknown, stage, self.reading)
 
     @property
     def zero_pC(self) -> Array:

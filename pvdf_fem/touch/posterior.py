@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
+from math import erf
 
 import numpy as np
 
@@ -28,16 +29,20 @@ from pvdf_fem.touch.least_squares import SearchOptions, descend
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.touch import Touch
 
-ONE_SIGMA = 0.6827  #: Share of a normal distribution within one standard deviation.
+ONE_SIGMA = erf(0.5**0.5)  # share of a normal distribution within one standard deviation
 
 
-DRAWS = 384  #: Draws in each round.
-ROUNDS = 2  #: Rounds after the first.
-CENTRES = 16  #: Distributions of a round after the first.
-FREEDOM = 3.0  #: Degrees of freedom of Student's distributions.
-WIDENING = 1.3  #: Their widths over those by the curvature.
-#: Least share of the first draws about a maximum, before all are scaled to a sum of 1.
-LEAST_SHARE = 0.02
+@dataclass(frozen=True)
+class Sampling:
+    """How the posterior distribution is sampled."""
+
+    draws: int = 384  #: In each round.
+    rounds: int = 2  #: After the first.
+    centres: int = 16  #: Distributions of a round after the first.
+    freedom: float = 3.0  #: Degrees of freedom of Student's distributions.
+    widening: float = 1.3  #: Their widths over the widths by the curvature.
+    #: Least share of the first draws about a maximum, before all are scaled to a sum of 1.
+    least_share: float = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +76,11 @@ class _Mixture:
     roots: Array  # square roots of their covariances, (centres, unknown, unknown)
     shares: Array  # (centres,)
     periods: Array  # as those of a `Posterior`
+    how: Sampling
 
     def draw(self, seed: int) -> Array:
         """Draws less those farther than half a period, which would count a rotation twice."""
-        normal, radius, level = _standard(len(self.periods), seed)
+        normal, radius, level = _standard(len(self.periods), seed, self.how)
         centre = np.searchsorted(np.cumsum(self.shares)[:-1], level)
         steps = radius[:, None] * np.matmul(self.roots[centre], normal[:, :, None])[:, :, 0]
         once = (_nearest(steps, self.periods) == steps).all(axis=1)
@@ -87,36 +93,38 @@ class _Mixture:
         scaled = np.matmul(apart, inverse.swapaxes(1, 2))
         square = np.einsum("kni,kni->kn", scaled, scaled)
         heights = self.shares * np.abs(np.linalg.det(inverse))
-        density: Array = heights @ (1.0 + square / FREEDOM) ** (-0.5 * (FREEDOM + values.shape[1]))
-        return density
+        power = -0.5 * (self.how.freedom + values.shape[1])
+        return np.asarray(heights @ (1.0 + square / self.how.freedom) ** power)
 
     def about_draws(self, values: Array, weights: Array, slopes: Array) -> _Mixture:
         """About draws picked by weight; where charges hardly change, as wide as all draws are."""
-        level = (np.arange(CENTRES) + 0.5) / CENTRES
+        count = self.how.centres
+        level = (np.arange(count) + 0.5) / count
         rows = np.searchsorted(np.cumsum(weights)[:-1], level)
         apart = _nearest(values - values[weights.argmax()], self.periods)
         apart -= weights @ apart
         spread = np.sqrt(weights @ np.square(apart) + np.square(self.roots[0]).sum(axis=1))
         J = slopes[rows] * spread
         covariances = np.linalg.inv(J.swapaxes(1, 2) @ J + np.eye(len(spread)))
-        roots = WIDENING * spread[:, None] * np.linalg.cholesky(covariances)
-        shares = np.full(CENTRES, 1.0 / CENTRES)
+        roots = self.how.widening * spread[:, None] * np.linalg.cholesky(covariances)
+        shares = np.full(count, 1.0 / count)
         return replace(self, about=values[rows], roots=roots, shares=shares)
 
 
-def posterior(problem: Problem, touches: Sequence[Touch]) -> Posterior:
+def posterior(problem: Problem, touches: Sequence[Touch], how: Sampling | None = None) -> Posterior:
     """The posterior within the model's domain, for the first row of a problem's charges. `touches`
     are the maxima of the likelihood."""
+    how = how or Sampling()
     unknown = problem.unknown
     maxima = problem.coordinates(np.array([touch.values for touch in touches]))
     scale = np.where(unknown == FORCE, np.exp(maxima[:, FORCE, None]), 1.0)
     periods = np.where(unknown == ROTATION, period_deg(problem.model), 0.0)
-    roots = WIDENING * np.array([touch.root for touch in touches]) / scale[:, :, None]
-    shares: Array = np.maximum([touch.weight for touch in touches], LEAST_SHARE)
-    mixture = _Mixture(maxima[:, unknown], roots, shares / shares.sum(), periods)
+    roots = how.widening * np.array([touch.root for touch in touches]) / scale[:, :, None]
+    shares: Array = np.maximum([touch.weight for touch in touches], how.least_share)
+    mixture = _Mixture(maxima[:, unknown], roots, shares / shares.sum(), periods, how)
     mixtures, at, system = [mixture], np.empty((0, 4)), np.empty((0, len(problem.electrodes), 5))
     values, weights = mixture.about, mixture.shares
-    for seed in range(1 + ROUNDS):
+    for seed in range(1 + how.rounds):
         if seed:
             mixtures.append(mixture.about_draws(values, weights, system[:, :, 1 + unknown]))
         values = mixtures[-1].draw(seed)
@@ -142,12 +150,12 @@ def _nearest(apart: Array, periods: Array) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _standard(dimension: int, seed: int) -> tuple[Array, Array, Array]:
+def _standard(dimension: int, seed: int, how: Sampling) -> tuple[Array, Array, Array]:
     """Normal draws (n, dimension), the radii that make them Student's, and levels from 0 to 1."""
-    draw = np.random.default_rng(seed)
-    normal = draw.standard_normal((DRAWS, dimension))
-    radius = np.sqrt(FREEDOM / draw.chisquare(FREEDOM, DRAWS))
-    return normal, radius, (np.arange(DRAWS) + 0.5) / DRAWS
+    draw, count = np.random.default_rng(seed), how.draws
+    normal = draw.standard_normal((count, dimension))
+    radius = np.sqrt(how.freedom / draw.chisquare(how.freedom, count))
+    return normal, radius, (np.arange(count) + 0.5) / count
 
 
 def least_chi_square(problem: Problem, touch: Touch, places_mm: Array, turns: int = 6) -> Array:

@@ -5,16 +5,15 @@ in N of each probe, and in what else a model knows. Charges are close to linear 
 grow with a power of the force. Beyond the model's domain charges are continued linearly from its
 edge, so that errors of the charges may move a touch near the edge a little across it.
 
-Coordinates have their origin at the film's centre. Their axes are those of the model: of the film,
-or of the positioning stage, where one of x and y may be known.
+Coordinates have their origin at the film's centre. Their axes are the axes of the stage, where one
+of x and y may be known.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -23,8 +22,6 @@ from pvdf_fem.response.model import (
     FORCE,
     QUANTITIES,
     ROTATION,
-    AtRest,
-    Domain,
     Model,
     X,
     Y,
@@ -35,50 +32,28 @@ from pvdf_fem.response.model import (
 )
 from pvdf_fem.scene.change import steps_of
 from pvdf_fem.scene.outlines.outline import turn
-from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.stage import Stage
 
-ROOM_REACH = 1.05  #: Searches may go this far beyond the model's domain: a factor of its reach.
-ROOM_FORCE = 1.1  #: The same of its largest force and, inversely, its least.
-LONGEST_REACH = 0.25  #: Longest step of a place in a search, over the reach.
-LONGEST_DEG = 5.0  #: Longest step of the rotation.
-#: Searches for one touch that are this close, in mm, mm, degrees and 1, go on as one.
-CLOSE = (0.1, 0.1, 0.5, 0.03)
-#: What a touch may have besides, and its longest step in N or K, over `EXTENT` and `CLOSER`.
-LONGEST_MORE = {"tangential_N": 1.0, "temperature_K": 5.0}
-EXTENT = 4.0  #: Range that is known of it without any charge, over the longest step.
-CLOSER = 0.1  #: Distance at which searches go on as one, over the longest step.
+#: Searches may go this far beyond the model's domain, over its reach and over its largest force.
+ROOM_REACH = 1.05
+#: Longest steps of searches: of a place over the reach, of a rotation in degrees, of a logarithm of
+#: the force, and of what a touch has besides, in N or K.
+LONGEST = {
+    "x_mm": 0.25,
+    "y_mm": 0.25,
+    "rotation_deg": 5.0,
+    "force_N": 1.0,
+    "tangential_N": 1.0,
+    "temperature_K": 5.0,
+}
+CLOSE = 0.03  #: Searches for one touch that are this close, over the longest steps, go on as one.
+#: What is known without any charge of what a touch has besides, over the longest step.
+EXTENT = 4.0
 
 
-@dataclass(frozen=True, eq=False)
-class Adapted:
-    """A model with places along turned axes, or constants added to its charges."""
-
-    model: Model
-    quantities: tuple[str, ...]
-    cheap: bool
-    names: tuple[str, ...]
-    scene: Scene
-    domain: Domain
-    error_bound: float
-    at_rest_pC: AtRest | None
-    turn_deg: float = 0.0
-    added_pC: Array | float = 0.0
-
-    @classmethod
-    def of(cls, model: Model, **changes: Any) -> Adapted:
-        """A model with some of these changed."""
-        names = "quantities", "cheap", "names", "scene", "domain", "error_bound", "at_rest_pC"
-        return cls(model, **{**{name: getattr(model, name) for name in names}, **changes})
-
-    def evaluate(self, touches: Array) -> tuple[Array, Array]:
-        """Charges and slopes as the model's."""
-        to_film, turned = np.eye(touches.shape[1]), turn(np.eye(2), self.turn_deg)
-        for x in range(0, len(QUANTITIES) * probes_of(self), len(QUANTITIES)):
-            to_film[x : x + ROTATION, x : x + ROTATION] = turned
-        turned = touches @ to_film.T
-        turned[:, rows_of(self, ROTATION)] -= self.turn_deg
-        charges, slopes = self.model.evaluate(turned)
-        return charges + self.added_pC, slopes @ to_film
+def kind_of(quantity: str) -> str:
+    """The name of a model's quantity without probe and index: one of `LONGEST`."""
+    return next(name for name in LONGEST if name in steps_of(quantity))
 
 
 def rows_of(model: Model, quantity: int) -> slice:
@@ -86,28 +61,38 @@ def rows_of(model: Model, quantity: int) -> slice:
     return slice(quantity, len(QUANTITIES) * probes_of(model), len(QUANTITIES))
 
 
+def evaluated(model: Model, touches: Array, turn_deg: float = 0.0) -> tuple[Array, Array]:
+    """Charges and slopes by a model of touches along axes in which the film is turned."""
+    if not turn_deg:
+        return model.evaluate(touches)
+    to_film, turned = np.eye(touches.shape[1]), turn(np.eye(2), turn_deg)
+    for x in range(0, len(QUANTITIES) * probes_of(model), len(QUANTITIES)):
+        to_film[x : x + ROTATION, x : x + ROTATION] = turned
+    on_film = touches @ to_film.T
+    on_film[:, rows_of(model, ROTATION)] -= turn_deg
+    charges, slopes = model.evaluate(on_film)
+    return charges, slopes @ to_film
+
+
+@lru_cache(maxsize=8)
+def longest_steps(model: Model) -> Array:
+    """Longest steps of searches in each coordinate, (k,)."""
+    steps = np.array([LONGEST[kind_of(name)] for name in model.quantities])
+    for quantity in (X, Y):
+        steps[rows_of(model, quantity)] *= model.domain.reach_mm
+    return steps
+
+
 @lru_cache(maxsize=8)
 def extents(model: Model) -> Array:
     """Size of a model's domain in each coordinate: what is known without any charge, (k,)."""
-    reach_mm, (lowest, highest) = model.domain.reach_mm, model.domain.log_force
-    periods = periods_deg(model)
-    of_probes = [[reach_mm, reach_mm, 0.5 * period, highest - lowest] for period in periods]
-    return np.concatenate([*of_probes, EXTENT * _longest_more(model)])
-
-
-def _longest_more(model: Model) -> Array:
-    """Longest steps of what a touch has besides, (quantities,)."""
-    more = model.quantities[len(QUANTITIES) * probes_of(model) :]
-    names = [next(name for name in LONGEST_MORE if name in steps_of(key)) for key in more]
-    return np.array([LONGEST_MORE[name] for name in names])
-
-
-@lru_cache(maxsize=8)
-def along_stage(model: Model) -> Model:
-    """The model with places along the axes of its scene's stage, about the film's centre."""
-    stage = model.scene.stage
-    turned = stage is not None and stage.rotation_deg
-    return Adapted.of(model, turn_deg=turned) if turned else model
+    lowest, highest = model.domain.log_force
+    sizes = EXTENT * longest_steps(model)
+    for quantity in (X, Y):
+        sizes[rows_of(model, quantity)] = model.domain.reach_mm
+    sizes[rows_of(model, ROTATION)] = 0.5 * periods_deg(model)
+    sizes[rows_of(model, FORCE)] = highest - lowest
+    return sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +104,13 @@ class Problem:
     charges_pC: Array  #: With their standard deviations, (touches, electrodes).
     deviations_pC: Array
     unknown: Indices  #: Which of the model's quantities are sought.
-    #: Place of the film's centre in the frame of results.
-    centre_mm: tuple[float, float] = (0.0, 0.0)
+    stage: Stage = field(default_factory=Stage)  #: The frame of coordinates and results.
+    reading: str = "total"  #: What the readings were taken for, of `READINGS`.
+
+    @property
+    def centre_mm(self) -> tuple[float, float]:
+        """Place of the film's centre in the frame of results."""
+        return self.stage.x_mm, self.stage.y_mm
 
     def row(self, row: int) -> Problem:
         """The problem with a single row of the charges."""
@@ -166,7 +156,7 @@ class Problem:
         edge, forces = self.inside(at), self.forces
         touches = edge.copy()
         touches[:, forces] = force = np.exp(edge[:, forces])
-        charges, slopes = self.model.evaluate(touches)
+        charges, slopes = evaluated(self.model, touches, self.stage.rotation_deg)
         which = slice(1) if rows is None else rows
         system = np.empty((len(at), len(self.electrodes), 1 + at.shape[1]))
         system[:, :, 0] = charges.take(self.electrodes, axis=1) - self.charges_pC[which]
@@ -183,8 +173,7 @@ class Problem:
 
     def held_back(self, at: Array) -> Array:
         """`inside` for the larger domain that searches may not leave."""
-        reach_mm, lowest, highest = self._domain
-        more = math.log(ROOM_FORCE)
+        (reach_mm, lowest, highest), more = self._domain, math.log(ROOM_REACH)
         return self._moved(at, ROOM_REACH * reach_mm, lowest - more, highest + more)
 
     def _moved(self, at: Array, reach_mm: float, lowest: float, highest: float) -> Array:
@@ -219,19 +208,25 @@ class Problem:
         pairs = zip(far.tolist(), extreme.tolist(), strict=True)
         return [("reach_mm",) * wide + ("force_N",) * strong for wide, strong in pairs]
 
-    @cached_property
+    @property
     def longest(self) -> Array:
-        """Longest steps (k,): mm, mm, degrees and factors e of each probe, and of what is more."""
-        step_mm = LONGEST_REACH * self.model.domain.reach_mm
-        of_probes = np.tile([step_mm, step_mm, LONGEST_DEG, 1.0], probes_of(self.model))
-        return np.concatenate([of_probes, _longest_more(self.model)])
+        """Longest steps (k,) of searches."""
+        return longest_steps(self.model)
 
     @cached_property
     def close(self) -> Array:
-        """Distances (k,) in mm, degrees and 1 up to which searches go on as one."""
-        return np.concatenate(
-            [np.tile(CLOSE, probes_of(self.model)), CLOSER * _longest_more(self.model)]
-        )
+        """Distances (k,) up to which searches go on as one."""
+        return CLOSE * self.longest
+
+    @property
+    def freedom(self) -> int:
+        """Charges less unknown quantities; negative with too few charges."""
+        return len(self.electrodes) - len(self.unknown)
+
+    @property
+    def is_determinable(self) -> bool:
+        """Whether there are as many charges as unknown coordinates that charges depend on."""
+        return len(self.electrodes) >= len(self.moving)
 
     @property
     def moving(self) -> Indices:

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import ROTATION, periods_deg
 from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.problem import Problem, extents, rows_of
 from pvdf_fem.touch.starts import starts
-from pvdf_fem.touch.touch import Touch, p_values
+from pvdf_fem.touch.touch import Touch, explains, p_values, roots_of
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,46 @@ class LocateOptions:
     #: Jacobian at the better minimum, is below `same`, and the rotation's change below `same_deg`.
     same: float = 0.1
     same_deg: float = 8.0
-    fold: float = 0.02  #: Share of the charges by which the longest step changes them near a fold.
-    #: Standard deviations that this share must exceed to tell one side of the fold from the other.
-    resolved: float = 10.0
-    #: Starts about the fold, in longest steps along the direction.
-    offsets: tuple[float, ...] = (-0.3, -0.1, -0.03, 0.0, 0.03, 0.1, 0.3)
-    #: Of the searches, and of those about a fold, where steps shrink slowly.
     search: SearchOptions = field(default_factory=SearchOptions)
+    retries: int = 8  #: Starts of the second search for a row of `locate_many`.
+    #: A fold of the charges is near where the longest step along some direction changes them by
+    #: less than the share `fold` of themselves, and is searched about where this share is more than
+    #: `resolved` standard deviations: from starts along the direction, in longest steps.
+    fold: float = 0.02
+    resolved: float = 10.0
+    offsets: tuple[float, ...] = (-0.3, -0.1, -0.03, 0.0, 0.03, 0.1, 0.3)
     fold_search: SearchOptions = field(default_factory=lambda: SearchOptions(short=1e-4))
+
+    # ---- by full solves
+
+    #: Largest distance of a touch from the centre in mm; by default 1.5 times the distance of the
+    #: farthest electrode. Least and largest force in N.
+    reach_mm: float | None = None
+    forces_N: tuple[float, float] = (1e-3, 1e3)
+    #: Tolerance of coarse solves, and of the final ones, whose slopes give the deviations: to 1 %
+    #: at 1e-4, to 6 % at 1e-3, measured where the probe's rim crosses an electrode.
+    first_tolerance: float = 1e-2
+    tolerance: float = 1e-4
+    #: Distance of the places of single touches that are solved, and that are superposed. A force
+    #: is its share times this power of the sum of shares: the common tension stiffens the film.
+    pitch_mm: float = 2.5
+    fine_mm: float = 1.0
+    stiffening: float = 0.35
+    #: Number of starts, their least distance, and of steps from all of them.
+    starts: int = 25
+    apart_mm: float = 3.0
+    first_steps: int = 3
+    #: How many searches go on; the others go on where these lead to no touch that explains the
+    #: charges, as a larger chi-square is less probable than `significance`.
+    followed: int = 5
+    significance: float = 0.05
+    #: Starts about the best end, in longest steps along what the charges determine least, and how
+    #: often there are such starts where they led to a better end.
+    valley: tuple[float, ...] = (-0.5, 0.5)
+    rounds: int = 3
+    solve_search: SearchOptions = field(
+        default_factory=lambda: SearchOptions(40, arrived=0.02, short=0.04, relief=0.3)
+    )
 
 
 DEFAULTS = LocateOptions()
@@ -50,8 +82,7 @@ def search(problem: Problem, known: Mapping[int, float], options: LocateOptions)
     """Searches from everywhere for the touch of a problem. `known` are coordinates by their index
     in `QUANTITIES`. A sought rotation is held at first, at many values: a few degrees change
     charges by less than the pitch of the table of starts does."""
-    charges, spread = problem.charges_pC[0], problem.deviations_pC[0]
-    at = starts(problem.model, charges, spread, problem.electrodes, known)
+    at = starts(problem, known)
     without_rotation = problem.unknown[problem.unknown != ROTATION]
     if 0 < len(without_rotation) < len(problem.unknown):
         at = descend(replace(problem, unknown=without_rotation), at, options=options.search).at
@@ -84,36 +115,35 @@ def weakest(problem: Problem, ends: Descent) -> Array:
     return step
 
 
-def location(problem: Problem, ends: Descent, options: LocateOptions = DEFAULTS) -> Location:
-    """The location whose touches are the distinct ends of searches for one touch."""
-    ends = ends.take(distinct(problem, ends, options))
+def location(problem: Problem, ends: Descent | None, options: LocateOptions = DEFAULTS) -> Location:
+    """The location whose touches are the distinct ends of searches for one touch; None where no
+    search was made."""
     quantities = problem.model.quantities
     names = tuple(quantities[i] for i in problem.unknown.tolist())
-    freedom = len(problem.electrodes) - len(names)
-    if not ends.arrived.size:
-        return Location((), names, freedom, -np.inf, problem)
-    extent = extents(problem.model)
+    ends = ends and ends.take(distinct(problem, ends, options))
+    if ends is None or not ends.arrived.size:
+        return Location((), names, -np.inf, problem)
     # likelihood times a normal prior of the domain's extents, integrated by Laplace's method
-    slopes = ends.slopes * extent
-    normal = np.matmul(slopes.swapaxes(1, 2), slopes) + np.eye(len(extent))
+    slopes = ends.slopes * extents(problem.model)
+    normal = np.matmul(slopes.swapaxes(1, 2), slopes) + np.eye(slopes.shape[2])
     logs = -0.5 * (ends.chi_square + np.log(np.linalg.det(normal)))
     total = float(np.logaddexp.reduce(logs))
-    values = problem.touches(ends.at)
-    scale = problem.per_coordinate(values)
-    columns = (
-        (ends.slopes / scale[:, None]).take(problem.unknown, axis=2),
-        (extent * scale).take(problem.unknown, axis=1),
-        ends.chi_square.tolist(),
-        p_values(ends.chi_square, freedom).tolist(),
-        np.exp(logs - total).tolist(),
-        problem.edges(ends.at),
-    )
-    touches = (
-        Touch(quantities, touch, names, *attributes)
-        for touch, *attributes in zip(values, *columns, strict=True)
-    )
+    weights = np.exp(logs - total).tolist()
+    columns = zip(*described(problem, ends), weights, problem.edges(ends.at), strict=True)
+    touches = tuple(Touch(quantities, names, *attributes) for attributes in columns)
     spread = math.log(2.0 * math.pi) / 2.0 + np.log(problem.deviations_pC[0])
-    return Location(tuple(touches), names, freedom, total - float(spread.sum()), problem)
+    return Location(touches, names, total - float(spread.sum()), problem)
+
+
+def described(problem: Problem, ends: Descent) -> tuple[Array, Array, Mask, Array, Array, Mask]:
+    """Of the touches at some ends: values (n, k), `roots_of` their covariances, chi-square, its
+    p-value, and whether the charges are explained, (n,)."""
+    values, sought = problem.touches(ends.at), problem.unknown
+    scale = problem.per_coordinate(values)[:, sought]
+    slopes, extent = ends.slopes[:, :, sought] / scale[:, None], extents(problem.model)[sought]
+    chi_square, freedom = ends.chi_square, problem.freedom
+    fit = chi_square, p_values(chi_square, freedom), explains(chi_square, freedom)
+    return values, *roots_of(slopes, extent * scale), *fit
 
 
 def distinct(problem: Problem, ends: Descent, options: LocateOptions) -> Indices:

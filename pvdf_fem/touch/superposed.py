@@ -1,42 +1,87 @@
-"""Where searches by full solves start: charges of single touches, added up."""
+"""The search by full solves, from starts where charges of single touches, added up, are alike."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import lru_cache
 from itertools import combinations, product
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.loads.profiles import pinned
-from pvdf_fem.response.model import FORCE, ROTATION, probes_of, rest_of
-from pvdf_fem.scene.outlines.shape import HEAT
-from pvdf_fem.scene.scene import Numerics, Scene
-from pvdf_fem.scene.shapes import Pressing
+from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, probes_of, rest_of
+from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solvers.status import NotConvergedError
 from pvdf_fem.sweeps.sweep import solve_all
-from pvdf_fem.touch.problem import Problem
-
-#: Charges of single touches are superposed. A probe's force is its share times this power of the
-#: sum of the shares: the common tension makes the film stiffer.
-STIFFENING = 0.35
-
-
-@dataclass(frozen=True)
-class SuperposedOptions:
-    """How many starts there are, and how finely places are compared."""
-
-    #: Distance in mm of the places of single touches that are solved, and that are compared.
-    pitch_mm: float = 2.5
-    fine_mm: float = 1.0
-    starts: int = 25
-    apart_mm: float = 3.0  #: Least distance of starts.
+from pvdf_fem.touch.least_squares import Descent, descend, joined
+from pvdf_fem.touch.problem import Problem, kind_of
+from pvdf_fem.touch.search import LocateOptions, distinct, weakest
+from pvdf_fem.touch.solves import UNSOLVED_PC, Solves, pressed_alone
+from pvdf_fem.touch.touch import explains
 
 
-def superposed(problem: Problem, touch: Array, options: SuperposedOptions) -> Array:
+def search_by_solves(problem: Problem, model: Solves, options: LocateOptions) -> Descent:
+    """Distinct ends of searches for the touch of a problem by its model: coarse ones from the most
+    likely starts, then about the best end, then the final ones."""
+    rough = replace(model, error_bound=options.first_tolerance)
+    spread = np.hypot(problem.deviations_pC, options.first_tolerance / 3**0.5 * problem.charges_pC)
+    coarse, how = replace(problem, model=rough, deviations_pC=spread), options.solve_search
+    other = model.other_probe
+    begun = [_begun(cold, model.touch, options) for cold in _cold(coarse)]
+    freedom, found = problem.freedom, []
+    for part in (slice(options.followed), slice(options.followed, None)):
+        starts = np.concatenate([likely[part] for likely in begun])
+        ends = _ordered(coarse, descend(coarse, starts, options=how), other, options)
+        for _ in range(options.rounds if ends.at.size else 0):
+            least = ends.chi_square[0]
+            steps = np.array(options.valley)[:, None] * weakest(coarse, ends)
+            more = descend(coarse, ends.at[0] + steps, options=how)
+            ends = _ordered(coarse, joined([ends, more]), other, options)
+            if ends.chi_square[0] > least - how.arrived:
+                break
+        if ends.at.size:
+            found.append(descend(problem, ends.at, options=how))
+        if found and explains(found[-1].ranking.min()[None], freedom, options.significance).any():
+            break
+    return _ordered(problem, joined(found), other, options) if found else ends
+
+
+def _cold(problem: Problem) -> Iterator[Problem]:
+    """Problems for starts, with cold touches: by the charges of all electrodes, then, if a
+    temperature is unknown, without each electrode in turn, since a warm touch may be above it."""
+    names, unknown = problem.model.quantities, problem.unknown.tolist()
+    cold = [i for i in unknown if kind_of(names[i]) != "temperature_K"]
+    yield (whole := replace(problem, unknown=np.array(cold)))
+    for left in range(len(problem.electrodes) if len(cold) < len(unknown) else 0):
+        electrodes = np.delete(problem.electrodes, left)
+        charges = np.delete(problem.charges_pC, left, axis=1)
+        spread = np.delete(problem.deviations_pC, left, axis=1)
+        yield replace(whole, electrodes=electrodes, charges_pC=charges, deviations_pC=spread)
+
+
+def _begun(problem: Problem, touch: Array, options: LocateOptions) -> Array:
+    """Where first steps from the starts lead, (n, k), the likeliest first."""
+    first = replace(options.solve_search, max_steps=options.first_steps)
+    ends = descend(problem, superposed(problem, touch, options), options=first)
+    return ends.at[np.argsort(ends.chi_square)]
+
+
+def _ordered(problem: Problem, ends: Descent, other: Indices, options: LocateOptions) -> Descent:
+    """The distinct ends; equal probes are in the order of their first coordinates. `other` is
+    `Solves.other_probe`."""
+    if other.size:
+        swap = ends.at[:, 0] > ends.at[:, len(QUANTITIES)]
+        ends.at[swap], ends.slopes[swap] = ends.at[swap][:, other], ends.slopes[swap][..., other]
+    solved = ends.chi_square < 1e-6 * np.square(UNSOLVED_PC / problem.deviations_pC).min()
+    ends = ends.take(np.flatnonzero(solved))
+    return ends.take(distinct(problem, ends, options)) if ends.at.size else ends
+
+
+def superposed(problem: Problem, touch: Array, options: LocateOptions) -> Array:
     """Starts (n, k) where charges of single touches, added up, are most like those measured. What
     is not sought is that of a `touch` (k,)."""
     model, reach_mm = problem.model, problem.model.domain.reach_mm
@@ -68,7 +113,7 @@ def superposed(problem: Problem, touch: Array, options: SuperposedOptions) -> Ar
     starts = of_probes.copy()
     stage = model.scene.stage or Stage()
     starts[..., :ROTATION] = places[chosen[kept]] @ stage.turn.T
-    starts[..., FORCE] = np.log(share) + STIFFENING * np.log(share.sum(axis=1))[:, None]
+    starts[..., FORCE] = np.log(share) + options.stiffening * np.log(share.sum(axis=1))[:, None]
     sought = np.isin(np.arange(at.shape[1]), problem.unknown)
     of_probes[...] = np.where(problem.of_probes(np.tile(sought, (len(at), 1))), starts, of_probes)
     return at
@@ -99,14 +144,3 @@ def _single(scene: Scene, reach_mm: float, pitch_mm: float, fine_mm: float) -> t
     grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
     grid = grid[np.hypot(*grid.T) <= reach_mm]
     return grid, RBFInterpolator(solved[good], charges)(grid)
-
-
-def pressed_alone(scene: Scene, number: int) -> Scene:
-    """One of a scene's probes on the centre, under 1 N and cold."""
-    touch = scene.loaded_probes[number]
-    place = dict.fromkeys(("x_mm", "y_mm", "rotation_deg"), 0.0)
-    unsaid = dict.fromkeys((*Pressing.model_fields, *HEAT))
-    probe = touch.probe.model_copy(update=place | unsaid)
-    load = touch.load.model_copy(update={"force_N": 1.0, "tangential_N": None})
-    numerics = Numerics(tolerance=1e-2, observable=scene.numerics.observable)
-    return scene.with_(probe=probe, load=load, numerics=numerics, readout=None)

@@ -38,18 +38,13 @@ def explains(chi_square: Array, freedom: int, significance: float = SIGNIFICANCE
     return common
 
 
-def curvature(slopes: Array) -> tuple[Array, Array]:
-    """Squares (..., k), ascending, and directions (..., k, k), as columns, of principal slopes.
-    `slopes` (..., electrodes, k) are those of the charges over their deviations, per extent."""
-    squares, vectors = np.linalg.eigh(slopes.swapaxes(-1, -2) @ slopes)
-    return np.maximum(squares, 0.0), vectors
-
-
 def roots_of(slopes: Array, extent: Array) -> tuple[Array, Mask]:
     """Square roots (..., k, k) of covariances, their columns along the principal directions, and
     which of these (..., k) the charges do not determine: there the domain's `extent` (..., k) is a
-    standard deviation. `slopes` (..., electrodes, k) are those of the charges over theirs."""
-    squares, vectors = curvature(slopes * extent[..., None, :])
+    standard deviation. `slopes` (..., electrodes, k) are slopes of the charges over deviations."""
+    per_extent = slopes * extent[..., None, :]
+    squares, vectors = np.linalg.eigh(per_extent.swapaxes(-1, -2) @ per_extent)
+    squares = np.maximum(squares, 0.0)
     free = squares < DETERMINED**2
     return vectors / np.sqrt(squares + free)[..., None, :] * extent[..., None], free
 
@@ -61,6 +56,8 @@ class TouchStatus(StrEnum):
     AT_EDGE = "at edge"  #: The limits of the model's domain hold the touch.
     AMBIGUOUS = "ambiguous"  #: Other touches are likely, too.
     UNEXPLAINED = "unexplained"  #: The nearest touch of the model's domain does not fit.
+    #: There are fewer charges than unknown quantities, and no search is made.
+    UNDETERMINED = "undetermined"
     #: No search ended: the charges fit no touch of the model's domain.
     NOT_FOUND = "no_touch_found"
     NOT_FINITE = "not_finite"
@@ -80,46 +77,37 @@ class Touch:
     """A touch whose charges are, among touches nearby, the likeliest to give those measured."""
 
     quantities: tuple[str, ...]  #: Names of the model's quantities, (k,).
-    values: Array  #: The touch as a model takes it, (k,): mm, degrees, from 0 to the period, and N.
     unknown: tuple[str, ...]  #: The quantities that were sought; the order of all matrices.
-    jacobian: Array  #: Slopes of the charges over their standard deviations, (electrodes, unknown).
-    #: Size of the domain (unknown,): standard deviations without any charge.
-    extent: Array
+    values: Array  #: The touch as a model takes it, (k,): mm, degrees, from 0 to the period, and N.
+    #: A square root of the covariance, its columns along the principal directions, (unknown,
+    #: unknown), and which of these the charges do not determine, (unknown,).
+    root: Array
+    free: Mask
     chi_square: float  #: Sum of the squared residuals, each divided by its standard deviation.
     #: Probability of a larger chi-square if the model is right; NaN if there are no more charges
     #: than unknown quantities.
     p_value: float
+    explained: bool  #: Whether charges as far from the model's are common.
     weight: float  #: Share of this touch in the likelihood of all touches of its location.
     #: Which limits of the model's domain hold it: ``reach_mm``, ``force_N``. The true touch may lie
     #: beyond.
     at_edge: tuple[str, ...]
 
-    @cached_property
-    def _curvature(self) -> tuple[Array, Array]:
-        return curvature(self.jacobian * self.extent)
-
     @property
     def null_directions(self) -> Array:
         """Combinations of the unknown that the charges do not determine, (n, unknown).
 
-        Moved by a third of the domain along one of them, a touch changes its charges by less than
-        their standard deviation. In units of the unknown, the largest entry relative to its extent
-        being positive.
+        Each is one standard deviation long, in units of the unknown. Moved by a third of the domain
+        along one of them, a touch changes its charges by less than their standard deviation.
         """
-        squares, vectors = self._curvature
-        free = vectors.T[squares < DETERMINED**2]
-        signs = np.sign(np.take_along_axis(free, np.abs(free).argmax(axis=1)[:, None], axis=1))
-        return free * self.extent * signs
+        free = self.root.T[self.free]
+        largest = np.abs(free / np.sqrt(np.diag(self.covariance))).argmax(axis=1)
+        return free * np.sign(np.take_along_axis(free, largest[:, None], axis=1))
 
     @property
     def determined(self) -> bool:
         """Whether the charges determine every unknown."""
-        return bool(self._curvature[0][0] >= DETERMINED**2)
-
-    @cached_property
-    def root(self) -> Array:
-        """A square root of the covariance, its columns along the principal directions."""
-        return roots_of(self.jacobian, self.extent)[0]
+        return not self.free.any()
 
     @property
     def covariance(self) -> Array:
@@ -135,23 +123,6 @@ class Touch:
     def deviations(self) -> dict[str, float]:
         """Standard deviations of the unknowns by `covariance`; see `Location.deviations`."""
         return dict(zip(self.unknown, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
-
-    @property
-    def condition(self) -> float:
-        """Condition number of the Jacobian, its columns scaled to length 1; inf if one is 0.
-
-        This scaling is within √unknown of the best (van der Sluis 1969): units do not matter.
-        """
-        lengths = np.linalg.norm(self.jacobian, axis=0)
-        if not lengths.all() or len(self.jacobian) < len(lengths):
-            return np.inf
-        return float(np.linalg.cond(self.jacobian / lengths))
-
-    @property
-    def explained(self) -> bool:
-        """Whether charges as far from the model's are common."""
-        rows, columns = self.jacobian.shape
-        return bool(explains(np.array([self.chi_square]), rows - columns)[0])
 
     @cached_property
     def by_name(self) -> dict[str, float]:
@@ -182,10 +153,9 @@ class Touch:
         """Plain values for JSON, None for what is infinite; errors are left to the location."""
         return {
             **self.by_name,
-            "condition": finite(self.condition),
-            "chi_square": self.chi_square,
+            "chi_square": float(self.chi_square),
             "p_value": finite(self.p_value),
-            "explained": self.explained,
+            "explained": bool(self.explained),
             "weight": self.weight,
             "determined": self.determined,
             "null_directions": [

@@ -7,12 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import Channel
-
-PICO = 1e12  #: pC in a C.
-#: Least noise of a voltage in V: that of a resistor of 1 kΩ at 1 kHz is 0.13 µV.
-LEAST_NOISE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +26,7 @@ class Circuit:
     def of(cls, channels: Sequence[Channel]) -> Circuit:
         """The circuit of some channels."""
         rows = [
-            (PICO * c.capacitance, PICO / c.resistance, c.gain, c.offset, abs(c.noise / c.gain))
+            (1e12 * c.capacitance, 1e12 / c.resistance, c.gain, c.offset, abs(c.noise / c.gain))
             for c in channels
         ]
         return cls(*np.array(rows, dtype=float).T)
@@ -44,52 +40,59 @@ class Circuit:
         """To which share voltages fall in a time in s, (..., electrodes)."""
         return np.exp(-np.multiply.outer(time, self.leak / self.capacitance))
 
-    def response(self, times: Array, charges: Array, rows: Indices) -> Array:
-        """Voltages at `times[rows]` of charges (n, electrodes) that change linearly between times.
-        Their sum over the intervals is exact: each change of charge comes evenly over its interval,
-        and then decays."""
-        steps, rate = np.diff(times), self.leak / self.capacitance
-        exponent = np.maximum(steps[:, None] * rate, 1e-12)
-        spread = -np.expm1(-exponent) / exponent
-        age = times[rows][:, None] - times[1:]
-        kept = np.where(age[..., None] >= 0.0, self.decay(np.maximum(age, 0.0)), 0.0)
-        return np.einsum("kne,ne->ke", kept, spread * np.diff(charges, axis=0)) / self.capacitance
-
 
 class ChargeSum:
-    """The charge since a start: C V + ∫ V/R dt, with its variances. The integral is that of
-    parabolas through three samples, which may be unevenly spaced. An interval between two others
-    has the mean of both its parabolas, which is exact for cubics on even samples. A missing voltage
-    is that before, until the next one replaces the gap by a trapezium."""
+    """The charge since a start, C V + ∫ V/R dt, with its variances.
+
+    The integral is the trapezoidal sum, corrected at its end for the slope of the voltage. A
+    missing voltage is the last one, until the next one makes a trapezium of the gap.
+    """
 
     def __init__(self, circuit: Circuit, time: float, before: Array) -> None:
         """Begin at a time; `before` are the voltages that charges from earlier leave then."""
-        self.circuit, self.time, self.before = circuit, time, before
-        self.voltage = before.copy()
-        none = np.zeros_like(before)
-        self.variance = none.copy()  #: Variance in pC² that sums up from sample to sample.
-        self._settled, self._linear, self._slope = none, none, none
-        self._bend: Array | None = None
-        self._step, self._gap = 0.0, none.copy()
+        self.circuit, self.before, self.time = circuit, before, time
+        self.voltage, self.heard = before, np.full_like(before, time)  #: Last, and when.
+        self.variance = np.zeros_like(before)  #: Sum of variances from sample to sample, in pC².
+        self._integral, self._unseen = np.zeros_like(before), 0.0
+        self._rates = np.zeros((3, len(before)))  #: In pC/s, in the last three intervals.
+
+    @property
+    def missed(self) -> float:
+        """Variance in pC² of what sampling misses, along the charges."""
+        return max(self._unseen, 0.0)
 
     def add(self, time: float, voltage: Array, noise: Array) -> Array:
         """The charge in pC with a further sample; `noise` is its standard deviation in V."""
-        step, missing = time - self.time, np.isnan(voltage)
-        if missing.any() or self._gap.any():
-            voltage = np.where(missing, self.voltage, voltage)
-            jump = (voltage - self.voltage) * self._gap / 2.0
-            self._settled = self._settled + jump
-            self.variance += np.square(self.circuit.leak * jump)
-            self._gap = np.where(missing, self._gap + step, 0.0)
-        slope, bend = (voltage - self.voltage) / step, np.zeros_like(voltage)
-        if self._step:
-            bend = (slope - self._slope) / (step + self._step)
-            before = bend if self._bend is None else self._bend
-            self._settled = self._settled + self._linear - self._step**3 / 12.0 * (before + bend)
-            self._bend = bend
-        self._linear = step * (voltage + self.voltage) / 2.0
-        self.time, self.voltage, self._slope = time, voltage, slope
-        self._step = step
-        self.variance += np.square(self.circuit.leak * noise * step)
-        integral = self._settled + self._linear - step**3 / 6.0 * bend
-        return self.circuit.capacitance * (voltage - self.before) + self.circuit.leak * integral
+        circuit, step = self.circuit, time - self.time
+        is_heard, wait = ~np.isnan(voltage), time - self.heard
+        rise = np.where(is_heard, voltage - self.voltage, 0.0)
+        area = np.where(is_heard, wait * (self.voltage + rise / 2.0), 0.0)
+        self._integral = self._integral + area
+        bridged = np.where(wait > step, wait * rise / 2.0, 0.0)
+        self.variance = self.variance + np.square(circuit.leak) * (
+            np.square(noise * step) + np.square(bridged)
+        )
+        came = circuit.capacitance * rise + circuit.leak * area
+        self._miss(step, np.where(wait > step, np.nan, came / step), noise)
+        self.voltage, self.heard = self.voltage + rise, np.where(is_heard, time, self.heard)
+        late = np.where(is_heard, -wait * rise / 12.0, wait * self.voltage)
+        self.time = time
+        charges = circuit.capacitance * (self.voltage - self.before)
+        return np.asarray(charges + circuit.leak * (self._integral + late))
+
+    def _miss(self, step: float, rate: Array, noise: Array) -> None:
+        """Add to the variance of what sampling misses. Charges came at a `rate` (electrodes,) in
+        pC/s, NaN beside missing samples, for a `step` in s.
+
+        A charge q that comes at any time in a step x time constants long is summed to q in the
+        mean, with the variance q² (x/2 coth(x/2) - 1). Charges that come evenly are summed exactly,
+        so that second differences count: their square is 6 q² for a single q. The part of the
+        noise in these is taken off.
+        """
+        circuit = self.circuit
+        half = np.maximum(step * circuit.leak / circuit.capacitance / 2.0, 1e-6)
+        self._rates = np.array([*self._rates[1:], rate])
+        bend = step * (self._rates[2] - 2.0 * self._rates[1] + self._rates[0])
+        white = np.square(circuit.leak * step) + 20.0 * np.square(circuit.capacitance)
+        share = (half / np.tanh(half) - 1.0) / 6.0
+        self._unseen += float(share @ np.nan_to_num(np.square(bend) - white * np.square(noise)))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,12 +16,10 @@ from pvdf_fem.touch.least_squares import SearchOptions, descend, repeated, with_
 from pvdf_fem.touch.location import SHARE
 from pvdf_fem.touch.problem import ROOM_REACH, Problem, extents
 from pvdf_fem.tracking.circuit import Circuit
+from pvdf_fem.tracking.options import TrackOptions
 
 SEARCH = SearchOptions(max_steps=8, arrived=np.inf, short=0.05)
 CLOSE = np.array([0.3, 0.3, 3.0, np.inf])  #: Places this close are one.
-BEYOND = 6.0  #: Places beyond the model's reach are e to this power less likely before.
-LIGHTEST = 7.0  #: Forces are followed down to the model's least over e to this power.
-STRONGEST = 2.0  #: Forces are followed up to the model's largest times e to this power.
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,31 +28,61 @@ class Sample:
 
     time: float
     charges: Array
-    #: Variances in pC² of noise of this sample alone, and of what has summed up since the onset.
+    #: Variances in pC² of noise of this sample alone, `UNHEARD` where a channel is missing, and of
+    #: what has summed up since the onset.
+    UNHEARD: ClassVar[float] = 1e12
     noise: Array
     walked: Array
+    missed: float  #: Variance in pC² of what sampling missed, along the charges.
+
+    @property
+    def heard(self) -> Mask:
+        """Channels that have a reading, (electrodes,)."""
+        return self.noise < self.UNHEARD
+
+    @property
+    def variance(self) -> Array:
+        """Variances of the charges in pC², (electrodes,)."""
+        return self.noise + self.walked
+
+    @property
+    def significance(self) -> float:
+        """Size of the charges in standard deviations."""
+        return float(np.linalg.norm(self.charges / np.sqrt(self.variance)))
 
 
 @dataclass(frozen=True, eq=False)
 class ChangeModel(Problem):
     """The least-squares problem of touches with any force; its own charges are those at rest, so
-    that residuals are changes in pC. Below the model's least force changes are continued to zero as
-    the tension T of a membrane with the pretension T0 is, for which T² (T - T0) grows as the square
-    of the force. T0 over T at the least force is the share of the charges at rest. Full solves of
-    the thesis's film from 0.1 N down to 5 mN differ from this by at most a tenth of the charge."""
+    that residuals are changes in pC. Below the model's least force changes are continued to zero by
+    the power of the force with which they grow there."""
 
     rest_pC: Array = field(kw_only=True)  #: Charges (electrodes,) of the film at rest.
     circuit: Circuit = field(kw_only=True)
     known: Mapping[int, float] = field(kw_only=True)  #: By index, of what is not sought.
+    options: TrackOptions = field(kw_only=True)
 
     @classmethod
     def of(
-        cls, model: Model, circuit: Circuit, rest_pC: Array, known: Mapping[int, float]
+        cls,
+        model: Model,
+        circuit: Circuit,
+        rest_pC: Array,
+        known: Mapping[int, float],
+        options: TrackOptions,
     ) -> ChangeModel:
         """The changes of a model's charges."""
         unknown = np.array([i for i in range(len(QUANTITIES)) if i not in known])
         charges = np.arange(len(rest_pC)), rest_pC[None], np.ones((1, len(rest_pC)))
-        return cls(model, *charges, unknown, rest_pC=rest_pC, circuit=circuit, known=known)
+        return cls(
+            model,
+            *charges,
+            unknown,
+            rest_pC=rest_pC,
+            circuit=circuit,
+            known=known,
+            options=options,
+        )
 
     @property
     def least(self) -> float:
@@ -63,7 +93,7 @@ class ChangeModel(Problem):
     def log_forces(self) -> tuple[float, float]:
         """Logarithms of the least and the largest force that are followed."""
         least, most = self.model.domain.log_force
-        return least - LIGHTEST, most + STRONGEST
+        return least - self.options.lightest, most + self.options.strongest
 
     def held_back(self, at: Array) -> Array:
         """Coordinates (n, 4) within reach, with forces that are followed."""
@@ -71,31 +101,24 @@ class ChangeModel(Problem):
 
     def linearised(self, at: Array, rows: Indices | None = None) -> Array:
         """As of a `Problem`."""
-        light: Mask = at[:, FORCE] < self.least
-        system = super().linearised(np.maximum(at, [-np.inf, -np.inf, -np.inf, self.least]), rows)
-        if not light.any():
-            return system
-        which = np.zeros(int(light.sum()), dtype=int) if rows is None else rows[light]
-        spread, charges = self.deviations_pC[which], self.charges_pC[which]
-        change = system[light, :, 0] * spread + charges - self.rest_pC
-        total = np.linalg.norm(change + self.rest_pC, axis=1)
-        share = np.clip(np.linalg.norm(self.rest_pC) / total, 0.0, 0.95)
-        square = (1.0 - share) * np.exp(2.0 * (at[light, FORCE] - self.least))
-        tension = share + np.cbrt(square)
-        for _ in range(SEARCH.max_steps):  # from above, where Newton's method comes ever closer
-            slope = 3.0 * np.square(tension) - 2.0 * share * tension
-            tension -= (np.square(tension) * (tension - share) - square) / slope
-        growth = ((tension - share) / (1.0 - share))[:, None]
-        rate = (2.0 * square / slope / (1.0 - share))[:, None]
-        system[light] *= growth[..., None]
-        system[light, :, 0] = (self.rest_pC + growth * change - charges) / spread
-        system[light, :, 1 + FORCE] = rate * change / spread
+        edge = np.maximum(at, [-np.inf, -np.inf, -np.inf, self.least])
+        system, below = super().linearised(edge, rows), (at - edge)[:, FORCE]
+        which = slice(1) if rows is None else rows
+        spread, charges = self.deviations_pC[which], self.charges_pC[which] - self.rest_pC
+        light: Mask = below < 0.0
+        change = system[:, :, 0] + charges / spread
+        slope = system[:, :, 1 + FORCE]
+        power = (slope * change).sum(axis=1) / np.square(change).sum(axis=1)
+        growth = np.exp(power * below)[:, None]
+        system[:, :, 0] = growth * change - charges / spread
+        system[..., 1:] *= growth[..., None]
+        system[light, :, 1 + FORCE] = (power[:, None] * growth * change)[light]
         return system
 
     def pressed(self, at: Array, sample: Sample) -> tuple[Array, float]:
         """Coordinates (4,) with the force of a sample at a place, and chi-square of its charges."""
         charges = (self.rest_pC + sample.charges)[None]
-        spread, force = np.sqrt(sample.walked + sample.noise)[None], np.array([FORCE])
+        spread, force = np.sqrt(sample.variance)[None], np.array([FORCE])
         of_sample = replace(self, charges_pC=charges, deviations_pC=spread, unknown=force)
         end = descend(of_sample, at[None], options=SEARCH)
         return end.at[0], float(end.chi_square[0])
@@ -175,6 +198,7 @@ class Places:
     at: Array
     covariance: Array
     weights: Array  #: Probabilities, (n,).
+    misfit: float  #: Least chi-square of the course over its degrees of freedom.
 
     def deviations(self, turn: Array) -> Array:
         """Standard deviations (4,) of the likeliest x, y, rotation and logarithm of the force. The
@@ -188,13 +212,19 @@ class Places:
 
 
 def fitted(
-    model: ChangeModel, starts: Array, samples: Sequence[Sample], errors: Array, common: Array
+    model: ChangeModel, starts: Array, samples: Sequence[Sample], total: Array | float
 ) -> Places:
-    """The places near `starts` (n, 4) that explain some samples of a touch, the forces free.
-    `errors` (electrodes, samples, samples) are the covariances of the samples' errors by channel,
-    and `common` (electrodes,) is the standard deviation of an error that all samples share."""
+    """The places near `starts` (n, 4) that explain some samples of a touch, the forces free. The
+    walks of the errors are known again where their variances are `total` (electrodes,)."""
     charges = np.array([sample.charges for sample in samples])
+    walked = np.array([sample.walked for sample in samples]).T
+    errors = np.minimum(walked[:, :, None], walked[:, None])
+    errors -= walked[:, :, None] * walked[:, None] / np.reshape(total, (-1, 1, 1))
+    errors += np.array([sample.noise for sample in samples]).T[:, :, None] * np.eye(len(samples))
+    bound = model.model.error_bound * (charges + model.rest_pC).T
+    errors += bound[:, :, None] * bound[:, None]
     sizes = np.linalg.norm(charges, axis=1)
+    common = math.sqrt(samples[-1].missed) / sizes[-1] * np.abs(charges[-1])
     course = Course(model, charges, np.linalg.inv(np.linalg.cholesky(errors)), common)
     forces = starts[:, FORCE:] + 1.5 * np.log(sizes / sizes[-1])
     none = np.zeros((len(starts), 1))
@@ -207,10 +237,15 @@ def fitted(
     covariance[:, kept[:, None], kept] = inverse[:, part[:, None], part]
     at = np.concatenate([ends.at[:, :FORCE], ends.at[:, -2:-1]], axis=1)
     beyond = np.hypot(*at[:, :ROTATION].T) > model.model.domain.reach_mm
-    return _likely(at, covariance, -0.5 * ends.chi_square - BEYOND * beyond, volume)
+    logs = -0.5 * ends.chi_square - model.options.beyond * beyond
+    heard = sum(int(sample.heard.sum()) for sample in samples)
+    freedom = max(heard - len(samples) - len(places), 1)
+    return _likely(at, covariance, logs, volume, ends.chi_square.min() / freedom)
 
 
-def _likely(at: Array, covariance: Array, logs: Array, volume: Array) -> Places:
+def _likely(
+    at: Array, covariance: Array, logs: Array, volume: Array, misfit: float = 1.0
+) -> Places:
     """Places in the order of their likelihood, without repeated and unlikely ones. Weights are the
     integrated likelihood (Laplace's method); `volume` is the covariances' log-determinant."""
     order = np.argsort(-logs, kind="stable")
@@ -219,4 +254,4 @@ def _likely(at: Array, covariance: Array, logs: Array, volume: Array) -> Places:
     weights = np.exp(masses - masses.max())
     likely = weights > SHARE * weights.sum()
     order, weights = order[likely], weights[likely]
-    return Places(at[order], covariance[order], weights / weights.sum())
+    return Places(at[order], covariance[order], weights / weights.sum(), misfit)

@@ -35,6 +35,8 @@ class Row:
     #: Chi-square of the sample's charges; degrees of freedom: number of channels less 1.
     chi_square: float = math.nan
     alternatives: int = 0  #: Number of places with a hundredth of the likelihood or more.
+    #: Seconds until touches are looked for, if samples come as before; NaN while unknown.
+    settling_s: float = 0.0
     missing: str = ""  #: Channels without a reading, by name: ``A C``.
 
 

@@ -18,16 +18,12 @@ from pvdf_fem.response.model import QUANTITIES, Model, period_deg, touch_of
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.touch.locate import PLACE_AND_FORCE
 from pvdf_fem.touch.measurement import at_rest, known_mistakes
-from pvdf_fem.tracking.baseline import WINDOWS, Baseline, Watch
+from pvdf_fem.tracking.baseline import Baseline, Watch
 from pvdf_fem.tracking.circuit import Circuit
-from pvdf_fem.tracking.contact import BAD, STILL, Contact
+from pvdf_fem.tracking.contact import Contact
 from pvdf_fem.tracking.course import ChangeModel
+from pvdf_fem.tracking.options import DEFAULTS, TrackOptions
 from pvdf_fem.tracking.rows import Row, TouchSummary
-
-SETTLE = 256  #: Samples of quiet signal before touches are looked for.
-#: Samples over which the baseline is followed. A faster drift than in this time is not.
-MEMORY = 2000
-PAUSE = 50  #: A pause in samples after which a touch is lost.
 
 
 class Tracker:
@@ -42,6 +38,8 @@ class Tracker:
         the rest is that of the response's scene.
     unit : str
         Of the readings: ``V``, or ``pC``: V times the channel's capacitance.
+    options : TrackOptions
+        When touches begin and end, and when they are located.
 
     Raises
     ------
@@ -55,6 +53,7 @@ class Tracker:
         *,
         unknown: Sequence[str] = PLACE_AND_FORCE,
         unit: str = "V",
+        options: TrackOptions = DEFAULTS,
     ) -> None:
         scene, known = response.scene, touch_of(response.scene)
         mistakes = [*known_mistakes(response.domain, unknown, {}, known)]
@@ -68,14 +67,15 @@ class Tracker:
         circuit = Circuit.of(channels(scene))
         self.touches: list[TouchSummary] = []
         self._names, self._unit, self._stage = response.names, unit, scene.stage or Stage()
-        self._model = ChangeModel.of(response, circuit, at_rest(response, "change")[0], fixed)
-        self._response, self._time = response, -math.inf
+        rest_pC = at_rest(response, "change")[0]
+        self._model = ChangeModel.of(response, circuit, rest_pC, fixed, options)
+        self._options, self._response, self._time = options, response, -math.inf
         self._restart()
 
     def _restart(self) -> None:
         self._step = math.inf
-        self._baseline = Baseline(self._model.circuit, MEMORY)
-        self._watch, self._missing = Watch(len(self._names)), set[str]()
+        self._baseline = Baseline(self._model.circuit, self._options)
+        self._watch, self._missing = Watch(len(self._names), self._options), set[str]()
         self._contact: Contact | None = None
 
     def update(self, t: float, readings: Mapping[str, float] | Sequence[float]) -> Row:
@@ -93,7 +93,8 @@ class Tracker:
         silent = [n for n, v in zip(self._names, values.tolist(), strict=True) if math.isnan(v)]
         self._missing.update(silent)
         voltage = self._model.circuit.voltages(values, self._unit == "pC")
-        step, most = t - self._time, PAUSE if self._contact else MEMORY
+        options, step = self._options, t - self._time
+        most = options.pause if self._contact else options.memory
         if math.isfinite(step) and 0.0 < step <= most * self._step:
             touch = self._contact
             row = self._follow(t, voltage, touch) if touch else self._watch_out(t, voltage)
@@ -102,15 +103,18 @@ class Tracker:
         else:
             row = self._begin_anew(t)
         self._time = t
+        if row.status == "settling":
+            row = replace(row, settling_s=self.settled_s - t)
         return replace(row, missing=" ".join(silent)) if silent else row
 
     @property
     def settled_s(self) -> float:
         """When touches are looked for, if the samples go on as they do; NaN while that is unknown.
 
-        Until then the baseline and its noise are learned, from `SETTLE` samples.
+        Until then the baseline and its noise are learned, from `TrackOptions.settle` samples.
         """
-        left = SETTLE + int(WINDOWS[-1]) - self._baseline.count - len(self._watch.samples)
+        wanted = self._options.settle + int(self._watch.windows[-1])
+        left = wanted - self._baseline.count - len(self._watch.samples)
         return self._time + left * self._step if math.isfinite(self._step) else math.nan
 
     def _begin_anew(self, t: float) -> Row:
@@ -124,15 +128,16 @@ class Tracker:
 
     def _watch_out(self, t: float, voltage: Array) -> Row:
         """Without a touch: follow the baseline with old samples, and see whether a touch begins."""
-        baseline, watch, deviation, error = self._baseline, self._watch, np.zeros_like(voltage), 0.0
-        settling = baseline.count < SETTLE
+        baseline, watch, deviation = self._baseline, self._watch, np.zeros_like(voltage)
+        error = deviation
+        settling = baseline.count < self._options.settle
         if not settling:
-            error = baseline.relative_error()
+            error = baseline.relative_error(t)
             deviation = np.nan_to_num((voltage - baseline.at(t)) / baseline.noise)
         watch.samples.append((t, voltage, deviation))
         if size := watch.touched(error):
             return self._begin(size)
-        if len(watch.samples) > WINDOWS[-1]:
+        if len(watch.samples) > watch.windows[-1]:
             old, quiet, _ = watch.samples.popleft()
             baseline.follow(old, quiet)
         return Row(t, "settling" if settling else "quiet")
@@ -145,7 +150,9 @@ class Tracker:
             self._baseline.follow(old, quiet)
         self._missing = set()
         start = samples[0][0] - self._step
-        contact = self._contact = Contact(self._model, start, self._baseline.remaining(start))
+        contact = self._contact = Contact(
+            self._model, self._options, start, self._baseline.remaining(start)
+        )
         for t, voltage, _ in samples:
             self._add(contact, t, voltage)
         return self._row(t, contact)
@@ -153,14 +160,14 @@ class Tracker:
     def _add(self, contact: Contact, t: float, voltage: Array) -> None:
         """Give a touch the voltages over the baseline, and the doubt by the baseline's error."""
         baseline, circuit, elapsed = self._baseline, self._model.circuit, t - contact.onset
-        error = baseline.noise * baseline.relative_error(elapsed / self._step)
+        error = baseline.noise * baseline.relative_error(t, elapsed / self._step)
         doubt = np.square((circuit.capacitance + circuit.leak * elapsed) * error)
         contact.add(t, voltage - baseline.at(t) + baseline.remaining(t), baseline.noise, doubt)
 
     def _follow(self, t: float, voltage: Array, contact: Contact) -> Row:
         """During a touch."""
         self._add(contact, t, voltage)
-        status = "quiet" if contact.ended() else "lost" if contact.lost(MEMORY) else ""
+        status = "quiet" if contact.ended() else "lost" if contact.lost() else ""
         if not status:
             return self._row(t, contact)
         self._finish(t, contact, status.removeprefix("quiet"))
@@ -175,8 +182,9 @@ class Tracker:
         self.touches.append(
             TouchSummary(**row, onset_s=contact.onset, end_s=told.end, impulse_N_s=impulse)
         )
-        self._baseline.keep(told.end, t, np.array(contact.voltages[-STILL:]))
-        self._contact, self._watch = None, Watch(len(self._names))
+        since, voltages = contact.after()
+        self._baseline.keep(since, t, voltages)
+        self._contact, self._watch = None, Watch(len(self._names), self._options)
 
     def _row(self, t: float, contact: Contact) -> Row:
         """The touch on the stage and its deviations."""
@@ -186,7 +194,7 @@ class Tracker:
         x, y, rotation, log_force = contact.at.tolist()
         status = "too_light" if log_force < low else "touch"
         status = "too_strong" if log_force > high else status
-        status = "unexplained" if contact.strain > BAD else status
+        status = "unexplained" if contact.places.misfit > self._options.unexplained else status
         place, turned = self._stage.to_stage((x, y), rotation)
         x, y = place.tolist()
         force = math.exp(log_force) if log_force < self._model.log_forces[1] else math.nan

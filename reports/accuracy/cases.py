@@ -73,7 +73,8 @@ class RoundFilm:
     def patch(self) -> float:
         """Radius of the probe over the radius of the film."""
         (probe,) = self.scene.loaded_probes
-        return math.sqrt(probe.outline.area / math.pi) / self.scene.film.radius
+        radius = math.sqrt(probe.outline.area / math.pi)
+        return min(radius / self.scene.film.radius, 1.0)  # the probe may be the film, to rounding
 
     def charges(self, total: Sum) -> dict[str, float]:
         """Charges in pC of electrodes, from N_r + N_t; d31 and d32 are equal."""

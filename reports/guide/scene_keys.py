@@ -19,21 +19,19 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pvdf_fem.scene.change import plain
 from pvdf_fem.scene.film import Air, Film
-from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.quantity import Key, Section
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import Numerics, Scene
 from pvdf_fem.scene.scene_file import example_text, examples, toml_value
-from pvdf_fem.scene.shapes import ELECTRODES, PATCHES, PROBES, RINGS, Bonded, Layout, Pressing
+from pvdf_fem.scene.shapes import ELECTRODES, LAYOUTS, PATCHES, PROBES, Bonded, Layout, Pressing
 from pvdf_fem.scene.stage import Stage, WantedModel
 
 EXAMPLE = Path(__file__).parents[2] / "geometry" / "four_electrodes.toml"
 #: Tables of a scene file and their models; shapes of one kind stand side by side.
 TABLES: Mapping[str, tuple[type[Section], ...]] = {
     "[film]": (Film,),
-    "[electrodes]": (Layout,),
-    '[electrodes] with layout = "ring"': tuple(RINGS.values()),
+    "[electrodes]": tuple(LAYOUTS.values()),
     "[[electrodes]]": tuple(ELECTRODES.values()),
     "[probe]": tuple(PROBES.values()),
     "[[probe]], besides the keys of [probe]": (Pressing,),
@@ -48,9 +46,14 @@ TABLES: Mapping[str, tuple[type[Section], ...]] = {
 #: What tables of several shapes are, in the example.
 ABOUT = {
     "[[film.patches]]": inspect.cleandoc(Bonded.__doc__ or ""),
+    "[electrodes]": inspect.cleandoc(Layout.__doc__ or ""),
     "[[electrodes]]": "In place of the layout, any electrodes; they may touch, but not overlap.",
     "[probe]": "What presses on the film; without this table nothing does.",
 }
+UNCERTAIN = (
+    "Standard deviations of numbers of the scene by their keys, in the key's unit or as shares of "
+    "the number: `pvdf-fem solve` tells what they make of each charge."
+)
 HEAD = """\
 # The sensor with four electrodes, without a probe: the film under its pretension only.
 # Copy, keep what you change, delete the rest: every key has the value below as its default. Lines
@@ -83,7 +86,7 @@ def meaning(model: type[Section], name: str) -> str:
 
 def _tables(model: type[Section]) -> list[type[Section]]:
     """The tables from which a table has its keys; a ring has sizes from its electrodes."""
-    ring = [ELECTRODES[model.model_fields["shape"].default]] if model in RINGS.values() else []
+    ring = [ELECTRODES[model.model_fields["shape"].default]] if issubclass(model, Layout) else []
     parents = (table for one in (model, *ring) for table in one.__mro__)
     return [table for table in parents if issubclass(table, Section)]
 
@@ -106,13 +109,10 @@ def groups(models: Sequence[type[Section]]) -> Iterator[tuple[str, type[Section]
         yield "", first, list(first.model_fields)
         return
     shared = [key for key in first.model_fields if all(key in m.model_fields for m in others)]
-    if first not in PROBES.values():
-        shared = [key for key in shared if key not in ("edge_radius_mm", *HEAT)]
     yield "", first, shared
     for model in models:
-        own = model.model_fields.keys() - {"edge_radius_mm", *HEAT, *shared}
         caption = f'shape = "{model.model_fields["shape"].default}": {cleaned(model.__doc__)}'
-        yield caption, model, [key for key in model.model_fields if key in own]
+        yield caption, model, [key for key in model.model_fields if key not in shared]
 
 
 def commented_scene() -> str:
@@ -120,19 +120,21 @@ def commented_scene() -> str:
     blocks, told = [HEAD], set()
     for heading, models in TABLES.items():
         table, _, more = heading.partition(", ")
-        table, _, layout = table.partition(" with ")
         field = Scene.model_fields.get(table.strip("[]"))
-        used = len(models) == 1 and field is not None and field.default is not None
-        about = cleaned(models[0].__doc__) if len(models) == 1 or layout else ABOUT.get(table, "")
-        lines = _comment(": ".join(filter(None, [f"With {layout}" * bool(layout), more, about])))
-        lines += [] if layout else [table if used else f"#{table}"]
+        used = table[1] != "[" and field is not None and field.default is not None
+        about = cleaned(models[0].__doc__) if len(models) == 1 else ABOUT[table]
+        lines = [*_comment(": ".join(filter(None, [more, about]))), table if used else f"#{table}"]
         for caption, model, keys in groups(models):
-            if caption in told or (caption and layout):
+            if caption in told:
                 continue
-            lines += _comment(caption) if caption else []
-            lines += [line for key in keys for line in _entry(model, key, used)]
+            lines += _comment(caption)
+            given = used and model is models[0]
+            lines += [line for key in keys for line in _entry(model, key, given)]
             told |= {caption} - {""}
         blocks.append("\n".join(lines) + "\n")
+    blocks.append(
+        "\n".join([*_comment(UNCERTAIN), "#[uncertain]", '#"film.thickness_um" = "5 %"\n'])
+    )
     return "\n".join(blocks)
 
 
@@ -172,11 +174,12 @@ def scene_page() -> str:
     ]
     for heading, models in TABLES.items():
         lines += ["", f"## `{heading}`", ""]
-        lines += [cleaned(models[0].__doc__), ""] if len(models) == 1 else []
+        lines += [cleaned(models[0].__doc__) if len(models) == 1 else ABOUT[heading], ""]
         for caption, model, keys in groups(models):
             shape, _, about = caption.partition(": ")
             lines += ["", f"`{shape}`: {about}", ""] if caption else []
             lines += table_of(model, keys)
+    lines += ["", "## `[uncertain]`", "", UNCERTAIN]
     commented = example_text("four_electrodes", examples()).rstrip()
     lines += ["", "## A scene with every key", "", "```toml", commented, "```"]
     return "\n".join(lines) + "\n"

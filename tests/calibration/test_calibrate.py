@@ -1,27 +1,19 @@
 """Calibrations of a made-up sensor: what is found, what is left out, and what is wrong."""
 
-import re
-from functools import cache
-
 import numpy as np
 import pytest
 
 from pvdf_fem import Scene, calibrate
-from pvdf_fem.calibration import diagnosis, model
 from pvdf_fem.calibration.model import TouchModel
 from pvdf_fem.calibration.touches import read_touches
 from pvdf_fem.calibration.unknowns import unknowns_of
-from pvdf_fem.charges.goals import goals_of
-from pvdf_fem.solution.solve import solve_goals
-from tests.helpers.touched_sensor import NAMES, SCENE, TRUE, UNKNOWN, made
+from tests.helpers.touched_sensor import NAMES, SCENE, TRUE, UNKNOWN, drawn, made, made_up
 
 
 @pytest.fixture(scope="module", autouse=True)
-def solved_once():
-    """Fits of the same touches begin with the same scenes."""
+def made_up_sensor():
     with pytest.MonkeyPatch.context() as patched:
-        solved = cache(lambda scene: solve_goals(scene, goals_of(scene)))
-        patched.setattr(model, "solve_goals", lambda scene, goals: solved(scene))
+        made_up(patched)
         yield
 
 
@@ -39,20 +31,65 @@ def test_exact_readings_give_the_true_parameters():
     for name, true in TRUE.items():
         of = calibration.parameters[name]
         assert abs(of["value"] - true) < 1.5 * of["deviation"], name
-        unit = 1.0 if name.startswith("stage.") else true
-        assert abs(of["value"] - true) < 0.02 * unit, name
+        assert of["value"] == pytest.approx(true, rel=1e-3, abs=1e-3), name
 
 
 def test_noise_and_places_are_within_the_deviations(found):
     assert found.status == "calibrated"
     assert found.fit.p_value > 0.01
-    errors = [(of["value"] - TRUE[name]) / of["deviation"] for name, of in found.parameters.items()]
-    assert np.abs(errors).max() < 3.0
-    assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 1.8
-    moved = np.linalg.norm(found.fit.moves, axis=1)
-    assert 0.1 < np.median(moved) < 0.6
-    assert 0.01 < found.leave_one_out["charge"] < 0.15
-    assert 0.1 < found.leave_one_out["place_mm"] < 1.5
+    _, true, *_ = drawn(24, 0.3, 1)
+    given = found.fit.model.touches.touches[:, :2]
+    before, after = (np.linalg.norm(true - at, axis=1) for at in (given, found.places_mm))
+    assert np.median(after) < 0.7 * np.median(before)
+
+
+def test_deviations_and_chi_square_are_those_of_many_sensors():
+    """25 sensors, 10 touches each: 68 % are within a deviation, and chi-square is what it is."""
+    pulls, excess = [], []
+    for seed in range(25):
+        columns = made(10, sigma=0.01, seed=seed)
+        of = calibrate(SCENE, columns, UNKNOWN)
+        pulls.append([(p["value"] - TRUE[n]) / p["deviation"] for n, p in of.parameters.items()])
+        excess.append(of.fit.chi_square - of.fit.degrees_of_freedom)
+        assert of.fit.degrees_of_freedom == 40 - 8
+    sizes = np.abs(pulls)
+    assert 0.58 < np.mean(sizes < 1.0) < 0.78
+    assert np.mean(sizes < 3.0) > 0.985
+    assert abs(np.mean(excess)) < 3.0 * np.sqrt(2.0 * 32 / 25)
+
+
+def test_readings_that_scatter_more_than_said_widen_the_deviations():
+    columns = made(sigma=0.02)
+    said, less = (calibrate(SCENE, columns, UNKNOWN, sigma=of) for of in (0.02, 0.01))
+    assert less.status == "calibrated"
+    assert less.fit.scale == pytest.approx(2.0, rel=0.2)
+    for name, of in said.parameters.items():
+        assert less.parameters[name]["deviation"] == pytest.approx(of["deviation"], rel=0.25)
+
+
+def test_leaving_one_out_is_a_calibration_with_the_others():
+    columns = made(8, sigma=0.01)
+    whole, i = calibrate(SCENE, columns, UNKNOWN), 3
+    others = {name: np.delete(column, i) for name, column in columns.items()}
+    without = calibrate(SCENE, others, UNKNOWN)
+    touch = read_touches(columns, SCENE).some([i, i])
+    model = whole.fit.model.changed(touch, "change")
+    model.solve(without.fit.values, np.zeros((2, 2)), np.ones(2, dtype=bool))
+    expected = touch.readings[0] - model.predict(without.fit.values, np.zeros((2, 2))).readings[0]
+    deleted = whole.fit.whitened[0][i] @ whole.fit.deleted()[0][i]
+    np.testing.assert_allclose(deleted, expected, atol=0.05 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("column", "told", "size"),
+    [("y_mm", "place_mm", 0.5), ("x_mm", "place_mm", 0.5), ("force_N", "force", 0.05)],
+)
+def test_what_a_left_out_touch_is_off_its_place_and_force(column, told, size):
+    columns, signs = made(), np.where(np.arange(24) % 2, 1.0, -1.0)
+    factor = columns["force_N"] if column == "force_N" else 1.0
+    columns[column] = columns[column] + signs * size * factor
+    left = calibrate(SCENE, columns, UNKNOWN, sigma=0.05).leave_one_out
+    assert left[told] == pytest.approx(size, rel=0.35)
 
 
 def test_the_calibrated_scene_reads_as_the_sensor_does(found):
@@ -66,40 +103,39 @@ def test_the_calibrated_scene_reads_as_the_sensor_does(found):
 
 def test_derivatives_are_those_of_solves():
     """By parameters of film and stage, place and force, against differences of solves."""
-    unknowns = unknowns_of(SCENE, ("film.pretension_N_m", "gain.B", "turn"), {})
+    unknowns = unknowns_of(SCENE, ("film.pretension_N_m", "gain.B", "shift", "turn"), {})
     columns = {name: column[:2] for name, column in made().items()}
-    values, moves = unknowns.start + 0.01, np.array([[0.1, -0.2], [0.0, 0.0]])
+    values, moves = unknowns.start + 0.1, np.array([[0.1, -0.2], [0.0, 0.0]])
 
     def readings(step=(0.0, 0.0, 0.0), at=values):
         changed = zip(("x_mm", "y_mm", "force_N"), step, strict=True)
         touches = read_touches({**columns, **{n: columns[n] + h for n, h in changed}}, SCENE)
         of_touches = TouchModel(unknowns, touches, "change", "V", 1e-5)
-        of_touches.solve(at, moves, np.array([True, False]))
+        of_touches.solve(at, moves, np.array([True, True]))
         return of_touches.predict(at, moves)
 
-    prediction = readings()
-    scale = np.abs(prediction.readings[0]).max()
-    for i, name in ((0, "film.pretension_N_m"), (2, "stage.rotation_deg")):
-        step = np.eye(len(values))[i] * 0.1 * unknowns.priors[i]
-        ends = [readings(at=values + sign * step).readings[0] for sign in (1.0, -1.0)]
-        slope = prediction.by_parameter[0, :, i] * step[i]
-        assert unknowns.names[i] == name
-        np.testing.assert_allclose(slope, (ends[0] - ends[1]) / 2.0, atol=1e-4 * scale)
-    for i in (0, 2):
-        step = 0.02 * np.eye(3)[i]
-        ends = [readings(step=sign * step).readings[0] for sign in (1.0, -1.0)]
-        slope = (ends[0] - ends[1]) / 0.04
-        np.testing.assert_allclose(prediction.by_touch[0, :, i], slope, atol=1e-3 * scale)
+    prediction, h = readings(), 1e-4
+    scale = np.abs(prediction.readings).max()
+    for i, step in enumerate(h * np.eye(len(values))):
+        ends = [readings(at=values + sign * step).readings for sign in (1.0, -1.0)]
+        slope = (ends[0] - ends[1]) / (2.0 * h)
+        np.testing.assert_allclose(prediction.by_parameter[:, :, i], slope, atol=1e-5 * scale)
+    for i, step in enumerate(h * np.eye(3)):
+        ends = [readings(step=sign * step).readings for sign in (1.0, -1.0)]
+        slope = (ends[0] - ends[1]) / (2.0 * h)
+        np.testing.assert_allclose(prediction.by_touch[:, :, i], slope, atol=1e-5 * scale)
 
 
-def test_one_misplaced_touch_is_named_and_does_not_bias(found):
+@pytest.mark.parametrize(("column", "said"), [("x_mm", "misplaced"), ("force_N", "force_N")])
+def test_one_wrong_touch_is_named_and_does_not_bias(found, column, said):
     columns = made(sigma=0.01, place_sd=0.3)
-    x_mm = columns["x_mm"].copy()
-    x_mm[4] -= 5.0 * np.sign(x_mm[4])
-    wrong = calibrate(SCENE, {**columns, "x_mm": x_mm}, UNKNOWN, place_sd=0.3)
+    values = columns[column].copy()
+    values[4] *= 1.5
+    values[4] += 4.0 * (column == "x_mm")
+    wrong = calibrate(SCENE, {**columns, column: values}, UNKNOWN, place_sd=0.3)
     assert wrong.status == "calibrated"
     assert list(wrong.outliers) == [5]
-    assert "misplaced" in wrong.outliers[5]
+    assert said in wrong.outliers[5]
     for name, of in found.parameters.items():
         assert abs(wrong.parameters[name]["value"] - of["value"]) < 2.0 * of["deviation"]
 
@@ -108,7 +144,7 @@ def test_what_cannot_be_told_apart_is_decided_by_the_priors():
     words = ("film.d31_pC_N", "film.d32_pC_N", "gains")
     truth = SCENE.with_(**{"film.pretension_N_m": 9.5, "stage.x_mm": 0.6, "stage.y_mm": -0.4})
     truth = truth.with_(**{"stage.rotation_deg": 2.0})
-    columns = {name: column[:8] for name, column in made(sigma=0.01).items()}
+    columns = made(sigma=0.01)
     calibration = calibrate(truth, columns, words)
     (text,) = calibration.not_told_apart
     assert all(name in text for name in calibration.parameters)
@@ -126,22 +162,26 @@ def test_what_cannot_be_told_apart_is_decided_by_the_priors():
     assert narrow.parameters["film.d31_pC_N"]["deviation"] < 0.2 * d31["deviation"]
 
 
-@pytest.mark.parametrize(
-    ("change", "status", "said"),
-    [
-        (lambda c: {n: 1e-3 * c[n] for n in NAMES}, "wrong_unit", "in nC, not in pC"),
-        (lambda c: {n: -c[n] for n in NAMES}, "wrong_sign", "the wrong sign"),
-        (lambda c: {"force_N": c["force_N"] / 9.81}, "wrong_force", "force_N is in kgf"),
-        (lambda c: {"force_N": c["force_N"] / 9.81e-3}, "wrong_force", "force_N is in gram"),
-        (lambda c: {"y_mm": -c["y_mm"]}, "swapped_channels", "B and D are swapped; or y_mm has"),
-    ],
-)
-def test_mistakes_are_named(change, status, said, monkeypatch):
-    monkeypatch.setattr(diagnosis, "FEW_TOUCHES", 5)
-    columns = {name: column[:8] for name, column in made(sigma=0.01, place_sd=0.3).items()}
+MISTAKES = {
+    "in nC": ("wrong_unit", lambda c: {n: 1e-3 * c[n] for n in NAMES}),
+    "wrong sign": ("wrong_sign", lambda c: {n: -c[n] for n in NAMES}),
+    "channel C": ("wrong_sign", lambda c: {"C": -c["C"]}),
+    "channel D": ("wrong_channel", lambda c: {"D": 50.0 * np.cos(np.arange(24.0))}),
+    "A and B": ("swapped_channels", lambda c: {"A": c["B"], "B": c["A"]}),
+    "total": ("wrong_reading", lambda c: {n: c[n] + 8.0 * 9.5 for n in NAMES}),
+    "kgf": ("wrong_force", lambda c: {"force_N": c["force_N"] / 9.81}),
+    "grams": ("wrong_force", lambda c: {"force_N": c["force_N"] / 9.81e-3}),
+    "clockwise": ("wrong_frame", lambda c: {"rotation_deg": -c["rotation_deg"]}),
+    "mirrored": ("wrong_frame", lambda c: {"y_mm": -c["y_mm"]}),
+}
+
+
+@pytest.mark.parametrize("said", MISTAKES)
+def test_mistakes_are_named(said):
+    columns, (status, change) = made(sigma=0.01, place_sd=0.3), MISTAKES[said]
     calibration = calibrate(SCENE, {**columns, **change(columns)}, UNKNOWN, place_sd=0.3)
     assert calibration.status == status
-    assert re.search(said, calibration.reason)
+    assert said in calibration.reason
     assert "parameters" not in calibration.to_json()
     with pytest.raises(ValueError, match=status):
         calibration.scene  # noqa: B018
@@ -154,6 +194,7 @@ def test_too_few_touches_are_named():
     assert calibration.reason.startswith("6 touches (24 readings) for 8 unknowns")
 
 
+@pytest.mark.slow
 def test_volts_are_read_through_the_channels():
     scene = SCENE.with_(**{"readout.feedback_capacitance_pF": 220.0})
     columns = made(sigma=0.01, place_sd=0.3)

@@ -5,10 +5,11 @@ import re
 import numpy as np
 import pytest
 
+from pvdf_fem import Replaced
 from pvdf_fem.calibration.touches import TouchesError, read_touches
-from tests.helpers.touched_sensor import SCENE as DISC
+from tests.helpers.touched_sensor import SCENE
 
-SCENE = DISC.with_(probe={"shape": "triangle", "side_mm": 7.0})
+DISC = SCENE.with_(probe=Replaced({"shape": "circle", "radius_mm": 3.0}))
 
 HEAD = "x_mm,y_mm,rotation_deg,force_N,A,B,C,D"
 ROWS = ("1,2,0,1,10,20,30,40", "3,4,10,2,11,21,31,41", "-5,1,20,0.5,12,22,32,42")

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from skfem import MeshTri, MeshTri2
 
-from pvdf_fem import Scene
+from pvdf_fem import Scene, solve
 from pvdf_fem.charges.forces import (
     CANCELLED,
     Forces,
     area_defects,
     charge_sizes,
     charges_of,
+    force_errors,
     goal_forces,
 )
 from pvdf_fem.charges.goals import Goal, goals_of
@@ -48,6 +51,16 @@ def test_charges_are_of_one_pair_of_coefficients_or_of_those_of_each_goal():
     square = Polygon(np.array([[0, 0], [1, 0], [1, 1], [0, 1]]))
     goals = [Goal(square, "material", d) for d in ((18.0, 2.0), (1.0, 0.0), (-1.0, 1.0))]
     assert charges_of(goals, FORCES.values) == pytest.approx([1000.0, 30.0, -1e-12])
+
+
+def test_errors_of_forces_add_up_to_the_error_of_a_charge():
+    """With coefficients of either sign."""
+    goals = [
+        Goal(Circle([0, 0], 1.0), "material", d) for d in ((8.0, 8.0), (20.0, -3.0), (-5.0, 2.0))
+    ]
+    errors = np.array([1.0, 2.0, 3.0])
+    found = force_errors(errors, FORCES.values[[0, 1, 1]], goals)
+    assert charges_of(goals, found) == pytest.approx(errors)
 
 
 def test_no_goals_have_no_forces():
@@ -96,3 +109,17 @@ def test_elements_that_miss_the_arc_lack_area_of_a_round_electrode_only():
         assert defects[1] < 1e-12
     elsewhere = Goal(Circle([0.0, 0.0], 5e-3), "material", (1.0, 1.0))
     assert area_defects([elsewhere], space) == 0.0
+
+
+def test_the_stated_error_has_the_area_that_a_given_mesh_lacks():
+    round_one = {"name": "A", "shape": "circle", "radius_mm": 2.0, "x_mm": 9.0, "y_mm": 0.0}
+    scene = Scene().with_(electrodes=[round_one], probe={"shape": "circle", "radius_mm": 3.0})
+    mesh = mesh_scene(scene, Sizes(dict.fromkeys(outlines(scene), 5e-4), 0.4, 6e-3))
+    facets, count = np.unique(mesh.t2f[:, mesh.subdomains["electrode A"]], return_counts=True)
+    edge, points = facets[count == 1], mesh.doflocs.copy()
+    middles, chords = mesh.dofs.facet_dofs[0, edge], mesh.p[:, mesh.facets[:, edge]].mean(axis=1)
+    points[:, middles] += 0.05 * (chords - points[:, middles])
+    flatter, right = solve(scene, mesh=replace(mesh, doflocs=points)), solve(scene, mesh=mesh)
+    lost = abs(flatter.charges_pC["A"] - right.charges_pC["A"])
+    assert right.charge_errors_pC["A"] < 0.01 * lost
+    assert 0.9 * lost < flatter.charge_errors_pC["A"] < 1.1 * lost

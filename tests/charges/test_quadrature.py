@@ -11,7 +11,7 @@ from pvdf_fem import Scene
 from pvdf_fem.charges.forces import goal_forces, goal_gradients
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.charges.observables import OBSERVABLES
-from pvdf_fem.charges.quadrature import area_quadrature, line_quadrature
+from pvdf_fem.charges.sampling import area_quadrature, line_quadrature
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import RIM

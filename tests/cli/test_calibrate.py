@@ -7,13 +7,14 @@ import pytest
 
 from pvdf_fem import Scene
 from pvdf_fem.cli.main import main
-from tests.helpers.touched_sensor import SCENE, TRUE, made
+from tests.helpers.touched_sensor import SCENE, TRUE, made, made_up
 
 PLACED = {key: value for key, value in TRUE.items() if key.startswith("stage.")}
 
 
 @pytest.fixture
-def files(tmp_path):
+def files(tmp_path, monkeypatch):
+    made_up(monkeypatch)
     scene, touches = tmp_path / "scene.toml", tmp_path / "touches.csv"
     scene.write_text(SCENE.with_(**PLACED).to_toml())
 

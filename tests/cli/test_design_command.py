@@ -29,7 +29,7 @@ def scene(tmp_path, monkeypatch):
     """The file of a scene; models are counted."""
     file, models = tmp_path / "ring.toml", []
 
-    def model_of(film, *_):
+    def model_of(film, *_, as_kept):
         models.append(film)
         return bumps("circle").for_scene(film)
 

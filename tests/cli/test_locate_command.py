@@ -197,10 +197,30 @@ def test_all_mistakes_are_told_before_anything_is_built(built, file, command):
     bare = file.with_name("bare.toml")
     bare.write_text(Scene().to_toml())
     assert command("locate", bare, "--charges", "A=1").code == 2
-    drawn = ["--polish", "--plot", file.with_name("a.svg")]
+    drawn = ["--or", file, "--plot", file.with_name("a.svg")]
     two = command("locate", file, "--charges", given(), "--touches", "2", *drawn)
-    assert set(two.mistakes) == {"--plot", "--polish"}
+    assert set(two.mistakes) == {"--plot", "--or"}
     assert not built
+
+
+def test_reach_and_forces_are_those_of_full_solves_too(file, monkeypatch, command):
+    asked = []
+
+    def located(scene, charges, **how):
+        asked.append((scene.model.reach_mm, scene.model.force_range_N, how["touches"]))
+        raise NotConvergedError("no solve here")
+
+    monkeypatch.setattr("pvdf_fem.touch.locate.locate", located)
+    domain = ["--touches", "2", "--reach", "9", "--force-range", "0.2,3"]
+    assert command("locate", file, "--charges", given(), *domain).code == 3
+    assert asked == [(9.0, (0.2, 3.0), 2)]
+
+
+def test_one_channel_tells_no_place(built, file, command):
+    done = command("locate", file, "--charges", "A=900", "--json")
+    assert done.code == 3
+    result = done.json
+    assert (result["status"], result["touches"]) == ("undetermined", [])
 
 
 def test_the_likelihood_is_drawn_where_places_are_sought(built, file, tmp_path, command):

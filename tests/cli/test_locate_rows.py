@@ -272,7 +272,7 @@ def test_options_that_do_not_go_together_are_refused(run, file, tmp_path, comman
     source.write_text(table())
     for output in (source, file, tmp_path / "touches.txt"):
         assert run(source, "--output", output).mistakes == [str(output)]
-    assert run(source, "--polish", "--or", file).mistakes == ["--or", "--polish"]
+    assert run(source, "--plot", "a.svg", "--or", file).mistakes == ["--or", "--plot"]
     assert run(source, "--sigma", "2").mistakes == ["sigma = 2.0"]
     single = ["--charges", "A=1", "--quick", "--output", "x.csv", "--reading", "total"]
     assert len(command("locate", file, *single).mistakes) == 3

@@ -22,7 +22,7 @@ from pvdf_fem.files import printable
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import Air, Load, Numerics, Readout, Stage
 from pvdf_fem.scene.scene_file import examples
-from pvdf_fem.scene.shapes import ELECTRODES, PROBES, RINGS, Layout
+from pvdf_fem.scene.shapes import ELECTRODES, LAYOUTS, PROBES
 from pvdf_fem.solvers.newton import NewtonOptions
 
 ROOT = Path(__file__).parents[2]
@@ -420,8 +420,8 @@ def test_modes_of_a_film_without_tension(scene, command):
 
 def test_help_names_every_key_of_a_scene(command):
     told = command("--help").out
-    models = [Air, Film, Layout, Load, Numerics, Readout, Stage]
-    models += [*PROBES.values(), *ELECTRODES.values(), *RINGS.values()]
+    models = [Air, Film, Load, Numerics, Readout, Stage]
+    models += [*PROBES.values(), *ELECTRODES.values(), *LAYOUTS.values()]
     keys = {key for model in models for key in model.model_fields}
     assert not {key for key in keys if not re.search(rf"\b{key}\b", told)}
     assert command().out == told
@@ -431,8 +431,8 @@ def test_help_names_every_key_of_a_scene(command):
 def test_keys_are_told_by_words(command):
     assert Scene.parse(command("keys").out) == Scene()
     told = command("keys", "side_mm", "tension-field").out
-    assert re.findall(r"^#?(\w+) = ", told, re.M) == ["compression", *["side_mm"] * 3]
-    sections = ["[film]", "[electrodes]", "[[electrodes]]", "[probe]"]
+    assert re.findall(r"^#?(\w+) = ", told, re.M) == ["compression", "side_mm", "side_mm"]
+    sections = ["[film]", "[electrodes]", "[probe]"]
     assert re.findall(r"^\[.*\]$", told, re.M) == sections
     assert command("keys", "thicknes_um").mistakes == ["thicknes_um"]
 

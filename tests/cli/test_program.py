@@ -5,19 +5,15 @@ from __future__ import annotations
 import json
 import os
 import resource
-import signal
-import sqlite3
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from pvdf_fem import Scene, Solution, solve
-from pvdf_fem.cli.main import main
 from pvdf_fem.cli.program import InputError, run_program
 from pvdf_fem.files import FileError, replacing, require_writable
 from pvdf_fem.output.export import write_mesh
@@ -75,7 +71,6 @@ WRITERS: dict[str, Callable[[Path, Solution], None]] = {
     "b.vtu": _mesh,
     "a.msh": _mesh,
     "a.inp": _mesh,
-    "a.vtk": _mesh,
     "a.png": _figure,
     "a.svg": _figure,
     "a.pdf": _figure,
@@ -86,9 +81,7 @@ WRITERS: dict[str, Callable[[Path, Solution], None]] = {
 def test_a_full_disk_leaves_the_old_file(solution: Solution, tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_text("old")
-    # numpy, which writes .vtk, has its own words for a full disk
-    problem = pytest.raises(FileError, match=f"{NO_SPACE}|problem writing")
-    with small_disk(), problem as caught:
+    with small_disk(), pytest.raises(FileError, match=NO_SPACE) as caught:
         WRITERS[name](path, solution)
     assert str(caught.value).startswith(f"{path}: cannot be written")
     assert [file.name for file in tmp_path.iterdir()] == [name]
@@ -99,7 +92,7 @@ def test_a_full_disk_loses_no_record(solution: Solution, tmp_path: Path) -> None
     record = record_of(solution)
     with Store(tmp_path / "results.db") as store:
         store.put([(solution.scene, record)])
-        with small_disk(100), pytest.raises(StoreError, match="see to its disk"):
+        with small_disk(100), pytest.raises(StoreError):
             store.put([(Scene(), record)])
     with Store(tmp_path / "results.db") as store:
         assert store.get(solution.scene) == record
@@ -239,29 +232,6 @@ def test_charges_are_told_though_a_file_cannot_be_written(scene: Path) -> None:
     assert [file.name for file in scene.parent.iterdir()] == [scene.name]
 
 
-def _interrupted(after: Callable[[], bool], *command: object) -> tuple[int, str, str]:
-    """Run a command in a group of processes and interrupt all of them, as a terminal does."""
-
-    def heed() -> None:  # jobs that a shell starts in the background ignore the signal
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    process = subprocess.Popen(
-        [sys.executable, *map(str, command)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-        start_new_session=True,
-        preexec_fn=heed,
-    )
-    deadline = time.monotonic() + 60
-    while not after() and process.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.01)
-    os.killpg(process.pid, signal.SIGINT)
-    out, err = process.communicate(timeout=60)
-    return process.returncode, out, err
-
-
 #: Interrupts itself when the third tangent is assembled: no clock, so no race with the solve.
 IN_A_SOLVE = """
 from pvdf_fem.film.equilibrium import Equilibrium
@@ -305,23 +275,3 @@ def test_an_interrupted_solve_is_told_in_a_line_and_leaves_the_old_files(begin, 
     assert (run.returncode, run.stdout, run.stderr.count("\n")) == (130, "", 1)
     assert {file.name for file in scene.parent.iterdir()} == {scene.name, old.name}
     assert old.read_text() == "old"
-
-
-def test_an_interrupted_report_keeps_what_is_solved(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    script, out = tmp_path / "report.toml", tmp_path / "out"
-    assert main(["example", "report"]) == 0
-    script.write_text(capsys.readouterr().out)
-    store = out / "solved.db"
-
-    def solved() -> bool:
-        wal = store.with_name("solved.db-wal")
-        return wal.exists() and wal.stat().st_size > 8_000
-
-    command = ("-m", "pvdf_fem", "report", script, "--out", out, "--processes", 2)
-    code, told, complaint = _interrupted(solved, *command)
-    assert (code, told, complaint.splitlines()[-1]) == (130, "", "pvdf-fem: interrupted")
-    assert (out / "index.html").is_file()
-    with closing(sqlite3.connect(store)) as rows:
-        assert rows.execute("SELECT count(*) FROM records").fetchone()[0] >= 1

@@ -63,7 +63,7 @@ def test_json_lines_from_standard_input(files, monkeypatch, capsys):
 @pytest.mark.parametrize(
     "text",
     [
-        "t,A,B\n",
+        "time,A,B\n",
         "t_s,A,A\n",
         "t_s\tA\tB\n",
         "t_s;A;B;C;D\n0;1;2;3;1,2,3\n",
@@ -116,6 +116,21 @@ def test_times_may_be_in_ms(files, capsys):
     told = capsys.readouterr()
     assert told.err == expected.err
     assert len(told.out.splitlines()) == len(lines) + 1
+
+
+def test_the_unit_of_times_is_asked_for(files, capsys):
+    scene, signals = files
+    heading, *lines = signals.read_text().splitlines()
+    rows = [line.partition(",") for line in lines]
+    scaled = [f"{1e3 * float(t):.12g},{rest}" for t, _, rest in rows]
+    signals.write_text("\n".join([heading, *scaled[:20]]) + "\n")
+    assert main(["track", str(scene), str(signals)]) == 0
+    assert "t_ms" in capsys.readouterr().err
+    signals.write_text("\n".join([heading.replace("t_s", "t"), *scaled[:20]]) + "\n")
+    assert main(["track", str(scene), str(signals)]) == 2
+    told = capsys.readouterr().err
+    assert "t_s" in told
+    assert "t_ms" in told
 
 
 def test_decimal_commas_between_semicolons_are_read(files, capsys):

@@ -96,7 +96,7 @@ def check_on_one_mesh(scene):
     return keys
 
 
-@pytest.mark.parametrize("load", ["dead", "follower"])
+@pytest.mark.parametrize("load", [pytest.param("dead", marks=pytest.mark.slow), "follower"])
 def test_place_of_the_probe(load):
     """Each place has a mesh of its own, so both sides carry errors of the discretisation.
 
@@ -306,7 +306,10 @@ def test_places_of_several_probes_and_of_tips(scene, direction):
         for s in (0.5, -0.5)
     )
     expected = plus - minus
-    assert np.abs(along(found, direction) - expected).max() < 5e-3 * np.abs(expected).max()
+    wrong, most = np.abs(along(found, direction) - expected), np.abs(expected).max()
+    stated = along(found.errors, {key: abs(d) for key, d in direction.items()})
+    assert (wrong <= stated + 2e-3 * most).all()
+    assert stated.max() < 3e-2 * most
 
 
 def test_a_sphere_that_turns_changes_nothing():

@@ -142,6 +142,12 @@ def test_equal_ends_of_keys_have_dimensions_of_their_own():
         ({"electrodes.counts": [4]}, {}, "electrodes.counts"),
         ({"electrodes.count": 4}, {}, "electrodes.count"),
         ({"electrodes.ring_radius_mm": [10.0, 60.0]}, {}, "electrodes"),
+        # gains by name, and a design without an electrode of this name
+        (
+            {"electrodes.count": [6, 4]},
+            {"scene": RING.with_(**{"electrodes.count": 6, "readout.gain": {"F": 0.9}})},
+            r"readout.gain.F = 0.9: .*electrodes.count = 4",
+        ),
         ({"probe.x_mm": [1.0]}, {}, "probe.x_mm"),
         ({"load.force_N": [1.0, 50.0]}, {}, "load.force_N = 50"),
         ({"load.kind": ["dead", "rigid"]}, {}, "load.kind"),

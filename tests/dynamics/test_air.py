@@ -26,7 +26,7 @@ def energies(s: float, *shapes: str, degree: int = 30) -> Array:
     area = (weight * np.pi / 8.0 * np.sin(2.0 * height))[:, None] * np.full(64, np.pi / 32.0)
     area = area * np.maximum(1.0 - r**2, 0.0) ** max(s, 0.0)
     unit = np.stack([r * np.cos(angle), r * np.sin(angle)], axis=-1).reshape(-1, 2)
-    functions = np.hstack([values for _, values in _functions(unit, degree, s)])
+    functions = np.hstack([*_functions(unit, degree, s)])
     known = {"piston": np.ones_like(r), "rocking": r * np.cos(angle)}
     found = []
     for shape in shapes:

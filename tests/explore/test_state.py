@@ -54,7 +54,7 @@ def test_a_link_and_a_scene_file_give_the_view_again(start, changes):
     ("start", "changes"),
     [
         (TRIANGLE, {"load.profile": "/srv/secret.csv"}),
-        (TRIANGLE, {"load": {"profile": "secret.nc"}}),
+        (TRIANGLE, {"load": {"profile": "secret.csv"}}),
         (TRIANGLE, {"probe": None, "load.profile": "secret.csv"}),
         (TWO, {"probe[0].load": {"profile": "secret.csv"}}),
     ],

@@ -92,7 +92,7 @@ def test_solve_with_the_field_as_unknowns(equilibrium, solved):
     q, voltages, unit = equilibrate(film).q, np.zeros(2), 1e6
     for _ in range(12):
         state, x = film.state(q), film.dofs(q)
-        slopes = film.on_unknowns(state, goal_gradients(goals, film.membrane, x))
+        slopes = film.unknowns.fold(goal_gradients(goals, film.membrane, x))
         charges = charges_of(goals, goal_forces(goals, film.membrane, x)) - rest_charges(plain)[:2]
         K = film.tangent(state).toarray()
         system = np.block([[K, unit * slopes], [unit * slopes.T, -(unit**2) * capacitances]])

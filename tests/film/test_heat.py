@@ -19,6 +19,7 @@ from pvdf_fem.sweeps.equivalence import mechanics
 WARM = {"temperature_K": 10.0, "contact_time_s": 1.0}
 TRIANGLE = {"shape": "triangle", "x_mm": 5.0714, "y_mm": 0.8757, "side_mm": 7.0}
 PYROELECTRIC = {"film.pyroelectric_uC_m2K": 25.0}
+ROUND = {"shape": "circle", "radius_mm": 1.5}
 
 
 def charges(scene):
@@ -107,6 +108,22 @@ def test_a_film_that_is_warm_all_over_is_one_that_was_cooled_less():
     assert place.stress_MPa == pytest.approx(expected.stress_MPa, rel=1e-6, abs=1e-9)
 
 
+def test_a_tape_under_a_warm_probe_expands_by_its_own_coefficient():
+    """Film and tape share a small load F as a membrane of their tensions' sum N: w = F/(4 pi N)."""
+    tape = {"shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": 45.0, "thickness_um": 40.0}
+    tape |= {"youngs_modulus_GPa": 3.0, "poisson_ratio": 0.3, "thermal_expansion_per_K": 2e-5}
+    probe = {"shape": "circle", "radius_mm": 45.0, "temperature_K": 5.0, "contact_time_s": 1e3}
+    film = {
+        "film.temperature_change_K": -20.0,
+        "film.patches": [{**tape, "bonded": "before stretching"}],
+    }
+    found = solve(Scene().with_(probe=probe, **film, **{"load.force_N": 1e-3}))
+    film_tension = 25e-6 * 2e9 / (1 - 0.34) * 110e-6 * (20.0 - 5.0)
+    tape_tension = 40e-6 * 3e9 / (1 - 0.3) * 2e-5 * (20.0 - 5.0)
+    expected = 1e3 * 1e-3 / (4.0 * np.pi * (film_tension + tape_tension))
+    assert found.deflection_max_mm == pytest.approx(expected, rel=1e-3)
+
+
 def test_heat_on_an_electrode_is_its_area_times_the_pyroelectric_coefficient():
     finger = {"shape": "circle", "x_mm": 10.0, "radius_mm": 4.0}
     scene = Scene().with_(probe={**finger, **WARM}, **PYROELECTRIC)
@@ -124,6 +141,15 @@ def test_a_part_of_a_symmetric_film_has_the_heat_of_all_of_it(monkeypatch):
     on_part = charges(scene)
     monkeypatch.setattr(solving, "part_of", lambda scene: WHOLE)
     assert on_part == pytest.approx(charges(scene), rel=1e-3)
+    # about a line at 35°, to which the part's axes are turned
+    oblique = {"x_mm": 9.0 * np.cos(np.radians(35.0)), "y_mm": 9.0 * np.sin(np.radians(35.0))}
+    single = scene.with_(
+        probe=Replaced({**finger, **oblique}), electrodes=[{"name": "A", **ROUND, **oblique}]
+    )
+    whole = charges(single)
+    monkeypatch.undo()
+    assert not np.allclose(part_of(single).frame, np.eye(2))
+    assert charges(single) == pytest.approx(whole, rel=1e-3)
     cold = {**finger, "x_mm": -9.0, "temperature_K": 5.0}
     unlike = scene.with_(probe=[{**finger, "force_N": 1.0}, {**cold, "force_N": 1.0}])
     assert part_of(unlike).mirrored == (1,)
@@ -132,7 +158,7 @@ def test_a_part_of_a_symmetric_film_has_the_heat_of_all_of_it(monkeypatch):
 @pytest.mark.parametrize(
     ("key", "middle", "step", "allowed"),
     [
-        ("x_mm", 6.5, 0.1, 0.01),
+        pytest.param("x_mm", 6.5, 0.1, 0.01, marks=pytest.mark.slow),
         ("rotation_deg", 20.0, 1.0, 0.04),
         ("temperature_K", 10.0, 1.0, 1e-3),
     ],

@@ -11,7 +11,7 @@ from skfem import BilinearForm
 
 from pvdf_fem import Scene
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import Membrane
+from pvdf_fem.film.membrane import Membrane, tensile_part
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.weak_form import residual_form, tangent_form, vector_basis
 from pvdf_fem.scene.film import Film
@@ -263,3 +263,15 @@ def test_homogeneous_strain_of_an_orthotropic_film(mesh, order):
     area = membrane.space.weights.sum()
     energy = 0.5 * 25e-6 * area * expected @ elastic
     assert membrane.energy(state) == pytest.approx(energy, rel=1e-11)
+
+
+def test_the_tensile_part_has_the_positive_principal_stresses():
+    """Of film in tension, in compression along a direction, along all, and without shear."""
+    stress = np.random.default_rng(3).normal(size=(200, 3))
+    stress[:50, :2] -= 3.0
+    stress[-2:] = [[-1.0, -1.0, 0.0], [2.0, 2.0, 0.0]]
+    values, vectors = np.linalg.eigh(stress[:, [[0, 2], [2, 1]]])
+    assert {tuple(signs) for signs in values > 0.0} == {(False, False), (False, True), (True, True)}
+    positive = np.einsum("nik,nk,njk->nij", vectors, np.maximum(values, 0.0), vectors)
+    expected = positive.reshape(-1, 4)[:, [0, 3, 1]]
+    np.testing.assert_allclose(tensile_part(stress), expected, atol=1e-12)

@@ -119,8 +119,11 @@ def test_large_strains_are_remarked_where_the_law_ends():
     [
         {"probe": DISC, "load.force_N": 0.5},
         {"probe": DISC, "load.force_N": 0.5, "film.patches": [PATCH]},
-        {"probe": DISC, "load.force_N": 0.5, **WARM},
-        {"probe": DISC, "load.force_N": 0.5, **WARM, "film.patches": [PATCH]},
+        pytest.param({"probe": DISC, "load.force_N": 0.5, **WARM}, marks=pytest.mark.slow),
+        pytest.param(
+            {"probe": DISC, "load.force_N": 0.5, **WARM, "film.patches": [PATCH]},
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=["even", "patch", "warm", "warm with a patch"],
 )

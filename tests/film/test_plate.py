@@ -9,6 +9,8 @@ from scipy.optimize import brentq
 from scipy.special import iv, jv, kv
 
 from pvdf_fem import Scene, solve
+from pvdf_fem.charges.forces import charges_of, goal_forces
+from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.layers import uncertain_part
@@ -78,9 +80,7 @@ def profile(solution):
     return np.minimum(radius, 1.0), solution.displacement[:, 2]
 
 
-@pytest.mark.parametrize(
-    ("thickness_um", "patch_radius"), [(0.5, 0.02), (25.0, 0.3), (1000.0, 0.02), (1000.0, 1.0)]
-)
+@pytest.mark.parametrize(("thickness_um", "patch_radius"), [(0.5, 0.02), (1000.0, 1.0)])
 def test_clamped_plate(thickness_um, patch_radius):
     """F a^2/(16 pi D) and p a^4/(64 D) with the correction for a disc."""
     scene = plate(thickness_um, patch_radius)
@@ -88,7 +88,7 @@ def test_clamped_plate(thickness_um, patch_radius):
     assert solved(scene, 2.0).deflection_max_mm == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.parametrize("bending_length", [0.5, 0.1])
+@pytest.mark.parametrize("bending_length", [pytest.param(0.5, marks=pytest.mark.slow), 0.1])
 def test_stretched_plate(bending_length):
     scene = plate(20.0, 0.2, bending_length**-2)
     solution = solved(scene)
@@ -127,6 +127,22 @@ def test_a_part_of_what_narrow_layers_do_is_uncertain():
     assert change[centre] / lost == pytest.approx(-uncertain_part(layers.widths.max()), rel=0.1)
 
 
+def test_the_stated_error_has_what_is_uncertain():
+    """Of bending layers that the elements do not resolve."""
+    scene = RECTANGLE.with_(**{"film.thickness_um": 9.0}, **PLATE)
+    solution = solve(scene, mesh=graded_mesh(scene, 2.0, 8.0))
+    solved, state = solution.fields.solved, solution.fields.solved_state
+    layers = solved.model.layers(solved.terms, solved.unknowns.expansion, state)
+    change = layers.change(factorise(solved.tangent(state)))
+    goals, q = goals_of(scene), solution.fields.q
+    without, with_layers = (
+        1e12 * charges_of(goals, goal_forces(goals, solved.membrane, solved.dofs(at)))
+        for at in (q, q + change)
+    )
+    stated = np.array([*solution.charge_errors_pC.values()])
+    assert np.all(stated >= np.abs(with_layers - without))
+
+
 @pytest.mark.parametrize(("load", "tension"), [(10.0, 0.0), (1e3, 0.0), (1e3, 50.0)])
 def test_large_deflection(load, tension):
     """von Karman's plate under a uniform pressure P = p a^4/(D h), at slopes of 1e-3."""
@@ -158,7 +174,7 @@ def punched(radius, b, length):
     return np.tensordot(factors, functions(radius), 1) - np.log(radius) / (2.0 * np.pi)
 
 
-@pytest.mark.parametrize("bending_length", [0.3, 0.1])
+@pytest.mark.parametrize("bending_length", [pytest.param(0.3, marks=pytest.mark.slow), 0.1])
 def test_punch_keeps_the_film_horizontal_up_to_its_edge(bending_length):
     scene = plate(20.0, 0.2, bending_length**-2, **LOADS["sliding"])
     scale = LOAD * scene.film.thickness * bending_length**2
@@ -237,7 +253,7 @@ def test_tangent_is_the_derivative_of_the_residual(kind):
     difference = (residual[-2] - 8 * residual[-1] + 8 * residual[1] - residual[2]) / 12
     derivative = problem.tangent(problem.state(q)) @ d
     assert np.abs(derivative - difference).max() <= 1e-10 * np.abs(difference).max()
-    bending = plate_of(problem).coupled_tangent(problem.assembly) @ d
+    bending = plate_of(problem).coupled_tangent(problem.assembly, problem.state(q)) @ d
     assert np.linalg.norm(bending) > 1e-2 * np.linalg.norm(derivative)
 
 
@@ -287,7 +303,14 @@ HONEST = {
 }
 
 
-@pytest.mark.parametrize("case", HONEST)
+@pytest.mark.parametrize(
+    "case",
+    [
+        "thin",
+        "plate",
+        *(pytest.param(case, marks=pytest.mark.slow) for case in ("thick", "punch", "stuck")),
+    ],
+)
 def test_error_estimates_are_honest(case):
     scene = HONEST[case].with_(**PLATE, **{"numerics.tolerance": 3e-3})
     solution, exact = solve(scene), solve(scene.with_(**{"numerics.tolerance": 3e-4}))
@@ -349,6 +372,7 @@ def test_form_is_positive_definite_beside_a_cusp(order):
     assert compression(mesh).min() > 0.2
     equilibrium = Equilibrium(scene, mesh, order)
     deflections = np.flatnonzero(equilibrium.unknowns.deflections())
-    tangent = plate_of(equilibrium).coupled_tangent(equilibrium.assembly)
+    flat = equilibrium.state(np.zeros(equilibrium.unknowns.count))
+    tangent = plate_of(equilibrium).coupled_tangent(equilibrium.assembly, flat)
     stiffness = tangent[deflections][:, deflections].tocsc()
     assert negative_pivots(factorise(stiffness)) == 0

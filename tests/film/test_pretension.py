@@ -189,7 +189,7 @@ def test_unequal_tensions_leave_the_mirror_lines_along_the_axes():
     ratio=st.floats(0.3, 3.0),
     force_N=st.floats(0.05, 5.0),
 )
-@drawn(0.03)
+@drawn(0.05)
 def test_exchanging_x_and_y_of_everything_exchanges_the_charges(place, angle, ratio, force_N):
     """Reflected at the diagonal, A and B, and C and D, change their places."""
     (x, y), pair = place, [9.0, 9.0 * ratio]

@@ -236,6 +236,7 @@ def test_taut_centre_and_wrinkled_surroundings(force, strain):
     assert result.deflection_max_mm == pytest.approx(deflection, rel=5e-4)
 
 
+@pytest.mark.slow
 def test_a_load_that_hardly_reaches_the_film_is_named():
     """Beside a rigid probe of 0.01 mm at the rim: tension runs in a line or two."""
     star = [[8.0, 2.6], [3.3, 6.1], [-2.2, 7.5], [-8.8, -1.8], [-2.7, -4.5], [3.7, -4.3]]
@@ -253,6 +254,7 @@ def test_a_load_that_hardly_reaches_the_film_is_named():
     assert "charges_pC" not in solution.to_json()
 
 
+@pytest.mark.slow
 def test_a_load_far_too_small_is_named():
     """Tension runs in a few lines: more elements only make them thinner."""
     changes = {"film.temperature_change_K": 5.0, "load.force_N": 1e-12, **WRINKLING}

@@ -151,7 +151,7 @@ def tangent_of(term, state, assembly):
     """The tangent of one term on the unknowns; None if it vanishes."""
     local = term.element_tangent(state)
     if local is None:
-        return term.coupled_tangent(assembly)
+        return term.coupled_tangent(assembly, state)
     elements, values = local
     dofs = term.space.element_dofs.shape
     matrices = np.zeros((*dofs, dofs[1]))

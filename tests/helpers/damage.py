@@ -10,7 +10,7 @@ from hypothesis import Phase, settings
 from hypothesis import strategies as st
 
 Accident = Callable[[random.Random, bytes], bytes]
-EXAMPLES = int(os.environ.get("PVDF_FEM_EXAMPLES", "200"))
+EXAMPLES = int(os.environ.get("PVDF_FEM_EXAMPLES", "100"))
 
 
 def drawn(share: float) -> settings:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.solution.solve import rest_charges
@@ -91,10 +92,7 @@ def stream(
         step = fine[1] / channel.time_constant
         kept, spread = np.exp(-step), -np.expm1(-step) / step if step else 1.0
         jumps = 1e-12 * spread * np.diff(charges[:, e], prepend=0.0) / channel.capacitance
-        value = 0.0
-        for k, jump in enumerate(jumps.tolist()):
-            value = kept * value + jump
-            voltages[k, e] = value
+        voltages[:, e] = lfilter([1.0], [1.0, -kept], jumps)
     readings = np.array([c.gain for c in channels(model.scene)]) * voltages[::STEPS]
     readings = (
         readings + [c.offset for c in channels(model.scene)] + offset_V + drift_V_s * t[:, None]

@@ -114,7 +114,7 @@ def test_a_command_names_the_missing_package_in_a_line(without_glu: Run, command
     assert (done.returncode, done.stdout, done.stderr.splitlines()[-1]) == (2, "", TOLD)
 
 
-@pytest.mark.parametrize("processes", ["1", "2"])
+@pytest.mark.parametrize("processes", ["2"])
 def test_a_sweep_names_the_missing_package_once(without_glu: Run, processes: str) -> None:
     done = without_glu("-m", "pvdf_fem", "sweep", "sweep.toml", "--processes", processes)
     assert done.returncode == 2

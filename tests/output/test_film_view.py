@@ -44,7 +44,7 @@ def test_a_page_needs_nothing_else(solution: Solution, tmp_path: Path) -> None:
     page = tmp_path.joinpath("film.html").read_text("utf-8")
     assert "OfflineLocalView.load" in page
     assert 'src="http' not in page
-    with pytest.raises(ValueError, match="no field of the film; choose from deflection"):
+    with pytest.raises(ValueError, match="deflection"):
         solution.view("mesh")
 
 
@@ -52,7 +52,7 @@ def test_without_pyvista_it_says_what_to_install(
     solution: Solution, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pyvista", None)
-    with pytest.raises(ImportError, match=r"pip install .pvdf-fem\[view\]"):
+    with pytest.raises(ImportError, match=r"pvdf-fem\[view\]"):
         solution.view()
 
 

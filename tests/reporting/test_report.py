@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pvdf_fem import Report, Scene, solve
+from pvdf_fem import Report, Scene, SceneError, solve, uncertainty
 from pvdf_fem.cli.main import main
 from pvdf_fem.reporting.drawing import spread
 from pvdf_fem.reporting.kind import Kind
@@ -95,6 +95,24 @@ def test_comparison_is_computed_less_measured_in_percent(made):
     assert list(charges.charge_pC[:4]) == [700.0, 610.0, 560.0, 570.0]
     percent = 100.0 * (charges.computed_pC - charges.charge_pC) / charges.charge_pC
     np.testing.assert_allclose(charges.difference_percent, percent)
+
+
+def test_differences_are_told_over_the_deviation_by_uncertain_values(tmp_path):
+    table = script(section=[script()["section"][1]])
+    table["section"][0]["table"] = [{"kind": "comparison", "data": "touches"}]
+    uncertain = {"film.thickness_um": "5 %", "film.d31_pC_N": "20 %"}
+    table["scene"]["uncertain"] = uncertain
+    report = Report.load(write(tmp_path, table))
+    assert report.make(tmp_path / "out", processes=1).complete
+    charges = pd.read_csv(tmp_path / "out" / "data" / "charges.csv")
+    row = charges.iloc[4]
+    scene = report.plan.scene.with_(**{"probe.x_mm": row.x_mm, "probe.y_mm": row.y_mm})
+    deviation = np.hypot(uncertainty(scene).charges_pC[row.electrode], row.error_pC)
+    expected = (row.computed_pC - row.charge_pC) / deviation
+    assert row.difference_over_deviation == pytest.approx(expected, rel=1e-2)
+    table["scene"]["uncertain"] = {"film.radius_mm": 1.0}
+    with pytest.raises(SceneError, match=r"uncertain\.film\.radius_mm"):
+        Report.load(write(tmp_path, table))
 
 
 def test_data_on_a_line_are_beside_their_own_solves(tmp_path):
@@ -188,7 +206,8 @@ def test_warnings_of_scenes_stand_below_their_figure(tmp_path):
     curve |= {"x": "film.d31_pC_N", "values": [1e-7, 2e-7, 8.0]}
     made = Report.load(write(tmp_path, table)).make(tmp_path / "out", processes=1)
     assert made.complete
-    assert "2 of the scenes have warnings" in made.page.read_text("utf-8")
+    [remark] = re.findall('<p class="pending">(.*?)</p>', made.page.read_text("utf-8"))
+    assert "film.d31_pC_N = 1e-07" in remark
 
 
 OWN = """
@@ -282,7 +301,10 @@ def test_tasks_of_a_file_run_once_in_processes_and_in_this_one(tmp_path, counted
     assert pd.read_csv(tmp_path / "out" / "data" / "told.csv").letters.tolist() == [8, 6]
 
 
-@pytest.mark.parametrize(("word", "processes"), [("raise", 1), ("raise", 2), ("crash", 2)])
+@pytest.mark.parametrize(
+    ("word", "processes"),
+    [("raise", 1), ("raise", 2), pytest.param("crash", 2, marks=pytest.mark.slow)],
+)
 def test_a_task_that_fails_is_told_in_its_place_and_tried_again(
     tmp_path, counted, capfd, word, processes
 ):

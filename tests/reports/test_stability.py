@@ -76,7 +76,11 @@ def test_an_extreme_scene_is_compared_with_two_others():
     [
         ({}, 1.0),
         ({"film.bending": True, "load.force_N": 1e-3}, 1.0),
-        ({"load.kind": "contact", "probe": {"shape": "sphere", "radius_mm": 6.0}}, 1.5),
+        pytest.param(
+            {"load.kind": "contact", "probe": {"shape": "sphere", "radius_mm": 6.0}},
+            1.5,
+            marks=pytest.mark.slow,
+        ),
         ({"film.temperature_change_K": 3.0, "film.compression": "tension-field"}, 1.0),
     ],
 )

@@ -75,6 +75,7 @@ def test_links_of_texts_lead_to_figures_and_files(report):
             assert name in names, link
 
 
+@pytest.mark.slow
 def test_what_is_special_is_made_in_a_preview(report):
     inputs, needed = report.plan.needs(quick=True)
     own = [need for need in needed if need.tasks or need.item.name == "contents"]

@@ -197,7 +197,7 @@ def test_options_become_finer_until_the_tolerance_is_met():
     assert again < 2e-3 < once
 
 
-@pytest.mark.parametrize("shape", ["circle", "rectangle"])
+@pytest.mark.parametrize("shape", ["circle", pytest.param("rectangle", marks=pytest.mark.slow)])
 def test_films_that_are_stiffer_in_one_direction(shape):
     """Against full solves; the stress about the rectangle depends on its rotation."""
     sizes = {"circle": {"radius_mm": 5.0}, "rectangle": {"width_mm": 9.0, "height_mm": 6.0}}

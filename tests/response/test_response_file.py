@@ -123,7 +123,7 @@ from pvdf_fem import Response
 from tests.response import made_response as kept
 bound = float(sys.argv[2])
 response = replace(kept.response(), error_bound=bound)
-for _ in range(50):
+for _ in range(15):
     response.save(sys.argv[1])
     assert Response.load(sys.argv[1]).error_bound in (1.0, 2.0)
 """

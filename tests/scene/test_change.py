@@ -7,7 +7,7 @@ import pytest
 from pvdf_fem import Scene, SceneError
 from pvdf_fem.scene.change import spelled
 from pvdf_fem.scene.scene import Film, Load, Replaced
-from pvdf_fem.scene.shapes import Layout
+from pvdf_fem.scene.shapes import LAYOUTS
 from pvdf_fem.sweeps.grid import Grid
 
 LISTED = Scene().with_(
@@ -48,6 +48,7 @@ def test_what_is_no_key_is_refused(key):
     )
 
 
+Squares = LAYOUTS["square"]
 TIGHT = Scene().with_(**{"film.pretension_N_m": 9})
 
 
@@ -88,9 +89,9 @@ def test_layouts_change_into_rings_and_back():
     assert [e.name for e in more.electrode_list] == ["A", "B", "C", "D", "E", "F"]
     squares = more.with_(**{"electrodes.shape": "square", "electrodes.ring_radius_mm": 12})
     assert (squares.electrodes.count, squares.electrode_list[0].side_mm) == (5, 3.0)
-    assert squares.with_(**{"electrodes.layout": "four"}).electrodes == Layout(ring_radius_mm=12.0)
+    assert squares.with_(**{"electrodes.layout": "four"}).electrodes == Squares(ring_radius_mm=12.0)
     three = circles.with_(**{"electrodes.layout": "three", "electrodes.side_mm": 2})
-    assert three.electrodes == Layout(layout="three", side_mm=2.0)
+    assert three.electrodes == Squares(layout="three", side_mm=2.0)
 
 
 def test_numbers_of_a_ring_are_reached():
@@ -122,7 +123,7 @@ def test_a_merged_table_leaves_behind_what_keys_do():
     assert square == disc.with_(**{"probe.shape": "rectangle"})
     assert square.probe.x_mm == 4.0
     ring = Scene().with_(electrodes={"layout": "ring", "shape": "circle", "radius_mm": 1.5})
-    assert ring.with_(electrodes={"layout": "three"}).electrodes == Layout(layout="three")
+    assert ring.with_(electrodes={"layout": "three"}).electrodes == Squares(layout="three")
     stuck = disc.with_(load={"kind": "rigid", "contact": "stuck", "force_N": 0.3})
     assert stuck.with_(load={"kind": "dead"}).load == Load(force_N=0.3)
     pair = Scene().with_(probe=[{"x_mm": 9.0}, {"x_mm": -9.0, "load": {"kind": "rigid"}}])
@@ -135,7 +136,7 @@ def test_replacing_has_a_name_of_its_own():
     assert SMALL.with_(film=Replaced(thickness_um=12)) == thin
     assert SMALL.with_(film=Film(thickness_um=12)) == thin
     assert SMALL.with_(film=Replaced()) == Scene()
-    assert LISTED.with_(electrodes={"layout": "three"}).electrodes == Layout(layout="three")
+    assert LISTED.with_(electrodes={"layout": "three"}).electrodes == Squares(layout="three")
 
 
 SPHERE = Scene().with_(probe={"shape": "sphere", "radius_mm": 5}, load={"kind": "contact"})
@@ -177,7 +178,7 @@ def test_rivals_of_a_probe_are_refused_together_and_replace_each_other():
 @pytest.mark.parametrize(
     ("one", "other"),
     [
-        ({"load.kind": ["contact", "dead"]}, {"load.friction": [0.1, 0.2]}),
+        ({"load.kind": ["contact", "dead"]}, {"load.depth_mm": [1.0, 2.0]}),
         ({"load.profile": ["gaussian", "uniform"]}, {"load.profile_width_mm": [1.0, 2.0]}),
         ({"probe.shape": ["sphere", "triangle"]}, {"probe.radius_mm": [4.0, 5.0]}),
     ],

@@ -165,10 +165,10 @@ def test_a_probes_load_is_merged_over_the_scenes():
 
 def test_a_probes_force_and_the_scenes_depth_take_each_others_place():
     tip = '[[probe]]\nshape = "sphere"\nradius_mm = 5\n'
-    contact = '[load]\nkind = "contact"\nfriction = 0.2\ndepth_mm = 1.0\n'
+    contact = '[load]\nkind = "contact"\ndepth_mm = 1.0\n'
     assert Scene.parse(contact + tip).loaded_probes[0].load.depth_mm == 1.0
     (touch,) = Scene.parse(f"{contact}{tip}force_N = 0.4").loaded_probes
-    assert touch.load == Load(kind="contact", friction=0.2, force_N=0.4)
+    assert touch.load == Load(kind="contact", force_N=0.4)
     pressed = "[load]\nkind = 'contact'\nforce_N = 3\n"
     (touch,) = Scene.parse(f"{pressed}{tip}depth_mm = 2").loaded_probes
     assert touch.load == Load(kind="contact", depth_mm=2.0)
@@ -216,8 +216,8 @@ def test_forces_at_other_places_are_of_the_same_scene():
     [
         ("tangential_N = [1, 0]\n[[probe]]\nload = { kind = 'follower' }", "load.tangential_N"),
         ("[[probe]]\nload = { contact = 'stuck' }", "probe[0].load.contact"),
-        ("friction = 0.2\nkind = 'contact'\n[[probe]]", "probe[0].shape"),
-        ("[[probe]]\nload = { kind = 'contact', friction = 0.2 }", "probe[0].shape"),
+        ("kind = 'contact'\n[[probe]]", "probe[0].shape"),
+        ("[[probe]]\nload = { kind = 'contact' }", "probe[0].shape"),
     ],
 )
 @pytest.mark.parametrize("bending", ["", "bending = true"])
@@ -249,7 +249,6 @@ def test_derivatives_are_by_the_keys_that_probes_have():
 VALUES = {
     "contact": ["sliding", "stuck"],
     "tilt": ["held", "free"],
-    "friction": [0.0, 0.2, "stuck"],
     "depth_mm": [1.0, 2.0],
     "force_N": [0.2, 1.0],
     "tangential_N": [[0.01, 0.0], [0.0, 0.02]],
@@ -259,7 +258,7 @@ OF_KIND = {
     "dead": ["profile", "force_N", "tangential_N"],
     "follower": ["force_N"],
     "rigid": ["contact", "tilt", "force_N"],
-    "contact": ["friction", "depth_mm"],
+    "contact": ["depth_mm"],
 }
 
 

@@ -98,7 +98,7 @@ REFUSALS = [
     ("[film.patches]\nx_mm = 1", "film.patches = a table", "begin each with [[film.patches]]"),
     ("[[load]]\nforce_N = 1", "load = [a table]", "must be one table; begin it with [load]"),
     # rings
-    ("[electrodes]\ncount = 6", "electrodes.count = 6", 'give electrodes.layout = "ring"'),
+    ("[electrodes]\ncount = 6", "electrodes.count = 6", 'is for layout = "ring" only'),
     (RING + "cout = 6", "electrodes.cout = 6", "did you mean count?"),
     (RING + "count = 0", "electrodes.count = 0", "must be positive"),
     (RING + "count = 26", "electrodes.count = 26", "from 1 to 25 electrodes"),

@@ -196,6 +196,7 @@ def test_no_charge_is_accepted_whose_likely_error_exceeds_the_tolerance(monkeypa
 # the budget
 
 
+@pytest.mark.slow
 def test_more_budget_gives_a_finer_result():
     by_unknowns = [within(SLOW, max_unknowns=count) for count in (2000, 5000, 12_000)]
     by_seconds = [within(SLOW, max_seconds=seconds) for seconds in (0.4, 1.0, 10.0)]

@@ -16,10 +16,9 @@ from pvdf_fem.response.build import ResponseOptions
 from pvdf_fem.response.response_file import mechanics_of
 from pvdf_fem.scene.change import steps_of
 from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.outlines.circle import CircleShape
 from pvdf_fem.scene.quantity import Affects, Key, Section
 from pvdf_fem.scene.registry import Load
-from pvdf_fem.scene.shapes import LISTED_PROBES, MODELS
+from pvdf_fem.scene.shapes import LISTED_PROBES, MODELS, PROBES
 from pvdf_fem.sweeps.plan import plan
 from pvdf_fem.sweeps.store import key
 from pvdf_fem.sweeps.sweep import solve_all
@@ -70,9 +69,9 @@ SAMPLES: dict[str, Any] = {
     "film.density_kg_m3": 5000.0,
     "film.radius_mm": 40.0,
     "film.thermal_expansion_per_K": 500e-6,
+    "count": 6,
     "first_angle_deg": 20.0,
     "force_range_N": (0.2, 2.0),
-    "friction": 0.3,
     "gravity_m_s2": 200.0,
     "layout": "three",
     "load": {"kind": "follower", "force_N": 2.0},
@@ -132,12 +131,10 @@ BASES: dict[str, list[dict[str, Any]]] = {
     "film.thermal_diffusivity_m2_s": [WARM],
     "load.contact": [{"load.kind": "rigid"}],
     "load.depth_mm": [TIP],
-    "load.friction": [TIP],
     "load.profile": [{}, {"load.profile": "gaussian", "load.profile_width_mm": 1.0}],
     "load.profile_width_mm": [{"load.profile": "gaussian"}],
     "load.tangential_N": [{}, {"load.tangential_N": [0.0, 0.2]}],
     "load.tilt": [{"load.kind": "rigid"}],
-    "numerics.load_steps": [{**TIP, "load.friction": 0.3}],
     "probe.circle.edge_radius_mm": [{"load.kind": "contact", "probe.edge_radius_mm": 2.0}],
     "readout": [{}, {**COUPLED, "readout": {"kind": "charge"}}],
     "readout.cable_capacitance_pF": [WIRED, {**COUPLED, **WIRED}],
@@ -149,7 +146,6 @@ NEEDS: dict[str, dict[str, Any]] = {
     "contact": {"kind": "rigid"},
     "contact_time_s": {"temperature_K": 5.0},
     "depth_mm": {"kind": "contact"},
-    "friction": {"kind": "contact"},
     "tilt": {"kind": "rigid"},
     "film.patches[0].poisson_ratio": {"youngs_modulus_GPa": 2.0},
     "film.patches[0].thermal_expansion_per_K": {"bonded": "before stretching"},
@@ -176,9 +172,7 @@ def places() -> Iterator[Place]:
         entry = {"shape": shape, "x_mm": 2.0, "y_mm": 1.0, **SIZES.get(shape, {})}
         kind = {"load.kind": "contact"} if shape == "sphere" else {}
         match path:
-            case ("electrodes", "layout"):
-                yield Place("electrodes", "electrodes", model, {})
-            case ("electrodes", "ring", _):
+            case ("electrodes", "table", _):
                 ring = {"layout": "ring", "ring_radius_mm": 8.0, "shape": shape, **SIZES[shape]}
                 yield Place(name, "electrodes", model, {"electrodes": ring})
             case ("electrodes", "list", _):
@@ -332,7 +326,7 @@ class CoatedFilm(Film):
     shade: Annotated[float, Key(affects=Affects.READING)] = 0.0
 
 
-class CoatedProbe(CircleShape):
+class CoatedProbe(PROBES["circle"]):
     """A probe with a key that is new."""
 
     coating_um: float = 0.0

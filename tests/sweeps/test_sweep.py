@@ -274,6 +274,7 @@ def test_a_task_that_always_kills_its_process_has_no_result():
 
 
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.slow
 def test_a_cluster_gives_the_same_dataset_even_if_a_worker_dies():
     distributed = pytest.importorskip("distributed")
     axes = [{"load.force_N": [0.5, 1.0, 2.0]}, {"probe.x_mm": [0.0, 3.0]}, AXES[-1]]
@@ -306,6 +307,7 @@ def test_a_scheduler_that_is_not_there_is_bad_input(tmp_path, monkeypatch, capsy
 
 
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.slow
 def test_a_scheduler_that_stops_is_told_in_a_line(tmp_path):
     pytest.importorskip("distributed")
     where, command = tmp_path / "scheduler.json", [sys.executable, "-m"]
@@ -361,7 +363,7 @@ def test_the_command_prints_its_plan_and_writes_the_dataset(
     assert cli.main(command) == 0
     out, err = capsys.readouterr()
     assert "s.nc" in out
-    assert [line.split()[0] for line in err.splitlines()] == ["2", "4"]  # no bar, as in a terminal
+    assert err == ""  # no progress, as on a terminal
     with xarray.open_dataset("s.nc") as data:
         assert data.charge_pC.sel(force_N=2.0, ring_radius_mm=8.0, electrode="A") == 6.0
     assert cli.main([*command, "--quiet", "--plot", "s.svg"]) == 0

@@ -5,14 +5,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from pvdf_fem import Scene, solve
 from pvdf_fem.response.model import QUANTITIES
 from pvdf_fem.touch.least_squares import SearchOptions
-from pvdf_fem.touch.locate import PolishError, locate, polish, weigh
+from pvdf_fem.touch.locate import locate, weigh
 from pvdf_fem.touch.locate_many import locate_many
 from pvdf_fem.touch.search import LocateOptions
-from pvdf_fem.touch.solves import SolveOptions
-from pvdf_fem.touch.starts import starts
 from tests.helpers.touch_models import Bumps, bumps, random_touches
 
 ALL = ("x_mm", "y_mm", "rotation_deg", "force_N")
@@ -123,16 +120,13 @@ def test_a_missing_electrode_is_left_out():
     assert apart < 1e-4
 
 
-def test_searches_start_near_touches_at_the_edge():
+def test_touches_at_the_edge_are_found():
     """Valleys there may be narrower than the lattice's pitch."""
-    model, electrodes = bumps("triangle", 4), np.arange(4)
-    reach = model.domain.reach_mm
+    model = bumps("triangle", 4)
     for angle in np.radians(np.arange(2.0, 90.0, 8.0)):
-        touch = np.array([reach * np.cos(angle), reach * np.sin(angle), 0.0, 1.0])
-        charges = model.evaluate(touch[None])[0][0]
-        found = starts(model, charges, 0.01 * charges, electrodes, {2: 0.0})
-        apart = np.hypot(*(found - touch)[:, :2].T)
-        assert apart.min() < 1.01 * np.pi * reach / 48
+        touch = np.array([11.99 * np.cos(angle), 11.99 * np.sin(angle), 0.0, 1.0])
+        found = locate(model, charges_of(model, touch), 1e-3, known={"rotation_deg": 0.0})
+        assert found.best.values == pytest.approx(touch, abs=1e-3)
 
 
 def test_exact_charges_take_few_evaluations():
@@ -180,17 +174,56 @@ def test_mirror_images_are_both_listed():
     assert "ambiguous: 2 touches are likely" in found.remarks
 
 
-def test_too_few_charges_name_the_free_direction():
-    model, touch = bumps("circle", 2), np.array([3.0, 4.0, 0.0, 1.0])
-    found = locate(model, charges_of(model, touch))
-    # all of a curve fits; at its ends, beyond the edge, the model has other slopes
-    best = next(one for one in found.touches if not one.at_edge)
+@dataclass(frozen=True, eq=False)
+class Cubic(Bumps):
+    """Charges that three places along x have, with slopes of 4.8, -1.2 and 1.6 pC/mm."""
+
+    def evaluate(self, touches):
+        x = touches[:, 0]
+        charges, slopes = super().evaluate(touches)
+        charges[:] = (100.0 + 0.1 * (x + 6.0) * x * (x - 2.0))[:, None]
+        slopes[:] = 0.0
+        slopes[:, :, 0] = (0.1 * (3.0 * x**2 + 8.0 * x - 12.0))[:, None]
+        return charges, slopes
+
+
+def test_rivals_weigh_as_much_as_the_places_that_fit():
+    """The width of a place is inverse to its slope: 1 to 4 to 3."""
+    model, known = Cubic(**vars(bumps("circle", 2))), dict.fromkeys(("y_mm", "rotation_deg"), 0.0)
+    charges = dict.fromkeys(model.names, 100.0)
+    found = locate(model, charges, 1e-3, unknown=["x_mm"], known={**known, "force_N": 1.0})
+    by_place = {round(one.x_mm, 2): one.weight for one in found.touches}
+    assert by_place == pytest.approx({-6.0: 1 / 8, 0.0: 1 / 2, 2.0: 3 / 8}, rel=1e-3)
+
+
+def test_charges_that_undo_each_other_name_the_free_direction():
+    """Four electrodes at one place tell a distance and nothing else."""
+    model, touch = bumps("circle", 4), np.array([3.0, 4.0, 0.0, 1.0])
+    model = replace(model, electrodes_mm=np.tile(model.electrodes_mm[:1], (4, 1)))
+    best = locate(model, charges_of(model, touch), unknown=("x_mm", "y_mm")).best
     assert not best.determined
-    assert best.condition == np.inf
     [free] = best.null_directions
-    slopes = slopes_of(model, best.values)[:, [0, 1, 3]]
+    slopes = slopes_of(model, best.values)[:, :2]
     assert np.sqrt(free @ np.linalg.solve(best.covariance, free)) == pytest.approx(1.0, rel=1e-3)
-    assert slopes @ free == pytest.approx([0.0, 0.0], abs=1e-4 * np.abs(slopes * free).max())
+    assert slopes @ free == pytest.approx(np.zeros(4), abs=1e-4 * np.abs(slopes * free).max())
+
+
+@pytest.mark.parametrize("electrodes", [1, 2])
+def test_fewer_charges_than_unknowns_are_undetermined(electrodes):
+    model, touch = bumps("circle", electrodes), np.array([3.0, 4.0, 0.0, 1.0])
+    charges = charges_of(model, touch)
+    found = locate(model, charges)
+    assert (found.status, found.touches) == ("undetermined", ())
+    assert found.to_json()["touches"] == []
+    assert not found.explained
+    assert len(found.remarks) == 1
+    rows = locate_many(model, [[*charges.values()]], rotations_deg=[0.0])
+    assert rows.status.tolist() == ["undetermined"]
+    assert not rows.explained.any()
+    assert np.isnan(rows.values).all()
+    # one charge tells the force at a known place
+    known = dict(zip(QUANTITIES[:3], touch, strict=False))
+    assert locate(model, charges, unknown=["force_N"], known=known).best.force_N == pytest.approx(1)
 
 
 def test_a_disc_has_no_rotation():
@@ -201,7 +234,7 @@ def test_a_disc_has_no_rotation():
     assert found.best.null_directions[0][[0, 1, 3]] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
     known = locate(model, charges_of(model, touch)).best
     for name, deviation in known.deviations.items():
-        assert found.best.deviations[name] == pytest.approx(deviation, rel=1e-4)
+        assert found.best.deviations[name] == pytest.approx(deviation, rel=1e-2)
     assert found.best.deviations["rotation_deg"] == pytest.approx(180.0)
     assert any("undetermined: free along" in text for text in found.remarks)
     # any rotation is as likely
@@ -220,9 +253,6 @@ def test_the_covariance_is_the_inverse_information():
     slopes = slopes_of(model, touch)
     expected = np.linalg.inv(slopes.T @ (slopes / variance[:, None]))
     assert best.covariance == pytest.approx(expected, rel=1e-4)
-    lengths = np.linalg.norm(slopes / np.sqrt(variance)[:, None], axis=0)
-    scaled = slopes / np.sqrt(variance)[:, None] / lengths
-    assert best.condition == pytest.approx(np.linalg.cond(scaled), rel=1e-4)
 
 
 @pytest.fixture(scope="module")
@@ -417,55 +447,6 @@ def test_the_right_probe_is_chosen():
             assert right.location.best.chi_square < 1.0
     sure = weigh(models, charges_of(models["rectangle"], np.array([4.0, 1.0, 20.0, 1.0])), 1e-3)
     assert (sure[0].name, round(sure[0].weight, 3)) == ("rectangle", 1.0)
-
-
-def test_options_of_the_other_route_are_refused():
-    model, scene = bumps("circle"), Scene.example("triangle")
-    charges = charges_of(model, np.array([3.0, -4.0, 0.0, 1.0]))
-    for given, options in ((model, SolveOptions()), (scene, LocateOptions()), (model, {})):
-        with pytest.raises(ValueError, match=type(options).__name__):
-            locate(given, charges, options=options)
-    with pytest.raises(ValueError, match="SolveOptions"):
-        weigh({"circle": model}, charges, options=SolveOptions())
-
-
-# ---------------------------------------------------------------------------------------- polish
-
-
-def test_polishing_removes_the_error_of_the_model():
-    model, truth = bumps("rectangle"), bumps("rectangle", width_mm=9.05)
-    touch = np.array([3.0, -4.0, 25.0, 0.7])
-    charges = charges_of(truth, touch)
-    found = locate(model, charges, 1e-3, known={"rotation_deg": 25.0})
-    assert np.hypot(*(found.best.values - touch)[:2]) > 0.01
-    better = polish(model, found, charges, 1e-3, better=truth)
-    assert better.best.values == pytest.approx(touch, abs=1e-4)
-    assert better.best.chi_square < 1e-4 < found.best.chi_square
-
-
-def test_a_failed_solve_is_no_polished_touch():
-    class Unsolved(Bumps):
-        def evaluate(self, touches):
-            charges, slopes = super().evaluate(touches)
-            return np.full_like(charges, 1e15), 0.0 * slopes
-
-    model, touch = bumps(), np.array([3.0, -4.0, 0.0, 0.7])
-    charges = charges_of(model, touch)
-    with pytest.raises(PolishError, match=r"no solve near \(3, -4\) mm, 0.7 N"):
-        polish(model, locate(model, charges), charges, better=Unsolved(**vars(model)))
-
-
-def test_solves_polish_a_touch():
-    """Of a coarse stand-in for a response, whose charges are far off."""
-    scene = Scene.example("triangle").with_(**{"probe.x_mm": 5.0, "probe.y_mm": 2.0})
-    charges = solve(scene).charges_pC
-    model = replace(bumps("triangle"), scene=scene)
-    begun = replace(locate(model, charges, 0.5), touches=())
-    assert polish(model, begun, charges) is begun
-    near = charges_of(model, np.array([5.3, 1.8, 0.0, 0.95]))
-    found = replace(locate(model, near, 1e-3), reading="total")
-    better = polish(model, found, charges, 1e-3, tolerance=1e-3)
-    assert better.best.values == pytest.approx([5.0, 2.0, 0.0, 1.0], abs=0.02)
 
 
 # -------------------------------------------------------------------------------------- mistakes

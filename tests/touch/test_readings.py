@@ -8,7 +8,7 @@ import pytest
 from pvdf_fem.response.model import QUANTITIES
 from pvdf_fem.solution.solve import rest_charges
 from pvdf_fem.touch.least_squares import SearchOptions
-from pvdf_fem.touch.locate import locate, polish, weigh
+from pvdf_fem.touch.locate import locate, weigh
 from pvdf_fem.touch.locate_many import locate_many
 from pvdf_fem.touch.search import LocateOptions
 from pvdf_fem.touch.touch import TouchStatus
@@ -233,18 +233,6 @@ def test_a_place_beyond_the_reach_is_measured_from_the_films_centre():
     with pytest.raises(ValueError, match="known x_mm = 3: beyond the 12 mm"):
         locate(model, readings_of(model), unknown=("y_mm",), known={"x_mm": 3.0})
     locate(model, readings_of(model), unknown=("y_mm",), known={"x_mm": 31.0})
-
-
-def test_a_touch_on_the_stage_is_polished_on_the_film():
-    model = model_with(stage=STAGE)
-    truth = replace(model, width_mm=9.05)
-    changes = readings_of(truth, less_pC=model.rest_pC)
-    known = {"rotation_deg": 75.0}
-    found = locate(model, changes, 1e-3, known=known, reading="change")
-    assert np.hypot(*(found.best.values - on_stage(TOUCH))[:2]) > 0.01
-    better = polish(model, found, changes, 1e-3, better=truth)
-    assert better.best.values == pytest.approx(on_stage(TOUCH), abs=1e-4)
-    assert better.reading == "change"
 
 
 # ------------------------------------------------------------------------------- rows and tables

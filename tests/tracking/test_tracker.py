@@ -1,5 +1,7 @@
 """Touches in made-up streams of readings."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,8 @@ def test_a_tap_through_a_resistance_is_found_located_and_weighed():
     assert_found(touch, TAP)
     assert touch.impulse_N_s == pytest.approx(0.8 * 0.12 * 2.0 / np.pi, rel=0.05)
     assert {row.status for row in rows[:200]} == {"settling"}
+    assert rows[100].settling_s == pytest.approx(0.22, abs=2e-3)
+    assert rows[400].settling_s == 0.0
     assert {row.status for row in rows if row.t_s < 0.59} == {"settling", "quiet"}
     pressed = [row for row in rows if row.status == "touch"]
     assert {row.touch for row in pressed} == {1}
@@ -36,17 +40,67 @@ def test_a_tap_through_a_resistance_is_found_located_and_weighed():
     assert np.abs(forces - truth).max() < 0.06
 
 
-@pytest.mark.parametrize(("duration", "shifts"), [(0.05, (0.0, 0.3, 0.6)), (0.5, (0.3,))])
-def test_taps_are_weighed_in_spite_of_what_sampling_misses(duration, shifts):
-    """The plain sum of samples is off by some percent, as the force begins at once."""
+def pulls_of(touch, tap):
+    """Errors of x, y and force over their stated deviations."""
+    errors = touch.x_mm - tap.place_mm[0], touch.y_mm - tap.place_mm[1], touch.force_N - tap.force_N
+    stated = touch.x_deviation_mm, touch.y_deviation_mm, touch.force_deviation_N
+    return np.divide(errors, stated)
+
+
+@dataclass(frozen=True)
+class Smooth(Tap):
+    """A touch with a force like the square of half a sine."""
+
+    def force(self, t):
+        return self.force_N * (super().force(t) / self.force_N) ** 2
+
+
+def test_forces_are_unbiased_and_deviations_true():
+    """Means of 32 pulls have a deviation of 0.14: a bias by 0.3 deviations is hardly missed."""
+    model, pulls = sensor(), []
+    for seed in range(32):
+        draw = np.random.default_rng([5, seed])
+        place = tuple(draw.uniform(-4.0, 4.0, 2).tolist())
+        tap = Smooth(0.4 + 1e-3 * draw.random(), draw.uniform(0.05, 0.15), place, 0.8)
+        t, readings = stream(model, [tap], 0.62, noise_V=4e-4, seed=seed)
+        (touch,) = followed(model, t, readings)[0].touches
+        pulls.append(pulls_of(touch, tap))
+    assert np.abs(np.mean(pulls, axis=0)).max() < 0.3
+    spread = np.sqrt(np.mean(np.square(pulls), axis=0))
+    assert (spread > 0.5).all()
+    assert (spread < 1.4).all()
+
+
+def test_deviations_are_turned_to_the_stage():
+    model, taps = sensor(), [Tap(0.4, 0.1, (6.0, 0.0), 0.8)]
+    t, readings = stream(model, taps, 0.6, noise_V=3e-4)
+    (touch,) = followed(model, t, readings)[0].touches
+    scene = model.scene.with_(stage={"rotation_deg": 90.0})
+    (turned,) = followed(replace(model, scene=scene), t, readings)[0].touches
+    assert turned.x_deviation_mm == pytest.approx(touch.y_deviation_mm, rel=1e-6)
+    assert turned.y_deviation_mm == pytest.approx(touch.x_deviation_mm, rel=1e-6)
+    assert abs(touch.x_deviation_mm / touch.y_deviation_mm - 1.0) > 0.1
+
+
+@pytest.mark.parametrize("wrong", [[1, 0, 2, 3], [0, 2, 1, 3]])
+def test_exchanged_channels_are_unexplained(wrong):
+    model, taps = sensor(), [Tap(0.4, 0.1, (4.0, -1.0), 0.8)]
+    t, readings = stream(model, taps, 0.6, noise_V=1e-4)
+    tracker, rows = followed(model, t, readings[:, wrong])
+    (touch,) = tracker.touches
+    assert touch.status == "unexplained"
+    assert "unexplained" in {row.status for row in rows}
+
+
+def test_a_sharp_onset_is_stated_by_the_deviations():
+    """What comes right after a sample leaves no trace in the next one."""
     model = sensor()
-    for shift in shifts:
-        # what comes right after a sample leaves no trace in the next one
-        force = 0.02 if shift else 0.08
-        tap = Tap(0.6 + 1e-3 * shift, duration, (-2.0, 4.0), 1.5)
-        tracker, _ = followed(model, *stream(model, [tap], 0.8 + duration, noise_V=1e-4))
+    for shift in (0.0, 0.3, 0.6):
+        tap = Tap(0.6 + 1e-3 * shift, 0.1, (-2.0, 4.0), 1.5)
+        tracker, _ = followed(model, *stream(model, [tap], 0.9, noise_V=3e-4))
         (touch,) = tracker.touches
-        assert_found(touch, tap, mm=0.3, force=force)
+        assert np.abs(pulls_of(touch, tap)).max() < 4.0
+        assert touch.force_deviation_N < 0.1
 
 
 def test_a_charge_amplifier_whose_baseline_drifts():
@@ -78,9 +132,7 @@ def test_a_held_touch_is_told_within_its_deviations_and_leaves_nothing_behind():
         circuit = {"noise_V": 2e-3, "seed": seed, "rate_Hz": 200.0}
         tracker, _ = followed(model, *stream(model, [tap], 5.0, **circuit))
         (touch,) = tracker.touches
-        errors = touch.x_mm - 3.0, touch.y_mm - 1.0, touch.force_N - 0.5
-        deviations = touch.x_deviation_mm, touch.y_deviation_mm, touch.force_deviation_N
-        pulls.append(np.divide(errors, deviations))
+        pulls.append(pulls_of(touch, tap))
         assert touch.force_deviation_N < 0.01
     assert np.abs(pulls).max() < 4.0
     assert np.sqrt(np.square(pulls).mean(axis=0)).max() < 1.8
@@ -133,10 +185,9 @@ def test_a_light_touch_says_so():
     model = sensor()
     tap = Tap(0.6, 0.1, (3.0, -2.0), 0.01)
     tracker, rows = followed(model, *stream(model, [tap], 1.0, noise_V=5e-5))
-    (touch,) = tracker.touches
     assert "touch" not in {row.status for row in rows}
-    assert touch.status == "starting"
-    assert str(touch).endswith("; not located")
+    assert {touch.status for touch in tracker.touches} == {"starting"}
+    assert str(tracker.touches[0]).endswith("; not located")
 
 
 @pytest.mark.parametrize("seed", range(4, 8))

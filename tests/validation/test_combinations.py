@@ -80,7 +80,7 @@ def test_files_hold_scenes(changes):
 
 
 @given(changes=combinations(), image=st.sampled_from([quarter_turned, mirrored]))
-@drawn(0.1)
+@drawn(0.2)
 def test_images_have_the_charges_of_the_scene(changes, image):
     scene = scene_of(changes)
     try:
@@ -124,7 +124,7 @@ def axes(draw, scene: Scene):
 
 
 @given(changes=combinations(), data=st.data())
-@drawn(0.025)
+@drawn(0.05)
 def test_sweeps_have_the_charges_of_fresh_solves(changes, data):
     scene = scene_of(changes)
     grid = data.draw(axes(scene))
@@ -148,7 +148,7 @@ def test_sweeps_have_the_charges_of_fresh_solves(changes, data):
 
 
 @given(changes=combinations(), data=st.data())
-@drawn(0.06)
+@drawn(0.12)
 def test_gradients_are_those_of_fresh_solves(changes, data):
     scene = scene_of(changes)
     try:
@@ -173,7 +173,7 @@ def test_gradients_are_those_of_fresh_solves(changes, data):
 
 
 @given(changes=combinations())
-@drawn(0.005)
+@drawn(0.01)
 def test_responses_have_the_charges_of_fresh_solves(changes):
     scene = scene_of(changes)
     how = {"reach_mm": 1.5, "force_N": (0.5, 1.5), "tolerance": 0.1, "processes": 1}

@@ -14,7 +14,7 @@ from reports.accuracy.drawn import KINDS, drawn_scenes
 from tests.helpers.damage import drawn
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE
 
-few = drawn(0.03)
+few = drawn(0.05)
 places = st.tuples(st.floats(-12, 12), st.floats(-12, 12))
 angles = st.floats(-180, 180)
 forces = st.floats(0.01, 50)

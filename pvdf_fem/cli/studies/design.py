@@ -102,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
         if wrong:
             raise InputError(*dict.fromkeys(wrong))
         print(designs, file=sys.stderr)
-        asked["model"] = lambda film: model_of(film, options.scene, choice)
+        asked["model"] = lambda film: model_of(film, options.scene, choice, as_kept=True)
         data = design(scene, vary, progress=options.progress, **asked)
     except ValueError as error:
         raise InputError(*str(error).splitlines()) from error

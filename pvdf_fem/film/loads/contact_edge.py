@@ -1,128 +1,97 @@
-"""The edge of a contact with a rigid tip on a mesh, and where it should be.
-
-Where the film leaves the tip it does so without a kink. A kink e = [grad w . n] tells how far the
-edge is from there: the gap beyond an edge moved by s is e s + k s^2/2 with the jump k of the film's
-curvature, which the contact pressure over the tension across the edge gives, so that s = -e/k.
-"""
+"""Where film leaves a rigid tip, from the smooth film beside the contact."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import polynomial
 
-from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.film.membrane import IDENTITY
-from pvdf_fem.film.space import Space, shape_values
-from pvdf_fem.mesh.points import facet_quadrature
+from pvdf_fem.arrays import Array
+from pvdf_fem.film.loads.contact_guess import face_patch
+from pvdf_fem.film.loads.rigid_tip import RigidTip
+from pvdf_fem.film.term import State
+from pvdf_fem.mesh.size_field import element_sizes
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.outlines.tip import STEEPEST, Height, Tip
 
-#: Largest overlap of film and tip over the tip's depth.
-PENETRATION = 1e-6
-#: The same from which a contact has no result, as what it changes is no longer small.
-LARGEST = 1e-2
+#: Rays from the core, on each of which the edge of a contact is sought.
+RAYS = 72
 
 
-@dataclass(frozen=True, eq=False)
-class EdgeFacets:
-    """Middles of the facets along a patch, counter-clockwise, seen from outside of it."""
+class Fit(NamedTuple):
+    """A polynomial of the film beside a contact, in the logarithm of the distance."""
 
-    points: Array  #: In m, (n, 2).
-    normals: Array  #: Unit normals outwards, (n, 2).
-    lengths: Array  #: Of the facets in m, (n,).
-    elements: Indices  #: Outside, (n,).
-    nodes: Indices  #: Their scalar dofs, (n, functions).
-    functions: Array  #: Values of the shape functions, (n, functions).
-    slopes: Array  #: Their gradients in 1/m, (n, functions, 2).
-
-    @classmethod
-    def of(cls, space: Space, patch: Indices) -> EdgeFacets:
-        """Those of a patch of elements."""
-        mesh = space.mesh
-        facets, count = np.unique(mesh.t2f[:, patch], return_counts=True)
-        facets = facets[count == 1]
-        first, second = mesh.f2t[:, facets]
-        outer = np.where(np.isin(first, patch), second, first)
-        along, tangents = facet_quadrature(mesh, facets, outer, 1)
-        points = mesh.mapping().F(along.points, outer)[:, :, 0].T
-        normals = np.stack([tangents[:, 0, 1], -tangents[:, 0, 0]], axis=-1)
-        outwards = mesh.p[:, mesh.t[:, outer]].mean(axis=1).T - points
-        normals *= np.sign((outwards * normals).sum(axis=1))[:, None]
-        values = shape_values(space.basis.elem, along.points[:, :, 0])
-        slopes = space.gradients_at(outer, along.points)[:, 0]
-        x, y = (points - points.mean(axis=0)).T
-        order = np.argsort(np.arctan2(y, x))
-        lengths, outer = along.weights[order, 0], outer[order]
-        values, slopes = values[order], slopes[order]
-        nodes = space.nodes[outer]
-        return cls(points[order], normals[order], lengths, outer, nodes, values, slopes)
-
-    def values(self, rows: Array) -> Array:
-        """Of displacements (n, functions, 3): (n, 3)."""
-        return np.einsum("nf,nfc->nc", self.functions, rows)
-
-    def gradient(self, rows: Array) -> Array:
-        """Of displacements (n, functions, 3): (n, 3, 2)."""
-        return np.einsum("nfa,nfc->nca", self.slopes, rows)
+    degree: int
+    #: From where to where the film is sampled, beyond the points that touch, over elements' size.
+    begin: float
+    end: float
 
 
-@dataclass(frozen=True, eq=False)
-class Edge:
-    """The edge of the contact on a mesh, and where it should be."""
+#: The fit that finds an edge, and a poorer fit that tells how well; measured on 10 tips at two
+#: tolerances, the area of contacts is within 0.4 % of the truth, and 1 and 3 % in two cases.
+FITS = Fit(4, 0.2, 2.5), Fit(3, 0.3, 1.3)
 
-    tip: Tip
-    facets: EdgeFacets
-    height: Height  #: The tip's over the points.
-    place: Array  #: The displacement in m, (n, 3).
-    gradient: Array  #: Its gradient outside, (n, 3, 2).
-    kinks: Array  #: The film's, (n,).
-    jumps: Array  #: Of the film's curvature in 1/m, (n,).
-    widths: Array  #: Distances of the points from the tip's core in m, (n,).
-    tension: Array  #: Across the edge in N/m, (n,).
 
-    @property
-    def leaving(self) -> Array:
-        """Derivative of the place along the normals, outside, (n, 3)."""
-        return np.einsum("nca,na->nc", self.gradient + IDENTITY, self.facets.normals)
+def contact_edge(tip: RigidTip, state: State, fit: Fit = FITS[0]) -> Array:
+    """Points (`RAYS`, 2) in m of the film, before it deforms, where it leaves the tip.
 
-    @cached_property
-    def fitted(self) -> Outline:
-        """Where the edge should be; half as far from the core as it is, or farther by the mean
-        distance, at most."""
-        return self.grown(1.0)
+    The film leaves tangentially: where the smooth film beside the contact, continued along a ray
+    from the core, is nearest to the tip. That film is about a logarithm of the distance.
+    """
+    assert tip.touch.contact is not None
+    width = tip.touch.contact.width
+    start, outwards = _rays(tip, width)
+    start = start - _moves(tip, state, start)[:, :2]
+    along = width * np.linspace(0.02, 3.0, 60)
+    touches = _gaps(tip, state, start + along[:, None, None] * outwards)[1] <= 0.0
+    last = np.where(touches.any(axis=0), along[-1 - touches[::-1].argmax(axis=0)], width)
+    touched = tip.overlap(state).touching.any(axis=1)
+    size = float(element_sizes(tip.space.mesh)[touched].mean())
+    core = tip.tip.core_perimeter / (2.0 * np.pi)
+    beside = last + size * np.linspace(fit.begin, fit.end, 4 * fit.degree)[:, None]
+    distances, gaps = _gaps(tip, state, start + beside[..., None] * outwards)
+    ends = np.empty(RAYS)
+    for i in range(RAYS):
+        z = np.log((core + beside[:, i]) / (core + last[i]))
+        heights = gaps[:, i] - tip.tip.profile(distances[:, i])[0]
+        film, away = polynomial.polyfit(z, np.stack([heights, distances[:, i]], -1), fit.degree).T
+        nearest = np.log(max(1.0 - size / (core + last[i]), 0.1))
+        fine = np.linspace(nearest, z[-1], 1500)
+        height, _, _ = tip.tip.profile(polynomial.polyval(fine, away))
+        gap = polynomial.polyval(fine, film) + height
+        ends[i] = (core + last[i]) * np.exp(fine[gap.argmin()]) - core
+    return np.asarray(start + ends[:, None] * outwards)
 
-    def grown(self, ratio: float) -> Outline:
-        """Where the edge should be, with its distance from the core times a ratio."""
-        most = np.maximum(self.widths, self.widths.mean())
-        moves = np.clip(-self.kinks / self.jumps, -0.5 * self.widths, most)
-        points = self.facets.points + moves[:, None] * self.facets.normals
-        away = self.tip.distances(points)
-        return self.tip.fitted(points + (ratio - 1.0) * away.value[:, None] * away.normal)
 
-    @property
-    def penetration(self) -> float:
-        """Largest gap or overlap in m between the edge and where it should be.
+def outlines_found(tip: RigidTip, state: State) -> dict[str, Outline]:
+    """Outlines of the film, before it deforms, on a tip and on its flat face, by patch name."""
+    outlines = {tip.touch.patch: tip.tip.fitted(contact_edge(tip, state))}
+    if tip.tip.face is not None:
+        points = np.array(tip.tip.face.shape.exterior.coords)[:-1]
+        carried = points - _moves(tip, state, points)[:, :2]
+        outlines[face_patch(tip.touch)] = tip.tip.fitted(carried)
+    return outlines
 
-        It is infinite where the film would wrap the tip up to its vertical side.
-        """
-        if self.widths.max() > STEEPEST * self.tip.radius:
-            return np.inf
-        moves = self.fitted.signed_distance(self.facets.points)
-        return float(np.max(0.5 * self.jumps * moves**2))
 
-    def errors(self, duals: Array) -> Array:
-        """What the misfit changes of goals, (goals,), of their dual displacements (dofs, goals).
+def _rays(tip: RigidTip, width: float) -> tuple[Array, Array]:
+    """Points on the core's outline, (`RAYS`, 2), and unit vectors away from it."""
+    line = tip.tip.grown(width).shape.exterior
+    points = [line.interpolate(t, normalized=True).coords[0] for t in np.arange(RAYS) / RAYS]
+    distances = tip.tip.distances(np.array(points))
+    return points - distances.value[:, None] * distances.normal, distances.normal
 
-        Moving the edge by s releases N e e* s, with the kink e* of the dual displacement; e itself
-        vanishes on the way, which leaves half of that.
-        """
-        facets, slope = self.facets, self.height.slope
-        rows = duals.reshape(-1, 3, duals.shape[1])[facets.nodes]
-        gradient = np.einsum("nfa,nfcg,na->ncg", facets.slopes, rows, facets.normals)
-        value = np.einsum("nf,nfcg->ncg", facets.functions, rows[:, :, :2])
-        kinks = gradient[:, 2] + np.einsum("nc,ncg->ng", slope, gradient[:, :2])
-        kinks += np.einsum("nc,ncd,ndg->ng", self.leaving[:, :2], self.height.hessian, value)
-        released = 0.5 * self.tension * facets.lengths * self.kinks**2 / self.jumps
-        return released @ kinks
+
+def _moves(tip: RigidTip, state: State, points: Array) -> Array:
+    """Displacements (n, 3) in m of the film at points (n, 2)."""
+    film = state.dofs.reshape(-1, 3)[: tip.space.basis.N]
+    return np.asarray(tip.space.interpolation(points.T) @ film)
+
+
+def _gaps(tip: RigidTip, state: State, points: Array) -> tuple[Array, Array]:
+    """Distances from the core of displaced points (..., 2), and their gaps to the tip, in m."""
+    flat = points.reshape(-1, 2)
+    moves = _moves(tip, state, flat)
+    distances = tip.tip.distances(flat + moves[:, :2]).value
+    gaps = tip.tip.profile(distances)[0] + moves[:, 2] - tip.overlap(state).depth
+    return distances.reshape(points.shape[:-1]), gaps.reshape(points.shape[:-1])
+

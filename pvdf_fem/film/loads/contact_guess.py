@@ -3,18 +3,48 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
-from pvdf_fem.film.point_load import point_force, tension_at
+from pvdf_fem.film.point_load import point_deflection, point_force, tension_at
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.outlines.tip import STEEPEST
+from pvdf_fem.scene.outlines.tip import STEEPEST, Tip
 from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 #: Width of the contact over that guessed, measured for spheres: 1.07 to 1.11.
 WIDER = 1.09
+#: Displacement in the plane of the film on a tip, over its place times the square of the deflection
+#: over the film's radius, and strain of the film there over that by a point load: measured on 16
+#: rounded punches, 0.5 to 0.9 each.
+DRIFT, STRETCH = 0.8, 0.7
+#: Overlap of film and tip in the middle of a contact over the tip's depth, as a part of the
+#: tolerance: under a force it changes charges by a twentieth of that, at a depth by as much.
+OVERLAP = 0.02
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What a contact with a rigid tip is guessed to be."""
+
+    force: float  #: That presses, in N.
+    width: float  #: From the core to the contact's edge, in m.
+    softness: float  #: Overlap over the tip's depth.
+    stiffness: float  #: Traction over overlap in Pa/m, times the softness.
+
+    @classmethod
+    def of(cls, scene: Scene, touch: LoadedProbe) -> Self:
+        """The guess for a tip of a scene."""
+        force, face = guessed_force(touch.load, scene.film), touch.tip.face
+        width = guessed_width(touch, scene.film)
+        outline = touch.tip.grown(width)
+        pressed = outline.area - (face.area if face else 0.0)
+        depth = touch.load.depth or point_deflection(scene.film, force)
+        softness = OVERLAP * min(scene.numerics.tolerance, 1e-2)
+        return cls(force, width, softness, force / pressed / depth)
 
 
 def guessed_force(load: Load, film: Film) -> float:
@@ -23,8 +53,18 @@ def guessed_force(load: Load, film: Film) -> float:
 
 
 def first_contacts(scene: Scene) -> dict[str, Outline]:
-    """Guessed contacts with a scene's tips, by patch name."""
-    return {t.patch: t.tip.grown(guessed_width(t, scene.film)) for t in scene.tips}
+    """Guessed contacts with a scene's tips on the film before it deforms, by patch name."""
+    widths = ((touch, guessed_width(touch, scene.film)) for touch in scene.tips)
+    return {t.patch: _before(t, scene.film, width).grown(width) for t, width in widths}
+
+
+def tip_outlines(scene: Scene) -> dict[str, Outline]:
+    """What a mesh follows of a scene's tips, by patch name: guessed contacts and flat faces."""
+    outlines = first_contacts(scene)
+    for touch in scene.tips:
+        face = _before(touch, scene.film, guessed_width(touch, scene.film)).face
+        outlines |= {face_patch(touch): face} if face else {}
+    return outlines
 
 
 def guessed_press(scene: Scene, touch: LoadedProbe) -> tuple[Outline, float]:
@@ -33,15 +73,20 @@ def guessed_press(scene: Scene, touch: LoadedProbe) -> tuple[Outline, float]:
     return first_contacts(scene).get(touch.patch, touch.outline), force
 
 
+def _before(touch: LoadedProbe, film: Film, width: float) -> Tip:
+    """A tip about the film that touches it, before that moves outwards and stretches there."""
+    tip, force, place = touch.tip, guessed_force(touch.load, film), touch.outline.centroid
+    nearest, farthest = tip.core_perimeter / (2.0 * np.pi) + width, float(np.hypot(*place))
+    reach = film.radius - farthest**2 / film.radius
+    deflection = point_deflection(film, force, min(nearest, 0.5 * reach), reach)
+    tension = tension_at(film, force, nearest) - film.thickness * film.stress_at_rest[:2].mean()
+    stretch = STRETCH * tension / film.thickness / film.stiffness[:2, :2].sum(axis=0).mean()
+    return tip.carried(-DRIFT * (deflection / film.radius) ** 2 * place, -stretch)
+
+
 def face_patch(touch: LoadedProbe) -> str:
     """Name of the mesh's patch of a tip's flat face."""
     return f"{touch.patch} face"
-
-
-def faces(scene: Scene) -> dict[str, Outline]:
-    """Outlines of the flat faces of a scene's tips, by patch name."""
-    outlines = {face_patch(touch): touch.tip.face for touch in scene.tips}
-    return {name: face for name, face in outlines.items() if face is not None}
 
 
 def guessed_width(touch: LoadedProbe, film: Film) -> float:

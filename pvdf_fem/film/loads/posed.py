@@ -1,23 +1,20 @@
-"""What a solve is given beside its scene: a pressure in Python, and what tips hold by friction."""
+"""What a solve is given beside its scene: a pressure in Python."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Self, TypeAlias
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Self, TypeAlias
 
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.loads.coulomb import Displacement
-from pvdf_fem.film.loads.sticking import Sticking
+from pvdf_fem.film.loads.contact_guess import Guess
 from pvdf_fem.scene.scene import LoadedProbe, Scene, SceneError
 from pvdf_fem.scene.scene_file import problem
 
 #: A pressure in any unit of x and y in mm in the probe's own axes, (n,) each: (n,), or one number.
 Pressure: TypeAlias = Callable[[Array, Array], ArrayLike]
-#: The displacement by which friction remembers earlier steps of the load; None before the first.
-Held: TypeAlias = Sticking | Displacement | None
 
 
 @dataclass(frozen=True)
@@ -25,7 +22,8 @@ class PosedProbe(LoadedProbe):
     """A probe with all that its load needs."""
 
     pressure: Pressure | None = None  #: In place of the load's profile.
-    held: Held = None
+    contact: Guess | None = None  #: Of a tip.
+    own_node: int | None = None  #: Number of the node that it has beside the film.
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +31,6 @@ class Posed:
     """What a solve is given beside its scene, and no scene file holds."""
 
     pressure: Pressure | None = None  #: On the single probe.
-    held: Mapping[str, Held] = field(default_factory=dict)  #: By patch.
 
     @classmethod
     def under(cls, scene: Scene, pressure: Pressure | None) -> Self:
@@ -52,16 +49,30 @@ class Posed:
 
     def touches(self, scene: Scene) -> list[PosedProbe]:
         """The probes of a scene with all that their loads need."""
-        touches, held = scene.loaded_probes, self.held
-        return [
-            PosedProbe(**vars(t), pressure=self.pressure, held=held.get(t.patch)) for t in touches
-        ]
+        touches, own_nodes = [], 0
+        for touch in scene.loaded_probes:
+            known: dict[str, Any] = {"pressure": self.pressure}
+            if touch.load.kind == "contact":
+                known["contact"] = Guess.of(scene, touch)
+            if _moves(touch):
+                known["own_node"], own_nodes = own_nodes, own_nodes + 1
+            touches.append(PosedProbe(**vars(touch), **known))
+        return touches
+
+    @staticmethod
+    def own_nodes(scene: Scene) -> int:
+        """Number of nodes beside the film: of tips that move under a force."""
+        return sum(map(_moves, scene.loaded_probes))
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """What a result tells of the pressure."""
         told = f"pressure: the function {name_of(self.pressure)} in place of load.profile"
         return (told,) if self.pressure else ()
+
+
+def _moves(touch: LoadedProbe) -> bool:
+    return touch.load.kind == "contact" and touch.load.depth is None
 
 
 #: Beside a scene that is all there is.

@@ -47,6 +47,8 @@ class DeadPressure(Load):
     """
 
     rigid = False
+    #: Whether the place of the probe is the place of its patch in the mesh.
+    on_patch = True
     #: About the part of the force that acts along the patch's edge.
     edge_share = 0.0
 
@@ -122,7 +124,7 @@ class DeadPressure(Load):
                 raise profile.refused("is zero wherever the probe presses; change it")
         return values, weights
 
-    def pressed(self, film_forces: Array) -> tuple[Selection, Array]:
+    def pressed(self, state: State, film_forces: Array) -> tuple[Selection, Array]:
         _, weights = self._spread
         return self.patch, self.components[2] / self.area(weights) * weights.sum(axis=1)
 
@@ -181,8 +183,12 @@ class Punch(DeadPressure):
             self.shared_dofs = tuple(others)
             self.modes = ((raised, np.column_stack([np.ones(len(dofs)), scaled])),)
 
-    def pressed(self, film_forces: Array) -> tuple[Selection, Array]:
-        return self.patch, shared(self.space, self.patch, film_forces + self._dead_forces)
+    def pressed(self, state: State, film_forces: Array) -> tuple[Selection, Array]:
+        """The nodes' forces, which the elements about a node share equally."""
+        nodes = self.space.nodes[self.patch]
+        sharing = np.maximum(np.bincount(nodes.ravel(), minlength=self.space.basis.N), 1)
+        along_z = (film_forces + self._dead_forces)[2::3][: self.space.basis.N] / sharing
+        return self.patch, along_z[nodes].sum(axis=1)
 
     def leaning(self, state: State, film_forces: Array) -> Leaning:
         raised = 3 * self._nodes + 2
@@ -191,13 +197,6 @@ class Punch(DeadPressure):
         turn_x, turn_y = np.degrees(np.arctan([along_y, -along_x])).tolist()
         Mx, My = ((film_forces + self.forces(state))[raised] @ self._lever * 1e3).tolist()[::-1]
         return Leaning((turn_x, turn_y), (Mx, -My))
-
-
-def shared(space: Space, patch: Indices, forces: Array) -> Array:
-    """Forces along z of the nodes of a patch, which its elements share equally, (n,)."""
-    nodes = space.nodes[patch]
-    sharing = np.maximum(np.bincount(nodes.ravel(), minlength=space.basis.N), 1)
-    return (forces[2::3] / sharing)[nodes].sum(axis=1)
 
 
 def normal_forces(space: Space, elements: Selection, pressure: float, state: State) -> Array:

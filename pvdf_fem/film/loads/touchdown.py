@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -10,8 +9,8 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact import Contact
-from pvdf_fem.film.loads.contact_edge import Edge
+from pvdf_fem.film.loads.contact_edge import FITS, contact_edge
+from pvdf_fem.film.loads.rigid_tip import RigidTip
 from pvdf_fem.film.term import State
 
 
@@ -25,6 +24,7 @@ class Touchdown:
     lateral_N: Array  #: The film's force on the tip along x and y, (2,).
     moments_N_mm: Array  #: About axes along x and y, (2,).
     area_mm2: float  #: Before the film deforms.
+    area_error_mm2: float  #: Estimated.
     deformed_area_mm2: float
     projected_area_mm2: float  #: Deformed, seen along z.
     #: Points of the film, before it deforms, along the contact's edge, (n, 2).
@@ -32,10 +32,7 @@ class Touchdown:
     mean_pressure_MPa: float
     least_pressure_MPa: float
     largest_pressure_MPa: float
-    #: How far a node lies in the tip: how well the discrete contact is complementary.
-    penetration_mm: float
-    #: How far the film reaches into the tip between nodes, at the worst quadrature point.
-    overlap_mm: float
+    overlap_mm: float  #: Largest overlap of film and tip at a quadrature point, by the penalty.
 
     def to_json(self) -> dict[str, Any]:
         """Its values but for the points of its edge."""
@@ -44,52 +41,57 @@ class Touchdown:
         return {key: np.asarray(value).tolist() for key, value in table.items()}
 
     @classmethod
-    def of(cls, equilibrium: Equilibrium, contact: Contact, edge: Edge, state: State) -> Self:
-        """The touchdown on the tip of a contact in equilibrium."""
-        x = state.dofs.reshape(-1, 3)[contact.nodes]
-        depth, forces = contact.depth_of(state.dofs), equilibrium.film_forces(state)
-        fx, fy, fz = forces.reshape(-1, 3)[contact.nodes].T
-        arms = contact.places + x[:, :2] - contact.touch.outline.centroid
-        rise = x[:, 2] - depth
-        moments = [arms[:, 1] @ fz - rise @ fy, rise @ fx - arms[:, 0] @ fz]
-        weights, (_, pressure) = (
-            contact.space.weights[contact.patch],
-            contact.traction(state, equilibrium.film.thickness),
-        )
-        F = state.deformation_gradient[contact.patch]
-        deformed = weights * np.linalg.norm(np.cross(F[..., 0], F[..., 1]), axis=-1)
-        projected = weights * np.linalg.det(F[..., :2, :])
-        # the edge on the mesh is not quite where it should be
-        area = 1e6 * edge.fitted.area / float(weights.sum())
+    def of(cls, equilibrium: Equilibrium, tip: RigidTip, state: State) -> Self:
+        """The touchdown of one of the tips of an equilibrium."""
+        overlap, weights = tip.overlap(state), tip.space.weights
+        traction = tip.tractions(state)
+        forces = -(overlap.rates * traction[..., None])
+        fx, fy, fz = forces.sum(axis=(0, 1))
+        arms = tip.displaced(state)[..., :2] - tip.touch.outline.centroid
+        risen = tip.displaced(state)[..., 2] - overlap.depth
+        moments = [
+            (arms[..., 1] * forces[..., 2] - risen * forces[..., 1]).sum(),
+            (risen * forces[..., 0] - arms[..., 0] * forces[..., 2]).sum(),
+        ]
+        pressure = tip.pressure_on(state, equilibrium.film.thickness)
+        F, touching = state.deformation_gradient, overlap.touching
+        deformed = weights * touching * np.linalg.norm(np.cross(F[..., 0], F[..., 1]), axis=-1)
+        projected = weights * touching * np.linalg.det(F[..., :2, :])
+        edge, poorer = (contact_edge(tip, state, fit) for fit in FITS)
+        area = tip.tip.fitted(edge).area
+        # the points that touch cover the area only roughly
+        share = area / float((weights * touching).sum())
         return cls(
-            1e3 * depth,
-            float(fz.sum()),
-            -np.array([fx.sum(), fy.sum()]),
+            1e3 * overlap.depth,
+            float(fz),
+            -np.array([fx, fy]),
             -1e3 * np.array(moments),
-            1e6 * edge.fitted.area,
-            area * float(deformed.sum()),
-            area * float(projected.sum()),
-            1e3 * np.array(edge.fitted.shape.exterior.coords),
+            1e6 * area,
+            1e6 * abs(tip.tip.fitted(poorer).area - area),
+            1e6 * share * float(deformed.sum()),
+            1e6 * share * float(projected.sum()),
+            1e3 * edge,
             1e-6 * float((pressure * deformed).sum() / deformed.sum()),
-            1e-6 * float(pressure.min()),
+            1e-6 * float(pressure[touching].min()),
             1e-6 * float(pressure.max()),
-            1e3 * contact.penetration(state),
-            1e3 * contact.overlap(state),
+            1e3 * float(overlap.value.max()),
         )
 
 
-def tips_of(equilibrium: Equilibrium) -> list[Contact]:
+def tips_of(equilibrium: Equilibrium) -> list[RigidTip]:
     """The tips on which a film rests."""
-    return [term for term in equilibrium.terms if isinstance(term, Contact)]
+    return [term for term in equilibrium.terms if isinstance(term, RigidTip)]
 
 
-def edges_of(equilibrium: Equilibrium, state: State) -> tuple[Edge, ...]:
-    """The edges of the contacts with tips."""
-    forces, membrane = equilibrium.film_forces(state), equilibrium.membrane
-    return tuple(contact.edge(membrane, state, forces) for contact in tips_of(equilibrium))
+def touchdowns(equilibrium: Equilibrium, state: State) -> dict[str, Touchdown]:
+    """What the tips do, by the names of their patches."""
+    tips = tips_of(equilibrium)
+    return {tip.touch.patch: Touchdown.of(equilibrium, tip, state) for tip in tips}
 
 
-def overlap_at(equilibrium: Equilibrium, x: Array, edges: Sequence[Edge]) -> float:
-    """Largest overlap of film and a tip where their contact ends, over the tip's depth."""
-    pairs = zip(tips_of(equilibrium), edges, strict=True)
-    return max(edge.penetration / contact.depth_of(x) for contact, edge in pairs)
+def contact_pressure(equilibrium: Equilibrium, state: State) -> Array:
+    """Pressure of tips on the deformed film in Pa at the quadrature points, 0 where none touches,
+    (elements, points)."""
+    tips, thickness = tips_of(equilibrium), equilibrium.film.thickness
+    pressures = (tip.pressure_on(state, thickness) for tip in tips)
+    return sum(pressures, np.zeros(equilibrium.space.weights.shape))

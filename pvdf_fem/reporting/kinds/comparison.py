@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -10,22 +11,40 @@ import pandas as pd
 from matplotlib.figure import Figure
 from pydantic import Field
 
+from pvdf_fem.derivatives.uncertainty import require_known, uncertainty
 from pvdf_fem.output.figures import GREY, HALO, look_of, new_figure
 from pvdf_fem.reporting import drawing
 from pvdf_fem.reporting.data import SHORT, Readings, cell_text
-from pvdf_fem.reporting.kind import Content, Inputs, OfElectrodes
+from pvdf_fem.reporting.kind import Content, Inputs, OfElectrodes, blamed
 from pvdf_fem.reporting.solved import NothingToShow, Solved
+from pvdf_fem.reporting.task import Rows, Task
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 
 NAMED = 1  #: Number of the largest differences that have a name in the figure.
 
 
+@dataclass(frozen=True)
+class Spread(Task):
+    """Standard deviations of the charges of a scene by its uncertain values, in pC."""
+
+    scene: Scene
+
+    def run(self) -> Rows:
+        """A row for each electrode."""
+        found = uncertainty(self.scene)
+        both = {"total": found.charges_pC, "change": found.charge_changes_pC}
+        return [
+            {"electrode": name, **{k: of[name] for k, of in both.items()}} for name in both["total"]
+        ]
+
+
 class Comparison(OfElectrodes):
     """Each reading of the `data` beside the computed charge, and a figure of the differences.
 
     A difference is computed less measured, in percent of the measured charge. `electrodes` are by
-    default all that have readings.
+    default all that have readings. With `uncertain` values of the scene differences are also told
+    over their standard deviation by these values and our errors (ASME V&V 20).
     """
 
     kind: Literal["comparison"]
@@ -39,6 +58,14 @@ class Comparison(OfElectrodes):
         readings, scenes, names = self._asked(inputs)
         given = np.isfinite(readings.charges(scenes, names, "total")).any(axis=1)
         return [scenes[row] for row in np.flatnonzero(given)]
+
+    def tasks(self, inputs: Inputs) -> Sequence[Task]:
+        """Deviations of the charges, where the scene has uncertain values."""
+        scenes = dict.fromkeys(self.scenes(inputs))
+        with blamed("scene"):
+            for scene in scenes:
+                require_known(scene)
+        return [Spread(scene) for scene in scenes if scene.uncertain]
 
     def _asked(self, inputs: Inputs) -> tuple[Readings, list[Scene], tuple[str, ...]]:
         readings, scene = self.readings(inputs), self.scene(inputs)
@@ -59,14 +86,16 @@ class Comparison(OfElectrodes):
         rows = np.repeat(given, len(names))
         frame = readings.shown.iloc[rows].reset_index(drop=True).join(charges)
         frame["row"] = np.array(readings.row_names())[rows]
+        frame["scene"] = np.repeat(np.arange(len(given)), len(names))
         frame = frame[frame.charge_pC.notna()].reset_index(drop=True)
         size = frame.difference_percent.abs()
         if not size.notna().any():
             raise NothingToShow("none of the scenes has charges")
         bias = drawing.signed(frame.difference_percent.median(), 2)
+        over = self._over_deviations(frame, [scenes[row] for row in given], solved, reading)
         caption = (
             f"Below: computed less {what} charge, in percent of it; bias {bias} %, median size "
-            f"{size.median():.2f} %, worst {size.max():.2f} %. Bars: errors of our solves."
+            f"{size.median():.2f} %, worst {size.max():.2f} %. Bars: errors of our solves.{over}"
         )
         claim = (
             f"the {size.notna().sum()} {what} charges and the computed ones differ by "
@@ -74,7 +103,24 @@ class Comparison(OfElectrodes):
         )
         kept = [*readings.source.labels, *SHORT] if readings.source.labels else []
         figure, shown = _figure(frame, names, what), _shown(frame, charges, kept, what)
-        return Content(caption, frame.drop(columns="row"), figure, shown, claim)
+        return Content(caption, frame.drop(columns=["row", "scene"]), figure, shown, claim)
+
+    def _over_deviations(
+        self, frame: pd.DataFrame, scenes: Sequence[Scene], solved: Solved, reading: str
+    ) -> str:
+        """Add the differences over their standard deviations to a frame; what there is to say."""
+        if not (scenes and scenes[0].uncertain):
+            return ""
+        known = {
+            (number, row["electrode"]): row[reading]
+            for number, scene in enumerate(scenes)
+            for row in solved.rows(Spread(scene))
+        }
+        pairs = zip(frame.scene, frame.electrode, strict=True)
+        deviations = np.hypot([known[pair] for pair in pairs], frame.error_pC)
+        frame["difference_over_deviation"] = (frame.computed_pC - frame.charge_pC) / deviations
+        share = 100.0 * float((frame.difference_over_deviation.abs() <= 2.0).mean())
+        return f" By the uncertain values {share:.0f} % are within two standard deviations."
 
 
 def _figure(frame: pd.DataFrame, names: tuple[str, ...], what: str) -> Figure:
@@ -105,7 +151,7 @@ def _shown(
     frame: pd.DataFrame, charges: pd.DataFrame, kept: Sequence[str], what: str
 ) -> pd.DataFrame:
     """The table of the page: some keys, or all if none is named, charges with sure digits."""
-    own = (*charges.columns, "row")
+    own = (*charges.columns, "row", "scene", "difference_over_deviation")
     keys = [key for key in frame.columns if key not in own and (key in kept or not kept)]
     shown = frame[keys].map(cell_text)
     shown["electrode"] = frame.electrode
@@ -114,4 +160,6 @@ def _shown(
     shown["computed (pC)"] = [drawing.sure(value, error) for value, error in pairs]
     shown["± (pC)"] = [f"{error:.1g}" for error in frame.error_pC]
     shown["diff. (%)"] = [drawing.signed(value, 2) for value in frame.difference_percent]
+    if "difference_over_deviation" in frame:
+        shown["diff. (σ)"] = [drawing.signed(of) for of in frame.difference_over_deviation]
     return shown

@@ -26,12 +26,6 @@ class Shape(Section):
     """Turn about the place, counter-clockwise."""
     shape: str
     """The shape, which has sizes of its own."""
-    edge_radius_mm: Annotated[float | None, Key("mm", (1e-4, 1e5), example=0.5)] = None
-    """Radius of the rounded edge of a tip, which is a circle or a convex polygon."""
-    temperature_K: Annotated[float | None, Key("K", (-500.0, 500.0), example=10.0)] = None
-    """Temperature over the temperature of the film."""
-    contact_time_s: Annotated[float | None, Key("s", (1e-6, 1e6), example=1.0)] = None
-    """Time for which a warm probe has touched; 1 where it is not given."""
 
     #: The least rotation that brings the shape onto itself; 0 if any does.
     period_deg: ClassVar[float] = 360.0
@@ -43,11 +37,22 @@ class Shape(Section):
     size_key: ClassVar[str] = "side_mm"
 
     @property
-    def rounding_mm(self) -> float | None:
-        """Radius of a tip's rounded edge; None for a sharp edge."""
-        return self.edge_radius_mm
-
-    @property
     @abstractmethod
     def outline(self) -> Outline:
         """Outline in m."""
+
+
+class Touching(Shape):
+    """The shape of a probe."""
+
+    edge_radius_mm: Annotated[float | None, Key("mm", (1e-4, 1e5), example=0.5)] = None
+    """Radius of the rounded edge of a tip, which is a circle or a convex polygon."""
+    temperature_K: Annotated[float | None, Key("K", (-500.0, 500.0), example=10.0)] = None
+    """Temperature over the temperature of the film."""
+    contact_time_s: Annotated[float | None, Key("s", (1e-6, 1e6), example=1.0)] = None
+    """Time for which a warm probe has touched; 1 where it is not given."""
+
+    @property
+    def rounding_mm(self) -> float | None:
+        """Radius of a tip's rounded edge; None for a sharp edge."""
+        return self.edge_radius_mm

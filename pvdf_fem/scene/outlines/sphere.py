@@ -9,11 +9,11 @@ import numpy as np
 from pydantic import field_validator
 
 from pvdf_fem.scene.outlines.circle import Circle
-from pvdf_fem.scene.outlines.shape import Shape
+from pvdf_fem.scene.outlines.shape import Touching
 from pvdf_fem.scene.quantity import Key, refusal
 
 
-class SphereShape(Shape):
+class SphereShape(Touching):
     """A sphere whose lowest point is over (x, y)."""
 
     period_deg = 0.0

@@ -9,9 +9,9 @@ its own distance.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import shapely
@@ -21,7 +21,7 @@ from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.polygon import Polygon
-from pvdf_fem.scene.outlines.shape import Shape
+from pvdf_fem.scene.outlines.shape import Touching
 
 #: Part of the edge's radius up to which the height is that of the ball; farther out it goes on as
 #: a parabola, so that an iterate there has finite heights.
@@ -61,9 +61,9 @@ class Tip(ABC):
     def fitted(self, points: Array) -> Outline:
         """The outline through points (n, 2) about the core, ordered counter-clockwise."""
 
-    def modes(self, points: Array) -> Array | None:
-        """Harmonic functions (n, modes) that tell how the edge of a round contact moves."""
-        return None
+    @abstractmethod
+    def carried(self, motion: Array, stretch: float) -> Self:
+        """The tip moved by `motion` (2,) in m, its core larger by the factor 1 + `stretch`."""
 
     @property
     @abstractmethod
@@ -75,15 +75,21 @@ class Tip(ABC):
     def core_perimeter(self) -> float:
         """Length of the core's outline in m."""
 
+    def profile(self, d: Array) -> tuple[Array, Array, Array]:
+        """Height in m over the lowest point at distances from the core, its first and second
+        derivatives; 0 on the core."""
+        most = STEEPEST * self.radius
+        root = np.sqrt(self.radius**2 - np.clip(d, 0.0, most) ** 2)
+        beyond = np.maximum(d - most, 0.0)
+        second = self.radius**2 / root**3
+        first = np.clip(d, 0.0, most) / root + second * beyond
+        value = self.radius - root + (first - 0.5 * second * beyond) * beyond
+        return value, first, second
+
     def height(self, points: Array) -> Height:
         """The tip's height at points (n, 2)."""
         d, n, curvature = self.distances(points)
-        most = STEEPEST * self.radius
-        root = np.sqrt(self.radius**2 - np.minimum(d, most) ** 2)
-        beyond = np.maximum(d - most, 0.0)
-        second = self.radius**2 / root**3
-        first = np.minimum(d, most) / root + second * beyond
-        value = self.radius - root + (first - 0.5 * second * beyond) * beyond
+        value, first, second = self.profile(d)
         normal = n[:, :, None] * n[:, None, :]
         across = np.where(d > 0.0, first * curvature, 1.0 / self.radius)[:, None, None]
         flat = ((d > 0.0) | (curvature > 0.0))[:, None, None]
@@ -98,6 +104,9 @@ class DiscTip(Tip):
     centre: Array
     radius: float  #: Of the rounding.
     core: float = 0.0  #: Radius of the flat face.
+
+    def carried(self, motion: Array, stretch: float) -> DiscTip:
+        return replace(self, centre=self.centre + motion, core=(1.0 + stretch) * self.core)
 
     @property
     def face(self) -> Circle | None:
@@ -116,10 +125,6 @@ class DiscTip(Tip):
         curvature = np.where(outside, 1.0 / safe, 1.0 if self.core == 0.0 else 0.0)
         normal = np.where(outside[:, None], away / safe[:, None], 0.0)
         return Distances(np.where(outside, r - self.core, 0.0), normal, curvature)
-
-    def modes(self, points: Array) -> Array:
-        z = ((points - self.centre) @ [1.0, 1j]) / (self.radius + self.core)
-        return np.stack([z.real**0, z.real, z.imag, (z * z).real, (z * z).imag], axis=-1)
 
     def grown(self, distance: float) -> Circle:
         return Circle(self.centre, self.core + distance)
@@ -145,6 +150,10 @@ class PolygonTip(Tip):
 
     core: Polygon  #: The flat face.
     radius: float  #: Of the rounding, m.
+
+    def carried(self, motion: Array, stretch: float) -> PolygonTip:
+        arms = self.core.vertices - self.core.centroid
+        return replace(self, core=Polygon(self.core.vertices + motion + stretch * arms))
 
     @property
     def face(self) -> Polygon:
@@ -191,7 +200,7 @@ class PolygonTip(Tip):
         return Polygon(np.array(shape.simplify(detail * width).exterior.coords)[:-1])
 
 
-def tip_of(probe: Shape) -> Tip:
+def tip_of(probe: Touching) -> Tip:
     """The rigid tip of a probe's shape; raises `ValueError` with the reason for other shapes."""
     outline, radius = probe.outline, (probe.rounding_mm or 0.0) / 1e3
     if not radius:

@@ -42,5 +42,5 @@ class FilmPressure(Spread):
             return None
         return ALL, -normal_stiffness(self.space, ALL, self.pressure, state)
 
-    def pressed(self, film_forces: Array) -> tuple[Selection, Array]:
+    def pressed(self, state: State, film_forces: Array) -> tuple[Selection, Array]:
         return ALL, self.pressure * self.space.weights.sum(axis=1)

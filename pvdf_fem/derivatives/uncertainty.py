@@ -1,0 +1,206 @@
+"""What uncertain numbers of a scene make of its charges, to first order by the adjoint.
+
+The deviation of a charge Q is the root of the sum of (∂Q/∂θ σ)² over the uncertain numbers θ, which
+are taken as independent (JCGM 100:2008, 5.1.2). Both numbers of a pair, such as two moduli, are off
+by the same share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.charges.goals import goals_of
+from pvdf_fem.charges.rest import known_at_rest, untouched
+from pvdf_fem.derivatives.adjoint import Adjoint
+from pvdf_fem.derivatives.parameters import COEFFICIENTS, parameters_of, refusal
+from pvdf_fem.derivatives.rates import changed, rate_of
+from pvdf_fem.scene.change import number_at, spelled
+from pvdf_fem.scene.given import SceneLike, scene_of
+from pvdf_fem.scene.readout import deviation
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.solution.next_order import factorised
+from pvdf_fem.solution.solution import Solution
+from pvdf_fem.solution.solve import solve
+from pvdf_fem.solution.summary import Grid, Told, rounded
+
+PRETENSION = "film.pretension_N_m"
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty(Told):
+    """Standard deviations of charges, and what each uncertain number has part in them."""
+
+    solution: Solution
+    deviations: dict[str, float]  #: Of the numbers, by key and in its unit.
+    #: Change of each charge by one deviation of a number, in pC, by key and electrode.
+    parts_pC: dict[str, dict[str, float]]
+    #: The same for the changes of charge by the touch.
+    change_parts_pC: dict[str, dict[str, float]]
+
+    @property
+    def charges_pC(self) -> dict[str, float]:
+        """Standard deviation of each charge, in total."""
+        return _joined(self.parts_pC)
+
+    @property
+    def charge_changes_pC(self) -> dict[str, float]:
+        """Standard deviation of each change of a charge by the touch."""
+        return _joined(self.change_parts_pC)
+
+    def shares(self) -> dict[str, dict[str, float]]:
+        """Share of each number in the variance of each charge, by key and electrode."""
+        whole = self.charges_pC
+        return {
+            key: {name: (of[name] / whole[name]) ** 2 if whole[name] else 0.0 for name in whole}
+            for key, of in self.parts_pC.items()
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """What `pvdf-fem solve --json` has as ``uncertainty``."""
+        return {
+            "deviations": self.deviations,
+            "charge_deviations_pC": self.charges_pC,
+            "charge_change_deviations_pC": self.charge_changes_pC,
+            "shares": self.shares(),
+        }
+
+    @property
+    def table(self) -> Grid:
+        """Charges and changes with their deviations, and the shares in percent."""
+        totals, changes = self.charges_pC, self.charge_changes_pC
+        values, rows = self.solution.charge_changes_pC, []
+        for name, total in self.solution.charges_pC.items():
+            shares = (f"{100.0 * of[name]:.0f} %" for of in self.shares().values())
+            cells = *rounded(total, totals[name]), *rounded(values[name], changes[name])
+            rows.append((name, *cells, *shares))
+        columns = "pC", "± pC", "change by touch, pC", "± pC", *self.deviations
+        return Grid(("charges, uncertain values", *columns), tuple(rows))
+
+    def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
+        told = [f"{key}: ± {value:.4g}" for key, value in self.deviations.items()]
+        return "uncertain", ["standard deviations by uncertain values", *told], [self.table], []
+
+
+def uncertainty(
+    solution: Solution | SceneLike, uncertain: Mapping[str, float | str] | None = None
+) -> Uncertainty:
+    """Standard deviations of the charges of a scene with uncertain numbers.
+
+    Parameters
+    ----------
+    solution : Solution, Scene, or what `solve` takes for a scene
+        A converged one, or a scene that is solved first.
+    uncertain : mapping, optional
+        Standard deviations by key, in the key's unit or as shares of the value, as
+        ``{"film.thickness_um": "5 %"}``; by default the scene's `uncertain`. Keys are those of
+        `parameters_of` the scene. A cooled film may have an uncertain ``film.pretension_N_m``;
+        other numbers are then uncertain at this pretension.
+
+    Raises
+    ------
+    SceneError
+        For a key that charges have no derivative by, before any solve.
+    NotConvergedError
+        When the solution is not converged.
+
+    Examples
+    --------
+    >>> found = uncertainty(Scene.example("triangle"), {"film.thickness_um": "5 %"})
+    >>> found.charges_pC["A"]
+    """
+    scene = scene_of(solution)
+    if uncertain is not None:
+        scene = scene.with_(uncertain=dict(uncertain))
+    at, sizes = _judged(scene)
+    if not isinstance(solution, Solution):
+        solution = solve(scene)
+    solved, q, factors = factorised(solution.fields)
+    adjoint = Adjoint.of(solved.with_(scene=at), goals_of(at), q, factors)
+    rest = _rest_adjoint(at)
+    names = [electrode.name for electrode in at.electrode_list]
+    total, change = dict[str, dict[str, float]](), dict[str, dict[str, float]]()
+    for key, terms in sizes.items():
+        rates = sum((size * rate_of(adjoint, one) for one, size in terms.items()), np.zeros(1))
+        calm = sum((size * _rest_rate(at, rest, one) for one, size in terms.items()), np.zeros(1))
+        for found, values in ((total, rates), (change, rates - calm)):
+            found[key] = dict(zip(names, np.abs(1e12 * values).tolist(), strict=True))
+    deviations = {key: float(np.mean([*of.values()])) for key, of in sizes.items()}
+    return Uncertainty(solution, deviations, total, change)
+
+
+def require_known(scene: Scene) -> None:
+    """SceneError for uncertain keys that charges have no derivative by."""
+    if scene.uncertain:
+        _judged(scene)
+
+
+def _judged(scene: Scene) -> tuple[Scene, dict[str, dict[str, float]]]:
+    """The scene by whose keys charges are differentiated, and by uncertain key the deviations of
+    these; both numbers of a pair deviate together."""
+    given = {spelled(key): value for key, value in (scene.uncertain or {}).items()}
+    if not given:
+        raise SceneError(["uncertain = (nothing): give keys with their standard deviations"])
+    at = _stretched(scene) if PRETENSION in given else scene
+    known, sizes, problems = parameters_of(at), dict[str, dict[str, float]](), []
+    for key, value in given.items():
+        keys = [k for k in known if k in (key, f"{key}.0", f"{key}.1")]
+        if not keys:
+            reason = f"{refusal(at, key)}; give some of {', '.join(known)}"
+            problems.append(problem(f"uncertain.{key}", value, reason))
+        sizes[key] = {one: deviation(value, number_at(at, one)) for one in keys}
+    if problems:
+        raise SceneError(problems)
+    return at, sizes
+
+
+def _stretched(scene: Scene) -> Scene:
+    """The scene whose cooled film has its pretension instead of its change of temperature."""
+    film = scene.film
+    if film.pretension_N_m is not None:
+        return scene
+    if film.patches or film.warming_K:
+        reason = "is of a film that is cooled with patches or warms; give film.temperature_change_K"
+        raise SceneError([problem(f"uncertain.{PRETENSION}", scene.uncertain, reason)])
+    x, y = (film.stress_at_rest[:2] * film.thickness).tolist()
+    even = np.isclose(x, y, rtol=1e-9)
+    stretched = {"pretension_N_m": x if even else (x, y), "temperature_change_K": None}
+    return scene.model_copy(update={"film": film.model_copy(update=stretched)})
+
+
+def _rest_adjoint(scene: Scene) -> Adjoint | None:
+    """The untouched film with the adjoint solutions of its charges; None where it is known."""
+    film = untouched(scene)
+    if known_at_rest(film) is not None:
+        return None
+    solved, q, factors = factorised(solve(film).fields)
+    return Adjoint.of(solved, goals_of(film), q, factors)
+
+
+def _rest_rate(scene: Scene, rest: Adjoint | None, key: str, step: float = 1e-4) -> Array:
+    """Derivative of the charges at rest, in C per unit of a key, (electrodes,)."""
+    film = untouched(scene)
+    if not key.startswith("film."):
+        return np.zeros(len(scene.electrode_list))
+    if rest is not None:
+        return rate_of(rest, key, with_heat=False)
+    if key in COEFFICIENTS:
+        forces = known_at_rest(film)
+        assert forces is not None
+        return 1e-12 * forces.values[:, COEFFICIENTS.index(key)]
+    change = step * (abs(number_at(scene, key)) or 1.0)
+    ends = [known_at_rest(changed(film, key, sign * change)) for sign in (1.0, -1.0)]
+    d = scene.film.d31, scene.film.d32
+    high, low = (np.zeros(len(scene.electrode_list)) if e is None else e.charges(d) for e in ends)
+    return (high - low) / (2.0 * change)
+
+
+def _joined(parts: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    """The roots of the sums of squares, by electrode."""
+    names = next(iter(parts.values()))
+    return {name: float(np.linalg.norm([of[name] for of in parts.values()])) for name in names}

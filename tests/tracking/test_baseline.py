@@ -1,0 +1,51 @@
+"""The baseline and its error, in 400 channels at once."""
+
+import numpy as np
+import pytest
+
+from pvdf_fem.readout.channel import Channel
+from pvdf_fem.tracking.baseline import Baseline
+from pvdf_fem.tracking.circuit import Circuit
+from pvdf_fem.tracking.options import TrackOptions
+
+NOISE = 2e-3
+
+
+def quiet(count, *, memory=2000, time_constant_s=np.inf, seed=0):
+    """A baseline after noisy samples of a drift, and a generator of further noise."""
+    draw = np.random.default_rng(seed)
+    channel = Channel("A", 1e-9, time_constant_s / 1e-9)
+    baseline = Baseline(Circuit.of([channel] * 400), TrackOptions(memory=memory))
+    for k in range(count):
+        baseline.follow(1e-3 * k, 0.1 + 0.02e-3 * k + NOISE * draw.standard_normal(400))
+    return baseline, draw
+
+
+@pytest.mark.parametrize(("count", "memory"), [(40, 2000), (300, 2000), (600, 50)])
+def test_noise_and_error_of_the_baseline_are_stated(count, memory):
+    baseline, _ = quiet(count, memory=memory)
+    assert np.sqrt(np.mean(baseline.square)) == pytest.approx(NOISE, rel=0.06)
+    time = 1e-3 * (count - 1)
+    errors = (baseline.at(time) - 0.1 - 0.02 * time) / NOISE
+    assert errors.std() == pytest.approx(baseline.relative_error(time)[0], rel=0.25)
+
+
+@pytest.mark.parametrize("time_constant_s", [np.inf, 0.02])
+@pytest.mark.parametrize("more", [0, 30])
+def test_what_a_touch_leaves_is_known_from_few_samples(time_constant_s, more):
+    baseline, draw = quiet(300, time_constant_s=time_constant_s)
+    t = 0.4 + 1e-3 * np.arange(1, 7)
+    left = 0.5 * np.exp(-(t - 0.4) / time_constant_s)
+    noise = NOISE * draw.standard_normal((6, 400))
+    drift = 0.1 + 0.02 * t
+    over = drift[:, None] + left[:, None] + noise - np.array([baseline.at(time) for time in t])
+    baseline.keep(0.4, t[-1], over)
+    for k in range(more):
+        time = t[-1] + 1e-3 * (k + 1)
+        level = 0.1 + 0.02 * time + 0.5 * np.exp(-(time - 0.4) / time_constant_s)
+        baseline.follow(time, level + NOISE * draw.standard_normal(400))
+    time = t[-1] + 1e-3 * more
+    true = 0.1 + 0.02 * time + 0.5 * np.exp(-(time - 0.4) / time_constant_s)
+    errors = (baseline.at(time) - true) / NOISE
+    assert abs(errors.mean()) < 0.1
+    assert errors.std() == pytest.approx(baseline.relative_error(time)[0], rel=0.3)
