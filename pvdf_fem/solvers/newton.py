@@ -233,10 +233,10 @@ class NewtonOptions:
     contraction: float = 0.5  #: ... as long as each step is at most this part of the one before.
     max_iterations: int = 60
     #: The same under a load that follows the film, whose energy along a step is not known.
-    max_following: int = 25
+    max_following: int = 30
     #: A film that is still in compression after this number of iterations, and moves or has an
     #: indefinite tangent, has no equilibrium that is a minimum.
-    patience: int = 20
+    patience: int = 30
 
 
 class DeferredNewton(Variant):
