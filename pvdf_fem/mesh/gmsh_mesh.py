@@ -258,7 +258,7 @@ def _grade_from_outlines(outer: dict[str, list[int]], sizes: Sizes, unit: float)
     field = gmsh.model.mesh.field
     graded = []
     for name, curves in outer.items():
-        size, growth = sizes.patches[name], sizes.growths.get(name, sizes.growth)
+        size, growth = sizes.patches[name], sizes.growth
         length = max(gmsh.model.occ.getMass(1, curve) for curve in curves)
         distance = field.add("Distance")
         field.setNumbers(distance, "CurvesList", curves)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from skfem import MeshTri2
@@ -23,7 +23,6 @@ class Sizes:
     patches: dict[str, float]
     growth: float  #: Increase of the element size per unit of distance from an outline.
     film: float  #: Largest element size.
-    growths: dict[str, float] = field(default_factory=dict)  #: `growth` about some patches.
 
     def elements(
         self, area: float, outlines: Mapping[str, Outline], arcs: int, at_corner: float = 4.0
@@ -35,9 +34,8 @@ class Sizes:
         for name, outline in outlines.items():
             least = self.film if len(outline.corners) else outline.perimeter / arcs
             size = min(self.patches.get(name, self.film), least)
-            growth = self.growths.get(name, self.growth)
             # both sides of the outline, to where the size is the largest
-            total += 2.0 * outline.perimeter / growth * max(1.0 / size - 1.0 / self.film, 0.0)
+            total += 2.0 * outline.perimeter / self.growth * max(1.0 / size - 1.0 / self.film, 0.0)
             corners += len(outline.corners)
         return float(4.0 / np.sqrt(3.0) * SPARE**2 * total + at_corner * corners)
 

@@ -24,8 +24,6 @@ REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
 PUNCH_SHARE = 0.5
 #: Least number of elements along the edge of a contact.
 EDGE_FACETS = 22
-#: Increase of the element size per distance from the edge of a contact, at least.
-EDGE_GROWTH = 0.8
 
 
 def first_sizes(scene: Scene, order: int) -> Sizes:
@@ -55,8 +53,7 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
     sizes = Sizes(patches, growth, largest * scene.film.radius)
     sizes = sizes.scaled(model.size_factor * factor)
     edges = {n: min(c.perimeter / EDGE_FACETS, sizes.patches[n]) for n, c in contacts.items()}
-    growths = dict.fromkeys(contacts, max(EDGE_GROWTH, sizes.growth))
-    sizes = replace(sizes, patches=sizes.patches | edges, growths=growths)
+    sizes = replace(sizes, patches=sizes.patches | edges)
     return _with_layers(scene, sizes) if model.bends else sizes
 
 
