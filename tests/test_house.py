@@ -307,3 +307,62 @@ def test_a_name_that_is_not_public_is_an_attribute_error():
         "try:\n    pvdf_fem.solved\nexcept AttributeError as error:\n    print(error)\n"
     )
     assert printed == "module 'pvdf_fem' has no attribute 'solved'\n"
+
+
+#: Most lines of folders together. The numbers are what the house has come down to; where it should
+#: end is 9,800, 750, 4,600, 1,000, 21,700 and 15,000 lines.
+MOST_LINES = {
+    "scene mesh film charges solvers solution derivatives readout": 12_950,
+    "dynamics": 830,
+    "response touch tracking calibration": 6_420,
+    "sweeps": 1_460,
+    ".": 29_800,
+    "../tests": 23_250,
+}
+MOST_LINES_OF_A_MODULE = 350
+MOST_CONSTANTS = 5.0  #: Numbers that stand for themselves in capitals, per 1,000 lines of code.
+
+
+def lines_of(folder: str) -> int:
+    paths = (ROOT / "pvdf_fem" / folder).resolve().rglob("*.py")
+    return sum(path.read_text(encoding="utf-8").count("\n") for path in paths)
+
+
+@pytest.mark.parametrize("folders", MOST_LINES)
+def test_folders_keep_to_their_budgets_of_lines(folders):
+    """Whoever adds, takes away."""
+    assert sum(map(lines_of, folders.split())) <= MOST_LINES[folders]
+
+
+def test_modules_are_read_in_one_go():
+    long = {name: lines for name in MODULES if (lines := length_of(name)) > MOST_LINES_OF_A_MODULE}
+    assert not {name for name in long if name.startswith("pvdf_fem")}
+
+
+def length_of(module: str) -> int:
+    return MODULES[module].read_text(encoding="utf-8").count("\n")
+
+
+def test_constants_are_few():
+    """Literal numbers bound to capitals, of the package."""
+    code, found = 0, []
+    for path in ROOT.glob("pvdf_fem/**/*.py"):
+        text = path.read_text(encoding="utf-8")
+        lines = (line.strip() for line in text.splitlines())
+        code += sum(1 for line in lines if line and not line.startswith("#"))
+        for node in ast.parse(text).body:
+            if isinstance(node, ast.Assign | ast.AnnAssign) and is_number(node):
+                found.append(f"{path.name}: {ast.unparse(node)}")
+    assert 1000.0 * len(found) / code <= MOST_CONSTANTS, found
+
+
+def is_number(node: ast.Assign | ast.AnnAssign) -> bool:
+    """Whether a capital name is bound to numbers alone, which nothing derives."""
+    target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+    if not (isinstance(target, ast.Name) and target.id.strip("_").isupper() and node.value):
+        return False
+    inner = list(ast.walk(node.value))
+    derived = any(isinstance(of, ast.Name | ast.Attribute | ast.Call) for of in inner)
+    values = [of.value for of in inner if isinstance(of, ast.Constant)]
+    numbers = [v for v in values if isinstance(v, int | float) and not isinstance(v, bool)]
+    return bool(numbers) and not derived

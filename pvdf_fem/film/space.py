@@ -2,7 +2,7 @@
 
 All three displacement components have the same scalar space of order 1 to 4 on six-node triangles.
 The dofs are those of ``ElementVector(element, 3)``: component c of scalar dof i is dof 3 i + c.
-Behind these are dofs of nodes beside the film, such as a tip that moves.
+Dofs of nodes beside the film follow, for instance the depth of a moving tip.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ svg {{ max-width: 100%; height: auto }}
 
 @dataclass(frozen=True, eq=False)
 class CalibrationData:
-    """Touches as they were read, and as the calibrated sensor has them."""
+    """Touches as read, and by the calibrated sensor."""
 
     channels: Sequence[str]
     unit: str  #: Of readings.

@@ -51,7 +51,7 @@ class ResponseOptions:
     #: Over the cell: the way of the probe's corners from one rotation to the next, the step of the
     #: raster of the stress, and twice the way between its rays at the probe's corners.
     step: float = 0.8
-    #: Error without any distance of the rim's places, from which it falls with each.
+    #: Error for neighbouring places of the rim at no distance; the error falls with every place.
     without_places: float = 80.0
     #: Number of rotations in half a turn, in a film that is stiffer in one direction; more for an
     #: error below 1e-3.

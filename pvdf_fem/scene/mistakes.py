@@ -18,7 +18,7 @@ from pvdf_fem.scene.shapes import MODELS, Electrode, Electrodes, PressingProbe, 
 
 MOST_MISTAKES = 100  #: The largest number of mistakes that are told about one scene.
 
-#: Keys of what the model leaves out, with what that would change.
+#: Keys of neglected effects, with the change by each effect.
 NOT_MODELLED = {
     "friction": "is not part of the model: film slides freely on tips. Under a 6 mm sphere and 1 N"
     " a coefficient of 0.23 changes a charge beside the contact by 0.03 %, and film that sticks by"

@@ -1,4 +1,4 @@
-"""Keys of a scene file: the unit and range of each, and what it affects."""
+"""Keys of a scene file: unit, range and effect."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ class Section(BaseModel):
 
     @classmethod
     def key_of(cls, name: str) -> Key:
-        """What is said of a key of the table."""
+        """The `Key` of a field of the table."""
         said = (mark for mark in cls.model_fields[name].metadata if isinstance(mark, Key))
         return next(said, Key())
 
@@ -163,5 +163,5 @@ def affecting(table: Section, *effects: Affects) -> dict[str, Any]:
 
 @cache
 def _effects(model: type[Section]) -> dict[str, Affects | None]:
-    """What a model's keys say that they affect."""
+    """Effects by key of a model."""
     return {name: model.key_of(name).affects for name in model.model_fields}

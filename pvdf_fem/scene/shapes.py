@@ -200,7 +200,7 @@ LISTED_PROBES = {_word(shape): _probe(shape, "ListedProbe", Pressing) for shape 
 _FLAT = _OF_ELECTRODES_ONLY + _SHAPES
 ELECTRODES = {_word(shape): _flat(shape, _Named, "Electrode") for shape in _FLAT}
 PATCHES = {_word(shape): _flat(shape, Bonded, "Patch") for shape in _FLAT}
-#: Keys that shapes do not share. A shape that becomes another one leaves them behind.
+#: Keys that shapes do not share. A change of shape drops these keys.
 SIZES = {key for probe in PROBES.values() for key in probe.model_fields}
 SIZES -= {*Shape.model_fields, *HEAT}
 
@@ -263,7 +263,7 @@ class Layout(Section):
         )
 
 
-#: What keys of a layout need beside them.
+#: Keys that a layout's keys need.
 RING = {key: needs for key in Layout.model_fields if (needs := Layout.key_of(key).needs)}
 RING["shape"] = ("layout", "ring")
 

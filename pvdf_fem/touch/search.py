@@ -58,7 +58,7 @@ class LocateOptions:
     pitch_mm: float = 2.5
     fine_mm: float = 1.0
     stiffening: float = 0.35
-    #: Number of starts, their least distance, and of steps from all of them.
+    #: Number of starts, least distance between starts, number of steps from every start.
     starts: int = 25
     apart_mm: float = 3.0
     first_steps: int = 3

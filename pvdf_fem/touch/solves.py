@@ -114,7 +114,7 @@ class Solves:
 
     @property
     def other_probe(self) -> Indices:
-        """Where the other one of two equal probes has each quantity; empty for other probes."""
+        """Index of each quantity at the other probe of two equal probes; empty for other probes."""
         if probes_of(self) < 2 or pressed_alone(self.scene, 0) != pressed_alone(self.scene, 1):
             return np.array([], dtype=int)
         swapped = [f"probe[{1 - _probe(n)}]{n[len('probe[0]') :]}" for n in self.quantities]

@@ -42,7 +42,7 @@ class Touchdown:
 
     @classmethod
     def of(cls, equilibrium: Equilibrium, tip: RigidTip, state: State) -> Self:
-        """The touchdown of one of the tips of an equilibrium."""
+        """The touchdown of a tip."""
         overlap, weights = tip.overlap(state), tip.space.weights
         traction = tip.tractions(state)
         forces = -(overlap.rates * traction[..., None])
