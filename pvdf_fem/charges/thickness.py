@@ -18,6 +18,7 @@ from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_guess import guessed_force, guessed_press
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.loads.posed import NOTHING, Posed, PosedProbe
+from pvdf_fem.film.loads.profiles import profile_of
 from pvdf_fem.film.remarks import Charges, charge_remark
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch
@@ -58,10 +59,13 @@ def thickness_remarks(
 
 
 def _about(scene: Scene, touch: PosedProbe, polygons: NDArray[np.object_]) -> Array:
-    """About the force in N of a touch that presses on each electrode, of a uniform pressure and of
-    what a rigid probe's edge bears."""
+    """About the force in N of a touch that presses on each electrode: of a dead pressure by its
+    profile, of a rigid probe also what its edge bears."""
     (outline, _), force = guessed_press(scene, touch), guessed_force(touch.load, scene.film)
     probe, at_edge = outline.polygon, LOADS[touch.load.kind].edge_share
     inside, edge = (shapely.intersection(polygons, x) for x in (probe, probe.exterior))
     along, over = shapely.length(edge) / probe.length, shapely.area(inside) / probe.area
+    if (profile := profile_of(touch)).order and (pressed := np.flatnonzero(over)).size:
+        means = [profile.mean(shape) for shape in inside[pressed]]
+        over[pressed] *= np.array(means) / max(profile.mean(probe), np.finfo(float).tiny)
     return np.asarray(force * (at_edge * along + (1.0 - at_edge) * over))

@@ -6,6 +6,7 @@ A further one is a class in a file of its own and its line here. Classes are giv
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 from pydantic import (
@@ -15,6 +16,7 @@ from pydantic import (
     create_model,
     field_validator,
     model_serializer,
+    model_validator,
 )
 
 from pvdf_fem.scene.quantity import Affects, Key, Section, refusal
@@ -121,6 +123,14 @@ class Load(Section):
     """Where a gaussian is 1/e² of its largest value; by default the radius of a disc of the same
     area."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _without_friction(cls, given: Any) -> Any:
+        """Scenes that were written with ``friction = 0`` slide freely, as all do."""
+        if isinstance(given, Mapping) and given.get("friction") == 0.0:
+            return {key: value for key, value in given.items() if key != "friction"}
+        return given
+
     @field_validator("contact")
     @classmethod
     def _slides(cls, value: str | None, info: ValidationInfo) -> str | None:
@@ -129,9 +139,9 @@ class Load(Section):
     @field_validator("profile")
     @classmethod
     def _is_a_profile(cls, value: str) -> str:
-        if value not in PROFILE_ENTRIES and not value.partition(PIN)[0].endswith(".csv"):
+        if value not in PROFILE_ENTRIES and not value.partition(PIN)[0].endswith((".csv", ".nc")):
             known = choose(value, list(PROFILE_ENTRIES))
-            raise refusal(f"is no path that ends in .csv and no profile; {known}")
+            raise refusal(f"is no path that ends in .csv or .nc and no profile; {known}")
         return value
 
     @field_validator("tangential_N")

@@ -209,7 +209,9 @@ def nearest_starts(
         ratios = np.concatenate([ratios, _circle(rotations_deg, period_deg(model))], axis=1)
     row = tree.query(ratios, np.arange(1, count + 1), eps=DEFAULTS.nearly)[1]
     at: Array = touches[row]
-    at[..., FORCE] += np.log(size / sizes[row]) / powers[row]
+    change, power = np.log(size / sizes[row]), powers[row]
+    # charges of a model for one force do not grow with it
+    at[..., FORCE] += np.divide(change, power, out=np.zeros_like(change), where=power != 0.0)
     return at
 
 

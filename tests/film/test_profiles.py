@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray
 
 from pvdf_fem import Scene, SceneError, solve
 from pvdf_fem.film.equilibrium import Equilibrium
@@ -60,15 +61,21 @@ def bilinear(x_mm, y_mm):
     return (1.0 + 0.15 * x_mm) * (1.0 - 0.1 * y_mm)
 
 
-@pytest.fixture
-def table(tmp_path):
-    path = tmp_path / "p.csv"
+@pytest.fixture(params=["csv", "nc"])
+def table(request, tmp_path):
+    path = tmp_path / f"p.{request.param}"
     x, y = np.array([-6.0, -1.0, 6.0]), np.array([-5.0, 5.0])
     values = bilinear(x[:, None], y)
-    rows = [
-        f"{b},{v},{a}" for a, r in zip(x, values, strict=True) for b, v in zip(y, r, strict=True)
-    ]
-    path.write_text("\n".join(["y_mm,pressure,x_mm", *rows]))
+    if request.param == "nc":
+        data = xarray.Dataset({"pressure": (("y_mm", "x_mm"), values.T)}, {"x_mm": x, "y_mm": y})
+        data.to_netcdf(path, engine="scipy")
+    else:
+        rows = [
+            f"{b},{v},{a}"
+            for a, r in zip(x, values, strict=True)
+            for b, v in zip(y, r, strict=True)
+        ]
+        path.write_text("\n".join(["y_mm,pressure,x_mm", *rows]))
     return path
 
 
@@ -116,8 +123,9 @@ def test_files_that_hold_no_grid_are_refused_before_any_mesh(tmp_path, monkeypat
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(SceneError, match=r"load\.profile = .*none"):
-        solve(SCENE.with_(**{"load.profile": str(tmp_path / "none.csv")}))
+    for name in ("none.csv", "none.nc"):
+        with pytest.raises(SceneError, match=r"load\.profile = .*none"):
+            solve(SCENE.with_(**{"load.profile": str(tmp_path / name)}))
 
 
 @pytest.mark.parametrize("profile", ["gaussian", "table.csv"])

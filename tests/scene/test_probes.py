@@ -295,3 +295,10 @@ def test_a_merged_load_is_what_with_makes_of_the_scenes_load(load, own, beside):
     said = {"probe[0]": {**beside, "load": own}}
     changed = Scene().with_(load=load, probe=[shape], **said)
     assert changed.loaded_probes == scene.loaded_probes
+
+
+def test_a_scene_that_was_written_without_friction_is_read():
+    text = '[probe]\nshape = "sphere"\nradius_mm = 3.0\n[load]\nkind = "contact"\nfriction = 0.0\n'
+    assert Scene.parse(text) == Scene.parse(text.replace("friction = 0.0\n", ""))
+    with pytest.raises(SceneError, match=r"load\.friction"):
+        Scene.parse(text.replace("friction = 0.0", "friction = 0.1"))

@@ -13,6 +13,7 @@ from functools import cache, lru_cache
 from hashlib import sha256
 from pathlib import Path
 from pkgutil import resolve_name
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import shapely
@@ -160,9 +161,25 @@ def _read(profile: str, most_bytes: int = 20_000_000) -> tuple[str, Callable[[Ar
 
 @lru_cache(maxsize=8)
 def _grid(name: str, content: bytes) -> Callable[[Array], Array]:
-    """The profile in the content of a file."""
+    """The profile in the content of a file; the name tells the format."""
     from scipy.interpolate import RegularGridInterpolator  # slow to import
 
+    x, y, values = (_of_netcdf if name.endswith(".nc") else _of_csv)(name, content)
+    return RegularGridInterpolator((x, y), values, bounds_error=False, fill_value=0.0)
+
+
+def _of_netcdf(name: str, content: bytes) -> tuple[Array, Array, Array]:
+    import xarray  # slow to import
+
+    with TemporaryDirectory() as folder:  # not every engine of xarray reads bytes
+        copy = Path(folder) / Path(name).name
+        copy.write_bytes(content)
+        with xarray.open_dataset(copy) as data:
+            table = data["pressure"].transpose("x_mm", "y_mm")
+            return data["x_mm"].values, data["y_mm"].values, table.values
+
+
+def _of_csv(name: str, content: bytes) -> tuple[Array, Array, Array]:
     heading, *lines = decoded(Path(name), content).splitlines()
     columns = [column.strip() for column in heading.split(",")]
     rows = np.array([line.split(",") for line in lines if line.strip()], dtype=float)
@@ -172,4 +189,4 @@ def _grid(name: str, content: bytes) -> Callable[[Array], Array]:
     table[i, j] = pressure
     if not np.isfinite(table).all() or table.size != len(rows):
         raise ValueError("the places are no grid with one finite pressure each")
-    return RegularGridInterpolator((xs, ys), table, bounds_error=False, fill_value=0.0)
+    return xs, ys, table
