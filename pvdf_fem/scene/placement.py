@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import TOUCH, overlaps
 from pvdf_fem.scene.outlines.sphere import SphereShape
 from pvdf_fem.scene.outlines.tip import tip_of
@@ -104,7 +105,7 @@ def _of_load(radius_mm: float | None, key: str, probe: Any, load: Load) -> Itera
     if own.kind == "rigid" and abs(outline.reach - rim) <= TOUCH * rim < np.inf:
         reason = "a rigid probe on the clamped rim cannot move; make the probe smaller"
         yield problem(said_at(key, probe, "kind"), own.kind, f"{reason} or choose another kind")
-    if own.profile_entry.needs_ellipse and len(outline.corners):
+    if own.profile_entry.needs_ellipse and not isinstance(outline, Ellipse):
         reason = f'is of discs and ellipses; give {key}.shape = "circle" or another profile'
         yield problem(said_at(key, probe, "profile"), own.profile, reason)
 
