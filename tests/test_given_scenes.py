@@ -49,3 +49,8 @@ def test_what_is_no_scene_is_told(name, given):
 def test_a_course_of_force_is_no_number(solution):
     with pytest.raises(TypeError, match="touch = "):
         transient(solution, 0.1, [0.0, 1.0])
+
+
+def test_charges_are_given_by_electrode():
+    with pytest.raises(ValueError, match=r"^charges = "):
+        pvdf_fem.locate(SCENE, [1.0, 2.0, 3.0])

@@ -205,7 +205,8 @@ def _keys(options: argparse.Namespace) -> int:
         print(examples()["four_electrodes"], end="")
         return ExitCode.CONVERGED
     keys, words = list(key_texts()), [word.casefold() for word in options.words]
-    found = [key for key in keys if any(word in key.text.casefold() for word in words)]
+    texts = [f"{key.table} {key.text}".casefold() for key in keys]
+    found = [keys[i] for i, text in enumerate(texts) if any(word in text for word in words)]
     if not found:
         near = choose(words[0], list(dict.fromkeys(key.name for key in keys)))
         raise InputError(f"{options.words[0][:60]}: is in no key and its meaning; {near}")

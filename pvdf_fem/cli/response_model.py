@@ -80,6 +80,8 @@ def run(options: argparse.Namespace) -> int:
         else:
             for path, why in present:
                 print(f"{path}: {why or 'serves'}")
+            if not present:
+                print(f"{options.scene}: no model is there; build one without --list")
         return ExitCode.CONVERGED if any(not why for _, why in present) else ExitCode.NOT_CONVERGED
     try:
         model = model_of(scene, options.scene, choice)

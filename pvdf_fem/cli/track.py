@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pvdf_fem.tracking.rows import Row
 
 TIMES = {"t_s": 1.0, "t_ms": 1e-3}  #: Columns of times, and their units in s.
+CALM = ("", "quiet", "settling")  #: Statuses of rows without a touch.
 LONG_S = 60.0  #: Settling in s after which the unit of times is in doubt.
 #: Of touches with these the unit is in doubt.
 DOUBTED = ("too_strong", "unexplained")
@@ -112,7 +113,7 @@ def run(options: argparse.Namespace) -> int:
         kind = ".jsonl" if options.json else ".csv"
         write = writer(stack, None, kind, [f.name for f in fields(Row)])
         rows, malformed, count, told = (row for batch in batches for row in batch), 0, 0, 0
-        said = ""
+        said = last = ""
         unit = f"; are the readings in {options.unit}, as --unit says?"
         wanted = f"give {len(columns)} numbers, or nan for what is missing"
         for count, (cells, sound) in enumerate(rows, 1):
@@ -123,6 +124,7 @@ def run(options: argparse.Namespace) -> int:
             malformed += bool(wrong)
             row = Row(t_s, TouchStatus.MALFORMED) if wrong else tracker.update(t_s, values)
             write([_plain(row)])
+            last = last if wrong else row.status
             if row.status == "settling" and math.isfinite(tracker.settled_s) and not said:
                 said = f"settling until t_s = {tracker.settled_s:.4g}: do not touch"
                 if time == "t_s" and row.settling_s > LONG_S:
@@ -139,7 +141,9 @@ def run(options: argparse.Namespace) -> int:
         print(f"{name}: {malformed} of {count} rows are malformed, left out", file=sys.stderr)
         if malformed == count:
             return ExitCode.BAD_INPUT
-    if not told:
+    if last not in CALM:
+        print(f"{name}: a touch has not ended at the last row ({last})", file=sys.stderr)
+    elif not told:
         print(f"{name}: nothing touches{unit}", file=sys.stderr)
     return ExitCode.CONVERGED
 

@@ -201,8 +201,7 @@ class Response:
         met = np.hypot(touches[:, 0], touches[:, 1])[bounds > self.tolerance].min()
         remark = (
             f"tolerance: {self.tolerance:g} is missed, the error bound is {bounds.max():.2g}; raise"
-            " the tolerance to it, give finer options, or take a smaller domain: touches meet the"
-            f" tolerance up to {met:.3g} mm"
+            f" the tolerance to it, or lower the reach: touches meet it up to {met:.3g} mm"
         )
         return replace(made, remarks=(remark,))
 

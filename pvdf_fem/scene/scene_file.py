@@ -80,7 +80,7 @@ def key_texts() -> Iterator[KeyText]:
     for line in examples()["four_electrodes"].splitlines():
         if heading := re.match(r"#?(\[+[\w.]+\]+)", line):
             table, lines = heading[1], []
-        elif name := re.match(r"#?(\w+) = ", line):
+        elif name := re.match(r'#?"?([\w.]+)"? = ', line):
             yield KeyText(table, name[1], "\n".join([*lines, line]))
             lines = []
         else:

@@ -114,7 +114,7 @@ class Grid:
         mistakes, which names `source` as their file.
         """
         if not isinstance(axes, list | tuple) or not all(isinstance(a, Mapping) for a in axes):
-            reason = "must be a list of tables; in a file begin each with [[axes]]"
+            reason = 'must be a list of tables, [{"load.force_N": [1, 2]}]; in a file of [[axes]]'
             raise SceneError([problem("axes", axes, reason)], source)
         if not axes:
             raise SceneError(["axes = (nothing): is required; add a table [[axes]]"], source)

@@ -99,6 +99,8 @@ class Touches:
         remarks = self.explanations.copy()
         for word, rows in {"undetermined": ~self.determined, "at edge": self.at_edge}.items():
             remarks[found & rows] += f"; {word}"
+        few = self.status == TouchStatus.UNDETERMINED
+        remarks[few & ~found] += "; fewer channels than unknown quantities"
         counts = [None if np.isnan(count) else int(count) for count in self.alternatives]
         return {
             **dict(zip(QUANTITIES, self.values.T, strict=True)),

@@ -163,6 +163,10 @@ def charge_mistakes(
     """What is wrong with readings and their deviations. Whether there are charges at rest is asked
     unless they are known."""
     by_name = electrode_columns(scene)
+    if not isinstance(charges_pC, Mapping):
+        name = next(iter(by_name))
+        yield f"charges = {charges_pC!r:.60}: give a dict by electrode, {{{name!r}: 700.0}}"
+        return
     if not charges_pC:
         yield f"charges: none given; give some of {', '.join(by_name)}"
     for name, charge in charges_pC.items():

@@ -434,6 +434,7 @@ def test_keys_are_told_by_words(command):
     assert re.findall(r"^#?(\w+) = ", told, re.M) == ["compression", "side_mm", "side_mm"]
     sections = ["[film]", "[electrodes]", "[probe]"]
     assert re.findall(r"^\[.*\]$", told, re.M) == sections
+    assert "film.thickness_um" in command("keys", "uncertain").out
     assert command("keys", "thicknes_um").mistakes == ["thicknes_um"]
 
 
