@@ -210,8 +210,8 @@ def _keys(options: argparse.Namespace) -> int:
     if not found:
         near = choose(words[0], list(dict.fromkeys(key.name for key in keys)))
         raise InputError(f"{options.words[0][:60]}: is in no key and its meaning; {near}")
-    for table, texts in groupby(found, lambda key: key.table):
-        print("\n".join([table, *(key.text for key in texts)]), end="\n\n")
+    for table, group in groupby(found, lambda key: key.table):
+        print("\n".join([table, *(key.text for key in group)]), end="\n\n")
     return ExitCode.CONVERGED
 
 
