@@ -69,9 +69,9 @@ def found_near(model, charges, start, sigma=1e-3):
 def test_a_warm_touch_is_found_with_its_temperature():
     """Half of it on an electrode of four, from the place that a cold film would have."""
     truth = {"probe.x_mm": 8.0, "probe.y_mm": 1.0, "probe.temperature_K": 10.0}
-    touched = FINGER.with_(**truth, **{"numerics.tolerance": 1e-3})
+    touched = FINGER.with_(**truth, **{"numerics.tolerance": 1e-4})
     charges = np.array([*solve(touched).charges_pC.values()])
-    model = Solves.of(FINGER, 1, ("x_mm", "y_mm", "force_N", "temperature_K"), 1e-3)
+    model = Solves.of(FINGER, 1, ("x_mm", "y_mm", "force_N", "temperature_K"), 1e-4)
     (best,) = found_near(model, charges, [8.1, 0.9, 0.0, 0.02, 5.0]).touches
     assert best.values == pytest.approx([8.0, 1.0, 0.0, 1.0, 10.0], abs=0.1)
     assert [best.x_mm, best.y_mm] == pytest.approx([8.0, 1.0], abs=0.02)
