@@ -47,7 +47,10 @@ class Location(Told):
         """Status, number of touches with remarks, a table per touch, and footnotes."""
         grids = [self._grid(number, touch) for number, touch in enumerate(self.touches, 1)]
         how = f"{len(self.touches)} {'touch' if len(self.touches) == 1 else 'touches'} listed"
-        notes = ["± : the true value is within, with a probability of 68 %"] if grids else []
+        if self.status is TouchStatus.UNEXPLAINED:
+            notes = ["the nearest touch does not fit the readings, so ± tells nothing of the truth"]
+        else:
+            notes = ["± : the true value is within, with a probability of 68 %"] if grids else []
         return self.status, [f"{how}, from {READINGS[self.reading]}", *self.remarks], grids, notes
 
     def _grid(self, number: int, touch: Touch) -> Grid:
