@@ -73,5 +73,5 @@ def refusal(scene: Scene, key: str, pressure: Pressure | None = None) -> str:
     if key in touched(scene):
         return _hindrance(scene, key, pressure)
     if key in (*_film_keys(scene.film), *COEFFICIENTS):
-        return "of a film that bends, wrinkles, sticks or feels voltages has no derivative"
+        return "of a film that bends, wrinkles or feels voltages has no derivative"
     return "is not a parameter of this scene that charges are differentiated by"
