@@ -29,10 +29,17 @@ class Calibration(Told):
 
     @cached_property
     def scene(self) -> Scene:
-        """The scene with what was found; raises ValueError unless calibrated."""
+        """The scene with what was found; raises ValueError unless calibrated. What its
+        ``[uncertain]`` says of parameters that were found are the deviations found."""
         if self.status is not CalibrationStatus.CALIBRATED:
             raise ValueError(f"{self.status}: {self.reason}")
-        return self.fit.model.unknowns.scene_at(self.fit.values, self.fit.model.reading)
+        scene = self.fit.model.unknowns.scene_at(self.fit.values, self.fit.model.reading)
+        deviations = {}
+        for key in scene.uncertain or ():
+            names = [n for n in (key, f"{key}.0", f"{key}.1") if n in self.parameters]
+            if names:  # both numbers of a pair are off by one share
+                deviations[key] = float(np.mean([self.parameters[n]["deviation"] for n in names]))
+        return scene.with_(uncertain=deviations) if deviations else scene
 
     @cached_property
     def parameters(self) -> dict[str, dict[str, float]]:

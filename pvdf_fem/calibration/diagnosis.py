@@ -96,13 +96,11 @@ def _score(fit: Fit, change: Change) -> float:
     model, start = fit.model.changed(change.touches, change.reading), fit.model.unknowns.start
     if not model.solved.any():
         few = np.linspace(0, len(change.touches) - 1, model.options.few_touches).astype(int)
-        chosen = change.touches.some(np.unique(few).tolist())
-        model = replace(
-            model.changed(chosen, change.reading), tolerance=model.options.few_tolerance
-        )
-        model.solve(start, np.zeros((len(chosen), 2)), np.ones(len(chosen), dtype=bool))
+        model = model.changed(change.touches.some(np.unique(few).tolist()), change.reading)
+        every = np.ones(len(model.touches), dtype=bool)
+        model.solve(start, np.zeros((len(every), 2)), every, model.options.first_tolerance)
     none = np.zeros((len(model.touches), 2))
-    tried = Fit(model, fit.noise, start, none, model.solved).settled(soft=True)
+    tried = Fit(model, fit.noise, start, none, model.solved).settled(model.solved, soft=True)
     misfit = np.log1p(tried.distances / np.maximum(tried.counts, 1))[tried.kept]
     return float(misfit.sum() + np.log1p(tried.pulls**2).sum()) if len(misfit) else np.inf
 
@@ -117,7 +115,7 @@ def _of_readings(model: TouchModel) -> Iterator[Change]:
         yield Change(status, mistake.text, changed, model.reading)
     other = "total" if model.reading == "change" else "change"
     text = f"readings are of the {other} of the charge, not of the {model.reading};"
-    if np.isfinite(model.rest[1]).all():
+    if np.isfinite(model.at_rest).all():
         yield Change(CalibrationStatus.READING, f"{text} give reading = {other}", touches, other)
     for j, name in enumerate(names if len(names) > 2 else ()):
         without = read.copy()

@@ -52,11 +52,11 @@ class Unknowns:
         """Where these are."""
         return np.array([self.names.index(key) for key in self.film_keys], dtype=np.int64)
 
-    def value(self, key: str, values: Array) -> float:
-        """One parameter among `values`, or the scene's where it is not sought."""
-        return float(
-            values[self.names.index(key)] if key in self.names else value_of(self.scene, key)
-        )
+    def value(self, key: str, values: Array) -> Array:
+        """One parameter (...) among `values` (..., parameters), or the scene's if not sought."""
+        if key in self.names:
+            return values[..., self.names.index(key)]
+        return np.full(values.shape[:-1], value_of(self.scene, key))
 
     def scene_at(self, values: Array, reading: str | None = None) -> Scene:
         """The scene with the parameters, and with a reading if one is given."""
