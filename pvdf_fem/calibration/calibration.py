@@ -12,6 +12,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.calibration.diagnosis import CalibrationStatus
 from pvdf_fem.calibration.fit import Fit
+from pvdf_fem.derivatives.parameters import numbers_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.summary import Grid, Told, rounded
 
@@ -36,8 +37,7 @@ class Calibration(Told):
         scene = self.fit.model.unknowns.scene_at(self.fit.values, self.fit.model.reading)
         deviations = {}
         for key in scene.uncertain or ():
-            names = [n for n in (key, f"{key}.0", f"{key}.1") if n in self.parameters]
-            if names:  # both numbers of a pair are off by one share
+            if names := numbers_of(key, self.parameters):
                 deviations[key] = float(np.mean([self.parameters[n]["deviation"] for n in names]))
         return scene.with_(uncertain=deviations) if deviations else scene
 
