@@ -123,8 +123,7 @@ class Contact:
     @property
     def _unit(self) -> Array:
         """Direction of the largest charges, (electrodes,)."""
-        largest = self.history[self.largest].charges
-        return np.asarray(largest / np.linalg.norm(largest))
+        return self.history[self.largest].direction
 
     @property
     def _total(self) -> Array:

@@ -24,6 +24,8 @@ class TrackOptions:
     #: Charges are located when they are this many standard deviations large ...
     significant: float = 15.0
     again: float = 0.2  #: ... and again when there are more samples by this share.
+    #: What sampling misses at light forces is off the direction of the charges by this share.
+    skew: float = 0.2
     #: Forces are followed down to the model's least over e to this power, and up to the model's
     #: largest times e to this power.
     lightest: float = 7.0

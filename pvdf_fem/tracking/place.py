@@ -47,6 +47,11 @@ class Sample:
         return self.noise + self.walked + np.square(self.drift)
 
     @property
+    def direction(self) -> Array:
+        """Direction of the charges, (electrodes,)."""
+        return self.charges / max(float(np.linalg.norm(self.charges)), math.ulp(0.0))
+
+    @property
     def significance(self) -> float:
         """Size of the charges in standard deviations."""
         return float(np.linalg.norm(self.charges / np.sqrt(self.variance)))
@@ -89,10 +94,10 @@ class ChangeModel(Problem):
         charges = (self.rest_pC + sample.charges)[None, heard]
         # an error evenly distributed within the bound
         model_error = self.model.error_bound / math.sqrt(3.0)
-        spread = np.sqrt(sample.variance[heard] + np.square(model_error * charges))
-        return replace(
-            self, electrodes=heard, charges_pC=charges, deviations_pC=spread, unknown=unknown
-        )
+        skewed = self.options.skew * math.sqrt(sample.missed) * sample.direction[heard]
+        variance = sample.variance[heard] + np.square(model_error * charges) + np.square(skewed)
+        given = {"charges_pC": charges, "deviations_pC": np.sqrt(variance)}
+        return replace(self, electrodes=heard, unknown=unknown, **given)
 
     @property
     def log_forces(self) -> tuple[float, float]:
@@ -144,9 +149,9 @@ class ChangeModel(Problem):
         at, scale = problem.coordinates(values), problem.per_coordinate(values)
         apart, period = at - at[0], period_deg(self.model)
         apart[:, ROTATION] -= period * np.rint(apart[:, ROTATION] / period)
-        missed = math.sqrt(sample.missed) * sample.charges / np.linalg.norm(sample.charges)
-        missed = (missed[problem.electrodes] / problem.deviations_pC[0])[:, None]
-        off = np.linalg.pinv(problem.linearised(at)[:, :, 1:]) @ missed
+        missed = math.sqrt(sample.missed) * sample.direction[problem.electrodes]
+        whitened = (missed / problem.deviations_pC[0])[:, None]
+        off = np.linalg.pinv(problem.linearised(at)[:, :, 1:]) @ whitened
         second = np.square(apart) + np.square(off[..., 0])
         by_noise = np.array([np.diag(touch.covariance) for touch in touches])
         second[:, self.unknown] += by_noise / np.square(scale[:, self.unknown])

@@ -34,6 +34,14 @@ def test_exact_readings_give_the_true_parameters():
         assert of["value"] == pytest.approx(true, rel=1e-3, abs=1e-3), name
 
 
+def test_the_first_solves_are_never_the_last():
+    """They are coarse; at a sensor that is like the scene no further ones are needed."""
+    told, like = [], {"film.pretension_N_m": 8.0}
+    columns = made(10, true=like)
+    found = calibrate(SCENE, columns, UNKNOWN, sigma=4e-3, progress=lambda *n: told.append(n))
+    assert (found.status, len(told)) == ("calibrated", 20)
+
+
 def test_noise_and_places_are_within_the_deviations(found):
     assert found.status == "calibrated"
     assert found.fit.p_value > 0.01

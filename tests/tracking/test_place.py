@@ -45,8 +45,9 @@ def test_a_touch_is_found_with_the_deviations_of_its_charges():
     np.testing.assert_allclose(more.deviations[[0, 1, 3]], 2.0 * expected, rtol=0.05)
 
 
-def test_what_sampling_misses_is_uncertain_in_the_force_alone():
-    """A charge that is off by 2 % along its direction is a force off by 2 % over its power."""
+def test_what_sampling_misses_is_uncertain_in_the_force():
+    """A charge that is off by 2 % along its direction is a force off by 2 % over its power; a fifth
+    of that is off the direction."""
     made = sensor()
     sample = sampled(made, TOUCH, 1.0)
     size, force = np.linalg.norm(sample.charges), np.array([0.8 * 0.999, 0.8 * 1.001])
@@ -58,7 +59,8 @@ def test_what_sampling_misses_is_uncertain_in_the_force_alone():
     )
     wider = np.hypot(exact[FORCE], 0.02 / power)
     assert missed[FORCE] == pytest.approx(wider, rel=0.05)
-    np.testing.assert_allclose(missed[:2], exact[:2], rtol=0.2)
+    assert (exact[:2] < missed[:2]).all()
+    assert (missed[:2] < 2.0 * exact[:2]).all()
 
 
 def test_other_places_that_may_be_touched_widen_the_deviations():

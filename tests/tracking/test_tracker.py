@@ -117,6 +117,19 @@ def test_a_sharp_onset_is_stated_by_the_deviations():
         assert touch.force_deviation_N < 0.1
 
 
+def test_what_sampling_misses_is_told_by_what_is_left_at_the_end():
+    """Jumps between two samples are summed up wrongly by up to a quarter of the charge, here both
+    by a part with one sign."""
+    model, forces = sensor(**{**RESISTIVE, "cable_capacitance_pF": 2000.0}), []
+    for late in (1e-4, 9e-4):
+        tap = Hold(0.4 + late, 0.101 - 2.0 * late, (3.0, -2.0), 0.8)
+        (touch,) = followed(model, *stream(model, [tap], 0.65, noise_V=1e-4))[0].touches
+        assert np.abs(pulls_of(touch, tap)).max() < 3.0
+        forces.append(touch.force_N)
+    assert np.mean(forces) == pytest.approx(0.8, rel=0.05)
+    assert np.ptp(forces) < 0.25  # 0.4 without what the end tells
+
+
 def test_a_charge_amplifier_whose_baseline_drifts():
     model = sensor(kind="charge", feedback_capacitance_pF=1000.0)
     taps = [TAP, Tap(1.0, 0.3, (-4.0, 1.0), 1.2)]
