@@ -83,12 +83,10 @@ class Uncertainty(Told):
         columns = "total, pC", "± pC", "change by touch, pC", "± pC", *self.deviations
         return Grid(("charges, uncertain values", *columns), tuple(rows))
 
-    def _brief(self) -> str:
-        return f"standard deviations {charges_told(self.charges_pC)}"
-
     def parts(self) -> Parts:
         told = [f"uncertain: {key} ± {value:.4g}" for key, value in self.deviations.items()]
-        return "uncertain", ["standard deviations by uncertain values"], [self.table], told
+        found = f"standard deviations of total charges, {charges_told(self.charges_pC)}"
+        return "uncertain", [found], [self.table], told
 
 
 def uncertainty(

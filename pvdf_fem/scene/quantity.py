@@ -132,12 +132,8 @@ class Section(BaseModel):
     if not TYPE_CHECKING:  # type checkers know the keys
 
         def __getattr__(self, name: str) -> Any:
-            try:
-                return super().__getattr__(name)
-            except AttributeError:
-                known = [*type(self).model_fields] if name[0] != "_" else []
-                told = f"{type(self).__name__} has no key {name}; {choose(name, known)}"
-                raise AttributeError(told) from None
+            known = choose(name, [*type(self).model_fields])
+            raise AttributeError(f"{type(self).__name__} has no {name}; {known}")
 
     @classmethod
     def key_of(cls, name: str) -> Key:

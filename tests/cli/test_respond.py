@@ -6,7 +6,6 @@ import csv
 import io
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -49,7 +48,7 @@ def test_a_closed_pipe_leaves_the_figure(
         raise BrokenPipeError
 
     plot = tmp_path / "response.svg"
-    monkeypatch.setattr("pvdf_fem.cli.respond.csv", SimpleNamespace(writer=closed))
+    monkeypatch.setattr("pandas.DataFrame.to_csv", closed)
     assert main(["respond", scene, "--frequencies", "20", "--plot", str(plot)]) == 141
     assert plot.exists()
 
