@@ -145,12 +145,12 @@ def sweep_chart(data: Dataset) -> Figure:
     for axis in axes:
         if len(varied := _varied(data, axis)) == 1 and varied[0].dtype.kind == "f":
             data = data.isel({axis: np.argsort(varied[0].values, kind="stable")})
-    varied = [_varied(data, axis) for axis in sorted(axes, key=lambda axis: data.sizes[axis])]
+    keys = [_varied(data, axis) for axis in sorted(axes, key=lambda axis: data.sizes[axis])]
     with style():
-        if len(varied) == 1:
-            return _curves(data, varied[0])
-        draw = _families if data.sizes[varied[0][0].dims[0]] <= FEW else _maps
-        return draw(data, varied[0], varied[1])
+        if len(keys) == 1:
+            return _curves(data, keys[0])
+        draw = _families if data.sizes[keys[0][0].dims[0]] <= FEW else _maps
+        return draw(data, *keys)
 
 
 def _varied(data: Dataset, axis: str) -> list[DataArray]:
