@@ -38,7 +38,7 @@ def test_a_sensor_is_calibrated_and_written(files, capsys):
     gain = result["parameters"]["gain.A"]
     assert Scene.load(sensor).readout.gain["A"] == gain["value"]
     text = page.read_text()
-    assert text.count("<svg") == 2
+    assert text.count("<svg") == 3
     assert "http" not in text.replace("http://www.w3.org", "").replace("http://purl", "")
     assert main(["solve", str(sensor), "--set", "probe.x_mm=3"]) == 0
 
