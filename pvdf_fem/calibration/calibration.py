@@ -14,7 +14,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.calibration.diagnosis import CalibrationStatus
 from pvdf_fem.calibration.fit import Fit
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.summary import Grid, Told, rounded
+from pvdf_fem.told import Grid, Parts, Told, rounded
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -124,7 +124,7 @@ class Calibration(Told):
         data = CalibrationData(sensor, *file, *read, *places)
         write_page(data, self.status, self._repr_html_(), about or {}, path)
 
-    def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
+    def parts(self) -> Parts:
         """Status, reason, the table of parameters, and what is said below it."""
         fit, rows, notes = self.fit, [], []
         if self.status is CalibrationStatus.CALIBRATED:

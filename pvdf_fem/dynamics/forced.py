@@ -25,6 +25,7 @@ from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
+from pvdf_fem.told import Columns, Grid, Parts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,8 +47,8 @@ def half_sine(force_N: float, duration_s: float) -> Exponentials:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FrequencyResponse:
-    """Complex amplitudes over that of the force, (n,), by electrode, about a solution."""
+class FrequencyResponse(Columns):
+    """Complex amplitudes over the force's amplitude, (n,), by electrode, about a solution."""
 
     solution: Solution
     frequencies_Hz: Array
@@ -72,10 +73,23 @@ class FrequencyResponse:
                 found |= {f"{name}_real_{unit}": values.real, f"{name}_imag_{unit}": values.imag}
         return found | {f"{n}_error_pC_N": error for n, error in self.charge_errors_pC_N.items()}
 
+    def to_json(self) -> dict[str, Any]:
+        """What `pvdf-fem respond --json` prints."""
+        return {**super().to_json(), "left_out": list(self.left_out)}
+
+    def parts(self) -> Parts:
+        sizes = {name: np.abs(values) for name, values in self.charges_pC_N.items()}
+        shown = {"Hz": self.frequencies_Hz, **{f"|{n}|, pC/N": size for n, size in sizes.items()}}
+        readings = {f"|{n}|, V/N": np.abs(values) for n, values in self.readings_V_N.items()}
+        notes = [f"left out: {text}" for text in self.left_out]
+        about = f"{_span(self.frequencies_Hz)} Hz"
+        table = Grid.of({**shown, **readings})
+        return "changes of charges over an oscillating force", [about], [table], notes
+
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Transient:
-    """Changes against a solution by time, (n,), by electrode."""
+class Transient(Columns):
+    """Changes of charges and readings against a solution by time, (n,), by electrode."""
 
     solution: Solution
     times_s: Array
@@ -83,6 +97,17 @@ class Transient:
     charge_errors_pC: dict[str, Array]  #: Estimated discretisation errors, absolute.
     readings_V: dict[str, Array]  #: Of the channels; empty without ``[readout]``.
     left_out: tuple[str, ...]  #: What the model neglects.
+
+    def columns(self) -> dict[str, Array]:
+        """Times, changes of the charges with their errors, and readings."""
+        found = {"t_s": self.times_s}
+        found |= {f"{name}_change_pC": change for name, change in self.charges_pC.items()}
+        found |= {f"{name}_error_pC": error for name, error in self.charge_errors_pC.items()}
+        return found | {f"{name}_reading_V": V for name, V in self.readings_V.items()}
+
+    def parts(self) -> Parts:
+        about, notes = f"{_span(self.times_s)} s", [f"left out: {text}" for text in self.left_out]
+        return "changes of charges by a touch", [about], [Grid.of(self.columns())], notes
 
 
 def respond(
@@ -157,6 +182,11 @@ def transient(
         readings[channel.name] = channel.gain / channel.capacitance * charge
     tables = _in_pC(solution, charges), _in_pC(solution, errors), readings
     return Transient(solution, times, *tables, _left_out(solution))
+
+
+def _span(values: Array) -> str:
+    """The range of some numbers in words."""
+    return f"{values.min():g} to {values.max():g}" if values.size else "none"
 
 
 def _loaded(solution: Solution | SceneLike) -> tuple[Solution, Sequence[Channel]]:

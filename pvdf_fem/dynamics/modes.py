@@ -35,11 +35,11 @@ from pvdf_fem.solution.attempt import UNKNOWNS_PER_ELEMENT
 from pvdf_fem.solution.estimate import corrected
 from pvdf_fem.solution.history import Clock
 from pvdf_fem.solution.refinement import MeshLoop, TooManyUnknownsError
-from pvdf_fem.solution.summary import Grid, Told, rounded
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import NewtonResult, Tried
 from pvdf_fem.solvers.status import NotConvergedError, Status
+from pvdf_fem.told import Grid, Parts, Told, rounded
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -115,14 +115,17 @@ class Modes(Told):
         film = spectrum.equilibrium.space.basis, self.scene.film.radius_mm
         return mode_shapes(shapes, *film, f"Modes of the {self._about} {where}")
 
-    def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
+    def parts(self) -> Parts:
         """Status, film or reason, a table each in vacuum and in air, and what is left out."""
         converged, grids = self.status is Status.CONVERGED, []
         for where, spectrum in self.spectra.items() if converged else ():
             pairs = zip(spectrum.frequencies.tolist(), spectrum.errors.tolist(), strict=True)
             rows = tuple((str(i), *rounded(*pair)) for i, pair in enumerate(pairs, 1))
             grids.append(Grid((where, "Hz", "± Hz"), rows))
-        reason = f"modes of the {self._about}" if converged else self.reason
+        reason = self.reason
+        if converged:
+            lowest = ", ".join(f"{frequency:.4g}" for frequency in self.frequencies_Hz[:3])
+            reason = f"{len(self.frequencies_Hz)} modes of the {self._about}, from {lowest} Hz on"
         return self.status, [reason], grids, [f"left out: {text}" for text in self.left_out]
 
     def to_json(self) -> dict[str, Any]:
