@@ -288,7 +288,8 @@ class Scene(Told, Section):
     @classmethod
     def example(cls, name: str) -> Scene:
         """A scene that comes with the package: ``"triangle"``; SceneError tells the names."""
-        files = {k: t for k, t in examples().items() if "[[axes]]" not in t and "[[section]]" not in t}
+        others = "[[axes]]", "[[section]]"  # of sweeps and reports
+        files = {k: t for k, t in examples().items() if not any(table in t for table in others)}
         return cls.parse(example_text(name, files), name)
 
     def with_(self, tables: Mapping[str, Any] | None = None, /, **changes: Any) -> Scene:
