@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -108,8 +109,9 @@ class Calibration(Told):
             "unit": fit.model.unit,
         }
 
-    def write_page(self, path: Path) -> None:
-        """Write one self-contained HTML page with pictures of readings, residuals and places."""
+    def write_page(self, path: Path, about: Mapping[str, str] | None = None) -> None:
+        """Write one self-contained HTML page: the verdict, what the page is about by name, such as
+        the file and the date, and pictures of readings, residuals and places."""
         from pvdf_fem.output.calibration_page import CalibrationData, write_page
 
         model = self.fit.model
@@ -117,8 +119,10 @@ class Calibration(Told):
         bad = np.isin(touches.rows, list(self.outliers))
         read = touches.readings, self.fit.prediction.readings
         places = touches.touches[:, :2], self.places_mm
-        data = CalibrationData(names, model.unit, touches.rows, bad, *read, *places)
-        write_page(data, self._repr_html_(), path)
+        sensor = model.unknowns.scene_at(self.fit.values, model.reading)
+        file = names, model.unit, touches.rows, bad
+        data = CalibrationData(sensor, *file, *read, *places)
+        write_page(data, self.status, self._repr_html_(), about or {}, path)
 
     def parts(self) -> Parts:
         """Status, reason, the table of parameters, and what is said below it."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.linalg
@@ -26,6 +26,9 @@ from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
 from pvdf_fem.told import Columns, Grid, Parts
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MOST_HZ = 1e6  #: Highest frequency, Hz.
 #: Starts in s, p in 1/s and c in N of c exp(p (t - start)) from each start on.
@@ -79,7 +82,15 @@ class FrequencyResponse(Course):
     charges_pC_N: dict[str, ComplexArray]
     charge_errors_pC_N: dict[str, Array]  #: Estimated discretisation errors, absolute.
     readings_V_N: dict[str, ComplexArray]  #: Of the channels; empty without ``[readout]``.
+    resonances_Hz: Array  #: Those that the force excites, without losses, up to the last frequency.
     left_out: tuple[str, ...]  #: What the model neglects.
+
+    def plot(self) -> Figure:
+        """Draw amplitudes with the resonances marked, and phases if something damps the film."""
+        from pvdf_fem.output.charts import frequency_response
+
+        about = self.charges_pC_N, self.resonances_Hz, self.solution.scene
+        return frequency_response(self.frequencies_Hz, *about)
 
     def columns(self) -> dict[str, Array]:
         """The columns of the table that `pvdf-fem respond` prints."""
@@ -109,7 +120,9 @@ class Transient(Course):
         return found | {f"{name}_reading_V": V for name, V in self.readings_V.items()}
 
 
-def respond(solution: Solution | SceneLike, frequencies_Hz: ArrayLike) -> FrequencyResponse:
+def respond(
+    solution: Solution | SceneLike, frequencies_Hz: ArrayLike, refined: bool = False
+) -> FrequencyResponse:
     """Charges by a small oscillating force of the probe along z, by frequency.
 
     Parameters
@@ -118,15 +131,28 @@ def respond(solution: Solution | SceneLike, frequencies_Hz: ArrayLike) -> Freque
         The loaded state, or a scene that is solved first, with one probe that is no tip.
     frequencies_Hz : array_like
         One or several, not below zero; `NotConvergedError` where they are too high for the film.
+    refined : bool, optional
+        Whether more frequencies about the resonances join.
     """
     frequencies = numbers("frequencies_Hz", frequencies_Hz, (0.0, MOST_HZ), "Hz").ravel()
     solution, read = _loaded(solution)
-    both = oscillations(solution)
-    charges, better = (o.reduced(frequencies).charges(frequencies).T for o in both)
+    both = [oscillation.reduced(frequencies) for oscillation in oscillations(solution)]
+    resonances = both[0].resonances(frequencies.max())
+    if refined:
+        frequencies = _refined(frequencies, resonances)
+    charges, better = (oscillation.charges(frequencies).T for oscillation in both)
     pairs = zip(read, charges, strict=False)  # no channels without a readout
     readings = {c.name: c.harmonic(frequencies) * charge for c, charge in pairs}
     tables = _in_pC(solution, charges), _in_pC(solution, np.abs(better - charges)), readings
-    return FrequencyResponse(solution, frequencies, *tables, _left_out(solution))
+    return FrequencyResponse(solution, frequencies, *tables, resonances, _left_out(solution))
+
+
+def _refined(frequencies: Array, resonances: Array, nearest: float = 1e-3, most: int = 12) -> Array:
+    """Frequencies in Hz with more about resonances, their distances in a geometric series."""
+    apart = np.geomspace(nearest, 0.1, most)
+    near = np.multiply.outer(resonances, np.concatenate([1.0 - apart, 1.0 + apart])).ravel()
+    inside = (near > frequencies.min()) & (near < frequencies.max())
+    return np.union1d(frequencies, near[inside])
 
 
 def transient(

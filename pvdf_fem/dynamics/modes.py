@@ -102,16 +102,18 @@ class Modes(Told):
         return "film under its load" if self.loaded else "flat film"
 
     def plot(self) -> Figure:
-        """Draw the shapes of the modes with their frequencies, those in air below."""
+        """Draw the shapes of the modes with their frequencies, with the scene's air if any."""
         from pvdf_fem.output.charts import mode_shapes
 
+        where, spectrum = [*self.spectra.items()][-1]
         shapes = [
-            (f"{i + 1}: {frequency:.4g} Hz {where}", spectrum.shapes[i, :, 2])
-            for where, spectrum in self.spectra.items()
-            for i, frequency in enumerate(spectrum.frequencies)
+            (f"{i}: {frequency:.4g} Hz", shape[:, 2])
+            for i, (frequency, shape) in enumerate(
+                zip(spectrum.frequencies, spectrum.shapes, strict=True), 1
+            )
         ]
-        film = self.basis, self.scene.film.radius_mm
-        return mode_shapes(shapes, *film, f"Modes of the {self._about}")
+        film = spectrum.equilibrium.space.basis, self.scene.film.radius_mm
+        return mode_shapes(shapes, *film, f"Modes of the {self._about} {where}")
 
     def parts(self) -> Parts:
         """Status, film or reason, a table each in vacuum and in air, and what is left out."""

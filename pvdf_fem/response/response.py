@@ -24,6 +24,7 @@ from pvdf_fem.response.response_file import Contents, mechanics_of, read, write
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.response.table import Grid, scaled_force
 from pvdf_fem.response.uniform_spline import UniformSpline
+from pvdf_fem.scene.given import taken
 from pvdf_fem.scene.quantity import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import Status
@@ -271,7 +272,7 @@ class Response(Told):
     @classmethod
     def load(cls, path: Path | str) -> Response:
         """Read a response; raises `ResponseError`, a `FileError`, for what holds no sound one."""
-        file, arrays = read(Path(path))
+        file, arrays = read(taken("path", path, Path))
         names = tuple(electrode.name for electrode in file.scene.electrode_list)
         spline = UniformSpline(file.axes, arrays.pop("coefficients"))
         stress, probe = None, file.scene.single_probe

@@ -21,6 +21,7 @@ from pvdf_fem.scene.quantity import Key
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import choose, problem
 
+T = TypeVar("T")
 Value = TypeVar("Value")
 
 
@@ -64,6 +65,13 @@ def scene_of(given: SceneLike) -> Scene:
         return found
     told = f"scene = {given!r:.60}: is no scene"
     raise TypeError(f"{told}; give a Scene, the path of a scene file, a dict of its tables")
+
+
+def model_of(given: T) -> T:
+    """A model of the charges, as `build_response` makes it; TypeError for anything else."""
+    if hasattr(given, "evaluate"):
+        return given
+    raise TypeError(problem("model", given, "is no model; give that of build_response(scene)"))
 
 
 def taken(

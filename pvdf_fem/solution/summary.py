@@ -36,11 +36,15 @@ def _tables(result: dict[str, Any]) -> list[Grid]:
         tables.append(Grid.of({"contact of": [patch], **{k: [contact[k]] for k in shown}}))
     if readings := result.get("readings_V"):
         decays = ["none" if s is None else s for s in result["time_constants_s"].values()]
-        columns = {"readings at once": [*readings], "V": [*readings.values()], "decay in s": decays}
-        tables.append(Grid.of(columns))
+        channels = {"readings at once": [*readings], "V": [*readings.values()]}
+        tables.append(Grid.of({**channels, "decay in s": decays}))
     if history := result["history"]:
-        shown = "elements", "unknowns", "iterations", "worst_error", "seconds", "status"
-        meshes = {key.replace("_", " "): [mesh[key] for mesh in history] for key in shown}
+        counts = "elements", "unknowns", "iterations"
+        meshes = {key: [mesh[key] for mesh in history] for key in counts}
+        errors = [mesh["worst_error"] for mesh in history]
+        meshes["worst error"] = [None if error is None else f"{error:.1e}" for error in errors]
+        meshes["seconds"] = [f"{mesh['seconds']:.3f}" for mesh in history]
+        meshes["ended"] = [mesh["status"] for mesh in history]
         tables.append(Grid.of({"mesh": range(1, len(history) + 1), **meshes}))
     return tables
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y
+from pvdf_fem.scene.given import model_of
 from pvdf_fem.told import Columns, Grid, Parts
 from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined
 from pvdf_fem.touch.measurement import (
@@ -156,7 +157,7 @@ def locate_many(
     ValueError
         For shapes that do not match, and mistakes as `locate` tells them.
     """
-    names, charges = _table(model, charges_pC)
+    names, charges = _table(model_of(model), charges_pC)
     any_charges = dict.fromkeys(names, math.pi)
     mistakes = [
         *charge_mistakes(model.scene, any_charges, sigma, noise_pC, reading, model.at_rest_pC)

@@ -211,7 +211,7 @@ def test_a_sensor_is_calibrated_or_has_a_status(folder, command, monkeypatch, co
             Scene.load("found.toml").readout.gain["A"] == run.json["parameters"]["gain.A"]["value"]
         )
         page = Path("page.html").read_text()
-        assert page.count("<svg") == 2
+        assert page.count("<svg") == 3
         assert "http" not in page.replace("http://www.w3.org", "").replace("http://purl", "")
     else:
         told = command(*asked)
@@ -326,7 +326,7 @@ def test_a_closed_pipe_is_no_error(folder, command, monkeypatch):
     def closed(*_, **__):
         raise BrokenPipeError
 
-    monkeypatch.setattr("pvdf_fem.cli.respond.csv", Namespace(writer=closed))
+    monkeypatch.setattr("pandas.DataFrame.to_csv", closed)
     responding = ["respond", "disc.toml", "--frequencies", "20", "--plot", "a.svg"]
     assert command(*responding).code == 141
     assert Path("a.svg").exists()
