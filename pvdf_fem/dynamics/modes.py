@@ -308,9 +308,10 @@ def _left_out(scene: Scene, share: float, joins: bool) -> tuple[str, ...]:
     return air if joins else (bending, *air)
 
 
-def air_remark(scene: Scene) -> str:
-    """What a vacuum leaves out: per area about the density of air times the radius."""
+def air_remark(scene: Scene, baffled: float = 1.5) -> str:
+    """What a vacuum leaves out: in the lowest mode, per area, about the density of air times the
+    radius, and `baffled` times as much in a baffle."""
     film = scene.film
     weight = Air().density_kg_m3 * film.radius / (film.density * film.thickness)
-    mass = f"adds about {weight:.2g} times the film's mass, which lowers the lowest frequencies"
-    return f"air: {mass}; to include it give [air]"
+    sizes = f"about {baffled * weight:.2g} times the film's mass, {weight:.2g} without a baffle"
+    return f"air: adds {sizes}, to the lowest mode; to include it give [air]"

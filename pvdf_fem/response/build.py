@@ -165,7 +165,7 @@ def build_response(
     if file is not None:
         require_writable(Path(file))
     with shown("s of one core", progress) as show:
-        made = _best(scene, domain, tolerance, options, Work(processes, show))
+        made = _best(scene, domain, tolerance, options, Work(taken("processes", processes, int | None), show))
     if file is not None:
         made.save(file)
     return made

@@ -197,7 +197,7 @@ def quote(value: Any, depth: int = 0) -> str:
         inner = [quote(item, depth + 1) for item in value[:10]] if depth < 3 else ["..."]
         text = f"[{', '.join(inner)}]"
     else:
-        text = repr(value) if isinstance(value, float | int) else str(value)
+        text = repr(value) if isinstance(value, float | int) else str(value).partition("\n")[0]
     return text if len(text) <= 60 else text[:57] + "..."
 
 
