@@ -32,7 +32,7 @@ class LocateOptions:
     #: Starts at each rotation. Of starts this close (mm, mm, degrees, logarithm of the force) only
     #: the best is kept. A start is left out whose charges are farther than those of the best start
     #: by more than the root of `listed` and this share of the charges, which a step neglects.
-    begun: int = 16
+    begun: int = 12
     close: tuple[float, ...] = (0.3, 0.3, 1e-9, 0.1)
     neglected: float = 0.01
     retries: int = 8  #: Starts of the second search for a row of `locate_many`.
@@ -76,13 +76,9 @@ def search(problem: Problem, known: Mapping[int, float], options: LocateOptions)
     held = {i: np.array([value]) for i, value in known.items()}
     at, misfit = (of[0] for of in starts(problem, held, options.begun))
     size = np.linalg.norm(problem.charges_pC / problem.deviations_pC)
-    most = np.sqrt(misfit.min(axis=1)) + options.listed**0.5 + options.neglected * size
-    kept = []
-    for of_turn, fits, limit in zip(at, misfit, np.square(most), strict=True):
-        likely = np.flatnonzero(fits <= limit)
-        repeats = repeated(of_turn[likely], fits[likely], np.array(options.close))
-        kept.append(of_turn[likely[~repeats]])
-    at = np.concatenate(kept)
+    excess = options.listed**0.5 + options.neglected * size
+    likely = ~(np.sqrt(misfit) > np.sqrt(misfit.min(axis=1, keepdims=True)) + excess)
+    at = at[likely][~repeated(at[likely], misfit[likely], np.array(options.close))]
     without_rotation = problem.unknown[problem.unknown != ROTATION]
     if 0 < len(without_rotation) < len(problem.unknown):
         at = descend(replace(problem, unknown=without_rotation), at, options=options.search).at

@@ -206,6 +206,17 @@ def test_readings_in_another_unit_are_unexplained(how, run, tmp_path):
         assert statuses(rows_of(done.out)) == [*["located"] * 6, *["unexplained"] * 6]
 
 
+def test_exchanged_channels_are_told_though_single_rows_fit(run, tmp_path):
+    """Rows with B and C exchanged, and one whose two charges are alike."""
+    source, exchanged = tmp_path / "readings.csv", CHARGES[:, [0, 2, 1, 3]]
+    alike = bumps("rectangle").evaluate(np.array([[3.0, 3.0, 0.0, 1.0]]))[0]
+    rows = np.vstack([exchanged, alike]), [*TOUCHES[:, 2], 0.0]
+    source.write_text(table(*rows[0].T, rows[1], header="A,B,C,D,rotation_deg"))
+    done = run(source, "--quick", "--sigma", "0.003")
+    assert "unexplained" not in statuses(rows_of(done.out))[-1]
+    assert done.code == 3
+
+
 def test_what_is_known_of_a_row_is_in_its_columns_or_the_scene(run, tmp_path):
     source = tmp_path / "readings.csv"
     source.write_text(table(*CHARGES.T, *TOUCHES.T[2:], header="A,B,C,D,rotation_deg,force_N"))
