@@ -82,8 +82,8 @@ def _line_count(source: Path | None) -> int:
 
 def _told(counts: Counter[str], mistakes: Counter[str]) -> int:
     """Tell on standard error what became of rows, and which mistakes explain those that no touch
-    does; the exit code. Rows with a common mistake may fit a touch by chance: no touch is told where
-    a mistake explains more rows than the readings as they are."""
+    does; the exit code. Single rows with a mistake may fit a touch by chance: nothing is located
+    where a mistake explains more rows than fit as they are given."""
     from pvdf_fem.touch.touch import EXPLAINED
 
     for text, count in mistakes.most_common(MOST_MISTAKES):
@@ -96,7 +96,7 @@ def _told(counts: Counter[str], mistakes: Counter[str]) -> int:
     fitting = sum(counts[status] for status in EXPLAINED)
     (text, most), *_ = mistakes.most_common(1) or [("", 0)]
     if most > fitting:
-        print(f"most rows are unexplained: {most} are {text}, {fitting} fit as given", file=sys.stderr)
+        print(f"only {fitting} rows fit as they are given, {most} are {text}", file=sys.stderr)
     failed = counts.total() and (not fitting or most > fitting)
     return ExitCode.NOT_CONVERGED if failed else ExitCode.CONVERGED
 
