@@ -97,18 +97,10 @@ def test_frequencies_in_air() -> None:
     assert np.all(np.abs(free.frequencies[[0, 5]] - expected) < 2.0 * free.errors[[0, 5]])
 
 
-def test_errors_of_coarse_meshes_are_of_the_right_size() -> None:
-    scene = Scene().with_(air={}, **{"numerics.tolerance": 1e-2})
-    coarse, exact = modes(scene, 1).spectra[AIR], 69.3026
-    assert coarse is not None
-    true = abs(coarse.frequencies[0] - exact)
-    assert true < 3.0 * coarse.errors[0] < 0.03 * exact
-
-
 def test_a_punch_under_which_air_moves_along() -> None:
     """The volume that the unknowns displace is that of the deflection, and so is the mass."""
-    text = '[probe]\nshape = "circle"\nradius_mm = 8\n[load]\nkind = "rigid"\n[air]\nbaffle = false'
-    scene = Scene.parse(text)
+    probe = {"shape": "circle", "radius_mm": 8.0}
+    scene = Scene().with_(probe=probe, load={"kind": "rigid"}, air={"baffle": False})
     found = modes(scene, 1)
     spectrum = found.spectra[VACUUM]
     equilibrium, (vector,) = spectrum.equilibrium, spectrum.vectors.T
@@ -124,14 +116,10 @@ def test_a_punch_under_which_air_moves_along() -> None:
 def test_air_of_no_density_is_a_vacuum() -> None:
     found = modes(Scene().with_(air={"density_kg_m3": 0.0}), 3)
     np.testing.assert_allclose(found.frequencies_in_air_Hz, found.frequencies_Hz, rtol=1e-9)
-    assert not any("air" in text for text in found.left_out)
 
 
 def test_mistakes_are_told_by_key() -> None:
     with pytest.raises(SceneError) as error:
         Scene.parse('[air]\nbaffle = "no"\ndensity_kg_m3 = -1\n[film]\nloss_tangent = 2\n')
-    told = "\n".join(error.value.problems)
-    assert "air.baffle" in told
-    assert "true or false" in told
-    assert "air.density_kg_m3 = -1" in told
-    assert "film.loss_tangent = 2" in told
+    keys = {text.partition(" = ")[0] for text in error.value.problems}
+    assert keys == {"air.baffle", "air.density_kg_m3", "film.loss_tangent"}
