@@ -43,21 +43,16 @@ def test_solves_without_a_probe_find_the_same(changes: dict[str, object]) -> Non
 
 
 def test_a_solution_tells_total_rest_change_and_reading() -> None:
-    scene = Scene().with_(
-        **{
-            "probe": {"shape": "circle", "radius_mm": 2.0},
-            "readout": {"feedback_capacitance_pF": 500.0, "gain": {"A": 2.0}},
-        }
-    )
-    solution = solve(scene)
-    changes, result = solution.charge_changes_pC, solution.to_json()
-    assert changes["A"] == pytest.approx(solution.charges_pC["A"] - 48.0)
-    assert result["rest_charges_pC"]["B"] == pytest.approx(48.0)
-    assert result["readings_V"]["A"] == pytest.approx(2.0 * changes["A"] / 500.0)
-    assert result["readings_V"]["B"] == pytest.approx(changes["B"] / 500.0)
-    assert result["time_constants_s"] == dict.fromkeys("ABCD")
-    total = solve(scene.with_(**{"readout.reading": "total"}))
-    assert total.readings_V["B"] == pytest.approx(solution.charges_pC["B"] / 500.0)
+    readout = {"feedback_capacitance_pF": 500.0, "gain": {"A": 2.0}}
+    scene = Scene().with_(probe={"shape": "circle", "radius_mm": 2.0}, readout=readout)
+    solution, total = (solve(scene.with_(**{"readout.reading": r})) for r in ("change", "total"))
+    for name, charge in solution.charges_pC.items():
+        change, gain = charge - 48.0, 2.0 if name == "A" else 1.0
+        assert solution.rest_charges_pC[name] == pytest.approx(48.0)
+        assert solution.charge_changes_pC[name] == pytest.approx(change)
+        assert solution.readings_V[name] == pytest.approx(gain * change / 500.0)
+        assert total.readings_V[name] == pytest.approx(gain * charge / 500.0)
+    assert solution.to_json()["time_constants_s"] == dict.fromkeys("ABCD")
 
 
 WARM = {"film.warming_K": 0.4, "film.pyroelectric_uC_m2K": -25.0}
@@ -106,22 +101,31 @@ def test_a_solve_that_moves_at_rest_states_the_errors_of_both() -> None:
     assert set(NAMES) < set(solution.to_dataframe().columns)
 
 
-def test_the_film_at_rest_is_solved_once_and_within_the_budget(monkeypatch) -> None:
-    asked: list[Scene] = []
+@pytest.fixture
+def counted(monkeypatch):
+    """Makes a module keep the scenes that it solves."""
 
-    def counted(scene, *arguments, **options):
-        asked.append(scene)
-        return solve_goals(scene, *arguments, **options)
+    def count(module):
+        asked: list[Scene] = []
 
-    monkeypatch.setattr(solve_module, "solve_goals", counted)
-    budget = Budget.of(TOUCHED)
+        def solved(scene, *arguments, **options):
+            asked.append(scene)
+            return solve_goals(scene, *arguments, **options)
+
+        monkeypatch.setattr(module, "solve_goals", solved)
+        return asked
+
+    return count
+
+
+def test_the_film_at_rest_is_solved_once_and_within_the_budget(counted) -> None:
+    asked = counted(solve_module)
+    budget, alone = Budget.of(TOUCHED), Budget.of(TOUCHED)
     solution = solve(TOUCHED.with_(**MOVED), budget=budget)
     assert [scene.probe is None for scene in asked] == [False, True]
-    alone = Budget.of(TOUCHED)
+    assert solution.to_json()["rest_charges_pC"] == solution.rest_charges_pC
     solve_goals(TOUCHED.with_(**MOVED), goals_of(TOUCHED), budget=alone)
     assert budget.spent_seconds > alone.spent_seconds
-    assert solution.to_json()["rest_charges_pC"] == solution.rest_charges_pC
-    assert len(asked) == 2
     solve(TOUCHED)
     assert len(asked) == 3
 
@@ -171,14 +175,8 @@ def test_a_warmed_film_counts_from_before_it_warmed() -> None:
     assert solve(warm).rest_charges_pC["A"] == pytest.approx(48.0)
 
 
-def test_a_sweep_solves_each_untouched_film_once_and_keeps_it(monkeypatch, tmp_path) -> None:
-    asked: list[Scene] = []
-
-    def counted(scene, *arguments, **options):
-        asked.append(scene)
-        return solve_goals(scene, *arguments, **options)
-
-    monkeypatch.setattr(records_module, "solve_goals", counted)
+def test_a_sweep_solves_each_untouched_film_once_and_keeps_it(counted, tmp_path) -> None:
+    asked = counted(records_module)
     rims = [MOVED["film.rim_displacement_um"], TORN["film.rim_displacement_um"]]
     axes = [{"film.rim_displacement_um": rims}, {"load.force_N": [0.5, 1.0]}]
     data, again = (sweep(TOUCHED, axes, tmp_path / "s.db", processes=1) for _ in range(2))
@@ -186,10 +184,9 @@ def test_a_sweep_solves_each_untouched_film_once_and_keeps_it(monkeypatch, tmp_p
     assert data.identical(again)
     fresh = solve(TOUCHED.with_(**MOVED, **{"load.force_N": 1.0}))
     found = data.isel({"rim_displacement_um": 0, "force_N": 1})
-    assert found.rest_charge_pC.values == pytest.approx([*fresh.rest_charges_pC.values()])
-    assert found.rest_charge_error_pC.values == pytest.approx(
-        [*fresh.rest_charge_errors_pC.values()]
-    )
+    rest, errors = found.rest_charge_pC.values, found.rest_charge_error_pC.values
+    assert rest == pytest.approx([*fresh.rest_charges_pC.values()])
+    assert errors == pytest.approx([*fresh.rest_charge_errors_pC.values()])
     torn = data.isel({"rim_displacement_um": 1})
     assert np.isnan(torn.rest_charge_pC.values).all()
     assert (torn.charge_pC.values > 0.0).all()

@@ -94,17 +94,15 @@ def test_heat_beside_other_outlines_is_off_as_stated(shape, excess):
 
 def test_a_film_that_is_warm_all_over_is_one_that_was_cooled_less():
     disc = {"shape": "circle", "radius_mm": 45.0}
-    warm = Scene().with_(
-        probe={**disc, "temperature_K": 0.5, "contact_time_s": 1e3},
-        **{"load.force_N": 20.0, "film.bending": False},
-    )
-    cooled = warm.with_(probe=Replaced(disc), **{"film.temperature_change_K": -0.5})
-    assert charges(warm) == pytest.approx(charges(cooled), rel=1e-6)
-    pyroelectric = 25.0 * 9.0 * 0.5  # pC on 9 mm2
-    assert charges(warm.with_(**PYROELECTRIC)) == pytest.approx(charges(cooled) + pyroelectric)
-    place = solve(warm).at(3.0, 4.0)
-    expected = solve(cooled).at(3.0, 4.0)
-    assert place.stress_MPa == pytest.approx(expected.stress_MPa, rel=1e-6, abs=1e-9)
+    probe = {**disc, "temperature_K": 0.5, "contact_time_s": 1e3}
+    warm = Scene().with_(probe=probe, **{"load.force_N": 20.0, "film.bending": False})
+    cooled = solve(warm.with_(probe=Replaced(disc), **{"film.temperature_change_K": -0.5}))
+    for coefficient, added in ((0.0, 0.0), (25.0, 25.0 * 9.0 * 0.5)):  # pC on 9 mm2
+        found = solve(warm.with_(**{"film.pyroelectric_uC_m2K": coefficient}))
+        expected = {name: charge + added for name, charge in cooled.charges_pC.items()}
+        assert found.charges_pC == pytest.approx(expected, rel=1e-6)
+    found, expected = (solution.at(3.0, 4.0).stress_MPa for solution in (found, cooled))
+    assert found == pytest.approx(expected, rel=1e-6, abs=1e-9)
 
 
 def test_a_tape_under_a_warm_probe_expands_by_its_own_coefficient():
