@@ -96,9 +96,6 @@ def test_a_solve_that_moves_at_rest_states_the_errors_of_both() -> None:
         assert solution.charge_change_errors_pC[name] == pytest.approx(both)
         off = solution.charge_changes_pC[name] - fine.charge_changes_pC[name]
         assert abs(off) <= both + fine.charge_change_errors_pC[name]
-    result = json.loads(json.dumps(solution.to_json(), allow_nan=False))
-    assert set(NAMES) < set(result)
-    assert set(NAMES) < set(solution.to_dataframe().columns)
 
 
 @pytest.fixture
@@ -149,21 +146,18 @@ def test_a_film_in_a_tension_field_has_no_compression_at_rest() -> None:
     heated = solve(TOUCHED.with_(**HEATED, **slack))
     assert set(heated.rest_charges_pC.values()) == {0.0}
     assert heated.charge_changes_pC == heated.charges_pC
-    # wrinkles along x leave E1 times the strain along x, (S11 - ν12 S22)/E1
-    film = {"film.pretension_N_m": [9.0, -1.0], "film.youngs_modulus_GPa": [3.0, 1.0]}
-    expected = 8.0 * 9.0 * (9.0 + 0.34) / 25.0
-    assert 1e12 * rest_charges(TOUCHED.with_(**film, **slack)) == pytest.approx(expected)
 
 
 def test_a_plate_bears_compression_below_its_buckling_load() -> None:
-    """Critical tension of a clamped disc: 14.682 D/a²."""
-    plate = {"film.bending": True, "film.thickness_um": 200.0, "numerics.tolerance": 1e-2}
-    critical = 14.682 * 2e9 * 2e-4**3 / 12.0 / (1.0 - 0.34**2) / 45e-3**2
+    """Critical tension of a clamped disc: 14.682 D/a² (Timoshenko and Gere, section 7.3)."""
+    plate = {"film.bending": True, "film.thickness_um": 1000.0}
+    critical = 14.682 * 2e9 * 1e-3**3 / 12.0 / (1.0 - 0.34**2) / 45e-3**2
     bears, buckles = (
-        Scene().with_(**plate, **{"film.pretension_N_m": -part * critical}) for part in (0.8, 1.2)
+        Scene().with_(**plate, **{"film.pretension_N_m": -part * critical}) for part in (0.95, 1.05)
     )
-    expected = -16.0 * 9.0 * 0.8 * critical / 200.0
+    expected = -16.0 * 9.0 * 0.95 * critical / 1000.0
     assert 1e12 * rest_charges(bears) == pytest.approx(expected)
+    assert [solve(scene).status for scene in (bears, buckles)] == ["converged", "unstable"]
     with pytest.raises(SceneError, match=r"film\.pretension_N_m"):
         rest_charges(buckles)
 

@@ -216,13 +216,6 @@ def test_richer_space_has_the_energy_of_the_function_written_in_it():
     assert energies[1] == pytest.approx(energies[0], rel=1e-3)
 
 
-def test_film_in_compression_buckles_at_the_load_of_a_plate():
-    """N = -14.68 D/a^2 (Timoshenko and Gere, Theory of Elastic Stability, section 7.3)."""
-    below, above = (plate(1000.0, tension=N, **{"load.force_N": 0.0}) for N in (-14.0, -15.4))
-    assert solve(below).status == "converged"
-    assert solve(above).status == "unstable"
-
-
 @pytest.mark.parametrize("bending", [True, "auto"])
 def test_stretched_plate_vibrates(bending):
     """J0(p r) and I0(q r), q^2 - p^2 = N a^2/D; w and its slope vanish on the rim."""
