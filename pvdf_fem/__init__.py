@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from pvdf_fem.calibration.calibrate import calibrate
     from pvdf_fem.derivatives.gradients import gradients
+    from pvdf_fem.derivatives.solve import solve
     from pvdf_fem.derivatives.uncertainty import uncertainty
     from pvdf_fem.designs.dataset import dataset
     from pvdf_fem.designs.design import design
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
     from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Replaced, Scene, SceneError
     from pvdf_fem.solution.solution import Solution
-    from pvdf_fem.solution.solve import solve
     from pvdf_fem.solvers.status import NotConvergedError
     from pvdf_fem.sweeps.sweep import sweep
     from pvdf_fem.touch.locate import locate
@@ -93,7 +93,7 @@ _MODULES = {
     "locate_many": "touch.locate_many",
     "modes": "dynamics.modes",
     "respond": "dynamics.forced",
-    "solve": "solution.solve",
+    "solve": "derivatives.solve",
     "sweep": "sweeps.sweep",
     "transient": "dynamics.forced",
     "uncertainty": "derivatives.uncertainty",

@@ -14,10 +14,19 @@ from pvdf_fem.film.membrane import strain_of
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.points import located
+from pvdf_fem.told import Columns, Grid, Parts
+
+#: Columns of vectors and of symmetric tensors.
+COMPONENTS = {
+    "displacement_mm": ("u_mm", "v_mm", "w_mm"),
+    "slopes": ("dw_dx", "dw_dy"),
+    "strain": ("E11", "E22", "2 E12"),
+    "stress_MPa": ("S11_MPa", "S22_MPa", "S12_MPa"),
+}
 
 
-@dataclass(frozen=True, eq=False)
-class PointValues:
+@dataclass(frozen=True, eq=False, repr=False)
+class PointValues(Columns):
     """Values at points of the undeformed film; (...) is the shape of the points' coordinates."""
 
     x_mm: Array  #: (...)
@@ -36,6 +45,20 @@ class PointValues:
     def deflection_mm(self) -> Array:
         """w, (...)."""
         return np.asarray(self.displacement_mm[..., 2])
+
+    def columns(self) -> dict[str, Array]:
+        """A column for each coordinate, component and density, (points,)."""
+        line = {} if self.distance_mm is None else {"distance_mm": self.distance_mm}
+        found = {"x_mm": self.x_mm, "y_mm": self.y_mm, **line}
+        for name, components in COMPONENTS.items():
+            found |= dict(zip(components, np.moveaxis(getattr(self, name), -1, 0), strict=True))
+        return found | {"charge_density_pC_mm2": self.charge_density_pC_mm2}
+
+    def parts(self) -> Parts:
+        w, count = self.deflection_mm, self.x_mm.size
+        known = w[np.isfinite(w)]
+        span = f"deflections {known.min():.4g} to {known.max():.4g} mm" if known.size else "none"
+        return f"{count} points of the film", [span], [Grid.of(self.columns())], []
 
 
 def values_at(

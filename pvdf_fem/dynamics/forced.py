@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.linalg
@@ -25,6 +25,10 @@ from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
+from pvdf_fem.told import Columns, Grid, Parts
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MOST_HZ = 1e6  #: Highest frequency, Hz.
 #: Starts in s, p in 1/s and c in N of c exp(p (t - start)) from each start on.
@@ -43,15 +47,23 @@ def half_sine(force_N: float, duration_s: float) -> Exponentials:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FrequencyResponse:
-    """Complex amplitudes over that of the force, (n,), by electrode, about a solution."""
+class FrequencyResponse(Columns):
+    """Complex amplitudes over the force's amplitude, (n,), by electrode, about a solution."""
 
     solution: Solution
     frequencies_Hz: Array
     charges_pC_N: dict[str, ComplexArray]
     charge_errors_pC_N: dict[str, Array]  #: Estimated discretisation errors, absolute.
     readings_V_N: dict[str, ComplexArray]  #: Of the channels; empty without ``[readout]``.
+    resonances_Hz: Array  #: Those that the force excites, without losses, up to the last frequency.
     left_out: tuple[str, ...]  #: What the model neglects.
+
+    def plot(self) -> Figure:
+        """Draw amplitudes with the resonances marked, and phases if something damps the film."""
+        from pvdf_fem.output.charts import frequency_response
+
+        about = self.charges_pC_N, self.resonances_Hz, self.solution.scene
+        return frequency_response(self.frequencies_Hz, *about)
 
     def columns(self) -> dict[str, Array]:
         """The columns of the table that `pvdf-fem respond` prints."""
@@ -61,10 +73,23 @@ class FrequencyResponse:
                 found |= {f"{name}_real_{unit}": values.real, f"{name}_imag_{unit}": values.imag}
         return found | {f"{n}_error_pC_N": error for n, error in self.charge_errors_pC_N.items()}
 
+    def to_json(self) -> dict[str, Any]:
+        """What `pvdf-fem respond --json` prints."""
+        return {**super().to_json(), "left_out": list(self.left_out)}
+
+    def parts(self) -> Parts:
+        sizes = {name: np.abs(values) for name, values in self.charges_pC_N.items()}
+        shown = {"Hz": self.frequencies_Hz, **{f"|{n}|, pC/N": size for n, size in sizes.items()}}
+        readings = {f"|{n}|, V/N": np.abs(values) for n, values in self.readings_V_N.items()}
+        notes = [f"left out: {text}" for text in self.left_out]
+        about = f"{_span(self.frequencies_Hz)} Hz"
+        table = Grid.of({**shown, **readings})
+        return "changes of charges over an oscillating force", [about], [table], notes
+
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Transient:
-    """Changes against a solution by time, (n,), by electrode."""
+class Transient(Columns):
+    """Changes of charges and readings against a solution by time, (n,), by electrode."""
 
     solution: Solution
     times_s: Array
@@ -73,8 +98,21 @@ class Transient:
     readings_V: dict[str, Array]  #: Of the channels; empty without ``[readout]``.
     left_out: tuple[str, ...]  #: What the model neglects.
 
+    def columns(self) -> dict[str, Array]:
+        """Times, changes of the charges with their errors, and readings."""
+        found = {"t_s": self.times_s}
+        found |= {f"{name}_change_pC": change for name, change in self.charges_pC.items()}
+        found |= {f"{name}_error_pC": error for name, error in self.charge_errors_pC.items()}
+        return found | {f"{name}_reading_V": V for name, V in self.readings_V.items()}
 
-def respond(solution: Solution | SceneLike, frequencies_Hz: ArrayLike) -> FrequencyResponse:
+    def parts(self) -> Parts:
+        about, notes = f"{_span(self.times_s)} s", [f"left out: {text}" for text in self.left_out]
+        return "changes of charges by a touch", [about], [Grid.of(self.columns())], notes
+
+
+def respond(
+    solution: Solution | SceneLike, frequencies_Hz: ArrayLike, refined: bool = False
+) -> FrequencyResponse:
     """Charges by a small oscillating force of the probe along z, by frequency.
 
     Parameters
@@ -83,18 +121,31 @@ def respond(solution: Solution | SceneLike, frequencies_Hz: ArrayLike) -> Freque
         The loaded state, or a scene that is solved first, with one probe that is no tip.
     frequencies_Hz : array_like
         One or several, not below zero; `NotConvergedError` where they are too high for the film.
+    refined : bool, optional
+        Whether more frequencies about the resonances join.
     """
     frequencies = np.atleast_1d(np.asarray(frequencies_Hz, dtype=float))
     in_range = (frequencies >= 0.0) & (frequencies <= MOST_HZ)
     if frequencies.ndim != 1 or not frequencies.size or not np.all(in_range):
         raise ValueError(f"frequencies_Hz: give numbers from 0 to {MOST_HZ:g} Hz")
     solution, read = _loaded(solution)
-    both = oscillations(solution)
-    charges, better = (o.reduced(frequencies).charges(frequencies).T for o in both)
+    both = [oscillation.reduced(frequencies) for oscillation in oscillations(solution)]
+    resonances = both[0].resonances(frequencies.max())
+    if refined:
+        frequencies = _refined(frequencies, resonances)
+    charges, better = (oscillation.charges(frequencies).T for oscillation in both)
     pairs = zip(read, charges, strict=False)  # no channels without a readout
     readings = {c.name: c.harmonic(frequencies) * charge for c, charge in pairs}
     tables = _in_pC(solution, charges), _in_pC(solution, np.abs(better - charges)), readings
-    return FrequencyResponse(solution, frequencies, *tables, _left_out(solution))
+    return FrequencyResponse(solution, frequencies, *tables, resonances, _left_out(solution))
+
+
+def _refined(frequencies: Array, resonances: Array, nearest: float = 1e-3, most: int = 12) -> Array:
+    """Frequencies in Hz with more about resonances, their distances in a geometric series."""
+    apart = np.geomspace(nearest, 0.1, most)
+    near = np.multiply.outer(resonances, np.concatenate([1.0 - apart, 1.0 + apart])).ravel()
+    inside = (near > frequencies.min()) & (near < frequencies.max())
+    return np.union1d(frequencies, near[inside])
 
 
 def transient(
@@ -131,6 +182,11 @@ def transient(
         readings[channel.name] = channel.gain / channel.capacitance * charge
     tables = _in_pC(solution, charges), _in_pC(solution, errors), readings
     return Transient(solution, times, *tables, _left_out(solution))
+
+
+def _span(values: Array) -> str:
+    """The range of some numbers in words."""
+    return f"{values.min():g} to {values.max():g}" if values.size else "none"
 
 
 def _loaded(solution: Solution | SceneLike) -> tuple[Solution, Sequence[Channel]]:

@@ -11,7 +11,7 @@ import xarray
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.point_values import PointValues
 
-#: Components of vectors, and of symmetric tensors.
+#: Dimensions and names of components.
 _COMPONENTS = {
     "displacement_mm": ("direction", ["u", "v", "w"]),
     "slopes": ("slope_component", ["dw/dx", "dw/dy"]),

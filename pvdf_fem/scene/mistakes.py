@@ -26,6 +26,7 @@ NOT_MODELLED = {
 }
 REASONS = {
     "bool_type": "must be true or false; write one of them without quotes",
+    "dict_type": "must be a table of keys with their values; give one",
     "finite_number": "must be finite; give a number",
     "float_type": "must be a number; write digits without quotes",
     "int_type": "must be a whole number; write digits without a point or quotes",

@@ -44,10 +44,12 @@ class SceneError(ValueError):
         return "\n  ".join([f"{head}:", *self.problems])
 
 
-def read_scene_text(path: Path) -> str:
+def read_scene_text(path: Path | str) -> str:
     """The text of a scene file; SceneError for what is no UTF-8 file of at most `MOST_BYTES`."""
+    if not isinstance(path, str | Path):
+        raise SceneError([problem("path", path, "is no path; give the name of a file")])
     try:
-        return read_text(path, MOST_BYTES, "a scene file")
+        return read_text(Path(path), MOST_BYTES, "a scene file")
     except FileError as error:
         raise SceneError([str(error)], str(path)) from None
 
@@ -89,6 +91,8 @@ def key_texts() -> Iterator[KeyText]:
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The table in a TOML text; SceneError naming source and line for what is not TOML."""
+    if not isinstance(text, str):
+        raise SceneError([problem("text", text, "is no text; give the TOML of a scene file")])
     if len(text) > MOST_BYTES:
         large = f"has {len(text)} characters, more than {MOST_BYTES}; a scene is small"
         raise SceneError([f"{source}: {large}, give another"], source)
@@ -137,6 +141,16 @@ def flattened(table: Any, prefix: str = "") -> Any:
         nested = isinstance(value, Mapping)
         flat |= flattened(value, f"{prefix}{key}.") if nested else {f"{prefix}{key}": value}
     return flat
+
+
+def key_rows(tables: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """The keys of a scene, ``film.radius_mm``, ``electrodes[0].x_mm``, with their values."""
+    for name, table in tables.items():
+        rows = {f"{name}.": table}
+        if isinstance(table, list):
+            rows = {f"{name}[{i}].": row for i, row in enumerate(table)}
+        for where, row in rows.items():
+            yield from ((key, quote(value)) for key, value in flattened(row, where).items())
 
 
 def parse_change(text: str) -> tuple[str, Any]:

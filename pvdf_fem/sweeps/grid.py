@@ -137,8 +137,7 @@ class Grid:
         Its key `scene` is the path of a scene file, relative to the sweep file, or a table; its
         key `axes` holds tables as in `of`. Raises `SceneError` with all mistakes of both files.
         """
-        path = Path(path)
-        table = parse_toml(read_scene_text(path), str(path))
+        table, path = parse_toml(read_scene_text(path), str(path)), Path(path)
         given, axes = table.pop("scene", None), table.pop("axes", [])
         problems = [
             problem(key, value, f"is no key there; {choose(key, ['scene', 'axes'])}")

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
 from pvdf_fem.arrays import Array, Mask, finite
+from pvdf_fem.told import Grid, Parts, Told, rounded
 
 #: Charges count as unexplained if a right model gives such charges less often than this.
 SIGNIFICANCE = 1e-3
@@ -72,8 +73,8 @@ class TouchStatus(StrEnum):
 EXPLAINED = (TouchStatus.LOCATED, TouchStatus.AT_EDGE, TouchStatus.AMBIGUOUS)
 
 
-@dataclass(frozen=True, eq=False)
-class Touch:
+@dataclass(frozen=True, eq=False, repr=False)
+class Touch(Told):
     """A touch whose charges are, among touches nearby, the likeliest to give those measured."""
 
     quantities: tuple[str, ...]  #: Names of the model's quantities, (k,).
@@ -148,6 +149,16 @@ class Touch:
     def force_N(self) -> float:
         """Its force."""
         return self.by_name["force_N"]
+
+    def parts(self) -> Parts:
+        """The touch, and its deviations by its own likelihood."""
+        sizes = self.deviations
+        rows = tuple(
+            (name, *(rounded(value, sizes[name]) if name in sizes else (f"{value:.6g}", "known")))
+            for name, value in self.by_name.items()
+        )
+        about = ", ".join(f"{name} {value:.4g}" for name, value in self.by_name.items())
+        return "touch", [about], [Grid(("", "value", "±"), rows)], []
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for JSON, None for what is infinite; errors are left to the location."""

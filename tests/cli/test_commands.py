@@ -211,7 +211,7 @@ def test_a_sensor_is_calibrated_or_has_a_status(folder, command, monkeypatch, co
             Scene.load("found.toml").readout.gain["A"] == run.json["parameters"]["gain.A"]["value"]
         )
         page = Path("page.html").read_text()
-        assert page.count("<svg") == 2
+        assert page.count("<svg") == 3
         assert "http" not in page.replace("http://www.w3.org", "").replace("http://purl", "")
     else:
         told = command(*asked)

@@ -132,9 +132,13 @@ def test_a_new_file_has_the_usual_permissions_and_may_have_a_long_name(tmp_path:
 def test_replacing_removes_what_an_exception_leaves(
     tmp_path: Path, error: type[BaseException]
 ) -> None:
-    with pytest.raises(error), replacing(tmp_path / "a.txt") as part:
-        part.write_text("half")
-        raise error
+    def write() -> None:
+        with replacing(tmp_path / "a.txt") as part:
+            part.write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        write()
     assert not list(tmp_path.iterdir())
 
 
