@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from pvdf_fem.cli import explore
 from pvdf_fem.cli.main import main
 from pvdf_fem.scene.scene_file import example_text, examples
 
@@ -19,12 +18,6 @@ def file(tmp_path: Path) -> str:
     return str(path)
 
 
-def test_a_missing_extra_is_named(file, monkeypatch, capsys):
-    monkeypatch.setattr(explore, "find_spec", lambda name: None)
-    assert main(["explore", file]) == 2
-    assert 'pip install "pvdf-fem[explore]"' in capsys.readouterr().err
-
-
 def test_a_port_that_is_none_and_a_scene_that_is_none_are_told_together(file, capsys):
     assert main(["explore", file, "--port", "70000", "--set", "film.radius_mm=-1"]) == 2
     told = capsys.readouterr().err
@@ -33,7 +26,6 @@ def test_a_port_that_is_none_and_a_scene_that_is_none_are_told_together(file, ca
 
 
 def test_a_taken_port_is_refused(file, capsys):
-    pytest.importorskip("panel", reason="the extra `explore` is not installed")
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

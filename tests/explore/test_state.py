@@ -1,4 +1,4 @@
-"""What the page shows as values: undo and redo, links, sliders, the scene file."""
+"""What the page shows as values: changes, links, controls, the scene file."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from urllib.parse import parse_qs
 
 import pytest
 
-from pvdf_fem.explore.state import History, View, sliders_of
+from pvdf_fem.explore.controls import controls_of, outlines_of
+from pvdf_fem.explore.state import WORDS, View
+from pvdf_fem.scene.quantity import Key
 from pvdf_fem.scene.scene import Scene, SceneError
 
 TRIANGLE = Scene.example("triangle")
@@ -16,17 +18,7 @@ TWO = Scene(
         {"shape": "triangle", "x_mm": 5.0, "force_N": 0.6},
     ]
 )
-
-
-def test_undo_and_redo():
-    first = View(TRIANGLE)
-    second = first.changed({"load.force_N": 2.0})
-    history = History(first).to(second).to(second)
-    assert history.past == (first,)
-    undone = history.undone()
-    assert (undone.view, undone.redone()) == (first, history)
-    third = first.changed({"noise": 0.1})
-    assert undone.to(third).future == ()
+LISTED = TRIANGLE.with_(electrodes=[{"name": "A", "x_mm": 8.0, "y_mm": 0.0}])
 
 
 @pytest.mark.parametrize(
@@ -92,13 +84,69 @@ def test_a_link_tells_only_what_was_changed():
 def test_what_is_refused_is_named(query, told):
     with pytest.raises(SceneError, match=told):
         View.of_query(TRIANGLE, query)
+    with pytest.raises(SceneError, match=told):
+        View(TRIANGLE).typed(query)
 
 
-def test_sliders_are_those_of_the_scene_and_reach_its_values():
-    found = sliders_of(TRIANGLE.with_(**{"film.thickness_um": 500.0}))
-    assert found["film.thickness_um"]["end"] == found["film.thickness_um"]["value"] == 500.0
+def test_several_values_are_changed_at_once():
+    text = 'load.force_N = 2 electrodes = { layout = "ring", count = 6 } noise=0.02'
+    expected = TRIANGLE.with_(load={"force_N": 2}, electrodes={"layout": "ring", "count": 6})
+    assert View(TRIANGLE).typed(text) == View(expected, noise=0.02)
+
+
+@pytest.mark.parametrize("start", [TRIANGLE, Scene(), LISTED, Scene.example("sphere"), TWO])
+def test_every_word_of_a_picker_gives_a_scene(start):
+    pickers = [c for group in controls_of(View(start)).values() for c in group if "words" in c]
+    wanted = [(c["key"], word) for c in pickers for word in c["words"]]
+    assert {"probe.shape", "probe[1].shape"} & {key for key, _ in wanted}
+    for key, word in wanted:
+        if start is TWO and word in ("sphere", "contact", "polygon"):
+            continue  # of all probes or of none; the polygon meets the other probe
+        after = controls_of(View(start).typed(f"{key}={word}"))
+        assert word in [c["value"] for group in after.values() for c in group if c["key"] == key]
+
+
+def test_controls_are_those_of_the_scene_and_reach_its_values():
+    def of(scene):
+        groups = controls_of(View(scene)).values()
+        return {control["key"]: control for group in groups for control in group}
+
+    found = of(TRIANGLE.with_(**{"film.thickness_um": 500.0}))
+    assert found["film.thickness_um"]["max"] == found["film.thickness_um"]["value"] == 500.0
+    assert found["film.thickness_um"]["title"] == "thickness (µm)"
     assert "electrodes.side_mm" in found
     assert not {"electrodes.radius_mm", "load.depth_mm", "probe.force_N"} & found.keys()
-    assert not any("probe" in key for key in sliders_of(Scene()))
-    assert {"probe[0].force_N", "probe[1].rotation_deg"} <= sliders_of(TWO).keys()
-    assert "load.force_N" not in sliders_of(TWO)  # each probe says its own
+    assert {"probe[0].force_N", "probe[1].rotation_deg"} <= of(TWO).keys()
+    assert "probe[0].rotation_deg" not in of(TWO)  # a disc does not turn
+    assert "load.force_N" not in of(TWO)  # each probe says its own
+    pairs = of(TRIANGLE.with_(**{"film.youngs_modulus_GPa": [2.0, 3.0]}))
+    assert pairs["film.youngs_modulus_GPa"]["value"] == "[2.0, 3.0]"
+    assert {key for key in of(Scene()) if key.startswith("probe")} == {"probe.shape"}
+    assert WORDS.keys() <= found.keys()
+    assert all(control["about"] and "_" not in control["title"] for control in found.values())
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "title"),
+    [
+        ("pretension_N_m", "N/m", "pretension (N/m)"),
+        ("thermal_expansion_per_K", "1/K", "thermal expansion (1/K)"),
+        ("density_kg_m3", "kg/m³", "density (kg/m³)"),
+        ("count", "electrodes", "count (electrodes)"),
+        ("poisson_ratio", "", "poisson ratio"),
+    ],
+)
+def test_keys_have_titles_in_words(name, unit, title):
+    assert Key(unit).title(name) == title
+
+
+def test_outlines_are_drawn_where_the_scene_says():
+    drawn = outlines_of(TRIANGLE.with_(**{"probe.rotation_deg": 10.0}))
+    (probe,) = drawn["probes"]
+    assert (probe["x"], probe["y"], probe["rotation"]) == (5.0714, 0.8757, 10.0)
+    assert [(e["name"], e["x"], e["y"]) for e in drawn["electrodes"][:2]] == [
+        ("A", 10.0, 0.0),
+        ("B", 0.0, 10.0),
+    ]
+    assert sorted({tuple(point) for point in drawn["electrodes"][0]["points"]})[0] == (8.5, -1.5)
+    assert len({electrode["colour"] for electrode in drawn["electrodes"]}) == 4
