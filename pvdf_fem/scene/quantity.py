@@ -19,6 +19,10 @@ from pydantic_core.core_schema import (
 from pvdf_fem.scene.scene_file import choose
 
 
+#: How names of keys spell units.
+_SPELLED = str.maketrans({"µ": "u", "²": "2", "³": "3", "/": "_", " ": "", "(": "", ")": ""})
+
+
 def refusal(reason: str) -> PydanticCustomError:
     """The exception of a validator; `reason` says what is wrong and what to change."""
     return PydanticCustomError("scene", "{reason}", {"reason": reason})
@@ -59,6 +63,13 @@ class Key:
     mistaken: Mapping[str, float] = field(default_factory=dict)
     words: Iterable[str] = ()  #: All that a text may be, where it is a name in a registry.
     example: Any = None  #: A value for the example scene, where the default is none.
+
+    def title(self, name: str) -> str:
+        """The name of a key in words, with its unit: ``thickness (µm)`` of ``thickness_um``."""
+        if not self.unit:
+            return name.replace("_", " ")
+        spelled = self.unit.replace("degrees", "deg").replace("1/", "per_").translate(_SPELLED)
+        return f"{name.removesuffix(f'_{spelled}').replace('_', ' ')} ({self.unit})"
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
         schema = self._checked(handler(source))
