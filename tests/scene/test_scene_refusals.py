@@ -155,6 +155,29 @@ def test_a_mistake_is_named_by_key_and_value(text, key_and_value):
     assert told.startswith(key_and_value)
 
 
+@pytest.mark.parametrize(
+    ("text", "offered"),
+    [
+        ("[films]", "film"),
+        ("[film]\nthicknes_um = 30", "thickness_um"),
+        ("[[probe]]\nx_m = 1", "x_mm"),
+        ("[probe]\nradius_mm = 1", "circle"),
+        ("[probe]\nside = 1", "side_mm"),
+        ('[electrodes]\nname = "A"', "[[electrodes]]"),
+        ("[electrodes]\nnam = 1", "side_mm"),
+        ("[film.patches]\nx_mm = 1", "[[film.patches]]"),
+        ("[[load]]\nforce_N = 1", "[load]"),
+        (electrode(shape="triangel"), "rectangle"),
+        ("[load]\nkind = 3", "follower"),
+        ("[film]\nradius_mm = 0.045", "45 mm"),
+    ],
+)
+def test_what_is_no_key_or_word_is_offered_those_there_are(text, offered):
+    with pytest.raises(SceneError) as caught:
+        Scene.parse(text)
+    assert offered in caught.value.problems[0].partition(": ")[2]
+
+
 SOLID = {"probe": {"shape": "sphere"}, "load.kind": "contact"}
 LAYER = {"shape": "square", "x_mm": 0.0, "y_mm": 0.0, "thickness_um": 9.0}
 
