@@ -60,8 +60,3 @@ def test_touches_are_located(built, solved):
         assert "rotation_deg" not in location.unknown
         assert (location.best.x_mm, location.best.y_mm) == pytest.approx((x, y), abs=0.03)
         assert location.best.force_N == pytest.approx(force, rel=3e-3)
-
-
-def test_a_depth_is_refused():
-    with pytest.raises(ValueError, match=r"load\.depth_mm"):
-        build_response(Scene(probe=SPHERE.probe, load={"kind": "contact", "depth_mm": 2.0}))
