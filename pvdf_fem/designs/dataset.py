@@ -14,12 +14,12 @@ import numpy as np
 
 from pvdf_fem import __version__
 from pvdf_fem.arrays import Array
-from pvdf_fem.designs.asked import built, noise_mistakes
+from pvdf_fem.designs.asked import asked_mistakes
 from pvdf_fem.files import replacing
 from pvdf_fem.progress import Progress
-from pvdf_fem.response import build
+from pvdf_fem.response.build import build_response
 from pvdf_fem.response.held_out import random_touches
-from pvdf_fem.response.model import QUANTITIES, ROTATION, period_deg, wanted_model
+from pvdf_fem.response.model import QUANTITIES, ROTATION, centred, period_deg, wanted_model
 from pvdf_fem.response.response import Response
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
@@ -83,7 +83,9 @@ def dataset(
     if wrong := [*mistakes(scene, touches, seed, sigma, noise_pC, reading)]:
         raise ValueError("\n".join(wrong))
     if model is None:
-        model = built(scene, *wanted_model(scene, sigma or 0.01), processes, progress)
+        domain, tolerance = wanted_model(scene, sigma or 0.01)
+        wanted = domain.reach_mm, domain.force_N, tolerance, processes
+        model = build_response(centred(scene), *wanted, progress=progress)
     model = model.for_scene(scene, processes, progress=progress)
     measured = Measurement.of(model, model.names, sigma, noise_pC, reading)
     at = random_touches(model.domain, touches, seed)
@@ -118,8 +120,7 @@ def mistakes(
     for name, (value, least, most) in limits.items():
         if not (isinstance(value, int) and least <= value <= most):
             yield f"{name} = {value}: give a whole number from {least} to {most}"
-    yield from noise_mistakes(scene, sigma, noise_pC, reading)
-    yield from build.mistakes(scene, *wanted_model(scene))
+    yield from asked_mistakes(scene, *wanted_model(scene), sigma, noise_pC, reading)
 
 
 def _dataset(

@@ -18,10 +18,10 @@ import numpy as np
 
 from pvdf_fem import __version__
 from pvdf_fem.arrays import Array
-from pvdf_fem.designs.asked import built, noise_mistakes
+from pvdf_fem.designs.asked import asked_mistakes
 from pvdf_fem.progress import Progress, shown
-from pvdf_fem.response import build
 from pvdf_fem.response import model as touched
+from pvdf_fem.response.build import build_response
 from pvdf_fem.response.model import FORCE, ROTATION, Domain
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import mechanics_of
@@ -103,10 +103,8 @@ class Designs:
         for scene in self.scenes:
             if not low <= (force := scene.load.force_N) <= high:
                 yield f"load.force_N = {force:g}: is outside of the model's {low:g} to {high:g} N"
-            for text in noise_mistakes(scene, noise, noise_pC):
+            for text in asked_mistakes(scene, domain, tolerance, noise, noise_pC):
                 yield text.replace("sigma", "noise", 1)
-        for scene, _ in self.models:
-            yield from build.mistakes(scene, domain, tolerance)
 
 
 def _grid(scene: Scene, axes: Sequence[Mapping[str, Any]]) -> Grid:
@@ -201,7 +199,8 @@ def design(
             return model
         if callable(model):
             return model(first)
-        return built(first, domain, tolerance, processes, progress)
+        wanted = domain.reach_mm, domain.force_N, tolerance, processes
+        return build_response(touched.centred(first), *wanted, progress=progress)
 
     models = [model_of(first) for first, _ in designs.models]
     steps = int(reach_mm / step_mm + 1e-9)

@@ -51,11 +51,6 @@ class ResponseOptions:
     #: Over the cell: the way of the probe's corners from one rotation to the next, the step of the
     #: raster of the stress, and twice the way between its rays at the probe's corners.
     step: float = 0.8
-    #: Error for neighbouring places of the rim at no distance; the error falls with every place.
-    without_places: float = 80.0
-    #: Number of rotations in half a turn, in a film that is stiffer in one direction; more for an
-    #: error below 1e-3.
-    rotations: int = 6
 
     @property
     def decades(self) -> float:
@@ -83,17 +78,21 @@ class ResponseOptions:
         count = 1 + math.ceil((1.25 + 0.5 * self.decades) * (high - low))
         return force_nodes_N(domain, max(4, count))
 
-    def places(self, scene: Scene, domain: Domain) -> Places:
+    def places(
+        self, scene: Scene, domain: Domain, no_place: float = 80.0, rotations: int = 6
+    ) -> Places:
         """The places of the rim for which the stress is solved.
 
         Polynomials along diameters of the reach converge by the distance of the rim, where the
-        stress is singular: each distance gains exp(2 arccosh(radius / reach)) (Bernstein).
+        stress is singular: each distance gains exp(2 arccosh(radius / reach)) (Bernstein) over
+        the error without a place. A film that is stiffer in one direction has some `rotations` in
+        half a turn, and more for an error below 1e-3.
         """
         assert scene.single_probe is not None
         reach_mm = domain.reach_mm + 2.0 * self.cell_mm(scene, domain)
         gain = 2.0 * math.acosh(scene.film.radius_mm / reach_mm)
-        radii = max(2, math.ceil(math.log(self.without_places / self.error) / gain))
-        rotations = self.rotations + max(0, math.ceil(2.0 * self.decades - 0.2))
+        radii = max(2, math.ceil(math.log(no_place / self.error) / gain))
+        rotations += max(0, math.ceil(2.0 * self.decades - 0.2))
         anisotropic = isotropy(scene.film) != "isotropic"
         return Places.of(scene.single_probe, reach_mm, radii, rotations if anisotropic else 0)
 

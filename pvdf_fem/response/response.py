@@ -213,11 +213,11 @@ class Response:
         if electrode not in self.names:
             known = ", ".join(self.names)
             raise ValueError(f"electrode {electrode!r}: is none of the response; give {known}")
+        touch, number = [rotation_deg, force_N], self.names.index(electrode)
 
         def charge(places_mm: Array) -> Array:
-            others = np.tile([rotation_deg, force_N], (len(places_mm), 1))
-            charges, _ = self.evaluate(np.hstack([places_mm, others]))
-            return np.asarray(charges[:, self.names.index(electrode)])
+            touches = np.hstack([places_mm, np.tile(touch, (len(places_mm), 1))])
+            return self.evaluate(touches)[0][:, number]
 
         title = f"Charge of {electrode} by the probe's place, {force_N:g} N, {rotation_deg:g}°"
         return charge_map(self.scene, self.domain.reach_mm, charge, title, ax)

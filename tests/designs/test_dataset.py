@@ -121,7 +121,7 @@ def test_parquet_has_the_scene_as_metadata(tmp_path):
     ],
 )
 def test_mistakes_are_told_by_key_before_any_model(change, key, monkeypatch):
-    for name in ("built", "random_touches"):
+    for name in ("build_response", "random_touches"):
         monkeypatch.setattr(f"pvdf_fem.designs.dataset.{name}", lambda *_: pytest.fail("too early"))
     with pytest.raises(ValueError, match=key):
         dataset(**{"scene": bumps().scene, **change})

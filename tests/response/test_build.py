@@ -135,6 +135,9 @@ def test_other_electrodes_are_read_from_the_same_stress(built, monkeypatch):
     assert found.error_bound < TOLERANCE
     assert errors_of(found) < found.error_bound
     monkeypatch.setattr(response, "solves_of", None)
+    for name in ("stress", "held_out"):
+        with pytest.raises(ValueError, match="build it again"):
+            replace(built, **{name: None}).for_scene(scene, 1)
     unchecked = built.for_scene(scene, 1, check=False)
     np.testing.assert_array_equal(unchecked.evaluate(touches)[0], found.evaluate(touches)[0])
     assert unchecked.error_bound == built.error_bound

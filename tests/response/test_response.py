@@ -159,6 +159,22 @@ def test_a_force_is_solved_from_anywhere_where_the_others_do_not_help(monkeypatc
         next(probe_stress.stresses(DISC, forces, 3.0))
 
 
+def test_each_force_starts_nearer_to_its_solution(monkeypatch):
+    """From one solution, from two, and from three, between which the start is a parabola."""
+    apart = []
+
+    def measured(equilibrium, q):
+        result = equilibrate(equilibrium, q)
+        if q is not None:
+            apart.append(np.linalg.norm(result.q - q) / np.linalg.norm(result.q))
+        return result
+
+    monkeypatch.setattr(probe_stress, "equilibrate", measured)
+    list(probe_stress.stresses(DISC, [1.0, 0.9, 0.81, 0.729], 3.0))
+    constant, line, parabola = apart
+    assert parabola < 0.1 * line < 0.01 * constant
+
+
 def test_the_probe_stress_of_a_film_that_wrinkles():
     """Heated by 10 K the film is slack without its load: Newton's method for the membrane fails."""
     hot = DISC.with_(**{"film.temperature_change_K": 10.0, "film.compression": "tension-field"})

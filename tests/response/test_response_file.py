@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -84,22 +83,6 @@ def test_what_is_no_file_is_refused_at_once(tmp_path: Path) -> None:
     for name in ("", "pipe", "endless", "missing"):
         with pytest.raises(FileError, match=r": (is no regular file|cannot be read .*); give"):
             Response.load(tmp_path / name)
-
-
-def test_a_command_with_a_damaged_model_says_so_in_a_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "a.response"
-    command = ["locate", str(kept.SCENE), "--charges", "A=9,B=7,C=6,D=6", "--model", str(path)]
-    for data, told in ((kept.response_bytes()[:-1], "is damaged"), (b"PK", "is not a response")):
-        path.write_bytes(data)
-        assert main(command) == 2
-        out, err = capsys.readouterr()
-        assert (out, err.count("\n")) == ("", 1)
-        assert err.startswith(f"{path}: {told}")
-    path.write_bytes(kept.response_bytes())
-    assert main([*command, "--json"]) in (0, 3)
-    assert "touches" in json.loads(capsys.readouterr().out)
 
 
 SAVER = """
