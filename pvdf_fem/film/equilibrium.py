@@ -1,7 +1,8 @@
 """Equilibrium: the sum of the film's energy terms, on the unknowns that a scene leaves free.
 
 The clamped rim fixes its dofs; a term, such as a rigid punch, may fix or share more dofs. The
-equations on a part also hold on its mirror images: nothing crosses a mirror line. """
+equations on a part also hold on its mirror images: nothing crosses a mirror line.
+"""
 
 from __future__ import annotations
 

@@ -150,7 +150,8 @@ class Membrane(Laminate, Term):
         """Weighted derivatives of (F S)_ia with respect to F_jb, (elements, points, 1).
 
         In the order ab = 11, 12, 21, 22. Uniform moduli are given in the film's axes and do not
-        couple shear with normal strain. """
+        couple shear with normal strain.
+        """
         weight = self.volumes[chunk, :, None]
         F, stress = state.deformation_gradient[chunk], state.stress[chunk]
         a1, a2, b1, b2 = (F[..., k, c, None] for k in (i, j) for c in (0, 1))

@@ -49,7 +49,8 @@ class Term(ABC):
 
     Arrays (dofs,) are forces in N or displacements in m in the film's `Space`;
     the equilibrium decides which dofs are free. The defaults describe a load that does not depend
-    on the displacement. """
+    on the displacement.
+    """
 
     space: Space
     #: Whether `residual` derives from `energy`.

@@ -26,7 +26,8 @@ class Unknowns:
     `fixed` dofs are zero. The dofs of a `shared` group have a common value, an unknown behind the
     others; a group with a fixed dof is zero. `of_dof` has the unknown of each dof. Dofs in `modes`
     are sums of functions and have `places` of their own behind the usual places: the matrix `sums`
-    takes unknowns to places, and `means` takes places to unknowns. """
+    takes unknowns to places, and `means` takes places to unknowns.
+    """
 
     def __init__(
         self,
@@ -161,7 +162,8 @@ def _representatives(
     """Prolongation of a function from `coarse` to scalar dofs in `rich`.
 
     For every point, values (n, functions) and scalar dofs (n, functions) of `coarse` in an element;
-    values beyond rounding, and their sums, (n + 1,). A node beside the film is its own. """
+    values beyond rounding, and their sums, (n + 1,). A node beside the film is its own.
+    """
     shapes = shape_values(coarse.basis.elem, ELEMENTS[rich.order].doflocs.T)
     rich_nodes, beside = rich.basis.element_dofs, nodes >= rich.basis.N
     first = _first_places(rich_nodes.T.ravel(), rich.basis.N)

@@ -8,7 +8,8 @@ rest makes::
 
 with the permittivity ε_T at constant stress, ``film.permittivity``. It adds e V/h to the stress S
 and q²/(2 (C + C_L)) to the film's energy. A channel reads the charge ∫ d : S dA by the whole
-stress, with and without coupling: V times (ε_T A/h + C_L). """
+stress, with and without coupling: V times (ε_T A/h + C_L).
+"""
 
 from __future__ import annotations
 

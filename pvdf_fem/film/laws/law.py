@@ -16,7 +16,8 @@ class Law(ABC):
     Strains and stresses (..., 3) are in Voigt order 11, 22, 12, strains with engineering shear.
     `strain` is the displacement's strain. `at_rest` is the elastic strain of the flat sheet and
     broadcasts against `strain`. Stresses are second Piola-Kirchhoff stresses in Pa, of the flat
-    sheet. """
+    sheet.
+    """
 
     #: Whether the sheet wrinkles or goes slack instead of carrying compression.
     wrinkles = False

@@ -18,7 +18,8 @@ film is convex in the displacement, and any equilibrium under a dead load is a m
 A wrinkled S has det S = 0 and P = lambda adj S, which is linear in S, so that
 (C^-1 - lambda A) S = e with the matrix A of adj. In the basis where both matrices are diagonal, one
 equation with an increasing function remains for lambda: the projection on an elliptic cone. For an
-isotropic film it is linear. """
+isotropic film it is linear.
+"""
 
 from __future__ import annotations
 

@@ -3,7 +3,8 @@
 A probe holds the touched face at its temperature; the other face and the film beside the
 probe lose no heat. Under the probe the mean temperature through the film follows a plate heated
 from one side. Beside the probe the temperature falls with the distance d like erfc(d/√(4 κ t)) at a
-straight edge, and around a round probe by a further factor √(R/(R + d)). """
+straight edge, and around a round probe by a further factor √(R/(R + d)).
+"""
 
 from __future__ import annotations
 

@@ -8,7 +8,8 @@ may have in any direction:
 - ``rigid``: a flat punch. Where the punch stays horizontal, the deflection is a single unknown over
 the patch; where the punch tilts freely, a linear function with three unknowns. It slides or sticks.
 A guide holds a sticking punch, u = v = 0 below, or a sideways push leaves u and v an unknown for
-both. """
+both.
+"""
 
 from __future__ import annotations
 
