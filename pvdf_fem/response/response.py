@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,9 +23,11 @@ from pvdf_fem.response.probe_charges import ProbeCharges
 from pvdf_fem.response.response_file import FileScene, mechanics_of, read, write
 from pvdf_fem.response.table import force_powers, tabulated
 from pvdf_fem.response.uniform_spline import UniformSpline
+from pvdf_fem.scene.given import taken
 from pvdf_fem.scene.quantity import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import Status
+from pvdf_fem.told import Parts, Told
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,8 +90,8 @@ def _outlines(scene: Scene) -> list[str]:
     return [repr(e.model_copy(update={"name": ""})) for e in scene.electrode_list]
 
 
-@dataclass(frozen=True, eq=False)
-class Response:
+@dataclass(frozen=True, eq=False, repr=False)
+class Response(Told):
     """Charges of the electrodes by the touch."""
 
     quantities: ClassVar[tuple[str, ...]] = QUANTITIES  #: Of one probe.
@@ -112,8 +114,21 @@ class Response:
     held_out: HeldOut | None = None
     at_rest_pC: AtRest | None = None
 
-    def __repr__(self) -> str:
-        return f"<Response: {', '.join(self.names)}, error bound {self.error_bound:.1e}>"
+    def parts(self) -> Parts:
+        """Electrodes and domain, the error bound, and remarks."""
+        about = f"charges of {', '.join(self.names)} for {self.domain}"
+        notes = [f"errors: up to {self.error_bound:.2g} of a charge", *self.remarks]
+        return self.status, [about], [], notes
+
+    def to_json(self) -> dict[str, Any]:
+        """What `pvdf-fem model --json` prints besides the file."""
+        return {
+            "electrodes": list(self.names),
+            "reach_mm": self.domain.reach_mm,
+            "force_range_N": list(self.domain.force_N),
+            "error_bound": self.error_bound,
+            "remarks": list(self.remarks),
+        }
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -229,4 +244,4 @@ class Response:
     @classmethod
     def load(cls, path: Path | str) -> Response:
         """Read a response; raises `ResponseError`, a `FileError`, for what holds no sound one."""
-        return read(Path(path), cls)
+        return read(taken("path", path, Path), cls)

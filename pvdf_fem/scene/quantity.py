@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from functools import cache
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import PydanticCustomError
@@ -15,6 +15,12 @@ from pydantic_core.core_schema import (
     no_info_after_validator_function,
     with_info_after_validator_function,
 )
+
+from pvdf_fem.scene.scene_file import choose
+
+
+#: How names of keys spell units.
+_SPELLED = str.maketrans({"µ": "u", "²": "2", "³": "3", "/": "_", " ": "", "(": "", ")": ""})
 
 
 def refusal(reason: str) -> PydanticCustomError:
@@ -57,6 +63,13 @@ class Key:
     mistaken: Mapping[str, float] = field(default_factory=dict)
     words: Iterable[str] = ()  #: All that a text may be, where it is a name in a registry.
     example: Any = None  #: A value for the example scene, where the default is none.
+
+    def title(self, name: str) -> str:
+        """The name of a key in words, with its unit: ``thickness (µm)`` of ``thickness_um``."""
+        if not self.unit:
+            return name.replace("_", " ")
+        spelled = self.unit.replace("degrees", "deg").replace("1/", "per_").translate(_SPELLED)
+        return f"{name.removesuffix(f'_{spelled}').replace('_', ' ')} ({self.unit})"
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
         schema = self._checked(handler(source))
@@ -126,6 +139,12 @@ class Section(BaseModel):
     """A table of a scene file: frozen, its keys fixed."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    if not TYPE_CHECKING:  # type checkers know the keys
+
+        def __getattr__(self, name: str) -> Any:
+            known = choose(name, [*type(self).model_fields])
+            raise AttributeError(f"{type(self).__name__} has no {name}; {known}")
 
     @classmethod
     def key_of(cls, name: str) -> Key:
