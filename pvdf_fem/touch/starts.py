@@ -147,7 +147,7 @@ def table_of(
         grid = np.concatenate([grid, reach * np.stack([np.cos(angles), np.sin(angles)], axis=1)])
     period, count = period_deg(model), lattice.rotations if rotation_counts(model) else 1
     forces = np.geomspace(lowest, highest, lattice.forces)
-    at = np.empty((count, len(forces), len(grid), 4))
+    at: Array = np.empty((count, len(forces), len(grid), 4))
     at[..., :ROTATION], at[..., FORCE] = grid, np.log(forces)[:, None]
     at[..., ROTATION] = (period * np.arange(count) / count)[:, None, None]
     at = at.reshape(count, -1, 4)
