@@ -23,7 +23,7 @@ from pvdf_fem.response.model import Domain, Model, centred, touch_of, wanted_mod
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import response_key
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.summary import Grid
+from pvdf_fem.told import Grid
 from pvdf_fem.touch.locate import locate
 
 TOLERANCE = 1e-2  #: Error bound of the response that is built for the page.

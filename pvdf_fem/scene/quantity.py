@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from functools import cache
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import PydanticCustomError
@@ -15,6 +15,8 @@ from pydantic_core.core_schema import (
     no_info_after_validator_function,
     with_info_after_validator_function,
 )
+
+from pvdf_fem.scene.scene_file import choose
 
 
 def refusal(reason: str) -> PydanticCustomError:
@@ -126,6 +128,12 @@ class Section(BaseModel):
     """A table of a scene file: frozen, its keys fixed."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    if not TYPE_CHECKING:  # type checkers know the keys
+
+        def __getattr__(self, name: str) -> Any:
+            known = choose(name, [*type(self).model_fields])
+            raise AttributeError(f"{type(self).__name__} has no {name}; {known}")
 
     @classmethod
     def key_of(cls, name: str) -> Key:

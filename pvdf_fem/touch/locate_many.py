@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model
+from pvdf_fem.scene.given import model_of
+from pvdf_fem.told import Columns, Grid, Parts
 from pvdf_fem.touch.least_squares import Descent, SearchOptions, joined
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.measurement import (
@@ -30,8 +32,8 @@ CHUNK = 32768
 SHORT = SearchOptions(max_steps=12)  #: Of searches with mistakes undone, few of which end.
 
 
-@dataclass(frozen=True, eq=False)
-class Touches:
+@dataclass(frozen=True, eq=False, repr=False)
+class Touches(Columns):
     """The likeliest touch found for each row of charges; other touches may be as likely."""
 
     #: x and y in mm, rotation in degrees, force in N, (n, 4); NaN, as all other numbers, unless
@@ -86,6 +88,11 @@ class Touches:
         reasons = explained, self.alternatives[rows] > 0, self.at_edge[rows]
         self.status[rows] = [*map(status_of, *(of.tolist() for of in reasons))]
 
+    def parts(self) -> Parts:
+        """How many rows are located and explained, and the first and the last touches."""
+        about = f"{int(self.explained.sum())} of {len(self.status)} rows are explained"
+        return "touches", [about], [Grid.of(self.columns())], []
+
     def to_table(self) -> dict[str, NDArray[Any]]:
         """Columns (n,): touches, deviations (NaN where known), fit, alternatives, status, remark.
 
@@ -111,6 +118,8 @@ class Touches:
             "status": self.status,
             "remark": np.array([remark[2:] for remark in remarks], dtype=object),
         }
+
+    columns = to_table
 
 
 def locate_many(
@@ -148,7 +157,7 @@ def locate_many(
     ValueError
         For shapes that do not match, and mistakes as `locate` tells them.
     """
-    names, charges = _table(model, charges_pC)
+    names, charges = _table(model_of(model), charges_pC)
     any_charges = dict.fromkeys(names, math.pi)
     mistakes = [
         *charge_mistakes(model.scene, any_charges, sigma, noise_pC, reading, model.at_rest_pC)

@@ -11,7 +11,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import READINGS
-from pvdf_fem.solution.summary import Grid, Told, rounded
+from pvdf_fem.told import Grid, Parts, Told, rounded
 from pvdf_fem.touch.posterior import Posterior, least_chi_square, posterior
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.touch import EXPLAINED, Touch, TouchStatus, status_of
@@ -43,7 +43,7 @@ class Location(Told):
     #: Mistakes in readings that would explain them, where no touch does.
     explanations: tuple[Explanation, ...] = ()
 
-    def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
+    def parts(self) -> Parts:
         """Status, number of touches with remarks, a table per touch, and footnotes."""
         grids = [self._grid(number, touch) for number, touch in enumerate(self.touches, 1)]
         how = f"{len(self.touches)} {'touch' if len(self.touches) == 1 else 'touches'} listed"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -13,7 +11,7 @@ from skfem import BilinearForm
 from skfem.helpers import dot
 
 from pvdf_fem import Scene
-from pvdf_fem.dynamics.modes import MOST_MODES, Modes, modes
+from pvdf_fem.dynamics.modes import Modes, modes
 from pvdf_fem.dynamics.spectrum import VACUUM
 from pvdf_fem.film.weak_form import vector_basis
 from pvdf_fem.solvers.status import NotConvergedError, Status
@@ -295,12 +293,6 @@ def test_unreachable_tolerance_is_said_before_meshing() -> None:
     assert "numerics.max_unknowns" in found.reason
     assert "raise numerics.tolerance" in found.reason
     assert "mesh" not in found.seconds
-
-
-@pytest.mark.parametrize("count", [0, -1, MOST_MODES + 1, 2.5, "2"])
-def test_count_out_of_range(count: Any) -> None:
-    with pytest.raises(ValueError, match=f"count = {count!r}: .* give 1 to {MOST_MODES}"):
-        modes(Scene(), count)
 
 
 def test_neglected_terms_have_sizes() -> None:

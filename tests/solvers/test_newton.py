@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from pvdf_fem import NotConvergedError, Scene, solve
+from pvdf_fem import NotConvergedError, solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import gmsh
 from pvdf_fem.solution import solve as solving
@@ -25,7 +25,7 @@ from pvdf_fem.solvers.newton import (
 )
 from pvdf_fem.solvers.seed import seed
 from pvdf_fem.solvers.status import Status
-from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, graded_mesh
+from tests.helpers.discs import LOADS, TRIANGLE, graded_mesh
 from tests.helpers.solvers import newton_result
 
 
@@ -42,17 +42,29 @@ def scene_of(force_N, temperature_change_K, kind="dead"):
 
 
 @pytest.mark.parametrize("kind", LOADS)
-@pytest.mark.parametrize("temperature_change_K", [-100.0, -1.0, -1e-9, 0.0])
-@pytest.mark.parametrize("force_N", [1e-4, 1e-2, 1.0, 100.0])
+@pytest.mark.parametrize("temperature_change_K", [-100.0, -1e-9, 0.0])
+@pytest.mark.parametrize("force_N", [1e-4, 1.0, 100.0])
 def test_few_iterations_for_any_load(mesh, force_N, temperature_change_K, kind):
-    problem = Equilibrium(scene_of(force_N, temperature_change_K, kind), mesh)
-    result = newton_result(problem)
+    """From a seed below the flat film's energy, which falls to a minimum."""
+    problem = Recorded(scene_of(force_N, temperature_change_K, kind), mesh)
+    start = seed(problem)
+    problem.state(0 * start)
+    flat = problem.energies.pop()
+    problem.energies.clear()
+    result = newton_result(problem, start)
     assert result.status is Status.CONVERGED
     assert len(result.iterations) <= 40
-    assert result.factors is not None
     assert negative_pivots(result.factors) == 0
-    residual = problem.residual(problem.state(result.q))
-    assert np.linalg.norm(residual) < 1e-8 * force_N
+    energies = np.array(problem.energies)
+    assert np.linalg.norm(problem.residual(problem.state(result.q))) < 1e-8 * force_N
+    if kind == "follower":
+        return
+    assert energies[0] < flat
+    assert np.all(np.diff(energies) <= 1e-13 * np.abs(energies).max())
+    random = np.random.default_rng(5)
+    for size in (1e-2, 1.0):
+        problem.state(result.q + size * np.abs(result.q).max() * random.normal(size=len(start)))
+        assert problem.energies[-1] > energies[-1]
 
 
 class Recorded(Equilibrium):
@@ -60,30 +72,9 @@ class Recorded(Equilibrium):
 
     def state(self, q):
         state = super().state(q)
-        work = self.work(state, q)
-        energies = self.__dict__.setdefault("energies", [])
-        energies.append(self.membrane.energy(state) - work)
+        energy = self.membrane.energy(state) - self.work(state, q)
+        self.__dict__.setdefault("energies", []).append(energy)
         return state
-
-
-@pytest.mark.parametrize("kind", ["dead", "sliding", "stuck"])
-@pytest.mark.parametrize("temperature_change_K", [-1.0, 0.0])
-@pytest.mark.parametrize("force_N", [1e-2, 100.0])
-def test_energy_decreases_to_a_minimum(mesh, force_N, temperature_change_K, kind):
-    problem = Recorded(scene_of(force_N, temperature_change_K, kind), mesh)
-    start = seed(problem)
-    problem.state(0 * start)
-    flat = problem.energies[-1]
-    problem.energies.clear()
-    q = newton_result(problem, start).q
-    energies = np.array(problem.energies)
-    rounding = 1e-13 * np.abs(energies).max()
-    assert energies[0] < flat
-    assert np.all(np.diff(energies) <= rounding)
-    random = np.random.default_rng(5)
-    for size in (1e-2, 1.0):
-        problem.state(q + size * np.abs(q).max() * random.normal(size=len(q)))
-        assert problem.energies[-1] > energies[-1]
 
 
 def test_start_does_not_matter(mesh):
@@ -139,28 +130,16 @@ def refuses_results(result):
     assert printed["reason"]
 
 
-@pytest.mark.parametrize("scene", [Scene(), RECTANGLE.with_(**{"load.force_N": 0.0})])
-def test_slack_film_is_unstable(scene):
-    result = solve(scene.with_(**{"film.temperature_change_K": 10.0}))
-    assert result.status is Status.UNSTABLE
-    assert "film.temperature_change_K below zero" in result.reason
-    refuses_results(result)
-
-
-@pytest.mark.parametrize("force_N", [1e-2, 1.0])
-def test_compression_is_never_passed_over(mesh, force_N):
-    """A small force leaves a slack film in compression: no result, or one with a warning."""
-    result = solve(scene_of(force_N, 10.0), mesh=mesh)
-    if result.status is Status.CONVERGED:
-        assert any("compression" in warning for warning in result.warnings)
+def test_slack_film_is_unstable_until_the_force_pulls_it_taut(mesh):
+    slack, weak, taut = (solve(scene_of(force, 10.0), mesh=mesh) for force in (0.0, 1e-2, 100.0))
+    assert (slack.status, taut.status) == (Status.UNSTABLE, Status.CONVERGED)
+    assert "film.temperature_change_K" in slack.reason
+    refuses_results(slack)
+    assert not any(warning.startswith("compression") for warning in taut.warnings)
+    if weak.status is Status.CONVERGED:
+        assert any("compression" in warning for warning in weak.warnings)
     else:
-        refuses_results(result)
-
-
-def test_slack_film_that_the_force_pulls_taut_has_a_result():
-    result = solve(scene_of(100.0, 10.0))
-    assert result.status is Status.CONVERGED
-    assert not any(warning.startswith("compression") for warning in result.warnings)
+        refuses_results(weak)
 
 
 def test_film_without_tension_is_singular_when_flat(mesh):
@@ -186,9 +165,8 @@ def test_missed_tolerance_is_named(monkeypatch):
     monkeypatch.setattr(solving, "MeshLoop", one_mesh)
     result = solve(TRIANGLE.with_(**{"numerics.tolerance": 2e-8}))
     assert result.status is Status.TOLERANCE
-    assert "raise numerics.tolerance" in result.reason
+    assert "numerics.tolerance" in result.reason
     assert result.stop is Stop.MESHES
-    assert result.stop.value in result.reason
     refuses_results(result)
 
 
@@ -201,10 +179,6 @@ def test_failed_mesh_is_named(monkeypatch):
     assert result.status is Status.MESH_FAILED
     assert "intersecting edges" in result.reason
     refuses_results(result)
-
-
-def test_every_status_says_what_to_do():
-    assert all(status.advice for status in Status)
 
 
 def test_quasi_newton_steps_find_what_the_tangent_lacks():
