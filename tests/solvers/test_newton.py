@@ -44,7 +44,7 @@ def scene_of(force_N, temperature_change_K, kind="dead"):
 
 @pytest.mark.parametrize("kind", LOADS)
 @pytest.mark.parametrize("temperature_change_K", [-100.0, -1e-9, 0.0])
-@pytest.mark.parametrize("force_N", [1e-4, 1.0, 100.0])
+@pytest.mark.parametrize("force_N", [1e-4, 1e-2, 1.0, 100.0])
 def test_few_iterations_for_any_load(mesh, force_N, temperature_change_K, kind):
     problem = Equilibrium(scene_of(force_N, temperature_change_K, kind), mesh)
     result = newton_result(problem)
