@@ -56,9 +56,10 @@ def test_reading_is_the_voltage_of_the_equations(solution):
     state = solution.fields.solved_state
     terms = [term for term in solution.fields.solved.terms if isinstance(term, Coupling)]
     voltages = {term.electrode.name: term.voltage(state) for term in terms}
-    assert solution.voltages_V == pytest.approx({"C": 0.0, "D": 0.0, **voltages}, rel=1e-9)
+    expected = {"C": 0.0, "D": 0.0, **voltages}
+    assert solution.electrode_voltages_V == pytest.approx(expected, rel=1e-9)
     assert {name: solution.readings_V[name] for name in "AB"} == pytest.approx(voltages, rel=1e-9)
-    assert solution.to_json()["voltages_V"] == solution.voltages_V
+    assert solution.to_json()["electrode_voltages_V"] == solution.electrode_voltages_V
 
 
 @pytest.mark.parametrize("seed", range(200, 203))
