@@ -26,7 +26,8 @@ class Grid:
     @classmethod
     def of(cls, columns: Mapping[str, Any], most_rows: int = 12) -> Self:
         """The first and the last rows of columns (n,) by name."""
-        cells = [[_cell(value) for value in np.ravel(column)] for column in columns.values()]
+        values = (c.ravel().tolist() if isinstance(c, np.ndarray) else c for c in columns.values())
+        cells = [[_cell(value) for value in column] for column in values]
         rows, ends = tuple(zip(*cells, strict=True)), most_rows // 2
         if len(rows) > most_rows:
             rows = (*rows[:ends], ("...",) * len(columns), *rows[-ends:])
@@ -131,4 +132,5 @@ def rounded(value: float, error: float) -> tuple[str, str]:
 
 
 def _cell(value: Any) -> str:
-    return str(value) if isinstance(value, str | bytes | None) else f"{value:.6g}"
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return f"{value:.6g}" if number else "" if value is None else str(value)

@@ -70,7 +70,7 @@ exit codes: 0 printed, 2 no example of this name"""
 
 _KEYS = """\
 Print a scene file with every key: its meaning, its range, and its default or an
-example. With words, print the keys that have a word in their names or meanings."""
+example. With words, print the keys whose names or meanings have words that begin so."""
 
 _KEYS_EPILOG = """\
 examples:
@@ -209,7 +209,9 @@ def _keys(options: argparse.Namespace) -> int:
         return ExitCode.CONVERGED
     keys, words = list(key_texts()), [word.casefold() for word in options.words]
     texts = [f"{key.table} {key.text}".casefold() for key in keys]
-    found = [keys[i] for i, text in enumerate(texts) if any(word in text for word in words)]
+    # words, and parts of names between underscores, that begin so
+    begins = re.compile("|".join(rf"(?<![^\W_]){re.escape(word)}" for word in words))
+    found = [key for key, text in zip(keys, texts, strict=True) if begins.search(text)]
     if not found:
         near = choose(words[0], list(dict.fromkeys(key.name for key in keys)))
         raise InputError(f"{options.words[0][:60]}: is in no key and its meaning; {near}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import sys
 from typing import Any
@@ -57,18 +56,16 @@ def run(options: argparse.Namespace) -> int:
     except NotConvergedError as error:
         print(f"not converged: {error}", file=sys.stderr)
         return ExitCode.NOT_CONVERGED
-    columns = {name: values.tolist() for name, values in response.columns().items()}
     try:
         if options.plot:
             save_plot(response.plot(), options)
     finally:  # a full disk does not take the charges with it
         if options.json:
-            print(json.dumps({**columns, "left_out": list(response.left_out)}, allow_nan=False))
+            print(json.dumps(response.to_json(), allow_nan=False))
         else:
             for text in response.left_out:
                 print(f"left out: {text}", file=sys.stderr)
-            table = csv.writer(sys.stdout, lineterminator="\n")
-            table.writerows([columns, *zip(*columns.values(), strict=True)])
+            response.to_dataframe().to_csv(sys.stdout, index=False, lineterminator="\n")
     return ExitCode.CONVERGED
 
 

@@ -19,7 +19,7 @@ from pvdf_fem.derivatives.parameters import (
 from pvdf_fem.derivatives.rates import rate_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.change import number_at
-from pvdf_fem.scene.given import Named, SceneLike, number, scene_of, texts
+from pvdf_fem.scene.given import Named, Names, SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import choose, problem
 from pvdf_fem.solution.history import Stop
@@ -106,14 +106,14 @@ def gradients(
     scene = scene_of(solution)
     pressure = solution.pressure if isinstance(solution, Solution) else None
     known = parameters_of(scene, pressure)
-    wanted = known if parameters is None else texts("parameters", parameters)
+    wanted = known if parameters is None else taken("parameters", parameters, Names)
     for key in wanted:
         if key not in known:
             reason = refusal(scene, key, pressure)
             reason = f"{reason}; {choose(key, known)}"
             raise ValueError(problem("parameters", key, reason))
     if tolerance is not None:
-        tolerance = number("tolerance", tolerance, 1e-9, 1.0)
+        tolerance = taken("tolerance", tolerance, float, (1e-9, 1.0))
     if tolerance and isinstance(solution, Solution) and solution.stop is Stop.GIVEN_MESH:
         reason = "would leave the mesh that was given; give the scene instead, or no tolerance"
         raise ValueError(f"tolerance = {tolerance:g}: {reason}")

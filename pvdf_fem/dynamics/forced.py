@@ -21,7 +21,7 @@ from pvdf_fem.dynamics.air import SOUND_SPEED
 from pvdf_fem.dynamics.modes import air_remark
 from pvdf_fem.dynamics.oscillation import ComplexArray, Oscillation, oscillations
 from pvdf_fem.readout.channel import Channel, channels
-from pvdf_fem.scene.given import SceneLike, scene_of
+from pvdf_fem.scene.given import SceneLike, numbers, scene_of, taken
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
@@ -37,17 +37,44 @@ Exponentials = tuple[tuple[float, complex, complex], ...]
 
 def step(force_N: float, duration_s: float = math.inf) -> Exponentials:
     """A further force that comes at once, at t = 0, and stays for a time."""
+    force_N, duration_s = _course(force_N, duration_s)
     return (0.0, 0.0, force_N), (duration_s, 0.0, -force_N)
 
 
 def half_sine(force_N: float, duration_s: float) -> Exponentials:
     """A further force F sin(pi t/T) from t = 0 to the duration T: a sine, and one that ends it."""
+    force_N, duration_s = _course(force_N, duration_s)
     waves, starts = ((1j, -0.5j), (-1j, 0.5j)), (0.0, duration_s)
     return tuple((t, p * np.pi / duration_s, c * force_N) for t in starts for p, c in waves)
 
 
+def _course(force_N: float, duration_s: float) -> tuple[float, float]:
+    """Force and duration of a touch as numbers."""
+    if duration_s != math.inf:
+        duration_s = taken("duration_s", duration_s, float, (1e-9, 1e9), "s")
+    return taken("force_N", force_N, float, (-1e6, 1e6), "N"), duration_s
+
+
+class Course(Columns):
+    """Changes of charges and readings against a solution, by frequency or by time."""
+
+    left_out: tuple[str, ...]
+
+    def parts(self) -> Parts:
+        """The span, the first and the last rows, and what is left out."""
+        (name, along), *others = self.columns().items()
+        shown = {name: along} | {key: column for key, column in others if "error" not in key}
+        span = f"{name} {along.min():g} to {along.max():g}" if along.size else "none"
+        notes = [f"left out: {text}" for text in self.left_out]
+        return "changes by the force", [span], [Grid.of(shown)], notes
+
+    def to_json(self) -> dict[str, Any]:
+        """The columns, and what is left out."""
+        return {**super().to_json(), "left_out": list(self.left_out)}
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class FrequencyResponse(Columns):
+class FrequencyResponse(Course):
     """Complex amplitudes over the force's amplitude, (n,), by electrode, about a solution."""
 
     solution: Solution
@@ -73,22 +100,9 @@ class FrequencyResponse(Columns):
                 found |= {f"{name}_real_{unit}": values.real, f"{name}_imag_{unit}": values.imag}
         return found | {f"{n}_error_pC_N": error for n, error in self.charge_errors_pC_N.items()}
 
-    def to_json(self) -> dict[str, Any]:
-        """What `pvdf-fem respond --json` prints."""
-        return {**super().to_json(), "left_out": list(self.left_out)}
-
-    def parts(self) -> Parts:
-        sizes = {name: np.abs(values) for name, values in self.charges_pC_N.items()}
-        shown = {"Hz": self.frequencies_Hz, **{f"|{n}|, pC/N": size for n, size in sizes.items()}}
-        readings = {f"|{n}|, V/N": np.abs(values) for n, values in self.readings_V_N.items()}
-        notes = [f"left out: {text}" for text in self.left_out]
-        about = f"{_span(self.frequencies_Hz)} Hz"
-        table = Grid.of({**shown, **readings})
-        return "changes of charges over an oscillating force", [about], [table], notes
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Transient(Columns):
+class Transient(Course):
     """Changes of charges and readings against a solution by time, (n,), by electrode."""
 
     solution: Solution
@@ -100,14 +114,10 @@ class Transient(Columns):
 
     def columns(self) -> dict[str, Array]:
         """Times, changes of the charges with their errors, and readings."""
-        found = {"t_s": self.times_s}
-        found |= {f"{name}_change_pC": change for name, change in self.charges_pC.items()}
-        found |= {f"{name}_error_pC": error for name, error in self.charge_errors_pC.items()}
+        found = {"time_s": self.times_s}
+        for name, change in self.charges_pC.items():
+            found |= {f"{name}_change_pC": change, f"{name}_error_pC": self.charge_errors_pC[name]}
         return found | {f"{name}_reading_V": V for name, V in self.readings_V.items()}
-
-    def parts(self) -> Parts:
-        about, notes = f"{_span(self.times_s)} s", [f"left out: {text}" for text in self.left_out]
-        return "changes of charges by a touch", [about], [Grid.of(self.columns())], notes
 
 
 def respond(
@@ -124,10 +134,7 @@ def respond(
     refined : bool, optional
         Whether more frequencies about the resonances join.
     """
-    frequencies = np.atleast_1d(np.asarray(frequencies_Hz, dtype=float))
-    in_range = (frequencies >= 0.0) & (frequencies <= MOST_HZ)
-    if frequencies.ndim != 1 or not frequencies.size or not np.all(in_range):
-        raise ValueError(f"frequencies_Hz: give numbers from 0 to {MOST_HZ:g} Hz")
+    frequencies = numbers("frequencies_Hz", frequencies_Hz, (0.0, MOST_HZ), "Hz").ravel()
     solution, read = _loaded(solution)
     both = [oscillation.reduced(frequencies) for oscillation in oscillations(solution)]
     resonances = both[0].resonances(frequencies.max())
@@ -166,11 +173,11 @@ def transient(
     highest_Hz : float, optional
         Up to which the modes are those of the film; slow touches have little beyond.
     """
-    if not isinstance(touch, tuple) or not touch or not isinstance(touch[0], tuple):
-        raise TypeError(
-            f"touch = {touch!r:.60}: is no course of a force; give half_sine() or step()"
-        )
-    (solution, read), times = _loaded(solution), np.atleast_1d(np.asarray(times_s, dtype=float))
+    if not isinstance(touch, tuple) or {np.shape(part) for part in touch} != {(3,)}:
+        raise ValueError(problem("touch", touch, "is no course of a force; give half_sine(...)"))
+    times = numbers("times_s", times_s, (-1e9, 1e9), "s").ravel()
+    highest_Hz = taken("highest_Hz", highest_Hz, float, (1e-3, MOST_HZ), "Hz")
+    solution, read = _loaded(solution)
     if not solution.fields.equilibrium.conservative:
         raise SceneError([problem("load.kind", "follower", 'has no modes; give "dead"')])
     modes, better = (_modes(o, np.linspace(0.0, highest_Hz, 24)) for o in oscillations(solution))
@@ -182,11 +189,6 @@ def transient(
         readings[channel.name] = channel.gain / channel.capacitance * charge
     tables = _in_pC(solution, charges), _in_pC(solution, errors), readings
     return Transient(solution, times, *tables, _left_out(solution))
-
-
-def _span(values: Array) -> str:
-    """The range of some numbers in words."""
-    return f"{values.min():g} to {values.max():g}" if values.size else "none"
 
 
 def _loaded(solution: Solution | SceneLike) -> tuple[Solution, Sequence[Channel]]:

@@ -29,7 +29,7 @@ from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM, MeshError
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.scene.film import Air
-from pvdf_fem.scene.given import SceneLike, scene_of
+from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.attempt import UNKNOWNS_PER_ELEMENT
 from pvdf_fem.solution.estimate import corrected
@@ -155,9 +155,7 @@ def modes(scene: SceneLike, count: int = 6, loaded: bool = False) -> Modes:
         without tension in all directions.
     """
     scene = scene_of(scene)
-    if count not in range(1, MOST_MODES + 1):
-        raise ValueError(f"count = {count!r}: is no number of modes; give 1 to {MOST_MODES}")
-    count, bare = int(count), scene
+    count, bare = taken("count", count, int, (1, MOST_MODES)), scene
     if loaded:
         scene.require_no_tips("frequencies about the load")
     else:  # on the flat film only rigid probes matter, by the unknowns that they bind together
@@ -310,9 +308,10 @@ def _left_out(scene: Scene, share: float, joins: bool) -> tuple[str, ...]:
     return air if joins else (bending, *air)
 
 
-def air_remark(scene: Scene) -> str:
-    """What a vacuum leaves out: per area about the density of air times the radius."""
+def air_remark(scene: Scene, baffled: float = 1.5) -> str:
+    """What a vacuum leaves out: in the lowest mode, per area, about the density of air times the
+    radius, and `baffled` times as much in a baffle."""
     film = scene.film
     weight = Air().density_kg_m3 * film.radius / (film.density * film.thickness)
-    mass = f"adds about {weight:.2g} times the film's mass, which lowers the lowest frequencies"
-    return f"air: {mass}; to include it give [air]"
+    sizes = f"about {baffled * weight:.2g} times the film's mass, {weight:.2g} without a baffle"
+    return f"air: adds {sizes}, to the lowest mode; to include it give [air]"

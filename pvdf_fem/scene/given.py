@@ -1,21 +1,25 @@
 """What is given to functions, as they need it, or refused with name, value and what to give.
 
-A scene may be given as a scene, its file, its tables or a result; numbers as anything that numpy
-takes for them, but no texts; a single text where texts are asked for.
+Arguments are checked as keys of a scene are, by their types and ranges, and refused in the same
+sentences.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
+from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Annotated, Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
+from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.scene.change import plain
+from pvdf_fem.scene.mistakes import told
+from pvdf_fem.scene.quantity import Key
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import choose
+from pvdf_fem.scene.scene_file import choose, problem
 
 T = TypeVar("T")
 Value = TypeVar("Value")
@@ -29,6 +33,8 @@ class HasScene(Protocol):
 
 
 SceneLike: TypeAlias = Scene | str | Path | Mapping[str, Any] | HasScene
+#: Names, of which a single one may stand for itself.
+Names = Annotated[tuple[str, ...], BeforeValidator(lambda v: (v,) if isinstance(v, str) else v)]
 
 
 class Named(dict[str, Value]):
@@ -57,70 +63,44 @@ def scene_of(given: SceneLike) -> Scene:
         return Scene().with_(given)
     if isinstance(found := getattr(given, "scene", None), Scene):
         return found
-    wanted = "a Scene, the path of a scene file, a dict of its tables, or a result"
-    raise TypeError(refused("scene", given, "is no scene", wanted))
+    told = f"scene = {given!r:.60}: is no scene"
+    raise TypeError(f"{told}; give a Scene, the path of a scene file, a dict of its tables")
 
 
-def refused(name: str, given: Any, reason: str, wanted: str) -> str:
-    """The sentence about what is given and cannot be used."""
-    return f"{name} = {given!r:.60}: {reason}; give {wanted}"
-
-
-def instance(name: str, given: Any, kind: type[T], wanted: str) -> T:
-    """An object of a kind; TypeError for others, which says what is `wanted`."""
-    if isinstance(given, kind):
+def model_of(given: T) -> T:
+    """A model of the charges, as `build_response` makes it; TypeError for anything else."""
+    if hasattr(given, "evaluate"):
         return given
-    raise TypeError(refused(name, given, f"is no {kind.__name__}", wanted))
+    raise TypeError(problem("model", given, "is no model; give that of build_response(scene)"))
+
+
+def taken(
+    name: str, given: Any, kind: Any, limits: tuple[float, float] | None = None, unit: str = ""
+) -> Any:
+    """An argument of a type, within limits where there are any; ValueError, a line for each
+    mistake, for anything else."""
+    kind = Annotated[kind, Key(unit, limits)] if kind in (int, float) else kind
+    if isinstance(kind, type) and is_dataclass(kind):
+        if isinstance(given, kind):
+            return given
+        raise ValueError(problem(name, given, f"must be a {kind.__name__}; give one"))
+    try:
+        return TypeAdapter(kind).validate_python(plain(given))
+    except ValidationError as error:
+        raise ValueError("\n".join(told(error, name, Scene))) from None
 
 
 def numbers(
-    name: str, given: Any, least: float = -math.inf, most: float = math.inf, unit: str = ""
+    name: str, given: Any, limits: tuple[float, float] | None = None, unit: str = ""
 ) -> Array:
-    """Numbers as an array of any shape, within limits where there are any; TypeError for texts,
-    None and ragged lists, ValueError for numbers out of range."""
-    span = f" from {least:g} to {most:g}" if math.isfinite(most) else f" of at least {least:g}"
-    bounded = math.isfinite(least) or math.isfinite(most)
-    wanted = f"numbers{span if bounded else ''} {unit}".rstrip()
+    """Numbers as an array of any shape; ValueError for anything else, and out of limits."""
     try:
         found = np.asarray(given)
     except ValueError:  # lists of unequal lengths
         found = np.asarray(None)
     if found.dtype.kind not in "iuf":
-        raise TypeError(refused(name, given, "is no number and no array of numbers", wanted))
-    values = found.astype(float)
-    if bounded and not np.all((least <= values) & (values <= most)):
-        raise ValueError(refused(name, given, "is out of range", wanted))
-    return values
-
-
-def number(
-    name: str, given: Any, least: float = -math.inf, most: float = math.inf, unit: str = ""
-) -> float:
-    """A single one of `numbers`."""
-    if np.shape(values := numbers(name, given, least, most, unit)):
-        raise TypeError(refused(name, given, "is no single number", f"one {unit}".rstrip()))
-    return float(values)
-
-
-def whole(name: str, given: Any, least: int, most: int) -> int:
-    """A whole number within limits."""
-    value = number(name, given, least, most)
-    if value != int(value):
-        raise ValueError(refused(name, given, "is no whole number", f"{least} to {most}"))
-    return int(value)
-
-
-def texts(name: str, given: Any) -> tuple[str, ...]:
-    """Texts, of which a single one may be given by itself."""
-    found = (given,) if isinstance(given, str) else given
-    found = tuple(found) if isinstance(found, Iterable) else (None,)
-    if all(isinstance(text, str) for text in found):
-        return found
-    raise TypeError(refused(name, given, "is no list of names", f'["{name}", ...]'))
-
-
-def path_of(name: str, given: Any) -> Path:
-    """The path of a file."""
-    if isinstance(given, str | Path):
-        return Path(given)
-    raise TypeError(refused(name, given, "is no path", "the name of a file"))
+        raise ValueError(problem(name, given, "is no number and no array of numbers; give some"))
+    if limits and not (found.size and np.all((limits[0] <= found) & (found <= limits[1]))):
+        wanted = f"give numbers from {limits[0]:g} to {limits[1]:g} {unit}".rstrip()
+        raise ValueError(problem(name, given, f"is out of range; {wanted}"))
+    return found.astype(float)

@@ -30,9 +30,10 @@ from pvdf_fem.scene.scene_file import (
     SceneError,
     example_text,
     examples,
-    key_rows,
+    flattened,
     parse_toml,
     problem,
+    quote,
     read_scene_text,
     write_toml,
 )
@@ -288,9 +289,9 @@ class Scene(Told, Section):
     @classmethod
     def example(cls, name: str) -> Scene:
         """A scene that comes with the package: ``"triangle"``; SceneError tells the names."""
-        others = "[[axes]]", "[[section]]"  # of sweeps and reports
-        files = {k: t for k, t in examples().items() if not any(table in t for table in others)}
-        return cls.parse(example_text(name, files), name)
+        others = "[[axes]]", "[[section]]"  # sweeps and reports
+        scenes = {k: text for k, text in examples().items() if not any(o in text for o in others)}
+        return cls.parse(example_text(name, scenes), name)
 
     def with_(self, tables: Mapping[str, Any] | None = None, /, **changes: Any) -> Scene:
         """Another scene, with some values changed.
@@ -330,9 +331,9 @@ class Scene(Told, Section):
         """Film, electrodes and probes, all keys, and doubts."""
         names = ", ".join(electrode.name for electrode in self.electrode_list)
         probes = " and ".join(probe.shape for probe in self._probes.values()) or "no probe"
-        keys = Grid(("key", "value"), tuple(key_rows(self.to_json())))
-        what = [f"electrodes {names}, {probes}"]
-        return f"film of {self.film.radius_mm:g} mm", what, [keys], self.doubts
+        rows = ((key, quote(value)) for key, value in flattened(self.to_json()).items())
+        about = f"film of {self.film.radius_mm:g} mm", [f"electrodes {names}, {probes}"]
+        return *about, [Grid(("key", "value"), tuple(rows))], self.doubts
 
     @classmethod
     def _from_tables(

@@ -133,24 +133,20 @@ def _key(name: str) -> str:
 
 
 def flattened(table: Any, prefix: str = "") -> Any:
-    """Values by dotted key of nested tables, as TOML makes them of keys without quotes."""
+    """Values by dotted key of nested tables, as TOML makes them of keys without quotes, and of
+    lists of tables: ``probe[0].x_mm``."""
     if not isinstance(table, Mapping):
         return table
     flat: dict[str, Any] = {}
     for key, value in table.items():
+        rows = value if isinstance(value, list) else []
+        if rows and isinstance(rows[0], Mapping):
+            for i, row in enumerate(rows):
+                flat |= flattened(row, f"{prefix}{key}[{i}].")
+            continue
         nested = isinstance(value, Mapping)
         flat |= flattened(value, f"{prefix}{key}.") if nested else {f"{prefix}{key}": value}
     return flat
-
-
-def key_rows(tables: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """The keys of a scene, ``film.radius_mm``, ``electrodes[0].x_mm``, with their values."""
-    for name, table in tables.items():
-        rows = {f"{name}.": table}
-        if isinstance(table, list):
-            rows = {f"{name}[{i}].": row for i, row in enumerate(table)}
-        for where, row in rows.items():
-            yield from ((key, quote(value)) for key, value in flattened(row, where).items())
 
 
 def parse_change(text: str) -> tuple[str, Any]:
@@ -201,7 +197,7 @@ def quote(value: Any, depth: int = 0) -> str:
         inner = [quote(item, depth + 1) for item in value[:10]] if depth < 3 else ["..."]
         text = f"[{', '.join(inner)}]"
     else:
-        text = repr(value) if isinstance(value, float | int) else str(value)
+        text = repr(value) if isinstance(value, float | int) else str(value).partition("\n")[0]
     return text if len(text) <= 60 else text[:57] + "..."
 
 

@@ -24,6 +24,7 @@ from pvdf_fem.film.loads.posed import Pressure
 from pvdf_fem.film.loads.pressure import Leaning
 from pvdf_fem.film.loads.touchdown import Touchdown
 from pvdf_fem.readout.channel import channels, readings_V
+from pvdf_fem.scene.given import Named, taken
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.solution.fields import Fields, largest
 from pvdf_fem.solution.history import MeshRecord, Stop
@@ -173,7 +174,7 @@ class Solution(Told):
 
     def _by_electrode(self, values: Array) -> dict[str, float]:
         names = [electrode.name for electrode in self.scene.electrode_list]
-        return dict(zip(names, values.tolist(), strict=True))
+        return Named(zip(names, values.tolist(), strict=True))
 
     @property
     def deflection_max_mm(self) -> float:
@@ -334,7 +335,7 @@ class Solution(Told):
         """Write displacement, stresses, patches, charges and the scene to a VTU file."""
         from pvdf_fem.output.export import write_vtu
 
-        write_vtu(self.film_data(), Path(path))
+        write_vtu(self.film_data(), taken("path", path, Path))
 
     def film_data(self) -> FilmData:
         """Fields and charges, as `plot`, `view` and `to_vtu` take them."""

@@ -34,7 +34,7 @@ from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.mesh.mesh_file import mesh_of
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart, part_of
-from pvdf_fem.scene.given import SceneLike, scene_of
+from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
@@ -87,12 +87,11 @@ def solve(
     """`pvdf_fem.solve`, without what the scene's uncertain numbers make of the charges."""
     scene = scene_of(scene)
     posed = Posed.under(scene, pressure)
-    if order not in tuple(UNKNOWNS_PER_ELEMENT):
-        raise ValueError(f"order = {order!r}: there are no such elements; give 1, 2 or 3")
+    order = taken("order", order, int, (1, max(UNKNOWNS_PER_ELEMENT)))
+    budget = taken("budget", budget or Budget.of(scene), Budget)
     if mesh is not None:
         mesh = mesh_of(mesh, scene)
-    budget, start = Budget.of(scene) if budget is None else budget, time.perf_counter()
-    goals = goals_of(scene)
+    start, goals = time.perf_counter(), goals_of(scene)
     solution = solve_goals(scene, goals, mesh=mesh, order=order, budget=budget, posed=posed)
     warnings, at_rest = [*scene.doubts, *solution.warnings], None
     if solution.status is Status.CONVERGED:

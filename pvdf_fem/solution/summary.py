@@ -32,29 +32,20 @@ def _tables(result: dict[str, Any]) -> list[Grid]:
         rows = tuple((name, *_charge(result, name)) for name in charges)
         tables.append(Grid((f"charges ({result['observable']})", *columns), rows))
     for patch, contact in result.get("contacts", {}).items():
-        titles = (f"contact of {patch}", "depth, mm", "force, N", "area, mm2", "pressure, MPa")
-        shown = ("depth_mm", "force_N", "area_mm2", "mean_pressure_MPa")
-        tables.append(Grid(titles, (("", *(f"{contact[key]:.6g}" for key in shown)),)))
+        shown = "depth_mm", "force_N", "area_mm2", "mean_pressure_MPa"
+        tables.append(Grid.of({"contact of": [patch], **{k: [contact[k]] for k in shown}}))
     if readings := result.get("readings_V"):
-        constants = result["time_constants_s"]
-        decays = {name: "none" if s is None else f"{s:.4g}" for name, s in constants.items()}
-        channels = tuple((name, f"{V:.6g}", decays[name]) for name, V in readings.items())
-        tables.append(Grid(("readings at once", "V", "decay in s"), channels))
+        decays = ["none" if s is None else s for s in result["time_constants_s"].values()]
+        channels = {"readings at once": [*readings], "V": [*readings.values()]}
+        tables.append(Grid.of({**channels, "decay in s": decays}))
     if history := result["history"]:
-        heading = ("mesh", "elements", "unknowns", "iterations", "worst error", "seconds", "ended")
-        meshes = tuple(
-            (
-                str(number),
-                str(mesh["elements"]),
-                str(mesh["unknowns"]),
-                str(mesh["iterations"]),
-                "" if mesh["worst_error"] is None else f"{mesh['worst_error']:.1e}",
-                f"{mesh['seconds']:.3f}",
-                mesh["status"],
-            )
-            for number, mesh in enumerate(history, 1)
-        )
-        tables.append(Grid(heading, meshes))
+        counts = "elements", "unknowns", "iterations"
+        meshes = {key: [mesh[key] for mesh in history] for key in counts}
+        errors = [mesh["worst_error"] for mesh in history]
+        meshes["worst error"] = [None if error is None else f"{error:.1e}" for error in errors]
+        meshes["seconds"] = [f"{mesh['seconds']:.3f}" for mesh in history]
+        meshes["ended"] = [mesh["status"] for mesh in history]
+        tables.append(Grid.of({"mesh": range(1, len(history) + 1), **meshes}))
     return tables
 
 

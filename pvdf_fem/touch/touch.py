@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
 from pvdf_fem.arrays import Array, Mask, finite
-from pvdf_fem.told import Grid, Parts, Told, rounded
+from pvdf_fem.told import Parts, Told
 
 #: Charges count as unexplained if a right model gives such charges less often than this.
 SIGNIFICANCE = 1e-3
@@ -71,6 +71,15 @@ class TouchStatus(StrEnum):
 
 #: With these a touch explains the charges.
 EXPLAINED = (TouchStatus.LOCATED, TouchStatus.AT_EDGE, TouchStatus.AMBIGUOUS)
+
+
+def status_of(explained: bool, ambiguous: bool, at_edge: bool) -> TouchStatus:
+    """What became of charges for which a touch was found."""
+    if not explained:
+        return TouchStatus.UNEXPLAINED
+    if ambiguous:
+        return TouchStatus.AMBIGUOUS
+    return TouchStatus.AT_EDGE if at_edge else TouchStatus.LOCATED
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -151,14 +160,9 @@ class Touch(Told):
         return self.by_name["force_N"]
 
     def parts(self) -> Parts:
-        """The touch, and its deviations by its own likelihood."""
-        sizes = self.deviations
-        rows = tuple(
-            (name, *(rounded(value, sizes[name]) if name in sizes else (f"{value:.6g}", "known")))
-            for name, value in self.by_name.items()
-        )
-        about = ", ".join(f"{name} {value:.4g}" for name, value in self.by_name.items())
-        return "touch", [about], [Grid(("", "value", "±"), rows)], []
+        """The quantities; `Location` has their errors."""
+        values = ", ".join(f"{name} {value:.4g}" for name, value in self.by_name.items())
+        return f"share of likelihood {self.weight:.3g}", [values], [], []
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for JSON, None for what is infinite; errors are left to the location."""

@@ -42,13 +42,7 @@ class Row(Told):
 
     def parts(self) -> Parts:
         """A line for people."""
-        name = f"touch {self.touch}" if self.touch else self.status
-        return name, [f"{self.t_s:.4f} s{self._place}"], [], []
-
-    @property
-    def _place(self) -> str:
-        """Place, force and rotation with their deviations, and what is wrong with them."""
-        line = ""
+        line = f"{self._when} s"
         if self.alternatives:
             for name, unit in (("x", "mm"), ("y", "mm"), ("force", "N"), ("rotation", "deg")):
                 value, error = (getattr(self, f"{name}{of}_{unit}") for of in ("", "_deviation"))
@@ -62,7 +56,12 @@ class Row(Told):
             line += f"; {self.status}"
         if self.alternatives and math.isnan(self.force_N):
             line += ": the force is far above the model's largest"
-        return line + (f"; without {self.missing} for a while" if self.missing else "")
+        line += f"; without {self.missing} for a while" if self.missing else ""
+        return f"touch {self.touch}" if self.touch else self.status, [line], [], []
+
+    @property
+    def _when(self) -> str:
+        return f"{self.t_s:.4f}"
 
     def to_json(self) -> dict[str, Any]:
         """The values by name, None for NaN."""
@@ -81,7 +80,6 @@ class TouchSummary(Row):
     end_s: float = math.nan
     impulse_N_s: float = math.nan  #: Integral of the force over time.
 
-    def parts(self) -> Parts:
-        """A line for people."""
-        about = f"{self.onset_s:.4f} to {self.end_s:.4f} s{self._place}"
-        return f"touch {self.touch}", [about], [], []
+    @property
+    def _when(self) -> str:
+        return f"{self.onset_s:.4f} to {self.end_s:.4f}"

@@ -326,7 +326,7 @@ def test_a_closed_pipe_is_no_error(folder, command, monkeypatch):
     def closed(*_, **__):
         raise BrokenPipeError
 
-    monkeypatch.setattr("pvdf_fem.cli.respond.csv", Namespace(writer=closed))
+    monkeypatch.setattr("pandas.DataFrame.to_csv", closed)
     responding = ["respond", "disc.toml", "--frequencies", "20", "--plot", "a.svg"]
     assert command(*responding).code == 141
     assert Path("a.svg").exists()
