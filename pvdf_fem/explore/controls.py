@@ -1,4 +1,4 @@
-"""What is shown of a view before it is solved: outlines, and the controls of its values."""
+"""A view before its solve: outlines, and controls for its values."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from pvdf_fem.scene.scene_file import toml_value
 
 #: Numbers that have a slider: its limits and its step, by key.
 SLIDERS = tomllib.loads(Path(__file__).with_name("controls.toml").read_text("utf-8"))
-#: Title and meaning of values of a view that its scene does not have.
+#: Title and meaning of a view's values outside its scene.
 OWN = {
     "quantity": ("colour of the film", "What the film is coloured by."),
     "noise": ("noise of readings", "Standard deviation of a reading, relative to the reading."),
 }
-#: Words that make a table of a scene without one.
+#: Words that make a table where a scene has no table.
 MAKERS = ("probe.shape", "electrodes.layout")
 
 
@@ -51,7 +51,7 @@ def outlines_of(scene: Scene) -> dict[str, Any]:
 
 
 def colour_of(electrode: int) -> str:
-    """The colour of an electrode and of its bars, by its number."""
+    """Colour for an electrode and its bars, by number."""
     return COLOURS[electrode % len(COLOURS)]
 
 
@@ -66,8 +66,8 @@ def _outline(outline: Outline) -> dict[str, Any]:
 
 
 def controls_of(view: View) -> dict[str, list[dict[str, Any]]]:
-    """The controls of a view by table: key, title, meaning and value; of a word its choices, of a
-    number a step and limits that enclose the number. Lists are TOML."""
+    """The controls of a view by table: key, title, meaning and value; choices for a word, a step
+    and enclosing limits for a number. Lists are TOML."""
     found: dict[str, list[dict[str, Any]]] = {}
     for key in _keys(view.scene):
         name, (table, _, last) = generic(key), key.rpartition(".")
@@ -106,7 +106,7 @@ def _keys(scene: Scene) -> Iterator[str]:
 
 
 def section_of(scene: Scene, table: str) -> Any:
-    """The table of a scene, or the list of tables, by key; None where the scene has none."""
+    """A scene's table, or list of tables, by key; None where the scene has none."""
     name, *number = steps_of(table)
     section = getattr(scene, name)
     return section[number[0]] if number else section
