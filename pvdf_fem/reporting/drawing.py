@@ -19,6 +19,7 @@ from scipy.interpolate import Akima1DInterpolator
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.output.figures import COLOURS, GREY, HALO, LABEL_SIZE, figure_of, new_figure
+from pvdf_fem.scene.quantity import in_words
 
 #: Width of a figure in mm: as wide as a phone shows it with readable texts.
 WIDTH_MM = 120.0
@@ -33,18 +34,13 @@ LINE_HEIGHT = 1.15  #: Distance of the lines of labels over their size.
 MOST_PASSES = 60  #: Over the names, to move them apart.
 SAMPLES = 121  #: Of a curve.
 READING_LABELS = {"total": "charge (pC)", "change": "change by the touch (pC)"}
-_SIGNS = {"um": "µm", "deg": "°", "MOhm": "MΩ", "pC_N": "pC/N", "kg_m3": "kg/m³", "N_m": "N/m"}
-_SIGNS |= {"per_K": "1/K", "uC_m2K": "µC/m²K", "m2_s": "m²/s"}
-_UNITS = (*_SIGNS, "mm", "GPa", "pF", "pC", "K", "N", "V", "s", "Hz")
 
 
 def axis_label(key: str) -> str:
     """A key of a scene in words, with its unit: ``film.thickness_um`` is film thickness (µm)."""
-    pattern = "|".join(sorted(_UNITS, key=len, reverse=True))
-    found = re.search(rf"_({pattern})$", key)
-    words = re.sub(r"[._]", " ", key[: found.start()] if found else key)
+    words, unit = in_words(key)
     words = words.removeprefix("load ").removeprefix("numerics ")
-    return f"{words} ({_SIGNS.get(found[1], found[1])})" if found else words
+    return f"{words} ({unit.replace('degrees', '°')})" if unit else words
 
 
 def value_label(key: str, value: float) -> str:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from functools import cache
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import PydanticCustomError
@@ -16,9 +17,20 @@ from pydantic_core.core_schema import (
     with_info_after_validator_function,
 )
 
+from pvdf_fem.scene.scene_file import choose
 
-#: How names of keys spell units.
-_SPELLED = str.maketrans({"µ": "u", "²": "2", "³": "3", "/": "_", " ": "", "(": "", ")": ""})
+#: Units by the endings of keys, as keys and figures tell them.
+UNITS = {"um": "µm", "deg": "degrees", "MOhm": "MΩ", "per_K": "1/K", "pC_N": "pC/N", "N_m": "N/m"}
+UNITS |= {"kg_m3": "kg/m³", "m2_s": "m²/s", "m_s2": "m/s²", "uC_m2K": "µC/(m² K)"}
+UNITS |= {unit: unit for unit in ("mm", "GPa", "Pa", "pF", "pC", "K", "N", "V", "s", "Hz")}
+_ENDING = re.compile(rf"_({'|'.join(sorted(UNITS, key=len, reverse=True))})$")
+
+
+def in_words(key: str) -> tuple[str, str]:
+    """What a key stands for and its unit: ``film.thickness_um`` is film thickness in µm."""
+    ending = _ENDING.search(key)
+    words = re.sub("[._]", " ", key[: ending.start()] if ending else key)
+    return words, UNITS[ending[1]] if ending else ""
 
 
 def refusal(reason: str) -> PydanticCustomError:
@@ -64,10 +76,8 @@ class Key:
 
     def title(self, name: str) -> str:
         """The name of a key in words, with its unit: ``thickness (µm)`` of ``thickness_um``."""
-        if not self.unit:
-            return name.replace("_", " ")
-        spelled = self.unit.replace("degrees", "deg").replace("1/", "per_").translate(_SPELLED)
-        return f"{name.removesuffix(f'_{spelled}').replace('_', ' ')} ({self.unit})"
+        words, unit = in_words(name)
+        return f"{words} ({unit})" if unit else words
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
         schema = self._checked(handler(source))
@@ -137,6 +147,12 @@ class Section(BaseModel):
     """A table of a scene file: frozen, its keys fixed."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    if not TYPE_CHECKING:  # type checkers know the keys
+
+        def __getattr__(self, name: str) -> Any:
+            known = choose(name, [*type(self).model_fields])
+            raise AttributeError(f"{type(self).__name__} has no {name}; {known}")
 
     @classmethod
     def key_of(cls, name: str) -> Key:
