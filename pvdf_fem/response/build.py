@@ -164,8 +164,9 @@ def build_response(
     options = ResponseOptions(error=min(tolerance, 1.0)) if options is None else options
     if file is not None:
         require_writable(Path(file))
+    processes = taken("processes", processes, int | None)
     with shown("s of one core", progress) as show:
-        made = _best(scene, domain, tolerance, options, Work(taken("processes", processes, int | None), show))
+        made = _best(scene, domain, tolerance, options, Work(processes, show))
     if file is not None:
         made.save(file)
     return made
