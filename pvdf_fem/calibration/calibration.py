@@ -13,6 +13,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.calibration.diagnosis import CalibrationStatus
 from pvdf_fem.calibration.fit import Fit
+from pvdf_fem.derivatives.parameters import numbers_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.told import Grid, Parts, Told, rounded
 
@@ -30,10 +31,16 @@ class Calibration(Told):
 
     @cached_property
     def scene(self) -> Scene:
-        """The scene with what was found; raises ValueError unless calibrated."""
+        """The scene with what was found; raises ValueError unless calibrated. What its
+        ``[uncertain]`` says of parameters that were found are the deviations found."""
         if self.status is not CalibrationStatus.CALIBRATED:
             raise ValueError(f"{self.status}: {self.reason}")
-        return self.fit.model.unknowns.scene_at(self.fit.values, self.fit.model.reading)
+        scene = self.fit.model.unknowns.scene_at(self.fit.values, self.fit.model.reading)
+        deviations = {}
+        for key in scene.uncertain or ():
+            if names := numbers_of(key, self.parameters):
+                deviations[key] = float(np.mean([self.parameters[n]["deviation"] for n in names]))
+        return scene.with_(uncertain=deviations) if deviations else scene
 
     @cached_property
     def parameters(self) -> dict[str, dict[str, float]]:

@@ -17,7 +17,14 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.derivatives.adjoint import Adjoint
-from pvdf_fem.derivatives.parameters import COEFFICIENTS, parameters_of, refusal
+from pvdf_fem.derivatives.parameters import (
+    COEFFICIENTS,
+    PRETENSION,
+    numbers_of,
+    parameters_of,
+    refusal,
+    stretched,
+)
 from pvdf_fem.derivatives.rates import changed, rate_of
 from pvdf_fem.film.loads.posed import Pressure
 from pvdf_fem.scene.change import number_at, spelled
@@ -29,8 +36,6 @@ from pvdf_fem.solution.next_order import factorised
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
 from pvdf_fem.told import Grid, Parts, Told, charges_told, rounded
-
-PRETENSION = "film.pretension_N_m"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -159,7 +164,7 @@ def _judged(scene: Scene, pressure: Pressure | None) -> tuple[Scene, dict[str, d
     at = _stretched(scene) if PRETENSION in given else scene
     known, sizes, problems = parameters_of(at, pressure), dict[str, dict[str, float]](), []
     for key, value in given.items():
-        keys = [k for k in known if k in (key, f"{key}.0", f"{key}.1")]
+        keys = numbers_of(key, known)
         if not keys:
             reason = f"{refusal(at, key, pressure)}; give some of {', '.join(known)}"
             problems.append(problem(f"uncertain.{key}", value, reason))
@@ -172,15 +177,10 @@ def _judged(scene: Scene, pressure: Pressure | None) -> tuple[Scene, dict[str, d
 def _stretched(scene: Scene) -> Scene:
     """The scene whose cooled film has its pretension instead of its change of temperature."""
     film = scene.film
-    if film.pretension_N_m is not None:
-        return scene
-    if film.patches or film.warming_K:
+    if film.pretension_N_m is None and (film.patches or film.warming_K):
         reason = "is of a film that is cooled with patches or warms; give film.temperature_change_K"
         raise SceneError([problem(f"uncertain.{PRETENSION}", scene.uncertain, reason)])
-    x, y = (film.stress_at_rest[:2] * film.thickness).tolist()
-    even = np.isclose(x, y, rtol=1e-9)
-    stretched = {"pretension_N_m": x if even else (x, y), "temperature_change_K": None}
-    return scene.model_copy(update={"film": film.model_copy(update=stretched)})
+    return stretched(scene)
 
 
 def _rest_adjoint(scene: Scene) -> Adjoint | None:

@@ -109,7 +109,7 @@ def locate(
     if found.explained:
         return found
     held = {i: np.array([value]) for i, value in fixed.items()}
-    mistakes = explanations(measurement, readings, sought, held, options.retries)
+    mistakes = explanations(measurement, readings, sought, held)
     right = (Explanation(text, location(of, ends, options).best) for text, of, ends, _ in mistakes)
     return replace(found, explanations=tuple(right))
 

@@ -73,6 +73,15 @@ class TouchStatus(StrEnum):
 EXPLAINED = (TouchStatus.LOCATED, TouchStatus.AT_EDGE, TouchStatus.AMBIGUOUS)
 
 
+def status_of(explained: bool, ambiguous: bool, at_edge: bool) -> TouchStatus:
+    """What became of charges for which a touch was found."""
+    if not explained:
+        return TouchStatus.UNEXPLAINED
+    if ambiguous:
+        return TouchStatus.AMBIGUOUS
+    return TouchStatus.AT_EDGE if at_edge else TouchStatus.LOCATED
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Touch(Told):
     """A touch whose charges are, among touches nearby, the likeliest to give those measured."""
