@@ -1,4 +1,4 @@
-"""Public functions take a path, tables or a result for a scene, and tell mistakes by their names."""
+"""Public functions take a path, tables or a result for a scene, and tell mistakes by name."""
 
 import math
 import re

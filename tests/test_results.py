@@ -10,7 +10,7 @@ import pvdf_fem as pf
 from pvdf_fem.told import Told
 from pvdf_fem.touch.locate_many import Touches
 from pvdf_fem.tracking.rows import Row, TouchSummary
-from tests.helpers.touch_models import bumps
+from tests.helpers.touch_models import bumps, random_touches
 from tests.response import made_response
 
 SCENE = pf.Scene().with_(
@@ -57,7 +57,7 @@ OBJECTS = {
     "location": (located, ["touch 1", "x_mm", "known"]),
     "touch": (lambda s: located(s).best, ["x_mm 2", "force_N 1.5"]),
     "rows": (
-        lambda _: pf.locate_many(bumps(), 100.0 * np.ones((40, 4))),
+        lambda _: pf.locate_many(bumps(), bumps().evaluate(random_touches(40, 1))[0]),
         ["x_mm", "force_N", "..."],
     ),
     "row": (lambda _: Row(0.5, "touch", 3, **SEEN, alternatives=1), ["0.5", "1.250 ± 0.01 mm"]),
