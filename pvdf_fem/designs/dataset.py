@@ -14,18 +14,18 @@ import numpy as np
 
 from pvdf_fem import __version__
 from pvdf_fem.arrays import Array
+from pvdf_fem.designs.asked import asked_mistakes
 from pvdf_fem.files import replacing
 from pvdf_fem.progress import Progress
-from pvdf_fem.response import model as touched
-from pvdf_fem.response.build import build_response, refuse
+from pvdf_fem.response.build import build_response
 from pvdf_fem.response.held_out import random_touches
-from pvdf_fem.response.model import QUANTITIES, ROTATION
+from pvdf_fem.response.model import QUANTITIES, ROTATION, centred, period_deg, wanted_model
 from pvdf_fem.response.response import Response
 from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.touch.locate_many import CHUNK
-from pvdf_fem.touch.measurement import Measurement, charge_mistakes, electrode_columns
+from pvdf_fem.touch.measurement import Measurement
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -85,9 +85,9 @@ def dataset(
     if wrong := [*mistakes(scene, touches, seed, sigma, noise_pC, reading)]:
         raise ValueError("\n".join(wrong))
     if model is None:
-        domain, tolerance = touched.wanted_model(scene, sigma or 0.01)
+        domain, tolerance = wanted_model(scene, sigma or 0.01)
         wanted = domain.reach_mm, domain.force_N, tolerance, processes
-        model = build_response(touched.centred(scene), *wanted, progress=progress)
+        model = build_response(centred(scene), *wanted, progress=progress)
     model = model.for_scene(scene, processes, progress=progress)
     measured = Measurement.of(model, model.names, sigma, noise_pC, reading)
     at = random_touches(model.domain, touches, seed)
@@ -97,7 +97,7 @@ def dataset(
     normal = np.random.default_rng([seed, 1]).standard_normal(charges.shape)
     signals = charges + measured.noise(charges) * normal
     at[:, :ROTATION], turned = (scene.stage or Stage()).to_stage(at[:, :ROTATION], at[:, ROTATION])
-    at[:, ROTATION] = turned % touched.period_deg(model)
+    at[:, ROTATION] = turned % period_deg(model)
     of_electrodes = charges, model.error_bound * np.abs(charges), measured.readings(signals)
     told = {
         "seed": seed,
@@ -122,12 +122,7 @@ def mistakes(
     for name, (value, least, most) in limits.items():
         if not (isinstance(value, int) and least <= value <= most):
             yield f"{name} = {value}: give a whole number from {least} to {most}"
-    any_charges = dict.fromkeys(electrode_columns(scene), np.pi)
-    yield from charge_mistakes(scene, any_charges, sigma, noise_pC, reading)
-    try:
-        refuse(scene, *touched.wanted_model(scene))
-    except ValueError as error:
-        yield from str(error).splitlines()
+    yield from asked_mistakes(scene, *wanted_model(scene), sigma, noise_pC, reading)
 
 
 def _dataset(

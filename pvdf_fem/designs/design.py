@@ -18,20 +18,21 @@ import numpy as np
 
 from pvdf_fem import __version__
 from pvdf_fem.arrays import Array
+from pvdf_fem.designs.asked import asked_mistakes
 from pvdf_fem.progress import Progress, shown
 from pvdf_fem.response import model as touched
-from pvdf_fem.response.build import build_response, refuse
+from pvdf_fem.response.build import build_response
 from pvdf_fem.response.model import FORCE, ROTATION, Domain
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import mechanics_of
-from pvdf_fem.scene.change import spelled
+from pvdf_fem.scene.change import spelled, steps_of
 from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.touch.locate import locate
 from pvdf_fem.touch.location import Location
-from pvdf_fem.touch.measurement import Measurement, charge_mistakes, electrode_columns, number
+from pvdf_fem.touch.measurement import Measurement, number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,6 +57,8 @@ class Designs:
     scenes: Sequence[Scene]  #: In the order of the grid.
     #: Of each model a scene, and the indices of the designs whose films deform alike.
     models: Sequence[tuple[Scene, Sequence[int]]]
+    #: Keys of the readout with values by electrode, which designs with other electrodes have not.
+    dropped: Sequence[str] = ()
 
     @classmethod
     def of(cls, scene: Scene, vary: Mapping[str, Any]) -> Self:
@@ -70,7 +73,8 @@ class Designs:
         axes = [
             {"name": end if counts[end] == 1 else key, key: vary[key]} for key, end in ends.items()
         ]
-        grid = Grid.of(scene, axes) if axes else Grid(scene, ())
+        scene, dropped = _for_all_electrodes(scene, axes)
+        grid = _grid(scene, axes)
         scenes, alike = grid.scenes(), dict[str, list[int]]()
         try:
             own = mechanics_of(scene)
@@ -80,11 +84,13 @@ class Designs:
             raise SceneError([str(error)]) from None
         # a model of the scene itself serves other purposes, too
         models = [(scene if text == own else scenes[i[0]], i) for text, i in alike.items()]
-        return cls(grid, scenes, models)
+        return cls(grid, scenes, models, dropped)
 
     def __str__(self) -> str:
         count = f"{len(self.models):>8} models of the charges: one for all films that deform alike"
-        return f"{len(self.scenes):>8} designs\n{count}"
+        of_others = "has values by electrode, the designs have other electrodes and its default"
+        left_out = "".join(f"\n{key}: {of_others}" for key in self.dropped)
+        return f"{len(self.scenes):>8} designs\n{count}{left_out}"
 
     def mistakes(
         self, domain: Domain, step_mm: float, tolerance: float, noise: float, noise_pC: float | None
@@ -98,14 +104,28 @@ class Designs:
         for scene in self.scenes:
             if not low <= (force := scene.load.force_N) <= high:
                 yield f"load.force_N = {force:g}: is outside of the model's {low:g} to {high:g} N"
-            any_charges = dict.fromkeys(electrode_columns(scene), math.pi)
-            for text in charge_mistakes(scene, any_charges, noise, noise_pC):
+            for text in asked_mistakes(scene, domain, tolerance, noise, noise_pC):
                 yield text.replace("sigma", "noise", 1)
-        for scene, _ in self.models:
-            try:
-                refuse(scene, domain, tolerance)
-            except ValueError as error:
-                yield from str(error).splitlines()
+
+
+def _grid(scene: Scene, axes: Sequence[Mapping[str, Any]]) -> Grid:
+    return Grid.of(scene, axes) if axes else Grid(scene, ())
+
+
+def _for_all_electrodes(
+    scene: Scene, axes: Sequence[Mapping[str, Any]]
+) -> tuple[Scene, Sequence[str]]:
+    """The scene with defaults in place of what its readout has by electrode, and the keys of these;
+    unchanged where all designs have electrodes of the names of the scene."""
+    readout = scene.readout
+    fields = {} if readout is None else type(readout).model_fields
+    by_name = [name for name, value in readout or () if isinstance(value, Mapping)]
+    if not by_name or not any(steps_of(key)[0] == "electrodes" for axis in axes for key in axis):
+        return scene, ()
+    defaults = {f"readout.{name}": fields[name].default for name in by_name}
+    changed = scene.with_(**defaults)
+    names = [[e.name for e in of.electrode_list] for of in (scene, *_grid(changed, axes).scenes())]
+    return (scene, ()) if all(each == names[0] for each in names) else (changed, [*defaults])
 
 
 def design(
@@ -130,7 +150,8 @@ def design(
         The sensor, its probe and force. The probe's rotation counts as known.
     vary : mapping
         Keys of the scene with their values, ``{"electrodes.count": [4, 6, 8]}``; the designs are
-        all combinations.
+        all combinations. Where names of electrodes vary, what the readout has by electrode has its
+        default in all designs; the attribute ``dropped`` has the keys.
     noise, noise_pC : float
         Standard deviation of a reading: over the charge, or over its change by the touch where the
         scene's readout reads changes, and in pC besides, by default the noise of the readout.
@@ -180,8 +201,8 @@ def design(
             return model
         if callable(model):
             return model(first)
-        built = touched.centred(first), domain.reach_mm, domain.force_N, tolerance, processes
-        return build_response(*built, progress=progress)
+        wanted = domain.reach_mm, domain.force_N, tolerance, processes
+        return build_response(touched.centred(first), *wanted, progress=progress)
 
     models = [model_of(first) for first, _ in designs.models]
     steps = int(reach_mm / step_mm + 1e-9)
@@ -196,7 +217,8 @@ def design(
                 bounds[:, index, inside] = _bounds(made, x[inside], y[inside], noise, noise_pC)
                 error_bounds[index], done = made.error_bound, done + 1
                 show(done, len(designs.scenes))
-    told = {"noise": noise, "noise_pC": noise_pC, "reach_mm": reach_mm, "step_mm": step_mm}
+    told: dict[str, Any] = {"noise": noise, "noise_pC": noise_pC, "reach_mm": reach_mm}
+    told |= {"step_mm": step_mm, "dropped": " ".join(designs.dropped) or None}
     return _dataset(designs, x[0], bounds, error_bounds, told)
 
 

@@ -74,9 +74,9 @@ def _spectrum(
     uncancelled: float = 0.25,
 ) -> Spectrum | Status:
     """The modes of the first pencil. The second pencil, of elements of the next order, changes a
-    frequency through the film's stress and through the mode's shape. The error is the change of
-    both, and at least the part `uncancelled` of the sum of their sizes: the first can have either
-    sign, so that they may cancel by chance."""
+    frequency through the film's stress and through the mode's shape. The error is the sum of both
+    changes, and at least the part `uncancelled` of the sum of their magnitudes: the first change
+    can have either sign, and they may cancel by chance."""
     symmetric = coarse.conservative or not q.any()
     modes, reference = (_eigen(*pencil, symmetric, count, step) for pencil in pencils)
     if isinstance(modes, Status):
@@ -113,7 +113,7 @@ def _eigen(
 ) -> tuple[Array, Array] | Status:
     """Lowest frequencies in Hz (n,) and eigenvectors (unknowns, n), or why there are none. An
     eigenvalue of an unsymmetric tangent is complex above this relative imaginary part; rounding
-    splits a pair of modes by the square root of the machine's precision."""
+    splits a pair of modes by the root of the machine's precision."""
     try:
         factors = factorise(stiffness)
     except RuntimeError:  # SuperLU: exactly singular

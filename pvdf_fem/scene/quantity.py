@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
@@ -17,6 +18,19 @@ from pydantic_core.core_schema import (
 )
 
 from pvdf_fem.scene.scene_file import choose
+
+#: Units by the endings of keys, as keys and figures tell them.
+UNITS = {"um": "µm", "deg": "degrees", "MOhm": "MΩ", "per_K": "1/K", "pC_N": "pC/N", "N_m": "N/m"}
+UNITS |= {"kg_m3": "kg/m³", "m2_s": "m²/s", "m_s2": "m/s²", "uC_m2K": "µC/(m² K)"}
+UNITS |= {unit: unit for unit in ("mm", "GPa", "Pa", "pF", "pC", "K", "N", "V", "s", "Hz")}
+_ENDING = re.compile(rf"_({'|'.join(sorted(UNITS, key=len, reverse=True))})$")
+
+
+def in_words(key: str) -> tuple[str, str]:
+    """What a key stands for and its unit: ``film.thickness_um`` is film thickness in µm."""
+    ending = _ENDING.search(key)
+    words = re.sub("[._]", " ", key[: ending.start()] if ending else key)
+    return words, UNITS[ending[1]] if ending else ""
 
 
 def refusal(reason: str) -> PydanticCustomError:
@@ -59,6 +73,11 @@ class Key:
     mistaken: Mapping[str, float] = field(default_factory=dict)
     words: Iterable[str] = ()  #: All that a text may be, where it is a name in a registry.
     example: Any = None  #: A value for the example scene, where the default is none.
+
+    def title(self, name: str) -> str:
+        """The name of a key in words, with its unit: ``thickness (µm)`` of ``thickness_um``."""
+        words, unit = in_words(name)
+        return f"{words} ({unit})" if unit else words
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
         schema = self._checked(handler(source))

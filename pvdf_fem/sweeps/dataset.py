@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,15 +14,13 @@ import xarray
 from pvdf_fem import __version__
 from pvdf_fem.files import replacing
 from pvdf_fem.readout.channel import readings_V
+from pvdf_fem.scene.quantity import in_words
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan
 from pvdf_fem.sweeps.store import Record
 
-# Units by the ending of a key; None where the ending itself is the unit.
-_UNITS = dict.fromkeys(("MOhm", "pF", "mm", "um", "GPa", "pC", "K", "N", "V"))
-_UNITS |= {"pC_N": "pC/N", "kg_m3": "kg/m3", "per_K": "1/K", "N_m": "N/m", "deg": "degree"}
-
-
+#: Signs of units that files have in ASCII.
+_IN_ASCII = str.maketrans({"µ": "u", "Ω": "Ohm", "²": "2", "³": "3"})
 _BESIDE = "charge_error_pC status"  # what CF has beside charges
 
 
@@ -127,10 +124,8 @@ def _labels(values: tuple[Any, ...]) -> list[Any]:
 
 def about(key: str) -> dict[str, str]:
     """The attributes of what a key stands for: ``film.thickness_um`` is film thickness in um."""
-    ends = "|".join(sorted(_UNITS, key=len, reverse=True))
-    match = re.search(rf"_({ends})$", key)
-    unit = (_UNITS[match[1]] or match[1]) if match else ""
-    return named(re.sub("[._]", " ", key[: match.start()] if match else key), unit)
+    words, unit = in_words(key)
+    return named(words, unit.translate(_IN_ASCII))
 
 
 def named(long_name: str, unit: str) -> dict[str, str]:

@@ -4,32 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from skfem import MeshTri2
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.charges.observables import OBSERVABLES
-from tests.helpers.discs import RECTANGLE, TRIANGLE, graded_mesh
-
-
-def quarter_turn(mesh):
-    """The mesh turned by 90 degrees: patch A is where B was."""
-    places = {"A": "B", "B": "C", "C": "D", "D": "A"}
-    names = {f"electrode {a}": f"electrode {b}" for a, b in places.items()}
-    turned = MeshTri2(np.array([-mesh.doflocs[1], mesh.doflocs[0]]), mesh.t)
-    return turned.with_subdomains(
-        {names.get(name, name): patch for name, patch in mesh.subdomains.items()}
-    ).with_boundaries(mesh.boundaries)
-
-
-@pytest.mark.parametrize("observable", OBSERVABLES)
-def test_quarter_turn_swaps_the_coefficients(observable):
-    """The same mesh turned, so that nothing but rounding is left."""
-    scene = TRIANGLE.with_(**{"numerics.observable": observable})
-    turned = scene.with_(**{"probe.x_mm": -0.8757, "probe.y_mm": 5.0714, "probe.rotation_deg": 90})
-    mesh = graded_mesh(scene, 1.5, 8.0)
-    before, after = solve(scene, mesh=mesh), solve(turned, mesh=quarter_turn(mesh))
-    for name, other in zip("ABCD", "BCDA", strict=True):
-        assert after.charges(18, 2)[other] == pytest.approx(before.charges(2, 18)[name], rel=1e-9)
+from tests.helpers.discs import RECTANGLE, graded_mesh
 
 
 @pytest.mark.parametrize("observable", OBSERVABLES)

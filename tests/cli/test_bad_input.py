@@ -343,26 +343,6 @@ def test_what_is_no_text_file_is_refused_at_once(tmp_path: Path, name: str) -> N
     assert printable(name) in printable(line)
 
 
-@pytest.mark.parametrize("ending", ["utf-16", "utf-16-le", "CR"])
-def test_a_text_in_utf_16_or_with_carriage_returns_alone_is_named(tmp_path, ending, command):
-    """As scene, sweep and table: by what to save it as, not by what it is no ... of."""
-    scene, path = tmp_path / "scene.toml", tmp_path / "file"
-    scene.write_text("[probe]\n[readout]\nfeedback_capacitance_pF = 500\n")
-    table = "x_mm,y_mm,rotation_deg,force_N,A,B,C,D\n1,1,0,1,905,731,600,640\n"
-    for text, words in (
-        ("[probe]\nx_mm = 3\n", ["solve", path]),
-        ("scene = {}\n[[axes]]\nload.force_N = [1]\n", ["sweep", path]),
-        ("A,B,C,D\n905,731,600,640\n", ["locate", scene, "--csv", path]),
-        ("t_s,A,B,C,D\n0,905,731,600,640\n", ["track", scene, path]),
-        (table, ["calibrate", scene, path]),
-    ):
-        codec = "utf-8" if ending == "CR" else ending
-        path.write_bytes((text.replace("\n", "\r") if ending == "CR" else text).encode(codec))
-        run = command(*words)
-        assert run.mistakes == [str(path)]
-        assert ending.upper()[:6] in run.err
-
-
 # ------------------------------------------------------------------------------------- processes
 
 

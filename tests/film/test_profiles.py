@@ -75,21 +75,6 @@ def test_a_table_is_the_function_that_it_holds(table):
     assert by_function.force_balance < 1e-6
 
 
-def test_a_function_turns_with_its_probe():
-    def one_sided(x_mm, y_mm):
-        return np.where(x_mm > 0.0, x_mm, 0.0)
-
-    scene = Scene().with_(probe={"shape": "circle", "radius_mm": 4.0})
-    along_x, along_y = (
-        list(
-            solve(scene.with_(**{"probe.rotation_deg": a}), pressure=one_sided).charges_pC.values()
-        )
-        for a in (0.0, 90.0)
-    )
-    assert along_y == pytest.approx(np.roll(along_x, 1), rel=2e-3)
-    assert along_x[0] > 1.01 * along_x[2]
-
-
 @pytest.mark.parametrize(
     "text",
     [
