@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +15,7 @@ from pvdf_fem.calibration.diagnosis import CalibrationStatus
 from pvdf_fem.calibration.fit import Fit
 from pvdf_fem.derivatives.parameters import numbers_of
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.summary import Grid, Told, rounded
+from pvdf_fem.told import Grid, Parts, Told, rounded
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -115,8 +116,9 @@ class Calibration(Told):
             "unit": fit.model.unit,
         }
 
-    def write_page(self, path: Path) -> None:
-        """Write one self-contained HTML page with pictures of readings, residuals and places."""
+    def write_page(self, path: Path, about: Mapping[str, str] | None = None) -> None:
+        """Write one self-contained HTML page: the verdict, what the page is about by name, such as
+        the file and the date, and pictures of readings, residuals and places."""
         from pvdf_fem.output.calibration_page import CalibrationData, write_page
 
         model = self.fit.model
@@ -124,10 +126,12 @@ class Calibration(Told):
         bad = np.isin(touches.rows, list(self.outliers))
         read = touches.readings, self.fit.prediction.readings
         places = touches.touches[:, :2], self.places_mm
-        data = CalibrationData(names, model.unit, touches.rows, bad, *read, *places)
-        write_page(data, self._repr_html_(), path)
+        sensor = model.unknowns.scene_at(self.fit.values, model.reading)
+        file = names, model.unit, touches.rows, bad
+        data = CalibrationData(sensor, *file, *read, *places)
+        write_page(data, self.status, self._repr_html_(), about or {}, path)
 
-    def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
+    def parts(self) -> Parts:
         """Status, reason, the table of parameters, and what is said below it."""
         fit, rows, notes = self.fit, [], []
         if self.status is CalibrationStatus.CALIBRATED:

@@ -26,6 +26,7 @@ from pvdf_fem.derivatives.parameters import (
     stretched,
 )
 from pvdf_fem.derivatives.rates import changed, rate_of
+from pvdf_fem.film.loads.posed import Pressure
 from pvdf_fem.scene.change import number_at, spelled
 from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.readout import deviation
@@ -34,10 +35,10 @@ from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solution.next_order import factorised
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
-from pvdf_fem.solution.summary import Grid, Told, rounded
+from pvdf_fem.told import Grid, Parts, Told, charges_told, rounded
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Uncertainty(Told):
     """Standard deviations of charges, and what each uncertain number has part in them."""
 
@@ -84,12 +85,13 @@ class Uncertainty(Told):
             shares = (f"{100.0 * of[name]:.0f} %" for of in self.shares().values())
             cells = *rounded(total, totals[name]), *rounded(values[name], changes[name])
             rows.append((name, *cells, *shares))
-        columns = "pC", "± pC", "change by touch, pC", "± pC", *self.deviations
+        columns = "total, pC", "± pC", "change by touch, pC", "± pC", *self.deviations
         return Grid(("charges, uncertain values", *columns), tuple(rows))
 
-    def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
-        told = [f"{key}: ± {value:.4g}" for key, value in self.deviations.items()]
-        return "uncertain", ["standard deviations by uncertain values", *told], [self.table], []
+    def parts(self) -> Parts:
+        told = [f"uncertain: {key} ± {value:.4g}" for key, value in self.deviations.items()]
+        found = f"standard deviations of total charges, {charges_told(self.charges_pC)}"
+        return "uncertain", [found], [self.table], told
 
 
 def uncertainty(
@@ -119,10 +121,8 @@ def uncertainty(
     >>> found = uncertainty(Scene.example("triangle"), {"film.thickness_um": "5 %"})
     >>> found.charges_pC["A"]
     """
-    scene = scene_of(solution)
-    if uncertain is not None:
-        scene = scene.with_(uncertain=dict(uncertain))
-    at, sizes = _judged(scene)
+    scene = with_uncertain(solution, uncertain)
+    at, sizes = _judged(scene, solution.pressure if isinstance(solution, Solution) else None)
     if not isinstance(solution, Solution):
         solution = solve(scene)
     solved, q, factors = factorised(solution.fields)
@@ -139,24 +139,34 @@ def uncertainty(
     return Uncertainty(solution, deviations, total, change)
 
 
-def require_known(scene: Scene) -> None:
-    """SceneError for uncertain keys that charges have no derivative by."""
+def with_uncertain(
+    given: Solution | SceneLike, uncertain: Mapping[str, float | str] | None
+) -> Scene:
+    """A scene with these uncertain numbers, or with its own for None."""
+    scene = scene_of(given)
+    if uncertain is None:
+        return scene
+    return scene.with_(uncertain=None).with_(uncertain=uncertain)
+
+
+def require_known(scene: Scene, pressure: Pressure | None = None) -> None:
+    """SceneError for uncertain keys that charges have no derivative by, under a pressure too."""
     if scene.uncertain:
-        _judged(scene)
+        _judged(scene, pressure)
 
 
-def _judged(scene: Scene) -> tuple[Scene, dict[str, dict[str, float]]]:
+def _judged(scene: Scene, pressure: Pressure | None) -> tuple[Scene, dict[str, dict[str, float]]]:
     """The scene by whose keys charges are differentiated, and by uncertain key the deviations of
     these; both numbers of a pair deviate together."""
     given = {spelled(key): value for key, value in (scene.uncertain or {}).items()}
     if not given:
         raise SceneError(["uncertain = (nothing): give keys with their standard deviations"])
     at = _stretched(scene) if PRETENSION in given else scene
-    known, sizes, problems = parameters_of(at), dict[str, dict[str, float]](), []
+    known, sizes, problems = parameters_of(at, pressure), dict[str, dict[str, float]](), []
     for key, value in given.items():
         keys = numbers_of(key, known)
         if not keys:
-            reason = f"{refusal(at, key)}; give some of {', '.join(known)}"
+            reason = f"{refusal(at, key, pressure)}; give some of {', '.join(known)}"
             problems.append(problem(f"uncertain.{key}", value, reason))
         sizes[key] = {one: deviation(value, number_at(at, one)) for one in keys}
     if problems:

@@ -23,13 +23,15 @@ from pvdf_fem.film.electric.coupling import floating
 from pvdf_fem.film.loads.posed import Pressure
 from pvdf_fem.film.loads.pressure import Leaning
 from pvdf_fem.film.loads.touchdown import Touchdown
-from pvdf_fem.readout.channel import channels
-from pvdf_fem.scene.scene import Scene
+from pvdf_fem.readout.channel import channels, readings_V
+from pvdf_fem.scene.given import Named, taken
+from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.solution.fields import Fields, largest
 from pvdf_fem.solution.history import MeshRecord, Stop
-from pvdf_fem.solution.summary import solution_html, solution_text
+from pvdf_fem.solution.summary import solution_parts
 from pvdf_fem.solvers.newton import Iteration
 from pvdf_fem.solvers.status import NotConvergedError, Status
+from pvdf_fem.told import Parts, Told, charges_told
 
 if TYPE_CHECKING:
     import xarray
@@ -43,8 +45,8 @@ KINDS = "charge", "rest_charge", "charge_change"
 CHARGES = tuple(f"{kind}{end}" for kind in KINDS for end in ("s_pC", "_errors_pC"))
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(Told):
     """How a solve ended and, if it converged, its fields and charges."""
 
     scene: Scene
@@ -60,10 +62,12 @@ class Solution:
     warnings: tuple[str, ...] = ()
     #: ``mesh``, ``solve``, ``estimate``, ``refine`` and ``total``.
     seconds: dict[str, float] = field(default_factory=dict)
-    #: What was given to `solve` in place of the scene's ``load.profile``.
+    #: Pressure given to `solve` in place of the scene's ``load.profile``.
     pressure: Pressure | None = None
     _fields: Fields | None = None
     at_rest: Forces | None = None  #: Forces of the electrodes on the untouched film, if known.
+    #: Deviations by the scene's uncertain numbers, from `pvdf_fem.uncertainty`.
+    uncertainty: Told | None = None
 
     @property
     def fields(self) -> Fields:
@@ -89,8 +93,8 @@ class Solution:
 
     @property
     def charges_pC(self) -> dict[str, float]:
-        """Total charge of each electrode: what the pretension put there, the touch, and, where the
-        film has values for them, the probe's pressure and heat."""
+        """Total charge by electrode: by the pretension, by the touch and, where the film has values
+        for them, by the probe's pressure and heat."""
         film, fields = self.scene.film, self.fields
         charges = fields.forces.charges(self._coefficients)
         if film.pyroelectric_uC_m2K is not None:
@@ -101,9 +105,9 @@ class Solution:
 
     @property
     def charge_errors_pC(self) -> dict[str, float]:
-        """Estimated error of each charge, absolute: by the mesh or by wrinkles, the larger one.
+        """Estimated charge errors, absolute: by the mesh or by wrinkles, whichever is larger.
 
-        Wrinkles are those that a real film would have where this one is in compression.
+        Wrinkles would occur in a real film where the computed film is in compression.
         """
         return self.charge_errors(*self._coefficients)
 
@@ -120,13 +124,13 @@ class Solution:
 
     @property
     def charge_changes_pC(self) -> dict[str, float]:
-        """Charge that the touch adds to each electrode: what a zeroed charge amplifier sees."""
+        """Charge added by the touch, by electrode: a zeroed charge amplifier sees this change."""
         rest = self.rest_charges_pC
         return {name: charge - rest[name] for name, charge in self.charges_pC.items()}
 
     @property
     def charge_change_errors_pC(self) -> dict[str, float]:
-        """Estimated error of each change: the errors of both charges, added up."""
+        """Estimated errors of the changes: the errors of both charges, added up."""
         rest = self.rest_charge_errors_pC
         return {name: error + rest[name] for name, error in self.charge_errors_pC.items()}
 
@@ -140,29 +144,27 @@ class Solution:
 
     @property
     def readings_V(self) -> dict[str, float]:
-        """Reading in V of each channel of ``[readout]`` just after a sudden touch.
+        """Readings in V by channel in ``[readout]``, just after a sudden touch.
 
         The reading decays with the channel's time constant; see `pvdf_fem.readout.channel.Channel`.
         """
-        readout = self.scene.readout
-        total = readout is not None and readout.reading == "total"
-        charges = self.charges_pC if total else self.charge_changes_pC
-        return {
-            channel.name: float(channel.reading(charges[channel.name] / 1e12))
-            for channel in channels(self.scene)
-        }
+        if self.scene.readout is None:
+            raise SceneError(["readout = (nothing): is required by readings; add [readout]"])
+        both = ([*charges.values()] for charges in (self.charges_pC, self.charge_changes_pC))
+        return self._by_electrode(readings_V(self.scene, *both))
 
     @property
-    def voltages_V(self) -> dict[str, float]:
-        """What each electrode's voltage comes to by a touch, at once, with the charge's sign: zero
-        under a charge amplifier, else the charge over the capacitance of electrode and cable."""
+    def electrode_voltages_V(self) -> dict[str, float]:
+        """Voltage by electrode after a sudden touch, before the amplifier (no reading): zero under
+        a charge amplifier, else the charge over the capacitance of electrode and cable, with the
+        charge's sign."""
         capacitances = {channel.name: channel.capacitance for channel in channels(self.scene)}
         wired = {electrode.name for electrode in floating(self.scene)}
         changes = self.charge_changes_pC.items()
         return {n: 1e-12 * q / capacitances[n] if n in wired else 0.0 for n, q in changes}
 
     def charges(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
-        """Charges in pC that the stress makes by other piezoelectric coefficients, without those of
+        """Charges in pC by the stress with different piezoelectric coefficients, without charges by
         heat and d33."""
         return self._by_electrode(self.fields.forces.charges((d31_pC_N, d32_pC_N)))
 
@@ -172,7 +174,7 @@ class Solution:
 
     def _by_electrode(self, values: Array) -> dict[str, float]:
         names = [electrode.name for electrode in self.scene.electrode_list]
-        return dict(zip(names, values.tolist(), strict=True))
+        return Named(zip(names, values.tolist(), strict=True))
 
     @property
     def deflection_max_mm(self) -> float:
@@ -191,7 +193,7 @@ class Solution:
     def at(
         self, x_mm: ArrayLike, y_mm: ArrayLike, outside: Literal["refuse", "nan"] = "refuse"
     ) -> PointValues:
-        """Values at points of the film: coordinates are numbers, or arrays of any shape.
+        """Values at points on the film: coordinates are numbers or arrays.
 
         Raises ValueError, which names the first one, for points that are not on the film, unless
         values `outside` shall be ``"nan"``.
@@ -224,7 +226,7 @@ class Solution:
         return dataset_of(values, self.scene.to_toml())
 
     def along(self, line_mm: ArrayLike, points: int = 200) -> PointValues:
-        """Values at this number of equally spaced points of a line, with both ends.
+        """Values at this number of equally spaced points on a line, including both ends.
 
         The line goes through two or more corners ``((x0, y0), (x1, y1), ...)``.
         """
@@ -232,7 +234,7 @@ class Solution:
 
     @property
     def contacts(self) -> dict[str, Touchdown]:
-        """What each tip does where it touches, by its patch: ``probe``, or ``probe 1``, ..."""
+        """Contacts by the tip's patch: ``probe``, or ``probe 1``, ..."""
         return self.fields.touchdowns
 
     @property
@@ -244,7 +246,7 @@ class Solution:
 
     @property
     def unknowns(self) -> int:
-        """Number of equations on the last mesh, which may be that of a part of the film."""
+        """Number of equations on the last mesh, perhaps on a part of the film."""
         return self._fields.solved.unknowns.count if self._fields else 0
 
     def to_json(self) -> dict[str, Any]:
@@ -261,12 +263,14 @@ class Solution:
             if punches := self.punches:
                 results["punches"] = {name: asdict(punch) for name, punch in punches.items()}
             if floating(self.scene):
-                results["voltages_V"] = _known(self.voltages_V)
+                results["electrode_voltages_V"] = _known(self.electrode_voltages_V)
             if self.scene.readout is not None:
                 results["readings_V"] = _known(self.readings_V)
                 results["time_constants_s"] = {
                     channel.name: finite(channel.time_constant) for channel in channels(self.scene)
                 }
+            if self.uncertainty is not None:
+                results["uncertainty"] = self.uncertainty.to_json()
         return {
             "status": str(self.status),
             **results,
@@ -281,14 +285,12 @@ class Solution:
             "history": [record.to_json() for record in self.history],
         }
 
-    def __repr__(self) -> str:
-        return f"<Solution: {self.status}, {self.unknowns} unknowns, {len(self.history)} meshes>"
+    def _brief(self) -> str:
+        found = charges_told(self.charges_pC) if self.status is Status.CONVERGED else self.reason
+        return f"{self.status}, {self.unknowns} unknowns, {len(self.history)} meshes: {found}"
 
-    def __str__(self) -> str:
-        return solution_text(self.to_json())
-
-    def _repr_html_(self) -> str:
-        return solution_html(self.to_json())
+    def parts(self) -> Parts:
+        return solution_parts(self.to_json(), self.uncertainty)
 
     # What draws and writes is slow to import.
     def plot(
@@ -299,7 +301,7 @@ class Solution:
         `quantity` is ``deflection``, ``stress`` (S11 + S22), ``charge density``, ``principal
         directions``, ``mesh``, ``error`` (elements' shares in errors of charges) or ``contact``
         (pressure of tips); ValueError for another, or none in this scene. `reach_mm` is half the
-        width of what is shown, by default all of the film. Fields of both signs are white at zero.
+        width of the map, by default the whole film. Fields of both signs are white at zero.
         """
         from pvdf_fem.output.film_map import film_map
 
@@ -313,7 +315,7 @@ class Solution:
     ) -> Plotter:
         """The deflected film in 3-D, coloured by a field of `plot`; ``pip install pvdf-fem[view]``.
 
-        `scale` multiplies the displacements, by default so that the film is a quarter of its radius
+        `scale` multiplies the displacements; by default the film is then a quarter of its radius
         deep. `html` is where a page is written that any browser shows without a server. ``show()``
         of what is returned opens a window, or shows the film in a notebook. `ImportError` says what
         to install where nothing can be rendered.
@@ -333,10 +335,10 @@ class Solution:
         """Write displacement, stresses, patches, charges and the scene to a VTU file."""
         from pvdf_fem.output.export import write_vtu
 
-        write_vtu(self.film_data(), Path(path))
+        write_vtu(self.film_data(), taken("path", path, Path))
 
     def film_data(self) -> FilmData:
-        """Fields and charges, as `plot`, `view` and `to_vtu` take them."""
+        """Fields and charges for `plot`, `view` and `to_vtu`."""
         from pvdf_fem.solution.next_order import error_shares  # it imports the solvers
 
         fields, charges = self.fields, (self.charges_pC, self.charge_errors_pC)

@@ -1,9 +1,8 @@
-"""The charges of a grid as an xarray dataset, and as a NetCDF file."""
+"""Charges over a grid as an xarray dataset, and as a NetCDF file."""
 
 from __future__ import annotations
 
 import json
-import re
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -14,34 +13,34 @@ import xarray
 
 from pvdf_fem import __version__
 from pvdf_fem.files import replacing
+from pvdf_fem.readout.channel import readings_V
+from pvdf_fem.scene.quantity import in_words
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan
 from pvdf_fem.sweeps.store import Record
 
-# Units by the ending of a key; None where the ending itself is the unit.
-_UNITS = dict.fromkeys(("MOhm", "pF", "mm", "um", "GPa", "pC", "K", "N", "V"))
-_UNITS |= {"pC_N": "pC/N", "kg_m3": "kg/m3", "per_K": "1/K", "N_m": "N/m", "deg": "degree"}
-
-
+#: Unit signs for ASCII in files.
+_IN_ASCII = str.maketrans({"µ": "u", "Ω": "Ohm", "²": "2", "³": "3"})
 _BESIDE = "charge_error_pC status"  # what CF has beside charges
 
 
 def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) -> xarray.Dataset:
     """The charges of a grid's scenes.
 
-    `records` are those of the distinct scenes with their indices in the plan, in any order. The
+    `records` belong to the distinct scenes, with indices in the plan, in arbitrary order. The
     dataset has a dimension for each axis, and `electrode`. The variables `charge_pC` and
-    `charge_error_pC`, and `rest_charge_pC` and `rest_charge_error_pC` of the untouched film, with
-    NaN where there is no charge, have all dimensions; `status` and `deflection_max_mm` have those
-    of the axes. All have the attributes of the CF conventions, `long_name` and `units`, and
-    coordinates an attribute `key`, the key of the scene that varies.
+    `charge_error_pC` (total charges), `rest_charge_pC` and `rest_charge_error_pC` (the untouched
+    film), `charge_change_pC` and `charge_change_error_pC`, and with ``[readout]`` `reading_V` have
+    all dimensions, with NaN where there is no charge; `status` and `deflection_max_mm` have those
+    of the axes. Variables have the CF attributes `long_name` and `units`, and coordinates an
+    attribute `key`, the varied scene key.
     """
     scenes = plan.scenes
     layouts = {scene.electrodes: scene.electrode_list for scene in scenes}
     electrodes = (electrode for layout in layouts.values() for electrode in layout)
     names = list(dict.fromkeys(electrode.name for electrode in electrodes))
     count = len(scenes)
-    charge, error, rest, rest_error = np.full((4, count, len(names)), np.nan)
+    charge, error, rest, rest_error, reading = np.full((5, count, len(names)), np.nan)
     deflection, status = np.full(count, np.nan), np.full(count, "", dtype="U32")
     for index, record in records:
         status[index] = record.status
@@ -56,6 +55,9 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
             errors[index, columns] = forces.charge_errors(d)
         if record.converged:
             deflection[index] = record.deflection_max_mm
+        if scenes[index].readout is not None:
+            both = charge[index, columns], (charge[index] - rest[index])[columns]
+            reading[index, columns] = readings_V(scenes[index], *both)
     dims, first = [axis.name for axis in grid.axes], plan.first
     over = {1: dims, 2: [*dims, "electrode"]}
 
@@ -64,12 +66,16 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
 
     variables: dict[str, Any] = {
         "charge_pC": (charge, {**named("total charge", "pC"), "ancillary_variables": _BESIDE}),
-        "charge_error_pC": (error, named("estimated error of the charge", "pC")),
+        "charge_error_pC": (error, named("estimated error of the total charge", "pC")),
         "rest_charge_pC": (rest, named("charge without a touch", "pC")),
-        "rest_charge_error_pC": (rest_error, named("estimated error of that charge", "pC")),
+        "rest_charge_error_pC": (rest_error, named("estimated error without a touch", "pC")),
+        "charge_change_pC": (charge - rest, named("change of the charge by the touch", "pC")),
+        "charge_change_error_pC": (error + rest_error, named("its estimated error", "pC")),
         "deflection_max_mm": (deflection, named("largest deflection", "mm")),
         "status": (status, {"long_name": "how the solve ended"}),
     }
+    if any(scene.readout for scene in scenes):
+        variables["reading_V"] = reading, named("reading just after a sudden touch", "V")
     return xarray.Dataset(
         {
             name: (over[values.ndim], over_grid(values), about)
@@ -86,7 +92,7 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
 
 
 def coordinates(grid: Grid) -> dict[str, Any]:
-    """Coordinates along the axes of a grid, with what they stand for."""
+    """Coordinates along a grid's axes, with their meaning."""
     ends = Counter(_end(key) for axis in grid.axes for key in axis.values)
     # xarray takes a coordinate with the name of a dimension for its index
     ends.update(axis.name for axis in grid.axes)
@@ -118,10 +124,8 @@ def _labels(values: tuple[Any, ...]) -> list[Any]:
 
 def about(key: str) -> dict[str, str]:
     """The attributes of what a key stands for: ``film.thickness_um`` is film thickness in um."""
-    ends = "|".join(sorted(_UNITS, key=len, reverse=True))
-    match = re.search(rf"_({ends})$", key)
-    unit = (_UNITS[match[1]] or match[1]) if match else ""
-    return named(re.sub("[._]", " ", key[: match.start()] if match else key), unit)
+    words, unit = in_words(key)
+    return named(words, unit.translate(_IN_ASCII))
 
 
 def named(long_name: str, unit: str) -> dict[str, str]:

@@ -15,6 +15,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.response.model import FORCE, QUANTITIES, Model, period_deg
+from pvdf_fem.scene.given import model_of
 from pvdf_fem.touch.locate import PLACE_AND_FORCE, staged_touch
 from pvdf_fem.touch.measurement import centre_mm, known_mistakes
 from pvdf_fem.tracking.baseline import Baseline, Watch
@@ -54,7 +55,7 @@ class Tracker:
         unit: str = "V",
         options: TrackOptions = DEFAULTS,
     ) -> None:
-        scene, known = response.scene, staged_touch(response.scene)
+        scene, known = model_of(response).scene, staged_touch(response.scene)
         origin = (*centre_mm(scene), 0.0, 0.0)
         mistakes = [*known_mistakes(response.domain, unknown, {}, known, origin)]
         if "force_N" not in unknown:
