@@ -1,4 +1,4 @@
-"""A solved film as maps, views in 3-D and files show it."""
+"""A solved film for maps, views in 3-D and files."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class FilmData:
     charge_errors_pC: dict[str, float]
     contacts: dict[str, Touchdown]  #: What tips do, by patch.
     included: Sequence[str]  #: What the model has beyond the membrane.
-    #: Shares of the elements in the errors of charges in C, (elements, electrodes).
+    #: Element shares in charge errors in C, (elements, electrodes).
     error_shares: Callable[[], Array]
 
     @property
@@ -41,5 +41,5 @@ class FilmData:
         return self.equilibrium.space.mesh
 
     def in_elements(self, local: Array) -> PointValues:
-        """Values at local points (2, points) of all elements, (elements, points)."""
+        """Values at local points (2, points) in the elements, (elements, points)."""
         return values_in_elements(self.equilibrium, self.state, local)

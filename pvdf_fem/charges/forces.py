@@ -23,7 +23,7 @@ from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 
-#: The tolerance of a charge is relative to the charge, but at least to this share of its parts
+#: The tolerance of a charge is relative to the charge, or to this share of its parts if larger
 #: |d31 X| + |d32 Y|, where they cancel.
 CANCELLED = 0.05
 
@@ -37,7 +37,7 @@ class Forces:
 
     @classmethod
     def unknown(cls, goals: int) -> Forces:
-        """NaN as forces and errors of `goals` electrodes."""
+        """NaN for forces and errors at `goals` electrodes."""
         return cls(np.full((goals, 2), np.nan), np.full((goals, 2), np.nan))
 
     def of(self, rows: Selection | Sequence[int]) -> Forces:
@@ -49,9 +49,9 @@ class Forces:
         return _charges(self.values, d)
 
     def charge_errors(self, d: ArrayLike, chance: float = 0.5) -> Array:
-        """Estimated absolute errors of `charges`, (goals,). All charges are of one displacement and
-        share its error, and an estimate may vanish by chance. So a relative error is at least the
-        part `chance` of the mean relative error."""
+        """Estimated absolute errors of `charges`, (goals,). The charges share a displacement and
+        its error, and an estimate may vanish by chance. So a relative error is at least the part
+        `chance` of the mean relative error."""
         errors, parts = np.abs(_charges(self.errors, d)), _charges(np.abs(self.values), np.abs(d))
         total = parts.sum()
         mean = errors.sum() / total if total > 0.0 else 0.0
@@ -61,7 +61,7 @@ class Forces:
 def goal_forces(
     goals: Sequence[Goal], membrane: Membrane, x: Array, part: MirroredPart = WHOLE
 ) -> Array:
-    """The forces X, Y of each electrode in N, (goals, 2), of a displacement `x` in m."""
+    """The forces X, Y for every electrode in N, (goals, 2), by a displacement `x` in m."""
     forces = np.zeros((len(goals), 2))
     for observable, sampling, directions in _samplings(goals, membrane.space, part):
         film = _sampled(membrane, sampling, part)
@@ -86,7 +86,7 @@ def area_integrals(
     degree: int = 19,
 ) -> Array:
     """Integrals over electrodes, (goals, n), of a field (..., n) at places (..., 2) in the scene's
-    axes; exact for polynomials of the degree in each element."""
+    axes; exact for polynomials of this degree in every element."""
     images, owners = images_of(goals, part)
     rule = area_quadrature(mesh, [image.placed for image in images], degree)
     places = np.moveaxis(mesh.mapping().F(rule.points, rule.elements), 0, -1) @ part.frame
@@ -99,7 +99,7 @@ def area_integrals(
 def goal_gradients(
     goals: Sequence[Goal], membrane: Membrane, x: Array, part: MirroredPart = WHOLE
 ) -> Array:
-    """Derivative of each electrode's charge by the dofs in C/m, (dofs, goals). The parameters are
+    """Derivatives of the electrode charges by the dofs in C/m, (dofs, goals). The parameters are
     those of `goal_forces`."""
     space, d = membrane.space, np.reshape([goal.sensitivity for goal in goals], (-1, 2))
     result = np.zeros((space.dof_count, len(goals)))
@@ -133,7 +133,7 @@ def larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:
 
 
 def force_errors(errors: Array, forces: Array, goals: Sequence[Goal]) -> Array:
-    """Errors of forces (goals, 2) that add up to those of the charges, in C, (goals,)."""
+    """Errors of forces (goals, 2) that add up to the charge errors in C, (goals,)."""
     d = coefficients_of(goals)
     parts = np.abs(d * forces)
     total = parts.sum(axis=1, keepdims=True)
@@ -144,11 +144,11 @@ def force_errors(errors: Array, forces: Array, goals: Sequence[Goal]) -> Array:
 def charge_sizes(
     goals: Sequence[Goal], state: State, forces: Array, space: Space, negligible: float = 1e-6
 ) -> Array:
-    """Size in C that the error of each charge is relative to, (goals,), from the `forces` X, Y in
-    N. This is the charge itself, but at least the part `CANCELLED` of |d31 X| + |d32 Y|. An
-    electrode on slack film, or under a probe that holds it, has next to no charge, and the error of
-    that has no relative meaning. So a size is at least the part `negligible` of that which the
-    film's mean stress would make."""
+    """Reference sizes in C for relative charge errors, (goals,), from the `forces` X, Y in N. This
+    is the charge itself, but at least the part `CANCELLED` of |d31 X| + |d32 Y|. An electrode on
+    slack film, or held under a probe, has next to no charge, and a relative error has no meaning
+    there. A size is therefore at least the part `negligible` of the charge by the film's mean
+    stress."""
     stress = np.abs(state.stress[..., :2]) * space.weights[..., None]
     mean = stress.sum(axis=(0, 1)) / space.weights.sum()
     charges, d = charges_of(goals, forces), np.abs(coefficients_of(goals))
@@ -160,7 +160,8 @@ def charge_sizes(
 
 
 def area_defects(goals: Sequence[Goal], space: Space, part: MirroredPart = WHOLE) -> Array:
-    """Area that the curved elements of each electrode lack or exceed, over its area, (goals,)."""
+    """Missing or excess area of the electrodes' curved elements over the electrode areas,
+    (goals,)."""
     areas = areas_of(goals)
     meshed = areas.copy()
     for i, goal in enumerate(goals):
@@ -171,7 +172,7 @@ def area_defects(goals: Sequence[Goal], space: Space, part: MirroredPart = WHOLE
 
 
 def _charges(forces: Array, d: ArrayLike) -> Array:
-    """d31 X + d32 Y of forces (goals, 2), with `d` (2,) of all goals or (goals, 2) of each."""
+    """d31 X + d32 Y for forces (goals, 2), with `d` (2,) for every goal or (goals, 2)."""
     return np.asarray((forces * np.asarray(d)).sum(axis=1))
 
 
@@ -185,7 +186,7 @@ def _sampled(membrane: Membrane, sampling: Sampling, part: MirroredPart) -> Lami
 def _samplings(
     goals: Sequence[Goal], space: Space, part: MirroredPart
 ) -> Iterator[tuple[Observable, Sampling, Array]]:
-    """Observables, the points at which they sample the stress, and `directions` of their goals."""
+    """Observables, their sampling points for the stress, and `directions` of their goals."""
     images, owners = images_of(goals, part)
     for name, observable in OBSERVABLES.items():
         indices = np.array([i for i, image in enumerate(images) if image.observable == name], int)

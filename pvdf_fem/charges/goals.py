@@ -2,7 +2,7 @@
 
 They need not be the electrodes that the mesh follows: a goal may lie anywhere on the mesh, and it
 may belong to a film that was turned or mirrored together with its probe and electrodes. On a part
-of a symmetric film a goal has what all of its mirror images have there.
+of a symmetric film a goal sums over its mirror images there.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Goal:
     d: tuple[float, float]  #: d31, d32 in C/N, (float, float).
     #: The mesh's subdomain of the electrode; None if the mesh does not follow the electrode.
     patch: str | None = None
-    #: Orthogonal matrix from the axes of the electrode's scene to those of the mesh, (2, 2).
+    #: Orthogonal matrix from the axes in the electrode's scene to the mesh axes, (2, 2).
     frame: Array = field(default_factory=lambda: np.eye(2))
 
     #: What its own voltage adds to its forces, where voltages act on the film.
@@ -45,7 +45,7 @@ class Goal:
         return d if self.floating is None else d + d @ self.floating.share
 
     def place(self, points: Array) -> Array:
-        """Points (..., 2) of the electrode's scene in the axes of the mesh."""
+        """Points (..., 2) in the electrode's scene, in the axes of the mesh."""
         return points @ self.frame.T
 
     @cached_property
@@ -67,15 +67,15 @@ class Goal:
 
     @property
     def corners(self) -> Array:
-        """Corners (4, 2) in m of an electrode that has edges."""
+        """Corners (4, 2) in m for an electrode with edges."""
         return self.outline.corners
 
     def elements(self, mesh: MeshTri2) -> Indices:
-        """Elements of a mesh that follows the electrode."""
+        """Elements in a mesh that follows the electrode."""
         return mesh.subdomains[self.patch]
 
     def images(self, part: MirroredPart) -> list[Goal]:
-        """Electrodes whose forces on a part of the film add up to this one's."""
+        """Electrodes whose forces on a part of the film add up to the goal's forces."""
         if not part.mirrored:
             return [self]
         images = []
@@ -88,7 +88,7 @@ class Goal:
 
 
 def goals_of(scene: Scene) -> tuple[Goal, ...]:
-    """The electrodes of a scene, on a mesh that follows them."""
+    """The electrodes in a scene, on a mesh that follows their outlines."""
     d, observable = (scene.film.d31, scene.film.d32), scene.numerics.observable
     floating = {electrode.name: electrode for electrode in film_model(scene).floating}
     return tuple(
@@ -98,7 +98,7 @@ def goals_of(scene: Scene) -> tuple[Goal, ...]:
 
 
 def images_of(goals: Sequence[Goal], part: MirroredPart) -> tuple[list[Goal], Indices]:
-    """The images of all goals on a part of the film, and the index of each image's goal."""
+    """Images of the goals on a part of the film, and the goal index for every image."""
     images = [image for goal in goals for image in goal.images(part)]
     return images, np.repeat(np.arange(len(goals)), len(part.signs))
 
@@ -109,5 +109,5 @@ def areas_of(goals: Sequence[Goal]) -> Array:
 
 
 def coefficients_of(goals: Sequence[Goal]) -> Array:
-    """d31, d32 of each goal in C/N, (goals, 2)."""
+    """d31, d32 by goal in C/N, (goals, 2)."""
     return np.reshape([goal.d for goal in goals], (-1, 2))

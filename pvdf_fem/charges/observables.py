@@ -1,8 +1,8 @@
 """Observables: how the charge of an electrode follows from the film's stress.
 
-A charge is d31 X + d32 Y with two forces X, Y of each electrode, so that one solution serves every
-pair of piezoelectric coefficients. An observable says what stress the forces are made of and where
-an electrode samples it. A further one is a class and its line in `pvdf_fem.scene.registry`.
+A charge is d31 X + d32 Y with two forces X, Y by electrode: a single solution serves every pair of
+piezoelectric coefficients. An observable chooses the stress for the forces and the places where an
+electrode samples the stress. A further one is a class and its line in `pvdf_fem.scene.registry`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class ElementShares(NamedTuple):
 
 
 class Observable(ABC):
-    """What an electrode makes of the film's stress."""
+    """An electrode's forces from the film's stress."""
 
     name: ClassVar[str]  #: Value of the scene's key ``numerics.observable``.
     #: Whether electrodes have to be rectangles along the axes of their scene.
@@ -79,14 +79,15 @@ class Material(Observable):
 
 
 class ThesisEdge(Observable):
-    """What the post-processor of Mirbagheri's thesis (sections 2.1.6, App. 3) computes. X = A mean
-    of sigma_xx over the left and the right edge, Y = A mean of sigma_yy over the upper and the
-    lower edge, with the Cauchy stress sigma = F S F^T / J in global axes and A the electrode's
+    """Observable in the post-processor of Mirbagheri's thesis (sections 2.1.6, App. 3) computes. X
+    = A mean of sigma_xx over the left and the right edge, Y = A mean of sigma_yy over the upper and
+    the lower edge, with the Cauchy stress sigma = F S F^T / J in global axes and A the electrode's
     area. The stress on an edge is the mean of its traces from both sides."""
 
     name = "thesis-edge"
     needs_edges = True
-    #: Means of a stress along edges need smaller elements than integrals over areas.
+    #: Edge means of a stress need smaller elements; integrals over areas are content with larger
+    #: elements.
     element_shares = ElementShares(electrode=1.7, probe=1.4)
 
     def stress(self, film: Laminate, gradient: Array) -> Array:

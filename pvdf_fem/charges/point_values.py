@@ -36,9 +36,9 @@ class PointValues(Columns):
     displacement_mm: Array  #: u, v, w, (..., 3).
     slopes: Array  #: dw/dx and dw/dy, (..., 2).
     strain: Array  #: Green-Lagrange strain of the displacement, E11, E22, 2 E12, (..., 3).
-    #: Second Piola-Kirchhoff stress with that of the pretension, S11, S22, S12, (..., 3).
+    #: Second Piola-Kirchhoff stress including pretension, S11, S22, S12, (..., 3).
     stress_MPa: Array
-    #: d31 S11 + d32 S22, which is also that of the film outside of electrodes, (...).
+    #: d31 S11 + d32 S22, also outside electrodes, (...).
     charge_density_pC_mm2: Array
     #: Distance along the line from its start, (...); None for points without a line.
     distance_mm: Array | None = None
@@ -75,9 +75,9 @@ def values_at(
     outside: Literal["refuse", "nan"] = "refuse",
     together: int = 20_000,
 ) -> PointValues:
-    """Values at points, whose coordinates are numbers or arrays that broadcast together; NaN
-    `outside` the film, if asked for. Few are computed `together`, so that memory beyond the results
-    stays small. Raises ValueError for coordinates that are no numbers on the film."""
+    """Values at points with coordinates (numbers or arrays) that broadcast together; NaN
+    `outside` the film, if asked for. Few points are computed `together` to keep memory small beyond
+    the results. Raises ValueError for coordinates that are no numbers on the film."""
     outside = taken("outside", outside, Literal["refuse", "nan"])
     x, y = numbers("x_mm", x_mm), numbers("y_mm", y_mm)
     try:

@@ -1,4 +1,4 @@
-"""The untouched film: the charges of its tension, and the charge of a change of its temperature."""
+"""The untouched film: charges by its tension, and the charge by a change in temperature."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ def untouched(scene: Scene) -> Scene:
 
 
 def known_at_rest(film: Scene) -> Forces | None:
-    """Forces X, Y of each electrode of an untouched film; None where a solve has to tell.
+    """Forces X, Y by electrode on an untouched film; None where a solve has to tell.
 
-    The stress of a flat film is the same everywhere, and any observable makes area times stress of
-    it. A film that moves in its plane or bears its weight is not flat. Compression is only borne,
-    if at all, by a film that bends. A film in a tension field carries none.
+    A flat film has a uniform stress, and observables give area times stress. A film that moves in
+    its plane or bears its weight is not flat. Only a bending film may bear compression. A film in a
+    tension field carries none.
     """
     goals, model, law = goals_of(film), film_model(film), film_model(film).film_law
     stress = law.stress(np.zeros((1, 3)), law.at_rest(film.film))[0]
@@ -39,8 +39,8 @@ def known_at_rest(film: Scene) -> Forces | None:
 
 
 def heat_charges(scene: Scene, solved: Equilibrium) -> Array:
-    """Pyroelectric charge in C of each electrode, (electrodes,), of the film that warms as a whole
-    and under warm probes, on the mesh of `solved`."""
+    """Pyroelectric charges in C, (electrodes,), by warming of the whole film and under warm probes,
+    on the mesh in `solved`."""
     goals, film, added = goals_of(scene), scene.film, AddedStrain.of(scene)
     kelvins = (film.warming_K or 0.0) * areas_of(goals)
     if added is not None:

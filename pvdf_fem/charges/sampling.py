@@ -1,12 +1,11 @@
 """Points at which electrodes sample the stress: over their areas, or along their edges.
 
 On a mesh that follows an electrode points over its area are the quadrature points of its elements.
-On any other mesh the electrode is cut out of the elements, as edges are on all. The stress is
-smooth inside each element, so an integral is exact when it is taken over the pieces into which the
-elements cut an outline. A piece is a polygon. The triangles that join its edges to its first
-corner, each counted with the sign of its orientation, add up to it, so that it needs no
-triangulation. Chords replace curved edges of elements, the same ones for both neighbours, so that
-no part of an outline is counted twice.
+On further meshes the electrode is cut from the elements; edges are always cut. The stress is smooth
+inside elements, and an integral is exact over the pieces into which elements cut an outline. A
+piece is a polygon. Triangles from the first corner to the edges, counted with the sign of their
+orientation, add up to a piece: no triangulation is needed. Chords replace curved element edges,
+equal for both neighbours: no part of an outline counts twice.
 """
 
 from __future__ import annotations
@@ -32,14 +31,14 @@ Geometries = NDArray[np.object_]
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """Points at which electrodes sample the stress, in rows that lie in one element each."""
+    """Sampling points of electrodes for the stress, in rows with a single element."""
 
     goals: Indices  #: Index of the electrode that a row of points belongs to, (n,).
     #: The forces that the points add to: 0 is X (component 11 or xx), 1 is Y.
     axes: tuple[int, ...]
     elements: Indices  #: (n,)
     gradients: Array  #: Gradients of the space's functions, 1/m, (n, points, functions, 2).
-    #: Factors of the stress in m^2. They add up to an electrode's area for each of its forces, (n,
+    #: Factors of the stress in m^2. They add up to an electrode's area for either force, (n,
     #: points).
     weights: Array
     #: Local coordinates of the points in their elements, (2, n, points).
@@ -74,9 +73,9 @@ def area_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
 
 
 def edge_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
-    """Points along the edges of rectangles: left and right ones for X, lower and upper ones for Y.
-    Left and lower are meant in the electrode's own scene. The stress on an edge is the mean of its
-    traces from both sides. Beyond a mirror line it is that before the line."""
+    """Points along the edges of rectangles: left and right edges for X, lower and upper edges for
+    Y. Left and lower are meant in the electrode's own scene. The stress on an edge is the mean of
+    its traces from both sides. Beyond a mirror line the stress is taken before the line."""
     lines = np.concatenate([_edge_lines(goal, axis) for goal in goals for axis in (0, 1)])
     cut = line_quadrature(space.mesh, lines)
     owners, axes = np.divmod(cut.owners // 2, 2)
@@ -98,7 +97,7 @@ def _edge_lines(goal: Goal, axis: int) -> Array:
 def area_quadrature(
     mesh: MeshTri2, outlines: Sequence[Outline], degree: int = 6
 ) -> PlacedQuadrature:
-    """Quadrature over the area of each outline, exact for polynomials of a `degree`. A stress of
+    """Quadrature over outline areas, exact for polynomials of a `degree`. A stress of
     St. Venant and Kirchhoff is one of degree 2 (order - 1) on a straight-sided element, which is 6
     for the highest order."""
     owners, elements, pieces = _pieces(mesh, [outline.polygon for outline in outlines])
@@ -121,9 +120,9 @@ def area_quadrature(
 def line_quadrature(
     mesh: MeshTri2, lines: Array, count: int = 4, aside: float = 1e-7
 ) -> PlacedQuadrature:
-    """Quadrature along straight lines (n, 2, 2) from start to end in m, half of it on each side:
-    the stress jumps at an edge of elements, and a line may run along one. There are `count` Gauss
-    points on each piece of a line in an element, `aside` times its length beside it."""
+    """Quadrature along straight lines (n, 2, 2) from start to end in m, half on either side: the
+    stress jumps at element edges, and a line may run along an edge. A piece of a line in an element
+    has `count` Gauss points, `aside` times its length beside the line."""
     along = lines[:, 1] - lines[:, 0]
     normal = np.stack([-along[:, 1], along[:, 0]], axis=-1)[:, None]
     both_sides = np.concatenate([lines + aside * normal, lines - aside * normal])
@@ -144,8 +143,8 @@ def _pieces(
     mesh: MeshTri2, shapes: Sequence[shapely.Geometry] | Geometries, negligible: float = 1e-12
 ) -> tuple[Indices, Indices, Geometries]:
     """Pieces into which elements cut polygons, or lines: index of the shape, element, and piece. An
-    element that only touches a shape has a piece of no size, or of less than the `negligible` part
-    of the shape, which is rounding."""
+    element that only touches a shape has a piece without size, or below the `negligible` part of
+    the shape by rounding."""
     polygons, cut = _element_polygons(mesh), np.asarray(shapes)
     owners, elements = shapely.STRtree(polygons).query(cut)
     pieces, pair = shapely.get_parts(
@@ -158,7 +157,7 @@ def _pieces(
 
 
 def _element_polygons(mesh: MeshTri2, chords: int = 32) -> Geometries:
-    """The elements as polygons, with this number of chords for a curved edge."""
+    """The elements as polygons with this number of chords along curved edges."""
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
     polygons = shapely.polygons(nodes[:, :3].transpose(2, 1, 0))
     curved = np.flatnonzero(curved_elements(nodes))

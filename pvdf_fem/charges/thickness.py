@@ -1,7 +1,7 @@
 """The thickness direction: what the pressure of a probe adds to charges by d33.
 
-Under a pressure p on one face the stress across the film runs from -p to zero, -p/2 in the mean. So
-an electrode gains -d33/2 times the force that presses on it, which is not fed back on the film.
+Under a pressure p on one face the stress across the film runs from -p to zero, -p/2 in the mean. An
+electrode gains -d33/2 times the pressing force, without feedback on the film.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from pvdf_fem.scene.scene import Scene
 
 
 def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
-    """Charge in C by d33 of each electrode of the whole film, (electrodes,)."""
+    """Charges in C by d33 for the electrodes on the whole film, (electrodes,)."""
     d33, mesh = equilibrium.film.d33_pC_N or 0.0, equilibrium.space.mesh
     forces, pressed = equilibrium.film_forces(state), np.zeros(mesh.nelements)
     by_term = (term.pressed(state, forces) for term in equilibrium.terms)
@@ -41,7 +41,7 @@ def thickness_remarks(
     scene: Scene, charges_pC: Charges = None, posed: Posed = NOTHING, typical_pC_N: float = -15.0
 ) -> Iterator[tuple[bool, str]]:
     """Whether the charge by d33 is included, and its size, in parts of charges that are given;
-    none where no electrode is pressed. What is left out is estimated by a typical d33 of PVDF."""
+    none where no electrode is pressed. A typical d33 of PVDF estimates a missing charge."""
     given, electrodes = scene.film.d33_pC_N, scene.electrode_list
     polygons = np.array([electrode.outline.polygon for electrode in electrodes])
     spread = (scene.film.pressure_Pa or 0.0) * shapely.area(polygons)
@@ -59,8 +59,8 @@ def thickness_remarks(
 
 
 def _about(scene: Scene, touch: PosedProbe, polygons: NDArray[np.object_]) -> Array:
-    """About the force in N of a touch that presses on each electrode: of a dead pressure by its
-    profile, of a rigid probe also what its edge bears."""
+    """Approximate force in N of a touch on every electrode: by the profile for a dead pressure,
+    with the force along the edge for a rigid probe."""
     (outline, _), force = guessed_press(scene, touch), guessed_force(touch.load, scene.film)
     probe, at_edge = outline.polygon, LOADS[touch.load.kind].edge_share
     inside, edge = (shapely.intersection(polygons, x) for x in (probe, probe.exterior))

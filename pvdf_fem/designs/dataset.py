@@ -1,7 +1,7 @@
 """Random touches with their charges and noisy readings: what estimators are trained and tested on.
 
-Touches are even over the domain of a model of the charges: by place, rotation and logarithm of the
-force. Readings are in nominal pC, as `locate` takes them.
+Touches are even over the model's domain: by place, rotation and logarithm of the force. Readings
+are in nominal pC, for `locate`.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import numpy as np
 
 from pvdf_fem import __version__
 from pvdf_fem.arrays import Array
+from pvdf_fem.designs.asked import asked_mistakes
 from pvdf_fem.files import replacing
 from pvdf_fem.progress import Progress
-from pvdf_fem.response import model as touched
-from pvdf_fem.response.build import build_response, refuse
+from pvdf_fem.response.build import build_response
 from pvdf_fem.response.held_out import random_touches
-from pvdf_fem.response.model import QUANTITIES, ROTATION
+from pvdf_fem.response.model import QUANTITIES, ROTATION, centred, period_deg, wanted_model
 from pvdf_fem.response.response import Response
 from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.touch.locate_many import CHUNK
-from pvdf_fem.touch.measurement import Measurement, charge_mistakes, electrode_columns
+from pvdf_fem.touch.measurement import Measurement
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 FORMATS = (".nc", ".csv", ".parquet")
 MOST_TOUCHES = 10_000_000  #: They take 1.3 GB with four electrodes.
-#: Variables by touch and electrode: what they are. Their unit is pC.
+#: Variables by touch and electrode, with their meaning. Their unit is pC.
 OF_ELECTRODES = {
     "charge_pC": "total charge",
     "model_error_pC": "bound on the error of the charge",
@@ -53,7 +53,7 @@ def dataset(
     processes: int | None = None,
     progress: Progress | bool | None = None,
 ) -> xarray.Dataset:
-    """Random touches of a sensor, with charges and noisy readings of its electrodes.
+    """Random touches on a sensor, with electrode charges and noisy readings.
 
     Parameters
     ----------
@@ -85,19 +85,19 @@ def dataset(
     if wrong := [*mistakes(scene, touches, seed, sigma, noise_pC, reading)]:
         raise ValueError("\n".join(wrong))
     if model is None:
-        domain, tolerance = touched.wanted_model(scene, sigma or 0.01)
+        domain, tolerance = wanted_model(scene, sigma or 0.01)
         wanted = domain.reach_mm, domain.force_N, tolerance, processes
-        model = build_response(touched.centred(scene), *wanted, progress=progress)
+        model = build_response(centred(scene), *wanted, progress=progress)
     model = model.for_scene(scene, processes, progress=progress)
     measured = Measurement.of(model, model.names, sigma, noise_pC, reading)
     at = random_touches(model.domain, touches, seed)
     parts = np.array_split(at, 1 + touches // CHUNK)
     charges = np.concatenate([model.evaluate(part)[0] for part in parts])
-    # the touches have used the stream of random numbers of the seed alone
+    # the touches use the seed's random numbers alone
     normal = np.random.default_rng([seed, 1]).standard_normal(charges.shape)
     signals = charges + measured.noise(charges) * normal
     at[:, :ROTATION], turned = (scene.stage or Stage()).to_stage(at[:, :ROTATION], at[:, ROTATION])
-    at[:, ROTATION] = turned % touched.period_deg(model)
+    at[:, ROTATION] = turned % period_deg(model)
     of_electrodes = charges, model.error_bound * np.abs(charges), measured.readings(signals)
     told = {
         "seed": seed,
@@ -117,17 +117,12 @@ def mistakes(
     noise_pC: float | None = None,
     reading: str | None = None,
 ) -> Iterator[str]:
-    """What is wrong with numbers, noise and a scene that no model is of."""
+    """Mistakes in numbers, noise and scene."""
     limits = {"touches": (touches, 1, MOST_TOUCHES), "seed": (seed, 0, 2**63 - 1)}
     for name, (value, least, most) in limits.items():
         if not (isinstance(value, int) and least <= value <= most):
             yield f"{name} = {value}: give a whole number from {least} to {most}"
-    any_charges = dict.fromkeys(electrode_columns(scene), np.pi)
-    yield from charge_mistakes(scene, any_charges, sigma, noise_pC, reading)
-    try:
-        refuse(scene, *touched.wanted_model(scene))
-    except ValueError as error:
-        yield from str(error).splitlines()
+    yield from asked_mistakes(scene, *wanted_model(scene), sigma, noise_pC, reading)
 
 
 def _dataset(
@@ -156,7 +151,7 @@ def _dataset(
 
 
 def table(data: xarray.Dataset) -> pd.DataFrame:
-    """A row for each touch: its quantities, then columns such as ``charge_pC.A``. The attributes
+    """A row per touch: its quantities, then columns like ``charge_pC.A``. The attributes
     of the dataset are `attrs` of the table."""
     import pandas as pd  # slow to import
 
@@ -170,9 +165,9 @@ def table(data: xarray.Dataset) -> pd.DataFrame:
 
 
 def write(data: xarray.Dataset, path: Path) -> None:
-    """Write a dataset to a file, whose extension is one of `FORMATS`. Parquet has the attributes as
-    metadata, which ``pandas.read_parquet(path).attrs`` reads, CSV as comments before its header,
-    each line with a ``#``. Parquet needs pyarrow."""
+    """Write a dataset to a file with an extension in `FORMATS`. Parquet has the attributes as
+    metadata for ``pandas.read_parquet(path).attrs``, CSV as ``#`` comments before its header.
+    Parquet needs pyarrow."""
     from pvdf_fem.sweeps.dataset import write_netcdf
 
     if path.suffix.lower() == ".nc":

@@ -18,20 +18,21 @@ import numpy as np
 
 from pvdf_fem import __version__
 from pvdf_fem.arrays import Array
+from pvdf_fem.designs.asked import asked_mistakes
 from pvdf_fem.progress import Progress, shown
 from pvdf_fem.response import model as touched
-from pvdf_fem.response.build import build_response, refuse
+from pvdf_fem.response.build import build_response
 from pvdf_fem.response.model import FORCE, ROTATION, Domain
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import mechanics_of
-from pvdf_fem.scene.change import spelled
+from pvdf_fem.scene.change import spelled, steps_of
 from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.touch.locate import locate
 from pvdf_fem.touch.location import Location
-from pvdf_fem.touch.measurement import Measurement, charge_mistakes, electrode_columns, number
+from pvdf_fem.touch.measurement import Measurement, number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 STEPS = 12  #: Steps of the lattice of places from the centre to the reach, by default.
 PLACE = touched.SCENE_KEYS[:ROTATION]
 OVER_PLACES = ("y_mm", "x_mm")
-#: Variables over places: what they are, and their units.
+#: Variables over places, with meanings and units.
 MAPS = {
     "place_deviation_mm": ("deviation of the place", "mm"),
     "force_deviation": ("deviation of the force over the force", "1"),
@@ -50,12 +51,14 @@ MAPS = {
 
 @dataclass(frozen=True, eq=False)
 class Designs:
-    """The scenes of designs, and the models that they need; ``print`` shows their numbers."""
+    """Scenes of designs, and their models; ``print`` shows their numbers."""
 
     grid: Grid
     scenes: Sequence[Scene]  #: In the order of the grid.
-    #: Of each model a scene, and the indices of the designs whose films deform alike.
+    #: A scene per model, and the indices of designs with equally deforming films.
     models: Sequence[tuple[Scene, Sequence[int]]]
+    #: Readout keys with values by electrode, missing in designs with different electrodes.
+    dropped: Sequence[str] = ()
 
     @classmethod
     def of(cls, scene: Scene, vary: Mapping[str, Any]) -> Self:
@@ -70,7 +73,8 @@ class Designs:
         axes = [
             {"name": end if counts[end] == 1 else key, key: vary[key]} for key, end in ends.items()
         ]
-        grid = Grid.of(scene, axes) if axes else Grid(scene, ())
+        scene, dropped = _for_all_electrodes(scene, axes)
+        grid = _grid(scene, axes)
         scenes, alike = grid.scenes(), dict[str, list[int]]()
         try:
             own = mechanics_of(scene)
@@ -78,18 +82,20 @@ class Designs:
                 alike.setdefault(mechanics_of(varied), []).append(index)
         except ValueError as error:
             raise SceneError([str(error)]) from None
-        # a model of the scene itself serves other purposes, too
+        # a model of the scene itself serves further purposes
         models = [(scene if text == own else scenes[i[0]], i) for text, i in alike.items()]
-        return cls(grid, scenes, models)
+        return cls(grid, scenes, models, dropped)
 
     def __str__(self) -> str:
         count = f"{len(self.models):>8} models of the charges: one for all films that deform alike"
-        return f"{len(self.scenes):>8} designs\n{count}"
+        of_others = "has values by electrode, the designs have other electrodes and its default"
+        left_out = "".join(f"\n{key}: {of_others}" for key in self.dropped)
+        return f"{len(self.scenes):>8} designs\n{count}{left_out}"
 
     def mistakes(
         self, domain: Domain, step_mm: float, tolerance: float, noise: float, noise_pC: float | None
     ) -> Iterator[str]:
-        """What is wrong with touches, noise, and scenes that no model is of."""
+        """Mistakes in touches, noise, and scenes."""
         low, high = domain.force_N
         if not 0.0 < number(step_mm) <= domain.reach_mm:
             yield f"step_mm = {step_mm}: is not between zero and the reach, {domain.reach_mm:g} mm"
@@ -98,14 +104,28 @@ class Designs:
         for scene in self.scenes:
             if not low <= (force := scene.load.force_N) <= high:
                 yield f"load.force_N = {force:g}: is outside of the model's {low:g} to {high:g} N"
-            any_charges = dict.fromkeys(electrode_columns(scene), math.pi)
-            for text in charge_mistakes(scene, any_charges, noise, noise_pC):
+            for text in asked_mistakes(scene, domain, tolerance, noise, noise_pC):
                 yield text.replace("sigma", "noise", 1)
-        for scene, _ in self.models:
-            try:
-                refuse(scene, domain, tolerance)
-            except ValueError as error:
-                yield from str(error).splitlines()
+
+
+def _grid(scene: Scene, axes: Sequence[Mapping[str, Any]]) -> Grid:
+    return Grid.of(scene, axes) if axes else Grid(scene, ())
+
+
+def _for_all_electrodes(
+    scene: Scene, axes: Sequence[Mapping[str, Any]]
+) -> tuple[Scene, Sequence[str]]:
+    """The scene with defaults in place of readout values by electrode, and their keys;
+    unchanged where every design keeps the scene's electrode names."""
+    readout = scene.readout
+    fields = {} if readout is None else type(readout).model_fields
+    by_name = [name for name, value in readout or () if isinstance(value, Mapping)]
+    if not by_name or not any(steps_of(key)[0] == "electrodes" for axis in axes for key in axis):
+        return scene, ()
+    defaults = {f"readout.{name}": fields[name].default for name in by_name}
+    changed = scene.with_(**defaults)
+    names = [[e.name for e in of.electrode_list] for of in (scene, *_grid(changed, axes).scenes())]
+    return (scene, ()) if all(each == names[0] for each in names) else (changed, [*defaults])
 
 
 def design(
@@ -122,7 +142,7 @@ def design(
     processes: int | None = None,
     progress: Progress | bool | None = None,
 ) -> xarray.Dataset:
-    """How well each of some designs tells place and force of a touch.
+    """How well designs tell a touch's place and force.
 
     Parameters
     ----------
@@ -130,19 +150,19 @@ def design(
         The sensor, its probe and force. The probe's rotation counts as known.
     vary : mapping
         Keys of the scene with their values, ``{"electrodes.count": [4, 6, 8]}``; the designs are
-        all combinations.
+        all combinations. Where electrode names vary, readout values by electrode have their
+        defaults in every design; the attribute ``dropped`` has the keys.
     noise, noise_pC : float
         Standard deviation of a reading: over the charge, or over its change by the touch where the
         scene's readout reads changes, and in pC besides, by default the noise of the readout.
     reach_mm, step_mm : float, optional
         Largest distance of touches from the centre, and the step of the lattice of places.
-    force_range_N : tuple of float
-        Forces of the touches that may be taken for another one.
+    force_range_N : tuple of float Forces of touches that may be confused.
     tolerance : float
         Error bound of new models of the charges.
     model : Response or callable, optional
-        A model for designs whose films deform alike, or what gives a model of a scene. All designs
-        whose films deform alike share a model; by default each model is built.
+        A model for designs whose films deform alike, or what gives a model of a scene. Designs with
+        equally deforming films share a model; by default each model is built.
     processes, progress
         As for `build_response`.
 
@@ -161,8 +181,8 @@ def design(
 
     Notes
     -----
-    The deviation of the place is the root mean square of the distance. Along a direction that the
-    charges do not determine the deviation is the extent of the domain, as for `Touch.covariance`.
+    The deviation of the place is the root mean square of the distance. Along an undetermined
+    direction the deviation is the domain's extent, see `Touch.covariance`.
     """
     vary = taken("vary", vary, dict[str, Any])
     designs = Designs.of(scene_of(scene), vary)
@@ -180,8 +200,8 @@ def design(
             return model
         if callable(model):
             return model(first)
-        built = touched.centred(first), domain.reach_mm, domain.force_N, tolerance, processes
-        return build_response(*built, progress=progress)
+        wanted = domain.reach_mm, domain.force_N, tolerance, processes
+        return build_response(touched.centred(first), *wanted, progress=progress)
 
     models = [model_of(first) for first, _ in designs.models]
     steps = int(reach_mm / step_mm + 1e-9)
@@ -196,14 +216,15 @@ def design(
                 bounds[:, index, inside] = _bounds(made, x[inside], y[inside], noise, noise_pC)
                 error_bounds[index], done = made.error_bound, done + 1
                 show(done, len(designs.scenes))
-    told = {"noise": noise, "noise_pC": noise_pC, "reach_mm": reach_mm, "step_mm": step_mm}
+    told: dict[str, Any] = {"noise": noise, "noise_pC": noise_pC, "reach_mm": reach_mm}
+    told |= {"step_mm": step_mm, "dropped": " ".join(designs.dropped) or None}
     return _dataset(designs, x[0], bounds, error_bounds, told)
 
 
 def _bounds(
     model: Response, x_mm: Array, y_mm: Array, noise: float, noise_pC: float | None
 ) -> Array:
-    """Values of `MAPS` at places (n,) of the probe, (maps, n)."""
+    """Values for `MAPS` at probe places (n,), (maps, n)."""
     exact, scene = replace(model, error_bound=0.0), model.scene
     touches = np.tile([*touched.touch_of(scene).values()], (len(x_mm), 1))
     touches[:, :ROTATION] = np.stack([x_mm, y_mm], axis=-1)
@@ -215,7 +236,7 @@ def _bounds(
 
 
 def _bound(found: Location, touch: Array) -> tuple[float, ...]:
-    """Values of `MAPS` at a touch (4,), from what its charges are located as."""
+    """Values for `MAPS` at a touch (4,), from locating its charges."""
     apart_mm = [math.dist(other.values[:ROTATION], touch[:ROTATION]) for other in found.touches]
     if apart_mm:
         C = found.touches[int(np.argmin(apart_mm))].covariance
@@ -258,15 +279,15 @@ def _dataset(
 
 
 def best(data: xarray.Dataset, most_ambiguous: float = 0.05) -> xarray.Dataset:
-    """The design with the least median deviation of the place, of those with at most this share of
-    ambiguous places, or with the least share where that is more."""
+    """The design with the least median place deviation among designs with at most this share of
+    ambiguous places; where none exists, with the least share."""
     shares, medians = data.ambiguous_share, data.place_deviation_median_mm
     allowed = medians.where(shares <= max(most_ambiguous, float(shares.min())))
     return data.isel(allowed.argmin(...)) if medians.dims else data
 
 
 def table(data: xarray.Dataset) -> pd.DataFrame:
-    """A row for each design: its keys, and what has no map."""
+    """A row per design: its keys, and values without a map."""
     dims = data.scene.dims
     keys = [name for name, values in data.coords.items() if {*values.dims} <= {*dims}]
     plain = [name for name, values in data.items() if values.dims == dims and name != "scene"]

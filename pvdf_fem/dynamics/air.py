@@ -1,6 +1,6 @@
 """Air that moves with the film: its added mass, and the sound that a film in a baffle radiates.
 
-The air is incompressible and that of a flat disc. Where a plane in air moves by w, the pressures on
+The air is incompressible, around a flat disc. Where a plane in air moves by w, the pressures on
 its sides resist with 2 rho w''/|k|, |k| the wavenumber. In a rigid baffle (Rayleigh's integral) w
 vanishes outside of the disc, and the kinetic energy is rho <w', w'/|k|>. Without a baffle pressures
 are equal out there, and it is rho <w', D^-1 w'>, D the operator |k| on functions that vanish
@@ -10,7 +10,7 @@ outside. On the unit disc, with s = -1/2 and 1/2 (Dyda, Kuznetsov and Kwasnicki 
     lambda_mn = 2^2s Gamma(1 + s + n) Gamma(1 + s + m + n)/(n! (m + n)!),
 
 and so for sin(m t). The phi_mn are orthogonal with the weight (1 - r^2)^s. Both energies are sums
-of squares in them, so the added mass is a product R R^T with a column for each function.
+of squares in the coefficients, and the added mass is a product R R^T with a column per function.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ class AirLoad:
 
     root: Array  #: R of the added mass R R^T, (unknowns, functions), in kg^(1/2).
     volume: Array  #: v, the volume that a unit of each unknown displaces, m^2, (unknowns,).
-    #: r of the resistance r omega^2 v v^T, in kg s/m^4: that of a point source on both sides of a
+    #: r in the resistance r omega^2 v v^T, in kg s/m^4: for a point source on both sides of a
     #: baffle, to leading order in the radius over the wavelength; without one both cancel.
     radiation: float
 
     @classmethod
     def of(cls, equilibrium: Equilibrium) -> AirLoad:
-        """The air of the scene, or none, for shapes that the largest element resolves."""
+        """The scene's air, if present, for shapes that the largest element resolves."""
         scene, space = equilibrium.scene, equilibrium.space
         air, a = scene.air or Air(density_kg_m3=0.0), scene.film.radius
         largest = np.sqrt(2.0 * space.weights.sum(axis=1).max()) / a
@@ -63,8 +63,8 @@ class AirLoad:
 
 
 def _functions(unit: Array, degree: int, s: float) -> Iterator[Array]:
-    """Values (points, functions) of phi_mn up to a degree at points of the unit disc, by m, scaled
-    so that the sums of squares are the energies."""
+    """Values (points, functions) for phi_mn up to a degree at points on the unit disc, by m. In
+    this scaling, sums of squares are the energies."""
     r, angle = np.hypot(*unit.T), np.arctan2(*unit.T[::-1])
     for m in range(degree + 1):
         n = np.arange((degree - m) // 2 + 1)

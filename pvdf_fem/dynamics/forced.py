@@ -1,8 +1,8 @@
 """Charges of a small further force of the probe about its load, by frequency and by time.
 
-By frequency the equations of `oscillation` are solved as they are. By time their modes answer, each
+By frequency, the equations in `oscillation` are solved directly. By time their modes answer, each
 damped as losses and sound damp it at its own frequency, without the coupling and the stress's lag.
-Forces are sums of exponentials that are switched on, so all is in partial fractions, exact in time.
+Forces are sums of switched exponentials; partial fractions give results that are exact in time.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.air import SOUND_SPEED
 from pvdf_fem.dynamics.modes import air_remark
 from pvdf_fem.dynamics.oscillation import ComplexArray, Oscillation, oscillations
+from pvdf_fem.progress import Progress, shown
 from pvdf_fem.readout.channel import Channel, channels
 from pvdf_fem.scene.given import SceneLike, numbers, scene_of, taken
 from pvdf_fem.scene.scene_file import SceneError, problem
@@ -42,7 +43,8 @@ def step(force_N: float, duration_s: float = math.inf) -> Exponentials:
 
 
 def half_sine(force_N: float, duration_s: float) -> Exponentials:
-    """A further force F sin(pi t/T) from t = 0 to the duration T: a sine, and one that ends it."""
+    """A further force F sin(pi t/T) from t = 0 to the duration T: two sines, the second cancels the
+    first."""
     force_N, duration_s = _course(force_N, duration_s)
     waves, starts = ((1j, -0.5j), (-1j, 0.5j)), (0.0, duration_s)
     return tuple((t, p * np.pi / duration_s, c * force_N) for t in starts for p, c in waves)
@@ -93,7 +95,7 @@ class FrequencyResponse(Course):
         return frequency_response(self.frequencies_Hz, *about)
 
     def columns(self) -> dict[str, Array]:
-        """The columns of the table that `pvdf-fem respond` prints."""
+        """Columns in the table by `pvdf-fem respond`."""
         found = {"frequency_Hz": self.frequencies_Hz}
         for unit, table in (("pC_N", self.charges_pC_N), ("V_N", self.readings_V_N)):
             for name, values in table.items():
@@ -121,7 +123,10 @@ class Transient(Course):
 
 
 def respond(
-    solution: Solution | SceneLike, frequencies_Hz: ArrayLike, refined: bool = False
+    solution: Solution | SceneLike,
+    frequencies_Hz: ArrayLike,
+    refined: bool = False,
+    progress: Progress | bool | None = None,
 ) -> FrequencyResponse:
     """Charges by a small oscillating force of the probe along z, by frequency.
 
@@ -133,10 +138,13 @@ def respond(
         One or several, not below zero; `NotConvergedError` where they are too high for the film.
     refined : bool, optional
         Whether more frequencies about the resonances join.
+    progress : callable or bool, optional
+        As for `modes`, counted in vectors of each of two bases, of which few of the most may do.
     """
     frequencies = numbers("frequencies_Hz", frequencies_Hz, (0.0, MOST_HZ), "Hz").ravel()
     solution, read = _loaded(solution)
-    both = [oscillation.reduced(frequencies) for oscillation in oscillations(solution)]
+    with shown("vectors at most", progress) as show:
+        both = [oscillation.reduced(frequencies, show) for oscillation in oscillations(solution)]
     resonances = both[0].resonances(frequencies.max())
     if refined:
         frequencies = _refined(frequencies, resonances)
@@ -192,7 +200,7 @@ def transient(
 
 
 def _loaded(solution: Solution | SceneLike) -> tuple[Solution, Sequence[Channel]]:
-    """The solution of a scene whose force can change, and the channels of its readout."""
+    """The solution for a scene with a force that can change, and the readout's channels."""
     scene = scene_of(solution)
     scene.require_no_tips("oscillations about the load")
     scene.require_plain_charges("oscillations", "warming_K", "temperature_K")
@@ -209,8 +217,8 @@ def _in_pC(solution: Solution, charges: Any) -> dict[str, Any]:
 
 
 def _left_out(solution: Solution) -> tuple[str, ...]:
-    """What oscillations about a solution neglect. A disc without a baffle radiates 0.03 (k a)^2 of
-    what it does in one (a rigid disc, to leading order)."""
+    """What oscillations about a solution neglect. A disc without a baffle radiates 0.03 (k a)^2
+    times the power with a baffle (rigid disc, to leading order)."""
     scene = solution.scene
     losses = "damping by the film: resonances are too high; to include it give film.loss_tangent"
     share = 0.03 * (2e3 * np.pi * scene.film.radius / SOUND_SPEED) ** 2
@@ -235,7 +243,7 @@ def _modes(oscillation: Oscillation, tested: Array) -> tuple[ComplexArray, Array
 def _charges(
     poles: Any, weights: Array, touch: Exponentials, times: Array, discharge: Sequence[float] = ()
 ) -> Array:
-    """Charges in C, (electrodes, times), or what a circuit of this pole in 1/s leaves."""
+    """Charges in C, (electrodes, times), or the remainder after a circuit with this pole in 1/s."""
     total: Any = 0.0
     for start, rate, size in touch:
         age, ends = times - start, [*poles, rate, *discharge]

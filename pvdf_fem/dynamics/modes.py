@@ -1,9 +1,9 @@
 """Vibration of the stretched film: frequencies and shapes of its lowest modes.
 
 Small oscillations about an equilibrium: K phi = omega^2 M phi, K the tangent stiffness there and M
-the mass rho h of all three displacement components. Bending is part of K where the scene says so,
-which with ``film.bending = "auto"`` here is where it could change a frequency by more than the
-tolerance. The unknowns are the scene's: film under a rigid punch, which is massless, moves as one.
+the mass rho h of all three displacement components. Bending is part of K if the scene says so. Here
+``film.bending = "auto"`` includes bending where it could change a frequency by more than the
+tolerance. The unknowns are the scene's: film under a rigid, massless punch moves as a whole.
 
 Frequencies converge from above, with the fourth power of the element size for quadratic elements.
 The mesh starts from that law for the flat film and is refined until the estimated errors are below
@@ -12,7 +12,7 @@ The mesh starts from that law for the flat film and is refined until the estimat
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +28,7 @@ from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM, MeshError
 from pvdf_fem.mesh.size_field import Sizes
+from pvdf_fem.progress import Counted, Progress, shown
 from pvdf_fem.scene.film import Air
 from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
@@ -84,16 +85,16 @@ class Modes(Told):
 
     @property
     def basis(self) -> Basis:
-        """Scalar basis of each component of `shapes`, on a mesh in m without probes that make no
-        difference."""
+        """Scalar basis for every component in `shapes`, on a mesh in m without irrelevant
+        probes."""
         return self.spectra[VACUUM].equilibrium.space.basis
 
     @property
     def shapes(self) -> Array:
-        """u, v, w of each mode at the dofs of `basis`, (n, dofs, 3).
+        """u, v, w by mode at the dofs of `basis`, (n, dofs, 3).
 
-        Scaled to a largest displacement of 1, positive where it is largest. The shapes of two
-        modes of equal frequency are an arbitrary pair of their combinations.
+        Scaled to a largest displacement 1, positive where largest. Two modes with equal frequency
+        have an arbitrary pair of combinations as shapes.
         """
         return self.spectra[VACUUM].shapes
 
@@ -141,7 +142,12 @@ class Modes(Told):
         return {"status": str(self.status), **results, "loaded": self.loaded, **told}
 
 
-def modes(scene: SceneLike, count: int = 6, loaded: bool = False) -> Modes:
+def modes(
+    scene: SceneLike,
+    count: int = 6,
+    loaded: bool = False,
+    progress: Progress | bool | None = None,
+) -> Modes:
     """Lowest modes of vibration of a scene's film.
 
     Parameters
@@ -153,6 +159,9 @@ def modes(scene: SceneLike, count: int = 6, loaded: bool = False) -> Modes:
     loaded : bool
         About the equilibrium under the load instead of the flat film, which has no frequencies
         without tension in all directions.
+    progress : callable or bool, optional
+        Called with the numbers of linear solves that are done and that are expected; or whether
+        these are shown, see `pvdf_fem.progress.shown`.
     """
     scene = scene_of(scene)
     count, bare = taken("count", count, int, (1, MOST_MODES)), scene
@@ -167,11 +176,14 @@ def modes(scene: SceneLike, count: int = 6, loaded: bool = False) -> Modes:
         bends = share > scene.numerics.tolerance
     cold = {} if loaded else dict.fromkeys(bare.warm_probes)
     bare = bare.with_(**{"film.bending": bends}, **cold)
+    expected = 4 * count * 2 * (2 if scene.air else 1)  # Lanczos steps of both pencils
     problem = _ModalProblem(bare, count, loaded, share, _budget_of(bare), Clock())
     steps = problem.first_sizes, problem.solve_on, problem.next_sizes
     loop = MeshLoop(bare, *steps, problem.budget, problem.clock, UNKNOWNS_PER_ELEMENT[2])
     try:
-        attempt, stop = loop.run()
+        with shown("solves", progress) as show:
+            problem.step = Counted(show, expected)
+            attempt, stop = loop.run()
     except MeshError as error:
         reason = f"{Status.MESH_FAILED.advice} ({error})"
         return Modes(scene, loaded, Status.MESH_FAILED, reason)
@@ -189,7 +201,7 @@ def modes(scene: SceneLike, count: int = 6, loaded: bool = False) -> Modes:
 
 @dataclass(frozen=True, eq=False)
 class _Attempt:
-    """The modes on one mesh, or why there are none."""
+    """The modes on a mesh, or the reason for their absence."""
 
     equilibrium: Equilibrium
     status: Status
@@ -223,12 +235,13 @@ class _ModalProblem:
     budget: Budget
     clock: Clock
     sizes: Sizes | None = None  # those of the last mesh
+    step: Callable[[], None] = lambda: None  # called at each linear solve
     flat_error: float = 4e-4  # error of the flat disc over (wavenumber x element size)^4, measured
     order: float = 4.0  # of a frequency's error in the element size
     eigen_iterations: int = 3  # Newton iterations that cost as much as an eigenvalue problem
 
     def first_sizes(self) -> Sizes:
-        """Sizes that meet half of the tolerance for the flat film."""
+        """Sizes that meet half the tolerance for the flat film."""
         scene, tolerance = self.scene, self.scene.numerics.tolerance
         share = (0.5 * tolerance / self.flat_error) ** (1.0 / self.order)
         size = scene.film.radius * min(share / _wavenumber(self.count), 0.3)
@@ -270,7 +283,7 @@ class _ModalProblem:
         elif not coarse.model.bends and (least == 0.0 or (coarse.model.wrinkles and least < 0.0)):
             return _Attempt(coarse, Status.SINGULAR)  # slack in a direction: no mode is the lowest
         with self.clock("modes"):
-            found = spectra_of(coarse, rich, (q, q_rich), self.count)
+            found = spectra_of(coarse, rich, (q, q_rich), self.count, self.step)
         for equilibrium in (coarse, rich):
             self.budget.spend(equilibrium, self.eigen_iterations)
         if isinstance(found, Status):
@@ -279,13 +292,13 @@ class _ModalProblem:
 
 
 def _budget_of(scene: Scene, most_unknowns: int = 180_000) -> Budget:
-    """What the modes may cost: by default as many unknowns at any tolerance."""
+    """Budget of the modes: by default an equal number of unknowns at every tolerance."""
     most = scene.numerics.max_unknowns or most_unknowns
     return replace(Budget.of(scene), max_unknowns=most, bounds_first_mesh=True)
 
 
 def _bending_share(scene: Scene, count: int, loaded: bool) -> float:
-    """What bending adds to the highest of `count` frequencies, roughly, in parts of it. Within the
+    """Relative increase by bending in the highest of `count` frequencies, roughly. Within the
     length l = sqrt(D/N) of the rim, which makes the membrane smaller by l all round, and by the
     stiffness D k^4 beside N k^2 for waves of number k."""
     effect = bending_effect(scene)
@@ -299,7 +312,7 @@ def _wavenumber(count: int) -> float:
 
 
 def _left_out(scene: Scene, share: float, joins: bool) -> tuple[str, ...]:
-    """Bending, unless it is part of the model, and air, where the scene has none."""
+    """Bending, unless part of the model, and air, where the scene has no air."""
     raised = f"bending: raises the highest of these frequencies by about {share:.1%}"
     bending = f"{raised}; to include it give film.bending = true"
     if share > 0.3:

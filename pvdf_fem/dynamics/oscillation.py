@@ -31,6 +31,7 @@ from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.pressure import UP
 from pvdf_fem.film.term import State
+from pvdf_fem.progress import Progress, silent
 from pvdf_fem.solution.next_order import factorised, next_order
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solvers.newton import factorise
@@ -42,7 +43,7 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True, eq=False)
 class Oscillation:
-    """The linear equations of motion of some unknowns, or of amplitudes of vectors."""
+    """Linear equations of motion for unknowns or for amplitudes of vectors."""
 
     stiffness: Any  #: K in N/m.
     elastic: Any  #: K_e in N/m.
@@ -67,14 +68,14 @@ class Oscillation:
         return cls(stiffness, elastic, moving, f, g, air.volume, air.radiation, loss)
 
     def projected(self, vectors: Any) -> Oscillation:
-        """The equations of the amplitudes of `vectors` (unknowns, n), as dense matrices."""
+        """Equations for amplitudes of `vectors` (unknowns, n), as dense matrices."""
         matrices = {k: getattr(self, k) @ vectors for k in ("stiffness", "elastic", "mass")}
         loads = {k: getattr(self, k) for k in ("force", "rates", "volume")}
         return replace(self, **{k: vectors.T @ value for k, value in (matrices | loads).items()})
 
     def charges(self, frequencies: Array, together: int = 256) -> ComplexArray:
         """Charges in C/N, (frequencies, electrodes), of dense equations, at frequencies in Hz. Few
-        are solved for `together`, so that memory stays small."""
+        are solved for `together` to keep memory small."""
         if len(frequencies) > together:
             parts = np.array_split(frequencies, len(frequencies) // together + 1)
             return np.concatenate([self.charges(part) for part in parts])
@@ -91,10 +92,15 @@ class Oscillation:
         return np.asarray(frequencies[frequencies <= highest_Hz])
 
     def reduced(
-        self, frequencies: Array, tolerance: float = 1e-7, most: int = 426, tests: int = 24
+        self,
+        frequencies: Array,
+        progress: Progress = silent,
+        tolerance: float = 1e-7,
+        most: int = 426,
+        tests: int = 24,
     ) -> Oscillation:
-        """The projection on as many Ritz vectors as the charges at some of the frequencies in Hz
-        take to stay within the tolerance, of each and of the largest at rest."""
+        """The projection on Ritz vectors, enough to keep charges at test frequencies in Hz within
+        the tolerance, relative to the charge plus the largest charge at rest."""
         some = np.linspace(0, len(frequencies) - 1, tests).round().astype(int)
         frequencies, stiffness = np.sort(frequencies)[some], self.stiffness
         if self.loss_tangent:
@@ -104,6 +110,7 @@ class Oscillation:
         vectors = np.empty((len(self.force), most), stiffness.dtype)
         charges, tested = np.zeros((1, 1), dtype=complex), 16
         for i in range(most):
+            progress(i, most)
             vectors[:, i] = self._unit(queue.pop(0), vectors[:, :i])
             queue.append(solve(self.mass @ vectors[:, i]))
             if i + 1 == tested:
@@ -117,7 +124,7 @@ class Oscillation:
         raise NotConvergedError(f"{Status.TOLERANCE}: {told}; give lower frequencies")
 
     def _unit(self, vector: Any, basis: Any) -> Any:
-        """The part of a vector that is orthogonal to a basis, of the norm 1, both by the mass."""
+        """The normalised part of a vector orthogonal to a basis, both by the mass."""
         for _ in range(2):
             vector = vector - basis @ (basis.T.conj() @ (self.mass @ vector))
         return vector / np.sqrt(np.vdot(vector, self.mass @ vector).real)
@@ -131,7 +138,7 @@ def oscillations(solution: Solution) -> tuple[Oscillation, Oscillation]:
 
 
 def _elastic(equilibrium: Equilibrium, state: State) -> Any:
-    """The film's stiffness in N/m without that of its tension."""
+    """The film's stiffness in N/m without geometric stiffness by tension."""
     space, membrane = equilibrium.space, equilibrium.membrane
     film = equilibrium.with_terms([t for t in equilibrium.terms if t.forces(state) is None])
     tension = (state.stress * membrane.volumes[..., None])[..., [[0, 2], [2, 1]]]

@@ -1,4 +1,4 @@
-"""What bending would change: an upper estimate from dimensionless numbers, before any solve.
+"""Change by bending: an upper estimate from dimensionless numbers, before any solve.
 
 Bending acts within the length l = sqrt(D/N) of an edge, D = h^3/12 C the film's bending stiffness
 and N its tension. The tension is that of `pvdf_fem.film.point_load`; (N - N0)/N is the part of an
@@ -9,8 +9,8 @@ electrode's charge that the load makes. Of that part
 - the probe changes about l/b when rigid, as if its radius b grew by l, and (l/b)^2 when it is a
   pressure, which spreads by l; less for an electrode far from the probe.
 
-The factors of these terms are fitted to changes that were measured in random scenes. The estimate
-is at least a third of every change, and more than twice the change in half of them
+The factors are fitted to changes measured in random scenes. The estimate is at least a third of
+every measured change, and more than twice the change in half the scenes
 (`tests/film/test_bending_effect.py`).
 """
 
@@ -106,7 +106,7 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
     electrodes = [electrode.outline for electrode in scene.electrode_list]
     changes = [(0.0, 0.0)]
     if probe is not None and force > 0.0:
-        # a probe that touches the rim is as far from it, on an average, as it is wide
+        # a probe at the rim has its own width as mean distance from the rim
         gap = max(1.0 - probe.reach / a, FIT.least_gap * b / a)
         power = 1 if rigid else 2
         distances = [

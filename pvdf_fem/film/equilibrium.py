@@ -1,7 +1,7 @@
 """Equilibrium: the sum of the film's energy terms, on the unknowns that a scene leaves free.
 
-The clamped rim fixes its dofs; a term may fix or share others, as a rigid punch does. The equations
-of a part of the film are those of its mirror images too: nothing crosses a mirror line.
+The clamped rim fixes its dofs; a term, such as a rigid punch, may fix or share more dofs. The
+equations on a part also hold on its mirror images: nothing crosses a mirror line.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from pvdf_fem.scene.scene import Scene
 
 
 class Equilibrium:
-    """The nonlinear equations of a scene on a mesh of it, or of a part: stationary energy."""
+    """The nonlinear equations (stationary energy) of a scene on a mesh of the film or of a part."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class Equilibrium:
 
     @property
     def force(self) -> float:
-        """Sum of the sizes of the terms' forces, N."""
+        """Sum of the magnitudes of the terms' forces, N."""
         return sum(term.force for term in self.terms)
 
     @property
@@ -108,7 +108,7 @@ class Equilibrium:
         return self.unknowns.expand(q)
 
     def restrict(self, x: Array) -> Array:
-        """Unknowns of the dofs `x`, averaged where dofs share one."""
+        """Unknowns for dofs `x`, averaged where dofs share an unknown."""
         return self.unknowns.restrict(x)
 
     def started(self, x: Array) -> Array:
@@ -126,7 +126,7 @@ class Equilibrium:
         return replace(state, stress=state.stress + added, added=added)
 
     def film_forces(self, state: State) -> Array:
-        """Internal forces of the film less those of loads, (dofs,), in N."""
+        """Residual: internal forces minus load forces, (dofs,), in N."""
         return reduce(add, (term.residual(state) for term in self.terms))
 
     def residual(self, state: State) -> Array:
@@ -140,9 +140,9 @@ class Equilibrium:
         return Raised(sparse, self.unknowns.fold(np.transpose(columns))) if columns else sparse
 
     def sparse_tangent(self, state: State) -> sp.csc_matrix:
-        """The tangent without the columns of terms that couple many elements."""
+        """Tangent without the columns from terms that couple many elements."""
         by_element = (term.element_tangent(state) for term in self.terms)
-        # the membrane, which has all elements, is the first term
+        # the membrane is the first term and has every element
         (_, matrices), *others = [local for local in by_element if local is not None]
         for elements, values in others:
             matrices[elements] += values
@@ -154,29 +154,29 @@ class Equilibrium:
         return reduce(add, (c for c in coupled if c is not None), matrix)
 
     def element_action(self, state: State, step: Array) -> Array:
-        """Forces in N of elements, (elements, dofs of an element), that a small step makes.
+        """Element forces in N by a small step, (elements, dofs of an element).
 
-        They are symmetric: the tangent of a load that follows the film is left out.
+        The matrices are symmetric: follower loads have no part in the tangent here.
         """
         x = self.unknowns.expand(step)
         actions = (term.element_action(state, x) for term in self.terms)
         return reduce(add, (action for action in actions if action is not None))
 
     def action(self, state: State, step: Array) -> Array:
-        """The tangent, less that of a load that follows, times a step, (unknowns,)."""
+        """Tangent without follower loads, times a step, (unknowns,)."""
         x = self.unknowns.expand(step)
         actions = (term.action(state, x) for term in self.terms)
         return self.unknowns.fold(reduce(add, (force for force in actions if force is not None)))
 
     def diagonal(self, state: State) -> Array:
-        """Diagonal of the tangent without the coupling of shared dofs, (unknowns,)."""
+        """Diagonal of the tangent without coupling between shared dofs, (unknowns,)."""
         diagonals = (term.diagonal(state) for term in self.terms)
         return self.unknowns.fold_diagonal(reduce(add, (d for d in diagonals if d is not None)))
 
     def energy_along(self, state: State, step: Array, slope: float) -> Array:
         """Potential energy in J at q + s step, coefficients (5,) of 1, s, ... s^4.
 
-        `slope` is residual . step. Forces that follow the film are held as they are.
+        `slope` is residual . step. Follower forces stay fixed.
         """
         x = self.unknowns.expand(step)
         energy: Array = reduce(add, (term.along(state, x) for term in self.terms))
@@ -203,7 +203,8 @@ class Equilibrium:
         return not self.flat_forces.any()
 
     def work(self, state: State, q: Array) -> float:
-        """Work in J along `q` of the loads at a state, and of what else moves the flat film."""
+        """Work in J along `q` by the loads at a state and by everything else that moves the flat
+        film."""
         return float((self.unknowns.fold(self.load_forces(state)) + self._uneven_forces) @ q)
 
     @property
@@ -226,7 +227,7 @@ class Equilibrium:
         return self._of_all_images(self.load_forces(state))
 
     def imbalance(self, state: State) -> float:
-        """What rim and loads lack of balance in N, along the applied force."""
+        """Imbalance in N between rim and loads, along the applied force."""
         applied = self.applied_force(state)
         size = float(np.linalg.norm(applied))
         return abs(float((self.rim_reaction(state) + applied) @ applied)) / size if size else 0.0

@@ -1,11 +1,12 @@
-"""What a solution leaves out of bending that acts in layers narrower than its elements.
+"""Bending in layers narrower than the elements: the part missing from a solution.
 
 Beside a clamped edge, a punch or the edge of a pressure a film turns within the length
-l = sqrt(D/N). Elements of many such lengths have the energy of such a layer by their penalty along
-the edge (`pvdf_fem.film.plate`) but neither its curvature nor, as the penalty is constant, what the
-film gains in length by turning. A space of higher order on the same mesh sees little of the gain. A
-part of the bending forces of wide elements therefore counts as uncertain; the uncertain forces are
-applied once more, and their effect is a second estimate of the error. The larger estimate counts.
+l = sqrt(D/N). Much longer elements have the layer's energy by their penalty along the edge
+(`pvdf_fem.film.plate`), but not its curvature. The penalty is constant, and the film's gain in
+length by turning is missing, too. A space of higher order on the same mesh sees little of the gain.
+A part of the bending forces in wide elements therefore counts as uncertain; the uncertain forces
+are applied once more, and their effect is a second estimate of the error. The larger estimate
+counts.
 
 Of 94 random scenes, solved to a tenth of the tolerance as well, 95 in a hundred have errors on
 their first meshes of at most 1.2 times the estimate, the worst one of 5; without it of 2 and 30.
@@ -36,9 +37,9 @@ def uncertain_part(widths: Array, most: float = 0.2, half_width: float = 12.0) -
 
 
 def remaining_part(widths: Array, most: float = 0.06, half_width: float = 6.0) -> Array:
-    """Part of the effect of bending forces that elements leave out, all errors included. It adds to
-    `uncertain_part` the error that a space of the next order sees, measured in a plate stretched
-    from its rim."""
+    """Part of the effect by bending forces missing from elements, with every error included. It
+    adds to `uncertain_part` the error that a space of the next order sees, measured in a plate
+    stretched from its rim."""
     return np.asarray(uncertain_part(widths) + most * widths**3 / (widths**3 + half_width**3))
 
 
@@ -77,7 +78,7 @@ class Layers:
         return -factors.solve(np.asarray(self._places.T @ (form.strains.T @ values)))
 
     def effects(self, duals: Array) -> Array:
-        """Absolute change of goals by the forces of each element, (elements, goals). `duals`
+        """Absolute change of goals by the element forces, (elements, goals). `duals`
         (unknowns, goals) are the dual solutions."""
         form = self.plate.form
         work = self.values[:, None] * (form.strains @ (self._places @ duals))
@@ -87,11 +88,11 @@ class Layers:
         return np.abs(total)
 
     def sizes(self, effects: Array, remaining: float, finest: float = 0.2) -> Array:
-        """Element sizes in m at which all elements together leave out `remaining` of a goal.
-        Elements that leave out half of that together, by `effects` (elements,), may stay as they
-        are: their size is infinite. The others get the same size in bending lengths. None becomes
-        smaller than `finest` times the present one: in a row of elements whose sizes fall much from
-        one side to the other more are small than `SizeField.coarsened` expects."""
+        """Element sizes in m at which the elements together leave out `remaining` of a goal.
+        Elements with half of `remaining` together, by `effects` (elements,), may stay unchanged:
+        their size is infinite. The others get the same size in bending lengths. No size falls below
+        `finest` times the present size: in a row with steeply falling sizes, more elements are
+        small than `SizeField.coarsened` expects."""
         now = effects * remaining_part(self.widths)
         order = np.argsort(now)
         small = np.zeros(len(now), dtype=bool)

@@ -19,14 +19,14 @@ from pvdf_fem.film.laws.laminate import Laminate
 from pvdf_fem.film.term import State, Term
 
 IDENTITY: Array = np.eye(3, 2)
-#: Pairs of displacement components whose blocks the tangent has, up to symmetry.
+#: Pairs of displacement components with blocks in the tangent, up to symmetry.
 PAIRS = [(i, j) for i in range(3) for j in range(i + 1)]
 
 
 class Membrane(Laminate, Term):
     """The membrane's energy, residual and tangent on a space, of the plies of a `Laminate`.
 
-    States have the resultant of all plies over the film's thickness.
+    States have the resultant by all plies over the film's thickness.
     """
 
     #: Tension that keeps a slack film's tangent regular, over the mean tension.
@@ -62,8 +62,8 @@ class Membrane(Laminate, Term):
 
     @cached_property
     def _in_balance(self) -> Array:
-        """Forces (dofs,) of the part of the flat film's stress that balances itself inside of the
-        rim: all of a stress that is the same everywhere, otherwise its mean."""
+        """Forces (dofs,) by the self-balanced part of the flat film's stress inside the rim: the
+        whole stress if uniform, otherwise the mean."""
         flat = self.resultant(np.zeros((*self.volumes.shape, 3)))
         mean = np.einsum("epi,ep->i", flat, self.volumes) / self.volumes.sum()
         even = np.abs(flat - mean).max() <= 1e-12 * np.abs(mean).max()  # rounding
@@ -72,14 +72,14 @@ class Membrane(Laminate, Term):
         return self.space.sum(self.space.forces(flux))
 
     def residual(self, state: State) -> Array:
-        """Internal forces in N, (dofs,), without those of the flat film that are in balance.
+        """Internal forces in N, (dofs,), without balanced forces of the flat film.
 
         Added up, these would leave rounding that drowns a small load and moves a flat film.
         """
         return self.internal_forces(state) - self._in_balance
 
     def internal_forces(self, state: State) -> Array:
-        """All internal forces in N, (dofs,), of the strain's stress."""
+        """Internal forces in N, (dofs,), by the strain's stress."""
         flux = self._first_piola(state.deformation_gradient, self.own_stress(state))
         return self.space.sum(self.space.forces(flux))
 
@@ -96,7 +96,7 @@ class Membrane(Laminate, Term):
         return self.space.sum(self.element_diagonal(state))
 
     def element_diagonal(self, state: State) -> Array:
-        """Diagonal of each element's tangent, (elements, dofs of an element)."""
+        """Diagonals of the element tangents, (elements, element dofs)."""
         factors, moduli = np.empty((*self.volumes.shape, 3, 3)), self.moduli(state)
         for i in range(3):
             m11, m12, _, m22 = self._derivatives(state, moduli, i, i)
@@ -116,10 +116,10 @@ class Membrane(Laminate, Term):
         return ALL, self.tangent_matrices(state)
 
     def tangent_matrices(self, state: State, together: int = 128) -> Array:
-        """Tangents in N/m, (elements, dofs of an element, dofs of an element), of so many elements
-        `together` that they stay in the processor's cache. Damping keeps the tangents of a
-        wrinkling film regular where the film is slack; the residual is exact, and the damping
-        changes no solution."""
+        """Tangents in N/m, (elements, element dofs, element dofs), computed for `together` elements
+        at a time to stay in the processor's cache. Damping keeps the tangents of a wrinkling film
+        regular where the film is slack; the residual is exact, and the damping changes no
+        solution."""
         count, functions = len(self.space.gradient_rows), self.space.gradient_rows.shape[-1]
         blocks, moduli = np.empty((count, functions, 3, functions, 3)), self.moduli(state)
         for first in range(0, count, together):
@@ -132,7 +132,7 @@ class Membrane(Laminate, Term):
         return matrices + self._damping(state) if self.law.wrinkles else matrices
 
     def _tangent_products(self, state: State, moduli: Array, chunk: slice) -> Array:
-        """Blocks of the tangent, (elements, functions, pairs of components, functions)."""
+        """Tangent blocks, (elements, functions, component pairs, functions)."""
         rows = self.space.gradient_rows[chunk]
         elements, lines, functions = rows.shape
         g1, g2 = rows[:, 0::2], rows[:, 1::2]
@@ -147,10 +147,10 @@ class Membrane(Laminate, Term):
     def _derivatives(
         self, state: State, moduli: Array, i: int, j: int, chunk: slice = ALL
     ) -> tuple[Array, Array, Array, Array]:
-        """Weighted derivatives of (F S)_ia with respect to F_jb, each (elements, points, 1).
+        """Weighted derivatives of (F S)_ia with respect to F_jb, (elements, points, 1).
 
-        In the order ab = 11, 12, 21, 22. Moduli that are the same everywhere are those of the
-        film's axes and do not couple shear with normal strain.
+        In the order ab = 11, 12, 21, 22. Uniform moduli are given in the film's axes and do not
+        couple shear with normal strain.
         """
         weight = self.volumes[chunk, :, None]
         F, stress = state.deformation_gradient[chunk], state.stress[chunk]
@@ -210,8 +210,8 @@ class Membrane(Laminate, Term):
         return (state.damping + self.floor) * self.mean_tension(state) * self._laplace
 
     def mean_tension(self, state: State, least_strain: float = 1e-16) -> float:
-        """Mean of both principal tensions in N/m. The tension of `least_strain` stands for the mean
-        of a film that is slack everywhere."""
+        """Mean of both principal tensions in N/m. The tension by `least_strain` replaces the mean
+        where the film is slack everywhere."""
         mean = 0.5 * state.stress[..., :2].sum(axis=-1)
         average = float((mean * self.volumes).sum() / self.volumes.sum())
         return self.film.thickness * max(average, least_strain * self.law.stiffness[0, 0])

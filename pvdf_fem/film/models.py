@@ -1,6 +1,6 @@
 """Membrane, plate or tension field: what a film is taken for, chosen once per scene.
 
-Whatever depends on that choice asks the `FilmModel` of the scene; `film_model` is the only place
+Everything that depends on this choice asks the scene's `FilmModel`; `film_model` is the only place
 that decides.
 """
 
@@ -33,8 +33,8 @@ from pvdf_fem.scene.scene_file import quote
 
 
 class FilmModel:
-    """What a scene's film is taken for; by default a membrane, which carries compression where it
-    must."""
+    """What a scene's film is taken for; by default a membrane that carries compression where
+    necessary."""
 
     #: Lowest polynomial order of a displacement.
     lowest_order = 1
@@ -44,13 +44,13 @@ class FilmModel:
     solved_on_parts = True
     #: Whether the film wrinkles instead of carrying compression.
     wrinkles = False
-    #: Whether bending is part of the model, and meshes resolve the layers in which it acts.
+    #: Whether bending is part of the model, and meshes resolve its layers.
     bends = False
     #: Whether the next order's correction is nearly diagonal in the nodal basis.
     smooth = True
-    #: Number of unknowns of the finest mesh by default, at the usual tolerance.
+    #: Default number of unknowns for the finest mesh, at the usual tolerance.
     most_unknowns = 60_000
-    #: Time of a Newton iteration over that of a membrane with as many unknowns.
+    #: Time of a Newton iteration over the time for a membrane with equally many unknowns.
     iteration_cost = 1.0
     #: Factor on the element sizes of the first mesh.
     size_factor = 1.0
@@ -102,7 +102,7 @@ class FilmModel:
     def saturation(self) -> float:
         """The error over what a space of the next order on the same mesh takes away.
 
-        Half of the error that the singular edge of a rigid probe makes is left.
+        Half the error from the singular edge of a rigid probe remains.
         """
         return 2.0 if presses_rigidly(self.scene) else 1.0
 
@@ -144,7 +144,7 @@ class FilmModel:
             )
 
 
-#: Stresses below this part of the largest one are rounding.
+#: Stresses below this part of the largest stress are rounding.
 ROUNDING = 1e-9
 
 
@@ -187,13 +187,13 @@ class PlateModel(FilmModel):
 
 
 class TensionFieldModel(FilmModel):
-    """A film that wrinkles or goes slack instead of carrying compression."""
+    """A film wrinkles or goes slack instead of carrying compression."""
 
     wrinkles = True
     smooth = False
     most_unknowns = 30_000
     iteration_cost = 1.5
-    # kinks of the stress can be followed by the next mesh only, so the first one is coarser
+    # only the next mesh can follow kinks in the stress, and the first mesh is coarser
     size_factor = 1.7
     film_is_differentiable = False
 

@@ -9,8 +9,8 @@ Appl. Mech. Eng. 191, 2002, 3669-3750; Brenner and Sung, J. Sci. Comput. 22, 200
     - integral of {M_nn(w)} [dv/dn] + {M_nn(v)} [dw/dn] - tau [dw/dn] [dv/dn] over the edges
 
 where [ ] is the sum of the outward slopes of both sides and { } the mean of their moments. The
-clamped rim has one side; so has the edge of a rigid punch, which is flat whatever the moment beside
-it. All this is quadratic in w and free of the displacement in the plane: one constant matrix.
+clamped rim has one side; the edge of a rigid punch has it, too: the punch is flat for every moment
+beside it. The energy is quadratic in w and free of the in-plane displacement: a constant matrix.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ class Penalty:
 
     #: tau over D_nn times the mean of |e|/area of both sides. The form is positive definite from 3
     #: on for order 3 and from 6 on for order 4 (measured, isotropic to E1/E2 = 50; inverse
-    #: inequalities bound them by 9 and 18). The number is independent of the order, so a
+    #: inequalities bound them by 9 and 18). The number does not depend on the order: a
     #: function keeps its energy in a space of higher order. A larger number clamps too stiffly
-    #: where an element of the rim is larger than the bending length.
+    #: where an element at the rim is larger than the bending length.
     regular: float = 9.0
     #: An element whose area is compressed to the part c somewhere, as a curved one beside a cusp,
     #: has at least this number times 1/c^2 - 1, with which its own form is semidefinite (measured).
     distorted: float = 16.0
     #: Functions of order 3 turn within an element of height H, beside a clamped edge, more easily
-    #: than the film outside of its layer of length l. The layer's penalty divided by
+    #: than the film outside its layer with length l. The layer's penalty divided by
     #: 1 - turning l/H corrects the energy, within 6 % for all l/H (measured; without the correction
     #: up to 20 % of the layer's effect are missing at H = 20 l).
     turning: float = 5.5
@@ -223,7 +223,7 @@ class _Edges:
 
 def _along_edges(space: Space, D: Array) -> _Edges:
     places, lengths = leggauss(space.order + 1)
-    # of the reference triangle: origin, direction, and outward normal of the edge's length
+    # reference triangle's edges: origin, direction, and outward normal as long as the edge
     around = (
         ((0.0, 0.0), (1.0, 0.0), (0.0, -1.0)),
         ((1.0, 0.0), (-1.0, 1.0), (1.0, 1.0)),
@@ -248,7 +248,7 @@ def _along_edges(space: Space, D: Array) -> _Edges:
 
 
 def _edges_by_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
-    """Sides (edges, 1) of edges on the border of the elements; (edges, 2) of edges between two."""
+    """Sides (edges, 1) of edges on the border; (edges, 2) of edges between two."""
     sides = (np.arange(3)[:, None] * mesh.nelements + elements).ravel()
     facets = mesh.t2f[:, elements].ravel()
     order = np.argsort(facets, kind="stable")

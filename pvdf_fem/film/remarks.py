@@ -1,4 +1,4 @@
-"""What a result says of an effect that is a charge by itself."""
+"""Remarks in a result about effects that add charges themselves."""
 
 from __future__ import annotations
 

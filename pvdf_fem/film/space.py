@@ -1,7 +1,7 @@
 """The finite-element space: scikit-fem's basis, and its functions wherever they are asked for.
 
 All three displacement components have the same scalar space of order 1 to 4 on six-node triangles.
-The dofs are those of ``ElementVector(element, 3)``: component c of scalar dof i is dof 3 i + c.
+The dofs follow ``ElementVector(element, 3)``: component c at scalar dof i is dof 3 i + c.
 Dofs of nodes beside the film follow, for instance the depth of a moving tip.
 """
 
@@ -79,7 +79,7 @@ class Space:
     def rule(self, elements: Indices, order: int) -> tuple[Array, Array, Array]:
         """Places (n, points, 2) in m, values of the functions there, and weights in m².
 
-        They are those of a quadrature of another order in the elements (n,).
+        The points belong to a quadrature with a different order in the elements (n,).
         """
         basis = Basis(self.mesh, self.basis.elem, intorder=order, elements=elements)
         values = [np.broadcast_to(shape[0], basis.dx.shape) for shape in basis.basis]
@@ -93,7 +93,7 @@ class Space:
         return components_last(np.ascontiguousarray(slopes.transpose(3, 2, 0, 1)), 2)
 
     def forces(self, flux: Array) -> Array:
-        """Integrals of flux : grad v, (elements, dofs of an element).
+        """Integrals of flux : grad v, (elements, element dofs).
 
         `flux` (2, 3, elements, points) has direction and component first, and the weights in it.
         """
@@ -103,18 +103,18 @@ class Space:
         )
 
     def sum(self, element_vectors: Array, elements: Selection = ALL) -> Array:
-        """Sum of element vectors (elements, dofs of an element) at the dofs, (dofs,)."""
+        """Sum of element vectors (elements, element dofs) at the dofs, (dofs,)."""
         dofs = self.element_dofs[elements]
         total = np.bincount(dofs.ravel(), element_vectors.ravel(), self.dof_count)
         return np.asarray(total, dtype=np.float64)
 
     def laplace(self) -> Array:
-        """Integrals of grad v . grad u, (elements, dofs of an element, dofs of an element)."""
+        """Integrals of grad v . grad u, (elements, element dofs, element dofs)."""
         weighted = self.gradients * self.weights[..., None, None]
         return self.by_component(np.matmul(weighted, self.gradients.swapaxes(2, 3)).sum(axis=1))
 
     def mass(self) -> Array:
-        """Integrals of v . u in m^2, (elements, dofs of an element, dofs of an element)."""
+        """Integrals of v . u in m^2, (elements, element dofs, element dofs)."""
         weighted = self.values * self.weights[..., None]
         return self.by_component(np.matmul(weighted.swapaxes(1, 2), self.values))
 
@@ -125,7 +125,7 @@ class Space:
     def gradients_at(self, elements: Indices, points: Array) -> Array:
         """Gradients of the functions in 1/m, (n, points, functions, 2).
 
-        `points` (2, n, points) are local coordinates, each row in one of the `elements` (n,).
+        `points` (2, n, points) are local coordinates, a row for every element in `elements` (n,).
         """
         local = reference_gradients(self.basis.elem, points.reshape(2, -1))
         inverse = self.mesh.mapping().invDF(points, elements)

@@ -1,4 +1,4 @@
-"""A term of the film's potential energy; an equilibrium makes the sum of all terms stationary."""
+"""A term of the film's potential energy; an equilibrium makes the sum over terms stationary."""
 
 from __future__ import annotations
 
@@ -21,20 +21,21 @@ class State:
     deformation_gradient: Array
     #: Green-Lagrange strain, Voigt with engineering shear, (elements, points, 3).
     strain: Array
-    #: Second Piola-Kirchhoff stress in Pa, Voigt, (elements, points, 3), all that terms add to it.
+    #: Second Piola-Kirchhoff stress in Pa, Voigt, (elements, points, 3), with everything added by
+    #: terms.
     stress: Array
     #: The displacement in m, (dofs,).
     dofs: Array
-    #: What terms add to the stress of the strain, if they do, (elements, 1, 3).
+    #: Stress added by terms to the strain's stress, if present, (elements, 1, 3).
     added: Array | None = field(default=None, kw_only=True)
-    #: Moduli in place of those of the strain, in Pa, where a tangent is to have others.
+    #: Moduli in Pa that replace the strain's moduli in a tangent.
     moduli: Array | None = field(default=None, kw_only=True)
     #: Tension that a tangent has everywhere, over the film's mean tension.
     damping: float = field(default=0.0, kw_only=True)
 
 
 class Assembly(Protocol):
-    """Sums matrices of elements, or of deflections, into matrices of the unknowns."""
+    """Sums matrices for elements or for deflections into matrices for unknowns."""
 
     def of_deflections(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
         """From a matrix (scalar dofs, scalar dofs) of the deflections."""
@@ -46,9 +47,9 @@ class Assembly(Protocol):
 class Term(ABC):
     """A summand of the potential energy, or a load given by its forces.
 
-    All arrays of the size of the dofs are forces in N or displacements in m of the film's `Space`;
-    which of the dofs are free is the equilibrium's business. The defaults are those of a load that
-    does not depend on the displacement.
+    Arrays (dofs,) are forces in N or displacements in m in the film's `Space`;
+    the equilibrium decides which dofs are free. The defaults describe a load that does not depend
+    on the displacement.
     """
 
     space: Space
@@ -60,7 +61,7 @@ class Term(ABC):
     fixed_dofs: Indices = np.empty(0, dtype=np.int64)
     #: Groups of dofs; the dofs within a group move by a common value.
     shared_dofs: tuple[Indices, ...] = ()
-    #: Dofs that it lets move by sums of functions: (n,), and the functions' values there, (n, m).
+    #: Dofs (n,) that move by sums of functions, and the functions' values there, (n, m).
     modes: tuple[tuple[Indices, Array], ...] = ()
     #: Elements that the term keeps straight, (n,).
     rigid_patch: Indices = np.empty(0, dtype=np.int64)
@@ -75,12 +76,11 @@ class Term(ABC):
         return None
 
     def held(self) -> Term:
-        """A conservative approximation of the term, whose equilibrium starts the solve."""
+        """A conservative approximation: its equilibrium starts the solve."""
         return self
 
     def softer(self) -> Term:
-        """An approximation of the term that changes less abruptly, whose equilibrium starts the
-        solve."""
+        """A smoother approximation: its equilibrium starts the solve."""
         return self
 
     def started(self, x: Array) -> Array:
@@ -92,8 +92,8 @@ class Term(ABC):
         return 0.0
 
     def pressed(self, state: State, film_forces: Array) -> tuple[Selection, Array] | None:
-        """Elements, and the force in N that presses each of them against the film's face, (n,), by
-        the film's forces less those of loads, (dofs,)."""
+        """Elements, and their forces in N against the film's face, (n,), from the residual
+        (dofs,)."""
         return None
 
     def scaled(self, factor: float) -> Term:
@@ -102,7 +102,7 @@ class Term(ABC):
 
     @abstractmethod
     def energy(self, state: State) -> float:
-        """Energy in J; a load that is not conservative returns minus the work of current forces."""
+        """Energy in J; a nonconservative load returns minus the work of its current forces."""
 
     @abstractmethod
     def residual(self, state: State) -> Array:
@@ -113,16 +113,16 @@ class Term(ABC):
         return None
 
     def coupled_tangent(self, assembly: Assembly, state: State) -> sp.csc_matrix | None:
-        """The part of the tangent that couples elements, of the unknowns in N/m."""
+        """The part of the tangent in N/m that couples elements, for the unknowns."""
         return None
 
     def added_stress(self, state: State) -> tuple[Indices, Array] | None:
-        """Elements, and the stress (3,) in Pa that it adds to that of the strain there. Its
+        """Elements, and the stress (3,) in Pa added there to the strain's stress. Its
         geometric stiffness is then the membrane's business."""
         return None
 
     def tangent_column(self, state: State) -> Array | None:
-        """c of a part c cᵀ of the tangent that couples many elements, (dofs,) in √(N/m)."""
+        """c in a part c cᵀ of the tangent that couples many elements, (dofs,) in √(N/m)."""
         return None
 
     def element_action(self, state: State, x: Array) -> Array | None:
@@ -139,19 +139,19 @@ class Term(ABC):
         return None if forces is None else self.space.sum(forces)
 
     def diagonal(self, state: State) -> Array | None:
-        """Diagonal of the tangent that `element_action` is of, (dofs,) in N/m; None of a load."""
+        """Diagonal of the tangent in `element_action`, (dofs,) in N/m; None of a load."""
         return None
 
     @abstractmethod
     def along(self, state: State, x: Array) -> Array:
         """Coefficients (5,), lowest power first, of the energy in s at the dofs moved by s `x`.
 
-        They do not hold for a film that wrinkles, whose energy is no polynomial.
+        They do not hold for a wrinkling film: its energy is no polynomial.
         """
 
 
 class Load(Term):
-    """A term of external forces that no displacement, or only the present one, decides."""
+    """A term with external forces that depend on no displacement or on the present displacement."""
 
     @abstractmethod
     def forces(self, state: State) -> Array:
@@ -166,6 +166,6 @@ class Load(Term):
         return -self.forces(state)
 
     def along(self, state: State, x: Array) -> Array:
-        """Coefficients (5,) of the load's potential along `x`, its forces held as they are."""
+        """Coefficients (5,) of the load's potential along `x`, with fixed forces."""
         forces = self.forces(state)
         return np.array([-forces @ state.dofs, -forces @ x, 0.0, 0.0, 0.0])

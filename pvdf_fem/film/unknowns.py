@@ -1,6 +1,6 @@
 """The linear map from unknowns to dofs: clamped, shared and summed dofs, and dofs beside the film.
 
-A constraint adds no equation, so that the tangent stays as sparse and as symmetric as the film's.
+A constraint adds no equation, and the tangent stays sparse and symmetric.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ class Unknowns:
     """The map from unknowns to dofs that the rim, mirror lines and terms leave.
 
     `fixed` dofs are zero. The dofs of a `shared` group have a common value, an unknown behind the
-    others; a group with a fixed dof is zero. `of_dof` has the unknown of each dof. Only dofs of
-    `modes`, which are sums of functions, have `places` of their own there, behind the other places:
-    the matrix `sums` takes unknowns to places, and `means` takes places to unknowns.
+    others; a group with a fixed dof is zero. `of_dof` has the unknown of each dof. Dofs in `modes`
+    are sums of functions and have `places` of their own behind the usual places: the matrix `sums`
+    takes unknowns to places, and `means` takes places to unknowns.
     """
 
     def __init__(
@@ -87,25 +87,25 @@ class Unknowns:
         return np.asarray(total if self.sums is None else self.sums.T @ total, dtype=np.float64)
 
     def fold_diagonal(self, diagonal: Array) -> Array:
-        """A diagonal matrix of the dofs as that of the unknowns, without its coupling."""
+        """A diagonal matrix for dofs as a diagonal for unknowns, without coupling."""
         total = np.bincount(self.of_dof + 1, diagonal, self.places + 1)[1:]
         return np.asarray(total if self.sums is None else self.sums.power(2).T @ total)
 
     def restrict(self, x: Array) -> Array:
-        """Unknowns of the dofs `x`, averaged where dofs share one."""
+        """Unknowns for dofs `x`, averaged where dofs share an unknown."""
         total = np.bincount(self.of_dof + 1, x, self.places + 1)
         mean = total[1:] / np.bincount(self.of_dof + 1, minlength=self.places + 1)[1:]
         return np.asarray(mean if self.means is None else self.means @ mean)
 
     def deflections(self) -> Mask:
-        """Mask (unknowns,) of those that are deflections, not in-plane displacements."""
+        """Mask (unknowns,): deflections, not in-plane displacements."""
         mask = np.zeros(self.places + 1, dtype=bool)
         mask[self.of_dof[2::3]] = True
         return mask[:-1] if self.sums is None else self.sums.T @ mask[:-1] != 0.0
 
 
 class Assembly:
-    """Sums matrices of elements, or of deflections, into matrices of unknowns."""
+    """Sums matrices for elements or for deflections into matrices for unknowns."""
 
     def __init__(self, space: Space, unknowns: Unknowns) -> None:
         self.unknowns, self.count = unknowns, unknowns.places
@@ -125,12 +125,13 @@ class Assembly:
         return total if sums is None else (sums.T @ total @ sums).tocsc()
 
     def of_dofs(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
-        """The matrix (unknowns, unknowns) of one of the dofs (dofs, dofs)."""
+        """The matrix (unknowns, unknowns) from a matrix (dofs, dofs)."""
         expansion = self.unknowns.expansion
         return (expansion.T @ matrix @ expansion).tocsc()
 
     def of_deflections(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
-        """The matrix (unknowns, unknowns) of one of the deflections (scalar dofs, scalar dofs)."""
+        """The matrix (unknowns, unknowns) from a matrix for deflections (scalar dofs, scalar
+        dofs)."""
         expansion = self.unknowns.expansion[2::3]
         return (expansion.T @ matrix @ expansion).tocsc()
 
@@ -158,11 +159,10 @@ def prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
 def _representatives(
     coarse: Space, rich: Space, nodes: Indices, rounding: float = 1e-13
 ) -> tuple[Array, Indices, Mask, Indices]:
-    """What makes a function of `coarse` at scalar dofs of `rich`.
+    """Prolongation of a function from `coarse` to scalar dofs in `rich`.
 
-    The values (n, functions) and scalar dofs (n, functions) of `coarse` in an element of each,
-    which of the values are not zero but for rounding, and their sums, (n + 1,). A node beside the
-    film is its own.
+    For every point, values (n, functions) and scalar dofs (n, functions) of `coarse` in an element;
+    values beyond rounding, and their sums, (n + 1,). A node beside the film is its own.
     """
     shapes = shape_values(coarse.basis.elem, ELEMENTS[rich.order].doflocs.T)
     rich_nodes, beside = rich.basis.element_dofs, nodes >= rich.basis.N

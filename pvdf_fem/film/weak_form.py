@@ -27,7 +27,7 @@ from pvdf_fem.scene.film import Film
 
 
 def vector_basis(space: Space) -> Basis:
-    """The three-component basis of a space on which forms assemble."""
+    """The three-component basis on which forms assemble."""
     element = ElementVector(ELEMENTS[space.order](), 3)
     return Basis(space.mesh, element, intorder=INTEGRATION_ORDER[space.order])
 

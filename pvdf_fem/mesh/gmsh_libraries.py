@@ -1,6 +1,6 @@
-"""The shared libraries that gmsh's wheel loads and does not bring, with Debian's packages of them.
+"""Shared libraries that gmsh's wheel loads and does not bring, with their Debian packages.
 
-The script `run` runs this before any package of Python is there, to print what is missing.
+The script `run` runs this module before Python packages are there, to print missing libraries.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class GmshMissingError(ImportError):
 
 
 def missing_packages() -> Iterator[str]:
-    """Debian's packages of the libraries that the loader of Linux does not find."""
+    """Debian packages of libraries that Linux's loader does not find."""
     for library, package in PACKAGES.items() if sys.platform == "linux" else ():
         try:
             ctypes.CDLL(library)
@@ -40,7 +40,7 @@ def missing_packages() -> Iterator[str]:
 
 
 def missing_text(error: Exception) -> str:
-    """What to do after an exception that the import of gmsh raised."""
+    """Advice after an exception in the import of gmsh."""
     packages = " ".join(missing_packages())
     what = f"what it misses: apt-get install {packages}" if packages else "it again"
     return f"gmsh, which makes the meshes, cannot be loaded ({error}); install {what}"

@@ -1,14 +1,14 @@
 """From a scene to its mesh: the clamped disc with its electrodes and probe as named patches.
 
-This is the only module that imports gmsh. The outlines are embedded with OpenCASCADE's
-``fragment``, so every patch, and every overlap of patches, is a union of elements. Elements are
+No further module imports gmsh. The outlines are embedded with OpenCASCADE's
+``fragment``, and patches and their overlaps are unions of elements. Elements are
 six-node triangles: rim and curved outlines are curved to second order, with the outlines' areas.
 Element sizes are smallest along the outlines and grow linearly with the distance from them
 (`Sizes`), or follow an error estimate on an earlier mesh (`SizeField`). A mesh can cover part of a
 symmetric scene alone (`symmetry.MirroredPart`).
 
-In gmsh the film's radius is 100, so that gmsh's absolute geometric tolerance means the same for a
-film of 1 mm and of 1 m.
+In gmsh the film's radius is 100: gmsh's absolute geometric tolerance is equally fine for films of 1
+mm and 1 m.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ try:
 except (ImportError, OSError) as error:  # everything but meshing does without
     _NOT_LOADED = missing_text(error)
 
-#: gmsh has one state for all threads, of which the worker of a cluster may have several.
+#: gmsh has a single state for the threads, and a cluster's worker may have several threads.
 _ONE_MODEL = threading.Lock()
 if hasattr(os, "register_at_fork"):  # forks while another thread meshes would copy a lock for ever
     os.register_at_fork(
@@ -52,12 +52,12 @@ _OPTIONS = {
     # errors are exceptions
     "General.AbortOnError": 2,
     "General.NumThreads": 1,
-    # the other sources of element sizes are switched off
+    # further sources of element sizes are switched off
     "Mesh.MeshSizeFromPoints": 0,
     "Mesh.MeshSizeExtendFromBoundary": 0,
     # frontal Delaunay
     "Mesh.Algorithm": 6,
-    # precision of the number of elements along a curve; gmsh's 1e-9 takes most of the time
+    # precision in the number of elements along a curve; gmsh's 1e-9 takes most of the time
     "Mesh.LcIntegrationPrecision": 1e-2,
 }
 
@@ -69,7 +69,7 @@ MIRRORS = ("mirror x", "mirror y")
 
 
 def electrode_patch(name: str) -> str:
-    """Name of the mesh subdomain that an electrode covers."""
+    """Name of the mesh subdomain below an electrode."""
     return f"electrode {name}"
 
 
@@ -78,7 +78,7 @@ class MeshError(RuntimeError):
 
 
 class GmshInUseError(RuntimeError):
-    """Another part of the program has a session of gmsh, whose options and models would change."""
+    """A gmsh session is open elsewhere in the program; its options and models would change."""
 
 
 def outlines(scene: Scene) -> dict[str, Outline]:
@@ -100,18 +100,18 @@ def mesh_scene(
     """Mesh a scene, or a part of it in the part's axes, with coordinates in m.
 
     Patches that `Sizes.patches` does not name get no finer mesh; the outlines `contacts`, edges of
-    contacts with tips, take the place of the probes'. Up to `attempts` meshes are made, each finer
-    at elements of the one before with a Jacobian below `least_jacobian` times its mean: those
-    between an arc and a corner or an edge that it nearly touches. What is left of them in the last
-    mesh gets straight sides. The cusp between an arc and its tangent, or between two arcs that
-    touch, has 0.15 at any element size. Before a mesh `require` is called with the estimated
-    number of its elements, and may raise.
+    contacts with tips, take the place of the probes'. Up to `attempts` meshes are made. A further
+    mesh is finer at elements with a Jacobian below `least_jacobian` times its mean, between an arc
+    and a corner or edge close to the arc. Remaining bad elements in the last mesh get straight
+    sides. The cusp between an arc and its tangent, or between two arcs that touch, has 0.15 at any
+    element size. Before a mesh `require` is called with the estimated number of its elements, and
+    may raise.
 
-    Subdomains are ``film``, one ``electrode NAME`` each, ``film patch 1`` and so on, and ``probe``,
-    or ``probe 1``, ``probe 2`` and so on; boundaries are ``rim``, and those of `MIRRORS` that a
-    part has. Outside of the part an electrode or a probe has no elements. Raises `MeshError` when
-    gmsh fails, a patch has got no element, or elements fold although they are straight,
-    `GmshMissingError` when gmsh cannot be loaded, and `GmshInUseError`.
+    Subdomains are ``film``, ``electrode NAME`` for every electrode, ``film patch 1``, ``film patch
+    2``, ..., and ``probe`` or ``probe 1``, ``probe 2``, ...; boundaries are ``rim`` and the part's
+    mirror lines in `MIRRORS`. Outside of the part an electrode or a probe has no elements. Raises
+    `MeshError` when gmsh fails, a patch has got no element, or elements fold although they are
+    straight, `GmshMissingError` when gmsh cannot be loaded, and `GmshInUseError`.
     """
     shapes = outlines(scene) | dict(contacts)
     smallest = min((shape.perimeter for shape in shapes.values()), default=0.0)
@@ -119,7 +119,7 @@ def mesh_scene(
         film, arcs = Circle(np.zeros(2), scene.film.radius), _arcs(scene.numerics.tolerance)
         require(sizes.elements(film.area, {FILM: film, **shapes}, arcs) / len(part.signs))
     for _ in range(attempts):
-        # moving a side by this part of the smallest outline changes its area by less than 1e-6
+        # a side moved by this part of the smallest outline changes the area by less than 1e-6
         mesh, distorted = straightened(
             _mesh_once(scene, shapes, sizes, part), least_jacobian, 1e-5 * smallest
         )
@@ -166,7 +166,7 @@ def _mesh_once(
 
 
 def _arcs(tolerance: float) -> int:
-    """Least number of quadratic arcs of a circle. Measured, with arcs of the right area: 16 change
+    """Least number of quadratic arcs in a circle. Measured, with arcs of the right area: 16 change
     the charges by less than 2e-7 under a disc."""
     return int(np.ceil(max(12.0, 16.0 * (1e-5 / tolerance) ** 0.25)))
 
@@ -188,7 +188,7 @@ def _gmsh() -> Iterator[None]:
 
 
 def _fragment(shapes: dict[str, Outline], unit: float, part: MirroredPart) -> dict[str, list[int]]:
-    """Surfaces of each patch in the part, ``film`` included, after all outlines have cut it."""
+    """Surfaces for every patch in the part, ``film`` included, after the cuts by outlines."""
     occ, radius = gmsh.model.occ, 100.0
     film = [(2, _surface(shapes[FILM], unit))]
     names = [name for name in shapes if name != FILM]
@@ -232,8 +232,8 @@ def _ellipse(curve: EllipseCurve, unit: float) -> int:
 def _outer_curves(
     surfaces: list[int], shape: Outline, part: MirroredPart, on_line: float = 1e-8
 ) -> list[int]:
-    """The curves of a patch's outline, without those along which a mirror line cuts it: curves
-    nearer to the line than the part `on_line` of the film's radius."""
+    """The curves along a patch's outline, without cuts by a mirror line: curves nearer to the line
+    than the part `on_line` of the film's radius."""
     pairs = gmsh.model.getBoundary([(2, tag) for tag in surfaces], combined=True, oriented=False)
     curves = {abs(tag) for _, tag in pairs}
     for axis in part.mirrored:
@@ -244,7 +244,7 @@ def _outer_curves(
 
 
 def _with_images(sizes: Sizes, part: MirroredPart) -> Sizes:
-    """The sizes, and those of electrodes for their images."""
+    """The sizes, with electrode sizes also for electrode images."""
     patches = {
         electrode_patch(image): sizes.patches[electrode_patch(name)]
         for image, (name, _) in part.images.items()
@@ -303,7 +303,7 @@ def _read(
     on_line: float = 1e-8,
 ) -> MeshTri2:
     """The gmsh model as a mesh; a patch without a list of surfaces has no place in the part. Nodes
-    nearer to a mirror line than the part `on_line` of the film's radius are on it."""
+    nearer to a mirror line than the part `on_line` of the film's radius are on the line."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     row = np.empty(int(tags.max()) + 1, dtype=np.int64)
     row[tags] = np.arange(len(tags))

@@ -1,4 +1,4 @@
-"""The mesh of a scene from a file: of ``pvdf-fem mesh``, or of the user's own by gmsh.
+"""The mesh for a scene from a file: by ``pvdf-fem mesh``, or the user's own gmsh mesh.
 
 A file holds plane six-node triangles in m or mm about the film's centre; the film's radius tells
 which. Patches lie where the scene has them: the triangles inside of an outline are its patch if the
@@ -28,19 +28,20 @@ from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 
-#: The module of meshio that reads a format, by extension.
+#: Modules in meshio that read a format, by extension.
 READERS = {".msh": "gmsh", ".inp": "abaqus", ".vtu": "vtu", ".vtk": "vtk", ".xdmf": "xdmf"}
 
 
 class MeshFileError(FileError):
-    """What is given is no mesh of the scene; each argument is a line about a mistake."""
+    """The given mesh does not fit the scene; each argument is a line about a mistake."""
 
     def __str__(self) -> str:
         return "\n".join(self.args)
 
 
 def mesh_of(given: MeshTri2 | str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
-    """A mesh of the whole film, or that in a file, with the patches of a scene; see `read_mesh`."""
+    """A mesh of the whole film, given or from a file, with the patches in a scene; see
+    `read_mesh`."""
     if isinstance(given, str | Path):
         return read_mesh(given, scene, slack)
     taken("mesh", given, MeshTri2)
@@ -51,11 +52,10 @@ def mesh_of(given: MeshTri2 | str | Path, scene: Scene, slack: float = 1e-3) -> 
 
 
 def read_mesh(path: str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
-    """The mesh in a file, which ends in one of `READERS`, with the patches of a scene; see the
+    """The mesh in a file with an extension in `READERS`, with the patches in a scene; see the
     module. Areas of film and patches may differ by the part `slack` from the scene's; outlines and
-    centroids may be off by this part of the patch's size, the root of its area. Raises
-    `MeshFileError` when the mesh is not one of the scene's film, and `FileError` when the file
-    cannot be read."""
+    centroids may be off by this part of the patch's size (root of the area). Raises `MeshFileError`
+    when the mesh is not one of the scene's film, and `FileError` when the file cannot be read."""
     path = Path(path)
     with reading(path, "a mesh file"):
         pass  # meshio opens it by itself
@@ -95,7 +95,7 @@ def _triangles(grid: Any) -> tuple[Array, Indices]:
 
 
 def _mesh(points: Array, triangles: Indices, scene: Scene, slack: float) -> MeshTri2:
-    """The mesh of the scene that triangles in m or mm are."""
+    """The scene's mesh from triangles in m or mm."""
     radius, reach = scene.film.radius, float(np.hypot(*points.T).max())
     unit = next((u for u in (1.0, 1e-3) if abs(reach * u / radius - 1.0) <= slack), None)
     if unit is None:

@@ -33,8 +33,8 @@ def nearest_elements(mesh: MeshTri2, points: Array, candidates: int = 8) -> tupl
 def located(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indices, Array]:
     """Elements (n,) that hold points (2, n), and the points' local coordinates (2, n) there. Curved
     sides count as they are. From the nearest element whose straight triangle holds a point a walk
-    of up to `steps` elements crosses the sides that the point lies beyond. A point that is only
-    beyond the rim stays in the element there, with coordinates outside of it."""
+    of up to `steps` elements crosses the sides that the point lies beyond. A point just beyond the
+    rim stays in the element there, with local coordinates outside."""
     facets = mesh.t2f[[1, 2, 0]]  # opposite of each vertex
     first, second = mesh.f2t[:, facets]
     across = np.where(first == np.arange(mesh.nelements), second, first)
@@ -54,8 +54,8 @@ def located(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indices, Ar
 def local_coordinates(
     mesh: MeshTri2, elements: Indices, points: Array, newton_steps: int = 6
 ) -> Array:
-    """Local coordinates (2, n, points) of points (n, points, 2), each row in one element. In curved
-    elements they take Newton's method."""
+    """Local coordinates (2, n, points) of points (n, points, 2), with a row in a single element. In
+    curved elements they take Newton's method."""
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs[:, elements]]
     J = np.stack([nodes[:, 1] - nodes[:, 0], nodes[:, 2] - nodes[:, 0]], axis=1)
     local = np.einsum(
@@ -72,7 +72,7 @@ def local_coordinates(
 
 @dataclass(frozen=True, eq=False)
 class PlacedQuadrature:
-    """Quadrature points in elements of a mesh, in rows of as many points each."""
+    """Quadrature points in mesh elements, in rows with equally many points."""
 
     owners: Indices  #: Index of the outline, line or facet that a row of points belongs to, (n,).
     elements: Indices  #: The element that a row of points lies in, (n,).

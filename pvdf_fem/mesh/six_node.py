@@ -11,12 +11,12 @@ from skfem.quadrature import get_quadrature
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.scene.outlines.outline import Outline
 
-#: Ends of the sides of a six-node triangle, in the order of its midside nodes.
+#: Ends of the sides in a six-node triangle, in the order of midside nodes.
 SIDES = [[0, 1], [1, 2], [0, 2]]
 
 
 def with_sorted_vertices(triangles: Indices) -> Indices:
-    """Six-node triangles with their vertices in ascending order, as cubic elements need them."""
+    """Six-node triangles with vertices in ascending order, for cubic elements."""
     order = np.argsort(triangles[:, :3], axis=1)
     midside = np.array([[-1, 3, 5], [3, -1, 4], [5, 4, -1]])
     edges = midside[order, np.roll(order, -1, axis=1)]
@@ -32,11 +32,11 @@ def bulge(
     near: float = 2.5e-9,
 ) -> None:
     """Move the midside nodes on a smooth outline, in place, so that its elements have its area.
-    `points` (2, nodes) and the film's radius `film` are in m. `curved` (nodes,) are nodes inside of
-    curved pieces of boundaries: a short chord is as near to the outline. A node is on the outline
-    if it is nearer than `near` times the radius: gmsh makes one of curves up to about twice as far
-    apart, halfway between them, and those are far below the distance of two curves that touch, an
-    element's size away from where they do."""
+    `points` (2, nodes) and the film's radius `film` are in m. `curved` (nodes,) are nodes inside
+    curved pieces of boundaries: a short chord is equally near to the outline. A node is on the
+    outline if its distance is below `near` times the radius. Where curves lie up to twice this
+    distance apart, gmsh makes a single node halfway; touching curves are much farther apart an
+    element's size from their contact."""
     on = np.abs(outline.signed_distance(points.T)) < near * film
     ends, middle = triangles[:, SIDES].reshape(-1, 2), triangles[:, 3:].ravel()
     arcs = curved[middle] & on[middle] & on[ends].all(axis=1)
@@ -53,7 +53,7 @@ def curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
 
 
 def compression(mesh: MeshTri2) -> Array:
-    """Least Jacobian of each element over its mean, (elements,); below 0 where it folds."""
+    """Least Jacobian in every element over its mean, (elements,); below 0 where it folds."""
     points, _ = get_quadrature(mesh.elem.refdom, 8)
     least = np.ones(mesh.nelements)
     curved = np.flatnonzero(curved_elements(mesh.doflocs[:, mesh.dofs.element_dofs]))
@@ -97,9 +97,9 @@ def bent(mesh: MeshTri2, distorted: Mask, least_jacobian: float) -> tuple[MeshTr
 
 
 def straightened(mesh: MeshTri2, least_jacobian: float, most: float) -> tuple[MeshTri2, Mask]:
-    """The mesh with bent sides of distorted elements in gaps (`bent`), and then with straight ones
-    where that moves them by up to `most`: of elements in cusps too narrow for an arc. And which
-    elements (elements,) are distorted still."""
+    """The mesh with bent sides for distorted elements in gaps (`bent`), then with straight sides
+    where they move by up to `most`, in cusps too narrow for an arc. And which elements (elements,)
+    are distorted still."""
     distorted = compression(mesh) < least_jacobian
     if distorted.any():
         mesh, distorted = bent(mesh, distorted, least_jacobian)

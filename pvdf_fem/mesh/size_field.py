@@ -11,7 +11,7 @@ from skfem import MeshTri2
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.scene.outlines.outline import Outline
 
-#: gmsh's elements are smaller than the sizes that they are asked for by about this factor.
+#: Factor by which gmsh's elements are smaller than the wanted sizes, approximately.
 SPARE = 1.18
 
 
@@ -19,7 +19,7 @@ SPARE = 1.18
 class Sizes:
     """Element sizes in metres along outlines, growing linearly with the distance from them."""
 
-    #: Element size along the outline of each patch, by patch name; `gmsh_mesh.FILM` is the rim's.
+    #: Element size along every patch's outline, by patch name; `gmsh_mesh.FILM` is the rim's.
     patches: dict[str, float]
     growth: float  #: Increase of the element size per unit of distance from an outline.
     film: float  #: Largest element size.
@@ -27,9 +27,9 @@ class Sizes:
     def elements(
         self, area: float, outlines: Mapping[str, Outline], arcs: int, at_corner: float = 4.0
     ) -> float:
-        """Estimated number of elements on a film of an area in m², within a factor of about 2. A
-        smooth outline has at least `arcs` sides. `at_corner` are elements at each corner of
-        outlines with many, whose sides are shorter than the sizes."""
+        """Estimated number of elements on a film with an area in m², within a factor near 2. A
+        smooth outline has at least `arcs` sides. `at_corner` are elements at every corner, for
+        outlines with many corners and sides shorter than the sizes."""
         total, corners = area / self.film**2, 0
         for name, outline in outlines.items():
             least = self.film if len(outline.corners) else outline.perimeter / arcs
@@ -40,7 +40,7 @@ class Sizes:
         return float(4.0 / np.sqrt(3.0) * SPARE**2 * total + at_corner * corners)
 
     def scaled(self, factor: float) -> Sizes:
-        """All element sizes, and so the gradient, times `factor`."""
+        """Element sizes, and therefore the gradient, times `factor`."""
         patches = {name: size * factor for name, size in self.patches.items()}
         return Sizes(patches, self.growth * factor, self.film * factor)
 
@@ -76,14 +76,14 @@ class SizeField:
         return float(((SPARE * element_sizes(self.mesh) / mean) ** 2).sum())
 
     def coarsened(self, most: float) -> SizeField:
-        """The same field, or a coarser one of about `most` elements."""
+        """The same field, or a coarser field with about `most` elements."""
         return SizeField(self.mesh, self.sizes * np.sqrt(max(self.elements / most, 1.0)))
 
 
 def element_sizes(mesh: MeshTri2, sliver: float = 0.5) -> Array:
-    """Edge of the equilateral triangle of an element's area, or `sliver` of its longest edge, m.
-    The larger one counts: a sliver's area says nothing of its neighbours, and in the cusp between
-    arcs that touch meshes as fine as that would take gmsh minutes."""
+    """Edge of an equilateral triangle with the element's area, or `sliver` times the longest edge,
+    m. The larger value counts: a sliver's area says nothing about its neighbours, and gmsh would
+    take minutes for equally fine meshes in the cusp between touching arcs."""
     corners = mesh.p[:, mesh.t]
     (x0, x1, x2), (y0, y1, y2) = corners
     area = 0.5 * np.abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
@@ -101,15 +101,15 @@ def refined_sizes(
     smallest: float = 0.05,
     largest: float = 2.0,
 ) -> SizeField:
-    """Sizes for which the error is `reduction` times what it was, with fewest elements.
+    """Sizes that multiply the error by `reduction`, with fewest elements.
 
-    An element's share in the error is proportional to size^(order + 2), so that the number of
-    elements is least where all `shares` (elements,) are equal (equidistribution). Where all are
-    zero, as on a slack film, they count as equal. `most` bounds the sizes in m from above;
-    `smallest` and `largest` bound the factor by which a size changes. The elements `stiff` do not
-    deform: they have no share, and are as small as their neighbours need. Errors of charges fall
-    with the power `order` of the size: less than the 4 of smooth solutions, which corners of the
-    patches make less smooth (see the tests of convergence).
+    An element's share in the error is proportional to size^(order + 2): the number of elements is
+    least with equal `shares` (elements,) (equidistribution). Zero shares everywhere, on a slack
+    film, count as equal. `most` bounds the sizes in m from above; `smallest` and `largest` bound
+    the factor by which a size changes. Elements in `stiff` do not deform: they have no share, and
+    their neighbours decide their sizes. Errors in charges fall with the power `order` of the size:
+    less than 4 for smooth solutions, because corners of patches make solutions less smooth (see the
+    convergence tests).
     """
     total = shares.sum()
     share = shares / total if total > 0.0 else np.full(len(shares), 1.0 / len(shares))

@@ -1,10 +1,10 @@
-"""Mirror symmetry of a scene: the part of the film that has to be solved.
+"""Mirror symmetry in a scene: the part of the film to solve.
 
 Where a mirror image about a line through the film's centre brings film, probe and electrodes onto
-themselves, the displacement is its own mirror image, and one half of the film has all of it; with
-two such lines at right angles one quarter has. On a mirror line the film does not move across it.
-A film that is equally stiff and tight in all directions is turned to have its mirror lines along
-the axes; of any other film only the axes are taken for mirror lines.
+themselves, the displacement is its own mirror image, and one half of the film has all of it; two
+mirror lines at right angles leave a quarter. On a mirror line the film does not move across it. A
+film that is equally stiff and tight in all directions is turned to have its mirror lines along the
+axes; for further films only the axes count as mirror lines.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from pvdf_fem.scene.shapes import Bonded, Pressing
 
 @dataclass(frozen=True, eq=False)
 class MirroredPart:
-    """A part of the film whose mirror images together are the film."""
+    """A part with mirror images that together make the film."""
 
-    #: Orthogonal matrix from the axes of the scene to those of the part, (2, 2).
+    #: Orthogonal matrix from the scene's axes to the part's axes, (2, 2).
     frame: Array = field(default_factory=lambda: np.eye(2))
     #: Coordinates, 0 or 1, whose signs the mirror images change: they are positive in the part.
     mirrored: tuple[int, ...] = ()
     #: For each mirror image, from an electrode's name to the name at the mirrored place: an
-    #: electrode of the scene, or a key of `images`; empty for the identity.
+    #: electrode in the scene, or a key in `images`; empty for the identity.
     swaps: tuple[Mapping[str, str], ...] = ({},)
-    #: For each mirror image, from the mesh's patch of a probe, or patch of the film, to its image.
+    #: For every mirror image, from the mesh patch of a probe or of the film to the patch's image.
     patch_swaps: tuple[Mapping[str, str], ...] = ({},)
     #: Outlines, in the part's axes, of electrodes' images where the scene has no electrode, with
     #: the electrodes' names.
@@ -71,12 +71,12 @@ def isotropy(film: Film) -> str:
 
 
 def part_of(scene: Scene, with_images_below: float = 1e-4) -> MirroredPart:
-    """The smallest part of a scene's film that mirror images make the whole of. It is the whole
+    """The smallest part of a scene's film whose mirror images make the whole film. It is the whole
     film where a mirror image would not keep film and probes, with their loads, to `TOUCH` of the
     film's radius, and where nothing presses. Above the tolerance `with_images_below` electrodes
-    have to be each other's images too; below it the mesh follows images of electrodes where the
-    scene has none. They cost as many elements as the electrodes themselves: under a disc anywhere
-    that leaves 0.84 of the time at 1e-3, 0.78 at 1e-4 and 0.61 at 1e-5, also where an image is 1 µm
+    have to be images, too; below, the mesh follows electrode images where the scene has no
+    electrode. They cost as many elements as the electrodes themselves: under a disc anywhere that
+    leaves 0.84 of the time at 1e-3, 0.78 at 1e-4 and 0.61 at 1e-5, also where an image is 1 µm
     beside an electrode."""
     touches, slack = scene.loaded_probes, TOUCH * scene.film.radius
     pressed = any(any(touch.load.components) for touch in touches)
@@ -100,7 +100,7 @@ def part_of(scene: Scene, with_images_below: float = 1e-4) -> MirroredPart:
 
 
 def _part(frame: Array, mirrored: tuple[int, ...], scene: Scene, slack: float) -> MirroredPart:
-    """A part with what its images bring each electrode onto."""
+    """A part, with the targets of its electrodes under mirror images."""
     places = {name: outline.mapped(frame) for name, outline in _electrodes(scene).items()}
     names, centres = list(places), np.array([outline.centroid for outline in places.values()])
     swaps: list[dict[str, str]] = [{}]
@@ -122,8 +122,8 @@ def _part(frame: Array, mirrored: tuple[int, ...], scene: Scene, slack: float) -
 
 
 def _patch_swap(mirror: Array, scene: Scene, slack: float) -> dict[str, str] | None:
-    """What a map brings each probe with its load, and each patch of the film, onto, by names in the
-    mesh; None where one has no image."""
+    """Targets of loaded probes and film patches under a map, by names in the mesh; None where one
+    has no image."""
     swap: dict[str, str] = {}
     things: dict[str, tuple[Outline, Any, Array]] = {}
     for touch in scene.loaded_probes:
@@ -142,13 +142,13 @@ def _patch_swap(mirror: Array, scene: Scene, slack: float) -> dict[str, str] | N
     return swap if len(swap) == len(things) else None
 
 
-#: What a patch's layer is made of, and what of a probe its outline and its load have.
+#: Data to compare: a patch's layer; a probe's outline and load.
 _MATERIAL = set(Bonded.model_fields)
 _SAID = {"shape", *Pressing.model_fields}
 
 
 def _upright(touch: LoadedProbe) -> Load:
-    """The load without what a map of the film turns."""
+    """The load without directions that a map turns."""
     return touch.load.model_copy(update={"tangential_N": None})
 
 
@@ -158,9 +158,9 @@ def _electrodes(scene: Scene) -> dict[str, Outline]:
 
 def _mirrors(scene: Scene, slack: float) -> Iterator[Array]:
     """Mirror images that the film allows and that may keep the probes: matrices (2, 2). The first
-    two are about the axes. Others bring the probes' landmark that is farthest from the film's
-    centre to another one as far away; a probe whose only landmark is at the centre has those of the
-    electrodes instead."""
+    two are about the axes. Further candidates bring the probes' landmark farthest from the centre
+    to an equally distant landmark; a probe with a single landmark at the centre has the electrodes'
+    landmarks instead."""
     yield np.diag([1.0, -1.0])
     yield np.diag([-1.0, 1.0])
     if isotropy(scene.film) != "isotropic":
@@ -183,7 +183,7 @@ def _landmarks(outlines: Iterable[Outline]) -> Array:
 
 
 def _frame(mirror: Array) -> tuple[Array, int]:
-    """The turn that brings the line of a mirror image to an axis, and the coordinate across it."""
+    """The turn that brings a mirror line to an axis, and the coordinate across the line."""
     (cosine, sine), _ = mirror
     if sine == 0.0:
         return np.eye(2), 1 if cosine > 0.0 else 0

@@ -1,4 +1,4 @@
-"""Charts of results that are no maps of one solution: frequencies, mode shapes, sweeps, designs."""
+"""Charts of frequencies, mode shapes, sweeps and designs."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def mode_shapes(
 def _panels(
     count: int, abreast: int = 2, panel_mm: float = 45.0, same_y: bool = True
 ) -> tuple[Figure, list[Axes]]:
-    """A figure with panels of the same axes, few beside each other for a phone."""
+    """A figure with panels on equal axes, few abreast for a phone."""
     rows, columns = math.ceil(count / abreast), min(count, abreast)
     figure = new_figure(panel_mm * columns + 30.0, (panel_mm + 8.0) * rows + 10.0)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=same_y)
@@ -132,10 +132,9 @@ def _panels(
 
 
 def sweep_chart(data: Dataset) -> Figure:
-    """A figure of the charges of a sweep: curves by one axis; by two axes a map for each electrode,
-    or where an axis has up to `FEW` values, a curve for each of these. Scenes without charges are
-    marked, with their status. Raises ValueError for another number of axes, and says how to select
-    from them."""
+    """A figure of charges in a sweep: curves by a single axis; by two axes a map per electrode, or,
+    where an axis has up to `FEW` values, a curve per value. Scenes without charges are marked, with
+    their status. ValueError for more axes says how to select from them."""
     data = data.squeeze([axis for axis, size in data.status.sizes.items() if size == 1])
     axes = [str(axis) for axis in data.status.dims]
     if len(axes) not in (1, 2):
@@ -184,7 +183,7 @@ def _draw_axis(axis: XAxis | YAxis, varied: list[DataArray], most_ticks: int = 5
 
 
 def _texts(keys: DataArray) -> list[str]:
-    """Numbers, and the beginnings of texts, which may be tables as JSON."""
+    """Numbers, and the beginnings of texts (perhaps JSON tables)."""
     if keys.dtype.kind == "f":
         return [f"{value:.4g}" for value in keys.values]
     return [re.sub('[{}"]', "", str(value))[:20] for value in keys.values]
@@ -216,7 +215,7 @@ def _curves(data: Dataset, along: list[DataArray]) -> Figure:
 
 
 def _families(data: Dataset, by: list[DataArray], along: list[DataArray]) -> Figure:
-    """A panel for each electrode with curves along an axis, one for each value of the other."""
+    """A panel per electrode with curves along an axis, a curve per value on the second axis."""
     figure, panels = _panels(data.electrode.size, same_y=False)
     data = data.transpose(*by[0].dims, *along[0].dims, ...)
     names, bars, marks = [", ".join(row) for row in zip(*map(_texts, by), strict=True)], [], []
@@ -241,7 +240,7 @@ def _families(data: Dataset, by: list[DataArray], along: list[DataArray]) -> Fig
 
 
 def _maps(data: Dataset, down: list[DataArray], across: list[DataArray]) -> Figure:
-    """A map for each electrode with colours of its own. Cells end at the first and last values."""
+    """A map per electrode with its own colours. Cells end at the first and last values."""
     figure, panels = _panels(data.electrode.size, panel_mm=56.0)
     data = data.transpose(*down[0].dims, *across[0].dims, ...)
     for ax, name, charge in zip(panels, data.electrode.values, data.charge_pC.T, strict=True):
@@ -268,8 +267,8 @@ def _edges(values: Array) -> Array:
 
 
 def design_chart(data: Dataset, chosen: Dataset) -> Figure:
-    """A figure of designs: the median deviation of the place along the longest axis, a curve for
-    each value of another axis, the others as in the chosen design; and the map of this one."""
+    """A figure of designs: the median deviation of the place along the longest axis, a curve per
+    value on the second axis, further axes from the chosen design; and the map of this one."""
     sizes = data.place_deviation_median_mm.sizes
     varied = sorted((axis for axis in sizes if sizes[axis] > 1), key=lambda axis: -sizes[axis])
     curves = data.sel({axis: chosen[axis].item() for axis in sizes if axis not in varied[:2]})

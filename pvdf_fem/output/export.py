@@ -1,4 +1,4 @@
-"""Solutions and meshes as files for other programs, by meshio."""
+"""Solutions and meshes as files for further programs, by meshio."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def write_vtu(film: FilmData, path: str | Path) -> None:
     as the mean over the elements around a node by area; ``principal_stress_Pa``, its larger
     principal value; and ``contact_pressure_Pa`` of tips. Cell data: the stresses averaged over an
     element, and for each patch an array of 0 and 1 of its name (``electrode A``, ``probe``). Field
-    data: ``charge_pC A`` and ``charge_error_pC A`` of each electrode, and as bytes of UTF-8
+    data: ``charge_pC A`` and ``charge_error_pC A`` for every electrode, and as UTF-8 bytes
     ``scene_toml``, the scene, and ``included``. Raises `ExportError` for another ending than
     ``.vtu``, and `FileError` for a file that cannot be written.
     """
@@ -77,7 +77,7 @@ def _at_nodes(film: FilmData) -> tuple[Array, Array]:
 
 
 def _contact_pressure(film: FilmData) -> Array:
-    """Mean pressure of tips in the elements about each node, zero beside them, (nodes,)."""
+    """Mean tip pressure in the elements around nodes, zero beside tips, (nodes,)."""
     nodes = film.mesh.dofs.element_dofs.T
     weights = film.equilibrium.space.weights
     pressure = contact_pressure(film.equilibrium, film.state)
@@ -102,14 +102,14 @@ class MeshFormat:
     """A file format and the way it holds patches."""
 
     name: str  #: Name that meshio has for the format.
-    #: ``arrays`` for 0/1 cell data of each patch; ``groups`` for named groups without overlap, one
+    #: ``arrays`` for 0/1 cell data by patch; ``groups`` for named groups without overlap, one
     #: for each combination of patches; ``sets`` for named sets, which may overlap.
     patches: Literal["arrays", "groups", "sets"]
-    #: Names and values of keyword arguments of meshio's writer.
+    #: Keyword arguments for meshio's writer.
     options: tuple[tuple[str, Any], ...] = ()
 
 
-#: Formats of meshio that hold six-node triangles and patches, by extension.
+#: meshio's formats for six-node triangles and patches, by extension.
 FORMATS = {
     ".msh": MeshFormat("gmsh22", "groups", (("binary", False),)),
     ".inp": MeshFormat("abaqus", "sets"),
@@ -120,13 +120,13 @@ FORMATS = {
 
 
 def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
-    """Write a mesh of `mesh_scene` in the format of the path's extension (`FORMATS`).
+    """Write a mesh from `mesh_scene` in the format for the path's extension (`FORMATS`).
 
     Points are in m with z = 0, elements six-node triangles, counter-clockwise. Patches become:
 
     - ``.msh``: physical groups. An element of an MSH file has only one group, but a probe may press
-      on an electrode. So each combination of patches is a group: ``electrode A``, ``probe``,
-      ``electrode A + probe``, ``film`` outside of all patches, and ``rim`` with three-node lines.
+      on an electrode. Combinations of patches are therefore groups: ``electrode A``, ``probe``,
+      ``electrode A + probe``, ``film`` outside patches, and ``rim`` with three-node lines.
     - ``.inp``: element sets of the patches, which may overlap, and the node set ``rim``. Blanks in
       names become underscores.
     - ``.vtu``, ``.vtk``, ``.xdmf``: cell data, 1 inside a patch and 0 outside. Blanks in names
@@ -157,7 +157,7 @@ def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
 
 
 def _add_groups(grid: Any, mesh: MeshTri2) -> None:
-    """Add gmsh's physical groups: one for each combination of patches, and the rim."""
+    """Add gmsh's physical groups: combinations of patches, and the rim."""
     patches = _masks(mesh)
     combinations, group = np.unique(
         np.array([*patches.values()]).reshape(len(patches), -1), axis=1, return_inverse=True
@@ -196,7 +196,7 @@ def _without_blanks(patches: dict[str, Any], path: Path) -> dict[str, Any]:
 
 
 def _rim(mesh: MeshTri2) -> Indices:
-    """Nodes of the three-node lines of the rim, (lines, 3)."""
+    """Nodes of the rim's three-node lines, (lines, 3)."""
     facets = mesh.boundaries[RIM]
     return np.vstack([mesh.facets[:, facets], mesh.dofs.facet_dofs[0, facets]]).T
 
@@ -243,7 +243,7 @@ def _xml(name: str) -> str:
 
 
 def _add_field_data(path: Path, arrays: dict[str, Array]) -> None:
-    """Add arrays to a VTU file, as VTK has them and as meshio reads, but does not write, them."""
+    """Add arrays to a VTU file in VTK's form; meshio reads but does not write these arrays."""
     types = {"f": "Float64", "u": "UInt8"}
     texts = [
         f'<DataArray type="{types[array.dtype.kind]}" Name="{_xml(name)}" format="ascii"'

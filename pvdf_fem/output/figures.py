@@ -1,4 +1,4 @@
-"""Figures: functions that draw on a given `ax`, one style, and reproducible files.
+"""Figures: functions that draw on a given `ax`, a common style, and reproducible files.
 
 Nothing here touches matplotlib's global state: make a `matplotlib.figure.Figure` within `style()`,
 draw on its axes, and write it with `save`.
@@ -55,13 +55,13 @@ _NO_DATE: dict[str, dict[str, None]] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """A context in which new figures have the look that all figures share."""
+    """A context in which new figures have the common look."""
     with matplotlib.rc_context(_STYLE):
         yield
 
 
 class NotebookFigure(Figure):
-    """A figure that belongs to no window and that notebooks show."""
+    """A figure without a window, shown by notebooks."""
 
     def _repr_png_(self) -> bytes:
         return content_of(self, ".png")
@@ -74,7 +74,7 @@ def new_figure(width_mm: float = 160.0, height_mm: float = 100.0) -> Figure:
 
 def save(figure: Figure, path: str | Path) -> None:
     """Write a figure in the format of the path's extension; the same figure gives the same bytes.
-    Raises ValueError, which lists the extensions that matplotlib writes, and `FileError`."""
+    Raises `FileError`, and ValueError with matplotlib's extensions."""
     path = Path(path)
     content = content_of(figure, path.suffix.lower())  # a full disk confuses some writers
     with replacing(path) as temporary:
@@ -93,7 +93,7 @@ def content_of(figure: Figure, suffix: str) -> bytes:
 
 
 def map_axes() -> Axes:
-    """Axes of a map in a figure of their own."""
+    """Axes for a map in a new figure."""
     figure = new_figure(120.0, 100.0)
     figure.set_layout_engine("compressed")  # the other one cuts labels beside a colour bar
     return figure.subplots()
@@ -107,12 +107,12 @@ def figure_of(ax: Axes) -> Figure:
 
 
 def colour_bar(ax: Axes, drawn: ScalarMappable, label: str, **ticks: Any) -> None:
-    """Put the bar of the colours of a map beside it."""
+    """Put a colour bar beside a map."""
     figure_of(ax).colorbar(drawn, ax=ax, label=label, fraction=0.046, pad=0.03, **ticks)
 
 
 def look_of(number: int) -> dict[str, Any]:
-    """Colour, dashes and marker of the curve of an electrode."""
+    """Colour, dashes and marker for an electrode's curve."""
     turn, colour = divmod(number, len(COLOURS))
     look = {"color": COLOURS[colour], "linestyle": ("-", "--")[turn % 2]}
     return {**look, "marker": MARKERS[number % len(MARKERS)]}
@@ -121,9 +121,9 @@ def look_of(number: int) -> dict[str, Any]:
 def colours_of(
     values: ArrayLike, sequential: str = "viridis", both_signs: float = 0.05
 ) -> tuple[str, float, float]:
-    """A colour map with its limits: `DIVERGING` about zero for values of both signs, else a
-    sequential one over the values, which is reversed where these are negative. Values of one sign
-    that are below the share `both_signs` of the largest magnitude do not count."""
+    """A colour map with its limits: `DIVERGING` about zero for values with both signs, else a
+    sequential map over the values, reversed for negative values. Values with the rarer sign below
+    the share `both_signs` of the largest magnitude do not count."""
     low, high = float(np.min(values)), float(np.max(values))
     small, large = sorted([max(high, 0.0), max(-low, 0.0)])
     if small > both_signs * large:
@@ -171,8 +171,8 @@ def named_lines(
     least: float = 0.25,
     inner: float = 0.75,
 ) -> None:
-    """Lines of equal charge, each named once, far from places (n, 2) that are taken. Lines smaller
-    than the part `least` of the map have no names, and lines have them within `inner` of it."""
+    """Lines of equal charge, named once, far from taken places (n, 2). Lines smaller than the part
+    `least` of the map have no names; names stand within the part `inner`."""
     inside = [level for level in levels if values.min() < level < values.max()]
     if not inside:
         return
@@ -198,7 +198,7 @@ class _Label(Text):
         self.box_mm = box_mm
 
     def draw(self, renderer: RendererBase) -> None:
-        """Draw the words of a box in sight where they hide the fewest lines and other words."""
+        """Draw a visible box's words where they hide the fewest lines and words."""
         ax: Any = self.axes
         if (seen := Bbox.intersection(self.box_mm.transformed(ax.transData), ax.bbox)) is None:
             return

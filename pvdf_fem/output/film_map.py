@@ -1,4 +1,4 @@
-"""Maps of a solution over the film, by the name of a quantity; a further one is a line below."""
+"""Maps of a solution over the film, by a quantity's name; a further one is a line below."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FEW = 7  #: Electrodes beside which charges have room; of more there are the nam
 
 @dataclass(frozen=True)
 class FilmMap:
-    """What a map of the film shows, drawn on axes in mm; a colour bar is of what is returned."""
+    """Content of a film map, drawn on axes in mm; the returned artist gets a colour bar."""
 
     label: str  #: Of the colour bar, with unit and sign.
     draw: Callable[[Axes, FilmData, FilmMap], ScalarMappable | None]
@@ -46,9 +46,9 @@ class FilmMap:
 def sampled(
     film: FilmData, shown: FilmMap, most: float = 6e4
 ) -> tuple[PointValues, Indices, Array]:
-    """Points of all elements, small triangles (n, 3) of them, which no two elements share, and a
-    field there. Elements are cut in four again while there are no more than `most` triangles.
-    ValueError for what is no field."""
+    """Points in the elements, small triangles (n, 3) not shared by elements, and a field there.
+    Elements are cut in four again while there are no more than `most` triangles. ValueError for
+    what is no field."""
     if shown.values is None:
         fields = ", ".join(name for name, other in MAPS.items() if other.values)
         raise ValueError(f"quantity: is no field of the film; choose from {fields}")
@@ -94,7 +94,7 @@ def _shaded(
 
 
 def _directions(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
-    """Strokes along the larger principal stress, as long as it exceeds the other."""
+    """Strokes along the larger principal stress; lengths follow the difference of both."""
     drawn, reach = _shades(ax, film, shown), np.ptp(ax.get_xlim()) / 2.0
     across, step = np.linspace(-reach, reach, 36, retstep=True)
     places = np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2)
@@ -148,7 +148,7 @@ def _contact_edges(film: FilmData) -> Array:
 
 
 def _sides_mm(film: FilmData, cuts: int = 5) -> list[Array]:
-    """Points along the curved sides of the elements in mm, each (points, 2)."""
+    """Points along the elements' curved sides in mm, (points, 2) by element."""
     corners = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
     t = np.linspace(0.0, 3.0, 3 * cuts + 1)
     around = np.stack([np.interp(t, range(4), along) for along in corners])
@@ -188,7 +188,8 @@ MAPS = {
 
 
 def require_map(name: str, scene: Scene) -> FilmMap:
-    """The quantity of a name; ValueError for one that there is not, or not in a scene."""
+    """The quantity of a name; ValueError for an unknown quantity, or a quantity missing in a
+    scene."""
     if name not in MAPS:
         raise ValueError(f"quantity {name!r}: is none; choose from {', '.join(MAPS)}")
     if name == "contact" and all(t.load.kind != name for t in scene.loaded_probes):

@@ -77,7 +77,7 @@ def film_view(data: FilmData, name: str, scale: float | None, html: str | Path |
 
 
 def film_mesh(data: FilmData, shown: FilmMap, scale: float = 1.0) -> Any:
-    """The deflected film in mm as a surface of pyvista, with the values of a field."""
+    """The deflected film in mm as a pyvista surface, with a field's values."""
     at, triangles, values = sampled(data, shown)
     points = _hanging(at, scale).reshape(-1, 3)
     surface = _imported("pyvista").PolyData.from_regular_faces(points, triangles)
@@ -86,7 +86,7 @@ def film_mesh(data: FilmData, shown: FilmMap, scale: float = 1.0) -> Any:
 
 
 def _hanging(at: PointValues, scale: float) -> Array:
-    """Displaced places (..., 3), deflected downwards, as of a film that is pressed from above."""
+    """Displaced places (..., 3), deflected downwards like a film pressed from above."""
     u, v, w = scale * np.moveaxis(at.displacement_mm, -1, 0)
     return np.stack([at.x_mm + u, at.y_mm + v, -w], axis=-1)
 
@@ -105,7 +105,7 @@ def _imported(name: str) -> Any:
 
 
 def _page(window: Any) -> str:
-    """A page with what a render window shows and the program that shows it."""
+    """A page with a render window's content and its viewer."""
     vtk = _imported("trame_vtk.modules.vtk.serializers")
     window.Render()
     vtk.initialize_serializers()

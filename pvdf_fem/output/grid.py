@@ -1,4 +1,4 @@
-"""Fields of a film on a square grid, as an xarray dataset."""
+"""Fields on a square grid, as an xarray dataset."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def ticks(radius_mm: float, step_mm: float, most: int = 2001) -> Array:
 
 
 def dataset_of(values: PointValues, scene: str) -> xarray.Dataset:
-    """Values at the points of a grid, whose rows have one y, with the text of the scene."""
+    """Values at a grid's points (a row has constant y), with the scene's text."""
     grid = ("y_mm", "x_mm")
     about = {"long_name": "deflection", "units": "mm"}
     variables: dict[str, Any] = {"deflection_mm": (grid, values.deflection_mm, about)}

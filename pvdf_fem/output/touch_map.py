@@ -1,4 +1,4 @@
-"""Maps over the places of a touch: charges of a response, and the likelihood of a location."""
+"""Maps over touched places: a response's charges, and a location's likelihood."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 
 RASTER = (33, 97)  #: Numbers of distances from the centre and of directions, the first one twice.
-#: Limits of the colours of a likelihood, in standard deviations.
+#: Colour limits for a likelihood, in standard deviations.
 LEVELS: Array = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 1000.0])
 
 
@@ -57,7 +57,7 @@ def likelihood_map(
     apart: Callable[[Array], Array],
     remarks: Sequence[str],
 ) -> Figure:
-    """The likelihood over the film, and near the likeliest of the touches, which are as JSON.
+    """The likelihood over the film and near the likeliest touch; touches are given in JSON form.
 
     Parameters
     ----------
@@ -96,8 +96,8 @@ def likelihood_map(
 def ellipses_map(
     scene: Scene, reach_mm: float, touches: Sequence[Mapping[str, Any]], keys: Sequence[str]
 ) -> Figure:
-    """Touches as JSON with the ellipses of one standard deviation about their places, of which
-    `keys` have x."""
+    """Touches in JSON form with standard-deviation ellipses around their places; `keys` name the x
+    coordinates."""
     with figures.style():
         ax = figures.map_axes()
         draw_on_stage(ax, scene, 1.15 * reach_mm)
@@ -113,8 +113,8 @@ def ellipses_map(
 
 
 def deviation_ellipse(touch: Mapping[str, Any], x_key: str = "x_mm", points: int = 97) -> Array:
-    """Points in mm, (points, 2), of the ellipse about a place of a touch as JSON whose shadows are
-    its standard deviations."""
+    """Points in mm, (points, 2), on the ellipse around a touch's place, with the standard
+    deviations as shadows; the touch is given in JSON form."""
     keys = [x_key, x_key.replace("x_mm", "y_mm")]
     rows = [[*touch["standard_deviations"]].index(key) for key in keys]
     squares, vectors = np.linalg.eigh(np.array(touch["covariance"])[np.ix_(rows, rows)])
@@ -124,7 +124,7 @@ def deviation_ellipse(touch: Mapping[str, Any], x_key: str = "x_mm", points: int
 
 
 def _touches(ax: Axes, touches: Sequence[Mapping[str, Any]]) -> None:
-    """Mark the likeliest touch and its rivals, these with their shares of the likelihood."""
+    """Mark the likeliest touch, and its rivals with their shares of the likelihood."""
     for number, touch in enumerate(touches):
         label = ("the likeliest", "rivals")[min(number, 1)] if number < 2 else None
         look: dict[str, Any] = {"color": COLOURS[1], "linestyle": "none", "label": label}
@@ -137,7 +137,7 @@ def _touches(ax: Axes, touches: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _likelihood(ax: Axes, apart: Callable[[Array], Array], places: Array) -> Any:
-    """Colours of what is `apart` at places (n, m, 2) in mm."""
+    """Colours for `apart` at places (n, m, 2) in mm."""
     shades = np.minimum(apart(places.reshape(-1, 2)), LEVELS[-1]).reshape(places.shape[:2])
     bands = BoundaryNorm(LEVELS, 256, extend="neither")
     x, y = np.moveaxis(places, -1, 0)
@@ -145,7 +145,7 @@ def _likelihood(ax: Axes, apart: Callable[[Array], Array], places: Array) -> Any
 
 
 def draw_on_stage(ax: Axes, scene: Scene, reach_mm: float) -> None:
-    """Draw rim and electrodes of a scene where its stage has them, as far as some mm from there."""
+    """Draw rim and electrodes on the stage, up to a reach in mm from the film's centre."""
     stage = scene.stage or Stage()
     centre_mm = np.array([stage.x_mm, stage.y_mm])
     figures.draw_rim(ax, scene.film.radius_mm, reach_mm, centre_mm)

@@ -1,8 +1,8 @@
-"""What a channel reads of an electrode's charge.
+"""A channel's reading from an electrode's charge.
 
 The charge Q sits on a capacitance C, which a resistance R discharges: C dV/dt + V/R = dQ/dt. In
-front of a voltage amplifier C is that of electrode and cable (Mirbagheri's thesis, App. 5, where
-the cable is left out). A charge amplifier moves the charge to its feedback capacitance, whatever
+front of a voltage amplifier, C includes electrode and cable (Mirbagheri's thesis, App. 5, where the
+cable is left out). A charge amplifier moves the charge to its feedback capacitance, whatever
 electrode and cable have. A reading is an offset plus a gain times V.
 """
 
@@ -19,7 +19,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene import Scene
 
-#: What a reading may be of, and how that is called.
+#: Meanings of a reading, and their names.
 READINGS = {"total": "total charges", "change": "changes by the touch"}
 
 
@@ -40,7 +40,7 @@ class Channel:
         return self.resistance * self.capacitance
 
     def reading(self, charge: ArrayLike) -> Array:
-        """Readings in V of charges in C that have just come."""
+        """Readings in V for charges in C that have just arrived."""
         return self.offset + self.gain * np.asarray(charge, dtype=float) / self.capacitance
 
     def step(self, charge: float, time: ArrayLike) -> Array:
@@ -50,7 +50,7 @@ class Channel:
         return self.offset + self.gain * charge / self.capacitance * decay
 
     def harmonic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """Amplitudes of the reading over those of the charge, complex, in V/C, by frequency in Hz.
+        """Complex amplitudes of the reading over the charge in V/C, by frequency in Hz.
         i ω R/(1 + i ω R C): a high-pass filter, whose phase leads."""
         turn = 2j * np.pi * np.asarray(frequency, dtype=float)
         if math.isinf(self.resistance):
@@ -59,7 +59,7 @@ class Channel:
 
 
 def units_pC(channels: Sequence[Channel]) -> dict[str, Array]:
-    """Nominal pC in each unit that readings may be in, (channels,)."""
+    """Nominal pC per unit of readings, by unit, (channels,)."""
     volt = 1e12 * np.array([channel.capacitance for channel in channels])
     charges = {"pC": 1.0, "fC": 1e-3, "nC": 1e3, "µC": 1e6, "C": 1e12}
     units = {unit: np.full(len(channels), factor) for unit, factor in charges.items()}

@@ -14,7 +14,7 @@ from pvdf_fem.readout.channel import Channel, units_pC
 
 @dataclass(frozen=True, eq=False)
 class Misreading:
-    """A mistake: the readings of channels in other columns, in another unit, or of another sign."""
+    """A mistake: readings in wrong columns, in a wrong unit, or with a wrong sign."""
 
     kind: str  #: ``swapped_channels``, ``wrong_unit``, ``wrong_sign``.
     text: str
@@ -23,7 +23,7 @@ class Misreading:
 
     @property
     def exchanged(self) -> int:
-        """Number of channels in the column of another channel."""
+        """Number of channels in a wrong column."""
         return sum(i != j for i, j in enumerate(self.order))
 
     def undone(self, readings: Array) -> Array:
@@ -32,7 +32,7 @@ class Misreading:
 
 
 def misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misreading]:
-    """Mistakes in readings that should be those of some channels in a unit of `units_pC`."""
+    """Possible mistakes in readings from channels in a unit from `units_pC`."""
     names, straight, ones = (
         [c.name for c in channels],
         tuple(range(len(channels))),
@@ -60,7 +60,7 @@ def misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misreading]:
 
 
 def _orders(count: int, most_permuted: int = 4) -> Iterator[tuple[int, ...]]:
-    """All permutations of up to `most_permuted` channels, and exchanges of two of more channels."""
+    """Permutations for up to `most_permuted` channels, and exchanges of two for more channels."""
     if count <= most_permuted:
         yield from list(permutations(range(count)))[1:]
         return

@@ -1,11 +1,10 @@
-"""The charges of all electrodes as a smooth function of the probe's place.
+"""Electrode charges as a smooth function of the probe's place.
 
-Charges are solved on rings about the film's centre, twice as dense at the edge of the disc, so that
-no place of the disc is extrapolated. The rings keep the symmetries of the probe: on a film that is
-alike in all directions, the places that a turn or a mirror image carries into each other share a
-solve, which leaves one solve a ring for a disc and a sixth of the places for a triangle. Between
-the places the logarithms of the charges are interpolated by a quintic polyharmonic spline (Duchon
-1977), and the spline's error is that at places which were left out of it.
+Charges are solved on rings around the film's centre, twice as dense at the edge of the disc to
+avoid extrapolation. The rings keep the probe's symmetries: on an isotropic round film, places that
+are images by a turn or mirror share a solve. A disc needs a solve per ring, a triangle a sixth of
+the places. A quintic polyharmonic spline (Duchon 1977) interpolates the charges' logarithms between
+places; errors at left-out places give the spline's error.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from pvdf_fem.response.model import QUANTITIES, ROTATION, Domain
 from pvdf_fem.response.table import pressed_outline
 from pvdf_fem.scene.scene import Scene
 
-#: Pitch of the rings over the root of the areas of probe and smallest electrode: charges of the
+#: Pitch of the rings over the root of the areas of probe and smallest electrode: charges in the
 #: thesis's sensor are then within 2e-3.
 PITCH = 0.36
 MOST_LOG = 300.0  #: Largest logarithm of a charge, far outside of the places.
@@ -34,16 +33,16 @@ STEP = 1e-5  #: Of central differences over the reach.
 
 
 def pitch_of(scene: Scene) -> float:
-    """Distance in mm of neighbouring places that resolves the charges of a scene."""
+    """Distance in mm between neighbouring places that resolves a scene's charges."""
     least = min(electrode.outline.area for electrode in scene.electrode_list)
     pressed = pressed_outline(scene, scene.load.force_N).area if scene.single_probe else 0.0
     return 1e3 * PITCH * math.sqrt(least + pressed)
 
 
 def places_on_rings(reach_mm: float, pitch_mm: float, first_deg: float) -> Array:
-    """Places (n, 2) in mm on rings as far as the reach, each from an angle on.
+    """Places (n, 2) in mm on rings up to the reach, starting from an angle.
 
-    Each ring has a multiple of twelve places, so that turns by thirds and quarters keep it.
+    Rings have a multiple of twelve places: turns by thirds and quarters keep them.
     """
     count = max(1, math.ceil(reach_mm / pitch_mm - 1e-9))
     radii = [*np.arange(1, count) * (reach_mm / count), reach_mm * (1.0 - 0.5 / count), reach_mm]
@@ -57,7 +56,7 @@ def places_on_rings(reach_mm: float, pitch_mm: float, first_deg: float) -> Array
 
 @dataclass(frozen=True)
 class MapPlaces:
-    """A scene, and the places of its probe that a map of its charges needs."""
+    """A scene, and its probe's places for a map of charges."""
 
     scene: Scene
     reach_mm: float
@@ -133,7 +132,8 @@ def _spline(places_mm: Array, values: Array) -> RBFInterpolator:
 
 
 def _left_out(places_mm: Array, values: Array) -> Array:
-    """Errors (n, electrodes) at each place by the spline without it and some others far from it."""
+    """Errors (n, electrodes) at the places, by a spline without the place and further distant
+    places."""
     errors = np.empty_like(values)
     for fold in range(FOLDS):
         left_out = np.arange(len(values)) % FOLDS == fold

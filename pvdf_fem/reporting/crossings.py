@@ -1,8 +1,8 @@
-"""The place of a touch where isocharge contours cross: the way of Mirbagheri's thesis.
+"""A touch's place where isocharge contours cross: the method in Mirbagheri's thesis.
 
-For each three electrodes the contours of two of them cross in three points; their mean is the place
-by these electrodes, and the mean over all threes that have one is the place (section 3.1 of the
-thesis). Two contours with a small gap count as crossing at the middle of the gap.
+For three electrodes, the contours of pairs cross in three points; their mean is the place by three
+electrodes, and the mean over every three with crossings is the place (section 3.1 of the thesis).
+Two contours with a small gap count as crossing at the middle of the gap.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ import shapely
 from pvdf_fem.arrays import Array
 from pvdf_fem.reporting.charge_map import ChargeMap
 
-#: Rows of the raster on which contours are sought; chords leave a contour by less than 1e-3 of it.
+#: Raster rows for contours; chords leave a contour by less than 1e-3.
 RASTER = 201
-#: Largest gap between two contours that count as crossing, over the reach.
+#: Largest gap between contours that count as crossing, over the reach.
 TOUCHING = 0.02
 
 
@@ -41,7 +41,7 @@ class Contours:
         return shapely.intersection(shapely.MultiLineString(lines), disc)
 
     def triangles(self, charges_pC: Mapping[str, float]) -> dict[tuple[str, ...], Array]:
-        """For each three of some electrodes whose contours cross, their crossings (3, 2)."""
+        """Crossings (3, 2) for every three electrodes with crossing contours."""
         lines = {name: self.line(name, charge) for name, charge in charges_pC.items()}
         near = TOUCHING * self.map.domain.reach_mm
         pairs = {
@@ -69,7 +69,7 @@ class Contours:
 
 
 def _meetings(a: shapely.Geometry, b: shapely.Geometry, touching_mm: float) -> Array:
-    """The crossings (n, 2) of two contours, or the middle between them where they nearly touch."""
+    """The crossings (n, 2) of two contours, or the middle between nearly touching contours."""
     if a.is_empty or b.is_empty:
         return np.zeros((0, 2))
     points = shapely.get_coordinates(shapely.intersection(a, b))

@@ -1,7 +1,7 @@
-"""Charges that somebody measured, printed or made up: tables whose columns are keys of a scene.
+"""Measured, printed or made-up charges: tables with a scene's keys as columns.
 
-A row is a scene with the values of its cells, and readings of electrodes, a column for each, named
-as the electrode. Empty cells leave the scene's value, or have no reading.
+A row is a scene with the cells' values and electrode readings in columns with the electrodes'
+names. Empty cells leave the scene's value, or have no reading.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from pvdf_fem.solution.solve import rest_forces
 MOST_BYTES = 5_000_000  #: Largest table in bytes.
 PREVIEW_ROWS = 8  #: About the number of rows in a preview.
 ERROR_MM = "error_mm"  #: Column with errors of places that others found.
-#: Short names of the keys of a touch.
+#: Short names for a touch's keys.
 SHORT = dict(zip(QUANTITIES, SCENE_KEYS, strict=True))
 
 
@@ -40,14 +40,14 @@ Name = Annotated[str, Field(min_length=1, max_length=60)]
 
 
 class DataSource(Section):
-    """Where the rows of a table ``[data.NAME]`` come from, and what its readings are.
+    """Source of the rows in a table ``[data.NAME]``, and the meaning of its readings.
 
     `file` is the path of a CSV file, seen from the script; or `table` has its text. Columns are
     keys of a scene (``x_mm``, ``force_N``, ``film.thickness_um``, ...), electrodes, or named in
-    `labels`. ``error_mm`` is the error of a place that others found. `where` keeps the rows with
-    these values of some columns, and `set` has changes of the scene for all rows. `unit` and
-    `reading` say what the readings are, by default in pC and as the scene's `[readout]` reads
-    them, or in total. `what` is how the page calls them.
+    `labels`. ``error_mm`` is the error of a place found elsewhere. `where` keeps rows with these
+    values in columns; `set` has changes of the scene for every row. `unit` and `reading` say what
+    the readings are, by default in pC and as the scene's `[readout]` reads them, or in total.
+    `what` is how the page calls them.
     """
 
     file: str | None = None
@@ -105,7 +105,7 @@ class Readings:
         return self.frame.drop(columns=[*self.names, ERROR_MM], errors="ignore")
 
     def row_names(self) -> list[str]:
-        """What tells each row apart: its labels, else its keys."""
+        """Names of rows: their labels, else their keys."""
         cells = self.frame[list(self.source.labels)] if self.source.labels else self.shown
         texts = (map(cell_text, row) for row in cells.itertuples(index=False))
         return [", ".join(text for text in row if text) for row in texts]
@@ -154,7 +154,7 @@ def read_data(name: str, source: DataSource, scene: Scene, folder: Path) -> Read
 
 
 def _kept(where: str, source: DataSource, frame: pd.DataFrame) -> pd.DataFrame:
-    """The rows that `where` keeps, with the columns that they have."""
+    """The rows kept by `where`, with their columns."""
     problems = [
         problem(f"{where}.{key}", column, f"is no column; {choose(column, list(frame.columns))}")
         for key, columns in (("where", source.where), ("labels", source.labels))
@@ -180,13 +180,13 @@ def _frame(where: str, source: DataSource, folder: Path) -> pd.DataFrame:
             text = read_text(folder / source.file, MOST_BYTES, "a table")
         text = text.strip()
         header = text.partition("\n")[0]
-        # as of spreadsheets in countries with decimal commas
+        # from spreadsheets in countries with decimal commas
         mark = ";" if ";" in header and "," not in header else ","
         columns = [column.strip() for column in header.split(mark)]
         if twice := {column for column in columns if columns.count(column) > 1}:
             raise ValueError(f"the column {min(twice)!r} is there twice")
         decimal = "," if mark == ";" and "," in text else "."
-        # a cell such as nan is a mistake, and not empty
+        # a cell with nan is a mistake, and not empty
         how: dict[str, Any] = {"sep": mark, "decimal": decimal, "keep_default_na": False}
         return pd.read_csv(io.StringIO(text), skipinitialspace=True, na_values=[""], **how)
     except (FileError, ValueError) as error:

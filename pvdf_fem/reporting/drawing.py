@@ -1,4 +1,4 @@
-"""What figures of all kinds share: panels, names at the ends of curves, data as rings, labels."""
+"""Common parts of figures: panels, names at the ends of curves, data as rings, labels."""
 
 from __future__ import annotations
 
@@ -19,32 +19,28 @@ from scipy.interpolate import Akima1DInterpolator
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.output.figures import COLOURS, GREY, HALO, LABEL_SIZE, figure_of, new_figure
+from pvdf_fem.scene.quantity import in_words
 
-#: Width of a figure in mm: as wide as a phone shows it with readable texts.
+#: Width of a figure in mm: readable on a phone.
 WIDTH_MM = 120.0
 RING: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "white"}
 DOT_SIZE = 2.4  #: Size in points of the dots at solved scenes.
-#: Room for a letter of the names at the right end of curves, over the width of all panels.
+#: Room per letter for names at the right ends of curves, over the panels' width.
 ROOM = 0.018
-#: Part of the width that ends of curves may be apart and yet have names beside them.
+#: Largest distance between curve ends with names beside them, over the width.
 EARLY = 0.2
 LEGEND_COLUMNS = 7
 LINE_HEIGHT = 1.15  #: Distance of the lines of labels over their size.
 MOST_PASSES = 60  #: Over the names, to move them apart.
 SAMPLES = 121  #: Of a curve.
 READING_LABELS = {"total": "charge (pC)", "change": "change by the touch (pC)"}
-_SIGNS = {"um": "µm", "deg": "°", "MOhm": "MΩ", "pC_N": "pC/N", "kg_m3": "kg/m³", "N_m": "N/m"}
-_SIGNS |= {"per_K": "1/K", "uC_m2K": "µC/m²K", "m2_s": "m²/s"}
-_UNITS = (*_SIGNS, "mm", "GPa", "pF", "pC", "K", "N", "V", "s", "Hz")
 
 
 def axis_label(key: str) -> str:
     """A key of a scene in words, with its unit: ``film.thickness_um`` is film thickness (µm)."""
-    pattern = "|".join(sorted(_UNITS, key=len, reverse=True))
-    found = re.search(rf"_({pattern})$", key)
-    words = re.sub(r"[._]", " ", key[: found.start()] if found else key)
+    words, unit = in_words(key)
     words = words.removeprefix("load ").removeprefix("numerics ")
-    return f"{words} ({_SIGNS.get(found[1], found[1])})" if found else words
+    return f"{words} ({unit.replace('degrees', '°')})" if unit else words
 
 
 def value_label(key: str, value: float) -> str:
@@ -55,14 +51,14 @@ def value_label(key: str, value: float) -> str:
 
 
 def colours_for(count: int) -> list[Any]:
-    """Colours of curves: those of all figures for a few, shades in their order for many."""
+    """Colours for curves: the common colours for a few curves, ordered shades for many."""
     if count <= len(COLOURS):
         return list(COLOURS[:count])
     shades = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, count))
     return [tuple(shade) for shade in shades]
 
 
-#: A name at a point, such as the end of a curve, and its colour.
+#: A name with colour at a point, for instance at a curve's end.
 End: TypeAlias = tuple[float, float, str, Any]
 
 
@@ -72,11 +68,11 @@ def curves_figure(
     y_label: str,
     log: bool = False,
 ) -> Figure:
-    """Panels in rows, each of a title and a table, with a curve through each group of its rows.
+    """Panels in rows from titles and tables, with a curve through every group of rows.
 
     The tables have the columns ``curve``, ``x``, ``computed_pC`` and ``charge_pC``. Rows without a
-    ``charge_pC`` are points of a curve; the others are rings, and their differences stand below
-    the panels that have any.
+    ``charge_pC`` are points of a curve; further data are rings, with their differences below the
+    panels.
     """
     names = list(dict.fromkeys(name for row in panels for _, of in row for name in of.curve))
     colours, ends = dict(zip(names, colours_for(len(names)), strict=True)), []
@@ -139,7 +135,7 @@ def _draw_strips(
 
 
 def _draw_curves(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> list[End]:
-    """Curves through computed charges with dots, and rings for those of others."""
+    """Curves with dots through computed charges, and rings for data."""
     own, ends = frame[frame.charge_pC.isna()], []
     for name, rows in own.groupby("curve", sort=False):
         x, q = rows.x.to_numpy(float), rows.computed_pC.to_numpy(float)
@@ -172,7 +168,7 @@ def _log_scales(ax: Axes) -> None:
 
 
 def _smooth(x: Array, y: Array) -> tuple[Array, Array]:
-    """A curve through the points that have values, without waves between them."""
+    """A curve through points with values, without waves in between."""
     x, y = x[np.isfinite(y)], y[np.isfinite(y)]
     if len(x) < 2:
         return x, y

@@ -1,8 +1,8 @@
 """Kinds of figures and tables: the scenes to solve, and the content made from their charges.
 
-A kind is a class in a file of `kinds/` and a line of `registry.py`. Its fields are the keys that a
-report script may give it. `scenes` and `tasks` are asked before any solve, `compose` when all
-scenes are solved and all tasks are done.
+A kind is a class in a file of `kinds/` and a line of `registry.py`. Its fields are its keys in
+report scripts. `scenes` and `tasks` are asked before solves, `compose` after every scene and task
+is done.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ PLACE = ("probe.x_mm", "probe.y_mm")  #: Keys of the place of the probe.
 
 @contextmanager
 def blamed(key: str) -> Iterator[None]:
-    """Report mistakes of scenes within the context as mistakes of a report script's key."""
+    """Report scenes' mistakes within the context as mistakes at a report script's key."""
     try:
         yield
     except SceneError as error:
@@ -75,11 +75,11 @@ class Content:
 class Kind(Section):
     """Keys of every figure and table.
 
-    `title` heads it, `name` is the name of its files. `set` has changes of the report's scene for
-    it, such as ``{ "film.d31_pC_N" = 18.0 }``. `data` names a table ``[data.NAME]``. `reading` says
-    whether charges are drawn in ``total``, or the ``change`` by the touch; by default as in the
-    data. `summary` puts it among the pictures of the first screen. `full` has other values of its
-    keys for a report that is made with ``--full``, such as ``{ touches = 2000 }``.
+    `title` is the heading, `name` the name of the files. `set` changes the report's scene here: ``{
+    "film.d31_pC_N" = 18.0 }``. `data` names a table ``[data.NAME]``. `reading` says whether charges
+    are drawn in ``total``, or the ``change`` by the touch; by default as in the data. `summary`
+    shows the picture on the first screen. `full` has values of keys for reports made with
+    ``--full``: ``{ touches = 2000 }``.
     """
 
     title: str = ""
@@ -98,7 +98,7 @@ class Kind(Section):
         return []
 
     def tasks(self, inputs: Inputs) -> Sequence[Task]:
-        """What else is to be computed for it. Raises `SceneError` with mistakes by its keys."""
+        """Further computations. Raises `SceneError` with mistakes by its keys."""
         return ()
 
     @abstractmethod
@@ -132,7 +132,7 @@ class Kind(Section):
         return f" Rings: {readings.source.what} charges." if readings else ""
 
     def require_rows(self, rows: Any, lack: str) -> None:
-        """SceneError for data of which no row is drawn."""
+        """SceneError for data without a drawn row."""
         if self.data is not None and not rows:
             reason = f"has no row {lack}; change the data or `set`"
             raise SceneError([problem("data", self.data, reason)])

@@ -1,4 +1,4 @@
-"""The page of a report: one HTML file with its figures, which needs nothing else."""
+"""A report's page: a self-contained HTML file with figures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ VERDICT = "verdict.txt"  #: Has the verdict of the page in the same directory.
 LONG_TABLE = 12  #: Rows of a table above which it is folded.
 MOST_ROWS = 60  #: Rows of a table above which it is in its CSV file only.
 BESIDE_TABLE = 6  #: Columns of a table above which it stands below its figure.
-#: Columns of numbers, and of texts, above which a phone shows a row as a list.
+#: Numbers of columns above which a phone shows a row as a list.
 WIDE_TABLE, WIDE_TEXTS = 5, 3
 JUDGING = ("comparison", "positions")  #: Kinds whose findings are the verdict, if there are any.
 
@@ -43,7 +43,7 @@ class Entry:
 
     @property
     def picture(self) -> Markup:
-        """The figure as an element of the page, with identifiers of its own."""
+        """The figure as a page element, with its own identifiers."""
         name, body = self.item.name, self.svg[self.svg.find("<svg") :]
         body = re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL)
         body = re.sub(r'\b(id="|href="#|url\(#)', rf"\g<1>{name}-", body)
@@ -53,7 +53,7 @@ class Entry:
 
     @property
     def rows(self) -> list[dict[str, str]]:
-        """Cells of the table by their heads; none of a table that is in its CSV file only."""
+        """Cells of the table by their heads; nothing for a table in a CSV file only."""
         shown = None if self.content is None else self.content.shown
         if shown is None or len(shown) > MOST_ROWS:
             return []
@@ -61,8 +61,8 @@ class Entry:
 
 
 def page_of(plan: Plan, entries: Sequence[Entry], out: Path, **state: Any) -> str:
-    """The HTML of a page in a directory, with its `state`: the numbers of solves and tasks that are
-    ``done`` and in ``total``, and whether it ``is_preview``."""
+    """The HTML for a page in a directory, with its `state`: numbers of solves and tasks ``done``
+    and in ``total``, and whether the page ``is_preview``."""
     by_name = {entry.item.name: entry for entry in entries}
     pictures = [
         (by_name[i.name], i.kind.title or plan.sections[i.section].title) for i in plan.summary
@@ -86,13 +86,13 @@ def page_of(plan: Plan, entries: Sequence[Entry], out: Path, **state: Any) -> st
 
 
 def with_others(page: str, plan: Plan, out: Path) -> str:
-    """The HTML of a page in a directory with the verdicts that other reports have now."""
+    """The HTML for a page in a directory, with present verdicts of further reports."""
     written = _template("page.others.html.j2").render(others=_others(plan, out))
     return re.sub(r'<ul class="others">.*?</ul>\n', lambda _: written, page, flags=re.DOTALL)
 
 
 def _others(plan: Plan, out: Path) -> list[tuple[Other, str | None]]:
-    """Other reports with their verdicts, None where a page is not made."""
+    """Further reports with their verdicts, None for missing pages."""
     verdicts = list[str | None]()
     for page in (out / other.page for other in plan.others):
         verdicts.append("" if page.is_file() else None)
@@ -109,7 +109,7 @@ def _template(name: str) -> Template:
 
 
 def verdict(entries: Sequence[Entry]) -> str:
-    """Up to two claims of finished items, as a sentence; empty before the first claim."""
+    """Up to two claims by finished items, as a sentence; empty before the first claim."""
     told = [(e.item.kind, e.content.claim) for e in entries if e.content and e.content.claim]
     judging = [claim for kind, claim in told if getattr(kind, "kind", "") in JUDGING]
     text = "; ".join((judging or [claim for _, claim in told])[:2])

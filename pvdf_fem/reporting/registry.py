@@ -1,4 +1,4 @@
-"""The kinds of figures and tables that a report script may have: a line for each."""
+"""Kinds of figures and tables in report scripts, a line per kind."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ TABLES: Mapping[str, type[Kind]] = {
 
 
 def kinds_of(path: Path) -> dict[str, type[Kind]]:
-    """The kinds that a Python file defines, by the words of their `kind`. The file is run.
+    """Kinds defined in a Python file, by their words for `kind`. The file is run.
     Raises `SceneError` where the file cannot be run, or defines none."""
     try:
         module = module_of(path)

@@ -1,4 +1,4 @@
-"""A report: a script, and the page that is made of it."""
+"""A report: a script, and the page made from the script."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Report:
     @classmethod
     def load(cls, path: Path | str, kinds: Mapping[str, type[Kind]] | None = None) -> Self:
         """The report of a script. `kinds` are further kinds of figures and tables, by name. Raises
-        `SceneError` with all mistakes of the script, its scene and its data."""
+        `SceneError` with every mistake in the script, its scene and its data."""
         return cls(load(taken("path", path, Path), kinds or {}))
 
     def make(
@@ -67,13 +67,13 @@ class Report:
         progress: Progress | bool | None = None,
     ) -> Made:
         """Solve the scenes, run the tasks and write ``index.html`` in a directory, anew with each
-        figure. ``verdict.txt`` beside it has the verdict of the page.
+        figure. ``verdict.txt`` beside the page has the verdict.
 
         What is computed is kept there in ``solved.db``: a report that was stopped goes on. `quick`
-        makes a preview, of few scenes to a coarse tolerance; `full` takes the keys in the `full` of
-        each figure. `processes` is their number, -1 for all cores; with 1 all is computed in turn,
-        for timings. `progress` is called with the numbers of scenes and tasks that are done and
-        that had to be, or says whether these are shown (`pvdf_fem.progress.shown`).
+        makes a preview, of few scenes to a coarse tolerance; `full` takes the keys in the figures'
+        `full`. `processes` is their number, -1 for all cores; with 1 all is computed in turn, for
+        timings. `progress` is called with the numbers of scenes and tasks done and in total, or
+        says whether these numbers are shown (`pvdf_fem.progress.shown`).
         """
         out = Path(out)
         make_directory(out, PAGE, *self.plan.files)
@@ -115,7 +115,7 @@ class _Part:
 
 
 class _Work:
-    """A report on the way: what is computed, and what is on the page."""
+    """A report in progress: computed results, and the page's content."""
 
     def __init__(self, out: Path, plan: Plan, inputs: Inputs, needed: Sequence[Need]) -> None:
         self.out, self.plan, self.inputs = out, plan, inputs
@@ -128,7 +128,7 @@ class _Work:
         self.total = len(set[Scene | str]().union(*(of.missing for of in self.parts.values())))
 
     def begin(self) -> None:
-        """Write the page without any figure, then with the figures that need no computation."""
+        """Write the page without figures, then with figures that need no computation."""
         for folder in ("data", "figures", "scenes"):
             (self.out / folder).mkdir(exist_ok=True)
         write(self.out / "scenes" / "scene.toml", self.plan.scene.to_toml())
@@ -142,8 +142,8 @@ class _Work:
                 self._compose(part)
 
     def add(self, wanted: Scene | str, found: Record | Rows | Died) -> None:
-        """Take the record of a scene, or the rows of a task by its key, and compose what waited
-        for them alone."""
+        """Take a scene's record, or a task's rows by key, and compose items that waited only for
+        them."""
         self.found[wanted] = found
         for part in self.parts.values():
             if wanted in part.missing:

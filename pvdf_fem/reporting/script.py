@@ -38,7 +38,7 @@ Table = dict[str, Any]
 
 
 class ScriptSection(Section):
-    """A section of the page: `title`, one or two sentences of `text`, and its figures and tables.
+    """A section on the page: `title`, a sentence or two in `text`, figures and tables.
 
     Sections with one `part` stand under its heading.
     """
@@ -64,8 +64,8 @@ class Other(Section):
 class Script(Section):
     """A report script: `title`, a `text` at its head, the scene, data, sections, other reports.
 
-    The scene is the path of a file, seen from the script, a table of its keys, or by `example` one
-    that comes with the package.
+    The scene is a file's path, seen from the script, a table of keys, or by `example` an example
+    from the package.
     """
 
     title: Title
@@ -109,7 +109,7 @@ class Plan:
     files: tuple[Path, ...]  #: What was read.
 
     def needs(self, quick: bool = False, full: bool = False) -> tuple[Inputs, list[Need]]:
-        """What the items of the report need, in its preview or its full form; the items of the
+        """Needs of the report's items, in preview or full form; the items of the
         first screen are first. Raises `SceneError` with all mistakes."""
         inputs, needed, problems = Inputs(self.scene, self.data, quick), [], list[str]()
         for item in sorted(self.items, key=lambda item: item not in self.summary):
@@ -161,7 +161,7 @@ class _Reader:
     problems: list[str] = field(default_factory=list)
 
     def valid(self, model: type[Model], table: Any, where: str) -> Model | None:
-        """The model of the table at a key, or None."""
+        """The model for the table at a key, or None."""
         try:
             return model.model_validate(table)
         except ValidationError as error:
@@ -206,7 +206,7 @@ class _Reader:
         return found
 
     def items(self, table: Table) -> tuple[Item, ...]:
-        """The figures and tables of all sections, each with a name of its own."""
+        """Figures and tables from every section, with unique names."""
         items, names = list[Item](), dict[str, str]()
         for number, section in _tables(table, "section"):
             for form, known in self.known.items():
@@ -231,7 +231,7 @@ class _Reader:
         return None
 
     def _name(self, kind: Kind, where: str, names: dict[str, str]) -> str:
-        """The name of an item's files, which joins `names`."""
+        """The name for an item's files, added to `names`."""
         numbered = (f"{kind.stem}-{n}" for n in range(2, len(names) + 3))
         unused = (name for name in (kind.stem, *numbered) if name not in names)
         name = kind.name or next(unused)

@@ -1,4 +1,4 @@
-"""What is computed for a figure: charges of scenes, and rows of tasks."""
+"""Computed data for a figure: charges by scene, and rows by task."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Solved:
         reading: str,
         theirs: Array | None = None,
     ) -> pd.DataFrame:
-        """A row for each scene and electrode, with the charges (scenes, names) of others."""
+        """Rows by scene and electrode, with data charges (scenes, names)."""
         ours = self.charges(scenes, names, reading)
         given = np.full(ours.shape, np.nan) if theirs is None else theirs
         columns = {"charge_pC": given, "computed_pC": ours, "error_pC": self.errors(scenes, names)}

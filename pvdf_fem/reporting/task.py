@@ -1,9 +1,9 @@
-"""What a kind computes besides the charges of scenes: modes, a timing, touches located.
+"""Computations beside charges: modes, timings, located touches.
 
-A task is a frozen dataclass in the file of its kind. Tasks run in the processes that solve scenes,
-and their rows are kept in the report's folder, so that a report that was stopped goes on. The key
-of a result is a hash of the task's class and fields, of the package's modules, and of the modules
-beside the task's own, so that no result outlives the code that made it.
+A task is a frozen dataclass in the file of its kind. Tasks run in the processes that solve scenes.
+Rows are kept in the report's folder: a stopped report goes on. The key of a result is a hash over
+the task's class and fields, the package's modules, and the modules beside the task's module: no
+result outlives its code.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.store import Store, code_version
 from pvdf_fem.sweeps.workers import Died, on_processes
 
-#: Folders of modules on which the rows of no task depend.
+#: Folders with modules on which no task's rows depend.
 _ASIDE = ("cli", "explore", "output")
 _OWN = "pvdf_fem.reporting.own_"  #: Begins the names of modules that are run from a file.
 
@@ -42,13 +42,13 @@ Rows: TypeAlias = list[dict[str, Any]]
 
 @dataclass(frozen=True)
 class Task(ABC):
-    """Something to compute besides charges of scenes. Fields are plain values, tuples of them,
-    scenes, and classes of the same kind."""
+    """Something to compute besides charges of scenes. Fields are plain values, tuples, scenes, and
+    further task classes."""
 
     @abstractmethod
     def run(self) -> Rows:
-        """Rows of plain values: str, float, int, bool, None, and lists of them. An exception is
-        the reason that stands in the place of the figure."""
+        """Rows with plain values: str, float, int, bool, None, and lists. An exception is the
+        reason shown in place of the figure."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         kind = type(self)
@@ -65,8 +65,8 @@ def _blank(module: str, name: str, path: str) -> Any:
 
 
 def module_of(path: Path) -> ModuleType:
-    """The module of a Python file, which is run. Its name has a hash of its text, so that an
-    edited file is another module. Raises what the file raises."""
+    """The module from running a Python file. Its name has a hash of its text: an edited file is a
+    new module. Raises what the file raises."""
     digest = hashlib.sha256(bytes(path.resolve()) + path.read_bytes()).hexdigest()[:16]
     name = f"{_OWN}{path.stem}_{digest}"
     spec = spec_from_file_location(name, path, loader=SourceFileLoader(name, str(path.resolve())))
@@ -79,7 +79,7 @@ def module_of(path: Path) -> ModuleType:
 
 
 def key(task: Task) -> str:
-    """Hash of a task's class, its fields, and the code that it may run."""
+    """Hash over a task's class, fields and code."""
     held = {field.name: getattr(task, field.name) for field in fields(task)}
     scenes = {name: pinned([value])[0] for name, value in held.items() if isinstance(value, Scene)}
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
@@ -90,7 +90,7 @@ def key(task: Task) -> str:
 
 @cache
 def _code_of(name: str, path: str) -> str:
-    """Hash of the package's modules and of those beside a module."""
+    """Hash over the package's modules and the modules beside a module."""
     package = Path(__file__).parents[1]
     folders = sorted(of.name for of in package.iterdir() if of.is_dir() and of.name not in _ASIDE)
     digest = hashlib.sha256(code_version(tuple(folders)).encode())
@@ -102,8 +102,8 @@ def _code_of(name: str, path: str) -> str:
 def done(
     tasks: Mapping[str, Task], store: Store, processes: int
 ) -> Iterator[tuple[str, Rows | Died]]:
-    """Keys and rows of tasks in the order of completion; the rows join the store. `Died` stands for
-    the rows of a task that raised, or killed its process."""
+    """Keys and rows of tasks in order of completion; the rows join the store. `Died` replaces the
+    rows of a task that raised, or killed its process."""
     names = list(tasks)
     for number, found in on_processes(_rows_of, enumerate(tasks.values()), processes):
         if not isinstance(found, Died):
@@ -113,7 +113,7 @@ def done(
 
 def _rows_of(task: Task) -> Rows | Died:
     try:
-        # as the store gives them back: a fresh result makes the page that a kept one makes
+        # in the store's form: fresh and kept results make equal pages
         return json.loads(json.dumps(task.run(), default=lambda number: number.item()))
     except GmshMissingError:  # no task can be done
         raise

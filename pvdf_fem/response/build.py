@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.derivatives.parameters import PLACE
 from pvdf_fem.files import require_writable
 from pvdf_fem.mesh.symmetry import isotropy
 from pvdf_fem.progress import Progress, Work, shown
 from pvdf_fem.response.held_out import HeldOut, random_touches, solves_of
 from pvdf_fem.response.model import Domain, wanted_model
-from pvdf_fem.response.polar_raster import PolarRaster
-from pvdf_fem.response.probe_stress import ProbeMesh, mean_stress_about_probe
+from pvdf_fem.response.places import Places
+from pvdf_fem.response.probe_charges import PolarRaster, ProbeCharges
+from pvdf_fem.response.probe_stress import mean_stress_about_probe
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import mechanics_of
-from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
-from pvdf_fem.response.table import MARGIN, Grid, force_nodes_N, pressed_outline
+from pvdf_fem.response.table import force_nodes_N, pressed_outline, table_axes, tabulated
+from pvdf_fem.response.uniform_spline import BEYOND
 from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.registry import SPREAD_CLASSES
 from pvdf_fem.scene.scene import Scene
@@ -42,23 +43,15 @@ class ResponseOptions:
     held_out: int = 24
     #: Builds with ever finer options until the tolerance is met.
     attempts: int = 3
-    #: Cell of the table over the root of the probe's area; a disc needs no rotations. Of a round
-    #: tip it is the area of the least contact.
+    #: Cell of the table over the root of the area of the probe, or of a tip's least contact, at
+    #: whose edge the pressure is zero.
     cell: float = 1 / 9
-    disc_cell: float = 1 / 14
-    tip_cell: float = 1 / 4.7
+    tip_cell: float = 1 / 5
     #: Largest cell.
     largest_cell_mm: float = 0.6
     #: Over the cell: the way of the probe's corners from one rotation to the next, the step of the
     #: raster of the stress, and twice the way between its rays at the probe's corners.
     step: float = 0.8
-    #: Error for neighbouring places of the rim at no distance; the error falls with every place.
-    without_places: float = 80.0
-    #: Number of rotations in half a turn, in a film that is stiffer in one direction; more for an
-    #: error below 1e-3.
-    rotations: int = 6
-    #: Finite elements for the stress about the probe.
-    elements: ProbeMesh = field(default_factory=ProbeMesh)
 
     @property
     def decades(self) -> float:
@@ -71,47 +64,54 @@ class ResponseOptions:
         return float(10.0 ** (-0.25 * self.decades))
 
     def cell_mm(self, scene: Scene, domain: Domain) -> float:
-        """Cell of the table of a scene's probe, or of a tip's least contact."""
-        assert scene.single_probe is not None
-        round_cell = self.tip_cell if scene.tips else self.disc_cell
-        share = self.cell if scene.single_probe.period_deg else round_cell
+        """Cell of the table."""
         size_mm = 1e3 * float(np.sqrt(pressed_outline(scene, domain.force_N[0]).area))
+        share = self.tip_cell if scene.tips else self.cell
         return self.scale * min(share * size_mm, self.largest_cell_mm)
 
-    def grid(self, scene: Scene, domain: Domain) -> Grid:
-        """The grid of the table.
+    def forces_N(self, domain: Domain) -> Array:
+        """Forces under which the stress is solved.
 
-        Coefficients of Chebyshev polynomials of the force fall by 4 from one to the next, where
-        the largest force is e times the least.
+        Coefficients of polynomials of the force fall by 4 from one to the next, where the largest
+        force is e times the least.
         """
         low, high = domain.log_force
-        polynomials = 1 + math.ceil((1.25 + 0.5 * self.decades) * (high - low))
-        cell_mm = self.cell_mm(scene, domain)
-        return Grid.of(scene, domain, cell_mm, self.step, max(4, polynomials))
+        count = 1 + math.ceil((1.25 + 0.5 * self.decades) * (high - low))
+        return force_nodes_N(domain, max(4, count))
 
-    def places(self, scene: Scene, domain: Domain) -> RimPlaces:
+    def places(
+        self, scene: Scene, domain: Domain, no_place: float = 80.0, rotations: int = 6
+    ) -> Places:
         """The places of the rim for which the stress is solved.
 
         Polynomials along diameters of the reach converge by the distance of the rim, where the
-        stress is singular: each distance gains exp(2 arccosh(radius / reach)) (Bernstein).
+        stress is singular: each distance gains exp(2 arccosh(radius / reach)) (Bernstein) over
+        the error without a place. A film that is stiffer in one direction has some `rotations` in
+        half a turn, and more for an error below 1e-3.
         """
         assert scene.single_probe is not None
         reach_mm = domain.reach_mm + 2.0 * self.cell_mm(scene, domain)
         gain = 2.0 * math.acosh(scene.film.radius_mm / reach_mm)
-        radii = max(2, math.ceil(math.log(self.without_places / self.error) / gain))
-        rotations = self.rotations + max(0, math.ceil(2.0 * self.decades - 0.2))
+        radii = max(2, math.ceil(math.log(no_place / self.error) / gain))
+        rotations += max(0, math.ceil(2.0 * self.decades - 0.2))
         anisotropic = isotropy(scene.film) != "isotropic"
-        return RimPlaces(scene.single_probe, reach_mm, radii, rotations if anisotropic else 0)
+        return Places.of(scene.single_probe, reach_mm, radii, rotations if anisotropic else 0)
 
-    def raster(self, scene: Scene, domain: Domain, places: RimPlaces) -> PolarRaster:
+    def raster(self, scene: Scene, domain: Domain, places: Places) -> PolarRaster:
         """Points about the probe where the stress is taken; electrodes may be anywhere."""
         cell_mm = self.cell_mm(scene, domain)
         corners_mm = 1e3 * float(pressed_outline(scene, domain.force_N[0]).reach)
         rays = 4.0 * np.pi * corners_mm / (self.step * cell_mm)
         angles = places.angles * math.ceil(rays / places.angles)
-        reach_mm = math.sqrt(2.0) * (domain.reach_mm + (MARGIN + 1) * cell_mm)
+        reach_mm = math.sqrt(2.0) * (domain.reach_mm + (BEYOND + 1) * cell_mm)
         reach_mm += scene.film.radius_mm
         return PolarRaster(reach_mm, self.step * cell_mm, angles, 2.5 * corners_mm)
+
+
+def options_for(scene: Scene, tolerance: float, of_tip: float = 0.5) -> ResponseOptions:
+    """The options for a tolerance; for a part of the tolerance under a tip, whose contact grows
+    with the force."""
+    return ResponseOptions(error=min(tolerance, 1.0) * (of_tip if scene.tips else 1.0))
 
 
 def build_response(
@@ -154,18 +154,20 @@ def build_response(
         about the probe, or half of the touches held out, have no solution.
     """
     scene = scene_of(scene)
-    mechanics_of(scene)  # refuses what no response is of
+    mechanics_of(scene)  # refuses a scene without a probe, of which no domain is known
     wanted, known = wanted_model(scene)
     reach_mm = wanted.reach_mm if reach_mm is None else reach_mm
     forces = wanted.force_N if force_N is None else taken("force_N", force_N, tuple[float, float])
     domain = Domain(taken("reach_mm", reach_mm, float), forces)
     tolerance = known if tolerance is None else taken("tolerance", tolerance, float)
-    refuse(scene, domain, tolerance, options)
-    options = ResponseOptions(error=min(tolerance, 1.0)) if options is None else options
+    if wrong := [*mistakes(scene, domain, tolerance, options)]:
+        raise ValueError("\n".join(wrong))
+    options = options_for(scene, tolerance) if options is None else options
     if file is not None:
         require_writable(Path(file))
+    processes = taken("processes", processes, int | None)
     with shown("s of one core", progress) as show:
-        made = _best(scene, domain, tolerance, options, Work(taken("processes", processes, int | None), show))
+        made = _best(scene, domain, tolerance, options, Work(processes, show))
     if file is not None:
         made.save(file)
     return made
@@ -175,25 +177,25 @@ def _best(
     scene: Scene, domain: Domain, tolerance: float, options: ResponseOptions, work: Work
 ) -> Response:
     """The first response that meets the tolerance, or the one with the smallest error bound."""
-    names = tuple(electrode.name for electrode in scene.electrode_list)
     touches = random_touches(domain, options.held_out)
     solves, best, held_out = solves_of(scene, touches, tolerance), None, None
     for _ in range(options.attempts):
-        grid, places = options.grid(scene, domain), options.places(scene, domain)
-        raster = options.raster(scene, domain, places)
+        places, forces_N = options.places(scene, domain), options.forces_N(domain)
+        raster, rest = options.raster(scene, domain, places), _without_electrodes(scene, tolerance)
+        fields = [
+            (mean_stress_about_probe, rest, place, forces_N, raster, options.scale)
+            for place in places.unique_places
+        ]
         # a place first: it takes the longest, and tells soon what the others take
-        elements = options.elements.scaled(options.scale)
-        # how stiff a tip's penalty is follows from the tolerance
-        softened = scene.with_(**{"numerics.tolerance": min(options.error, 1e-2)})
-        fields = _solves(softened, grid, places, raster, elements)
-        found = [*work.run([fields[0], *solves, *fields[1:]])]
+        first, *found = work.run([fields[0], *solves, *fields[1:]])
         if held_out is None:
-            held_out = HeldOut.of(touches, found[1 : 1 + len(solves)])
-        of_places = found[0], *found[1 + len(solves) :]
+            held_out = HeldOut.of(touches, found[: len(solves)])
+        means = [first, *found[len(solves) :]]
         solves = []
-        stress = ProbeCharges.of(places, raster, of_places, 1e-3 * options.error)
-        spline = grid.charges(stress, scene, work)
-        made = Response(names, scene, domain, 0.0, 0.0, spline, tolerance, (), stress, held_out)
+        stress = ProbeCharges.of(places, raster, means, 1e-3 * options.error)
+        axes = table_axes(scene, domain, options.cell_mm(scene, domain), options.step)
+        spline = tabulated(stress, scene, domain, axes, work)
+        made = Response(scene, domain, 0.0, 0.0, spline, tolerance, (), stress, held_out)
         made = made.measured()
         best = made if best is None or made.error_bound < best.error_bound else best
         if best.status is Status.CONVERGED:
@@ -208,53 +210,36 @@ def _best(
     return best
 
 
-def _solves(
-    scene: Scene, grid: Grid, places: RimPlaces, raster: PolarRaster, elements: ProbeMesh
-) -> Sequence[tuple[Any, ...]]:
-    """Tasks of the stress about the probe at the places of the rim."""
-    # the stress does not depend on the electrodes, but a scene has at least one, and their channels
+def _without_electrodes(scene: Scene, tolerance: float) -> Scene:
+    """The scene of the stress about the probe, whose electrodes do not matter."""
+    # a scene has at least one, and their channels
     radius = 0.9 * scene.film.radius_mm
     electrode = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius}
     changes = {"electrodes": [electrode], "readout": None, **dict.fromkeys(PLACE, 0.0)}
-    upright = scene.with_(**changes)
-    rest = force_nodes_N(grid.domain, grid.polynomials), raster, elements
-    return [(mean_stress_about_probe, upright, place, *rest) for place in places.unique_places]
+    # how stiff a tip's penalty is follows from the tolerance
+    return scene.with_(**changes, **{"numerics.tolerance": min(tolerance, 1e-2)})
 
 
-def refuse(
-    scene: Scene, domain: Domain, tolerance: float, options: ResponseOptions | None = None
-) -> None:
-    """Raise `ValueError`, a line for each mistake, for what has no response: by the scene, the
-    domain, and a tolerance that full solves could not confirm."""
-    mechanics_of(scene)
-    wrong = [*_mistakes_of(scene, domain, tolerance)]
-    if not wrong:
-        options = options or ResponseOptions(error=min(tolerance, 1.0))
-        cell_mm = options.cell_mm(scene, domain)
-        pressed_mm = 1e3 * pressed_outline(scene, domain.force_N[1]).reach
-        limit = scene.film.radius_mm - pressed_mm - 3.0 * cell_mm
-        if limit <= 0.0:
-            wrong.append(
-                "probe: comes too near the rim wherever it is; a response needs a smaller probe, or"
-                " a larger film"
-            )
-        elif not 0.0 < domain.reach_mm < limit:
-            wrong.append(
-                f"reach_mm: {domain.reach_mm:g} is not between zero and where the probe would come"
-                f" too near the rim, {limit:.3g}"
-            )
-    if wrong:
-        raise ValueError("\n".join(wrong))
-
-
-def _mistakes_of(
-    scene: Scene, domain: Domain, tolerance: float, least_tolerance: float = 1e-6
+def mistakes(
+    scene: Scene,
+    domain: Domain,
+    tolerance: float,
+    options: ResponseOptions | None = None,
+    least_tolerance: float = 1e-6,
 ) -> Iterator[str]:
+    """What is wrong with a scene and a domain that have no response, and with a tolerance that full
+    solves could not confirm."""
+    try:
+        mechanics_of(scene)
+    except ValueError as error:
+        yield from str(error).splitlines()
+        return
     low, high = domain.force_N
     load, film, observable = scene.load, scene.film, scene.numerics.observable
-    if not least_tolerance <= tolerance < np.inf:
+    known = least_tolerance <= tolerance < np.inf, 0.0 < low < high < np.inf
+    if not known[0]:
         yield f"tolerance: {tolerance} is no number from {least_tolerance:g} on; give another"
-    if not 0.0 < low < high < np.inf:
+    if not known[1]:
         yield f"force_N: {domain.force_N} is no range of positive forces"
     if load.kind == "rigid":
         reason = "makes the stress singular at the probe's edge; take 'dead' or 'follower'"
@@ -271,3 +256,11 @@ def _mistakes_of(
     if observable != "material":
         reason = "is no integral of a stress about the probe; take 'material'"
         yield f"numerics.observable: {observable!r} {reason}"
+    if all(known):
+        cell_mm = (options or options_for(scene, tolerance)).cell_mm(scene, domain)
+        pressed_mm = 1e3 * pressed_outline(scene, high).reach
+        limit = scene.film.radius_mm - pressed_mm - 3.0 * cell_mm
+        if not 0.0 < domain.reach_mm < limit:
+            near = f"{max(limit, 0.0):.3g}, from where on the probe comes too near the rim"
+            advice = "give another reach, or a smaller probe"
+            yield f"reach_mm: {domain.reach_mm:g} is not between zero and {near}; {advice}"

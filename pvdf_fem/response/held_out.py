@@ -10,6 +10,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.response.model import Domain, scene_of_touch
+from pvdf_fem.response.response_file import FileArray
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import NotConvergedError, Status
@@ -49,10 +50,10 @@ def forces_at(scene: Scene, touch: Array, tolerance: float) -> Forces | str:
 class HeldOut:
     """Forces X, Y of electrodes in full solves of touches, and their estimated errors."""
 
-    touches: Array
+    touches: FileArray
     #: In N, (n, electrodes, 2); errors have signs.
-    forces: Array
-    errors: Array
+    forces: FileArray
+    errors: FileArray
 
     @classmethod
     def of(cls, touches: Array, found: Sequence[Forces | str]) -> HeldOut:
@@ -60,7 +61,6 @@ class HeldOut:
 
         Raises `NotConvergedError` when fewer than half of the touches have a solution.
         """
-
         failed = [i for i, forces in enumerate(found) if isinstance(forces, str)]
         if 2 * len(failed) > len(touches):
             x, y, rotation, force = touches[failed[0]]

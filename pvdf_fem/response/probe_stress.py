@@ -8,9 +8,7 @@ is not smooth in space. A response interpolates these fields between few places 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Self
 
 import numpy as np
 from scipy.interpolate import krogh_interpolate
@@ -23,7 +21,7 @@ from pvdf_fem.film.loads.contact_guess import first_contacts, tip_outlines
 from pvdf_fem.film.space import Space, transferred
 from pvdf_fem.mesh.gmsh_mesh import PROBE, mesh_scene, outlines
 from pvdf_fem.mesh.size_field import Sizes
-from pvdf_fem.response.polar_raster import PolarRaster
+from pvdf_fem.response.probe_charges import PolarRaster
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.ladder import equilibrate
@@ -33,45 +31,38 @@ from pvdf_fem.solvers.status import NotConvergedError, Status
 INSIDE = 0.999  #: Share of the film's radius within which the stress is evaluated.
 
 
-@dataclass(frozen=True)
-class ProbeMesh:
-    """Finite elements for the stress about a probe."""
+def probe_mesh(
+    scene: Scene,
+    ratio: float = 1.0,
+    edge_size: float = 1 / 8,
+    growth: float = 0.23,
+    film_size: float = 0.09,
+) -> MeshTri2:
+    """The mesh of a scene with a probe, or with the guessed contact with a tip in its place.
 
-    #: Polynomial order of the displacement.
-    order: int = 3
-    #: Size of the elements along the edge of a probe, or a disc, over the root of its area.
-    probe_size: float = 1 / 7.5
-    disc_size: float = 1 / 10
-    #: Growth of the size per distance from the edge.
-    growth: float = 0.23
-    #: Largest size over the film's radius.
-    film_size: float = 0.09
-
-    def scaled(self, ratio: float) -> Self:
-        """Elements that are smaller by a ratio."""
-        sizes = "probe_size", "disc_size", "growth", "film_size"
-        return replace(self, **{name: ratio * getattr(self, name) for name in sizes})
-
-    def mesh(self, scene: Scene) -> MeshTri2:
-        """The mesh of a scene with a probe, or with the guessed contact with a tip in its place."""
-        assert scene.single_probe is not None
-        share = self.probe_size if scene.single_probe.period_deg else self.disc_size
-        pressed = (outlines(scene) | first_contacts(scene))[PROBE]
-        size = share * float(np.sqrt(pressed.area))
-        sizes = Sizes({PROBE: size}, self.growth, self.film_size * scene.film.radius)
-        return mesh_scene(scene, sizes, contacts=tip_outlines(scene))
+    Parameters
+    ----------
+    ratio : float
+        Sizes of elements over the sizes that the other parameters tell.
+    edge_size, growth, film_size : float
+        Size along the edge of the probe over the root of its area, growth of the size per distance
+        from the edge, largest size over the film's radius.
+    """
+    pressed = (outlines(scene) | first_contacts(scene))[PROBE]
+    edge = ratio * edge_size * float(np.sqrt(pressed.area))
+    sizes = Sizes({PROBE: edge}, ratio * growth, ratio * film_size * scene.film.radius)
+    return mesh_scene(scene, sizes, contacts=tip_outlines(scene))
 
 
 def mean_stress_about_probe(
-    scene: Scene, place: Array, forces: Sequence[float], raster: PolarRaster, elements: ProbeMesh
+    scene: Scene, place: Array, forces: Sequence[float], raster: PolarRaster, ratio: float
 ) -> Array:
     """`PolarRaster.means` (forces, 3, ρ, θ) of the stress 11, 22, 12 in Pa about a probe.
 
     The stress is the second Piola-Kirchhoff stress in the axes of the scene's probe, which is put
-    at `place`: x, y in mm and the rotation in degrees. Each force in N starts from the solutions of
-    those before. Electrodes only make the mesh finer. At points beyond the share `INSIDE` of the
-    film's radius the stress is taken from there. Raises `NotConvergedError` when there is no
-    solution.
+    at `place`: x, y in mm and the rotation in degrees. Electrodes only make the mesh finer, whose
+    sizes are scaled by `ratio`. At points beyond the share `INSIDE` of the film's radius the stress
+    is taken from there. Raises `NotConvergedError` when there is no solution.
     """
     x, y, rotation = map(float, place)
     scene = scene.with_(**{"probe.x_mm": x, "probe.y_mm": y, "probe.rotation_deg": rotation})
@@ -85,12 +76,7 @@ def mean_stress_about_probe(
         return lambda stress: np.asarray(sample @ project(stress))
 
     try:
-        if scene.tips:
-            solved = _stresses_on_tip(scene, forces, elements)
-        else:
-            equilibrium = Equilibrium(scene, elements.mesh(scene), elements.order)
-            solved = ((equilibrium.space, s) for s in _stresses(equilibrium, forces))
-        fields = [reading(space)(stress) for space, stress in solved]
+        fields = [reading(space)(stress) for space, stress in stresses(scene, forces, ratio)]
     except NotConvergedError as error:
         raise NotConvergedError(f"probe at ({x:g}, {y:g}) mm with {error}") from None
     shape = (3, *points.shape[:2])
@@ -106,19 +92,31 @@ def _turned(rotation_deg: float) -> Array:
     return np.array([[cc, ss, -cs], [ss, cc, cs], [2 * cs, -2 * cs, cc - ss]])
 
 
-def _stresses(equilibrium: Equilibrium, loads: Sequence[float]) -> Iterator[Array]:
-    solutions: list[tuple[float, Array]] = []
-    for force in loads:
-        (load,) = equilibrium.loads
-        terms = [t.with_force(force) if t is load else t for t in equilibrium.terms]
-        loaded = equilibrium.with_terms(terms)
+def stresses(
+    scene: Scene, forces: Sequence[float], ratio: float, order: int = 3
+) -> Iterator[tuple[Space, Array]]:
+    """Stress 11, 22, 12 in Pa under each force in N, (elements, points, 3), and its space.
+
+    Under a tip each force has a mesh that is fine where its contact ends. Newton's method starts
+    from the polynomial of log F through the last three solutions on a mesh, or from the last one.
+    """
+    equilibrium: Equilibrium | None = None
+    known: list[tuple[float, Array]] = []  # logarithms of forces, and dofs
+    for force in forces:
+        loaded = scene.with_(**{"load.force_N": force})
+        if equilibrium is None or scene.tips:
+            last, equilibrium = equilibrium, Equilibrium(loaded, probe_mesh(loaded, ratio), order)
+            space = equilibrium.space
+            known = [(at, transferred(last.space, x, space)) for at, x in known[-1:] if last]
+        else:
+            equilibrium = equilibrium.with_(scene=loaded)
         start = None
-        if solutions:  # by a polynomial of log F through the last three
-            forces, unknowns = map(np.array, zip(*solutions[-3:], strict=True))
-            start = krogh_interpolate(np.log(forces), unknowns, np.log(force))
-        q = _solved(loaded, start, force)
-        solutions.append((force, q))
-        yield equilibrium.state(q).stress
+        if known:
+            at, dofs = map(np.array, zip(*known[-3:], strict=True))
+            start = equilibrium.restrict(krogh_interpolate(at, dofs, np.log(force)))
+        q = _solved(equilibrium, start, force)
+        known.append((np.log(force), equilibrium.dofs(q)))
+        yield equilibrium.space, equilibrium.state(q).stress
 
 
 def _solved(loaded: Equilibrium, start: Array | None, force: float) -> Array:
@@ -129,21 +127,6 @@ def _solved(loaded: Equilibrium, start: Array | None, force: float) -> Array:
     if result.status is not Status.CONVERGED:
         raise NotConvergedError(f"{force:g} N: {result.status}; {result.status.advice}")
     return result.q
-
-
-def _stresses_on_tip(
-    scene: Scene, loads: Sequence[float], elements: ProbeMesh
-) -> Iterator[tuple[Space, Array]]:
-    """Stress and space of a tip's forces, each on a mesh that is fine where its contact ends."""
-    known: tuple[Space, Array] | None = None
-    for force in loads:
-        loaded = scene.with_(**{"load.force_N": force})
-        equilibrium = Equilibrium(loaded, elements.mesh(loaded), elements.order)
-        space = equilibrium.space
-        start = known and equilibrium.restrict(transferred(*known, space))
-        state = equilibrium.state(_solved(equilibrium, start, force))
-        known = space, state.dofs
-        yield space, state.stress
 
 
 def _projection(space: Space) -> Callable[[Array], Array]:

@@ -13,16 +13,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.progress import Progress, Work, shown
 from pvdf_fem.response.held_out import HeldOut, solves_of
 from pvdf_fem.response.model import FORCE, QUANTITIES, AtRest, Domain, all_within, centred, rest_of
-from pvdf_fem.response.response_file import Contents, mechanics_of, read, write
-from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
-from pvdf_fem.response.table import Grid, scaled_force
+from pvdf_fem.response.probe_charges import ProbeCharges
+from pvdf_fem.response.response_file import FileScene, mechanics_of, read, write
+from pvdf_fem.response.table import force_powers, tabulated
 from pvdf_fem.response.uniform_spline import UniformSpline
 from pvdf_fem.scene.given import taken
 from pvdf_fem.scene.quantity import Affects, affecting
@@ -37,8 +36,6 @@ if TYPE_CHECKING:
 # Rows of the products (value and derivatives by x, y, rotation) x (value and derivative by force):
 # the value, and the derivatives by x, y, rotation and force.
 _VALUE_AND_SLOPES: Indices = np.array([0, 2, 4, 6, 1])
-# Fields copied unchanged between a response and its file.
-_KEPT = ("scene", "domain", "error_bound", "error_rms", "tolerance", "remarks", "at_rest_pC")
 
 
 def refuse_outside(domain: Domain, touches: Array, rounding: float = 1e-9) -> None:
@@ -99,16 +96,15 @@ class Response(Told):
 
     quantities: ClassVar[tuple[str, ...]] = QUANTITIES  #: Of one probe.
     cheap: ClassVar[bool] = True
-    names: tuple[str, ...]
     #: Film, electrodes and probe; the probe's place and the force do not matter.
-    scene: Scene
+    scene: FileScene
     domain: Domain
     #: Bound on the error of a charge over |d31 X| + |d32 Y|: five times the largest error at the
     #: random touches whose full solves it was compared with; and the root mean square there.
     error_bound: float
     error_rms: float
-    #: Over x in mm, y in mm and rotation in degrees: coefficients in pC of Chebyshev polynomials
-    #: in the force, ordered by polynomial, then by electrode, (polynomials electrodes,).
+    #: Over x in mm, y in mm and rotation in degrees: coefficients in pC of powers of the scaled
+    #: force, ordered by power, then by electrode, (powers electrodes,).
     spline: UniformSpline
     #: The error bound that was asked for.
     tolerance: float = 1e-3
@@ -134,6 +130,11 @@ class Response(Told):
             "remarks": list(self.remarks),
         }
 
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the electrodes."""
+        return tuple(electrode.name for electrode in self.scene.electrode_list)
+
     @property
     def status(self) -> Status:
         """Whether the error bound is within the tolerance."""
@@ -147,14 +148,10 @@ class Response(Told):
         """
         touches = np.asarray(touches, dtype=float).reshape(-1, len(QUANTITIES))
         refuse_outside(self.domain, touches)
-        # (n, value and derivatives by place, polynomials, electrodes)
+        # (n, value and derivatives by place, powers, electrodes)
         by_place = self.spline.with_gradient(touches[:, :FORCE])
         by_place = by_place.reshape(len(touches), 4, -1, len(self.names))
-        scaled, rate = scaled_force(self.domain, touches[:, FORCE])
-        powers = scaled[:, None] ** np.arange(self._polynomial_count)
-        # (n, value and derivative by force, polynomials)
-        by_force = (powers @ self._polynomials).reshape(len(touches), 2, -1)
-        by_force[:, 1] *= rate[:, None]
+        by_force = force_powers(self.domain, touches[:, FORCE], by_place.shape[2])
         # (n, value and derivatives by place x value and derivative by force, electrodes)
         products = np.matmul(by_force[:, None], by_place).reshape(len(touches), 8, -1)
         charges_and_slopes = products.take(_VALUE_AND_SLOPES, axis=1)
@@ -179,17 +176,15 @@ class Response(Told):
         `NotConvergedError` when half of the touches fail.
         """
         refuse_other_mechanics(self.scene, scene)
-        names = tuple(electrode.name for electrode in scene.electrode_list)
-        made = replace(self, scene=scene, names=names)
+        made = replace(self, scene=scene)
         if reads_alike(self.scene, scene):
             return made
         if self.stress is None or self.held_out is None:
             raise ValueError("response: keeps no stress about the probe; build it again")
-        grid = Grid(self.domain, self.spline.axes, self._polynomial_count)
-        dtype = self.spline.coefficients.dtype.type
         with shown("s of one core", progress) as show:
             work = Work(processes, show)
-            made = replace(made, spline=grid.charges(self.stress, scene, work, dtype))
+            axes = self.spline.axes
+            made = replace(made, spline=tabulated(self.stress, scene, self.domain, axes, work))
             if not check:
                 return replace(made, held_out=None, at_rest_pC=None)
             if _outlines(self.scene) == _outlines(scene):
@@ -220,20 +215,6 @@ class Response(Told):
         )
         return replace(made, remarks=(remark,))
 
-    @cached_property
-    def _polynomial_count(self) -> int:
-        return self.spline.coefficients.shape[-1] // len(self.names)
-
-    @cached_property
-    def _polynomials(self) -> Array:
-        """Coefficients (powers, 2 polynomials) of Chebyshev polynomials and their derivatives."""
-        count = self._polynomial_count
-        values = np.array(
-            [np.pad(chebyshev.cheb2poly(row), (0, count))[:count] for row in np.eye(count)]
-        )
-        slopes = np.pad(np.arange(1, count) * values[:, 1:], ((0, 0), (0, 1)))
-        return np.concatenate([values, slopes]).T
-
     def plot(
         self,
         electrode: str,
@@ -247,39 +228,20 @@ class Response(Told):
         if electrode not in self.names:
             known = ", ".join(self.names)
             raise ValueError(f"electrode {electrode!r}: is none of the response; give {known}")
+        touch, number = [rotation_deg, force_N], self.names.index(electrode)
 
         def charge(places_mm: Array) -> Array:
-            others = np.tile([rotation_deg, force_N], (len(places_mm), 1))
-            charges, _ = self.evaluate(np.hstack([places_mm, others]))
-            return np.asarray(charges[:, self.names.index(electrode)])
+            touches = np.hstack([places_mm, np.tile(touch, (len(places_mm), 1))])
+            return self.evaluate(touches)[0][:, number]
 
         title = f"Charge of {electrode} by the probe's place, {force_N:g} N, {rotation_deg:g}°"
         return charge_map(self.scene, self.domain.reach_mm, charge, title, ax)
 
     def save(self, path: Path | str) -> None:
         """Write the response to a file, which replaces an older one only when it is complete."""
-        contents = Contents(**{name: getattr(self, name) for name in _KEPT}, axes=self.spline.axes)
-        arrays = {"coefficients": self.spline.coefficients}
-        if (stress := self.stress) is not None:
-            places = stress.places
-            contents.places = places.reach_mm, places.radii, places.film_rotations
-            contents.stretch_mm, contents.mode_axes = stress.stretch_mm, stress.modes.axes
-            arrays |= {"modes": stress.modes.coefficients, "amplitudes": stress.amplitudes}
-        if self.held_out is not None:
-            arrays |= vars(self.held_out)
-        write(Path(path), contents, arrays)
+        write(Path(path), self)
 
     @classmethod
     def load(cls, path: Path | str) -> Response:
         """Read a response; raises `ResponseError`, a `FileError`, for what holds no sound one."""
-        file, arrays = read(taken("path", path, Path))
-        names = tuple(electrode.name for electrode in file.scene.electrode_list)
-        spline = UniformSpline(file.axes, arrays.pop("coefficients"))
-        stress, probe = None, file.scene.single_probe
-        if file.places is not None and probe is not None:
-            modes = UniformSpline(file.mode_axes, arrays.pop("modes"))
-            places = RimPlaces(probe, *file.places)
-            stress = ProbeCharges(places, modes, file.stretch_mm, arrays.pop("amplitudes"))
-        held_out = HeldOut(**arrays) if arrays else None
-        kept = {name: getattr(file, name) for name in _KEPT}
-        return cls(names=names, spline=spline, stress=stress, held_out=held_out, **kept)
+        return read(taken("path", path, Path), cls)

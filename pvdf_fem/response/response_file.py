@@ -1,27 +1,41 @@
 """The file of a response: a line with a digest, and NumPy's archive of its arrays and a JSON text.
 
-The digest of the archive tells damage of any kind.
+The digest of the archive tells damage of any kind. The text has the response's dataclasses, with
+numbers of arrays in place of arrays and the scene as TOML.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Mapping
+import json
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, PlainSerializer, PlainValidator
+from pydantic import PlainValidator, TypeAdapter, ValidationInfo
 
 from pvdf_fem.files import FileError, reading, replacing
-from pvdf_fem.response.model import AtRest, Domain, centred
-from pvdf_fem.response.uniform_spline import UniformAxis
+from pvdf_fem.response.model import Domain, centred
 from pvdf_fem.scene.quantity import affecting
 from pvdf_fem.scene.scene import Numerics, Scene
 
-FORMAT = b"pvdf_fem response 5, SHA-256 "
+FORMAT = b"pvdf_fem response 6, SHA-256 "
+
+Kept = TypeVar("Kept")
+
+
+def _array(number: int, info: ValidationInfo) -> NDArray[Any]:
+    """An array of the file that is being read, by its number."""
+    assert info.context is not None
+    return info.context[f"arr_{number}"]
+
+
+#: Types of fields that a file keeps in its own way.
+FileArray = Annotated[NDArray[Any], PlainValidator(_array)]
+FileScene = Annotated[Scene, PlainValidator(Scene.parse)]
 
 
 class ResponseError(FileError):
@@ -59,34 +73,24 @@ def response_key(scene: Scene, domain: Domain, tolerance: float) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _scene(value: object) -> Scene:
-    return value if isinstance(value, Scene) else Scene.parse(str(value))
+def write(path: Path, response: Any) -> None:
+    """Write a dataclass of dataclasses, numbers, arrays and scenes; `FileError` if the file is not
+    writable."""
+    arrays: list[NDArray[Any]] = []
 
+    def plain(value: Any) -> Any:
+        """What JSON has for a value."""
+        if isinstance(value, Scene):
+            return value.to_toml()
+        if isinstance(value, np.ndarray):
+            arrays.append(value)
+            return len(arrays) - 1
+        if is_dataclass(value):
+            return {field.name: getattr(value, field.name) for field in fields(value)}
+        return value.item()  # a number of NumPy
 
-class Contents(BaseModel):
-    """A response without its arrays."""
-
-    model_config = ConfigDict(extra="forbid", revalidate_instances="always")
-
-    scene: Annotated[Scene, PlainValidator(_scene), PlainSerializer(Scene.to_toml)]
-    domain: Domain
-    error_bound: float
-    error_rms: float
-    tolerance: float
-    at_rest_pC: AtRest | None
-    remarks: tuple[str, ...]
-    axes: tuple[UniformAxis, ...]
-    #: Of the stress about the probe: reach in mm, radii and rotations of `RimPlaces`, stretch in mm
-    #: of the raster, and axes of the modes.
-    places: tuple[float, int, int] | None = None
-    stretch_mm: float = 0.0
-    mode_axes: tuple[UniformAxis, ...] = ()
-
-
-def write(path: Path, contents: Contents, arrays: Mapping[str, Any]) -> None:
-    """Write a response's contents and arrays; `FileError` if the file is not writable."""
-    archive = io.BytesIO()
-    np.savez(archive, contents=np.array(contents.model_dump_json()), **arrays)
+    text, archive = json.dumps(response, default=plain), io.BytesIO()
+    np.savez(archive, *arrays, contents=np.array(text))
     with replacing(path) as temporary:
         temporary.write_bytes(_head(archive.getvalue()) + archive.getvalue())
 
@@ -95,8 +99,8 @@ def _head(content: bytes) -> bytes:
     return FORMAT + hashlib.sha256(content).hexdigest().encode() + b"\n"
 
 
-def read(path: Path) -> tuple[Contents, dict[str, NDArray[Any]]]:
-    """A response that was written, with its arrays."""
+def read(path: Path, kind: type[Kept]) -> Kept:
+    """A dataclass that was written."""
     with reading(path, "a response") as file:
         head = file.read(len(_head(b"")))
         content = file.read() if head.startswith(FORMAT) else b""
@@ -107,4 +111,4 @@ def read(path: Path) -> tuple[Contents, dict[str, NDArray[Any]]]:
         raise ResponseError(f"{path}: is damaged, as its digest shows; {advice}")
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         arrays = dict(archive)
-    return Contents.model_validate_json(str(arrays.pop("contents"))), arrays
+    return TypeAdapter(kind).validate_json(str(arrays["contents"]), context=arrays)

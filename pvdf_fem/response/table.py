@@ -1,32 +1,20 @@
-"""The table of a response: its grid over place, rotation and force, and the charges in it."""
+"""The table of a response: polynomials of the force, over a grid of place and rotation."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.progress import Work
 from pvdf_fem.response.model import Domain
-from pvdf_fem.response.rim_places import ProbeCharges
-from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
+from pvdf_fem.response.probe_charges import ProbeCharges
+from pvdf_fem.response.uniform_spline import BEYOND, UniformAxis, UniformSpline
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 
 #: Charges are smooth in this power of the force, both where the pretension carries it and where the
 #: tension that it makes itself does.
 POWER = 1.0 / 6.0
-#: Cells by which the table goes beyond the domain, where nobody feels how its splines end.
-MARGIN = 6
-
-
-def scaled_force(domain: Domain, force_N: Array) -> tuple[Array, Array]:
-    """The argument of Chebyshev polynomials, -1 to 1 over a domain's forces, and its derivative."""
-    low, high = (limit**POWER for limit in domain.force_N)
-    scaled = 2.0 / (high - low) * force_N**POWER
-    return scaled - (low + high) / (high - low), POWER * scaled / force_N
 
 
 def force_nodes_N(domain: Domain, count: int) -> Array:
@@ -34,6 +22,19 @@ def force_nodes_N(domain: Domain, count: int) -> Array:
     low, high = (limit**POWER for limit in domain.force_N)
     nodes = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
     return (0.5 * (low + high) + 0.5 * (high - low) * nodes) ** (1.0 / POWER)
+
+
+def force_powers(domain: Domain, force_N: Array, count: int) -> Array:
+    """Powers 1, t, t² ... of the scaled force t, -1 to 1 over a domain's forces, and their
+    derivatives by the force in 1/N, (n, 2, count)."""
+    low, high = (limit**POWER for limit in domain.force_N)
+    scaled = 2.0 / (high - low) * force_N**POWER
+    rate = POWER * scaled / force_N
+    powers = np.empty((len(force_N), 2, count))
+    powers[:, 0] = np.vander(scaled - (low + high) / (high - low), count, increasing=True)
+    powers[:, 1, 0] = 0.0
+    powers[:, 1, 1:] = np.arange(1, count) * rate[:, None] * powers[:, 0, :-1]
+    return powers
 
 
 def pressed_outline(scene: Scene, force_N: float) -> Outline:
@@ -45,49 +46,38 @@ def pressed_outline(scene: Scene, force_N: float) -> Outline:
     return first_contacts(centred).get(touch.patch, touch.outline)
 
 
-@dataclass(frozen=True)
-class Grid:
-    """Touches at which charges are tabulated."""
+def table_axes(
+    scene: Scene, domain: Domain, cell_mm: float, rotation_step: float
+) -> tuple[UniformAxis, ...]:
+    """Axes of x and y in mm and of the rotation in degrees, in whose steps the corners of the probe
+    move by at most `rotation_step` cells. A disc has one rotation."""
+    assert scene.single_probe is not None
+    half = int(np.ceil(domain.reach_mm / cell_mm)) + BEYOND
+    across = UniformAxis(-half * cell_mm, cell_mm, 2 * half + 1)
+    period, rotations = scene.single_probe.period_deg, 1
+    if period:
+        way_mm = np.radians(period) * 1e3 * pressed_outline(scene, domain.force_N[1]).reach
+        rotations = max(4, int(np.ceil(way_mm / (rotation_step * cell_mm))))
+    return across, across, UniformAxis(0.0, (period or 360.0) / rotations, rotations, periodic=True)
 
-    domain: Domain
-    #: x and y in mm, rotation in degrees.
-    axes: tuple[UniformAxis, ...]
-    #: Number of Chebyshev polynomials of the force.
-    polynomials: int
 
-    @classmethod
-    def of(
-        cls, scene: Scene, domain: Domain, cell_mm: float, rotation_step: float, polynomials: int
-    ) -> Grid:
-        """A grid with cells of a size; see `ResponseOptions`."""
-        half = int(np.ceil(domain.reach_mm / cell_mm)) + MARGIN
-        across = UniformAxis(-half * cell_mm, cell_mm, 2 * half + 1)
-        assert scene.single_probe is not None
-        period, rotations = scene.single_probe.period_deg or 360.0, 4
-        if scene.single_probe.period_deg:
-            way = np.radians(period) * 1e3 * pressed_outline(scene, domain.force_N[1]).reach
-            rotations = max(4, int(np.ceil(way / (rotation_step * cell_mm))))
-        axis = UniformAxis(0.0, period / rotations, rotations, periodic=True)
-        return cls(domain, (across, across, axis), polynomials)
-
-    def charges(
-        self, stress: ProbeCharges, scene: Scene, work: Work, dtype: type = np.float32
-    ) -> UniformSpline:
-        """The spline of a scene's charges in pC, from the stress about its probe."""
-        x, y, rotations = (axis.values for axis in self.axes)
-        positions = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-        different = rotations if stress.places.probe.period_deg else rotations[:1]
-        outlines = [electrode.outline for electrode in scene.electrode_list]
-        d_pC_N = scene.film.d31_pC_N, scene.film.d32_pC_N
-        tasks = [
-            (stress.charges_pC, outlines, positions, float(np.radians(rotation)), d_pC_N)
-            for rotation in different
-        ]
-        # (x y, rotations, forces, electrodes), then polynomials of the force
-        by_force = np.stack([*work.run(tasks)], axis=1)
-        nodes, _ = scaled_force(self.domain, force_nodes_N(self.domain, self.polynomials))
-        inverse = np.linalg.inv(chebyshev.chebvander(nodes, len(nodes) - 1))
-        by_order = np.einsum("kf,prfe->prke", inverse, by_force)
-        by_order = np.repeat(by_order, len(rotations) // len(different), axis=1)
-        shape = (len(x), len(y), len(rotations), -1)
-        return UniformSpline.through(self.axes, by_order.reshape(shape), dtype)
+def tabulated(
+    stress: ProbeCharges, scene: Scene, domain: Domain, axes: tuple[UniformAxis, ...], work: Work
+) -> UniformSpline:
+    """The spline of a scene's charges over `table_axes`: coefficients in pC of `force_powers`,
+    ordered by power, then by electrode, from the stress about the probe under `force_nodes_N`."""
+    x, y, rotations = (axis.values for axis in axes)
+    positions = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    outlines = [electrode.outline for electrode in scene.electrode_list]
+    d_pC_N = scene.film.d31_pC_N, scene.film.d32_pC_N
+    tasks = [
+        (stress.charges_pC, outlines, positions, float(np.radians(rotation)), d_pC_N)
+        for rotation in rotations
+    ]
+    # (x y, rotations, forces, electrodes), then powers of the force
+    by_force = np.stack([*work.run(tasks)], axis=1)
+    count = by_force.shape[2]
+    powers = force_powers(domain, force_nodes_N(domain, count), count)[:, 0]
+    by_power = np.einsum("kf,prfe->prke", np.linalg.inv(powers), by_force)
+    values = by_power.reshape(len(x), len(y), len(rotations), -1)
+    return UniformSpline.through(axes, values, np.float32)

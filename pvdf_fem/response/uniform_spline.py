@@ -16,6 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import spline_filter1d
 
 from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.response.response_file import FileArray
+
+#: Steps by which a grid goes on where the spline is not asked for: nobody then feels how it ends.
+BEYOND = 6
 
 # Powers 1, u, u^2, u^3 of the place u in a cell, times these matrices, are the four cubic B-splines
 # that overlap the cell, and their derivatives by u.
@@ -49,11 +53,11 @@ class UniformSpline:
     are evaluated.
     """
 
-    #: Each with four values at least.
+    #: Each with four values at least, or a period.
     axes: tuple[UniformAxis, ...]
     #: Coefficients of the B-splines. Along an axis they begin one step before the first value and
     #: end one step after the last, two after the last of a periodic axis, (axes..., functions).
-    coefficients: NDArray[np.floating]
+    coefficients: FileArray
 
     @classmethod
     def through(
@@ -62,14 +66,11 @@ class UniformSpline:
         """The spline through `values` (axes..., functions), with coefficients of type `dtype`."""
         coefficients = np.asarray(values, dtype=float)
         for i, axis in enumerate(axes):
-            mode = "grid-wrap" if axis.periodic else "mirror"
+            wraps, beyond = axis.periodic, [(0, 0)] * coefficients.ndim
+            beyond[i] = 1, 1 + wraps
+            mode = "grid-wrap" if wraps else "mirror"
             inner = spline_filter1d(coefficients, 3, axis=i, mode=mode)
-            at = np.arange(-1, axis.count + 1 + axis.periodic)
-            if axis.periodic:
-                at %= axis.count
-            else:
-                at = axis.count - 1 - np.abs(axis.count - 1 - np.abs(at))
-            coefficients = inner.take(at, axis=i)
+            coefficients = np.pad(inner, beyond, "wrap" if wraps else "reflect")
         return cls(tuple(axes), np.ascontiguousarray(coefficients, dtype))
 
     def with_gradient(self, points: Array, at_once: int = 512) -> Array:

@@ -39,9 +39,9 @@ MOST_CHANGE = 0.1
 
 
 def refusal(fields: Fields, factors: SuperLU | None, change: float | None) -> Status | None:
-    """The status of a solution that is no equilibrium or not stable; None for one that is.
+    """The status for a solution without equilibrium or stability; None for one that is.
 
-    `change` is the relative one of a charge that wrinkles would make in a membrane.
+    `change` is the relative change of a charge by wrinkles in a membrane.
     """
     if factors is None:  # the flat film
         return None
@@ -65,20 +65,20 @@ def meets_rim(fields: Fields) -> bool:
 
 
 def changes_by_wrinkles(attempt: Attempt) -> Array | None:
-    """Forces X, Y of a film that wrinkles less those of the membrane, in N, (goals, 2).
+    """Forces X, Y in a wrinkling film minus forces in the membrane, in N, (goals, 2).
 
     A membrane in compression is a saddle point of its energy: on a fine enough mesh it folds,
-    however small the compressed part is. So whether it is a result is not read from the signs of
-    its tangent, which depend on the mesh, but from what the tension field would change. That comes
-    from one Newton step of its equations from the membrane's solution, which on 12 scenes made 0.4
-    to 0.9 of the change. None of a film without compression,
-    or that may carry it, or whose law has no tension field.
+    however small the compressed part is. The signs of its tangent depend on the mesh. The change by
+    a tension field therefore decides whether the solution is a result. The change comes from a
+    single Newton step in the tension field's equations from the membrane's solution; on 12 scenes
+    this step made 0.4 to 0.9 of the full change. None for a film without compression, a film that
+    may carry compression, or a law without tension field.
     """
     solved, q, goals = attempt.equilibrium, attempt.fields.q, attempt.problem.goals
     carries = solved.model.bends or solved.model.wrinkles or not solved.membrane.law.linear
     if carries or not attempt.result.converged or not compressed(attempt.fields.solved_state):
         return None
-    # a scene of a sweep may have no electrodes, which `Scene.with_` refuses
+    # a scene in a sweep may have no electrodes; `Scene.with_` refuses such a scene
     film = solved.film.model_copy(update={"bending": False, "compression": "tension-field"})
     scene = solved.scene.model_copy(update={"film": film})
     wrinkling = solved.with_(scene=scene)
@@ -91,7 +91,7 @@ def changes_by_wrinkles(attempt: Attempt) -> Array | None:
 def warnings(equilibrium: Equilibrium, state: State, change: float | None) -> Iterator[str]:
     """What to look at: compression or wrinkles, strength, strain, slope; with value and place.
 
-    `change` is the relative one of a charge that wrinkles would make, if it is known.
+    `change` is the relative change of a charge by wrinkles, if known.
     """
     told = "" if change is None else f"; this would change a charge by up to {change:.1e} of it"
     least, largest = principal(state.stress)
@@ -117,7 +117,7 @@ def warnings(equilibrium: Equilibrium, state: State, change: float | None) -> It
 
 
 def cancelled_charges(scene: Scene, forces: Forces) -> Iterator[str]:
-    """Charges that are little of their parts, so that their errors exceed the tolerance."""
+    """Charges much smaller than their parts: their errors exceed the tolerance."""
     d = np.array([scene.film.d31, scene.film.d32])
     parts, charges, errors = d * forces.values, forces.charges(d), forces.charge_errors(d)
     little = np.abs(charges) < CANCELLED * np.abs(parts).sum(axis=1)

@@ -1,4 +1,4 @@
-"""One solve on one mesh: equilibrium, charges, their errors, and the sizes of the next mesh."""
+"""A solve on a mesh: equilibrium, charges, their errors, and sizes for the next mesh."""
 
 from __future__ import annotations
 
@@ -42,19 +42,19 @@ from pvdf_fem.solvers.wrinkling import barely_loaded
 
 #: Unknowns per element, by order of the displacement.
 UNKNOWNS_PER_ELEMENT = {1: 1.5, 2: 6.0, 3: 13.5}
-#: Part of the sum of all elements' shares, which cannot cancel, that the error of a charge is at
+#: Part of the sum over element shares, without cancellation, that the error of a charge is at
 #: least. Shares at the singular edge of a rigid probe cancel by chance. Measured on 100 solves of
 #: rigid scenes, true errors are 0.02 to 1.5 times the sum, in the median a quarter.
 UNCANCELLED = 0.3
-#: A charge is accepted whose estimated error times this is within the tolerance. Measured on 36
-#: pressures at 1e-3 and at 1e-4, errors beyond 0.4 of the tolerance are up to 1.5 times the
+#: A charge is accepted if this factor times its estimated error is within the tolerance. Measured
+#: on 36 pressures at 1e-3 and at 1e-4, errors beyond 0.4 of the tolerance are up to 1.5 times the
 #: estimate, one in ten beyond 1.4 times. What rigid scenes have by `UNCANCELLED` is large enough.
 SAFETY = 1.4
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is solved on every mesh: scene, goals, order, what it may cost, and what is posed."""
+    """The problem on every mesh: scene, goals, order, budget, and posed loads."""
 
     scene: Scene
     goals: Sequence[Goal]
@@ -104,13 +104,13 @@ class Attempt:
 
     @property
     def bound(self) -> float:
-        """Largest error that is likely: the `worst` with a factor of safety."""
+        """Largest likely error: `worst` times a safety factor."""
         rigid = len(rigid_elements(self.equilibrium.terms)) > 0
         return self.worst * (1.0 if rigid else SAFETY)
 
     @property
     def charge_errors(self) -> Array:
-        """Estimated error of each charge, relative to `charge_sizes`, (goals,)."""
+        """Estimated charge errors, relative to `charge_sizes`, (goals,)."""
         errors = self.fields.forces.charge_errors(coefficients_of(self.problem.goals))
         return errors / self.charge_sizes
 
@@ -124,7 +124,7 @@ class Attempt:
 def solve_on(
     problem: Problem, part: MirroredPart, mesh: MeshTri2, coarser: Attempt | None = None
 ) -> Attempt:
-    """Solve on the mesh of a part of the film, from the solution on a coarser one if there is."""
+    """Solve on the mesh of a part of the film, from the solution on a coarser mesh if present."""
     with problem.clock("solve"):
         equilibrium = Equilibrium(problem.scene, mesh, problem.order, part, problem.posed)
         result = _equilibrated(problem, equilibrium, coarser)
@@ -148,8 +148,8 @@ def _forces(problem: Problem, equilibrium: Equilibrium, q: Array) -> Array:
 
 
 def _with_errors(attempt: Attempt, iterations: int = 4) -> Attempt:
-    """The attempt with estimated errors, or with the status of a richer space that has none. An
-    estimate without a solve in the richer space costs as much as these Newton `iterations`."""
+    """The attempt with estimated errors, or with the status of a failed solve in the richer space.
+    Cost of an estimate without a solve in the richer space, in Newton `iterations`."""
     problem, equilibrium, result = attempt.problem, attempt.equilibrium, attempt.result
     assert result.factors is not None
     rich = equilibrium.with_(order=equilibrium.space.order + 1)
@@ -176,7 +176,7 @@ def _with_errors(attempt: Attempt, iterations: int = 4) -> Attempt:
         _, shares = error_indicators(correction, result.factors, problem.goals)
         least = force_errors(UNCANCELLED * shares.sum(axis=0), forces, problem.goals)
         errors = larger(errors, least, problem.goals)
-    # both orders share the elements, and the area that these lack of a round electrode
+    # both orders share the elements, and the elements' missing area in a round electrode
     lacking = area_defects(problem.goals, equilibrium.space, equilibrium.part)
     defects = lacking[:, None] * forces
     charges, lost = (charges_of(problem.goals, some) for some in (errors, defects))
@@ -199,9 +199,9 @@ def error_indicators(
 def _equilibrated(
     problem: Problem, equilibrium: Equilibrium, coarser: Attempt | None
 ) -> NewtonResult:
-    """The equilibrium, from the coarser mesh's solution or from those of lower orders."""
+    """The equilibrium, from the coarser mesh's solution or from solutions with lower orders."""
     budget = problem.budget
-    # the stress that a change of mesh leaves in film in compression leads nowhere, and in film that
+    # stress from the coarser mesh leads nowhere in compressed film, and in film that
     # wrinkles takes longer than a start on the same mesh
     slack = equilibrium.film.stress_at_rest[:2].min() < 0.0 or equilibrium.model.wrinkles
     if coarser is not None and not slack:
@@ -216,11 +216,11 @@ def _equilibrated(
 def _from_below(
     equilibrium: Equilibrium, budget: Budget, tolerance: float = 3e-2
 ) -> Array | Status | None:
-    """The solution of the order below: a start that costs less than the iterations it saves.
+    """The solution at the order below: a start cheaper than the saved iterations.
     Newton's last step there has the relative size `tolerance`, less than the error by the mesh.
 
-    None where it would not help or was not found. A status where the order below is unstable in a
-    film that bends: so is this one, whose displacements contain those.
+    None where a start would not help or was not found. A status where the order below is unstable
+    in a bending film: this order's displacements contain them and are unstable, too.
     """
     order = equilibrium.space.order
     if order == equilibrium.model.lowest_order:
@@ -243,8 +243,8 @@ def _from_below(
 def refined(
     attempt: Attempt, tolerance: float, most_unknowns: float, most_duals: int = 32
 ) -> SizeField:
-    """Element sizes at which the worst error would be `tolerance`, or coarser ones. They follow the
-    `most_duals` charges with the largest errors."""
+    """Element sizes at which the worst error would be `tolerance`, or coarser sizes. They follow
+    the `most_duals` charges with the largest errors."""
     correction, factors = attempt.correction, attempt.result.factors
     if correction is None or factors is None:
         raise ValueError("only a converged attempt can be refined")

@@ -2,17 +2,17 @@
 
 The displacement of order p is corrected by Newton steps in the space of order p + 1 on the same
 mesh (hierarchical error estimate: Bank and Smith, SIAM J. Numer. Anal. 30, 1993, 921-935; for
-quantities of interest, Becker and Rannacher, Acta Numerica 10, 2001, section 3). The observable
-of the corrected solution less that of the solution is the estimate, for all charges at once.
+quantities of interest, Becker and Rannacher, Acta Numerica 10, 2001, section 3). The observable at
+the corrected solution minus the observable at the solution is the estimate, for every charge at
+once.
 
 The linear correction needs no factorisation of its own: conjugate gradients with a two-level
 preconditioner (the factorised tangent of order p, plus the diagonal) take 5 to 10 iterations.
 
-It is not enough: the strain has the square of the error's slope, which a linear correction leaves
-out. A film resists stretching far more than turning, so that this square changes the tension as
-much as the error itself does. That change is smooth, so two more steps of order p alone
-bring it in. The estimate is then mostly within a tenth, at worst a third, of the fully converged
-correction.
+A linear correction is not enough: the strain also has the square of the error's slope. A film
+resists stretching far more than turning, and this square changes the tension equally to the error
+itself. The change in tension is smooth: two more steps with order p bring it in. The estimate is
+then mostly within a tenth, at worst a third, of the fully converged correction.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from pvdf_fem.solvers.newton import NewtonResult
 class CorrectionOptions:
     """How far the solution is corrected in the richer space."""
 
-    #: Conjugate gradients end when an iteration lowers the energy by less than this part of what
-    #: all have done.
+    #: Conjugate gradients end when an iteration lowers the energy by less than this part of the
+    #: decrease all have done.
     energy_part: float = 0.02
     #: The same part for bending and wrinkles, which the diagonal meets less well.
     energy_part_rough: float = 1e-3
     max_iterations: int = 40  #: Of conjugate gradients.
     smooth_steps: int = 2  #: Newton steps in the space of order p after the linear correction.
-    #: Residual over that of the start below which a correction of a film that wrinkles will do.
+    #: Residual over the initial residual that suffices for corrections in a wrinkling film.
     remainder: float = 0.2
     #: Size of Newton's last step where the richer equations are solved, over the tolerance of the
     #: charges.
@@ -76,12 +76,12 @@ def corrected(
     budget: Budget,
     options: CorrectionOptions = CorrectionOptions(),
 ) -> Correction | NewtonResult:
-    """The solution `q` of `coarse` in the space of `rich`, or the solve there that failed.
+    """The solution `q` of `coarse` in the space of `rich`, or the failed solve there.
 
     Usually a few conjugate gradients and two smooth steps give it. Where the film is too far from
     linear for them, or too stiff as it wrinkles, the richer equations are solved.
-    `rich` is the scene of `coarse` on the same mesh in a space that contains the other, and
-    `factors` the factorised tangent of `coarse` near `q`.
+    `rich` has the scene and mesh of `coarse` in a space that contains the coarse space; `factors`
+    is the factorised tangent of `coarse` near `q`.
     """
     prolong = prolongation(coarse, rich)
     start = prolong @ q
@@ -103,7 +103,7 @@ def _few_steps(
     """A Newton step in the richer space, and smooth steps in the space below.
 
     None where the smooth steps grow: between the two spaces the equations are not linear enough, or
-    not stable. None, too, where a film that wrinkles is still far from balance.
+    not stable. None, too, where a wrinkling film is still far from balance.
     """
     rich, prolong, residual = correction.rich, correction.prolong, correction.rich.residual
     unbalanced = residual(correction.state)
@@ -162,7 +162,7 @@ def duals(correction: Correction, factors: SuperLU, goals: Array) -> Array:
 
 
 def indicators(correction: Correction, dual: Array, goals: Array) -> Array:
-    """Absolute contributions of elements to the errors of the goals, (elements, goals).
+    """Absolute contributions by elements to the goals' errors, (elements, goals).
 
     Dual-weighted: the error's element energy against the part of the dual solution that the
     coarse space lacks, the latter from one Jacobi step on the dual residual.

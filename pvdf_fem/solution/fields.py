@@ -1,4 +1,4 @@
-"""A discrete solution: its fields, also on the whole of a film of which a part was solved."""
+"""A discrete solution: its fields, also on the whole film where a part was solved."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ class Fields:
 
     @cached_property
     def touchdowns(self) -> dict[str, Touchdown]:
-        """What the tips do, by the names of their patches."""
+        """Contacts by the names of the tips' patches."""
         return touchdowns(self.solved, self.solved_state)
 
     @cached_property
     def equilibrium(self) -> Equilibrium:
-        """The equations of the whole film, in the axes of the scene."""
+        """The equations on the whole film, in the scene's axes."""
         solved, part = self.solved, self.solved.part
         if not part.mirrored:
             return solved
@@ -76,8 +76,8 @@ class Fields:
 
 def largest(basis: Basis, values: Array, elements: int = 8, intervals: int = 50) -> float:
     """Largest absolute value of a field with the nodal `values`, on a raster in the `elements` with
-    the largest nodal values. The field is flat where it is largest, so that a raster misses less
-    than a millionth of it."""
+    the largest nodal values. The field is flat where it is largest: a raster misses less than a
+    millionth."""
     s = np.arange(intervals + 1) / intervals
     points = np.stack(np.meshgrid(s, s)).reshape(2, -1)
     points = points[:, points.sum(axis=0) <= 1.0 + 1e-9]
@@ -102,7 +102,7 @@ def unfolded_mesh(mesh: MeshTri2, part: MirroredPart) -> MeshTri2:
 
 
 def _subdomains(mesh: MeshTri2, part: MirroredPart) -> dict[str, Indices]:
-    """The patches of the whole film: an image of an electrode is where that of the part is."""
+    """The patches on the whole film: an electrode's image lies where the part's image lies."""
     unfolded_patches, added = {}, {electrode_patch(image) for image in part.images}
     for name in (name for name in mesh.subdomains if name not in added):
         places = []
@@ -115,7 +115,7 @@ def _subdomains(mesh: MeshTri2, part: MirroredPart) -> dict[str, Indices]:
 
 
 def unfolded_dofs(solved: Equilibrium, x: Array, whole: Equilibrium) -> Array:
-    """The displacement `x` of a part at the dofs of the whole film."""
+    """A part's displacement `x` at the dofs on the whole film."""
     from scipy.spatial import cKDTree  # many scenes are solved without
 
     part = solved.part

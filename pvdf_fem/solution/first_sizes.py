@@ -15,14 +15,14 @@ from pvdf_fem.mesh.gmsh_mesh import FILM, outlines
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.scene.scene import Scene
 
-#: Order of the displacement, unless another one is asked for.
+#: Default order of the displacement.
 ORDER = 3
-#: Relative error of the worst charge that the element sizes of `first_sizes` leave with a factor of
+#: Relative error of the worst charge with the sizes from `first_sizes` and a factor of
 #: 1, by order of the displacement.
 REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
-#: Element size at a punch, whose tractions are singular along its edge, as a share of its width.
+#: Element size at a punch over its width; tractions are singular along a punch's edge.
 PUNCH_SHARE = 0.5
-#: Least number of elements along the edge of a contact.
+#: Least number of elements along a contact's edge.
 EDGE_FACETS = 22
 
 
@@ -31,8 +31,8 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
 
     The size at an outline is a share of its area over its perimeter, which for a slender shape is
     half its width; but at least a two-hundredth of the perimeter, however thin a needle is. The
-    mesh of a scene without electrodes is for charges anywhere on the film (`solve_goals`), which
-    see more of its error where they cut elements: it is finer at the probe, and farther away.
+    mesh for a scene without electrodes serves charges anywhere on the film (`solve_goals`).
+    Electrodes that cut elements see more error: the mesh is finer at the probe, and farther away.
     """
     observable, model = OBSERVABLES[scene.numerics.observable], film_model(scene)
     at_electrode, at_probe = observable.element_shares
@@ -58,7 +58,7 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
 
 
 def _with_layers(scene: Scene, sizes: Sizes, most_along_rim: int = 80, most: int = 250) -> Sizes:
-    """Sizes that resolve the layers in which bending acts, where they matter enough.
+    """Sizes that resolve bending layers, where they matter enough.
 
     There are at most `most_along_rim` and `most` elements along the rim and along the probe; where
     that is too coarse the next mesh is finer. What the rim's layer does is far from most

@@ -31,7 +31,7 @@ class MeshRecord:
     elements: int
     unknowns: int
     iterations: int  #: Newton iterations that led to the result.
-    #: Largest estimated error of a charge, relative to the sizes of its contributions.
+    #: Largest estimated charge error, relative to the magnitude of its contributions.
     worst_error: float | None
     seconds: float  #: Wall-clock time of mesh, solve and estimate.
     status: str

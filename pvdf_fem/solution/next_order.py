@@ -1,4 +1,5 @@
-"""A solution in elements of the next order on the same mesh, and what each element leaves out."""
+"""A solution in elements of the next order on the same mesh, and every element's share in the
+error."""
 
 from __future__ import annotations
 

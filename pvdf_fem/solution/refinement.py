@@ -23,7 +23,7 @@ from pvdf_fem.solvers.status import Status
 
 
 class Attempted(Protocol):
-    """What the loop has to know of a solve on one mesh."""
+    """Data of a solve on a mesh for the loop."""
 
     @property
     def status(self) -> Status: ...
@@ -64,19 +64,19 @@ class Rules:
     #: Sizes aim at this part of the tolerance. Each mesh that was slow lowers the aim by this
     #: factor once more: at singular corners the error falls slower than sizes are chosen for.
     safety: float = 0.5
-    #: A mesh is slow that leaves more than this part of the error.
+    #: A mesh that leaves more than this part of the error is slow.
     slow: float = 0.7
-    #: A mesh has at most this factor more unknowns than the one before, since a coarse mesh shows
+    #: A mesh has at most this factor more unknowns than the mesh before, since a coarse mesh shows
     #: singular corners and kinks larger than they are and in the wrong places.
     growth: float = 2.5
-    #: A mesh that may only have this part of the last one's unknowns would not be better.
+    #: A mesh with at most this part of the last mesh's unknowns would not be better.
     least: float = 0.7
     most_meshes: int = 10
-    #: The unknowns that can be paid grow as this power of the work of a mesh.
+    #: Affordable unknowns grow with this power of the work on a mesh.
     work_exponent: float = 0.8
     #: Newton iterations that a solve on a mesh, with the estimate of its error, takes at least.
     least_iterations: int = 3
-    #: The estimated number of elements of a mesh is at most this factor too large.
+    #: The estimated number of elements is at most this factor too large.
     overestimate: float = 2.5
 
 

@@ -62,11 +62,11 @@ class Solution(Told):
     warnings: tuple[str, ...] = ()
     #: ``mesh``, ``solve``, ``estimate``, ``refine`` and ``total``.
     seconds: dict[str, float] = field(default_factory=dict)
-    #: What was given to `solve` in place of the scene's ``load.profile``.
+    #: Pressure given to `solve` in place of the scene's ``load.profile``.
     pressure: Pressure | None = None
     _fields: Fields | None = None
     at_rest: Forces | None = None  #: Forces of the electrodes on the untouched film, if known.
-    #: Deviations by the scene's uncertain numbers, as `pvdf_fem.uncertainty` finds them.
+    #: Deviations by the scene's uncertain numbers, from `pvdf_fem.uncertainty`.
     uncertainty: Told | None = None
 
     @property
@@ -93,8 +93,8 @@ class Solution(Told):
 
     @property
     def charges_pC(self) -> dict[str, float]:
-        """Total charge of each electrode: what the pretension put there, the touch, and, where the
-        film has values for them, the probe's pressure and heat."""
+        """Total charge by electrode: by the pretension, by the touch and, where the film has values
+        for them, by the probe's pressure and heat."""
         film, fields = self.scene.film, self.fields
         charges = fields.forces.charges(self._coefficients)
         if film.pyroelectric_uC_m2K is not None:
@@ -105,9 +105,9 @@ class Solution(Told):
 
     @property
     def charge_errors_pC(self) -> dict[str, float]:
-        """Estimated error of each charge, absolute: by the mesh or by wrinkles, the larger one.
+        """Estimated charge errors, absolute: by the mesh or by wrinkles, whichever is larger.
 
-        Wrinkles are those that a real film would have where this one is in compression.
+        Wrinkles would occur in a real film where the computed film is in compression.
         """
         return self.charge_errors(*self._coefficients)
 
@@ -124,13 +124,13 @@ class Solution(Told):
 
     @property
     def charge_changes_pC(self) -> dict[str, float]:
-        """Charge that the touch adds to each electrode: what a zeroed charge amplifier sees."""
+        """Charge added by the touch, by electrode: a zeroed charge amplifier sees this change."""
         rest = self.rest_charges_pC
         return {name: charge - rest[name] for name, charge in self.charges_pC.items()}
 
     @property
     def charge_change_errors_pC(self) -> dict[str, float]:
-        """Estimated error of each change: the errors of both charges, added up."""
+        """Estimated errors of the changes: the errors of both charges, added up."""
         rest = self.rest_charge_errors_pC
         return {name: error + rest[name] for name, error in self.charge_errors_pC.items()}
 
@@ -144,7 +144,7 @@ class Solution(Told):
 
     @property
     def readings_V(self) -> dict[str, float]:
-        """Reading in V of each channel of ``[readout]`` just after a sudden touch.
+        """Readings in V by channel in ``[readout]``, just after a sudden touch.
 
         The reading decays with the channel's time constant; see `pvdf_fem.readout.channel.Channel`.
         """
@@ -155,16 +155,16 @@ class Solution(Told):
 
     @property
     def electrode_voltages_V(self) -> dict[str, float]:
-        """Voltage of each electrode by a sudden touch, before any amplifier, which is no reading:
-        zero under a charge amplifier, else the charge over the capacitance of electrode and cable,
-        with the charge's sign."""
+        """Voltage by electrode after a sudden touch, before the amplifier (no reading): zero under
+        a charge amplifier, else the charge over the capacitance of electrode and cable, with the
+        charge's sign."""
         capacitances = {channel.name: channel.capacitance for channel in channels(self.scene)}
         wired = {electrode.name for electrode in floating(self.scene)}
         changes = self.charge_changes_pC.items()
         return {n: 1e-12 * q / capacitances[n] if n in wired else 0.0 for n, q in changes}
 
     def charges(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
-        """Charges in pC that the stress makes by other piezoelectric coefficients, without those of
+        """Charges in pC by the stress with different piezoelectric coefficients, without charges by
         heat and d33."""
         return self._by_electrode(self.fields.forces.charges((d31_pC_N, d32_pC_N)))
 
@@ -193,7 +193,7 @@ class Solution(Told):
     def at(
         self, x_mm: ArrayLike, y_mm: ArrayLike, outside: Literal["refuse", "nan"] = "refuse"
     ) -> PointValues:
-        """Values at points of the film: coordinates are numbers, or arrays of any shape.
+        """Values at points on the film: coordinates are numbers or arrays.
 
         Raises ValueError, which names the first one, for points that are not on the film, unless
         values `outside` shall be ``"nan"``.
@@ -226,7 +226,7 @@ class Solution(Told):
         return dataset_of(values, self.scene.to_toml())
 
     def along(self, line_mm: ArrayLike, points: int = 200) -> PointValues:
-        """Values at this number of equally spaced points of a line, with both ends.
+        """Values at this number of equally spaced points on a line, including both ends.
 
         The line goes through two or more corners ``((x0, y0), (x1, y1), ...)``.
         """
@@ -234,7 +234,7 @@ class Solution(Told):
 
     @property
     def contacts(self) -> dict[str, Touchdown]:
-        """What each tip does where it touches, by its patch: ``probe``, or ``probe 1``, ..."""
+        """Contacts by the tip's patch: ``probe``, or ``probe 1``, ..."""
         return self.fields.touchdowns
 
     @property
@@ -246,7 +246,7 @@ class Solution(Told):
 
     @property
     def unknowns(self) -> int:
-        """Number of equations on the last mesh, which may be that of a part of the film."""
+        """Number of equations on the last mesh, perhaps on a part of the film."""
         return self._fields.solved.unknowns.count if self._fields else 0
 
     def to_json(self) -> dict[str, Any]:
@@ -301,7 +301,7 @@ class Solution(Told):
         `quantity` is ``deflection``, ``stress`` (S11 + S22), ``charge density``, ``principal
         directions``, ``mesh``, ``error`` (elements' shares in errors of charges) or ``contact``
         (pressure of tips); ValueError for another, or none in this scene. `reach_mm` is half the
-        width of what is shown, by default all of the film. Fields of both signs are white at zero.
+        width of the map, by default the whole film. Fields of both signs are white at zero.
         """
         from pvdf_fem.output.film_map import film_map
 
@@ -315,7 +315,7 @@ class Solution(Told):
     ) -> Plotter:
         """The deflected film in 3-D, coloured by a field of `plot`; ``pip install pvdf-fem[view]``.
 
-        `scale` multiplies the displacements, by default so that the film is a quarter of its radius
+        `scale` multiplies the displacements; by default the film is then a quarter of its radius
         deep. `html` is where a page is written that any browser shows without a server. ``show()``
         of what is returned opens a window, or shows the film in a notebook. `ImportError` says what
         to install where nothing can be rendered.
@@ -338,7 +338,7 @@ class Solution(Told):
         write_vtu(self.film_data(), taken("path", path, Path))
 
     def film_data(self) -> FilmData:
-        """Fields and charges, as `plot`, `view` and `to_vtu` take them."""
+        """Fields and charges for `plot`, `view` and `to_vtu`."""
         from pvdf_fem.solution.next_order import error_shares  # it imports the solvers
 
         fields, charges = self.fields, (self.charges_pC, self.charge_errors_pC)

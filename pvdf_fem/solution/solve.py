@@ -1,8 +1,8 @@
 """Scene to solution: mesh, solve, estimate, and refine until every charge is within the tolerance.
 
-A first mesh comes from sizes that the tolerance sets a priori (`first_sizes`); while the estimated
-error of a charge exceeds the tolerance, the next mesh follows the indicators of that error. Of a
-symmetric scene only a part is meshed; the whole film is put together when it is asked for.
+A first mesh comes from sizes that the tolerance sets a priori (`first_sizes`); while an estimated
+charge error exceeds the tolerance, the next mesh follows its error indicators. Of a symmetric scene
+only a part is meshed; the whole film is put together when it is asked for.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import barely_loaded
 
-#: Relative error of a charge above which a film that is barely loaded is called slack.
+#: Relative charge error above which a barely loaded film is called slack.
 UNKNOWN_CHARGE = 0.1
 
 
@@ -84,7 +84,7 @@ def solve(
     budget: Budget | None = None,
     pressure: Pressure | None = None,
 ) -> Solution:
-    """`pvdf_fem.solve`, without what the scene's uncertain numbers make of the charges."""
+    """`pvdf_fem.solve`, without deviations by the scene's uncertain numbers."""
     scene = scene_of(scene)
     posed = Posed.under(scene, pressure)
     order = taken("order", order, int, (1, max(UNKNOWNS_PER_ELEMENT)))
@@ -104,8 +104,8 @@ def solve(
 
 
 def rest_forces(scene: Scene, needed: bool = True) -> Forces:
-    """Forces X, Y of each electrode of the untouched film, with their errors. Where that has no
-    result they are NaN, or raise `RestError` if they are `needed`."""
+    """Forces X, Y by electrode on the untouched film, with their errors. Without a result the
+    forces are NaN, or raise `RestError` if `needed`."""
     found = _kept_at_rest(untouched(scene))
     if not isinstance(found, RestError):
         return found
@@ -120,7 +120,7 @@ def rest_charges(scene: Scene) -> Array:
 
 
 def _at_rest(film: Scene, budget: Budget) -> Forces | RestError:
-    """Forces of the electrodes of an untouched film, or why there are none."""
+    """Electrode forces on an untouched film, or the reason for their absence."""
     if (known := known_at_rest(film)) is not None:
         return known
     solution = solve_goals(film, goals_of(film), budget=budget)
@@ -143,10 +143,10 @@ def solve_goals(
     budget: Budget | None = None,
     posed: Posed = NOTHING,
 ) -> Solution:
-    """`solve` for the charges of `goals` instead of the scene's electrodes.
+    """`solve` for the charges in `goals` instead of the scene's electrodes.
 
-    The charges that meet the tolerance, and the `forces` of the solution's `fields`, are those of
-    the goals; a solution's charges by electrode have no meaning here.
+    The goals' charges meet the tolerance, and `forces` in the solution's `fields` are the goals'
+    forces; a solution's charges by electrode have no meaning here.
     """
     for touch in posed.touches(scene):  # before any mesh, files and functions are refused
         profile_of(touch).mean(touch.outline.polygon)
@@ -161,7 +161,7 @@ def solve_goals(
 
 
 def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
-    """The solution of a problem on a mesh, or on those that its tolerance asks for."""
+    """The solution of a problem on a given mesh, or on meshes for its tolerance."""
     scene = problem.scene
     loop = _mesh_loop(problem, WHOLE if mesh is not None else _part(problem))
     if mesh is not None:
@@ -180,7 +180,7 @@ def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
 
 
 def _part(problem: Problem) -> MirroredPart:
-    """The part of a symmetric film whose solution is unfolded; else the whole film."""
+    """The part of a symmetric film to unfold; else the whole film."""
     scene, model = problem.scene, film_model(problem.scene)
     leaning = scene.tips or any(touch.load.tilt == "free" for touch in scene.loaded_probes)
     whole = leaning or problem.posed.pressure
@@ -204,7 +204,7 @@ def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
 
 
 def _contacts(scene: Scene, attempt: Attempt | None) -> dict[str, Outline]:
-    """What a mesh follows of tips: outlines as guessed, or as an attempt found."""
+    """Contact outlines for a mesh: guessed, or found by an attempt."""
     if attempt is None:
         return tip_outlines(scene)
     state = attempt.fields.solved_state
@@ -213,7 +213,7 @@ def _contacts(scene: Scene, attempt: Attempt | None) -> dict[str, Outline]:
 
 
 def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> Solution:
-    """The attempt as a solution, with the status that it deserves."""
+    """The attempt as a solution, with its status."""
     problem, fields, change = attempt.problem, attempt.fields, None
     if (changes := admissible.changes_by_wrinkles(attempt)) is not None:
         by_charge = np.abs(charges_of(problem.goals, changes)) / attempt.charge_sizes
@@ -224,7 +224,7 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
     model = film_model(scene)
     by_stress = fields.forces.charges((scene.film.d31_pC_N, scene.film.d32_pC_N)).tolist()
     names = [electrode.name for electrode in scene.electrode_list]
-    # scenes of a sweep solved together share a list of goals, longer than the electrodes
+    # scenes solved together in a sweep share a list of goals, longer than the electrodes
     charges_pC = dict(zip(names, by_stress, strict=True)) if len(names) == len(by_stress) else None
     remarks = [model.remark, *coupling_remarks(scene)]
     remarks += thickness_remarks(scene, charges_pC, problem.posed)
@@ -257,7 +257,7 @@ def _rounded_up(value: float) -> str:
 
 
 def _status(attempt: Attempt, stop: Stop, change: float | None) -> Status:
-    """How the solve ended; `change` is the relative one of a charge that wrinkles would make."""
+    """How the solve ended; `change` is the relative change of a charge by wrinkles."""
     scene, fields, status = attempt.problem.scene, attempt.fields, attempt.result.status
     if status is Status.CONVERGED:
         status = admissible.refusal(fields, attempt.result.factors, change) or status

@@ -1,4 +1,4 @@
-"""A solution as tables, in text and in HTML: charges, meshes, why it ended, what was tried."""
+"""A solution as tables, in text and HTML: charges, meshes, the end, and earlier tries."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pvdf_fem.told import Grid, Parts, Told, rounded, told_html
 
 
 def solution_parts(result: dict[str, Any], uncertainty: Told | None = None) -> Parts:
-    """What is told of a solution, from its JSON, and of its uncertainty."""
+    """Text about a solution from its JSON, with its uncertainty."""
     _, _, tables, notes = uncertainty.parts() if uncertainty else ("", [], [], [])
     return *_head(result), [*_tables(result), *tables], [*_remarks(result), *notes]
 

@@ -1,7 +1,7 @@
-"""What a solve may cost: unknowns of a mesh, and work in seconds.
+"""Budget of a solve: unknowns in a mesh, and work in seconds.
 
-Work is counted, not measured by a clock, so that a result does not depend on what else a machine
-does: a Newton iteration costs what one core of a machine of 2024 takes for it.
+Work is counted and not measured by a clock: results do not depend on a machine's load. A Newton
+iteration costs the seconds that a core from 2024 takes.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ def iteration_seconds(
     fixed: float = 150.0,
     factorising: float = 22_500.0,
 ) -> float:
-    """Work of a Newton iteration with a new tangent of `count` unknowns.
+    """Work for a Newton iteration with a new tangent and `count` unknowns.
 
-    A second is enough for `per_second` unknowns of a small mesh. An iteration on any mesh takes the
-    time of `fixed` unknowns, and factorising as much time as the rest at `factorising` unknowns;
-    both numbers are fitted to the times of 38 solves of films that wrinkle.
+    A second is enough for `per_second` unknowns of a small mesh. An iteration takes a time
+    equivalent to `fixed` unknowns on every mesh, and factorising takes equal time to the rest at
+    `factorising` unknowns; both numbers are fitted to the times of 38 solves with wrinkled films.
     """
     unknowns = fixed + count * (1.0 + (count / factorising) ** 0.5)
     return model.iteration_cost * unknowns / per_second
@@ -40,7 +40,7 @@ class Budget:
     #: tolerance need. It does where the scene gives the number.
     bounds_first_mesh: bool = False
     spent_seconds: float = field(default=0.0)  #: Work so far.
-    #: Part of `max_seconds` that the search for one equilibrium on one mesh may take.
+    #: Largest part of `max_seconds` for the search for an equilibrium on a mesh.
     equilibrium_share: float = 0.4
 
     @classmethod
@@ -66,6 +66,6 @@ class Budget:
         self.spent_seconds += iterations * iteration_seconds(count, equilibrium.model)
 
     def iterations(self, equilibrium: Equilibrium) -> int:
-        """Newton iterations that the search for one equilibrium may take."""
+        """Most Newton iterations in the search for an equilibrium."""
         share = self.equilibrium_share * self.max_seconds
         return int(share / iteration_seconds(equilibrium.unknowns.count, equilibrium.model))

@@ -1,7 +1,7 @@
-"""The ladder: which solvers are tried for an equilibrium, in which order.
+"""The ladder: solvers to try for an equilibrium, in order.
 
-Each rung is a solver that says whether it applies; the first that converges wins, and what the
-others did stays in the result. A loaded film that does not wrinkle needs `LineSearchNewton` only.
+A rung is a solver that says whether it applies; the first to converge wins, and the result keeps
+earlier failures. A loaded film that does not wrinkle needs `LineSearchNewton` only.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from pvdf_fem.solvers.seed import seed
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import PredictedStress, from_larger_loads
 
-#: Newton's last step of a film that wrinkles, over the tolerance of the charges: where the film's
+#: Last Newton step for a wrinkling film, over the charges' tolerance: where the film's
 #: state changes from point to point steps shrink only linearly, and rounding in a stiff film ends
 #: that early.
 LAST_STEP = 1e-2
@@ -190,7 +190,7 @@ def climb(task: Task) -> NewtonResult:
 
 
 def flat_film(equilibrium: Equilibrium) -> NewtonResult:
-    """The unloaded film: an equilibrium for any tension, a stable one unless it is compressed."""
+    """The unloaded film: an equilibrium for every tension, stable unless compressed."""
     q = np.zeros(equilibrium.unknowns.count)
     state = equilibrium.state(q)
     least, largest = principal(state.stress)

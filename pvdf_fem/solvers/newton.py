@@ -75,12 +75,12 @@ class NewtonResult:
         return sum(row.fresh for row in self.iterations)
 
     def as_tried(self, solver: str) -> tuple[Tried, ...]:
-        """Records of earlier tries and of this result, for the `tried` of a later result."""
+        """Records of earlier tries and this result, for `tried` in a later result."""
         return (*self.tried, Tried(solver, self.status, len(self.iterations), self._tangents))
 
 
 def factorise(matrix: sp.csc_matrix | Raised) -> SuperLU:
-    """LU of a matrix of symmetric pattern without pivoting: the signs of U are the inertia."""
+    """LU of a matrix with symmetric pattern, without pivoting: the signs in U give the inertia."""
     if isinstance(matrix, Raised):
         return RaisedFactors(matrix, factorise(matrix.sparse))
     return splu(
@@ -89,7 +89,7 @@ def factorise(matrix: sp.csc_matrix | Raised) -> SuperLU:
 
 
 def negative_pivots(factors: SuperLU) -> int:
-    """Number of negative eigenvalues of a symmetric matrix, by Sylvester's law of inertia."""
+    """Number of negative eigenvalues in a symmetric matrix, by Sylvester's law of inertia."""
     if isinstance(factors, RaisedFactors):
         raised = int((np.linalg.eigvalsh(factors.small) < 0.0).sum())
         return negative_pivots(factors.factors) - raised
@@ -108,16 +108,17 @@ def compressed(state: State) -> bool:
 
 
 def is_stable(equilibrium: Equilibrium, factors: SuperLU) -> bool:
-    """Whether a tangent in compression is that of a minimum, where it can tell. It cannot where
-    there is no energy, nor for a membrane: that is unstable on any fine mesh."""
+    """Whether a tangent in compression belongs to a minimum, where the tangent can tell. The
+    tangent cannot tell without an energy, nor for a membrane: a compressed membrane is unstable on
+    fine meshes."""
     tells = equilibrium.conservative and equilibrium.model.bends
     return not tells or negative_pivots(factors) == 0
 
 
 def balanced(equilibrium: Equilibrium, state: State, factors: SuperLU, allowed: float) -> bool:
-    """Whether a state lacks no more than `allowed` of balance. By the residual the displacement is
-    that far from the solution, in the energy norm; by the rim's reaction that part of the load is
-    not borne."""
+    """Whether a state's imbalance is at most `allowed`. By the residual the displacement is
+    that far from the solution, in the energy norm; the rim's reaction shows load that is not
+    borne."""
     residual = equilibrium.residual(state)
     lacking = abs(float(residual @ factors.solve(residual)))
     work = equilibrium.work(state, equilibrium.restrict(state.dofs))
@@ -128,8 +129,8 @@ def balanced(equilibrium: Equilibrium, state: State, factors: SuperLU, allowed: 
 @dataclass(frozen=True)
 class Tangent:
     """A factorised tangent and the steps made with it. While the tangent serves on, its inverse
-    follows the residuals met (L-BFGS: Nocedal, Math. Comp. 35, 1980, 773-782), which takes the few
-    modes that change most, those of the tension."""
+    follows the residuals met (L-BFGS: Nocedal, Math. Comp. 35, 1980, 773-782), for the few modes
+    that change most, by the tension."""
 
     factors: SuperLU
     convex: bool = False
@@ -166,7 +167,7 @@ class Step:
 
 
 class Variant(ABC):
-    """Tangent, step length and end of a variant of Newton's method."""
+    """Tangent, step length and end for a variant of Newton's method."""
 
     max_iterations = 60
     factors: SuperLU | None = None  #: Factorised tangent of the solution, once it is found.
@@ -176,10 +177,10 @@ class Variant(ABC):
 
     @abstractmethod
     def tangent(self, state: State, table: Sequence[Iteration]) -> tuple[Tangent, bool]:
-        """The tangent to step with, and whether it is that of this state."""
+        """The tangent for the step, and whether it belongs to this state."""
 
     def size(self, q: Array, state: State, slope: float) -> float:
-        """Energy norm of a full step over that of the displacement."""
+        """Energy norm of a full step over the energy norm of the displacement."""
         return float(np.sqrt(abs(slope / self.equilibrium.work(state, q))))
 
     def length(self, step: Step) -> float:
@@ -221,7 +222,7 @@ def newton(variant: Variant, q: Array) -> NewtonResult:
 
 @dataclass(frozen=True)
 class NewtonOptions:
-    """When Newton's method takes which tangent, and when it gives up. Sizes of steps are relative,
+    """Choice of tangents in Newton's method, and when to give up. Sizes of steps are relative,
     in the energy norm."""
 
     tolerance: float = STEP_TOLERANCE  #: Of a last step with a fresh tangent.
@@ -234,7 +235,7 @@ class NewtonOptions:
     max_iterations: int = 60
     #: The same under a load that follows the film, whose energy along a step is not known.
     max_following: int = 30
-    #: A film that is still in compression after this number of iterations, and moves or has an
+    #: A film still in compression after this number of iterations that moves or has an
     #: indefinite tangent, has no equilibrium that is a minimum.
     patience: int = 30
 
@@ -294,7 +295,7 @@ class DeferredNewton(Variant):
         return Status.CONVERGED if stable else Status.UNSTABLE
 
     def _small(self, table: Sequence[Iteration]) -> bool:
-        """Whether the last step leaves less than the square of the tolerance. The steps shrink
+        """Whether the last step leaves less than the squared tolerance. The steps shrink
         quadratically with fresh tangents, and else at the rate of the last two."""
         step, fresh = table[-1].step, table[-1].fresh
         return step * (step if fresh else step / table[-2].step) < self.options.tolerance**2
@@ -327,7 +328,8 @@ def convex_tangent(
 
 
 def least_energy(energy: Array) -> float:
-    """The s > 0 of least energy among the stationary points of a quartic, 1 without any."""
+    """The s > 0 with least energy among a quartic's stationary points; 1 without stationary
+    points."""
     roots = np.roots(polynomial.polyder(energy)[::-1])
     lengths = roots.real[(np.abs(roots.imag) <= 1e-9 * np.abs(roots)) & (roots.real > 0)]
     if not len(lengths):

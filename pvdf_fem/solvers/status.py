@@ -6,7 +6,8 @@ from enum import StrEnum
 
 
 class NotConvergedError(RuntimeError):
-    """A result was asked of a solve that has none; the text says its status and what to change."""
+    """A solve without a result was asked for a result; the text says its status and what to
+    change."""
 
 
 class Status(StrEnum):
@@ -24,7 +25,7 @@ class Status(StrEnum):
 
     @property
     def advice(self) -> str:
-        """What the status means and what to change."""
+        """Meaning of the status, and advice."""
         return ADVICE[self]
 
 

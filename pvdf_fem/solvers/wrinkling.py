@@ -2,10 +2,10 @@
 
 The energy of the tension field is convex, but its second derivative jumps where the film begins to
 wrinkle, and against a small load the film is so stiff that stresses of trial strains mean little.
-So the geometric stiffness takes the stress that the last step predicted, not that of the strain
-(Magisano, Leonetti, Garcea, Comput. Methods Appl. Mech. Eng. 313 (2017) 496-514). A slack film is
-found from larger loads, which pull it taut: a film that is unloaded has stress, and so stiffness,
-wherever the next equilibrium needs them.
+The geometric stiffness therefore takes the stress predicted by the last step, not the strain's
+stress (Magisano, Leonetti, Garcea, Comput. Methods Appl. Mech. Eng. 313 (2017) 496-514). Larger
+loads pull a slack film taut: an unloading film has stress and therefore stiffness wherever the next
+equilibrium needs them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from pvdf_fem.solvers.status import Status
 
 
 def load_strain(scene: Scene) -> float:
-    """(F/(E h a))^(2/3), of the order of the strain that the load makes in a flat film."""
+    """(F/(E h a))^(2/3): magnitude of the load's strain in a flat film."""
     film = scene.film
     stiffness = film.thickness * film.stiffness[:2, :2].mean()
     by_probes = sum(np.linalg.norm(touch.load.components) for touch in scene.loaded_probes)
@@ -43,13 +43,13 @@ def load_strain(scene: Scene) -> float:
 
 
 def excess_strain(scene: Scene) -> float:
-    """How much larger than its rim a film is, in the direction in which that is least."""
+    """Excess of a film over its rim, in the direction with least excess."""
     return -float(scene.film.strain_at_rest[:2].max())
 
 
 def barely_loaded(scene: Scene, part: float = 0.1) -> bool:
-    """Whether the load's strain is below this `part` of the film's excess in all directions. The
-    tension runs in lines as wide as the root of the ratio times the film's radius."""
+    """Whether the load's strain is below this `part` of the film's excess in every direction. The
+    tension runs in lines; their width is the root of the ratio times the film's radius."""
     return load_strain(scene) < part * excess_strain(scene)
 
 
@@ -60,7 +60,7 @@ class WrinklingOptions:
     #: Tension that holds slack film in a step, over the mean tension and the size of the last step.
     damping: float = 1e-2
     max_iterations: int = 25
-    #: Part of the slope of the energy at a step's start that may be left at its end.
+    #: Largest remaining part of the energy's slope at a step's end.
     line_search_slope: float = 0.5
     line_search_trials: int = 6
 
@@ -138,12 +138,12 @@ def from_larger_loads(
     passing: float = 0.1,
     ratio: float = 8.0,
 ) -> NewtonResult:
-    """The equilibrium under a dead load, from equilibria under larger ones that come down to it.
+    """The equilibrium under a dead load, from equilibria under larger loads in descending order.
 
     The first load makes strains as large as the film's excess, or is what Newton's method needs to
     converge from the linear membrane's deflection. Strains change by the power 2/3 of the `ratio`
     of two loads, which is halved, in its logarithm, when the second is not found. Equilibria on the
-    way are as exact as `passing`; the last one may take what iterations are left.
+    way meet the tolerance `passing`; the last equilibrium may take the remaining iterations.
     """
     factor, q, growth = _taut(equilibrium.scene), None, ratio
     most = min(affordable_iterations, most_iterations)
@@ -171,6 +171,6 @@ def from_larger_loads(
 
 
 def _taut(scene: Scene) -> float:
-    """Factor on a load, at least 1, by which its strain is as large as the film's excess."""
+    """Factor on a load, at least 1, that makes its strain equal to the film's excess."""
     strain, excess = load_strain(scene), excess_strain(scene)
     return float((excess / strain) ** 1.5) if 0.0 < strain < excess else 1.0

@@ -6,8 +6,6 @@ import csv
 import io
 import json
 import re
-import sys
-import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +14,6 @@ import pytest
 
 from pvdf_fem import Scene
 from pvdf_fem.cli import program
-from pvdf_fem.cli import table as cli_table
-from pvdf_fem.cli.main import main
 from pvdf_fem.response import build
 from pvdf_fem.response.model import Domain
 from pvdf_fem.solvers.status import NotConvergedError
@@ -271,39 +267,6 @@ def test_tables_may_be_json(ending, run):
     assert run(again, "--quick", "--json", name="again.json").json == rows[:6]
 
 
-class Live(io.RawIOBase):
-    """A pipe in which the next line comes only when the touch of the last one has been told."""
-
-    def __init__(self, lines, told):
-        self.lines, self.told, self.seen = iter(lines), told, []
-
-    def read1(self, size):
-        self.seen.append(self.told())
-        return next(self.lines, b"")
-
-
-@pytest.mark.parametrize("form", ["csv", "json"])
-def test_a_live_pipe_is_answered_row_by_row(form, folder, models, monkeypatch, capsys):
-    header, *rows = table().encode().splitlines(keepends=True)
-    if form == "json":
-        names = header.decode().strip().split(",")
-        objects = [dict(zip(names, map(float, row.split(b",")), strict=True)) for row in rows]
-        rows = [json.dumps(each).encode() + b"\n" for each in objects]
-    told = []
-
-    def count():
-        told.append(capsys.readouterr().out)
-        return "".join(told).count("located")
-
-    live = Live([header, *rows] if form == "csv" else rows, count)
-    monkeypatch.setattr(sys, "stdin", type("Stdin", (), {"buffer": live}))
-    assert main(["locate", "scene.toml", "--csv", "-", *["--json"] * (form == "json")]) == 0
-    assert live.seen == [0, *range(form == "json", 7)][: len(live.seen)]
-    assert live.seen[-1] == 6
-    monkeypatch.setattr(sys, "stdin", None)
-    assert main(["locate", "scene.toml", "--csv", "-"]) == 2
-
-
 @pytest.mark.parametrize(("how", "count"), [("--quick", 12), ("--quick", 9), ("--json", 6)])
 def test_rows_that_no_touch_explains_have_a_status(how, count, run):
     """Charges in nC; success is that as many rows fit as are given as the unit would explain."""
@@ -341,28 +304,6 @@ def test_a_table_of_changes_in_volts_is_read_by_the_readout(run):
     assert run(text, "--quick", "--unit", "V", "--reading", "total", "--sigma", "0.001").code == 3
 
 
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        ("readings.csv", ""),
-        ("readings.csv", "905,731\n600,640\n"),
-        ("readings.csv", "A;B\tC,D;E\n1\n"),
-        ("readings.csv", "A,B,A\n1,2,3\n"),
-        ("readings.csv", "A,B,x_mm\n1,2,3\n"),
-        ("readings.csv", "A,B\n" + "1" * (1 << 21)),
-        ("readings.json", "[1, 2"),
-        ("readings.json", '{"A": 1}\n{"A": oops}\n'),
-        ("readings.json", "[" * 100000),
-    ],
-)
-def test_a_table_that_cannot_be_used_is_refused(name, text, run, folder):
-    Path("touches.csv").write_text("as it was")
-    before = {*folder.iterdir(), folder / name}
-    assert name in run(text, "--output", "touches.csv", name=name).mistakes[-1]
-    assert Path("touches.csv").read_text() == "as it was"
-    assert {*folder.iterdir()} == before
-
-
 def test_errors_are_not_taken_for_those_of_the_input(run, monkeypatch):
     def broken(self):
         raise BrokenPipeError
@@ -370,17 +311,3 @@ def test_errors_are_not_taken_for_those_of_the_input(run, monkeypatch):
     monkeypatch.setattr(csv.DictWriter, "writeheader", broken)
     monkeypatch.setattr(program, "_drop_output", lambda: None)
     assert run(table()).code == 141
-
-
-def test_memory_does_not_grow_with_the_rows(run, monkeypatch):
-    monkeypatch.setattr(cli_table, "CHUNK", 1 << 12)
-    header, line, *_ = table().splitlines()
-    run("")  # what is imported once does not count
-    peaks = []
-    for count in (300, 1500):
-        text = "\n".join([header, *[line] * count])
-        tracemalloc.start()
-        assert run(text, "--quick", "--output", "touches.csv").code == 0
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[1] < 1.2 * peaks[0]

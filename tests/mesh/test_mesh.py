@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 
 import gmsh
 import numpy as np
@@ -71,44 +70,33 @@ def placed(request):
     return scene, graded_mesh(scene, 1.0, 6.0)
 
 
-def test_patches_have_their_names_and_areas(placed):
-    scene, mesh = placed
-    names = [f"electrode {e.name}" for e in scene.electrode_list] + ["probe"] * bool(scene.probe)
-    assert set(mesh.subdomains) == {"film", *names}
-    assert set(mesh.boundaries) == {"rim"}
-    basis = area_basis(mesh)
-    for name, outline in outlines(scene).items():
-        area = basis.dx[mesh.subdomains[name]].sum()
-        assert area == pytest.approx(outline.area, rel=1e-10), name
-    assert np.array_equal(np.sort(mesh.subdomains["film"]), np.arange(mesh.nelements))
-    assert basis.dx.sum() == pytest.approx(math.pi * scene.film.radius**2, rel=1e-12)
-
-
 def test_patches_are_where_their_outlines_are(placed):
     """With the areas, the first moments fix place and orientation."""
     scene, mesh = placed
+    names = [f"electrode {e.name}" for e in scene.electrode_list] + ["probe"] * bool(scene.probe)
+    assert set(mesh.subdomains) == {"film", *names}
     basis = area_basis(mesh)
     points = np.asarray(basis.global_coordinates())
     for name, outline in outlines(scene).items():
         patch = mesh.subdomains[name]
         assert len(np.unique(patch)) == len(patch)
-        weights = basis.dx[patch] / basis.dx[patch].sum()
-        centroid = (points[:, patch] * weights).sum(axis=(1, 2))
+        weights = basis.dx[patch]
+        assert weights.sum() == pytest.approx(outline.area, rel=1e-10), name
+        centroid = (points[:, patch] * weights).sum(axis=(1, 2)) / weights.sum()
         # a circle to the order of its quadratic arcs
         off = 1e-5 * outline.radius if isinstance(outline, Circle) else 1e-8
         assert centroid == pytest.approx(outline.centroid, abs=off)
+    assert np.array_equal(np.sort(mesh.subdomains["film"]), np.arange(mesh.nelements))
+    assert basis.dx.sum() == pytest.approx(math.pi * scene.film.radius**2, rel=1e-12)
 
 
-def test_elements_are_not_inverted(placed):
-    _, mesh = placed
+def test_elements_are_not_inverted_and_end_at_the_rim(placed):
+    scene, mesh = placed
     basis = area_basis(mesh)
     determinants = basis.mapping.detDF(basis.X)
     assert np.all(determinants * np.sign(determinants[:, :1]) > 0)
     assert np.all(np.diff(mesh.t[:3], axis=0) > 0)  # as cubic elements need it
-
-
-def test_rim_is_the_circle_and_all_of_the_boundary(placed):
-    scene, mesh = placed
+    assert set(mesh.boundaries) == {"rim"}
     assert np.array_equal(np.sort(mesh.boundaries["rim"]), np.sort(mesh.boundary_facets()))
     assert_on_circle(mesh, mesh.boundaries["rim"], np.zeros(2), scene.film.radius)
 
@@ -147,8 +135,7 @@ def edge_lengths(mesh):
     return np.linalg.norm(np.diff(mesh.p[:, mesh.facets], axis=1)[:, 0], axis=0)
 
 
-@pytest.mark.parametrize("electrode_mm", [0.3, 1.0])
-@pytest.mark.parametrize("probe_mm", [0.5, 2.0])
+@pytest.mark.parametrize(("electrode_mm", "probe_mm"), [(0.3, 2.0), (1.0, 0.5)])
 def test_sizes_are_obeyed_along_every_outline(electrode_mm, probe_mm):
     names = outlines(RECTANGLE)
     patches = {name: (probe_mm if name == "probe" else electrode_mm) / 1e3 for name in names}
@@ -156,12 +143,10 @@ def test_sizes_are_obeyed_along_every_outline(electrode_mm, probe_mm):
     lengths = edge_lengths(mesh)
     for name in names:
         edges, times = np.unique(mesh.t2f[:, mesh.subdomains[name]], return_counts=True)
-        asked = patches[name]
         on_outline = lengths[edges[times == 1]]
-        assert on_outline.max() <= 1.1 * asked
-        assert on_outline.mean() >= 0.5 * asked
-    assert lengths.max() <= 1.5 * 8e-3
-    assert lengths.max() >= 0.7 * 8e-3
+        assert on_outline.max() <= 1.1 * patches[name]
+        assert on_outline.mean() >= 0.5 * patches[name]
+    assert 0.7 * 8e-3 <= lengths.max() <= 1.5 * 8e-3
 
 
 def test_sizes_grow_with_the_distance_from_the_outlines():
@@ -176,12 +161,6 @@ def test_sizes_grow_with_the_distance_from_the_outlines():
     ratio = edge_lengths(mesh) / asked
     assert ratio.max() < 1.8
     assert np.mean(ratio) == pytest.approx(0.95, abs=0.15)
-
-
-def test_halved_sizes_give_four_times_the_elements():
-    sizes = Sizes({name: 1e-3 for name in outlines(RECTANGLE)}, 0.4, 6e-3)
-    coarse, fine = (mesh_scene(RECTANGLE, sizes.scaled(f)).nelements for f in (1.0, 0.5))
-    assert fine / coarse == pytest.approx(4, rel=0.15)
 
 
 @pytest.mark.parametrize("radius_mm", [0.45, 4.5e3])
@@ -203,41 +182,10 @@ def test_meshes_are_similar_for_films_of_any_size(radius_mm):
 # gmsh's state
 
 
-def same(a, b):
-    return np.array_equal(a.doflocs, b.doflocs) and np.array_equal(a.t, b.t)
-
-
-def test_one_mesh_does_not_depend_on_those_before():
-    first = graded_mesh(RECTANGLE, 1.0, 6.0)
-    uniform_mesh(Scene.parse('[probe]\nshape = "circle"'), 3.0)
-    assert same(first, graded_mesh(RECTANGLE, 1.0, 6.0))
-    assert not gmsh.isInitialized()
-
-
-def test_meshes_are_made_outside_of_the_main_thread():
-    made = []
-    thread = threading.Thread(target=lambda: made.append(graded_mesh(RECTANGLE, 1.0, 6.0)))
-    thread.start()
-    thread.join()
-    assert same(made[0], graded_mesh(RECTANGLE, 1.0, 6.0))
-
-
 def test_a_name_that_gmsh_has_deprecated_is_not_needed(monkeypatch):
     """Since 4.14 `getEntityType`; with that version, the oldest allowed one, tests pass too."""
     monkeypatch.delattr(gmsh.model, "getType", raising=False)
     assert PROBE in mesh_scene(RECTANGLE, first_sizes(RECTANGLE, 2)).subdomains
-
-
-def test_gmsh_is_left_finalized_when_it_fails(monkeypatch):
-    def fail(_):
-        raise Exception("no elements in surface 7")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(gmsh.model.mesh, "generate", fail)
-        with pytest.raises(MeshError, match="no elements in surface 7"):
-            graded_mesh(RECTANGLE, 1.0, 6.0)
-    assert not gmsh.isInitialized()
-    assert graded_mesh(RECTANGLE, 1.0, 6.0).nelements > 500
 
 
 def test_lost_patches_are_named(monkeypatch):
@@ -251,7 +199,7 @@ def test_lost_patches_are_named(monkeypatch):
         return get_elements(dimension, surface)
 
     monkeypatch.setattr(gmsh.model.mesh, "getElements", lose_one)
-    with pytest.raises(MeshError, match=r"without elements: \['electrode A'\]; .*'electrode B'"):
+    with pytest.raises(MeshError, match=r"'electrode A'.*'electrode B'"):
         graded_mesh(Scene(), 1.0, 6.0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import gmsh
 import meshio
@@ -101,22 +102,21 @@ def test_a_mesh_of_the_user(
 
 
 @pytest.mark.parametrize(
-    ("scene", "options", "text"),
+    ("changes", "options"),
     [
-        (SCENE, {"unit": 10.0}, "45 mm radius"),
-        (SCENE.with_(**{"film.radius_mm": 46.0}), {}, "nodes up to 45 from the origin"),
-        (SCENE, {"order": 1}, "types line, triangle"),
-        (SCENE, {"moved": 6.0}, r"electrode A: the mesh does not follow its outline"),
-        (SCENE.with_(**{"probe.radius_mm": 4.1}), {}, "probe: the mesh does not follow"),
+        ({}, {"unit": 10.0}),
+        ({"film.radius_mm": 46.0}, {}),
+        ({}, {"order": 1}),
+        ({}, {"moved": 6.0}),
+        ({"probe.radius_mm": 4.1}, {}),
     ],
 )
 def test_a_mesh_of_another_scene(
-    tmp_path: Path, scene: Scene, options: dict[str, object], text: str
+    tmp_path: Path, changes: dict[str, float], options: dict[str, Any]
 ) -> None:
-    path = by_gmsh(tmp_path / "a.msh", **options)  # type: ignore[arg-type]
-    with pytest.raises(MeshFileError, match=text) as caught:
-        solve(scene, mesh=path)
-    assert isinstance(caught.value, ValueError)
+    path = by_gmsh(tmp_path / "a.msh", **options)
+    with pytest.raises(MeshFileError, match=r"a\.msh"):
+        solve(SCENE.with_(changes), mesh=path)
 
 
 @pytest.mark.parametrize(
@@ -169,47 +169,39 @@ def fans(points: list[list[float]], triangles: list[list[int]]) -> meshio.Mesh:
 
 
 @pytest.mark.parametrize(
-    ("mesh", "text"),
+    "mesh",
     [
-        (grid(SQUARE, quad=[[0, 1, 2, 3]]), "types quad"),
-        (grid(SQUARE, line=[[0, 1]]), "types line"),
-        (fans(CRACK, [*FANS[:3], [3, 6, 5]]), "sides within the film"),
-        (fans([[*p[:2], p[0]] for p in SQUARE], FANS), "off the plane"),
-        (fans([[np.nan, 0, 0], *SQUARE[1:]], FANS), "off the plane"),
-        (fans(SQUARE, [*FANS, [0, 4, 2]]), "without an area"),
-        (fans(SQUARE, FANS[:3]), "sides within the film"),
+        grid(SQUARE, quad=[[0, 1, 2, 3]]),
+        grid(SQUARE, line=[[0, 1]]),
+        fans(CRACK, [*FANS[:3], [3, 6, 5]]),
+        fans([[*p[:2], p[0]] for p in SQUARE], FANS),  # off the plane
+        fans([[np.nan, 0, 0], *SQUARE[1:]], FANS),
+        fans(SQUARE, [*FANS, [0, 4, 2]]),  # without an area
+        fans(SQUARE, FANS[:3]),  # open
     ],
 )
-def test_no_mesh_of_a_film(tmp_path: Path, mesh: meshio.Mesh, text: str) -> None:
+def test_no_mesh_of_a_film(tmp_path: Path, mesh: meshio.Mesh) -> None:
     mesh.write(tmp_path / "a.vtu")
-    with pytest.raises(MeshFileError, match=text):
+    with pytest.raises(MeshFileError, match=r"a\.vtu"):
         read_mesh(tmp_path / "a.vtu", SCENE)
 
 
-def test_folded_triangles(tmp_path: Path) -> None:
-    mesh = graded_mesh(SCENE, 1.5, 8.0)
-    write_mesh(mesh, tmp_path / "a.vtu")
-    folded = meshio.read(tmp_path / "a.vtu")
+def test_folded_triangles_and_midside_nodes_that_are_not_shared(tmp_path: Path) -> None:
+    write_mesh(graded_mesh(SCENE, 1.5, 8.0), tmp_path / "a.vtu")
+    folded, torn = (meshio.read(tmp_path / "a.vtu") for _ in range(2))
     corner, middle = folded.cells[0].data[0, [2, 3]]
     folded.points[middle] = folded.points[corner]
-    folded.write(tmp_path / "a.vtu")
-    with pytest.raises(MeshFileError, match="triangles that fold"):
-        read_mesh(tmp_path / "a.vtu", SCENE)
-
-
-def test_midside_nodes_that_are_not_shared(tmp_path: Path) -> None:
-    write_mesh(graded_mesh(SCENE, 1.5, 8.0), tmp_path / "a.vtu")
-    damaged = meshio.read(tmp_path / "a.vtu")
-    damaged.cells[0].data[0, 3] = damaged.cells[0].data[5, 4]
-    damaged.write(tmp_path / "a.vtu")
-    with pytest.raises(MeshFileError, match="do not share the midside node"):
-        read_mesh(tmp_path / "a.vtu", SCENE)
+    torn.cells[0].data[0, 3] = torn.cells[0].data[5, 4]
+    for damaged in (folded, torn):
+        damaged.write(tmp_path / "b.vtu")
+        with pytest.raises(MeshFileError, match=r"b\.vtu"):
+            read_mesh(tmp_path / "b.vtu", SCENE)
 
 
 @pytest.mark.parametrize("name", ["a.msh", "a.inp", "a.vtu", "a.stl"])
 def test_no_mesh_at_all(tmp_path: Path, name: str) -> None:
-    with pytest.raises(FileError, match="cannot be read"):
+    with pytest.raises(FileError, match=name):
         read_mesh(tmp_path / name, SCENE)
     (tmp_path / name).write_text("$MeshFormat\n4.1 0 8\n$EndMeshFormat\nnonsense\n")
-    with pytest.raises(MeshFileError, match=f"{name}: (is no mesh|has no extension|.*types none)"):
+    with pytest.raises(MeshFileError, match=name):
         read_mesh(tmp_path / name, SCENE)

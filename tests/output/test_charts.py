@@ -122,7 +122,7 @@ def test_designs_are_a_curve_for_each_value_and_the_map_of_the_best(forces):
         model.scene.with_(electrodes=ring),
         {**vary, "load.force_N": forces},
         step_mm=4.0,
-        model=model.for_scene,  # type: ignore[arg-type]
+        model=model.for_scene,
         progress=lambda done, of: None,
     )
     chosen = best(data)

@@ -8,19 +8,16 @@ import numpy as np
 import pytest
 
 from pvdf_fem import NotConvergedError, Scene, build_response
-from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.space import Space
 from pvdf_fem.response import probe_stress
 from pvdf_fem.response.held_out import random_touches
 from pvdf_fem.response.model import Domain
-from pvdf_fem.response.polar_raster import PolarRaster
-from pvdf_fem.response.probe_stress import ProbeMesh
-from pvdf_fem.response.response import Response
-from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
-from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
+from pvdf_fem.response.places import Places
+from pvdf_fem.response.probe_charges import PolarRaster, ProbeCharges
+from pvdf_fem.response.uniform_spline import UniformSpline
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.status import Status
 from tests.helpers.area_rule import area_rule
+from tests.response import made_response
 
 DISC = Scene().with_(**{"probe.shape": "circle", "probe.radius_mm": 5.0})
 PROBES = {
@@ -44,7 +41,7 @@ def stress(place, centre, seen):
 def test_charges_of_a_polynomial_stress(shape):
     """It is given in the probe's frame at few places, and integrated in the film's at others."""
     scene = PROBES[shape]
-    places = RimPlaces(scene.probe, 10.0, 2)
+    places = Places.of(scene.probe, 10.0, 2)
     raster = PolarRaster(26.0, 0.5, 30 * places.angles)
     fields = []
     for x, y, _ in places.unique_places:
@@ -54,7 +51,7 @@ def test_charges_of_a_polynomial_stress(shape):
     charges = ProbeCharges.of(places, raster, fields)
     outlines = [electrode.outline for electrode in scene.electrode_list]
     positions = np.array([[2.0, 1.0], [-5.0, 6.0]])
-    found = charges.charges_pC(outlines, positions, 0.7, (18.0, 2.0))
+    found = charges.charges_pC(outlines, positions, 0.7, (18.0, 2.0), at_once=1)
     for position, values in zip(positions, found, strict=True):
         for outline, value in zip(outlines, values.T, strict=True):
             points, areas = area_rule(outline, 8)
@@ -64,39 +61,39 @@ def test_charges_of_a_polynomial_stress(shape):
 
 
 @pytest.mark.parametrize(
-    ("shape", "unique"), [("circle", 1), ("triangle", 3), ("rectangle", 4), ("polygon", 14)]
+    ("shape", "film_rotations", "unique"),
+    [
+        *(("circle", 0, 1), ("triangle", 0, 3), ("rectangle", 0, 4), ("polygon", 0, 14)),
+        *(("circle", 6, 4), ("triangle", 6, 18), ("rectangle", 6, 22)),
+    ],
 )
-def test_symmetry_saves_places(shape, unique):
-    places = RimPlaces(PROBES[shape].probe, 10.0, 4)
+def test_symmetry_saves_places(shape, film_rotations, unique):
+    """No image of a place to solve is solved, and all other places are images."""
+    places = Places.of(PROBES[shape].probe, 10.0, 4, film_rotations)
+    images = [{image[:2] for image in places.images(*at)} for at in places.unique]
+    assert len(set.union(*images)) == sum(map(len, images)) == places.rotations * places.angles
     assert len(places.unique_places) == 4 * unique
 
 
 def test_interpolation_over_the_rim_is_exact_for_polynomials():
-    places = RimPlaces(DISC.probe, 10.0, 3)
+    """Of the place, and of low order in twice the rotation."""
+    places = Places.of(PROBES["rectangle"].probe, 10.0, 3, 5)
     centres = np.random.default_rng(1).uniform(-6.0, 6.0, (9, 2))
 
-    def polynomial(c):
+    def polynomial(c, rotation):
         x, y = np.moveaxis(c / 10.0, -1, 0)
-        return 1.0 + x - 2.0 * x * y**2 + x**4 - 3.0 * x * y**4
+        return 1.0 + x - 2.0 * x * y**2 + x**4 - 3.0 * x * y**4 * np.sin(4.0 * rotation)
 
-    found = np.tensordot(places.weights(centres, 0.3)[:, 0], polynomial(places.centres_mm), axes=2)
-    assert found == pytest.approx(polynomial(centres), abs=1e-12)
-
-
-@pytest.fixture(scope="module")
-def made():
-    """A response over random coefficients."""
-    axes = (
-        UniformAxis(-12.0, 2.0, 13),
-        UniformAxis(-12.0, 2.0, 13),
-        UniformAxis(0.0, 30.0, 4, periodic=True),
-    )
-    values = np.random.default_rng(2).normal(size=(13, 13, 4, 5 * 4))
-    spline = UniformSpline.through(axes, values)
-    return Response(tuple("ABCD"), PROBES["triangle"], Domain(8.0, (0.1, 5.0)), 1e-3, 1e-4, spline)
+    turns = np.radians(places.rotations_deg)[:, None, None]
+    known = polynomial(places.centres_mm, turns)
+    found = np.tensordot(places.weights(centres, 0.3), known, axes=3)
+    assert found == pytest.approx(polynomial(centres, 0.3), abs=1e-12)
 
 
-def test_the_jacobian_is_the_derivative(made):
+def test_the_jacobian_is_the_derivative():
+    made = made_response.response()
+    spline = UniformSpline(made.spline.axes, made.spline.coefficients.astype(float))
+    made = replace(made, spline=spline)
     touches = random_touches(Domain(7.0, (0.2, 4.0)), 20)
     charges, jacobian = made.evaluate(touches)
     assert charges.shape == (20, 4)
@@ -110,9 +107,13 @@ def test_the_jacobian_is_the_derivative(made):
 @pytest.mark.parametrize(
     "touch", [(8.1, 0, 0, 1), (0, 0, 0, 0.09), (0, 0, 0, 5.1), (np.nan, 0, 0, 1), (0, 0, np.inf, 1)]
 )
-def test_a_touch_outside_is_refused(made, touch):
+@pytest.mark.parametrize("others", [1, 40])
+def test_a_touch_outside_is_refused(touch, others):
+    """Among few and many; on the edge of the domain touches are inside."""
+    made, edge = made_response.response(), [[0.0, 8.0, 0.0, 0.1], [-8.0, 0.0, 0.0, 5.0]]
+    assert np.isfinite(made.evaluate(edge * others)[0]).all()
     with pytest.raises(ValueError, match="outside of the response"):
-        made.evaluate([(0.0, 0.0, 0.0, 1.0), touch])
+        made.evaluate([*edge * others, touch])
 
 
 @pytest.mark.parametrize(
@@ -120,9 +121,13 @@ def test_a_touch_outside_is_refused(made, touch):
     [
         ({"probe": None}, {}, "has no probe"),
         ({"load.kind": "rigid"}, {}, "take 'dead' or 'follower'"),
+        ({"load.kind": "contact", "load.depth_mm": 2.0, "probe.shape": "sphere"}, {}, "depth_mm"),
+        ({"load.profile": "hertz"}, {}, "load.profile"),
+        ({"film.pressure_Pa": 5.0}, {}, "film.pressure_Pa"),
+        ({"film.rim_displacement_um": [1.0]}, {}, "rim_displacement_um"),
         ({"numerics.observable": "thesis-edge"}, {}, "take 'material'"),
         ({}, {"reach_mm": 40.0}, "reach_mm: 40"),
-        ({"probe.radius_mm": 44.0}, {"reach_mm": 1.0}, "needs a smaller probe"),
+        ({"probe.radius_mm": 44.0}, {"reach_mm": 1.0}, "smaller probe"),
         ({}, {"force_N": (0.0, 1.0)}, "force_N"),
         ({}, {"tolerance": 0.0}, "tolerance"),
     ],
@@ -132,21 +137,10 @@ def test_what_has_no_response_is_refused(changes, arguments, match):
         build_response(DISC.with_(**changes), **arguments)
 
 
-def test_fields_are_sampled_where_they_are():
-    """In curved elements too, of which coordinates are functions."""
-    space = Space(ProbeMesh().mesh(DISC), 3)
-    angle = np.linspace(0.0, 6.0, 50)[:, None]
-    for r in (4.9e-3, 5.0e-3, 5.1e-3, 30e-3, 44e-3):
-        points = r * np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
-        sample = space.interpolation(points.T)
-        assert sample @ space.basis.doflocs.T == pytest.approx(points, abs=1e-9)
-
-
 def test_a_force_is_solved_from_anywhere_where_the_others_do_not_help(monkeypatch):
     """As if Newton's method did not converge from the solutions under other forces."""
-    mesh = ProbeMesh(disc_size=0.3, growth=0.6, film_size=0.3).mesh(DISC)
-    equilibrium = Equilibrium(DISC, mesh, 3)
-    straight = list(probe_stress._stresses(equilibrium, [1.0, 0.4]))
+    forces = [1.0, 0.4]
+    straight = [stress for _, stress in probe_stress.stresses(DISC, forces, 3.0)]
     broken = {"near"}
 
     def failing(equilibrium, q):
@@ -156,19 +150,33 @@ def test_a_force_is_solved_from_anywhere_where_the_others_do_not_help(monkeypatc
         return result
 
     monkeypatch.setattr(probe_stress, "equilibrate", failing)
-    for stress, expected in zip(
-        probe_stress._stresses(equilibrium, [1.0, 0.4]), straight, strict=True
+    for (_, found), expected in zip(
+        probe_stress.stresses(DISC, forces, 3.0), straight, strict=True
     ):
-        assert stress == pytest.approx(expected, rel=1e-6, abs=1e-6 * np.abs(expected).max())
+        assert found == pytest.approx(expected, rel=1e-6, abs=1e-6 * np.abs(expected).max())
     broken.add("far")
     with pytest.raises(NotConvergedError, match="1 N: max_iterations"):
-        list(probe_stress._stresses(equilibrium, [1.0]))
+        next(probe_stress.stresses(DISC, forces, 3.0))
+
+
+def test_each_force_starts_nearer_to_its_solution(monkeypatch):
+    """From one solution, from two, and from three, between which the start is a parabola."""
+    apart = []
+
+    def measured(equilibrium, q):
+        result = equilibrate(equilibrium, q)
+        if q is not None:
+            apart.append(np.linalg.norm(result.q - q) / np.linalg.norm(result.q))
+        return result
+
+    monkeypatch.setattr(probe_stress, "equilibrate", measured)
+    list(probe_stress.stresses(DISC, [1.0, 0.9, 0.81, 0.729], 3.0))
+    constant, line, parabola = apart
+    assert parabola < 0.1 * line < 0.01 * constant
 
 
 def test_the_probe_stress_of_a_film_that_wrinkles():
     """Heated by 10 K the film is slack without its load: Newton's method for the membrane fails."""
     hot = DISC.with_(**{"film.temperature_change_K": 10.0, "film.compression": "tension-field"})
-    mesh = ProbeMesh(disc_size=0.3, growth=0.6, film_size=0.3).mesh(hot)
-    equilibrium = Equilibrium(hot, mesh, 3)
-    [stress] = probe_stress._stresses(equilibrium, [1.0])
+    [(_, stress)] = probe_stress.stresses(hot, [1.0], 3.0)
     assert np.linalg.eigvalsh(stress[..., [[0, 2], [2, 1]]]).min() > -1e-3 * np.abs(stress).max()

@@ -11,6 +11,7 @@ from pvdf_fem import Scene, SceneError, gradients, solve
 from pvdf_fem.dynamics.forced import respond
 from pvdf_fem.scene.scene import Load
 from tests.helpers.discs import LOADS
+from tests.helpers.refusals import keys, refused
 
 DISC = {"shape": "circle", "radius_mm": 4.0, "x_mm": 5.0, "y_mm": 1.0}
 SCENE = Scene().with_(probe=DISC)
@@ -57,8 +58,6 @@ def test_slow_oscillations_are_under_the_pressure():
 def test_the_scene_is_data_and_the_solution_knows_its_pressure(tmp_path):
     solution = solve(COARSE, pressure=ramp)
     assert solution.scene == COARSE
-    assert hash(solution.scene) == hash(COARSE)
-    assert Scene.parse(solution.scene.to_toml()) == COARSE
     assert pickle.loads(pickle.dumps(solution.scene)) == COARSE
     assert solution.pressure is ramp
     solution.to_vtu(tmp_path / "a.vtu")
@@ -67,7 +66,7 @@ def test_the_scene_is_data_and_the_solution_knows_its_pressure(tmp_path):
         assert "ramp" in told
     plain = solve(COARSE)
     assert plain.pressure is None
-    assert not any("ramp" in told for told in plain.included)
+    assert "ramp" not in str(plain)
 
 
 def test_other_loads_of_several_probes_are_plain_data():
@@ -107,64 +106,29 @@ def test_one_number_is_a_uniform_pressure():
 )
 def test_loads_that_no_pressure_spreads_are_refused_by_key(scene, key, monkeypatch):
     monkeypatch.setattr("pvdf_fem.mesh.gmsh_mesh.gmsh", None)
-    with pytest.raises(SceneError) as caught:
-        solve(scene, pressure=ramp)
-    assert [text.split(" = ")[0] for text in caught.value.problems] == [key]
-
-
-def of_one_point_only(x_mm, y_mm):
-    return 1.0 if x_mm > 0.0 else 2.0
-
-
-def of_another_shape(x_mm, y_mm):
-    return np.ones((2, 3))
-
-
-def a_word(x_mm, y_mm):
-    return "high"
-
-
-def complex_valued(x_mm, y_mm):
-    return x_mm**2 + 1j
-
-
-def negative(x_mm, y_mm):
-    return x_mm
-
-
-def not_a_number(x_mm, y_mm):
-    return np.where(x_mm > 0.0, np.nan, 1.0)
-
-
-def of_one_argument(x_mm):
-    return x_mm**2
+    assert keys(refused(solve, scene, pressure=ramp)) == [key]
 
 
 @pytest.mark.parametrize(
     ("pressure", "cause"),
     [
-        (of_one_point_only, ValueError),
-        (of_one_argument, TypeError),
-        (of_another_shape, None),
-        (a_word, None),
-        (complex_valued, None),
-        (negative, None),
-        (not_a_number, None),
+        (lambda x_mm, y_mm: 1.0 if x_mm > 0.0 else 2.0, ValueError),  # of one point only
+        (lambda x_mm: x_mm**2, TypeError),
+        (lambda x_mm, y_mm: np.ones((2, 3)), None),
+        (lambda x_mm, y_mm: "high", None),
+        (lambda x_mm, y_mm: x_mm**2 + 1j, None),
+        (lambda x_mm, y_mm: x_mm, None),  # negative somewhere
+        (lambda x_mm, y_mm: np.where(x_mm > 0.0, np.nan, 1.0), None),
+        (3.0, TypeError),
     ],
 )
-def test_functions_that_are_no_pressure_are_refused_by_name_before_any_mesh(
-    pressure, cause, monkeypatch
-):
+def test_what_is_no_pressure_is_refused_by_name_before_any_mesh(pressure, cause, monkeypatch):
     monkeypatch.setattr("pvdf_fem.mesh.gmsh_mesh.gmsh", None)
     with pytest.raises(SceneError) as caught:
         solve(SCENE, pressure=pressure)
-    assert caught.value.problems[0].startswith(f'pressure = "{pressure.__name__}": ')
+    name = getattr(pressure, "__name__", "float")
+    assert caught.value.problems[0].startswith(f'pressure = "{name}": ')
     assert type(caught.value.__cause__) is (cause or type(None))
-
-
-def test_what_is_no_function_is_refused():
-    with pytest.raises(SceneError, match="pressure = "):
-        solve(SCENE, pressure=3.0)
 
 
 def test_a_function_that_fails_later_is_named():
@@ -177,10 +141,8 @@ def test_a_function_that_fails_later_is_named():
         return 1.0
 
     for pressure in (nothing, few_points):
-        with pytest.raises(SceneError) as caught:
-            solve(SCENE, pressure=pressure)
-        assert caught.value.problems[0].startswith(f'pressure = "{pressure.__name__}": ')
-    assert isinstance(caught.value.__cause__, MemoryError)
+        told = refused(solve, SCENE, pressure=pressure)
+        assert told == [f'pressure = "{pressure.__name__}"']
 
 
 @pytest.mark.parametrize("load", [{}, {"load.profile": "gaussian", "load.profile_width_mm": 1.5}])
@@ -199,8 +161,3 @@ def test_the_charge_across_the_film_is_told_as_it_is_solved(load):
     evenly = 15.0 / 2.0 * (9.0 * np.arccos(1.0 / 3.0) - np.sqrt(8.0)) / (9.0 * np.pi)
     assert estimate == pytest.approx(found, rel=0.05)
     assert abs(estimate - evenly) > 0.2 * evenly
-
-
-@pytest.mark.parametrize("gone", ["under", "at", "step", "_pressure"])
-def test_no_scene_has_a_pressure_or_a_step(gone):
-    assert not hasattr(SCENE, gone)

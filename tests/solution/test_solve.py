@@ -7,7 +7,6 @@ import re
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
-from typing import Any
 from xml.etree import ElementTree
 
 import gmsh
@@ -102,18 +101,9 @@ def test_the_tolerance_is_relative_to_the_charge_itself():
 # why a solve ends
 
 
-def test_no_equilibrium_found_claims_no_number_of_iterations():
-    advice = Status.MAX_ITERATIONS.advice
-    assert not any(letter.isdecimal() for letter in advice)
-    assert "load.force_N" in advice
-
-
 @pytest.mark.parametrize(
     ("budget", "stop"),
-    [
-        ({"max_unknowns": 1500}, Stop.UNKNOWNS),
-        ({"max_seconds": 0.4}, Stop.SECONDS),
-    ],
+    [({"max_unknowns": 1500}, Stop.UNKNOWNS), ({"max_seconds": 0.4}, Stop.SECONDS)],
 )
 def test_a_small_budget_misses_the_tolerance_and_names_the_key_to_raise(budget, stop):
     keys = {f"numerics.{name}": value for name, value in budget.items()}
@@ -121,10 +111,8 @@ def test_a_small_budget_misses_the_tolerance_and_names_the_key_to_raise(budget, 
     if stop is Stop.SECONDS:  # a scene's number of unknowns holds for its first mesh as well
         solutions.append(solve(SLOW.with_(**keys)))
     for solution in solutions:
-        assert solution.status is Status.TOLERANCE
-        assert solution.stop is stop
+        assert (solution.status, solution.stop) == (Status.TOLERANCE, stop)
         assert all(key in solution.reason for key in keys)
-        assert "raise numerics.tolerance" in solution.reason
         reached = float(re.search(r"to at least (\S+),", solution.reason)[1])
         assert worst(solution) <= reached <= 1.1 * worst(solution)
         assert solution.to_json()["stop"] == stop.value
@@ -144,27 +132,23 @@ def test_newton_that_fails_on_a_finer_mesh_is_why_the_solve_ends(monkeypatch):
     solution = solve(SLOW)
     assert solution.stop is Stop.FINER_FAILED
     assert solution.status is Status.TOLERANCE
-    assert Stop.FINER_FAILED.value in solution.reason
-    assert "max_unknowns" not in solution.reason
-    assert "max_seconds" not in solution.reason
     assert [mesh.status for mesh in solution.history] == ["converged", "max_iterations"]
     assert solution.history[1].worst_error is None
 
 
-@pytest.mark.parametrize("max_unknowns", [4000, 6000, 60_000])
+@pytest.mark.parametrize("max_unknowns", [4000, 60_000])
 def test_an_accurate_solution_ended_for_its_accuracy(max_unknowns):
     """Also on a last mesh after which the budget would have ended the solve."""
     solution = within(SLOW.with_(**{"numerics.tolerance": 1e-5}), max_unknowns)
-    assert solution.status is Status.CONVERGED
-    assert solution.stop is Stop.ACCURATE
+    assert (solution.status, solution.stop) == (Status.CONVERGED, Stop.ACCURATE)
     assert solution.history[-1].worst_error <= 1e-5
+    assert 0.0 < sum(mesh.seconds for mesh in solution.history) <= solution.seconds["total"]
 
 
 def test_a_given_mesh_is_the_only_one():
     coarse = solve(RECTANGLE.with_(**{"numerics.tolerance": 1e-2}))
     solution = solve(SLOW, mesh=coarse.mesh)
-    assert solution.status is Status.CONVERGED
-    assert solution.stop is Stop.GIVEN_MESH
+    assert (solution.status, solution.stop) == (Status.CONVERGED, Stop.GIVEN_MESH)
     assert len(solution.history) == 1
 
 
@@ -232,73 +216,57 @@ def test_counted_work_does_not_depend_on_the_clock(monkeypatch):
 # what a solution tells
 
 
-@pytest.fixture
-def balloon(monkeypatch):
+def test_what_failed_before_stays_in_the_history_which_is_plain_data(monkeypatch):
     """Newton's method finds nothing from the start in the order below."""
 
     def fails(rung, task):
         return NewtonResult(task.start, Status.MAX_ITERATIONS, (), None)
 
     monkeypatch.setattr(ladder.NearNewton, "solve", fails)
-    return solve(BALLOON)
-
-
-def test_what_failed_before_stays_in_the_history(balloon):
+    balloon = solve(BALLOON)
     assert balloon.status is Status.CONVERGED
-    newton, dead = balloon.history[0].tried
+    record = balloon.history[0]
+    newton, dead = record.tried
     assert newton == ("Newton with predicted stress", "max_iterations", 0)
     assert dead[:2] == ("dead pressure", "converged")
-    assert f"tried on mesh 1: dead pressure, converged after {dead[2]} iterations" in str(balloon)
-
-
-def test_history_is_plain_data(balloon):
-    printed = json.loads(json.dumps(balloon.to_json()))
-    assert len(printed["history"]) == len(balloon.history)
-    mesh, record = printed["history"][0], balloon.history[0]
-    assert mesh["unknowns"] == record.unknowns
-    assert mesh["worst_error"] == record.worst_error
-    assert [row["solver"] for row in mesh["tried"]] == [row[0] for row in record.tried]
+    assert "dead pressure" in str(balloon)
+    printed = json.loads(json.dumps(balloon.to_json()))["history"]
+    assert len(printed) == len(balloon.history)
+    assert printed[0]["unknowns"] == record.unknowns
+    assert printed[0]["worst_error"] == record.worst_error
+    assert [row["solver"] for row in printed[0]["tried"]] == [row[0] for row in record.tried]
 
 
 def test_a_solution_prints_its_charges_and_its_meshes():
     solution = solve(SLOW.with_(**{"numerics.tolerance": 1e-5}))
-    head, *lines = str(solution).splitlines()
-    assert head == f"converged: {Stop.ACCURATE.value}"
-    assert lines[1].startswith("charges (material)")
-    assert lines[1].count("± pC") == 3
-    rows = [line.split() for line in lines[2 : 2 + len(solution.charges_pC)]]
+    lines = [line.split() for line in str(solution).splitlines()]
     errors = solution.charge_errors_pC
+    rows = [row for row in lines if row and row[0] in solution.charges_pC]
     assert [name for name, *_ in rows] == list(solution.charges_pC)
     for name, charge, error, rest, _, change, _ in rows:
         assert float(rest) == 48.0
         assert float(change) == pytest.approx(float(charge) - 48.0, abs=errors[name])
         assert float(charge) == pytest.approx(solution.charges_pC[name], abs=errors[name])
         assert float(error) == pytest.approx(errors[name], rel=0.05)
-    start = next(i for i, line in enumerate(lines) if line.startswith("mesh "))
-    for mesh, line in zip(solution.history, lines[start + 1 :], strict=False):
-        assert line.split()[1:4] == [str(mesh.elements), str(mesh.unknowns), str(mesh.iterations)]
-        assert line.split()[4] == f"{mesh.worst_error:.1e}"
-    assert f"{solution.unknowns} unknowns" in repr(solution)
-    assert f"{len(solution.history)} meshes" in repr(solution)
+    meshes = [[str(m.elements), str(m.unknowns), str(m.iterations)] for m in solution.history]
+    assert [row[1:4] for row in lines if row[1:4] in meshes] == meshes
 
 
-@pytest.mark.parametrize("scene", [TRIANGLE, SLOW, RECTANGLE.with_(**{"load.force_N": 0.0})])
-def test_a_notebook_shows_well_formed_tables(scene):
-    solution = within(scene, max_unknowns=2000)
+@pytest.mark.parametrize("max_unknowns", [2000, 60_000])
+def test_a_notebook_shows_well_formed_tables(max_unknowns):
+    """Text of a scene is escaped."""
+    named = [{"name": "<b>&", "x_mm": 10.0, "y_mm": 4.0}]
+    solution = within(SLOW.with_(electrodes=named), max_unknowns)
     page = ElementTree.fromstring(f"<div>{solution._repr_html_()}</div>")
     tables = page.findall("table")
-    assert len(tables) == (2 if solution.status is Status.CONVERGED else 1)
+    converged = solution.status is Status.CONVERGED
+    assert len(tables) == (2 if converged else 1)
     for table in tables:
         assert len({len(row) for row in table.iter("tr")}) == 1
     assert len(tables[-1].findall("tbody/tr")) == len(solution.history)
     assert page.find("p/b").text == solution.status.value
-
-
-def test_text_of_a_scene_is_escaped_in_a_notebook():
-    named = [{"name": "<b>&", "x_mm": 10.0, "y_mm": 4.0}]
-    solution = solve(RECTANGLE.with_(electrodes=named, **{"numerics.tolerance": 1e-2}))
-    page = ElementTree.fromstring(f"<div>{solution._repr_html_()}</div>")
-    assert page.find("table/tbody/tr/td").text == "<b>&"
+    if converged:
+        assert page.find("table/tbody/tr/td").text == "<b>&"
 
 
 def test_a_first_mesh_that_needs_more_unknowns_than_the_scene_allows_is_not_solved():
@@ -309,39 +277,6 @@ def test_a_first_mesh_that_needs_more_unknowns_than_the_scene_allows_is_not_solv
         assert key in solution.reason
     enough = solve(TRIANGLE.with_(**{"numerics.max_unknowns": 3000}))
     assert enough.status is Status.CONVERGED
-
-
-def test_an_accepted_charge_is_within_the_tolerance():
-    """The probe's corner lies in an electrode, where the estimate is two thirds of the error."""
-    corners = [[2.3769974, -0.1386554], [1.0292579, 0.7392425], [-0.5998360, 2.6293284]]
-    corners += [[-1.5256825, 1.4534246], [-1.9247468, 0.0935314], [-1.7355048, -1.3910333]]
-    corners += [[-0.0641304, -1.8476171], [1.6427342, -1.7179655]]
-    others = [[2.2938336, 0.0759347], [-0.4996330, 2.6384264], [-1.3151825, -0.6128425]]
-    others += [[-1.0900964, -2.5326856]]
-    places = (31.6935534, 13.9385282), (0.0, 6.2402368), (-6.2402368, 0.0), (0.0, -6.2402368)
-    shapes: list[dict[str, Any]] = [
-        {"shape": "polygon", "vertices_mm": corners, "rotation_deg": 0.5725892},
-        {"shape": "rectangle", "width_mm": 9.856, "height_mm": 1.9712, "rotation_deg": 347.56739},
-        {"shape": "polygon", "vertices_mm": others, "rotation_deg": 226.806436},
-        {"shape": "circle", "radius_mm": 2.464},
-    ]
-    scene = Scene().with_(
-        film={"radius_mm": 47.8300868, "thickness_um": 54.4233946, "poisson_ratio": 0.2405447}
-        | {"youngs_modulus_GPa": [1.6661762, 0.6600503], "pretension_N_m": [38.88, 94.28]}
-        | {"d31_pC_N": 24.634385, "d32_pC_N": -3.7695245},
-        electrodes=[
-            {"name": name, "x_mm": x, "y_mm": y, **shape}
-            for name, (x, y), shape in zip("ABCD", places, shapes, strict=True)
-        ],
-        probe={"shape": "triangle", "side_mm": 17.1612953, "rotation_deg": 346.7685258}
-        | {"x_mm": 27.6682644, "y_mm": 3.1155121},
-        load={"force_N": 0.5473229},
-    )
-    charge, known = (
-        solve(scene.with_(**{"numerics.tolerance": tolerance})).charges_pC["A"]
-        for tolerance in (1e-4, 5e-6)
-    )
-    assert charge == pytest.approx(known, rel=1e-4)
 
 
 SHARP = [
@@ -383,8 +318,7 @@ def film_under_disc(gap: float, **changes: object) -> Scene:
     return film.with_(**{"probe": probe, **changes})
 
 
-@pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-5, 1e-7, 4e-9])
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
+@pytest.mark.parametrize(("gap", "tolerance"), [(1e-2, 1e-3), (1e-5, 1e-5), (4e-9, 1e-3)])
 def test_a_disc_nearly_to_the_rim_costs_what_a_disc_to_the_rim_costs(gap, tolerance):
     """Its force on a smaller disc: charges of the full disc grow by less than two gaps."""
     solutions = [solve(film_under_disc(g, **{"numerics.tolerance": tolerance})) for g in (0.0, gap)]
@@ -395,11 +329,10 @@ def test_a_disc_nearly_to_the_rim_costs_what_a_disc_to_the_rim_costs(gap, tolera
     assert np.abs(nearly / full - 1.0 - 1.3 * gap).max() < tolerance + 0.2 * gap
 
 
-@pytest.mark.parametrize("gap", [1e-4, 1e-5])
-def test_a_slack_film_under_nearly_a_full_disc_has_the_charges_of_a_full_disc(gap):
+def test_a_slack_film_under_nearly_a_full_disc_has_the_charges_of_a_full_disc():
     off = [{"name": "A", "x_mm": 10.0, "y_mm": 3.0}]  # without a mirror line
     slack = {"film.temperature_change_K": 0.0, "film.poisson_ratio": 0.4, "load.force_N": 1e-5}
-    full, nearly = (solve(film_under_disc(g, electrodes=off, **slack)) for g in (0.0, gap))
+    full, nearly = (solve(film_under_disc(g, electrodes=off, **slack)) for g in (0.0, 1e-5))
     assert nearly.status is Status.CONVERGED
     assert nearly.unknowns < 1.5 * full.unknowns
     assert nearly.charges_pC["A"] == pytest.approx(full.charges_pC["A"], rel=1e-3)

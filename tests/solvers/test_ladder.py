@@ -9,8 +9,9 @@ from pvdf_fem import solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
-from pvdf_fem.solvers.newton import NewtonOptions
+from pvdf_fem.solvers.newton import NewtonOptions, Step
 from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.wrinkling import PredictedStress, barely_loaded
 from tests.helpers.discs import LOADS, TRIANGLE, free_disc, graded_mesh
 
 WRINKLING = {"film.compression": "tension-field", "film.temperature_change_K": 10.0}
@@ -78,6 +79,34 @@ def test_a_film_that_wrinkles_is_found_from_afar(mesh):
     assert near.tried == ()
     stresses = [equilibrium.state(found.q).stress for found in (near, result)]
     assert stresses[1] == pytest.approx(stresses[0], abs=1e-6 * np.abs(stresses[0]).max())
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.25])
+def test_a_load_is_small_against_a_films_excess(mesh, factor):
+    """(F/(E h a))^(2/3) beside a tenth of α ΔT."""
+    scene = TRIANGLE.with_(**WRINKLING)
+    film = scene.film
+    stiffness = film.thickness * film.stiffness[:2, :2].mean()
+    force = stiffness * film.radius * (0.1 * 110e-6 * 10.0) ** 1.5
+    assert barely_loaded(scene.with_(**{"load.force_N": factor * force})) == (factor < 1.0)
+
+
+@pytest.mark.parametrize("stretch", [0.5, 4.0])
+def test_a_step_ends_where_the_energy_of_a_wrinkled_film_has_nearly_stopped_falling(mesh, stretch):
+    equilibrium = Equilibrium(TRIANGLE.with_(**WRINKLING), mesh)
+    solution = equilibrate(equilibrium).q
+    q, change = 0.8 * solution, 0.2 * stretch * solution
+    state = equilibrium.state(q)
+    slope = float(equilibrium.residual(state) @ change)
+    step = Step(q, state, change, slope, 1.0)
+    length = PredictedStress(equilibrium, 1e-6).length(step)
+    left = float(equilibrium.residual(equilibrium.state(q + length * change)) @ change)
+    assert slope < 0.0
+    if stretch < 1.0:
+        assert length == 1.0
+    else:
+        assert abs(left) < 0.5 * abs(slope)
+        assert 0.0 < length < 1.0
 
 
 # the budget

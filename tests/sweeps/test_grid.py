@@ -12,17 +12,17 @@ from pvdf_fem import Scene, SceneError, sweep
 from pvdf_fem.scene.scene_file import quote
 from pvdf_fem.sweeps.grid import OWN_NAMES, Grid
 from pvdf_fem.sweeps.lines import MappingScheme
+from tests.helpers.refusals import keys, refused
 
 GEOMETRY = Path(__file__).parents[2] / "geometry"
 LINES = {"electrode": "A", "angles_deg": list(range(2000))}
 BASE = Scene().with_(**{"probe.shape": "triangle"})
+THREE = BASE.with_(**{"electrodes.layout": "three"})
 
 
-def refused(axes) -> list[str]:
+def refused_axes(axes) -> list[str]:
     """Keys and values of the complaints about axes."""
-    with pytest.raises(SceneError) as error:
-        Grid.of(BASE, axes).scenes()
-    return [problem.partition(": ")[0] for problem in error.value.problems]
+    return refused(lambda: Grid.of(BASE, axes).scenes())
 
 
 def test_axes_are_lists_and_ranges_and_the_last_is_fastest():
@@ -53,14 +53,35 @@ def test_axes_are_lists_and_ranges_and_the_last_is_fastest():
     )
 
 
-def test_a_mapping_scheme_is_an_axis():
-    lines = {"electrode": "B", "angles_deg": [0, 90], "distances_mm": [0, 4, 16]}
-    (axis,) = Grid.of(BASE, [{"mapping": lines}]).axes
-    scheme = MappingScheme(BASE, "B", (0.0, 90.0), (0.0, 4.0, 16.0))
+def test_a_mapping_scheme_is_an_axis_of_places_on_lines_from_an_electrode():
+    lines = {"electrode": "A", "angles_deg": [90, 35], "distances_mm": [0, 4, 8], "reach_mm": 10}
+    (axis,) = Grid.of(THREE, [{"mapping": lines}]).axes
+    c, s = np.cos(np.radians(35.0)), np.sin(np.radians(35.0))
+    # the last place on the slanting line is 10.03 mm from the film's centre
+    expected = [[0, -10], [0, -6], [0, -2], [0, -10], [4 * c, -10 + 4 * s], [8 * c, -10 + 8 * s]]
     places = np.transpose([axis.values["probe.x_mm"], axis.values["probe.y_mm"]])
-    assert places == pytest.approx(np.concatenate(scheme.positions_mm))
-    assert axis.beside["angle_deg"] == (0.0, 0.0, 0.0, 90.0, 90.0)
-    assert axis.beside["distance_mm"] == pytest.approx([0.0, 4.0, 16.0, 0.0, 4.0])
+    assert places == pytest.approx(np.array(expected), abs=1e-9)
+    assert axis.beside["angle_deg"] == (90.0,) * 3 + (35.0,) * 3
+    assert axis.beside["distance_mm"] == pytest.approx([0.0, 4.0, 8.0] * 2)
+    scheme = MappingScheme(THREE, "A", (90.0, 35.0), (0.0, 4.0, 8.0), 10.0)
+    places = [[scene.probe.x_mm, scene.probe.y_mm] for scene in scheme.scenes]
+    assert places == pytest.approx(np.array(expected), abs=1e-9)
+    near = Grid.of(THREE, [{"mapping": {**lines, "angles_deg": [0, 90]}}]).axes[0]
+    # sideways every place but the electrode is beyond the reach
+    assert near.beside["angle_deg"] == (0.0, 90.0, 90.0, 90.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((Scene(), "A", (0.0,)), "probe"),
+        ((BASE, "A", (0.0,), (4.0, 0.0)), "distances_mm"),
+        ((BASE, "A", (180.0, 0.0), (12.0,)), "angles_deg 0"),
+    ],
+)
+def test_mistakes_of_a_mapping_scheme_are_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        MappingScheme(*arguments)
 
 
 def test_a_sweep_file_finds_its_scene_beside_it(tmp_path):
@@ -73,7 +94,7 @@ def test_a_sweep_file_finds_its_scene_beside_it(tmp_path):
 
 
 @pytest.mark.parametrize("axes", ["[axes]\nload.force_N = [1]\n", "[axes]\n[axes]\n"])
-def test_axes_are_a_list_of_tables(axes, tmp_path):
+def test_axes_of_a_file_are_a_list_of_tables(axes, tmp_path):
     (path := tmp_path / "sweep.toml").write_text(f"scene = {{}}\n{axes}")
     with pytest.raises(SceneError, match=r"\[\[axes\]\]"):
         Grid.load(path)
@@ -81,8 +102,7 @@ def test_axes_are_a_list_of_tables(axes, tmp_path):
 
 @pytest.mark.parametrize("axes", [[], (), {"load.force_N": [1.0, 2.0]}, "load.force_N", [1.0]])
 def test_a_sweep_without_axes_is_refused_before_any_solve(axes):
-    with pytest.raises(SceneError, match="axes = "):
-        sweep(Scene.example("triangle"), axes)
+    assert keys(refused(sweep, Scene.example("triangle"), axes)) == ["axes"]
 
 
 def test_the_examples_are_valid():
@@ -90,29 +110,29 @@ def test_the_examples_are_valid():
     assert len(Grid.load(GEOMETRY / "mapping_lines.toml").scenes()) == 84
 
 
+WRONG = """
+scen = 3
+scene = { film = { radius_mm = -1 } }
+[[axes]]
+load.force_N = { start = 0, stop = 1, count = 3, spacing = "log" }
+[[axes]]
+load.force_N = { start = 1, stop = 2, cuont = 3 }
+[[axes]]
+probe.x_mm = 3
+[[axes]]
+probe = { x_mm = [1, 2], y_mm = [1, 2, 3] }
+[[axes]]
+mapping = { electrode = "Z", angles_deg = [0] }
+[[axes]]
+mapping = { electrode = "A", angles = [0] }
+[[axes]]
+name = "empty"
+"""
+
+
 def test_all_mistakes_of_a_file_are_told_at_once(tmp_path):
-    path = tmp_path / "sweep.toml"
-    path.write_text(
-        """
-        scen = 3
-        scene = { film = { radius_mm = -1 } }
-        [[axes]]
-        load.force_N = { start = 0, stop = 1, count = 3, spacing = "log" }
-        [[axes]]
-        load.force_N = { start = 1, stop = 2, cuont = 3 }
-        [[axes]]
-        probe.x_mm = 3
-        [[axes]]
-        probe = { x_mm = [1, 2], y_mm = [1, 2, 3] }
-        [[axes]]
-        mapping = { electrode = "Z", angles_deg = [0] }
-        [[axes]]
-        name = "empty"
-        """
-    )
-    with pytest.raises(SceneError) as error:
-        Grid.load(path)
-    assert [problem.partition(": ")[0] for problem in error.value.problems] == [
+    (path := tmp_path / "sweep.toml").write_text(WRONG)
+    assert refused(Grid.load, path) == [
         "scen = 3",
         "film.radius_mm = -1",
         "axes[0].load.force_N.start = 0.0",
@@ -121,8 +141,17 @@ def test_all_mistakes_of_a_file_are_told_at_once(tmp_path):
         "axes[2].probe.x_mm = 3",
         "axes[3]",
         "axes[4].mapping.electrode 'Z'",
-        "axes[5] = (nothing)",
+        "axes[5].mapping.angles_deg = (nothing)",
+        "axes[5].mapping.angles = [0]",
+        "axes[6] = (nothing)",
     ]
+
+
+@pytest.mark.parametrize("text", ["[[axes]]\nload.force_N = [1]", 'scene = "none.toml"', "x ="])
+def test_a_file_without_a_scene_is_refused(text, tmp_path):
+    (path := tmp_path / "sweep.toml").write_text(text)
+    with pytest.raises(SceneError):
+        Grid.load(path)
 
 
 FORCE = {"load.force_N": [1]}
@@ -148,7 +177,7 @@ FORCE = {"load.force_N": [1]}
     ],
 )
 def test_axes_that_clash_are_refused(axes, key):
-    assert any(told.startswith(key) for told in refused(axes))
+    assert any(told.startswith(key) for told in refused_axes(axes))
 
 
 @pytest.mark.parametrize(
@@ -156,7 +185,7 @@ def test_axes_that_clash_are_refused(axes, key):
 )
 def test_names_that_a_file_cannot_hold_are_refused(name):
     axes = [{"load.force_N": [1.0]}, {"film.d31_pC_N": [8.0], "name": name}]
-    assert refused(axes) == [f"axes[1].name = {quote(name)}"]
+    assert refused_axes(axes) == [f"axes[1].name = {quote(name)}"]
 
 
 def test_tables_may_vary_beside_keys_that_they_leave_alone():
@@ -171,7 +200,7 @@ def test_grids_that_are_too_large_are_not_expanded():
     axes = [{"load.force_N": steps, "name": f"n{i}"} for i in range(60)]
     tracemalloc.start()
     try:
-        assert "axes" in refused(axes)[0]
+        assert "axes" in refused_axes(axes)[0]
         assert tracemalloc.get_traced_memory()[1] < 5e6
     finally:
         tracemalloc.stop()
@@ -179,4 +208,4 @@ def test_grids_that_are_too_large_are_not_expanded():
 
 def test_mistakes_of_scenes_are_told_once_each():
     axes = [{"electrodes.ring_radius_mm": [1, 10, 50]}, {"load.force_N": [1, 2]}]
-    assert len(refused(axes)) == 2
+    assert len(refused_axes(axes)) == 2

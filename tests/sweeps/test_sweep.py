@@ -22,8 +22,8 @@ import xarray
 from pvdf_fem import Scene, solve
 from pvdf_fem.cli import main as cli
 from pvdf_fem.sweeps import sweep
-from pvdf_fem.sweeps.dataset import dataset, write_netcdf
-from pvdf_fem.sweeps.grid import MOST_AXES, OWN_NAMES
+from pvdf_fem.sweeps.dataset import write_netcdf
+from pvdf_fem.sweeps.grid import OWN_NAMES
 from pvdf_fem.sweeps.store import Record, Store, key
 from pvdf_fem.sweeps.workers import Died, on_processes
 from tests.helpers import deaths
@@ -47,45 +47,41 @@ def invented(monkeypatch):
     monkeypatch.setattr(sweep, "records_of", made_up)
 
 
-def test_axes_with_the_same_end_of_a_key_have_coordinates_of_their_own(invented):
-    axes = [
-        {"probe.x_mm": [0.0, 1.0], "probe.y_mm": [2.0, 3.0], "name": "place"},
-        {"probe.side_mm": [6.0, 7.0]},
-        {"electrodes.side_mm": [2.0, 3.0], "name": "square"},
-    ]
-    data = sweep.sweep(BASE, axes, processes=1)
-    expected = {
-        "x_mm": ("place", "probe.x_mm"),
-        "y_mm": ("place", "probe.y_mm"),
-        "side_mm": ("side_mm", "probe.side_mm"),
-        "square": ("square", "electrodes.side_mm"),
-    }
-    for name, (dimension, scene_key) in expected.items():
-        attributes = {"key": scene_key, "units": "mm"}
-        attributes["long_name"] = scene_key.removesuffix("_mm").replace(".", " ")
-        assert (data[name].dims, data[name].attrs) == ((dimension,), attributes)
-    assert data.charge_pC.dims == ("place", "side_mm", "square", "electrode")
-    named_as_key = [{"probe.x_mm": [0.0, 1.0], "probe.y_mm": [2.0, 3.0], "name": "x_mm"}]
-    coordinates = sweep.sweep(BASE, named_as_key, processes=1).coords
-    assert set(coordinates) == {"probe.x_mm", "y_mm", "electrode"}
+PLACES = {"probe.x_mm": [0.0, 1.0], "probe.y_mm": [2.0, 3.0]}
+FORCES = {"load.force_N": [1.0, 2.0], "name": "y_mm"}
 
 
-def test_an_axis_with_the_name_of_another_s_coordinate_keeps_its_labels(invented, tmp_path):
-    axes = [
-        {"load.force_N": [1.0, 2.0], "name": "y_mm"},
-        {"probe.x_mm": [3.0, 4.0], "probe.y_mm": [5.0, 6.0], "name": "place"},
-    ]
+@pytest.mark.parametrize(
+    ("axes", "expected"),
+    [
+        (
+            [{**PLACES, "name": "place"}, {"probe.side_mm": [6.0, 7.0]}],
+            {"x_mm": "probe.x_mm", "y_mm": "probe.y_mm", "side_mm": "probe.side_mm"},
+        ),
+        (
+            [{"probe.side_mm": [6.0]}, {"electrodes.side_mm": [2.0, 3.0], "name": "square"}],
+            {"side_mm": "probe.side_mm", "square": "electrodes.side_mm"},
+        ),
+        ([{**PLACES, "name": "x_mm"}], {"probe.x_mm": "probe.x_mm", "y_mm": "probe.y_mm"}),
+        (
+            [{**PLACES, "name": "place"}, FORCES],
+            {"x_mm": "probe.x_mm", "probe.y_mm": "probe.y_mm", "y_mm": "load.force_N"},
+        ),
+    ],
+)
+def test_every_key_along_an_axis_is_a_coordinate(axes, expected, invented, tmp_path):
     for given in (axes, axes[::-1]):
         data = sweep.sweep(BASE, given, processes=1)
-        labels = {name: values.values.tolist() for name, values in data.coords.items()}
-        del labels["electrode"]
-        assert labels == {"y_mm": [1.0, 2.0], "x_mm": [3.0, 4.0], "probe.y_mm": [5.0, 6.0]}
-        assert data.y_mm.attrs == {
-            "key": "load.force_N",
-            "long_name": "load force",
-            "units": "N",
-        }
+        assert {*data.coords} == {*expected, "electrode"}
+        varied = {key: values for axis in axes for key, values in axis.items()}
+        for name, scene_key in expected.items():
+            text, _, unit = scene_key.rpartition("_")
+            attributes = {"key": scene_key, "long_name": text.replace(".", " "), "units": unit}
+            assert data[name].attrs == attributes
+            assert data[name].values.tolist() == varied[scene_key]
         write_netcdf(data, tmp_path / "data.nc")
+        with xarray.open_dataset(tmp_path / "data.nc") as read:
+            assert read.identical(data)
 
 
 def test_tables_along_an_axis_are_labelled_in_full(invented):
@@ -100,25 +96,7 @@ def test_the_dataset_s_own_names_are_those_that_axes_may_not_have(invented):
     assert {*data.variables, *data.dims} - {"force_N"} == OWN_NAMES
 
 
-def test_as_many_axes_as_are_allowed_can_be_written(tmp_path):
-    electrodes = [{"name": f"E{i}", "x_mm": 2.0 * i, "y_mm": 0, "side_mm": 1} for i in range(16)]
-    base = Scene().with_(electrodes=electrodes)
-    keys = [f"electrodes[{i}].{k}" for i in range(16) for k in ("x_mm", "y_mm", "side_mm", "name")]
-    tables = base.model_dump()["electrodes"]
-    axes = [
-        {key: [tables[i // 4][key.split(".")[1]]], "name": f"n{i}"}
-        for i, key in enumerate(keys[:MOST_AXES])
-    ]
-    grid = sweep.Grid.of(base, axes)
-    todo = sweep.planned(grid.scenes())
-    names = tuple(electrode.name for electrode in base.electrode_list)
-    data = dataset(grid, todo, [(0, Record("unstable", "", names))])
-    write_netcdf(data, tmp_path / "data.nc")
-    with xarray.open_dataset(tmp_path / "data.nc") as read:
-        assert read.identical(data)
-
-
-def test_a_dataset_names_its_axes_units_and_states(tmp_path):
+def test_a_dataset_has_the_charges_of_each_scene_in_its_place():
     """Real solves: charges as those of a scene solved alone, by name and in its place."""
     axes = [
         {"film.thickness_um": [25, 50], "load.force_N": [1, 2], "name": "pressed"},
@@ -129,71 +107,55 @@ def test_a_dataset_names_its_axes_units_and_states(tmp_path):
     assert set(data.status.values.ravel()) == {"converged"}
     assert np.isnan(data.charge_pC.sel(layout="three", electrode="D")).all()
     assert data.charge_pC.sel(layout="four").notnull().all()
-    assert (data.thickness_um.attrs, data.charge_pC.attrs["units"]) == (
-        {"key": "film.thickness_um", "long_name": "film thickness", "units": "um"},
-        "pC",
-    )
+    assert data.charge_pC.attrs["units"] == "pC"
     assert data.attrs["Conventions"].startswith("CF-")
     assert all("long_name" in variable.attrs for variable in data.variables.values())
     assert set(data.charge_pC.attrs["ancillary_variables"].split()) <= set(data.variables)
     scene = BASE.with_(**{"electrodes.layout": "three", "film.thickness_um": 50, "load.force_N": 2})
-    for name, charge in solve(scene).charges_pC.items():
-        swept = data.charge_pC.sel(layout="three", electrode=name)[1]
-        assert float(swept) == pytest.approx(charge, rel=0.05)
-    write_netcdf(data, tmp_path / "data.nc")
-    with xarray.open_dataset(tmp_path / "data.nc") as read:
-        assert read.identical(data)
+    alone = solve(scene)
+    for name, charge in alone.charges_pC.items():
+        swept = data.sel(layout="three", electrode=name).isel(pressed=1)
+        assert float(swept.charge_pC) == pytest.approx(charge, rel=0.05)
+        assert 0.0 < float(swept.charge_error_pC) < 0.05 * charge
+        rest = float(swept.rest_charge_pC)
+        assert rest == pytest.approx(alone.rest_charges_pC[name])
+    depth = float(data.deflection_max_mm.sel(layout="three")[1])
+    assert depth == pytest.approx(alone.deflection_max_mm, rel=1e-2)
 
 
 def test_a_sweep_over_the_number_of_electrodes():
     ring = BASE.with_(**{"electrodes.layout": "ring", "electrodes.centre": True})
-    axes = [{"electrodes.count": [2, 4]}, {"film.pretension_N_m": [8.0, 9.0]}]
-    assert len(sweep.planned(sweep.Grid.of(ring, axes).scenes()).blocks) == 2
-    data = sweep.sweep(ring, axes, processes=1)
+    data = sweep.sweep(ring, [{"electrodes.count": [2, 4]}], processes=1)
     assert data.electrode.values.tolist() == list("ABCDE")
-    assert data.pretension_N_m.attrs["units"] == "N/m"
-    given = data.charge_pC.notnull().all("pretension_N_m")
-    assert given.sum("electrode").values.tolist() == [3, 5]
+    assert data.charge_pC.notnull().sum("electrode").values.tolist() == [3, 5]
     # A stays where it is; the centre is the last one of each
-    charges = data.charge_pC.sel(pretension_N_m=9.0)
     for few, more in (("A", "A"), ("B", "C"), ("C", "E")):
-        expected = float(charges.sel(count=4.0, electrode=more))
-        assert float(charges.sel(count=2.0, electrode=few)) == pytest.approx(expected, rel=1e-9)
+        expected = float(data.charge_pC.sel(count=4.0, electrode=more))
+        found = float(data.charge_pC.sel(count=2.0, electrode=few))
+        assert found == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_scene_that_fails_is_stored_and_the_rest_goes_on(tmp_path):
-    axes = [{"film.temperature_change_K": [-1.0, 10.0], "load.force_N": [1.0, 0.0]}]
-    with Store(tmp_path / "s.db") as store:
-        data = sweep.sweep(BASE, axes, store, processes=1)
-        assert data.status.values.tolist() == ["converged", "unstable"]
-        assert data.charge_pC.notnull().all(axis=1).values.tolist() == [True, False]
-        assert all(scene in store for scene in sweep.Grid.of(BASE, axes).scenes())
+def test_a_scene_that_fails_is_stored_and_one_that_crashes_is_tried_again(tmp_path, monkeypatch):
+    """The rest goes on; a store may be a path."""
+    axes = [{"film.temperature_change_K": [-1.0, 10.0, -2.0], "load.force_N": [1.0, 0.0, 2.0]}]
+    records_of = sweep.records_of
 
-
-def test_a_store_may_be_a_path(tmp_path, monkeypatch):
-    path = tmp_path / "x.db"
-    axes = [{"load.force_N": [1.0]}]
-    first = sweep.sweep(BASE, axes, str(path), processes=1)
-    monkeypatch.setattr(sweep, "records_of", None)  # nothing is left to solve
-    assert first.identical(sweep.sweep(BASE, axes, path, processes=1))
-
-
-def test_a_crashed_scene_is_tried_again(monkeypatch, tmp_path):
     def broken(scenes, frames):
-        if scenes[0].load.force_N == 1.0:
+        if scenes[0].load.force_N == 2.0:
             raise MemoryError
-        return made_up(scenes, frames)
+        return records_of(scenes, frames)
 
     monkeypatch.setattr(sweep, "records_of", broken)
-    with Store(tmp_path / "s.db") as store:
-        data = sweep.sweep(BASE, AXES, store, processes=1)
-        crashed = data.status.sel(force_N=1.0).values
-        assert set(crashed.ravel()) == {"crashed"}
-        assert (data.status == "crashed").sum() == crashed.size
-        monkeypatch.setattr(sweep, "records_of", made_up)
-        assert set(sweep.sweep(BASE, AXES, store, processes=1).status.values.ravel()) == {
-            "converged"
-        }
+    path = tmp_path / "s.db"
+    data = sweep.sweep(BASE, axes, str(path), processes=1)
+    assert data.status.values.tolist() == ["converged", "unstable", "crashed"]
+    assert data.charge_pC.notnull().all(axis=1).values.tolist() == [True, False, False]
+    with Store(path) as store:
+        assert [scene in store for scene in sweep.Grid.of(BASE, axes).scenes()] == [True, True, 0]
+    monkeypatch.setattr(sweep, "records_of", lambda scenes, frames: made_up(scenes, frames))
+    again = sweep.sweep(BASE, axes, path, processes=1)
+    assert again.status.values.tolist() == ["converged", "unstable", "converged"]
+    assert again.charge_pC[0].identical(data.charge_pC[0])
 
 
 def test_killed_at_any_moment_it_goes_on_where_it_was(tmp_path):
@@ -262,15 +224,15 @@ def test_processes_end_with_a_parent_that_is_killed(tmp_path):
 
 
 def test_a_process_that_dies_is_replaced(tmp_path):
+    """A task that always kills its process has no result; a caller may use joblib meanwhile."""
     tasks = [(number, (tmp_path / "died", number)) for number in range(6)]
     results = dict(on_processes(deaths.die_once, tasks, 2))
     assert results == {number: 10 * number for number in range(6)}
-
-
-def test_a_task_that_always_kills_its_process_has_no_result():
+    assert joblib.Parallel(2)(joblib.delayed(math.sqrt)(x) for x in (4.0, 16.0)) == [2.0, 4.0]
     results = dict(on_processes(deaths.die, enumerate(range(5)), 2))
     assert isinstance(results.pop(3), Died)
     assert results == {number: 10 * number for number in (0, 1, 2, 4)}
+    assert dict(on_processes(math.sqrt, enumerate([1.0, 4.0]), 2)) == {0: 1.0, 1: 2.0}
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -360,30 +322,28 @@ def test_the_command_prints_its_plan_and_writes_the_dataset(
     assert cli.main([*command, "--plan"]) == 0
     assert capsys.readouterr().out.split("\n")[0].split() == ["4", "scenes"]
     assert not list(tmp_path.glob("s.[nd]*"))
-    assert cli.main(command) == 0
-    out, err = capsys.readouterr()
-    assert "s.nc" in out
-    assert err == ""  # no progress, as on a terminal
-    with xarray.open_dataset("s.nc") as data:
-        assert data.charge_pC.sel(force_N=2.0, ring_radius_mm=8.0, electrode="A") == 6.0
     assert cli.main([*command, "--quiet", "--plot", "s.svg"]) == 0
     assert capsys.readouterr() == ("", "")
     assert "<svg" in (tmp_path / "s.svg").read_text()
+    with xarray.open_dataset("s.nc") as data:
+        assert data.charge_pC.sel(force_N=2.0, ring_radius_mm=8.0, electrode="A") == 6.0
 
 
-def test_failures_are_told_and_change_the_exit_code(tmp_path, monkeypatch, capsys):
-    failed = Record("unstable", "no", tuple("ABCD"), {}, {}, 0.0, (), 0.0)
+def test_failures_change_the_exit_code_and_what_cannot_be_drawn_is_refused(
+    tmp_path, monkeypatch, command
+):
+    failed = Record("unstable", "no", tuple("ABCD"))
     monkeypatch.setattr(sweep, "records_of", lambda scenes, frames: [failed] * len(scenes))
     monkeypatch.chdir(tmp_path)
     text = "scene = {}\n[[axes]]\nload.force_N = [1.0, 2.0]\n"
     (tmp_path / "s.toml").write_text(text)
-    assert cli.main(["sweep", "s.toml", "--processes", "1", "--plot", "s.png"]) == 3
-    assert "unstable" in capsys.readouterr().err
+    done = command("sweep", "s.toml", "--processes", "1", "--plot", "s.png")
+    assert done.code == 3
+    assert "unstable" in done.err
     assert (tmp_path / "s.png").stat().st_size > 1000
     text += "[[axes]]\nfilm.radius_mm = [40, 45]\n[[axes]]\nfilm.thickness_um = [9, 25]\n"
     (tmp_path / "s.toml").write_text(text)
-    assert cli.main(["sweep", "s.toml", "--plot", "s.png"]) == 2
-    assert capsys.readouterr().err.startswith("--plot: ")
+    assert command("sweep", "s.toml", "--plot", "s.png").mistakes == ["--plot"]
 
 
 def test_many_scenes_cost_little_memory(invented):
@@ -407,11 +367,3 @@ def test_a_scene_without_a_probe_can_be_swept():
     assert set(data.status.values) == {"converged"}
     ratio = data.charge_pC[1] / data.charge_pC[0]
     assert ratio.values == pytest.approx(np.full(4, 2.0), rel=1e-3)
-
-
-def test_a_caller_may_use_joblib_before_and_after():
-    """Both share the processes that joblib keeps for the next call."""
-    tasks = list(enumerate([1.0, 4.0, 9.0]))
-    for _ in range(2):
-        assert dict(on_processes(math.sqrt, tasks, 2)) == {0: 1.0, 1: 2.0, 2: 3.0}
-        assert joblib.Parallel(2)(joblib.delayed(math.sqrt)(x) for x in (4.0, 16.0)) == [2.0, 4.0]

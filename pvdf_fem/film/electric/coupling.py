@@ -7,8 +7,8 @@ rest makes::
     q = ∫ e : E dA,    e = d : C,    V = q/(C + C_L),    C = ε_S A/h,    ε_S = ε_T - d : C : d
 
 with the permittivity ε_T at constant stress, ``film.permittivity``. It adds e V/h to the stress S
-and q²/(2 (C + C_L)) to the film's energy. The charge ∫ d : S dA of all stress is what a channel
-reads, as it is without coupling: V times (ε_T A/h + C_L).
+and q²/(2 (C + C_L)) to the film's energy. A channel reads the charge ∫ d : S dA by the whole
+stress, with and without coupling: V times (ε_T A/h + C_L).
 """
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ class Floating:
         return over * np.outer(self.e[:2], [self.film.d31, self.film.d32])
 
     def with_voltage(self, forces: Array) -> Array:
-        """Forces X, Y in N, (2,), of all stress, from those of the strain's."""
+        """Forces X, Y in N, (2,), by the whole stress, from the forces by the strain's stress."""
         rest = self.film.stress_at_rest[:2] * self.outline.area
         return np.asarray(forces + self.share @ (forces - rest))
 
     def effect(self, scene: Scene, touch: LoadedProbe, own: float = 0.4) -> float:
-        """About the part of its charge by which coupling changes what a touch makes of it. A small
+        """Approximate relative change of a touch's charge by coupling. A small
         part of a film keeps about `own` of its own stress: (1 - ν)/2, of a shear (1 + ν)/4
         (Eshelby)."""
         film, area = self.film, self.outline.area
@@ -127,7 +127,7 @@ class Coupling(Term):
 
 
 def floating(scene: Scene) -> tuple[Floating, ...]:
-    """The electrodes of a scene that no charge amplifier keeps at zero voltage."""
+    """Electrodes that no charge amplifier keeps at zero voltage."""
     readout, film = scene.readout or Readout(), scene.film
     return tuple(
         Floating(e.name, e.outline, film, readout.of("cable_capacitance_pF", e.name) / 1e12)

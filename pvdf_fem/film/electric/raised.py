@@ -32,7 +32,7 @@ class RaisedFactors:
     def __init__(self, matrix: Raised, factors: SuperLU) -> None:
         self.factors, self.columns = factors, matrix.columns
         self._spread = {trans: factors.solve(self.columns, trans) for trans in "NT"}
-        #: I + Bᵀ A⁻¹ B: A has as many more negative eigenvalues as this has.
+        #: I + Bᵀ A⁻¹ B: the negative eigenvalues here count those that A has in addition.
         self.small = np.eye(self.columns.shape[1]) + self.columns.T @ self._spread["N"]
 
     def solve(self, right: Array, trans: str = "N") -> Array:

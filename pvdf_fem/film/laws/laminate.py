@@ -1,4 +1,4 @@
-"""What a membrane is made of: the film and the layers on its patches, each with its law."""
+"""Sheets in a membrane: the film and the layers on its patches, with their laws."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BIAXIAL: Array = np.array([1.0, 1.0, 0.0])
 
 @dataclass(frozen=True)
 class Ply:
-    """A sheet of one law: the film, or a layer that is bonded to a patch of it."""
+    """A sheet with a law: the film, or a layer bonded to a patch."""
 
     law: Law
     elements: Selection
@@ -36,8 +36,8 @@ class Ply:
         return stress if self.ratio == 1.0 else self.ratio * stress
 
     def in_elements(self, elements: Indices, count: int) -> tuple[Mask, Ply]:
-        """Which of the elements (n,) of `count` the ply has, and the ply with its mean strains at
-        rest in these."""
+        """Elements (n,) with the ply among `count`, and the ply with its mean strains at rest
+        there."""
         rows = np.full(count, -1)
         rows[self.elements] = np.arange(len(rows[self.elements]))
         here = rows[elements] >= 0
@@ -48,10 +48,10 @@ class Ply:
 
 
 class Laminate:
-    """Stress of the film with its layers, and of the film alone.
+    """Stress in the film with its layers, and in the film alone.
 
     The film has a `law`, by default the one that ``film.law`` names, and a strain at rest, to which
-    `added` adds what is not the same everywhere; `frame` leads from the scene's axes to those of
+    `added` adds what is not the same everywhere; `frame` leads from the scene's axes to the axes of
     the space. Layers on patches are plies of their own, which bear compression with the film below.
     """
 
@@ -65,7 +65,7 @@ class Laminate:
     ) -> None:
         self.space, self.film, self.added = space, film, added
         self.law: Law = LAWS[film.law](film.stiffness) if law is None else law
-        #: Elastic strain of the film at rest without what is added, (3,).
+        #: Elastic strain of the film at rest without added strain, (3,).
         self.strain_at_rest: Array = self.law.at_rest(film)
         #: Stress in Pa that `stress` leaves out.
         self._left_out: Array | None = None
@@ -102,8 +102,8 @@ class Laminate:
         return stress if self._left_out is None else stress - self._left_out
 
     def at(self, places: Array) -> Laminate:
-        """The film whose `stress` is that at places (..., 2) in m of the whole film, less C : e of
-        the strain e that is added there."""
+        """The film at places (..., 2) in m on the whole film: its `stress` lacks C : e by the
+        strain e added there."""
         if self.added is None:
             return self
         other = copy(self)
@@ -117,7 +117,8 @@ class Laminate:
         return stress if self.added is None else stress + self.added.stress(places)
 
     def resultant(self, strain: Array) -> Array:
-        """Stress of all plies over the film's thickness in Pa, of strains (elements, points, 3)."""
+        """Stress by all plies over the film's thickness in Pa, for strains (elements, points,
+        3)."""
         first, *others = self.plies
         if not others:
             return first.stress(strain)
@@ -127,7 +128,7 @@ class Laminate:
         return total
 
     def resultant_in(self, strain: Array, elements: Indices) -> Array:
-        """The resultant of strains (n, 3), one in each of the elements (n,)."""
+        """The resultant for strains (n, 3), one for each element (n,)."""
         total = np.zeros_like(strain)
         for ply in self.plies:
             here, mean = ply.in_elements(elements, self.space.mesh.nelements)
@@ -147,7 +148,7 @@ class Laminate:
         return total
 
     def stored(self, strain: Array, volumes: Array) -> float:
-        """Energy in J of strains in volumes (elements, points) in m³ of film."""
+        """Energy in J by strains in film volumes (elements, points) in m³."""
         total = 0.0
         for ply in self.plies:
             density = ply.law.energy(strain[ply.elements], ply.at_rest)

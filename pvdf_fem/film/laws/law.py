@@ -14,13 +14,14 @@ class Law(ABC):
     """Plane stress of a sheet; the default is Hooke's law for the Green-Lagrange strain.
 
     Strains and stresses (..., 3) are in Voigt order 11, 22, 12, strains with engineering shear.
-    `strain` is that of the displacement and `at_rest` the elastic strain of the flat sheet, which
-    broadcasts against it. Stresses are second Piola-Kirchhoff stresses in Pa, of the flat sheet.
+    `strain` is the displacement's strain. `at_rest` is the elastic strain of the flat sheet and
+    broadcasts against `strain`. Stresses are second Piola-Kirchhoff stresses in Pa, of the flat
+    sheet.
     """
 
     #: Whether the sheet wrinkles or goes slack instead of carrying compression.
     wrinkles = False
-    #: Whether the stress is linear in the strain, so that strains at rest only add to it.
+    #: Whether the stress is linear in the strain: strains at rest only add a stress.
     linear = True
     #: Principal Green-Lagrange strain up to which a film obeys the law.
     strain_limit: float
@@ -37,7 +38,7 @@ class Law(ABC):
 
     @abstractmethod
     def stress(self, strain: Array, at_rest: Array) -> Array:
-        """Stress; an analytic function, so that a complex step of the strain differentiates it."""
+        """Stress; an analytic function: a complex step in the strain gives derivatives."""
 
     @abstractmethod
     def moduli(self, strain: Array, at_rest: Array) -> Array:

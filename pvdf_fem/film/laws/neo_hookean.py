@@ -1,6 +1,6 @@
-"""Neo-Hookean film, as of rubber, in plane stress and for any Poisson's ratio.
+"""Neo-Hookean film (rubber) in plane stress, for every Poisson's ratio.
 
-The solid is that of Blatz and Ko (Trans. Soc. Rheol. 6 (1962) 223-251, equation 46 with f = 1;
+The solid follows Blatz and Ko (Trans. Soc. Rheol. 6 (1962) 223-251, equation 46 with f = 1;
 R. W. Ogden, Non-Linear Elastic Deformations, 1984, section 7.4)::
 
     W = mu/2 (I1 - 3 + (J^(-2 b) - 1)/b),    b = nu/(1 - 2 nu)
@@ -29,7 +29,7 @@ class NeoHookean(Law):
     """Blatz and Ko's neo-Hookean solid of an isotropic stiffness."""
 
     linear = False
-    #: A stretch of 1.5, up to which rubber obeys the law (Treloar, The Physics of Rubber
+    #: Stretch 1.5: rubber obeys the law up to there (Treloar, The Physics of Rubber
     #: Elasticity, 1975, section 5.3).
     strain_limit = 0.62
     beyond_limit = "stiffens more than a neo-Hookean film"
@@ -40,8 +40,8 @@ class NeoHookean(Law):
         self.shear, self.m = stiffness[2, 2], nu / (1.0 - nu)
 
     def at_rest(self, film: Film, steps: int = 30) -> Array:
-        """The strain of a cooled film, or what makes the pretension that is given, by Newton steps
-        from Hooke's strain, which square the error."""
+        """The strain by cooling or by the given pretension: Newton steps from Hooke's strain square
+        the error."""
         strain = film.strain_at_rest
         if film.pretension_N_m is None:
             return strain

@@ -1,4 +1,4 @@
-"""The law of a film that wrinkles or goes slack instead of carrying compression: a tension field.
+"""Tension field: the law for a film that wrinkles or goes slack instead of carrying compression.
 
 Fine wrinkles shorten a film at no cost of energy, by any positive semidefinite strain P. The film
 takes the P of least energy (Pipkin, IMA J. Appl. Math. 36 (1986) 85-99; Steigmann, Proc. R. Soc.
@@ -16,9 +16,9 @@ W* is convex and grows with e, and E is convex in the displacement gradient; so 
 film is convex in the displacement, and any equilibrium under a dead load is a minimum.
 
 A wrinkled S has det S = 0 and P = lambda adj S, which is linear in S, so that
-(C^-1 - lambda A) S = e with the matrix A of adj. In the basis that makes both matrices diagonal
-this leaves one equation for lambda, of an increasing function: the projection on an elliptic
-cone. For an isotropic film it is linear.
+(C^-1 - lambda A) S = e with the matrix A of adj. In the basis where both matrices are diagonal, one
+equation with an increasing function remains for lambda: the projection on an elliptic cone. For an
+isotropic film it is linear.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ ADJUGATE: Array = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -2.0]])
 
 
 class TensionField(Hooke):
-    """Stress of a film that wrinkles, and its derivative by the strain. `stiffness` is that of the
+    """Stress in a wrinkling film, and its derivative by the strain. `stiffness` is that of the
     taut film."""
 
     wrinkles = True
@@ -47,8 +47,9 @@ class TensionField(Hooke):
         self._values, self._vectors = eigh(ADJUGATE, self.compliance)
 
     def stress(self, strain: Array, at_rest: Array | float = 0.0) -> Array:
-        """S in Pa, (..., 3), of the elastic strain in the film's plane, (..., 3). Of a complex
-        strain, whose imaginary part is a step, that of S is its derivative times the step."""
+        """S in Pa, (..., 3), of the elastic strain in the film's plane, (..., 3). Where a complex
+        strain has a step as imaginary part, the imaginary part of S is the derivative times the
+        step."""
         strain = strain + at_rest
         if np.iscomplexobj(strain):
             moduli = self.moduli(strain.real, np.zeros(3))
@@ -73,8 +74,8 @@ class TensionField(Hooke):
     def _wrinkled(self, strain: Array, most_steps: int = 60) -> Array:
         """Stress S in Pa at strains (n, 3) of wrinkled film. With y = V^-1 S and f = V^T e,
         y_i (1 - lambda mu_i) = f_i. On the cone sqrt(mu_3) y_3 = |(sqrt(-mu_i) y_i), i = 1, 2|, and
-        x = -lambda mu_1/(1 - lambda mu_1) makes lambda in [0, inf) an x in [0, 1). Each Newton step
-        at least halves its bounds, so that 60 leave rounding."""
+        x = -lambda mu_1/(1 - lambda mu_1) makes lambda in [0, inf) an x in [0, 1). Every Newton
+        step at least halves the bounds: 60 steps leave rounding."""
         f = strain @ self._vectors
         scaled = f * np.sqrt(np.abs(self._values))
         first, second, third = scaled.T

@@ -14,7 +14,7 @@ from pvdf_fem.film.term import State
 from pvdf_fem.mesh.size_field import element_sizes
 from pvdf_fem.scene.outlines.outline import Outline
 
-#: Rays from the core, on each of which the edge of a contact is sought.
+#: Rays from the core along which the contact's edge is sought.
 RAYS = 72
 
 
@@ -33,10 +33,10 @@ FITS = Fit(4, 0.2, 2.5), Fit(3, 0.3, 1.3)
 
 
 def contact_edge(tip: RigidTip, state: State, fit: Fit = FITS[0]) -> Array:
-    """Points (`RAYS`, 2) in m of the film, before it deforms, where it leaves the tip.
+    """Points (`RAYS`, 2) in m on the undeformed film where the film leaves the tip.
 
     The film leaves tangentially: where the smooth film beside the contact, continued along a ray
-    from the core, is nearest to the tip. That film is about a logarithm of the distance.
+    from the core, is nearest to the tip. There the deflection is about a logarithm of the distance.
     """
     assert tip.touch.contact is not None
     width = tip.touch.contact.width

@@ -1,4 +1,4 @@
-"""Guesses of contacts with rigid tips before they are solved."""
+"""Guesses of contacts with rigid tips, before a solve."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pvdf_fem.scene.outlines.tip import STEEPEST, Tip
 from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
-#: Width of the contact over that guessed, measured for spheres: 1.07 to 1.11.
+#: Contact width over the guessed width, measured for spheres: 1.07 to 1.11.
 WIDER = 1.09
 #: Displacement in the plane of the film on a tip, over its place times the square of the deflection
 #: over the film's radius, and strain of the film there over that by a point load: measured on 16
@@ -48,7 +48,7 @@ class Guess:
 
 
 def guessed_force(load: Load, film: Film) -> float:
-    """The force in N of a load, about that where it is the depth that is given."""
+    """The force of a load in N; an approximate force where the depth is given."""
     return load.force if load.depth is None else point_force(film, load.depth)
 
 
@@ -74,7 +74,7 @@ def guessed_press(scene: Scene, touch: LoadedProbe) -> tuple[Outline, float]:
 
 
 def _before(touch: LoadedProbe, film: Film, width: float) -> Tip:
-    """A tip about the film that touches it, before that moves outwards and stretches there."""
+    """A tip around the touching film, before this film moves outwards and stretches."""
     tip, force, place = touch.tip, guessed_force(touch.load, film), touch.outline.centroid
     nearest, farthest = tip.core_perimeter / (2.0 * np.pi) + width, float(np.hypot(*place))
     reach = film.radius - farthest**2 / film.radius
@@ -85,7 +85,7 @@ def _before(touch: LoadedProbe, film: Film, width: float) -> Tip:
 
 
 def face_patch(touch: LoadedProbe) -> str:
-    """Name of the mesh's patch of a tip's flat face."""
+    """Name of the mesh patch for a tip's flat face."""
     return f"{touch.patch} face"
 
 

@@ -1,9 +1,9 @@
-"""What strains the film unevenly: heat of probes that are warmer than it, and its rim's place.
+"""Uneven strains in the film: heat from warm probes, and displacements of the rim.
 
-A probe holds the face that it touches at its temperature; the other face and the film beside the
-probe lose no heat. Under the probe the mean temperature through the film is that of a plate heated
-from one side. Beside it, it falls with the distance d as at a straight edge, erfc(d/√(4 κ t)), and
-about a round probe as √(R/(R + d)) besides.
+A probe holds the touched face at its temperature; the other face and the film beside the
+probe lose no heat. Under the probe the mean temperature through the film follows a plate heated
+from one side. Beside the probe the temperature falls with the distance d like erfc(d/√(4 κ t)) at a
+straight edge, and around a round probe by a further factor √(R/(R + d)).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def heat_remarks(
     heat_capacity: float = 1300.0,
     heat_transfer: float = 10.0,
 ) -> Iterator[tuple[bool, str]]:
-    """Whether what heat does is included, and its size, in parts of charges that are given.
+    """Whether the effect by heat is included, and its size relative to given charges.
 
     What is left out is estimated by a typical pyroelectric coefficient and heat capacity of PVDF in
     J/(kg K), and by the heat transfer of each face to still air in W/(m² K).
@@ -64,7 +64,7 @@ def heat_remarks(
 
 
 def _misplaced(outline: Outline, reach: float) -> float:
-    """About the heat that has spread too far over that below the probe. A square corner gives
+    """Ratio: heat spread too far over heat below the probe, approximately. A square corner gives
     2.5 κ t less, and round outlines are the further off the less they are discs."""
     area = outline.area
     bulge = outline.perimeter**2 / (4.0 * np.pi * area) - 1.0
@@ -95,7 +95,7 @@ class AddedStrain:
         return cls(scene.film, warm) if warm or scene.film.rim_displacement_um else None
 
     def temperature(self, places: Array) -> Array:
-        """Mean through the film in K over that of the untouched film, (...)."""
+        """Mean temperature through the film in K above the untouched film, (...)."""
         from scipy.special import erfc  # most scenes have no heat
 
         points = places.reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""The class of each ``load.kind`` and of each load on the whole film, by their names in scenes."""
+"""Classes for ``load.kind`` and for loads on the whole film, by their names in scenes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SPREAD: dict[str, type[Spread]] = {k: resolve_name(path) for k, path in SPREAD_C
 
 
 def loads_on(scene: Scene, space: Space, part: MirroredPart, posed: Posed) -> Iterator[Load]:
-    """The loads of a scene: those of its probes, and those on the whole film."""
+    """The loads in a scene: by probes, and on the whole film."""
     for touch in posed.touches(scene):
         yield LOADS[touch.load.kind](touch, space, part)
     for key, kind in SPREAD.items():
@@ -42,11 +42,11 @@ def probe_loads(terms: Iterable[Term]) -> list[ProbeLoad]:
 
 
 def rigid_elements(terms: Iterable[Term], flat: bool = False) -> Indices:
-    """Elements that terms keep straight, (n,), or, where `flat`, those that do not tilt."""
+    """Elements kept straight by terms, (n,), or, where `flat`, elements without tilt."""
     patches = (term.rigid_patch for term in terms if not (flat and term.modes))
     return np.concatenate([np.empty(0, dtype=np.int64), *patches])
 
 
 def presses_rigidly(scene: Scene) -> bool:
-    """Whether the film stays flat under one of the probes."""
+    """Whether the film stays flat under a probe."""
     return any(LOADS[touch.load.kind].rigid for touch in scene.loaded_probes)

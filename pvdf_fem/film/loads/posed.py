@@ -13,13 +13,14 @@ from pvdf_fem.film.loads.contact_guess import Guess
 from pvdf_fem.scene.scene import LoadedProbe, Scene, SceneError
 from pvdf_fem.scene.scene_file import problem
 
-#: A pressure in any unit of x and y in mm in the probe's own axes, (n,) each: (n,), or one number.
+#: A pressure in arbitrary units for x and y in mm, (n,) both, in the probe's own axes: (n,), or a
+#: number.
 Pressure: TypeAlias = Callable[[Array, Array], ArrayLike]
 
 
 @dataclass(frozen=True)
 class PosedProbe(LoadedProbe):
-    """A probe with all that its load needs."""
+    """A probe with everything for its load."""
 
     pressure: Pressure | None = None  #: In place of the load's profile.
     contact: Guess | None = None  #: Of a tip.
@@ -34,7 +35,7 @@ class Posed:
 
     @classmethod
     def under(cls, scene: Scene, pressure: Pressure | None) -> Self:
-        """A pressure, if any, on the probe of a scene; SceneError where there is none to spread."""
+        """An optional pressure on a scene's probe; SceneError where there is none to spread."""
         if pressure is None:
             return cls()
         reason, found = 'is not for a pressure in Python; give "{}"', []
@@ -50,7 +51,7 @@ class Posed:
         return cls(pressure)
 
     def touches(self, scene: Scene) -> list[PosedProbe]:
-        """The probes of a scene with all that their loads need."""
+        """The probes in a scene with everything for their loads."""
         touches, own_nodes = [], 0
         for touch in scene.loaded_probes:
             known: dict[str, Any] = {"pressure": self.pressure}
@@ -63,7 +64,7 @@ class Posed:
 
     @staticmethod
     def own_nodes(scene: Scene) -> int:
-        """Number of nodes beside the film: of tips that move under a force."""
+        """Number of nodes beside the film, for tips that move under a force."""
         return sum(map(_moves, scene.loaded_probes))
 
     @property
@@ -77,7 +78,7 @@ def _moves(touch: LoadedProbe) -> bool:
     return touch.load.kind == "contact" and touch.load.depth is None
 
 
-#: Beside a scene that is all there is.
+#: Nothing else is needed beside the scene.
 NOTHING = Posed()
 
 

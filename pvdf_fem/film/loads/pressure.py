@@ -1,14 +1,14 @@
-"""What a probe does to the film: one class for each `load.kind`.
+"""Loads by probes: a class for every `load.kind`.
 
 All press on the probe's patch Omega_p with the total force F, which ``dead`` and a stuck ``rigid``
 may have in any direction:
 
 - ``dead``: a traction along F per reference area, F/A_p or spread by a profile;
 - ``follower``: a pressure F/A_p normal to the deformed film, per deformed area (ANSYS's SFA);
-- ``rigid``: a flat punch that stays horizontal, so that the deflection is one unknown over the
-  patch, or tilts freely, so that it is a linear function with three. It slides or sticks. A
-  sticking punch is held by its guide, so u = v = 0 under it,
-  or it is pushed sideways too, and u and v are one unknown each.
+- ``rigid``: a flat punch. Where the punch stays horizontal, the deflection is a single unknown over
+the patch; where the punch tilts freely, a linear function with three unknowns. It slides or sticks.
+A guide holds a sticking punch, u = v = 0 below, or a sideways push leaves u and v an unknown for
+both.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Leaning:
 
 
 class DeadPressure(Load):
-    """A traction in one direction on a probe's reference area, in the axes of a part of the film.
+    """A traction in a direction on a probe's reference area, in the axes of a part.
 
     The `patch` (n,) has no elements where a mirror image of the probe, another probe, has them.
     `components` (3,) are the total force in N. `rigid` says whether the film stays flat under the
@@ -49,7 +49,7 @@ class DeadPressure(Load):
     rigid = False
     #: Whether the place of the probe is the place of its patch in the mesh.
     on_patch = True
-    #: About the part of the force that acts along the patch's edge.
+    #: Approximate part of the force along the patch's edge.
     edge_share = 0.0
 
     def __init__(self, touch: PosedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
@@ -80,9 +80,9 @@ class DeadPressure(Load):
         return float(np.linalg.norm(self.components))
 
     def area(self, weights: Array) -> float:
-        """Integral over the whole patch, of which the part has these (patch elements, points).
+        """Integral over the whole patch from values (patch elements, points) on the part.
 
-        The images of a patch are the patch itself or other probes' patches.
+        The images are the patch itself or patches of further probes.
         """
         covered = float(self.space.weights[self.patch].sum()) * len(self.part.signs)
         others = max(round(covered / self.touch.outline.area), 1) if self.part.mirrored else 1
@@ -129,7 +129,7 @@ class DeadPressure(Load):
         return self.patch, self.components[2] / self.area(weights) * weights.sum(axis=1)
 
     def leaning(self, state: State, film_forces: Array) -> Leaning | None:
-        """How a punch leans, of the whole film's forces less those of loads, (dofs,); None of what
+        """How a punch leans, from the residual on the whole film, (dofs,); None of what
         is no punch."""
         return None
 
@@ -158,10 +158,9 @@ class FollowerPressure(DeadPressure):
 
 
 class Punch(DeadPressure):
-    """A rigid flat punch under a dead force; the film under it moves up by one common deflection.
+    """A rigid flat punch under a dead force; the film below moves up by a common deflection.
 
-    Each motion is a constraint on the dofs, so that it adds no equation and the tangent stays
-    symmetric.
+    Motions are constraints on the dofs: they add no equation, and the tangent stays symmetric.
     """
 
     rigid = True
@@ -208,7 +207,7 @@ def normal_forces(space: Space, elements: Selection, pressure: float, state: Sta
 
 
 def normal_stiffness(space: Space, elements: Selection, pressure: float, state: State) -> Array:
-    """Derivative of `normal_forces` in N/m, (elements, dofs of an element, dofs of an element)."""
+    """Derivative of `normal_forces` in N/m, (elements, element dofs, element dofs)."""
     F = state.deformation_gradient[elements]
     values, gradients = space.values[elements], space.gradients[elements]
     # d(F1 x F2) = F1 x dF2 - F2 x dF1, with dFi = gradients_i du
@@ -223,5 +222,5 @@ def normal_stiffness(space: Space, elements: Selection, pressure: float, state: 
 
 
 def _normal(deformation_gradient: Array) -> Array:
-    """The film's normal, as long as its area over that in the reference, (..., 3)."""
+    """The film's normal, with the ratio of deformed to reference area as length, (..., 3)."""
     return np.cross(deformation_gradient[..., 0], deformation_gradient[..., 1])

@@ -41,14 +41,14 @@ class Profile(ABC):
 
     @abstractmethod
     def __call__(self, points: Array) -> Array:
-        """Values (...) at points (..., 2) in m on the film, none of them negative."""
+        """Nonnegative values (...) at points (..., 2) in m on the film."""
 
     def mean(self, shape: shapely.Geometry) -> float:
         """About the mean over a shape on the film, in m."""
         return mean_over(shape, self)
 
     def refused(self, reason: str) -> SceneError:
-        """The error of a profile that cannot be integrated."""
+        """The error for a profile without an integral."""
         return SceneError([problem(*self.source, reason)])
 
 
@@ -125,7 +125,7 @@ def profile_of(touch: PosedProbe) -> Profile:
 
 
 def pinned(scenes: Iterable[Scene]) -> list[Scene]:
-    """Scenes that name whole paths and the content of files with profiles: ``/p.csv#sha256=...``.
+    """Scenes with whole paths and digests of profile files: ``/p.csv#sha256=...``.
 
     Processes with another working directory find the files, and no process solves another content.
     Each file is read once. Raises SceneError for a file that holds no grid.
@@ -145,7 +145,7 @@ def pinned(scenes: Iterable[Scene]) -> list[Scene]:
 
 
 def _read(profile: str, most_bytes: int = 20_000_000) -> tuple[str, Callable[[Array], Array]]:
-    """Digest of a file, and the profile that the file holds."""
+    """Digest and profile of a file."""
     name, _, pin = profile.partition(PIN)
     try:
         content = read_bytes(Path(name), most_bytes, "a pressure profile")

@@ -24,7 +24,7 @@ from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import Assembly, State
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
 
-#: Overlap over depth of the softest tip, and of a softer one over that of the next.
+#: Overlap over depth for the softest tip; ratio of overlaps from a tip to the next stiffer tip.
 SOFTEST, SOFTER = 0.1, 10.0
 
 
@@ -56,12 +56,12 @@ class RigidTip(DeadPressure):
         super().__init__(touch, space, part)
         assert touch.contact is not None
         self.tip = touch.tip
-        #: Of the tip's lowest point in m where it is given; otherwise the force decides it.
+        #: Depth of the tip's lowest point in m where given; otherwise the force decides it.
         self.depth: float | None = touch.load.depth
         #: Overlap in the middle of the contact over the depth, about.
         self.softness: float = touch.contact.softness
         self.components[2] = touch.contact.force
-        # a mirror image of the tip presses where this one does not
+        # a mirror image presses where the tip does not
         if touch.own_node is not None and len(self.patch):
             self.own_dofs = 3 * (space.basis.N + touch.own_node) + np.array([2])
         #: Elements on the flat face, on which film without a load bears no pressure.
@@ -167,7 +167,7 @@ class RigidTip(DeadPressure):
         return elements, traction[elements]
 
     def energy(self, state: State) -> float:
-        """Energy in J of the overlap; less the work of the force where it is given."""
+        """Energy in J of the overlap; less the work of a given force."""
         overlap = self.overlap(state)
         energy = 0.5 * float((self.tractions(state) * np.maximum(overlap.value, 0.0)).sum())
         return energy - self._own_force * float(state.dofs[self.own_dofs].sum())

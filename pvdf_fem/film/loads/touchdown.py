@@ -1,4 +1,4 @@
-"""What a tip and the film do to each other where they touch."""
+"""Contact between a tip and the film."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from pvdf_fem.film.term import State
 
 @dataclass(frozen=True, eq=False)
 class Touchdown:
-    """A tip in contact with the film. Areas are of the film that touches, pressures on the deformed
-    film; the guide bears what is lateral and the moments about axes through the lowest point."""
+    """A tip in contact with the film. Areas are areas of touching film, pressures act on the
+    deformed film; the guide bears what is lateral and the moments about axes through the lowest
+    point."""
 
     depth_mm: float  #: Of the tip's lowest point.
     force_N: float  #: Along z, on the film.
@@ -27,7 +28,7 @@ class Touchdown:
     area_error_mm2: float  #: Estimated.
     deformed_area_mm2: float
     projected_area_mm2: float  #: Deformed, seen along z.
-    #: Points of the film, before it deforms, along the contact's edge, (n, 2).
+    #: Points on the undeformed film along the contact's edge, (n, 2).
     edge_mm: Array = field(repr=False)
     mean_pressure_MPa: float
     least_pressure_MPa: float
@@ -84,7 +85,7 @@ def tips_of(equilibrium: Equilibrium) -> list[RigidTip]:
 
 
 def touchdowns(equilibrium: Equilibrium, state: State) -> dict[str, Touchdown]:
-    """What the tips do, by the names of their patches."""
+    """Contacts by the names of the tips' patches."""
     tips = tips_of(equilibrium)
     return {tip.touch.patch: Touchdown.of(equilibrium, tip, state) for tip in tips}
 

@@ -1,4 +1,4 @@
-"""What the kinds that draw curves share: points of curves, and data that are on them."""
+"""Common parts of kinds with curves: points of curves, and data on them."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from pvdf_fem.scene.scene import Scene
 class Series:
     """Scenes along a curve, for some electrodes.
 
-    Each electrode has a panel of its own where `panel` names none, and is a curve of its own where
-    `curve` names none. Titles of panels end in `panel`.
+    Electrodes have their own panels unless `panel` names a key, and their own curves unless `curve`
+    names a key. Titles of panels end in `panel`.
     """
 
     scene: Scene  #: The first one: the others differ from it along the curve only.
@@ -46,18 +46,18 @@ class Along(OfElectrodes):
 
     @abstractmethod
     def where_on(self, series: Series, scene: Scene) -> float | None:
-        """The place along a curve of a scene, or None if it is not on the curve."""
+        """The place of a scene along a curve, or None for scenes off the curve."""
 
     def scenes(self, inputs: Inputs) -> list[Scene]:
-        """Scenes of the curves, then scenes of the data rows on a curve."""
+        """Scenes for curves, then scenes for data rows on a curve."""
         series = self.series(inputs)
         data = self._data(inputs, series)
         self.require_rows(data, self.lack)
         return [scene for one in [*series, *data] for scene in one.scenes]
 
     def _data(self, inputs: Inputs, series: list[Series]) -> list[Series]:
-        """The rows of the data that are on curves, each alone; of the curves of one panel, a row is
-        on the first."""
+        """The data rows on curves, in single-row tables; in a panel, a row is on the first matching
+        curve."""
         readings, taken = self.readings(inputs), dict[Any, Series]()
         for one in series if readings else ():
             assert readings is not None
@@ -96,7 +96,7 @@ class Along(OfElectrodes):
         caption: str,
         log: bool = False,
     ) -> Content:
-        """The figure of the curves, with electrodes beside each other, two or three to a row."""
+        """The figure with the curves, two or three electrodes in a row."""
         frame = self.frame(inputs, solved)
         if not frame.computed_pC.notna().any():
             raise NothingToShow("none of the scenes has charges")

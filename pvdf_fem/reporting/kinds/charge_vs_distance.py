@@ -27,19 +27,20 @@ MOST_STEPS = 500  #: Places on a line.
 
 
 class Variant(Section):
-    """A row of panels: `title`, and the changes of the scene in `set`."""
+    """A row of panels: `title`, and the scene's changes in `set`."""
 
     title: Name
     set: Changes = Field(default_factory=dict)
 
 
 class ChargeVsDistance(Along):
-    """Charge of each electrode against the distance of the probe's centroid from its centre.
+    """Electrode charges against the distance between the probe's centroid and the electrode's
+    centre.
 
     The probe is on lines at `angles_deg` from the electrode's centre, every `step_mm`, as far as
-    its centroid stays within `reach_mm` of the film's centre. Rows of the `data` that are on the
-    lines are drawn as rings, and below the curves their differences. `variants` are rows of
-    panels, each a `title` and changes of the scene in `set`.
+    its centroid stays within `reach_mm` of the film's centre. Rows in `data` on the lines are drawn
+    as rings, with their differences below the curves. `variants` are rows of panels with a `title`
+    and changes of the scene in `set`.
     """
 
     kind: Literal["charge-vs-distance"]

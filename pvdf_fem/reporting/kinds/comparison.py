@@ -1,4 +1,4 @@
-"""The table `comparison`: each charge of the data beside the computed one, and the differences."""
+"""The table `comparison`: data charges beside computed charges, and the differences."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NAMED = 1  #: Number of the largest differences that have a name in the figure.
 
 @dataclass(frozen=True)
 class Spread(Task):
-    """Standard deviations of the charges of a scene by its uncertain values, in pC."""
+    """Standard deviations of a scene's charges by its uncertain values, in pC."""
 
     scene: Scene
 
@@ -40,11 +40,11 @@ class Spread(Task):
 
 
 class Comparison(OfElectrodes):
-    """Each reading of the `data` beside the computed charge, and a figure of the differences.
+    """Readings in `data` beside computed charges, and a figure of the differences.
 
-    A difference is computed less measured, in percent of the measured charge. `electrodes` are by
-    default all that have readings. With `uncertain` values of the scene differences are also told
-    over their standard deviation by these values and our errors (ASME V&V 20).
+    A difference is computed less measured, in percent of the measured charge. By default
+    `electrodes` are the electrodes with readings. With `uncertain` values of the scene differences
+    are also told over their standard deviation by these values and our errors (ASME V&V 20).
     """
 
     kind: Literal["comparison"]
@@ -54,7 +54,7 @@ class Comparison(OfElectrodes):
     rank: ClassVar[int] = 3
 
     def scenes(self, inputs: Inputs) -> list[Scene]:
-        """A scene for each row that has a reading."""
+        """Scenes for rows with a reading."""
         readings, scenes, names = self._asked(inputs)
         given = np.isfinite(readings.charges(scenes, names, "total")).any(axis=1)
         return [scenes[row] for row in np.flatnonzero(given)]
@@ -124,7 +124,7 @@ class Comparison(OfElectrodes):
 
 
 def _figure(frame: pd.DataFrame, names: tuple[str, ...], what: str) -> Figure:
-    """Computed over measured charges, and below the differences, of which the largest are named."""
+    """Computed over measured charges, and below the differences, with names at the largest."""
     figure = new_figure(drawing.WIDTH_MM, 106.0)
     ax, strip = figure.subplots(2, sharex=True, gridspec_kw={"height_ratios": [3.0, 2.0]})
     for number, name in enumerate(names):
@@ -150,7 +150,7 @@ def _figure(frame: pd.DataFrame, names: tuple[str, ...], what: str) -> Figure:
 def _shown(
     frame: pd.DataFrame, charges: pd.DataFrame, kept: Sequence[str], what: str
 ) -> pd.DataFrame:
-    """The table of the page: some keys, or all if none is named, charges with sure digits."""
+    """The page's table: named keys, by default every key, and charges with sure digits."""
     own = (*charges.columns, "row", "scene", "difference_over_deviation")
     keys = [key for key in frame.columns if key not in own and (key in kept or not kept)]
     shown = frame[keys].map(cell_text)

@@ -45,8 +45,8 @@ class Curve(Along):
 
     `values` are a list, or a table of `start`, `stop`, `count` and `spacing` (``"linear"`` or
     ``"log"``, which also scales the axes). `family` has a key with a list: a curve for each value.
-    Without it the electrodes are curves in one panel. Rows of the `data` that differ from a curve
-    in `x` only are rings on it.
+    Without `curve` the electrodes are curves in a single panel. Rows in `data` that differ from a
+    curve only in `x` are rings on the curve.
     """
 
     kind: Literal["curve"]
@@ -64,7 +64,7 @@ class Curve(Along):
         return SHORT.get(self.x, spelled(self.x))
 
     def series(self, inputs: Inputs) -> list[Series]:
-        """A curve for each value of the family, or for each electrode."""
+        """Curves by the family's values, or by electrode."""
         scene, numbers = self.scene(inputs), tuple(self.values)[:: 2 if inputs.quick else 1]
         if list(numbers) != sorted(set(numbers)):
             raise SceneError([problem("values", list(numbers), "do not grow; sort them")])

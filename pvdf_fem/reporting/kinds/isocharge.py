@@ -42,12 +42,12 @@ Levels = Annotated[
 
 
 class Isocharge(Mapped):
-    """Charge of each electrode over the place of the probe's centroid, in a filled panel each.
+    """Electrode charges over the place of the probe's centroid, in filled panels.
 
     The panels have one scale. Lines are at `levels_pC`, a list of charges or about how many. Places
-    are within `reach_mm` of the film's centre, by default as far as touches are located; they are
-    solved `pitch_mm` apart, by default as the sizes of probe and electrodes need it. Rows of the
-    `data` that have a charge of an electrode are rings in the electrode's panel.
+    lie within `reach_mm` of the film's centre, by default the reach of locating; they are solved
+    `pitch_mm` apart, by default from the sizes of probe and electrodes. Rows in `data` with an
+    electrode's charge are rings in the electrode's panel.
     """
 
     kind: Literal["isocharge"]
@@ -66,7 +66,7 @@ class Isocharge(Mapped):
         return scenes
 
     def _rows(self, inputs: Inputs, scene: Scene, reach_mm: float) -> tuple[list[int], list[Scene]]:
-        """Rows of the data that differ from the scene in the probe's place only, and all scenes."""
+        """Data rows that differ from the scene only in the probe's place, and every scene."""
         readings = self.readings(inputs)
         scenes = readings.scenes(scene) if readings else []
         near = [np.linalg.norm(place_mm(other)) <= reach_mm for other in scenes]
@@ -101,7 +101,7 @@ class Isocharge(Mapped):
         return Content(text, frame, figure)
 
     def _levels(self, by_name: dict[str, Array], points: pd.DataFrame) -> dict[str, list[float]]:
-        """Charges of the lines by electrode: those given, of the data if they are few, or round."""
+        """Charges for lines by electrode: given charges, few data charges, or round charges."""
         if isinstance(self.levels_pC, tuple):
             return dict.fromkeys(by_name, sorted(self.levels_pC))
         theirs = points.groupby("electrode").charge_pC.unique()
@@ -156,7 +156,7 @@ def _draw(
     scene: Scene,
     points: pd.DataFrame,
 ) -> None:
-    """Panels of the charges (radii, angles) by electrode, and the bar of their colours."""
+    """Panels with charges (radii, angles) by electrode, and a colour bar."""
     low, high = _limits(by_name)
     # charges fall by a factor: equal ratios show their lines far from the electrode, too
     shades = (np.geomspace if low > 0.0 else np.linspace)(low, high, SHADES + 1)

@@ -1,4 +1,4 @@
-"""What the kinds that need a map of the charges over the film share."""
+"""Common parts of kinds that map charges over the film."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ MOST_RINGS = 40  #: Of a map: some 5000 places.
 
 
 class Mapped(OfElectrodes):
-    """Keys of a map: places within `reach_mm` of the film's centre, `pitch_mm` apart."""
+    """Keys for a map: places within `reach_mm` of the film's centre, `pitch_mm` apart."""
 
     reach_mm: Length | None = None
     pitch_mm: Length | None = None
 
     def places(self, scene: Scene, inputs: Inputs) -> MapPlaces:
-        """The places of the map of a scene."""
+        """Places in a scene's map."""
         reach = default_reach_mm(scene) if self.reach_mm is None else self.reach_mm
         pitch = (self.pitch_mm or pitch_of(scene)) * (PREVIEW if inputs.quick else 1.0)
         if reach > MOST_RINGS * pitch:

@@ -25,18 +25,18 @@ from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.touch.locate import locate
 
 MOST_MAPS = 40  #: Of charges: one for each force, rotation or film among the touches.
-#: Ways to find a touch, and the number of charges that each needs.
+#: Ways to find a touch, and their numbers of charges.
 WAYS = {"crossing": 3, "least squares": 2}
 
 
 class Positions(Mapped):
     """Touches of the `data` found again from their charges in two ways, and a picture on the film.
 
-    By crossing: where the isocharge contours of the electrodes cross, which is the way of
-    Mirbagheri's thesis. By least squares: the place whose charges are the likeliest, if each has a
-    standard deviation of `sigma` of itself. Force and rotation are known. Where the data have no
-    charges, the computed ones are taken. ``error_mm`` of the data is drawn beside. `reach_mm` and
-    `pitch_mm` are of the map of the charges, as in `isocharge`.
+    By crossing: where the electrodes' isocharge contours cross (Mirbagheri's thesis). By least
+    squares: the place with the likeliest charges, under relative standard deviations `sigma`. Force
+    and rotation are known. Where the data have no charges, the computed ones are taken.
+    ``error_mm`` of the data is drawn beside. `reach_mm` and `pitch_mm` are keys for the map, see
+    `isocharge`.
     """
 
     kind: Literal["positions"]
@@ -57,7 +57,7 @@ class Positions(Mapped):
         return places + ([] if readings.names else touches)
 
     def _asked(self, inputs: Inputs) -> tuple[Readings, list[Scene], list[MapPlaces], list[int]]:
-        """The data, the scenes of the touches, their maps, and the number of the map of each."""
+        """The data, the touches' scenes, their maps, and the touches' map numbers."""
         readings = self.readings(inputs)
         assert readings is not None  # `data` is required
         scenes, maps, of = readings.scenes(self.scene(inputs)), list[MapPlaces](), list[int]()
@@ -114,7 +114,7 @@ def _fitted(charge_map: ChargeMap, charges: dict[str, float], sigma: float) -> A
 
 
 def _figure(scenes: list[Scene], true: Array, errors: dict[str, Array], names: list[str]) -> Figure:
-    """True places with circles of the errors about them."""
+    """True places with circles for errors."""
     electrodes = dict.fromkeys(e for scene in scenes for e in scene.electrode_list)
     centres = [1e3 * electrode.outline.centroid for electrode in electrodes]
     reach = 1.25 * float(np.linalg.norm([*true, *centres], axis=1).max())
@@ -143,7 +143,7 @@ def _shown(readings: Readings, true: Array, errors: dict[str, Array]) -> pd.Data
 
 
 def _claim(errors: dict[str, Array], whose: str) -> str:
-    """How well the touches are found, and by the data, if they tell it."""
+    """Errors of found touches, also by the data if they have errors."""
     medians = pd.DataFrame(errors).median().dropna()
     ours = [f"{size:.2g} mm by {way}" for way, size in medians.items() if way in WAYS]
     theirs = [f"the {of} error is {size:.2g} mm" for of, size in medians.items() if of not in WAYS]

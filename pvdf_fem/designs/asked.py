@@ -1,0 +1,25 @@
+"""Touches to assess: their noise, and a model of the charges."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from pvdf_fem.response.build import mistakes
+from pvdf_fem.response.model import Domain
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.touch.measurement import charge_mistakes, electrode_columns
+
+
+def asked_mistakes(
+    scene: Scene,
+    domain: Domain,
+    tolerance: float,
+    sigma: float,
+    noise_pC: float | None,
+    reading: str | None = None,
+) -> Iterator[str]:
+    """What is wrong with noise and readings, whatever the charges, and with a model of a scene."""
+    any_charges = dict.fromkeys(electrode_columns(scene), math.pi)
+    yield from charge_mistakes(scene, any_charges, sigma, noise_pC, reading)
+    yield from mistakes(scene, domain, tolerance)
