@@ -33,7 +33,7 @@ class LocateOptions:
     #: the best is kept. A start is left out whose charges are farther than those of the best start
     #: by more than the root of `listed` and this share of the charges, which a step neglects.
     begun: int = 12
-    close: tuple[float, ...] = (0.3, 0.3, 1e-9, 0.1)
+    close: tuple[float, ...] = (0.2, 0.2, 1e-9, 0.05)
     neglected: float = 0.01
     retries: int = 8  #: Starts of the second search for a row of `locate_many`.
     #: Further starts are about the best end, in longest steps along what the charges determine

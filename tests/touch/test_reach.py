@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from pvdf_fem import locate
 from pvdf_fem.response.model import Domain
+from pvdf_fem.touch.least_squares import robust
 from tests.helpers.touch_models import bumps
 
 
@@ -21,3 +24,12 @@ def test_a_place_on_a_line_is_sought_as_far_as_the_reach(axis, other):
     assert getattr(found.best, axis) == pytest.approx((10.5**2 - 6.0**2) ** 0.5, rel=1e-6)
     inside = locate(wide, charges, 0.01, **asked)
     assert getattr(inside.best, axis) == pytest.approx(9.5, abs=0.05)
+
+
+def test_a_robust_loss_grows_as_the_logarithm_beyond_its_limit():
+    """Groups with a squared length of 25: of twice the limit, of half of it, and without one."""
+    system = np.zeros((3, 2, 2))
+    system[:, :, 0] = [[3.0, 4.0], [3.0, 4.0], [3.0, 4.0]]
+    for limit, loss in ((12.5, 12.5 * (1.0 + math.log(2.0))), (50.0, 25.0), (math.inf, 25.0)):
+        residuals = robust(system, np.full(3, limit))[0, :, 0]
+        assert np.square(residuals).sum() == pytest.approx(3.0 * loss)
