@@ -194,5 +194,5 @@ def test_unreachable_tolerance_is_said_before_meshing():
 
 @pytest.mark.parametrize("count", [0, -1, MOST_MODES + 1, 2.5, "2"])
 def test_count_out_of_range(count):
-    with pytest.raises(ValueError, match=f"count = {count!r}"):
+    with pytest.raises(ValueError, match="count = "):
         modes(Scene(), count)
