@@ -1,4 +1,4 @@
-"""Scene to solution, with what the scene's uncertain numbers make of the charges."""
+"""Scene to solution, with charge deviations by the scene's uncertain numbers."""
 
 from __future__ import annotations
 
