@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import xarray
 
-from pvdf_fem import Scene, SceneError, solve
+from pvdf_fem import Scene, solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from tests.helpers.discs import graded_mesh
+from tests.helpers.refusals import keys, refused
 
 DISC = {"shape": "circle", "radius_mm": 4.0, "x_mm": 5.0, "y_mm": 1.0}
 ELLIPSE = {**DISC, "shape": "ellipse", "semi_axes_mm": [4.0, 2.0], "rotation_deg": 30.0}
@@ -102,15 +103,9 @@ def test_files_that_hold_no_pressure_are_refused(tmp_path, text, name):
     path = tmp_path / name
     if text is not None:
         path.write_text(text)
-    with pytest.raises(SceneError) as refused:
-        solve(SCENE.with_(**{"load.profile": str(path)}))
-    (line,) = refused.value.problems
-    assert line.startswith("load.profile = ")
+    assert keys(refused(solve, SCENE.with_(**{"load.profile": str(path)}))) == ["load.profile"]
 
 
 def test_a_profile_that_is_zero_under_its_probe_is_refused():
-    narrow = {"load.profile": "gaussian", "load.profile_width_mm": 1e-3}
-    with pytest.raises(SceneError) as refused:
-        solve(SCENE.with_(**narrow))
-    (line,) = refused.value.problems
-    assert line.startswith("load.profile")
+    narrow = SCENE.with_(**{"load.profile": "gaussian", "load.profile_width_mm": 1e-3})
+    assert keys(refused(solve, narrow)) == ["load.profile"]
