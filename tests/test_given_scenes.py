@@ -1,9 +1,12 @@
-"""Public functions take a path, tables or a result for a scene, and refuse anything else."""
+"""Public functions take a path, tables or a result for a scene, and tell mistakes by name."""
+
+import math
+import re
 
 import pytest
 
 import pvdf_fem
-from pvdf_fem import Scene, gradients, modes, respond, solve, sweep, transient
+from pvdf_fem import Scene, gradients, modes, respond, solve, sweep
 
 TABLES = {
     "film": {"radius_mm": 12.0, "density_kg_m3": 1780.0},
@@ -46,11 +49,83 @@ def test_what_is_no_scene_is_told(name, given):
         getattr(pvdf_fem, name)(given, *more)
 
 
-def test_a_course_of_force_is_no_number(solution):
-    with pytest.raises(TypeError, match="touch = "):
-        transient(solution, 0.1, [0.0, 1.0])
+#: Mistakes in Python, with the name that the complaint begins with. `s` is a solution, `S` a scene.
+MISTAKES = {
+    "pf.solve(S, mesh=3)": "mesh",
+    "pf.solve(S, order='2')": "order",
+    "pf.solve(S, order=7)": "order",
+    "pf.solve(S, budget=3)": "budget",
+    "pf.solve(S, pressure='hertz')": "pressure",
+    "pf.solve(S, uncertain='5 %')": "uncertain",
+    "pf.solve(S, uncertain={'bad': '5 %'})": "uncertain.bad",
+    "pf.solve({3: 2})": "3",
+    "pf.modes(S, '6')": "count",
+    "pf.modes(S, 0)": "count",
+    "pf.modes(S, 201)": "count",
+    "pf.modes(S, 2.5)": "count",
+    "pf.modes(S, True)": "count",
+    "pf.respond(s, '20')": "frequencies_Hz",
+    "pf.respond(s, None)": "frequencies_Hz",
+    "pf.respond(s, [-1])": "frequencies_Hz",
+    "pf.respond(s, [])": "frequencies_Hz",
+    "pf.transient(s, 0.1, [0, 1])": "touch",
+    "pf.transient(s, ((1, 2),), [0, 1])": "touch",
+    "pf.transient(s, pf.step(0.1), None)": "times_s",
+    "pf.transient(s, pf.step(0.1), [0, math.nan])": "times_s",
+    "pf.transient(s, pf.step(0.1), [0], highest_Hz=-3)": "highest_Hz",
+    "pf.step('a')": "force_N",
+    "pf.half_sine(0.1, 0)": "duration_s",
+    "pf.gradients(s, ['bad'])": "parameters",
+    "pf.gradients(s, [3])": "parameters[0]",
+    "pf.gradients(s, tolerance='a')": "tolerance",
+    "pf.uncertainty(s, ['film.thickness_um'])": "uncertain",
+    "pf.sweep(S, {'load.force_N': [1]})": "axes",
+    "pf.sweep(S, [{'load.force_N': [1]}], processes='all')": "processes",
+    "pf.sweep(S, [{'load.force_N': [1]}], store=3)": "store",
+    "S.with_('load.force_N=3')": "changes",
+    "S.with_(load=3)": "load",
+    "S.with_({'load.force_N': None})": "load.force_N",
+    "pf.Scene.load(3)": "path",
+    "pf.Scene.parse(3)": "text",
+    "pf.Scene('mine.toml')": "Scene",
+    "s.at([0, 1], [0, 1, 2])": "x_mm",
+    "s.at('a', 0)": "x_mm",
+    "s.at(0, None)": "y_mm",
+    "s.at(0, 0, outside='zero')": "outside",
+    "s.along([(0, 0)])": "line_mm",
+    "s.along([(0, 0), (1, 1)], points=1)": "points",
+    "s.to_xarray(-1)": "step_mm",
+    "s.to_xarray('a')": "step_mm",
+    "s.to_vtu(3)": "path",
+    "s.readings_V": "readout",
+    "pf.locate(S, [1, 2, 3])": "charges",
+    "pf.locate(s, {'A': 700.0}, unknown=3)": "unknown",
+    "pf.locate_many(S, [[1, 2, 3, 4]])": "model",
+    "pf.calibrate(S, 3)": "touches",
+    "pf.calibrate(s, 'none.csv', sigma='a')": "sigma",
+    "pf.build_response(TABLES, tolerance='a')": "tolerance",
+    "pf.build_response(S, force_N=3)": "force_N",
+    "pf.build_response(S, processes='all')": "processes",
+    "pf.Response.load(None)": "path",
+    "pf.Tracker(S)": "model",
+    "pf.design(s, ['electrodes.count'])": "vary",
+    "pf.dataset(TABLES, touches='many')": "touches",
+    "pf.Report.load(3)": "path",
+}
 
 
-def test_charges_are_given_by_electrode():
-    with pytest.raises(ValueError, match=r"^charges = "):
-        pvdf_fem.locate(SCENE, [1.0, 2.0, 3.0])
+@pytest.mark.parametrize("call", MISTAKES)
+def test_a_mistake_is_told_by_its_name(call, solution):
+    with pytest.raises((ValueError, TypeError)) as refused:
+        eval(call, {"pf": pvdf_fem, "math": math, "TABLES": TABLES, "S": SCENE, "s": solution})
+    told, name = getattr(refused.value, "problems", [str(refused.value)])[0], MISTAKES[call]
+    assert re.match(rf"{re.escape(name)}( = | has |: )", told)
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [("S.film.radius_mm = 3", "radius_mm"), ("S.load = 3", "load"), ("S.probe.width", "width")],
+)
+def test_attributes_are_told_by_name(call, name):
+    with pytest.raises(AttributeError, match=name):
+        exec(call, {"S": SCENE})

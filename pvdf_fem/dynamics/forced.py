@@ -20,6 +20,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.air import SOUND_SPEED
 from pvdf_fem.dynamics.modes import air_remark
 from pvdf_fem.dynamics.oscillation import ComplexArray, Oscillation, oscillations
+from pvdf_fem.progress import Progress, shown
 from pvdf_fem.readout.channel import Channel, channels
 from pvdf_fem.scene.given import SceneLike, numbers, scene_of, taken
 from pvdf_fem.scene.scene_file import SceneError, problem
@@ -122,7 +123,10 @@ class Transient(Course):
 
 
 def respond(
-    solution: Solution | SceneLike, frequencies_Hz: ArrayLike, refined: bool = False
+    solution: Solution | SceneLike,
+    frequencies_Hz: ArrayLike,
+    refined: bool = False,
+    progress: Progress | bool | None = None,
 ) -> FrequencyResponse:
     """Charges by a small oscillating force of the probe along z, by frequency.
 
@@ -134,10 +138,13 @@ def respond(
         One or several, not below zero; `NotConvergedError` where they are too high for the film.
     refined : bool, optional
         Whether more frequencies about the resonances join.
+    progress : callable or bool, optional
+        As for `modes`, counted in vectors of each of two bases, of which few of the most may do.
     """
     frequencies = numbers("frequencies_Hz", frequencies_Hz, (0.0, MOST_HZ), "Hz").ravel()
     solution, read = _loaded(solution)
-    both = [oscillation.reduced(frequencies) for oscillation in oscillations(solution)]
+    with shown("vectors at most", progress) as show:
+        both = [oscillation.reduced(frequencies, show) for oscillation in oscillations(solution)]
     resonances = both[0].resonances(frequencies.max())
     if refined:
         frequencies = _refined(frequencies, resonances)

@@ -12,7 +12,7 @@ The mesh starts from that law for the flat film and is refined until the estimat
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +28,7 @@ from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM, MeshError
 from pvdf_fem.mesh.size_field import Sizes
+from pvdf_fem.progress import Counted, Progress, shown
 from pvdf_fem.scene.film import Air
 from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
@@ -141,7 +142,12 @@ class Modes(Told):
         return {"status": str(self.status), **results, "loaded": self.loaded, **told}
 
 
-def modes(scene: SceneLike, count: int = 6, loaded: bool = False) -> Modes:
+def modes(
+    scene: SceneLike,
+    count: int = 6,
+    loaded: bool = False,
+    progress: Progress | bool | None = None,
+) -> Modes:
     """Lowest modes of vibration of a scene's film.
 
     Parameters
@@ -153,6 +159,9 @@ def modes(scene: SceneLike, count: int = 6, loaded: bool = False) -> Modes:
     loaded : bool
         About the equilibrium under the load instead of the flat film, which has no frequencies
         without tension in all directions.
+    progress : callable or bool, optional
+        Called with the numbers of linear solves that are done and that are expected; or whether
+        these are shown, see `pvdf_fem.progress.shown`.
     """
     scene = scene_of(scene)
     count, bare = taken("count", count, int, (1, MOST_MODES)), scene
@@ -167,11 +176,14 @@ def modes(scene: SceneLike, count: int = 6, loaded: bool = False) -> Modes:
         bends = share > scene.numerics.tolerance
     cold = {} if loaded else dict.fromkeys(bare.warm_probes)
     bare = bare.with_(**{"film.bending": bends}, **cold)
+    expected = 4 * count * 2 * (2 if scene.air else 1)  # Lanczos steps of both pencils
     problem = _ModalProblem(bare, count, loaded, share, _budget_of(bare), Clock())
     steps = problem.first_sizes, problem.solve_on, problem.next_sizes
     loop = MeshLoop(bare, *steps, problem.budget, problem.clock, UNKNOWNS_PER_ELEMENT[2])
     try:
-        attempt, stop = loop.run()
+        with shown("solves", progress) as show:
+            problem.step = Counted(show, expected)
+            attempt, stop = loop.run()
     except MeshError as error:
         reason = f"{Status.MESH_FAILED.advice} ({error})"
         return Modes(scene, loaded, Status.MESH_FAILED, reason)
@@ -223,6 +235,7 @@ class _ModalProblem:
     budget: Budget
     clock: Clock
     sizes: Sizes | None = None  # those of the last mesh
+    step: Callable[[], None] = lambda: None  # called at each linear solve
     flat_error: float = 4e-4  # error of the flat disc over (wavenumber x element size)^4, measured
     order: float = 4.0  # of a frequency's error in the element size
     eigen_iterations: int = 3  # Newton iterations that cost as much as an eigenvalue problem
@@ -270,7 +283,7 @@ class _ModalProblem:
         elif not coarse.model.bends and (least == 0.0 or (coarse.model.wrinkles and least < 0.0)):
             return _Attempt(coarse, Status.SINGULAR)  # slack in a direction: no mode is the lowest
         with self.clock("modes"):
-            found = spectra_of(coarse, rich, (q, q_rich), self.count)
+            found = spectra_of(coarse, rich, (q, q_rich), self.count, self.step)
         for equilibrium in (coarse, rich):
             self.budget.spend(equilibrium, self.eigen_iterations)
         if isinstance(found, Status):

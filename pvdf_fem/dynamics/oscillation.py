@@ -31,6 +31,7 @@ from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.pressure import UP
 from pvdf_fem.film.term import State
+from pvdf_fem.progress import Progress, silent
 from pvdf_fem.solution.next_order import factorised, next_order
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solvers.newton import factorise
@@ -91,7 +92,12 @@ class Oscillation:
         return np.asarray(frequencies[frequencies <= highest_Hz])
 
     def reduced(
-        self, frequencies: Array, tolerance: float = 1e-7, most: int = 426, tests: int = 24
+        self,
+        frequencies: Array,
+        progress: Progress = silent,
+        tolerance: float = 1e-7,
+        most: int = 426,
+        tests: int = 24,
     ) -> Oscillation:
         """The projection on Ritz vectors, enough to keep charges at test frequencies in Hz within
         the tolerance, relative to the charge plus the largest charge at rest."""
@@ -104,6 +110,7 @@ class Oscillation:
         vectors = np.empty((len(self.force), most), stiffness.dtype)
         charges, tested = np.zeros((1, 1), dtype=complex), 16
         for i in range(most):
+            progress(i, most)
             vectors[:, i] = self._unit(queue.pop(0), vectors[:, :i])
             queue.append(solve(self.mass @ vectors[:, i]))
             if i + 1 == tested:

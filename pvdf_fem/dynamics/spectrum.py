@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,19 +42,24 @@ class Spectrum:
 
 
 def spectra_of(
-    coarse: Equilibrium, rich: Equilibrium, at: tuple[Array, Array], count: int
+    coarse: Equilibrium,
+    rich: Equilibrium,
+    at: tuple[Array, Array],
+    count: int,
+    step: Callable[[], None] = lambda: None,
 ) -> dict[str, Spectrum] | Status:
     """The lowest modes in `VACUUM` and, with ``[air]``, in `AIR`, or why there are none. Their
-    errors are told by the equations of the next order, `rich`; `at` has the unknowns of both."""
+    errors are told by the equations of the next order, `rich`; `at` has the unknowns of both.
+    `step` is called at each linear solve."""
     pencils = [pencil_of(*pair) for pair in zip((coarse, rich), at, strict=True)]
-    vacuum = _spectrum(coarse, rich, at[0], pencils, count)
+    vacuum = _spectrum(coarse, rich, at[0], pencils, count, step)
     if isinstance(vacuum, Status):
         return vacuum
     if coarse.scene.air is None:
         return {VACUUM: vacuum}
     airs = [AirLoad.of(equilibrium) for equilibrium in (coarse, rich)]
     loaded = [(K, Raised(M, air.root)) for air, (K, M) in zip(airs, pencils, strict=True)]
-    found = _spectrum(coarse, rich, at[0], loaded, count)
+    found = _spectrum(coarse, rich, at[0], loaded, count, step)
     assert isinstance(found, Spectrum)  # the stiffness has modes in vacuum
     return {VACUUM: vacuum, AIR: found}
 
@@ -65,6 +70,7 @@ def _spectrum(
     q: Array,
     pencils: Sequence[Pencil],
     count: int,
+    step: Callable[[], None],
     uncancelled: float = 0.25,
 ) -> Spectrum | Status:
     """The modes of the first pencil. The second pencil, of elements of the next order, changes a
@@ -72,7 +78,7 @@ def _spectrum(
     changes, and at least the part `uncancelled` of the sum of their magnitudes: the first change
     can have either sign, and they may cancel by chance."""
     symmetric = coarse.conservative or not q.any()
-    modes, reference = (_eigen(*pencil, symmetric, count) for pencil in pencils)
+    modes, reference = (_eigen(*pencil, symmetric, count, step) for pencil in pencils)
     if isinstance(modes, Status):
         return modes
     if isinstance(reference, Status):
@@ -98,7 +104,12 @@ def pencil_of(equilibrium: Equilibrium, q: Array) -> Pencil:
 
 
 def _eigen(
-    stiffness: sp.csc_matrix, mass: Any, symmetric: bool, count: int, imaginary: float = 1e-6
+    stiffness: sp.csc_matrix,
+    mass: Any,
+    symmetric: bool,
+    count: int,
+    step: Callable[[], None],
+    imaginary: float = 1e-6,
 ) -> tuple[Array, Array] | Status:
     """Lowest frequencies in Hz (n,) and eigenvectors (unknowns, n), or why there are none. An
     eigenvalue of an unsymmetric tangent is complex above this relative imaginary part; rounding
@@ -107,7 +118,12 @@ def _eigen(
         factors = factorise(stiffness)
     except RuntimeError:  # SuperLU: exactly singular
         return Status.SINGULAR
-    inverse = LinearOperator(stiffness.shape, matvec=factors.solve, dtype=float)
+
+    def solve(right: Array) -> Array:
+        step()
+        return np.asarray(factors.solve(right))
+
+    inverse = LinearOperator(stiffness.shape, matvec=solve, dtype=float)
     # a fixed seed repeats results; a random start is orthogonal to no mode
     start = np.random.default_rng(0).standard_normal(stiffness.shape[0])
     how = {"M": mass, "sigma": 0.0, "OPinv": inverse, "v0": start}

@@ -13,6 +13,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.explore.state import WORDS, View, generic, said
 from pvdf_fem.output.figures import COLOURS
 from pvdf_fem.scene.change import plain, steps_of
+from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.quantity import Key, Section
 from pvdf_fem.scene.scene import Scene
@@ -73,6 +74,8 @@ def controls_of(view: View) -> dict[str, list[dict[str, Any]]]:
         name, (table, _, last) = generic(key), key.rpartition(".")
         section = section_of(view.scene, table) if table else view
         value = None if isinstance(section, tuple) else getattr(section, last, None)
+        if value is None and key == "film.pretension_N_m":
+            value = _tension(view.scene.film)
         turns = name != "probe.rotation_deg" or getattr(section, "period_deg", 0.0) > 0.0
         if not turns or (value is None and name not in MAKERS):
             continue
@@ -87,6 +90,12 @@ def controls_of(view: View) -> dict[str, list[dict[str, Any]]]:
             control |= {"min": min(low, value), "max": max(high, value), "step": step}
         found.setdefault(table or "picture", []).append(control)
     return found
+
+
+def _tension(film: Film) -> float | tuple[float, ...]:
+    """Tension at rest in N/m of a cooled film; along x and y where these differ."""
+    x, y = np.round(film.thickness * film.stress_at_rest[:2], 4).tolist()
+    return x if x == y else (x, y)
 
 
 def title_of(section: Any, name: str) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -10,7 +12,7 @@ from skfem import BilinearForm
 from skfem.helpers import dot
 
 from pvdf_fem import NotConvergedError, Scene
-from pvdf_fem.dynamics.modes import MOST_MODES, modes
+from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.dynamics.spectrum import VACUUM
 from pvdf_fem.film.weak_form import vector_basis
 from pvdf_fem.solvers.status import Status
@@ -192,7 +194,10 @@ def test_unreachable_tolerance_is_said_before_meshing():
     assert "mesh" not in found.seconds
 
 
-@pytest.mark.parametrize("count", [0, -1, MOST_MODES + 1, 2.5, "2"])
-def test_count_out_of_range(count):
-    with pytest.raises(ValueError, match=f"count = {count!r}"):
-        modes(Scene(), count)
+def test_the_air_s_mass_is_told_as_modes_in_air_have_it():
+    told = modes(Scene(), 1).left_out[-1]
+    sizes = re.search(r"about ([\d.]+) times the film's mass, ([\d.]+) without a baffle", told)
+    for baffle, size in zip((True, False), sizes.groups(), strict=True):
+        found = modes(Scene().with_(air={"baffle": baffle}), 1)
+        added = (found.frequencies_Hz / found.frequencies_in_air_Hz) ** 2 - 1.0
+        assert float(size) == pytest.approx(added[0], rel=0.05)

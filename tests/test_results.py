@@ -1,0 +1,125 @@
+"""What results look like: a line as `repr`, values in `print` and in HTML, JSON, and tables."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pvdf_fem as pf
+from pvdf_fem.told import Told
+from pvdf_fem.touch.locate_many import Touches
+from pvdf_fem.tracking.rows import Row, TouchSummary
+from tests.helpers.touch_models import bumps, random_touches
+from tests.response import made_response
+
+SCENE = pf.Scene().with_(
+    {
+        "film": {"radius_mm": 12.0},
+        "electrodes": {"ring_radius_mm": 6.0},
+        "probe": {"shape": "circle", "x_mm": 2.5},
+        "readout": {"gain": 2.0},
+        "numerics": {"tolerance": 0.05},
+    }
+)
+UNCERTAIN = {"film.thickness_um": "5 %"}
+SEEN = {"x_mm": 1.25, "x_deviation_mm": 0.01, "force_N": 2.5, "force_deviation_N": 0.1}
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return pf.solve(SCENE, uncertain=UNCERTAIN)
+
+
+def located(_):
+    model = bumps()
+    charges, _ = model.evaluate(np.array([[2.0, 1.0, 20.0, 1.5]]))
+    return pf.locate(
+        model, dict(zip(model.names, charges[0], strict=True)), known={"rotation_deg": 20.0}
+    )
+
+
+#: Objects, made of a solution, with what is printed of them.
+OBJECTS = {
+    "scene": (lambda s: s.scene, ["film.radius_mm", "12.0", "probe.x_mm", "2.5"]),
+    "solution": (lambda s: s, ["total, pC", "change by touch, pC", "readings", *"ABCD"]),
+    "points": (lambda s: s.at([0.0, 3.0], 1.0), ["x_mm", "3", "w_mm", "S11_MPa"]),
+    "line": (lambda s: s.along([(0, 0), (9, 0)], 40), ["distance_mm", "...", "9"]),
+    "gradients": (lambda s: pf.gradients(s, "load.force_N"), ["load.force_N", "±"]),
+    "uncertainty": (lambda s: pf.uncertainty(s), ["film.thickness_um", "1.25", "100 %"]),
+    "modes": (lambda s: pf.modes(s, 2), ["Hz", "1", "2"]),
+    "response by frequency": (lambda s: pf.respond(s, [1, 20]), ["20", "A_real_pC_N"]),
+    "response by time": (
+        lambda s: pf.transient(s, pf.half_sine(0.01, 0.02), [0.01]),
+        ["0.01", "A_change_pC", "A_reading_V"],
+    ),
+    "model": (lambda _: made_response.response(), ["A, B, C, D", "8 mm"]),
+    "location": (located, ["touch 1", "x_mm", "known"]),
+    "touch": (lambda s: located(s).best, ["x_mm 2", "force_N 1.5"]),
+    "rows": (
+        lambda _: pf.locate_many(bumps(), bumps().evaluate(random_touches(40, 1))[0]),
+        ["x_mm", "force_N", "..."],
+    ),
+    "row": (lambda _: Row(0.5, "touch", 3, **SEEN, alternatives=1), ["0.5", "1.250 ± 0.01 mm"]),
+    "summary": (
+        lambda _: TouchSummary(0.5, "touch", 3, **SEEN, alternatives=1, onset_s=0.25, end_s=0.75),
+        ["touch 3", "0.25", "0.75", "2.50 ± 0.1 N"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_every_result_is_a_line_a_text_and_html(solution, name):
+    make, values = OBJECTS[name]
+    found = make(solution)
+    assert isinstance(found, Told)
+    line = repr(found)
+    assert line.startswith(f"<{type(found).__name__}: ")
+    assert "\n" not in line
+    assert len(line) < 200
+    for text in (str(found), found._repr_html_()):
+        assert [value for value in values if value not in text] == []
+    assert json.loads(json.dumps(found.to_json(), allow_nan=type(found) is Touches))
+
+
+@pytest.mark.parametrize("name", ["points", "gradients", "response by frequency", "rows"])
+def test_tables_are_dataframes(solution, name):
+    found = OBJECTS[name][0](solution)
+    frame = found.to_dataframe()
+    for column, values in found.columns().items():
+        np.testing.assert_array_equal(frame[column].values, np.ravel(values))
+
+
+def test_gradients_are_indexed_by_key_and_tell_their_keys(solution):
+    found = pf.gradients(solution, ["load.force_N", "film.thickness_um"])
+    frame = found.to_dataframe().set_index("parameter")
+    for key, rates in found.items():
+        assert frame.loc[key, [*rates]].to_dict() == rates
+        assert frame.loc[key, "B_error"] == found.errors[key]["B"]
+    with pytest.raises(KeyError, match=r"bad.*load\.force_N, film\.thickness_um"):
+        found["bad"]
+    with pytest.raises(KeyError, match=r"Z.*A, B, C, D"):
+        solution.charges_pC["Z"]
+
+
+def test_a_solve_with_uncertain_numbers_tells_their_deviations(solution):
+    alone = pf.uncertainty(replace(solution, uncertainty=None), UNCERTAIN)
+    assert solution.scene.uncertain == UNCERTAIN
+    assert solution.to_json()["uncertainty"] == alone.to_json()
+    own = SCENE.with_(uncertain={"film.d31_pC_N": "20 %"})
+    assert [*pf.solve(own, uncertain=UNCERTAIN).uncertainty.deviations] == [*UNCERTAIN]
+    assert pf.solve(SCENE).uncertainty is None
+
+
+def test_a_sweep_has_changes_and_readings(solution):
+    data = pf.sweep(SCENE, [{"load.force_N": [1.0]}], processes=1).isel(force_N=0)
+    change = data.charge_pC - data.rest_charge_pC
+    np.testing.assert_allclose(data.charge_change_pC, change, rtol=1e-12)
+    error = data.charge_error_pC + data.rest_charge_error_pC
+    np.testing.assert_allclose(data.charge_change_error_pC, error, rtol=1e-12)
+    np.testing.assert_allclose(data.reading_V, 2.0 * change / 1000.0, rtol=1e-12)
+    expected = [*solution.readings_V.values()]
+    np.testing.assert_allclose(data.reading_V, expected, rtol=0.1)
+    assert "reading_V" not in pf.sweep(
+        SCENE.with_(readout=None), [{"load.force_N": [1.0]}], processes=1
+    )
