@@ -15,7 +15,7 @@ import sys
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from importlib.machinery import SourceFileLoader
@@ -80,12 +80,22 @@ def module_of(path: Path) -> ModuleType:
 
 def key(task: Task) -> str:
     """Hash over a task's class, fields and code."""
-    held = {field.name: getattr(task, field.name) for field in fields(task)}
-    scenes = {name: pinned([value])[0] for name, value in held.items() if isinstance(value, Scene)}
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
-        text = f"{type(task).__qualname__} {replace(task, **scenes)!r}"
+        text = _text(task)
     code = _code_of(type(task).__module__, inspect.getfile(type(task)))
     return hashlib.sha256((code + text).encode()).hexdigest()
+
+
+def _text(value: Any) -> str:
+    """All that a value holds; the representation of a scene is a summary."""
+    if isinstance(value, Scene):
+        return pinned([value])[0].model_dump_json()
+    if isinstance(value, tuple | list):
+        return f"({', '.join(map(_text, value))})"
+    if is_dataclass(value) and not isinstance(value, type):
+        held = (f"{field.name}={_text(getattr(value, field.name))}" for field in fields(value))
+        return f"{type(value).__qualname__}({', '.join(held)})"
+    return repr(value)
 
 
 @cache

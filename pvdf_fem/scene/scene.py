@@ -330,7 +330,7 @@ class Scene(Told, Section):
         """Film, electrodes and probes, all keys, and doubts."""
         names = ", ".join(electrode.name for electrode in self.electrode_list)
         probes = " and ".join(probe.shape for probe in self._probes.values()) or "no probe"
-        rows = ((key, quote(value)) for key, value in flattened(self.to_json()).items())
+        rows = ((key, quote(value)) for key, value in flattened(self.to_json(), lists=True).items())
         about = f"film of {self.film.radius_mm:g} mm", [f"electrodes {names}, {probes}"]
         return *about, [Grid(("key", "value"), tuple(rows))], self.doubts
 

@@ -132,20 +132,21 @@ def _key(name: str) -> str:
     return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else toml_value(name)
 
 
-def flattened(table: Any, prefix: str = "") -> Any:
-    """Values by dotted key in nested tables (TOML keys without quotes) and lists of tables:
-    ``probe[0].x_mm``."""
+def flattened(table: Any, prefix: str = "", *, lists: bool = False) -> Any:
+    """Values by dotted key in nested tables (TOML keys without quotes); with `lists` also in lists
+    of tables, ``probe[0].x_mm``. In a change a list is a value."""
     if not isinstance(table, Mapping):
         return table
     flat: dict[str, Any] = {}
     for key, value in table.items():
-        rows = value if isinstance(value, list) else []
+        rows = value if lists and isinstance(value, list) else []
         if rows and isinstance(rows[0], Mapping):
             for i, row in enumerate(rows):
-                flat |= flattened(row, f"{prefix}{key}[{i}].")
+                flat |= flattened(row, f"{prefix}{key}[{i}].", lists=True)
             continue
         nested = isinstance(value, Mapping)
-        flat |= flattened(value, f"{prefix}{key}.") if nested else {f"{prefix}{key}": value}
+        name = f"{prefix}{key}"
+        flat |= flattened(value, f"{name}.", lists=lists) if nested else {name: value}
     return flat
 
 
