@@ -20,8 +20,8 @@ from pvdf_fem.readout.channel import channels
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solution import Solution
-from pvdf_fem.solution.summary import Grid
 from pvdf_fem.solvers.status import NotConvergedError
+from pvdf_fem.told import Grid
 
 #: Smaller ellipses, over the film's radius, are drawn this many times as large.
 LEAST_SIZE, MAGNIFIED = 0.02, 10
