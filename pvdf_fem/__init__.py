@@ -27,7 +27,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
-# Type checkers take this for `typing.TYPE_CHECKING`, whose import takes as long as Python's start.
+# Type checkers take this for `typing.TYPE_CHECKING`; its import doubles Python's start.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any

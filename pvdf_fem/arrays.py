@@ -1,4 +1,4 @@
-"""Types of arrays, and the small operations on them that several folders need."""
+"""Array types, and small shared operations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COMPLEX_STEP = 1e-30
 
 
 def finite(value: float) -> float | None:
-    """The value, or None where JSON has no number for it."""
+    """The value, or None where JSON has no number."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -43,8 +43,7 @@ def components_first(values: Array, axes: int) -> Array:
 def components_last(values: Array, axes: int) -> Array:
     """The first `axes` moved to the end; in memory they stay first.
 
-    Each component is then one block, on which sums and products over all points are several times
-    faster.
+    Components are then blocks: sums and products over points are several times faster.
     """
     return _rolled(values, axes)
 
@@ -56,7 +55,7 @@ def _rolled(values: Array, axes: int) -> Array:
 
 
 def times(matrix: Array, vector: Array) -> Array:
-    """Vectors (..., n) times one matrix (n, n), or times one (..., n, n) each."""
+    """Vectors (..., n) times a matrix (n, n), or times matrices (..., n, n)."""
     if matrix.ndim > 2:
         return np.matmul(matrix, vector[..., None])[..., 0]
     return components_last(np.tensordot(matrix, components_first(vector, 1), 1), 1)

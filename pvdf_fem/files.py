@@ -1,4 +1,4 @@
-"""Input files, which are read within bounds, and output files, which appear whole or not at all."""
+"""Input files, read within bounds, and output files, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class FileError(ValueError):
 
 
 def printable(text: str) -> str:
-    """A text in one line, in which other than printable characters are escaped."""
+    """A text in a line, with unprintable characters escaped."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
@@ -31,9 +31,9 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
 def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
     """Content of a regular file.
 
-    A pipe or a device, which may never end, is refused without reading. `what` says in error texts
-    what the file should be: ``a scene file``. Raises `FileError` when the file cannot be read, or
-    has more than `most_bytes`.
+    A pipe or a device, which may never end, is refused without reading. `what` names the expected
+    file in error texts: ``a scene file``. Raises `FileError` when the file cannot be read, or has
+    more than `most_bytes`.
     """
     with reading(path, what) as file, _as_unreadable(path, what):
         raw = file.read(most_bytes + 1)
@@ -65,8 +65,8 @@ def require_lines(raw: bytes, name: str) -> None:
 
 
 def csv_rows(lines: Iterable[str], header: str) -> Iterator[list[str]]:
-    """Rows of a CSV file with this first line. Where that has semicolons and no comma, as of
-    spreadsheets in countries with decimal commas, these become points."""
+    """Rows in a CSV file with this first line. Where the line has semicolons and no comma
+    (spreadsheets with decimal commas), commas become points."""
     semicolons = ";" in header and "," not in header
     for row in csv.reader(lines, delimiter=";" if semicolons else ",", strict=True):
         yield [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in row] if semicolons else row
@@ -118,7 +118,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def give_permissions(path: Path, other: Path) -> None:
-    """Give another file the owner, as far as the system lets us, and the permissions of one."""
+    """Give a file the permissions of a second file and, if the system permits, its owner."""
     status = path.stat()
     if hasattr(os, "chown"):
         with suppress(OSError):
@@ -128,7 +128,7 @@ def give_permissions(path: Path, other: Path) -> None:
 
 
 def require_writable(path: Path, *others: Path | None) -> None:
-    """Raise `FileError` for a path that `replacing` could not write, or that is one of `others`."""
+    """Raise `FileError` for a path that `replacing` could not write, or a path in `others`."""
     require_distinct(path, *others)
     with _as_file_error(path):
         temporary = _beside(path)
@@ -137,7 +137,7 @@ def require_writable(path: Path, *others: Path | None) -> None:
 
 
 def require_distinct(path: Path, *others: Path | None) -> None:
-    """Raise `FileError` for a path that would overwrite one of `others`, by whatever name."""
+    """Raise `FileError` for a path that would overwrite a file in `others`, under every name."""
     for other in others:
         if other is not None and same_file(path, other):
             raise FileError(
@@ -146,7 +146,7 @@ def require_distinct(path: Path, *others: Path | None) -> None:
 
 
 def same_file(path: Path, other: Path) -> bool:
-    """Whether two paths lead to one file or directory, through links of any kind."""
+    """Whether two paths lead to the same file or directory, also through links."""
     try:
         return os.path.samefile(path, other)
     except OSError:  # one does not exist
@@ -156,8 +156,8 @@ def same_file(path: Path, other: Path) -> bool:
 def make_directory(path: Path, first: str, *others: Path) -> None:
     """Make a directory and its parents for files that may not overwrite `others`.
 
-    Raises `FileError` when the directory cannot be made or holds one of `others`, or when the file
-    named `first` could not be written in it.
+    Raises `FileError` when the directory cannot be made or holds a file in `others`, or when the
+    file named `first` could not be written.
     """
     for other in others:
         if same_file(path, other.parent):

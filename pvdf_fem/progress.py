@@ -1,4 +1,4 @@
-"""Progress of long jobs: the work that is done, and the time that the rest takes at this pace."""
+"""Progress in long jobs: finished work, and time for the rest at this pace."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-#: Called with the work that is done and the work in all, in any unit. The work in all may change.
+#: Called with finished work and total work, in an arbitrary unit. The work in all may change.
 Progress = Callable[[float, float], None]
 
 
@@ -52,7 +52,7 @@ def shown(
             return
         told_at, left = now, remaining((now - begun) * (total - done) / done)
         text = f"{done:.0f} of {total:.0f} {unit}, {left} left"
-        # a terminal has one line, which is written anew
+        # a terminal has a single line, rewritten
         sys.stderr.write(f"\r{text}\x1b[K" if terminal else f"{text}\n")
         sys.stderr.flush()
 
@@ -70,7 +70,7 @@ def remaining(seconds: float) -> str:
 
 
 class Counted:
-    """Tells a `Progress` of solves whose number is only expected."""
+    """Tells a `Progress` about solves with an expected number."""
 
     def __init__(self, progress: Progress, expected: int) -> None:
         self.progress, self.expected, self.done = progress, expected, 0
@@ -82,9 +82,9 @@ class Counted:
 
 
 class Work:
-    """Runs tasks on processes, and tells a `Progress` of seconds of one core.
+    """Runs tasks on processes, and tells a `Progress` in seconds on a core.
 
-    What is left takes as long as the tasks with the same function took so far.
+    The rest is estimated from earlier tasks with the same function.
     """
 
     def __init__(self, processes: int | None = None, progress: Progress = silent) -> None:

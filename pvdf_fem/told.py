@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Grid:
-    """A table: its heading and its rows, all of them text."""
+    """A table: heading and rows of text."""
 
     heading: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -54,12 +54,12 @@ class Grid:
         return f"<table><thead>{row(self.heading, 'th')}</thead><tbody>{body}</tbody></table>"
 
 
-#: What is told of a result: status, sentences of which the first says what it is, tables, notes.
+#: Parts of a told result: status, sentences (first the result's kind), tables, notes.
 Parts = tuple[str, Sequence[str], Sequence[Grid], Sequence[str]]
 
 
 def told(status: str, reasons: Sequence[str], tables: Sequence[Grid], notes: Sequence[str]) -> str:
-    """A result as text: what matters first, tables that have rows, and notes."""
+    """A result as text: first the outcome, then nonempty tables, and notes."""
     blocks = [table.lines() for table in tables if table.rows]
     head = [f"{status}: {reasons[0]}", *reasons[1:]]
     return "\n\n".join("\n".join(block) for block in (head, *blocks, notes) if block)
@@ -68,7 +68,7 @@ def told(status: str, reasons: Sequence[str], tables: Sequence[Grid], notes: Seq
 def told_html(
     status: str, reasons: Sequence[str], tables: Sequence[Grid], notes: Sequence[str]
 ) -> str:
-    """A result as HTML, in the order of `told`."""
+    """A result as HTML, ordered like `told`."""
     texts = ["".join(f"<p>{escape(line)}</p>" for line in some) for some in (reasons[1:], notes)]
     head = f"<p><b>{status}</b>: {escape(reasons[0])}</p>{texts[0]}"
     return head + "".join(table.html() for table in tables if table.rows) + texts[1]

@@ -62,8 +62,9 @@ examples:
   read-amplifier | pvdf-fem locate sensor.toml --csv - --quick | show-touches
   pvdf-fem locate triangle.toml --or rectangle.toml --charges A=905,B=731,C=600,D=641
 
-exit codes: 0 a touch explains the charges (with --csv in one row or more),
-2 bad input, 3 no touch explains them, or a solve failed"""
+exit codes: 0 a touch explains the charges (with --csv in one row or more, and
+no mistake such as exchanged channels explains more rows), 2 bad input, 3 no
+touch explains them, or a solve failed"""
 
 
 def add_to(commands: Any) -> None:

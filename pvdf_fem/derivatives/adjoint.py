@@ -65,7 +65,7 @@ class Adjoint:
 
 
 def adjoints(solution: Solution) -> tuple[Adjoint, Adjoint]:
-    """The adjoint solutions of a solution, and those of the order above on the same mesh."""
+    """Adjoint solutions for a solution, and for the order above on the same mesh."""
     solved, q, factors = factorised(solution.fields)
     goals = goals_of(solution.scene)
     correction = next_order(solved, q, factors)

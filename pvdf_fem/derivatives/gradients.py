@@ -51,8 +51,8 @@ class Gradients(Columns, Named[dict[str, float]]):
     solution: Solution
 
     def columns(self) -> dict[str, list[Any]]:
-        """By parameter: the derivative of each electrode's charge, in pC per unit of the parameter,
-        and its error."""
+        """By parameter: derivatives of electrode charges in pC per unit of the parameter, with
+        errors."""
         found: dict[str, list[Any]] = {"parameter": [*self]}
         for name in self.solution.charges_pC:
             found[name] = [rates[name] for rates in self.values()]
@@ -76,7 +76,7 @@ def gradients(
     *,
     tolerance: float | None = None,
 ) -> Gradients:
-    """Derivative of each charge with respect to parameters of the scene, with estimated errors.
+    """Charge derivatives with respect to scene parameters, with estimated errors.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def gradients(
     tolerance : float, optional
         Largest of the `Gradients.relative_errors` wanted. Where the solution's mesh leaves larger
         ones, the scene is solved again to smaller errors of its charges. By default the derivatives
-        are those of the solution, whatever their errors.
+        belong to the solution, whatever their errors.
 
     Returns
     -------
@@ -150,12 +150,12 @@ def _gradients_of(
     saturation: float = 1.5,
     negligible: float = 1e-3,
 ) -> Gradients:
-    """Derivatives of the solution's charges, and what the next order changes as their errors.
+    """Derivatives of the solution's charges, with changes at the next order as errors.
 
     The derivatives share the displacement's error, so a tiny error is chance: an error over its
     `unit` counts as at least `chance` times the mean of its electrode, and times the overall mean.
-    The true error is up to `saturation` times what the next order takes away, of which corners
-    leave it the least. A derivative counts as at least the part `negligible` of its unit.
+    The true error is up to `saturation` times the change at the next order, least effective at
+    corners. A derivative counts at least as the part `negligible` of its unit.
     """
     scene, keys = solution.scene, parameters_of(solution.scene, solution.pressure)
     adjoint, rich = adjoints(solution)
@@ -180,7 +180,7 @@ def _gradients_of(
 
 
 def _scale(scene: Scene, key: str) -> float:
-    """A change of a parameter that matters, in units of its key."""
+    """A relevant change of a parameter, in the key's unit."""
     touches = touched(scene).get(key)
     if touches and key.endswith(PLACE_NAMES):
         probe = touches[0][0].probe

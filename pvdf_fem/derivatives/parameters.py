@@ -1,4 +1,4 @@
-"""Keys of the parameters by which charges have derivatives, and why others have none."""
+"""Keys with charge derivatives, and reasons for keys without."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ PRETENSION = "film.pretension_N_m"
 
 
 def parameters_of(scene: Scene, pressure: Pressure | None = None) -> tuple[str, ...]:
-    """Keys of the parameters by which `gradients` differentiates, of a solve under a pressure too.
+    """Keys by which `gradients` differentiates, also for a solve under a pressure.
 
-    A film with two moduli has ``film.youngs_modulus_GPa.0`` and ``.1``. A film of given
-    ``film.pretension_N_m`` has that, or its ``.0`` and ``.1``, in place of
-    ``film.temperature_change_K``, and the others at this pretension; loads on the whole film add
+    A film with two moduli has ``film.youngs_modulus_GPa.0`` and ``.1``. A film with given
+    ``film.pretension_N_m`` has this key, or ``.0`` and ``.1``, in place of
+    ``film.temperature_change_K``, and further keys at this pretension; loads on the whole film add
     their keys. A rigid probe has no derivative by its place, as the tractions along its edge are
-    singular. Of a film that bends or wrinkles there is none by what its stiffness depends on; of a
-    film that feels the voltages of electrodes none by d31 and d32 either.
+    singular. A bending or wrinkling film has no derivatives by stiffness keys; a film that feels
+    electrode voltages has no derivatives by d31 and d32 either.
     """
     scene.require_plain_charges("derivatives", "coupling", "warming_K", HEAT)
     probes = tuple(key for key in touched(scene) if not _hindrance(scene, key, pressure))
@@ -41,7 +41,7 @@ def parameters_of(scene: Scene, pressure: Pressure | None = None) -> tuple[str, 
 
 
 def touched(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
-    """By key of a probe or of its load: the probes that it is of, their numbers and its name."""
+    """By key of a probe or load: the probes, their numbers and the key's name."""
     found: dict[str, list[tuple[LoadedProbe, int, str]]] = {}
     for i, touch in enumerate(scene.loaded_probes):
         heat = () if touch.probe.temperature_K is None else (HEAT,)
@@ -84,7 +84,7 @@ def stretched(scene: Scene) -> Scene:
 
 
 def numbers_of(key: str, known: Iterable[str]) -> list[str]:
-    """Those of some known keys that a key stands for: itself, or both numbers of a pair."""
+    """Known keys that a key means: itself, or both numbers in a pair."""
     return [name for name in known if name in (key, f"{key}.0", f"{key}.1")]
 
 

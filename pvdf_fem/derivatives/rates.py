@@ -1,4 +1,4 @@
-"""Derivatives of charges with respect to one parameter, by their adjoint solutions.
+"""Charge derivatives with respect to a parameter, by adjoint solutions.
 
 Symbols are those of `pvdf_fem.derivatives.adjoint`. R depends on the probe's place through the
 load's patch. The pressure F/A stays, since translations and rotations keep the area, and the work
@@ -9,7 +9,7 @@ of the load on λ changes by what the outline sweeps (Reynolds' transport theore
 with the outline's velocity V, its outward normal n, and the direction t of the pressure per
 reference area: e_z for a dead load, F1 x F2 for a follower load.
 
-All other keys do not move the mesh. The displacement is x(q, θ) of the unknowns q, and what a key
+Further keys do not move the mesh. The displacement is x(q, θ) of the unknowns q, and what a key
 does to Q and R at the same unknowns is differenced: the film's keys, forces, the heat of a warm
 probe, and the place of a tip, on which the film rests. The edge of a tip's contact moves, too, but
 counts only in the second order.
@@ -47,15 +47,15 @@ Table = TypeVar("Table", bound=Section)
 
 
 def charge_rates(solution: Solution, keys: Sequence[str]) -> Array:
-    """Derivatives of the charges of a converged solution, without errors, in C per unit of the
-    keys, which are of `parameters_of` its scene, (keys, electrodes)."""
+    """Charge derivatives of a converged solution, without errors, in C per unit of the keys in
+    `parameters_of` its scene, (keys, electrodes)."""
     solved, q, factors = factorised(solution.fields)
     adjoint = Adjoint.of(solved, goals_of(solution.scene), q, factors)
     return np.array([rate_of(adjoint, key) for key in keys])
 
 
 def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
-    """Derivatives of the forces X, Y of each electrode, without errors.
+    """Derivatives of the electrodes' forces X, Y, without errors.
 
     Parameters
     ----------
@@ -99,8 +99,8 @@ def rate_of(adjoint: Adjoint, key: str, *, with_heat: bool = True, step: float =
 
 
 def _differenced(adjoint: Adjoint, key: str, step: float, with_heat: bool) -> Array:
-    """dQ/dθ on a mesh that stays, (electrodes,), from central differences of the fourth order of Q
-    and R at the unknowns that stay."""
+    """dQ/dθ on a fixed mesh, (electrodes,), from fourth-order central differences of Q and R at
+    fixed unknowns."""
     equilibrium, rate = adjoint.equilibrium, np.zeros(len(adjoint.goals))
     for weight, change in ((8.0, step), (-8.0, -step), (-1.0, 2.0 * step), (1.0, -2.0 * step)):
         moved = equilibrium.with_(scene=changed(equilibrium.scene, key, change))

@@ -1,4 +1,4 @@
-"""What is asked of the touches of a sensor: their noise, and a model of the charges."""
+"""Touches to assess: their noise, and a model of the charges."""
 
 from __future__ import annotations
 

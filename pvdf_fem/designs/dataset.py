@@ -1,7 +1,7 @@
 """Random touches with their charges and noisy readings: what estimators are trained and tested on.
 
-Touches are even over the domain of a model of the charges: by place, rotation and logarithm of the
-force. Readings are in nominal pC, as `locate` takes them.
+Touches are even over the model's domain: by place, rotation and logarithm of the force. Readings
+are in nominal pC, for `locate`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 FORMATS = (".nc", ".csv", ".parquet")
 MOST_TOUCHES = 10_000_000  #: They take 1.3 GB with four electrodes.
-#: Variables by touch and electrode: what they are. Their unit is pC.
+#: Variables by touch and electrode, with their meaning. Their unit is pC.
 OF_ELECTRODES = {
     "charge_pC": "total charge",
     "model_error_pC": "bound on the error of the charge",
@@ -53,7 +53,7 @@ def dataset(
     processes: int | None = None,
     progress: Progress | bool | None = None,
 ) -> xarray.Dataset:
-    """Random touches of a sensor, with charges and noisy readings of its electrodes.
+    """Random touches on a sensor, with electrode charges and noisy readings.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def dataset(
     at = random_touches(model.domain, touches, seed)
     parts = np.array_split(at, 1 + touches // CHUNK)
     charges = np.concatenate([model.evaluate(part)[0] for part in parts])
-    # the touches have used the stream of random numbers of the seed alone
+    # the touches use the seed's random numbers alone
     normal = np.random.default_rng([seed, 1]).standard_normal(charges.shape)
     signals = charges + measured.noise(charges) * normal
     at[:, :ROTATION], turned = (scene.stage or Stage()).to_stage(at[:, :ROTATION], at[:, ROTATION])
@@ -117,7 +117,7 @@ def mistakes(
     noise_pC: float | None = None,
     reading: str | None = None,
 ) -> Iterator[str]:
-    """What is wrong with numbers, noise and a scene that no model is of."""
+    """Mistakes in numbers, noise and scene."""
     limits = {"touches": (touches, 1, MOST_TOUCHES), "seed": (seed, 0, 2**63 - 1)}
     for name, (value, least, most) in limits.items():
         if not (isinstance(value, int) and least <= value <= most):
@@ -151,7 +151,7 @@ def _dataset(
 
 
 def table(data: xarray.Dataset) -> pd.DataFrame:
-    """A row for each touch: its quantities, then columns such as ``charge_pC.A``. The attributes
+    """A row per touch: its quantities, then columns like ``charge_pC.A``. The attributes
     of the dataset are `attrs` of the table."""
     import pandas as pd  # slow to import
 
@@ -165,9 +165,9 @@ def table(data: xarray.Dataset) -> pd.DataFrame:
 
 
 def write(data: xarray.Dataset, path: Path) -> None:
-    """Write a dataset to a file, whose extension is one of `FORMATS`. Parquet has the attributes as
-    metadata, which ``pandas.read_parquet(path).attrs`` reads, CSV as comments before its header,
-    each line with a ``#``. Parquet needs pyarrow."""
+    """Write a dataset to a file with an extension in `FORMATS`. Parquet has the attributes as
+    metadata for ``pandas.read_parquet(path).attrs``, CSV as ``#`` comments before its header.
+    Parquet needs pyarrow."""
     from pvdf_fem.sweeps.dataset import write_netcdf
 
     if path.suffix.lower() == ".nc":

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 STEPS = 12  #: Steps of the lattice of places from the centre to the reach, by default.
 PLACE = touched.SCENE_KEYS[:ROTATION]
 OVER_PLACES = ("y_mm", "x_mm")
-#: Variables over places: what they are, and their units.
+#: Variables over places, with meanings and units.
 MAPS = {
     "place_deviation_mm": ("deviation of the place", "mm"),
     "force_deviation": ("deviation of the force over the force", "1"),
@@ -51,13 +51,13 @@ MAPS = {
 
 @dataclass(frozen=True, eq=False)
 class Designs:
-    """The scenes of designs, and the models that they need; ``print`` shows their numbers."""
+    """Scenes of designs, and their models; ``print`` shows their numbers."""
 
     grid: Grid
     scenes: Sequence[Scene]  #: In the order of the grid.
-    #: Of each model a scene, and the indices of the designs whose films deform alike.
+    #: A scene per model, and the indices of designs with equally deforming films.
     models: Sequence[tuple[Scene, Sequence[int]]]
-    #: Keys of the readout with values by electrode, which designs with other electrodes have not.
+    #: Readout keys with values by electrode, missing in designs with different electrodes.
     dropped: Sequence[str] = ()
 
     @classmethod
@@ -82,7 +82,7 @@ class Designs:
                 alike.setdefault(mechanics_of(varied), []).append(index)
         except ValueError as error:
             raise SceneError([str(error)]) from None
-        # a model of the scene itself serves other purposes, too
+        # a model of the scene itself serves further purposes
         models = [(scene if text == own else scenes[i[0]], i) for text, i in alike.items()]
         return cls(grid, scenes, models, dropped)
 
@@ -95,7 +95,7 @@ class Designs:
     def mistakes(
         self, domain: Domain, step_mm: float, tolerance: float, noise: float, noise_pC: float | None
     ) -> Iterator[str]:
-        """What is wrong with touches, noise, and scenes that no model is of."""
+        """Mistakes in touches, noise, and scenes."""
         low, high = domain.force_N
         if not 0.0 < number(step_mm) <= domain.reach_mm:
             yield f"step_mm = {step_mm}: is not between zero and the reach, {domain.reach_mm:g} mm"
@@ -115,8 +115,8 @@ def _grid(scene: Scene, axes: Sequence[Mapping[str, Any]]) -> Grid:
 def _for_all_electrodes(
     scene: Scene, axes: Sequence[Mapping[str, Any]]
 ) -> tuple[Scene, Sequence[str]]:
-    """The scene with defaults in place of what its readout has by electrode, and the keys of these;
-    unchanged where all designs have electrodes of the names of the scene."""
+    """The scene with defaults in place of readout values by electrode, and their keys;
+    unchanged where every design keeps the scene's electrode names."""
     readout = scene.readout
     fields = {} if readout is None else type(readout).model_fields
     by_name = [name for name, value in readout or () if isinstance(value, Mapping)]
@@ -142,7 +142,7 @@ def design(
     processes: int | None = None,
     progress: Progress | bool | None = None,
 ) -> xarray.Dataset:
-    """How well each of some designs tells place and force of a touch.
+    """How well designs tell a touch's place and force.
 
     Parameters
     ----------
@@ -150,20 +150,19 @@ def design(
         The sensor, its probe and force. The probe's rotation counts as known.
     vary : mapping
         Keys of the scene with their values, ``{"electrodes.count": [4, 6, 8]}``; the designs are
-        all combinations. Where names of electrodes vary, what the readout has by electrode has its
-        default in all designs; the attribute ``dropped`` has the keys.
+        all combinations. Where electrode names vary, readout values by electrode have their
+        defaults in every design; the attribute ``dropped`` has the keys.
     noise, noise_pC : float
         Standard deviation of a reading: over the charge, or over its change by the touch where the
         scene's readout reads changes, and in pC besides, by default the noise of the readout.
     reach_mm, step_mm : float, optional
         Largest distance of touches from the centre, and the step of the lattice of places.
-    force_range_N : tuple of float
-        Forces of the touches that may be taken for another one.
+    force_range_N : tuple of float Forces of touches that may be confused.
     tolerance : float
         Error bound of new models of the charges.
     model : Response or callable, optional
-        A model for designs whose films deform alike, or what gives a model of a scene. All designs
-        whose films deform alike share a model; by default each model is built.
+        A model for designs whose films deform alike, or what gives a model of a scene. Designs with
+        equally deforming films share a model; by default each model is built.
     processes, progress
         As for `build_response`.
 
@@ -182,8 +181,8 @@ def design(
 
     Notes
     -----
-    The deviation of the place is the root mean square of the distance. Along a direction that the
-    charges do not determine the deviation is the extent of the domain, as for `Touch.covariance`.
+    The deviation of the place is the root mean square of the distance. Along an undetermined
+    direction the deviation is the domain's extent, see `Touch.covariance`.
     """
     vary = taken("vary", vary, dict[str, Any])
     designs = Designs.of(scene_of(scene), vary)
@@ -225,7 +224,7 @@ def design(
 def _bounds(
     model: Response, x_mm: Array, y_mm: Array, noise: float, noise_pC: float | None
 ) -> Array:
-    """Values of `MAPS` at places (n,) of the probe, (maps, n)."""
+    """Values for `MAPS` at probe places (n,), (maps, n)."""
     exact, scene = replace(model, error_bound=0.0), model.scene
     touches = np.tile([*touched.touch_of(scene).values()], (len(x_mm), 1))
     touches[:, :ROTATION] = np.stack([x_mm, y_mm], axis=-1)
@@ -237,7 +236,7 @@ def _bounds(
 
 
 def _bound(found: Location, touch: Array) -> tuple[float, ...]:
-    """Values of `MAPS` at a touch (4,), from what its charges are located as."""
+    """Values for `MAPS` at a touch (4,), from locating its charges."""
     apart_mm = [math.dist(other.values[:ROTATION], touch[:ROTATION]) for other in found.touches]
     if apart_mm:
         C = found.touches[int(np.argmin(apart_mm))].covariance
@@ -280,15 +279,15 @@ def _dataset(
 
 
 def best(data: xarray.Dataset, most_ambiguous: float = 0.05) -> xarray.Dataset:
-    """The design with the least median deviation of the place, of those with at most this share of
-    ambiguous places, or with the least share where that is more."""
+    """The design with the least median place deviation among designs with at most this share of
+    ambiguous places; where none exists, with the least share."""
     shares, medians = data.ambiguous_share, data.place_deviation_median_mm
     allowed = medians.where(shares <= max(most_ambiguous, float(shares.min())))
     return data.isel(allowed.argmin(...)) if medians.dims else data
 
 
 def table(data: xarray.Dataset) -> pd.DataFrame:
-    """A row for each design: its keys, and what has no map."""
+    """A row per design: its keys, and values without a map."""
     dims = data.scene.dims
     keys = [name for name, values in data.coords.items() if {*values.dims} <= {*dims}]
     plain = [name for name, values in data.items() if values.dims == dims and name != "scene"]

@@ -1,4 +1,4 @@
-"""What is shown of a view before it is solved: outlines, and the controls of its values."""
+"""A view before its solve: outlines, and controls for its values."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.explore.state import WORDS, View, generic, said
 from pvdf_fem.output.figures import COLOURS
 from pvdf_fem.scene.change import plain, steps_of
+from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.quantity import Key, Section
 from pvdf_fem.scene.scene import Scene
@@ -20,12 +21,12 @@ from pvdf_fem.scene.scene_file import toml_value
 
 #: Numbers that have a slider: its limits and its step, by key.
 SLIDERS = tomllib.loads(Path(__file__).with_name("controls.toml").read_text("utf-8"))
-#: Title and meaning of values of a view that its scene does not have.
+#: Title and meaning of a view's values outside its scene.
 OWN = {
     "quantity": ("colour of the film", "What the film is coloured by."),
     "noise": ("noise of readings", "Standard deviation of a reading, relative to the reading."),
 }
-#: Words that make a table of a scene without one.
+#: Words that make a table where a scene has no table.
 MAKERS = ("probe.shape", "electrodes.layout")
 
 
@@ -51,7 +52,7 @@ def outlines_of(scene: Scene) -> dict[str, Any]:
 
 
 def colour_of(electrode: int) -> str:
-    """The colour of an electrode and of its bars, by its number."""
+    """Colour for an electrode and its bars, by number."""
     return COLOURS[electrode % len(COLOURS)]
 
 
@@ -66,13 +67,15 @@ def _outline(outline: Outline) -> dict[str, Any]:
 
 
 def controls_of(view: View) -> dict[str, list[dict[str, Any]]]:
-    """The controls of a view by table: key, title, meaning and value; of a word its choices, of a
-    number a step and limits that enclose the number. Lists are TOML."""
+    """The controls of a view by table: key, title, meaning and value; choices for a word, a step
+    and enclosing limits for a number. Lists are TOML."""
     found: dict[str, list[dict[str, Any]]] = {}
     for key in _keys(view.scene):
         name, (table, _, last) = generic(key), key.rpartition(".")
         section = section_of(view.scene, table) if table else view
         value = None if isinstance(section, tuple) else getattr(section, last, None)
+        if value is None and key == "film.pretension_N_m":
+            value = _tension(view.scene.film)
         turns = name != "probe.rotation_deg" or getattr(section, "period_deg", 0.0) > 0.0
         if not turns or (value is None and name not in MAKERS):
             continue
@@ -87,6 +90,12 @@ def controls_of(view: View) -> dict[str, list[dict[str, Any]]]:
             control |= {"min": min(low, value), "max": max(high, value), "step": step}
         found.setdefault(table or "picture", []).append(control)
     return found
+
+
+def _tension(film: Film) -> float | tuple[float, ...]:
+    """Tension at rest in N/m of a cooled film; along x and y where these differ."""
+    x, y = np.round(film.thickness * film.stress_at_rest[:2], 4).tolist()
+    return x if x == y else (x, y)
 
 
 def title_of(section: Any, name: str) -> str:
@@ -106,7 +115,7 @@ def _keys(scene: Scene) -> Iterator[str]:
 
 
 def section_of(scene: Scene, table: str) -> Any:
-    """The table of a scene, or the list of tables, by key; None where the scene has none."""
+    """A scene's table, or list of tables, by key; None where the scene has none."""
     name, *number = steps_of(table)
     section = getattr(scene, name)
     return section[number[0]] if number else section

@@ -1,4 +1,4 @@
-"""A solve as the page shows it: its result, and the film as an image."""
+"""A solve for the page: its result, and the film as an image."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ QUANTITIES = {
 
 
 class Picture(NamedTuple):
-    """What `pvdf-fem solve --json` says of a scene, and its film."""
+    """The JSON of `pvdf-fem solve --json` for a scene, and its film."""
 
     result: dict[str, Any]
     image: Array | None  #: Of `image_of`; none without a result.

@@ -1,4 +1,5 @@
-"""What the page shows of a solve: bars of charges and readings, why there are none, all numbers."""
+"""A solve's results for the page: bars of charges and readings, or the reason for their absence,
+and numbers."""
 
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ def results_of(text: str, quantity: str) -> dict[str, Any]:
 def _bars(
     name: str, title: str, values: Mapping[str, float], errors: Mapping[str, float]
 ) -> dict[str, Any]:
-    """A bar for the number of each electrode: its text, and its ends in percent of the width."""
+    """Bars by electrode: text, and ends in percent of the width."""
     low, high = min([0.0, *values.values()]), max([0.0, *values.values()])
     share = 100.0 / ((high - low) or 1.0)
     rows = []

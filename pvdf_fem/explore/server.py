@@ -30,7 +30,7 @@ FILES = {"/": ("page.html", "text/html"), "/page.js": ("page.js", "text/javascri
 
 
 def serve(scene: Scene, file: Path, port: int, browser: bool) -> None:
-    """Serve the page of a scene until it is interrupted. Port 0 is any free one; OSError where the
+    """Serve a scene's page until interrupted. Port 0 is any free one; OSError where the
     port is taken."""
     with Server((ADDRESS, port), partial(Handler, scene, file.name)) as server:
         address = f"http://{ADDRESS}:{server.server_port}/"
@@ -57,7 +57,7 @@ def view_of(start: Scene, at: str, change: str) -> dict[str, Any]:
 
 
 def _process() -> Any:
-    """The process that solves, another one if it died; it ends with this process."""
+    """The solver process, replaced if dead; it ends with this process."""
     begin = {"initializer": end_with, "initargs": (os.getpid(),)}
     return get_reusable_executor(max_workers=1, timeout=None, env=ONE_THREAD, **begin)
 
@@ -78,7 +78,7 @@ class Server(ThreadingHTTPServer):
 
 
 class Handler(BaseHTTPRequestHandler):
-    """Answers one browser about a scene from a file of some name."""
+    """Answers a browser about a scene from a named file."""
 
     protocol_version = "HTTP/1.1"
     disable_nagle_algorithm = True  # an answer would wait for the browser's acknowledgement
@@ -88,7 +88,7 @@ class Handler(BaseHTTPRequestHandler):
         super().__init__(*connection)
 
     def do_GET(self) -> None:
-        """Answer a browser that calls the page by a name of this machine."""
+        """Answer a browser that calls the page by this machine's name."""
         url = urlsplit(self.path)
         asked = {key: values[-1] for key, values in parse_qs(url.query).items()}
         if self.headers.get("Host", "").partition(":")[0] not in HOSTS:

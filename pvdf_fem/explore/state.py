@@ -1,4 +1,4 @@
-"""What the page shows, as plain values: a scene and how it is shown, changes of it, the link."""
+"""The page's state in plain values: a scene and its display, changes, the link."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pvdf_fem.scene.scene_file import choose, key_texts, parse_change, problem, 
 from pvdf_fem.scene.shapes import ELECTRODES, MODELS, PROBES, Layout
 
 MOST_NOISE = 0.5  #: Largest standard deviation of readings, relative to them.
-#: Keys whose value is one of some words.
+#: Keys with words as values.
 WORDS: dict[str, tuple[str, ...]] = {
     "load.kind": (*LOAD_CLASSES,),
     "probe.shape": (*PROBES,),
@@ -26,7 +26,7 @@ WORDS: dict[str, tuple[str, ...]] = {
     "electrodes.shape": (*ELECTRODES,),
     "quantity": (*QUANTITIES,),
 }
-#: Where a word is refused, a word of this other key may be what it needs.
+#: A refused word may need a word for this partner key.
 PARTNERS = {
     "load.kind": "probe.shape",
     "probe.shape": "load.kind",
@@ -36,7 +36,7 @@ PARTNERS = {
 
 @dataclass(frozen=True)
 class View:
-    """A scene, what its film is coloured by, and the noise of the readings of its touch."""
+    """A scene, the quantity that colours its film, and the readings' noise."""
 
     scene: Scene
     quantity: str = "deflection"
@@ -59,8 +59,8 @@ class View:
     def typed(self, text: str) -> View:
         """Another view, by some ``KEY=VALUE`` with blanks between them.
 
-        A word that the scene refuses is tried again with each word of the partner of its key: a
-        sphere needs load.kind = "contact".
+        A refused word is tried again with the words for its key's partner: a sphere needs load.kind
+        = "contact".
         """
         changes = _parsed(text)
         words = {key: value for key, value in changes.items() if generic(key) in WORDS}
@@ -78,7 +78,7 @@ class View:
             raise refused
 
     def _chosen(self, key: str, word: str) -> list[tuple[str, Any]]:
-        """Changes for a word, with examples of the sizes that a shape needs."""
+        """Changes for a word, with example sizes for a shape."""
         table, _, name = key.rpartition(".")
         section = getattr(self.scene, generic(table), None) if table else None
         if isinstance(section, tuple) and table == generic(table):  # a list gives way to a table
@@ -90,7 +90,7 @@ class View:
         return [(key, word), *sizes.items()]
 
     def query(self, start: Scene) -> str:
-        """The query of a link with what differs from the scene of the file: whole sections."""
+        """The query of a link with differences from the file's scene: whole sections."""
         before = plain(start)
         changes = {key: t for key, t in plain(self.scene).items() if t != before.get(key)}
         own = {"quantity": self.quantity, "noise": self.noise}
@@ -99,7 +99,7 @@ class View:
 
     @classmethod
     def of_query(cls, start: Scene, query: str) -> View:
-        """The view of a link to the page of a scene; SceneError for what leads to none."""
+        """The view from a link to a scene's page; SceneError for what leads to none."""
         words = parse_qsl(query, keep_blank_values=True)
         given = dict(parse_change(f"{key}={value}") for key, value in words)
         whole = {k: Replaced(v) if isinstance(v, dict) else v for k, v in given.items()}
@@ -107,7 +107,7 @@ class View:
 
 
 def _profile_files(scene: Scene) -> set[str]:
-    """Files of pressure profiles; whoever changes a page may be no user of this machine."""
+    """Files of pressure profiles; a page may be changed by strangers to this machine."""
     loads = [scene.load, *(touch.load for touch in scene.loaded_probes)]
     return {load.profile for load in loads} - PROFILE_ENTRIES.keys()
 

@@ -154,7 +154,7 @@ def build_response(
         about the probe, or half of the touches held out, have no solution.
     """
     scene = scene_of(scene)
-    mechanics_of(scene)  # refuses what no response is of
+    mechanics_of(scene)  # refuses a scene without a probe, of which no domain is known
     wanted, known = wanted_model(scene)
     reach_mm = wanted.reach_mm if reach_mm is None else reach_mm
     forces = wanted.force_N if force_N is None else taken("force_N", force_N, tuple[float, float])

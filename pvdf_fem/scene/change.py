@@ -14,12 +14,12 @@ from pvdf_fem.scene.registry import FORCES, RIVALS, put
 from pvdf_fem.scene.scene_file import problem
 from pvdf_fem.scene.shapes import LAYOUTS, RING, SIZES
 
-# Keys that decide which other keys there are, in the order in which they are changed.
+# Keys that decide which further keys exist, in order of change.
 _FIRST = ("layout", "shape", "kind", "profile")
-# The change of a key that has to be a table, whose keys are changes of their own.
+# The change of a table key; the table's keys are changes themselves.
 _TABLE = object()
 _KEY = re.compile(r"[^.[\]]+(?:\.[^.[\]]+|\[[0-9]{1,9}\])*")
-#: What a key is told that addresses an entry of a table, or a key of a list.
+#: Complaint about a key that addresses a table's entry, or a list's key.
 _BY_INDEX = {
     name: f"{them} are addressed by index in a list [[{name}]], as in {name}[0].x_mm"
     for name, them in {"electrodes": "electrodes", "probe": "probes"}.items()
@@ -27,20 +27,20 @@ _BY_INDEX = {
 
 
 class Replaced(dict[str, Any]):
-    """A table that takes the place of a whole table of the scene, as in
-    ``scene.with_(film=Replaced(thickness_um=12))``: keys that it does not have get their defaults.
-    Other tables are merged."""
+    """A table that replaces a whole table in the scene:
+    ``scene.with_(film=Replaced(thickness_um=12))``. Missing keys get their defaults. Other tables
+    are merged."""
 
 
 @lru_cache(maxsize=1024)
 def steps_of(key: str) -> tuple[Any, ...]:
-    """The names and the indices, as int, that a dotted key consists of; none if it is no key."""
+    """Names and indices (int) in a dotted key; none if it is no key."""
     steps = re.findall(r"[^.[\]]+", key) if _KEY.fullmatch(key) else []
     return _beside(int(step) if re.fullmatch("[0-9]{1,9}", step) else step for step in steps)
 
 
 def _beside(steps: Iterable[Any]) -> tuple[Any, ...]:
-    """The steps to a key; those to the force of a probe of a list lead beside the probe's shape."""
+    """The steps to a key; steps to the force of a listed probe lead beside the probe's shape."""
     match steps := tuple(steps):
         case ("probe", int(), "load", key, *_) if key in FORCES:
             return steps[:2] + steps[3:]
@@ -56,15 +56,15 @@ def number_at(scene: Any, key: str) -> float:
 
 
 def spelled(key: str) -> str:
-    """The one spelling of a key: ``electrodes.0.x_mm`` becomes ``electrodes[0].x_mm``."""
+    """The canonical spelling of a key: ``electrodes.0.x_mm`` becomes ``electrodes[0].x_mm``."""
     rest = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps_of(key))
     return "".join(rest).removeprefix(".") or key
 
 
 def change(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) -> list[str]:
-    """Change values of tables in place, by key such as ``load.force_N``, ``probe[0].x_mm``, with
-    a dict or None, and with keywords. Tables among the values are merged, and tables on the way are
-    made. It returns a complaint for each key that leads nowhere, or that is changed twice."""
+    """Change values in tables in place, by keys like ``load.force_N`` or ``probe[0].x_mm``, with a
+    dict or None, and with keywords. Tables among the values are merged, and tables on the way are
+    made. Returns complaints about keys that lead nowhere or are changed twice."""
     if not isinstance(given, Mapping | None):
         reason = 'must be a dict of keys with their values; give {"load.force_N": 2}'
         return [problem("changes", given, reason)]
@@ -82,7 +82,7 @@ def change(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) -> list
                 reason = f"is the same key as {found[steps][0]}; remove one"
                 problems.append(problem(told, given, reason))
             found.setdefault(steps, (told, value))
-    # whole sections first, then the keys that decide which other keys there are
+    # whole sections first, then keys that decide which further keys exist
     for steps in sorted(found, key=lambda s: (len(s), [*_FIRST, s[-1]].index(s[-1]))):
         told, value = found[steps]
         _, rival = found.get((*steps[:-1], RIVALS.get(steps[-1])), ("", None))
@@ -106,14 +106,14 @@ def leaves(steps: tuple[Any, ...], value: Any) -> Iterator[tuple[tuple[Any, ...]
 
 
 def named(changes: Mapping[str, Any]) -> set[str]:
-    """The keys of sections that changes name, ``load.force_N``, and sections that they replace."""
+    """Keys named by changes, ``load.force_N``, and replaced sections."""
     every = (leaf for key, value in changes.items() for leaf in leaves(steps_of(key), value))
     found = (steps for steps, value in every if value is not _TABLE)
     return {".".join([step for step in steps if isinstance(step, str)][:2]) for steps in found}
 
 
 def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any, rival: Any) -> None:
-    """Change a value; `rival` is what the key's rival is changed to, or None."""
+    """Change a value; `rival` is the new value of the key's rival, or None."""
     node: Any = tables
     if steps[0] in _BY_INDEX and len(steps) > 2:
         entries = node.get(steps[0]) or {}
@@ -144,7 +144,7 @@ def _encodable(key: Any) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """A value as a TOML parser would give it."""
+    """A value in the form from a TOML parser."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_none=True)
     if isinstance(value, np.generic | np.ndarray):

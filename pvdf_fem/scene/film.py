@@ -233,13 +233,13 @@ class Film(Section):
 
     @property
     def zeroed(self) -> Film:
-        """The film at rest before it warmed or a pressure came, whose charges are those at rest."""
+        """The film before warming and pressure; its charges are the charges at rest."""
         before = {"warming_K": None, "pressure_Pa": None, "pressure_follows": False}
         return self.model_copy(update=before)
 
     @property
     def weight(self) -> float:
-        """Weight per area along z in Pa, without that of patches."""
+        """Weight per area along z in Pa, without patches."""
         return self.density * self.thickness * (self.gravity_m_s2 or 0.0)
 
     @property
@@ -258,7 +258,7 @@ class Film(Section):
 
     @property
     def stress_at_rest(self) -> NDArray[np.float64]:
-        """Stress in Pa, (3,), of the flat clamped film if it carries compression; without shear."""
+        """Stress in Pa, (3,), in the flat clamped film if compression is carried; without shear."""
         if self.pretension_N_m is None:
             return self.stiffness @ self.strain_at_rest
         given = np.append(np.broadcast_to(self.pretension_N_m, 2), 0.0) / self.thickness
@@ -316,7 +316,7 @@ class Film(Section):
 
     @property
     def is_uneven(self) -> bool:
-        """Whether it is not the same in all places before any touch."""
+        """Whether the film is uneven before a touch."""
         return bool(self.patches or self.rim_displacement_um)
 
 

@@ -1,4 +1,4 @@
-"""What is given to functions, as they need it, or refused with name, value and what to give.
+"""Arguments in the form that functions need, or refusals with name, value and advice.
 
 Arguments are checked as keys of a scene are, by their types and ranges, and refused in the same
 sentences.
@@ -33,20 +33,20 @@ class HasScene(Protocol):
 
 
 SceneLike: TypeAlias = Scene | str | Path | Mapping[str, Any] | HasScene
-#: Names, of which a single one may stand for itself.
+#: Names; a single name may stand alone.
 Names = Annotated[tuple[str, ...], BeforeValidator(lambda v: (v,) if isinstance(v, str) else v)]
 
 
 class Named(dict[str, Value]):
-    """Values by name; a name that is none is refused with the names that there are."""
+    """Values by name; an unknown name is refused with the known names."""
 
     def __missing__(self, name: Any) -> Value:
         raise KeyError(f"{name!r:.60} is not there; {choose(name, list(self))}")
 
 
 def scene_of(given: SceneLike) -> Scene:
-    """The scene that is meant: of a path its file's, of a dict the default scene with the dict's
-    tables, of a result the result's own.
+    """The intended scene: from a path's file, from a dict's tables over the default scene, or from
+    a result.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def scene_of(given: SceneLike) -> Scene:
 
 
 def model_of(given: T) -> T:
-    """A model of the charges, as `build_response` makes it; TypeError for anything else."""
+    """A model of the charges, from `build_response`; TypeError for anything else."""
     if hasattr(given, "evaluate"):
         return given
     raise TypeError(problem("model", given, "is no model; give that of build_response(scene)"))
@@ -77,7 +77,7 @@ def model_of(given: T) -> T:
 def taken(
     name: str, given: Any, kind: Any, limits: tuple[float, float] | None = None, unit: str = ""
 ) -> Any:
-    """An argument of a type, within limits where there are any; ValueError, a line for each
+    """An argument with a type, within optional limits; ValueError, a line for each
     mistake, for anything else."""
     kind = Annotated[kind, Key(unit, limits)] if kind in (int, float) else kind
     if isinstance(kind, type) and is_dataclass(kind):

@@ -1,4 +1,4 @@
-"""All mistakes of a scene, told under the keys of the scene file."""
+"""Mistakes in a scene, under the keys in the scene file."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ REASONS = {
 
 
 def mistakes(error: ValidationError, data: Mapping[str, Any], model: type[BaseModel]) -> list[str]:
-    """One line for each mistake in `data`, at most `MOST_MISTAKES`, of which pydantic told `error`.
-    A scene compares its shapes only when each table is valid by itself. The tables that are valid
-    are compared here, so that mistakes of both sorts are told together."""
+    """Lines for mistakes in `data`, at most `MOST_MISTAKES`, from pydantic's `error`.
+    A scene compares its shapes only when each table is valid by itself. Valid tables are compared
+    here, to report both sorts of mistakes together."""
     errors = error.errors(include_url=False)
     lines: Iterator[str]
     if errors[0]["type"] == "misplaced":
@@ -58,14 +58,14 @@ def mistakes(error: ValidationError, data: Mapping[str, Any], model: type[BaseMo
 
 
 def told(error: ValidationError, where: str, model: type[BaseModel]) -> list[str]:
-    """One line for each mistake in the table at a key, of which pydantic told `error`. Tags of
-    unions, which are no keys, begin with ``<``."""
+    """Lines for mistakes in the table at a key, from pydantic's `error`. Union tags begin with
+    ``<`` and are no keys."""
     errors = error.errors(include_url=False)
     return [_line(d, where, model) for d in errors if not _is_shortened(d)]
 
 
 def spelled_key(where: str, steps: Sequence[int | str]) -> str:
-    """The key of what is some steps below a key: ``data.touches``, ``section[0].title``."""
+    """The key some steps below a key: ``data.touches``, ``section[0].title``."""
     further = (f"[{step}]" if isinstance(step, int) else f".{_bare(step)}" for step in steps)
     return (where + "".join(further)).removeprefix(".")
 
@@ -81,7 +81,7 @@ def _is_shortened(details: ErrorDetails) -> bool:
 
 
 def _line(details: ErrorDetails, where: str, model: type[BaseModel]) -> str:
-    """A complaint of pydantic in the words of the scene file."""
+    """pydantic's complaint in the words of the scene file."""
     kind, loc, value = details["type"], details["loc"], details["input"]
     context = details.get("ctx", {})
     unknown = kind == "extra_forbidden"
@@ -116,7 +116,7 @@ def _line(details: ErrorDetails, where: str, model: type[BaseModel]) -> str:
 
 
 def _instead(key: str, loc: tuple[int | str, ...], model: type[BaseModel]) -> str:
-    """What to do about the last step of `loc`, which is no key of its table."""
+    """Advice about the last step in `loc`, an unknown key in its table."""
     where = tuple(str(step).strip("<>") for step in loc[:-1] if not isinstance(step, int))
     known = _keys_at(where, model)
     if where[:2] == ("electrodes", "table") and loc[-1] in ("name", "x_mm", "y_mm", "rotation_deg"):
@@ -142,7 +142,7 @@ def _quoted(text: str) -> list[str]:
 
 
 def _among_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
-    """Misplacements among the tables of a scene that are valid by themselves."""
+    """Misplacements among individually valid tables in a scene."""
     film, numerics = (data.get(name) for name in ("film", "numerics"))
     radius = {k: v for k, v in film.items() if k == "radius_mm"} if isinstance(film, dict) else {}
     valid = _valid(Film, radius)

@@ -1,4 +1,4 @@
-"""What is valid one by one and not together: places of shapes, and effects on the film."""
+"""Checks of individually valid parts together: places of shapes, and effects on the film."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def misplacements(
     load: Load | None,
     observable: str,
 ) -> Iterator[str]:
-    """Complaints about shapes and loads that are valid one by one. Probes, and electrodes of a
+    """Complaints about individually valid shapes and loads. Probes, and electrodes of a
     list, are given by their keys. Without a radius in mm the rim is left out, without the scene's
     load all loads are."""
     hashable = tuple(electrodes.items()) if isinstance(electrodes, Mapping) else electrodes

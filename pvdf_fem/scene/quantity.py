@@ -19,7 +19,7 @@ from pydantic_core.core_schema import (
 
 from pvdf_fem.scene.scene_file import choose
 
-#: Units by the endings of keys, as keys and figures tell them.
+#: Units by the endings of keys.
 UNITS = {"um": "µm", "deg": "degrees", "MOhm": "MΩ", "per_K": "1/K", "pC_N": "pC/N", "N_m": "N/m"}
 UNITS |= {"kg_m3": "kg/m³", "m2_s": "m²/s", "m_s2": "m/s²", "uC_m2K": "µC/(m² K)"}
 UNITS |= {unit: unit for unit in ("mm", "GPa", "Pa", "pF", "pC", "K", "N", "V", "s", "Hz")}
@@ -34,14 +34,15 @@ def in_words(key: str) -> tuple[str, str]:
 
 
 def refusal(reason: str) -> PydanticCustomError:
-    """The exception of a validator; `reason` says what is wrong and what to change."""
+    """The exception of a validator; `reason` names the mistake and the change to make."""
     return PydanticCustomError("scene", "{reason}", {"reason": reason})
 
 
 class Affects(Enum):
-    """What a key affects. Scenes that differ in nothing that affects the mechanics share a solve.
+    """What a key affects. Scenes that differ only in keys without effect on the mechanics share a
+    solve.
 
-    A key that does not say what it affects, affects the mechanics.
+    By default a key affects the mechanics.
     """
 
     MECHANICS = auto()  #: The deformation of the film.
@@ -55,7 +56,7 @@ class Affects(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Key:
-    """What is said of a key of a scene: an annotation of its field. Its meaning is the text below
+    """Description of a scene's key: an annotation on its field. Its meaning is the text below
     the field.
 
     Help, reference and example of the scene file are written from keys, values are checked by them,
@@ -65,7 +66,8 @@ class Key:
     unit: str = ""
     within: tuple[float, float] | None = None  #: Least and largest number, in `unit`.
     affects: Affects | None = None  #: Of a table, None leaves it to the table's keys.
-    #: A key above in the table and its value, None for any, without which this key is refused ...
+    #: A key above in the table and its value (None for every value) without which this key is
+    #: refused ...
     needs: tuple[str, str | None] | None = None
     idle: Any = None  #: ... unless its value is this, or zero, or false.
     usual: tuple[float, float] | None = None  #: Numbers that nobody doubts; by default `within`.
@@ -156,7 +158,7 @@ class Section(BaseModel):
 
     @classmethod
     def key_of(cls, name: str) -> Key:
-        """The `Key` of a field of the table."""
+        """The `Key` of a table's field."""
         said = (mark for mark in cls.model_fields[name].metadata if isinstance(mark, Key))
         return next(said, Key())
 
@@ -165,7 +167,7 @@ class Section(BaseModel):
         raise AttributeError(told)
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """A copy with some other values, and nothing cached of the old ones."""
+        """A copy with changed values and without cached old values."""
         copy = super().model_copy(update=update, deep=deep)
         for name in copy.__dict__.keys() - type(copy).model_fields.keys():
             del copy.__dict__[name]
@@ -173,7 +175,7 @@ class Section(BaseModel):
 
 
 def affecting(table: Section, *effects: Affects) -> dict[str, Any]:
-    """The values of a table's keys that affect some of `effects`; lists of such for tables in it.
+    """Values for a table's keys with `effects`; lists of such for tables in it.
 
     Equal dictionaries have equal texts by `repr`.
     """

@@ -22,13 +22,13 @@ Value = TypeVar("Value")
 
 
 class ByName(dict[str, Value]):
-    """Values by the electrode's name, hashable as all of a scene."""
+    """Values by the electrode's name, hashable like every part of a scene."""
 
     def __hash__(self) -> int:  # type: ignore[override]
         return hash(frozenset(self.items()))
 
 
-#: A value of all channels, or a table of values by electrode; the others have the default.
+#: A common value for the channels, or a table by electrode; the others have the default.
 ByChannel = Annotated[
     Annotated[Value, Tag("<one>")]
     | Annotated[dict[str, Value], AfterValidator(ByName), Tag("<table>")],
@@ -43,7 +43,7 @@ def _is_not_zero(value: float) -> float:
 
 
 def deviation(value: float | str, of: float) -> float:
-    """A standard deviation, given as a number or as ``"5 %"`` of the size of a number."""
+    """A standard deviation: a number, or ``"5 %"`` of a number's magnitude."""
     if isinstance(value, str):
         return abs(of) * float(value.rstrip("% ")) / 100.0
     return float(value)
@@ -58,13 +58,13 @@ def _are_deviations(given: dict[str, Any]) -> ByName[Any]:
     return ByName(given)
 
 
-#: Standard deviations by key of the scene: numbers, or shares such as ``"5 %"``.
+#: Standard deviations by the scene's keys: numbers, or shares like ``"5 %"``.
 Uncertain = Annotated[dict[str, Any], BeforeValidator(flattened), AfterValidator(_are_deviations)]
 
 
 class Readout(Section):
-    """What reads the electrodes. Every value but `reading` is one for all electrodes or a table by
-    electrode such as ``gain = { A = 1.02, B = 0.97 }``, where the others have the default."""
+    """What reads the electrodes. Values except `reading` are common to the electrodes or tables by
+    electrode, ``gain = { A = 1.02, B = 0.97 }``; missing electrodes have the default."""
 
     kind: ByChannel[Literal["charge", "voltage"]] = "charge"
     """charge: a charge amplifier, whose output is the charge over its feedback capacitance and
@@ -116,7 +116,7 @@ class Readout(Section):
         return value
 
     def mistakes(self, electrodes: Sequence[str]) -> Iterator[str]:
-        """Complaints about channels of electrodes that there are not."""
+        """Complaints about channels for missing electrodes."""
         for key in type(self).model_fields:
             table = getattr(self, key)
             for name in table if isinstance(table, ByName) else ():

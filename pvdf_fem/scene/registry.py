@@ -1,7 +1,7 @@
 """The loads, pressure profiles and observables that a scene may name, and the table ``[load]``.
 
 A further one is a class in a file of its own and its line here. Classes are given as
-``module:Class``, since scenes are read without the modules that solve them.
+``module:Class``: scenes are read without solver modules.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ LOAD_CLASSES = {
 }
 
 
-#: Class of the load on the whole film that each key of the film makes.
+#: Classes of loads on the whole film, by the film's keys.
 SPREAD_CLASSES = {
     "pressure_Pa": "pvdf_fem.film.loads.everywhere.pressure:FilmPressure",
     "gravity_m_s2": "pvdf_fem.film.loads.everywhere.weight:Weight",
@@ -52,13 +52,13 @@ class ProfileEntry(NamedTuple):
     is_symmetric: bool = True
 
 
-#: Each ``load.profile`` that is no file, and what a file stands for.
+#: Named ``load.profile`` values, and the class for files.
 PROFILE_ENTRIES = {
     "uniform": ProfileEntry("pvdf_fem.film.loads.profiles:Uniform"),
     "hertz": ProfileEntry("pvdf_fem.film.loads.profiles:Hertz", needs_ellipse=True),
     "gaussian": ProfileEntry("pvdf_fem.film.loads.profiles:Gaussian"),
 }
-#: What stands between the path of a file with a profile and the SHA-256 of the file's content.
+#: Mark between a profile file's path and the SHA-256 of its content.
 PIN = "#sha256="
 TABLE_ENTRY = ProfileEntry("pvdf_fem.film.loads.profiles:Table", is_symmetric=False)
 
@@ -79,9 +79,9 @@ OBSERVABLE_ENTRIES = {
 #: Pairs of keys of a table; a key with a value removes its rival.
 RIVALS = {"depth_mm": "force_N", "temperature_change_K": "pretension_N_m"}
 RIVALS |= {rival: key for key, rival in RIVALS.items()}
-#: Keys of a load that a probe of a list has beside its shape; a file may have them in `load`, too.
+#: Load keys that a listed probe has beside its shape; a file may have them in `load`, too.
 FORCES = ("depth_mm", "force_N", "tangential_N")
-#: Forces and depths of loads, which probes of a list have, too.
+#: Forces and depths of loads; listed probes have them, too.
 DEPTH = Key("mm", (1e-6, 1e3), needs=("kind", "contact"), example=3.0)
 FORCE = Key(
     "N", (0.0, 1e6), Affects.SCALE, usual=(0.0, 99.9), mistaken={"grams": 9.81e-3}, example=0.6
@@ -126,7 +126,7 @@ class Load(Section):
     @model_validator(mode="before")
     @classmethod
     def _without_friction(cls, given: Any) -> Any:
-        """Scenes that were written with ``friction = 0`` slide freely, as all do."""
+        """Scenes with ``friction = 0`` slide freely like every scene."""
         if isinstance(given, Mapping) and given.get("friction") == 0.0:
             return {key: value for key, value in given.items() if key != "friction"}
         return given
@@ -166,14 +166,14 @@ class Load(Section):
 
     @model_serializer(mode="wrap")
     def _say_once(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """The table, without what is None and without a force that follows from the depth."""
+        """The table, without None and without a force that follows from the depth."""
         left_out = "force_N" if self.depth_mm is not None else ""
         table = handler(self).items()
         return {key: value for key, value in table if value is not None and key != left_out}
 
     @property
     def depth(self) -> float | None:
-        """Depth of a tip in m, where it is given instead of a force."""
+        """Depth of a tip in m, where given instead of a force."""
         return None if self.depth_mm is None else self.depth_mm / 1e3
 
     @property
@@ -201,14 +201,14 @@ class Load(Section):
 if TYPE_CHECKING:
 
     class OwnLoad(Load):
-        """What a probe of a list says of its load. What it does not say is None."""
+        """The load of a listed probe. What it does not say is None."""
 else:
     _own: Any = {
         key: (Annotated[(field.annotation | None, Field(), *field.metadata)], None)
         for key, field in Load.model_fields.items()
     }
     OwnLoad = create_model("OwnLoad", __base__=Load, __module__=__name__, **_own)
-#: What keys of loads and channels need beside them: a key and its value.
+#: Needs of load and channel keys: a key and its value.
 _NEEDS = {
     name: needs
     for table in (Load, Readout)
@@ -218,8 +218,8 @@ _NEEDS = {
 
 
 def put(table: dict[str, Any], key: str, value: Any, rival: Any = None) -> None:
-    """Change a key of a scene's table. Keys that need another value of this one are left behind,
-    and so is its rival. Where a value of the `rival` is given, too, both stay and are refused."""
+    """Change a key of a scene's table. Keys that need a different value are left behind, and the
+    rival, too. Where a value of the `rival` is given, too, both stay and are refused."""
     if isinstance(value, dict):  # a value by channel leaves nothing behind
         table[key] = value
         return
@@ -233,7 +233,7 @@ def put(table: dict[str, Any], key: str, value: Any, rival: Any = None) -> None:
 
 
 def said_at(where: str, probe: Any, key: str) -> str:
-    """The key that says a value of the load of the probe at `where`: the probe's or the scene's."""
+    """The key for a load's value at the probe `where`: the probe's key or the scene's key."""
     if key not in getattr(probe, "said", ()):
         return f"load.{key}"
     return f"{where}.{key}" if key in FORCES else f"{where}.load.{key}"

@@ -1,9 +1,9 @@
 """What is simulated: film, air, electrodes, probe, load and numerics, validated and frozen.
 
-A scene comes from a TOML file or is built from the models of its parts. Keys carry the units in
-which people give them (mm, µm, GPa, pC/N); properties without a unit in their name are SI, and
-nothing else in the package converts lengths or moduli. Defaults are the thesis's values:
-`Scene()` is the four-electrode biaxial sensor without a probe.
+A scene comes from a TOML file or is built from the models of its parts. Keys carry the usual units
+(mm, µm, GPa, pC/N); properties without a unit in their name are SI, and nothing else in the package
+converts lengths or moduli. Defaults are the thesis's values: `Scene()` is the four-electrode
+biaxial sensor without a probe.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ __all__ = [
 
 
 class Numerics(Section):
-    """The error that is wanted in every charge, what is called charge, and limits of a solve."""
+    """The wanted error in every charge, the definition of charge, and limits of a solve."""
 
     tolerance: Annotated[float, Key("", (2e-8, 0.49))] = 1e-3
     """Error wanted in every charge, relative to the charge. Where its parts, d31 S11 and d32 S22,
@@ -93,7 +93,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LoadedProbe:
-    """One of a scene's probes with its load, its key, and the name of its patch in a mesh."""
+    """A scene's probe with its load, key, and patch name in a mesh."""
 
     key: str
     patch: str
@@ -112,11 +112,11 @@ class LoadedProbe:
 
 
 class Scene(Told, Section):
-    """One film with its electrodes, probes or none, a load, and what reads and positions them.
+    """A film with electrodes, optional probes, a load, readout and stage.
 
-    A list of probes may have a load for each; see `loaded_probes`.
+    Listed probes may have their own loads; see `loaded_probes`.
 
-    Mistakes raise `SceneError`, which lists them under the keys of the scene file; what is no
+    Mistakes raise `SceneError`, listed under the keys of the scene file; what is no
     mistake and probably meant otherwise is among the `doubts`.
     """
 
@@ -180,7 +180,7 @@ class Scene(Told, Section):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What a scene may say and hardly means: a load on nothing, and units of other keys."""
+        """Doubtful but valid parts of a scene: a load on nothing, and values in wrong units."""
         found, tables = [], {"film": self.film, "load": self.load}
         if self.probe is None and self.load != Load():
             found.append("load: nothing presses, since there is no probe; add [probe]")
@@ -225,7 +225,7 @@ class Scene(Told, Section):
 
     @property
     def tips(self) -> tuple[LoadedProbe, ...]:
-        """The loaded probes that are rigid tips, on which the film rests."""
+        """The loaded probes that are rigid tips."""
         return tuple(touch for touch in self.loaded_probes if touch.load.kind == "contact")
 
     def loaded(self, touches: Sequence[LoadedProbe]) -> Scene:
@@ -244,20 +244,20 @@ class Scene(Told, Section):
         return self.model_copy(update={"probe": probes, "load": Load()})
 
     def unheeded(self, keys: Iterable[str]) -> list[str]:
-        """Keys of the scene's load, among `keys`, without effect on any probe of the list."""
+        """The load's keys, among `keys`, without effect on the listed probes."""
         probes = self.probe if isinstance(self.probe, tuple) else ()
         of_load = {key: key.removeprefix("load.") for key in keys if key.startswith("load.")}
         return [k for k in of_load if probes and not any(p.heeds(of_load[k]) for p in probes)]
 
     def require_no_tips(self, what: str) -> None:
-        """SceneError for a scene with tips, whose contact has to be found, which `what` cannot."""
+        """SceneError for a scene with tips: `what` cannot find contacts."""
         if self.tips:
             reason = f"is not for {what}, which does not find where a tip touches; give another"
             raise SceneError([problem("load.kind", "contact", reason)])
 
     def require_plain_charges(self, what: str, *known: str) -> None:
-        """SceneError where charges are more than d31 and d32 times the stress of the film at zero
-        voltage and at one temperature, by keys that are not `known` to `what`."""
+        """SceneError where charges are more than d31 and d32 times the stress at zero voltage and
+        constant temperature, by keys not `known` to `what`."""
         keys = ("coupling", "d33_pC_N", "warming_K")
         given = {f"film.{key}": getattr(self.film, key) for key in keys}
         given |= {key: probe.temperature_K for key, probe in self.warm_probes.items()}
@@ -281,7 +281,7 @@ class Scene(Told, Section):
 
     @classmethod
     def _read(cls, path: Path | str) -> Scene:
-        """Scene from a scene file; raises `SceneError` for whatever keeps it from being one."""
+        """Scene from a scene file; raises `SceneError` for mistakes."""
         return cls.parse(read_scene_text(path), str(path))
 
     @classmethod
@@ -301,13 +301,12 @@ class Scene(Told, Section):
         **changes
             Values by dotted key, ``{"load.force_N": 2.0, "electrodes.0.x_mm": 8}``, or tables,
             ``film={"thickness_um": 12}``, which are merged: keys that a table does not have stay. A
-            model of a section, a `Replaced` table, a list and None take the place of the old value.
+            section's model, a `Replaced` table, a list and None replace the old value.
 
-            A new shape leaves the sizes of the old one behind, a new layout the keys that it does
-            not have, and a new kind or profile of a load the keys that need the old one.
-            ``film.pretension_N_m`` takes the place of ``film.temperature_change_K``,
-            ``load.depth_mm`` of ``load.force_N``, and the other way round; both of them together
-            are refused.
+            A new shape leaves the old shape's sizes behind, a new layout its unknown keys, and a
+            new kind or profile of a load the keys that need the old value. ``film.pretension_N_m``
+            replaces ``film.temperature_change_K``, ``load.depth_mm`` replaces ``load.force_N``, and
+            vice versa; both of them together are refused.
 
         Raises
         ------

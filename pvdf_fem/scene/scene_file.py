@@ -14,7 +14,7 @@ from pvdf_fem.files import FileError, printable, read_text
 
 MOST_BYTES = 1_000_000  #: Largest scene file in bytes.
 
-# The time of tomllib grows with the square of the number of names in a dotted key; a scene needs
+# tomllib's time grows with the square of the number of names in a dotted key; a scene needs
 # two of them.
 _LONG_KEY = re.compile(
     r"""(?:^|[\[{,])[ \t]*(?:(?:"[^"\n]*"|'[^'\n]*'|[\w-]+)[ \t]*\.[ \t]*){9}""", re.MULTILINE
@@ -45,7 +45,7 @@ class SceneError(ValueError):
 
 
 def read_scene_text(path: Path | str) -> str:
-    """The text of a scene file; SceneError for what is no UTF-8 file of at most `MOST_BYTES`."""
+    """The text of a scene file; SceneError unless a UTF-8 file with at most `MOST_BYTES`."""
     if not isinstance(path, str | Path):
         raise SceneError([problem("path", path, "is no path; give the name of a file")])
     try:
@@ -76,7 +76,7 @@ class KeyText(NamedTuple):
 
 
 def key_texts() -> Iterator[KeyText]:
-    """The keys of scene files as the example with every key has them."""
+    """Scene keys from the example with every key."""
     table = ""
     lines: list[str] = []
     for line in examples()["four_electrodes"].splitlines():
@@ -133,8 +133,8 @@ def _key(name: str) -> str:
 
 
 def flattened(table: Any, prefix: str = "") -> Any:
-    """Values by dotted key of nested tables, as TOML makes them of keys without quotes, and of
-    lists of tables: ``probe[0].x_mm``."""
+    """Values by dotted key in nested tables (TOML keys without quotes) and lists of tables:
+    ``probe[0].x_mm``."""
     if not isinstance(table, Mapping):
         return table
     flat: dict[str, Any] = {}
@@ -169,9 +169,9 @@ def parse_change(text: str) -> tuple[str, Any]:
 
 
 def toml_value(value: Any) -> str:
-    """A scalar, a list or a table as TOML in one line."""
+    """A scalar, list or table as TOML in a line."""
     if isinstance(value, str):
-        # the escapes of JSON are TOML's, and other printable characters stand for themselves
+        # JSON's escapes are TOML's, and further printable characters stand for themselves
         return json.dumps(value, ensure_ascii=False)
     if isinstance(value, bool):
         return str(value).lower()
@@ -184,7 +184,7 @@ def toml_value(value: Any) -> str:
 
 
 def quote(value: Any, depth: int = 0) -> str:
-    """A value as a scene file shows it, in at most 60 characters."""
+    """A value in scene file form, in at most 60 characters."""
     if isinstance(value, bool):
         text = str(value).lower()
     elif isinstance(value, int) and value.bit_length() > 128:
@@ -202,11 +202,11 @@ def quote(value: Any, depth: int = 0) -> str:
 
 
 def problem(key: str, value: Any, reason: str) -> str:
-    """One complaint; `reason` says what is wrong and what to change."""
+    """One complaint; `reason` names the mistake and the change to make."""
     return f"{key} = {quote(value)}: {reason}"
 
 
 def choose(word: Any, known: Sequence[str]) -> str:
-    """What to write instead of a word that is not among the known ones."""
+    """Advice for a word missing among the known words."""
     near = difflib.get_close_matches(word, known, 1) if isinstance(word, str) else []
     return f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}"

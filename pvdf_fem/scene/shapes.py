@@ -29,7 +29,7 @@ from pvdf_fem.scene.outlines.sphere import SphereShape
 from pvdf_fem.scene.quantity import Affects, Key, Section, refusal
 from pvdf_fem.scene.registry import DEPTH, FORCE, FORCES, RIVALS, TANGENTIAL, Load, OwnLoad, put
 
-#: Keys of materials, which the film and its patches have.
+#: Material keys for the film and its patches.
 MODULUS = Key("GPa", (1e-6, 1e4), usual=(1e-6, 1500.0), mistaken={"Pa": 1e-9, "MPa": 1e-3})
 EXPANSION = Key("1/K", (-0.1, 0.1), Affects.STRAIN_AT_REST)
 #: Shapes of probes and electrodes. A new shape is named here.
@@ -55,7 +55,7 @@ class _Named(Section):
 
 class Bonded(Section):
     """A layer bonded to the film, as tape, ink or solder. Layers may overlap electrodes, probes and
-    each other, and reach over the rim. Their material is the film's where it is not given."""
+    further layers, and reach over the rim. Their material is the film's where it is not given."""
 
     thickness_um: Annotated[float, Key("µm", (1e-3, 1e5), example=50.0)]
     """Thickness, of both layers together where the layer is on both sides."""
@@ -86,8 +86,8 @@ class Bonded(Section):
 
 
 class Pressing(Section):
-    """What a probe of a list says of its load, which is merged over the scene's load: a kind of its
-    own leaves behind what only the kind of the scene's load bears."""
+    """The load of a listed probe, merged over the scene's load: a new kind leaves behind keys that
+    only the scene's kind bears."""
 
     depth_mm: Annotated[float | None, DEPTH] = None
     """Depth of the tip, in place of force_N."""
@@ -159,7 +159,7 @@ if TYPE_CHECKING:
 
 
 def _made(name: str, base: Any, doc: str | None, **fields: Any) -> Any:
-    """A model of this module, where pickle finds it by its name."""
+    """A model in this module, where pickle finds it by name."""
     model = create_model(name, __base__=base, __module__=__name__, **fields)
     model.__doc__ = doc
     globals()[name] = model
@@ -193,7 +193,7 @@ def _word(shape: type[Shape]) -> str:
     return str(shape.model_fields["shape"].default)
 
 
-#: The models of probes, of probes of a list and of electrodes by shape.
+#: Models for probes, listed probes and electrodes, by shape.
 _PROBES = _OF_PROBES_ONLY + _SHAPES
 PROBES = {_word(shape): _probe(shape, "Probe") for shape in _PROBES}
 LISTED_PROBES = {_word(shape): _probe(shape, "ListedProbe", Pressing) for shape in _PROBES}
@@ -206,7 +206,7 @@ SIZES -= {*Shape.model_fields, *HEAT}
 
 
 def _one_of(models: Mapping[str, type[Section]], default: str) -> Any:
-    """The type of a table whose key ``shape`` names its model."""
+    """The type for a table with its model named by ``shape``."""
 
     def shape_of(value: Any) -> str | None:
         if isinstance(value, Mapping):
@@ -226,8 +226,8 @@ if not TYPE_CHECKING:
 
 
 class Layout(Section):
-    """Electrodes of one shape, evenly on a ring: A, B, C, ... counter-clockwise. None is turned:
-    the axes of each electrode are the film's, as in the thesis."""
+    """Equal electrodes, evenly on a ring: A, B, C, ... counter-clockwise. Electrodes are not
+    turned: their axes are the film's, as in the thesis."""
 
     layout: Literal["four", "three", "ring"] = "four"
     """four: the thesis's squares, A on +x, B on +y, C on -x, D on -y. three: A at 270°, B at 30°,
@@ -269,7 +269,7 @@ RING["shape"] = ("layout", "ring")
 
 
 def _layout(electrode: type[Shape]) -> Any:
-    """The model of a layout of electrodes of a shape, whose keys it has but for name and place."""
+    """The model for a layout with a shape; its keys are the shape's keys except name and place."""
     fields: Any = {
         key: (field.annotation, field)
         for key, field in electrode.model_fields.items()
@@ -282,9 +282,9 @@ def _layout(electrode: type[Shape]) -> Any:
     return _made(name, Layout, electrode.__doc__, **fields)
 
 
-#: The models of layouts by the shape of their electrodes.
+#: Models for layouts, by the electrodes' shape.
 LAYOUTS = {shape: _layout(electrode) for shape, electrode in ELECTRODES.items()}
-#: Models by the sections and tags of unions that lead to them.
+#: Models by sections and union tags.
 MODELS: dict[tuple[str, ...], type[Section]] = {
     **{("probe", "table", shape): model for shape, model in PROBES.items()},
     **{("probe", "list", shape): model for shape, model in LISTED_PROBES.items()},

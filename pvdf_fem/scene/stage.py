@@ -1,4 +1,4 @@
-"""Locating touches: the film on the stage that positions the probe, and the model that it needs."""
+"""Locating touches: the film on the stage, and the wanted model."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def _none_for_auto(value: Any) -> Any:
 
 
 class Stage(Section):
-    """Where the film is on the stage that positions the probe, as `pvdf-fem calibrate` finds it.
+    """Where the film lies on the stage that positions the probe, from `pvdf-fem calibrate`.
 
     Touches that are read or told, as by `calibrate` and `locate`, are places on the stage. A
     scene's probe is a place on the film.
@@ -33,7 +33,7 @@ class Stage(Section):
 
     @property
     def turn(self) -> Array:
-        """Orthogonal matrix (2, 2) from the film's axes to those of the stage."""
+        """Orthogonal matrix (2, 2) from the film's axes to the stage's axes."""
         return turn(np.eye(2), self.rotation_deg).T
 
     def to_film(self, places_mm: ArrayLike, rotations_deg: ArrayLike) -> tuple[Array, Array]:
@@ -48,7 +48,7 @@ class Stage(Section):
 
 
 class WantedModel(Section):
-    """Touches for which the model of `pvdf-fem locate`, `track` and `explore` holds."""
+    """Domain of the model for `pvdf-fem locate`, `track` and `explore`."""
 
     reach_mm: Annotated[float | None, Key("mm", (1e-3, 1e5), example=12.0)] = None
     """Largest distance of the probe's centroid from the film's centre; by default 12, at most 0.6

@@ -1,4 +1,4 @@
-"""The charges of a grid as an xarray dataset, and as a NetCDF file."""
+"""Charges over a grid as an xarray dataset, and as a NetCDF file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan
 from pvdf_fem.sweeps.store import Record
 
-#: Signs of units that files have in ASCII.
+#: Unit signs for ASCII in files.
 _IN_ASCII = str.maketrans({"µ": "u", "Ω": "Ohm", "²": "2", "³": "3"})
 _BESIDE = "charge_error_pC status"  # what CF has beside charges
 
@@ -27,13 +27,13 @@ _BESIDE = "charge_error_pC status"  # what CF has beside charges
 def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) -> xarray.Dataset:
     """The charges of a grid's scenes.
 
-    `records` are those of the distinct scenes with their indices in the plan, in any order. The
+    `records` belong to the distinct scenes, with indices in the plan, in arbitrary order. The
     dataset has a dimension for each axis, and `electrode`. The variables `charge_pC` and
     `charge_error_pC` (total charges), `rest_charge_pC` and `rest_charge_error_pC` (the untouched
     film), `charge_change_pC` and `charge_change_error_pC`, and with ``[readout]`` `reading_V` have
     all dimensions, with NaN where there is no charge; `status` and `deflection_max_mm` have those
-    of the axes. All have the attributes of the CF conventions, `long_name` and `units`, and
-    coordinates an attribute `key`, the key of the scene that varies.
+    of the axes. Variables have the CF attributes `long_name` and `units`, and coordinates an
+    attribute `key`, the varied scene key.
     """
     scenes = plan.scenes
     layouts = {scene.electrodes: scene.electrode_list for scene in scenes}
@@ -92,7 +92,7 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
 
 
 def coordinates(grid: Grid) -> dict[str, Any]:
-    """Coordinates along the axes of a grid, with what they stand for."""
+    """Coordinates along a grid's axes, with their meaning."""
     ends = Counter(_end(key) for axis in grid.axes for key in axis.values)
     # xarray takes a coordinate with the name of a dimension for its index
     ends.update(axis.name for axis in grid.axes)

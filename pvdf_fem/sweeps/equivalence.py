@@ -1,4 +1,4 @@
-"""Equivalence of scenes: scenes whose films deform alike share a solution.
+"""Equivalence of scenes: scenes with equally deforming films share a solution.
 
 - Where electrodes and piezoelectric coefficients only read the stress, they do not change it.
 - A clamped round film that is equally stiff and tight in all directions may be turned and mirrored
@@ -26,14 +26,14 @@ from pvdf_fem.scene.shapes import Probe
 # Lengths over the film's radius are equal if they agree to this many decimals, and forces over the
 # thickness if they agree to this many digits.
 DIGITS = 9
-# What a key affects that changes the deformation of the film.
+# Effects of keys that change the film's deformation.
 MECHANICS = (Affects.MECHANICS, Affects.OUTLINE, Affects.STRAIN_AT_REST, Affects.SCALE)
 
 
 def mechanics(scene: Scene) -> tuple[str, Array]:
     """What the deformation of a scene's film depends on, its tolerance and its limits included, and
     a frame. Scenes with equal texts share a solve. The frame, (2, 2), is the orthogonal matrix from
-    the scene's axes to axes in which the probes of all these scenes have one place."""
+    the scene's axes to axes in which the equivalent scenes' probes share a place."""
     scene.require_plain_charges("a sweep", "coupling")
     model, film, probe, load = film_model(scene), scene.film, scene.probe, scene.load
     if not model.electrodes_only_read:
@@ -55,7 +55,7 @@ def mechanics(scene: Scene) -> tuple[str, Array]:
 
 @lru_cache(maxsize=4096)
 def _canonical_place(probe: Probe, radius: float, symmetry: str) -> tuple[str, Array]:
-    """The first of the probe's equivalent places as text, and the frame that brings it there.
+    """The probe's first equivalent place as text, and the frame that brings the probe there.
     Several frames bring a symmetric probe to its first place; this is the one that turns least."""
     outline = probe.outline
     places = []
@@ -72,7 +72,7 @@ def _frames(points: Array, centre: Array, symmetry: str) -> list[Array]:
     if symmetry != "isotropic":
         flips = [np.diag(signs) for signs in product((1.0, -1.0), repeat=2)]
         return flips if symmetry == "axes" else [*flips, *(flip @ swap for flip in flips)]
-    # the probe's centroid goes to the x axis; if it is the film's centre, one of the corners does
+    # the probe's centroid goes to the x axis; if this is the film's centre, a corner does
     at_centre = np.linalg.norm(centre) < 10.0**-DIGITS
     turns = [_onto_x(point) for point in (points if at_centre else centre[None])]
     return [*turns, *(mirror @ turn for turn in turns)]

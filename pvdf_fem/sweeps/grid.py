@@ -1,4 +1,4 @@
-"""A grid of scenes: a base scene, and axes along which some of its keys vary.
+"""A grid of scenes: a base scene, and axes along which keys vary.
 
 An axis varies one key, or several together. In a sweep file and in Python an axis is a table with
 keys of the scene and their values: a list, or numbers from `start` to `stop`.
@@ -33,9 +33,9 @@ from pvdf_fem.scene.scene_file import (
 from pvdf_fem.sweeps.lines import MappingScheme
 
 MOST_SCENES = 1_000_000  #: Largest number of scenes in a grid.
-#: Largest number of axes; numpy's arrays have at most 64 dimensions, of which one is `electrode`.
+#: Largest number of axes; numpy's arrays have at most 64 dimensions, including `electrode`.
 MOST_AXES = 63
-#: Names of the variables and of the further dimension of `pvdf_fem.sweeps.dataset.dataset`.
+#: Names for variables and the further dimension in `pvdf_fem.sweeps.dataset.dataset`.
 OWN_NAMES = {"charge_pC", "charge_error_pC", "deflection_max_mm", "status"}
 OWN_NAMES |= {f"{of}{end}_pC" for of in ("rest_charge", "charge_change") for end in ("", "_error")}
 OWN_NAMES |= {"reading_V", "electrode"}
@@ -77,7 +77,7 @@ class SweepAxis:
 
     name: str
     values: Mapping[str, tuple[Any, ...]]  #: For each key of the scene its values along the axis.
-    #: Further coordinates along the axis that are no keys of the scene.
+    #: Further coordinates along the axis, without scene keys.
     beside: Mapping[str, tuple[float, ...]]
 
     def __len__(self) -> int:
@@ -95,7 +95,7 @@ class SweepAxis:
 
 @dataclass(frozen=True)
 class Grid:
-    """A base scene and its axes, and the files that they come from; see `Grid.of`."""
+    """A base scene, its axes, and their files; see `Grid.of`."""
 
     scene: Scene
     axes: tuple[SweepAxis, ...]
@@ -103,15 +103,15 @@ class Grid:
 
     @classmethod
     def of(cls, scene: Scene, axes: Sequence[Mapping[str, Any]], source: str = "") -> Self:
-        """A grid from tables, one for each axis.
+        """A grid from tables by axis.
 
         A table has the keys that vary together, such as ``{"film.thickness_um": [9, 25, 110]}`` or
         ``{"load.force_N": {"start": 0.1, "stop": 10, "count": 5, "spacing": "log"}}``; several keys
         take lists of one length. Keys may be nested tables too. ``name`` is the name of the axis,
         by default the last part of its first key. ``{"mapping": {"electrode": "A", "angles_deg":
         [0, 45]}}`` puts the probe on lines from an electrode of the base scene, with
-        ``distances_mm`` and ``reach_mm`` as in `MappingScheme`. Raises `SceneError` with all
-        mistakes, which names `source` as their file.
+        ``distances_mm`` and ``reach_mm`` as in `MappingScheme`. Raises `SceneError` with every
+        mistake and `source` as file name.
         """
         if not isinstance(axes, list | tuple) or not all(isinstance(a, Mapping) for a in axes):
             reason = 'must be a list of tables, [{"load.force_N": [1, 2]}]; in a file of [[axes]]'
@@ -135,7 +135,7 @@ class Grid:
         """The grid of a sweep file.
 
         Its key `scene` is the path of a scene file, relative to the sweep file, or a table; its
-        key `axes` holds tables as in `of`. Raises `SceneError` with all mistakes of both files.
+        key `axes` holds tables as in `of`. Raises `SceneError` with every mistake in both files.
         """
         table, path = parse_toml(read_scene_text(path), str(path)), Path(path)
         given, axes = table.pop("scene", None), table.pop("axes", [])
@@ -171,8 +171,8 @@ class Grid:
     def scenes(self) -> list[Scene]:
         """The scenes, in the order of an array of `shape`: the last axis varies fastest.
 
-        Scenes with equal films share one object for them, and so on, which saves memory. Raises
-        `SceneError` with the mistakes of the first `MOST_MISTAKES` scenes that have any, each once.
+        Scenes share objects for equal films and further equal parts, to save memory. Raises
+        `SceneError` with the distinct mistakes in the first `MOST_MISTAKES` wrong scenes.
         """
         known: dict[Any, Any] = {}
         scenes, problems, refused = [], dict[str, str](), 0
@@ -188,7 +188,7 @@ class Grid:
             except SceneError as error:
                 where = ", ".join(f"{key} = {quote(value)}" for key, value in changes.items())
                 for text in error.problems:
-                    # what varies is named beside the key that does not go with it
+                    # the varied key is named beside the key that does not fit
                     own = text.partition(" = ")[0] in changes
                     problems.setdefault(text, text if own else f"{text} (with {where})")
                 refused += 1
@@ -317,7 +317,7 @@ def _clashes(axes: Sequence[SweepAxis]) -> Iterator[str]:
 
 
 def _overridden(axes: Sequence[SweepAxis]) -> Iterator[str]:
-    """Complaints about keys of tables that vary, too: they would not have the tables' values."""
+    """Complaints about keys within varied tables: the keys would not have the tables' values."""
     tables = {steps_of(key): values for axis in axes for key, values in axis.values.items()}
     for i, axis in enumerate(axes):
         for key in axis.values:

@@ -1,7 +1,7 @@
 """Places of the probe on lines from the centre of an electrode: the thesis's mapping scheme.
 
-Section 3.1 of the thesis: lines at fixed angles from the centre of one electrode, the probe at
-every 4 mm on them, its orientation fixed. How far out the thesis went it does not say.
+Thesis, section 3.1: lines at fixed angles from an electrode's centre, with the probe every 4 mm in
+a fixed orientation. How far out the thesis went it does not say.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from pvdf_fem.scene.scene import Scene
 
 @dataclass(frozen=True)
 class MappingScheme:
-    """Places of the probe on lines from the centre of an electrode. Raises `ValueError` when the
+    """Probe places on lines from an electrode's centre. Raises `ValueError` when the
     scene has no such electrode or no probe, when distances do not grow, or when a line keeps no
     place."""
 
     scene: Scene  #: The sensor, and the probe with its orientation.
     electrode: str  #: Name of the electrode that the lines start from.
-    #: Directions of the lines, counter-clockwise from +x, one after another around the electrode.
+    #: Line directions, counter-clockwise from +x, in order around the electrode.
     angles_deg: tuple[float, ...]
     #: Distances from the electrode's centre, growing.
     distances_mm: tuple[float, ...] = tuple(4.0 * i for i in range(8))
@@ -51,7 +51,7 @@ class MappingScheme:
 
     @property
     def positions_mm(self) -> tuple[Array, ...]:
-        """For each line the places of the probe, (n, 2)."""
+        """Probe places by line, (n, 2)."""
         return tuple(self._on_line(angle, self.distances_on(angle)) for angle in self.angles_deg)
 
     @property
@@ -77,6 +77,6 @@ def direction(angle_deg: float) -> Array:
 
 
 def placed(scene: Scene, positions_mm: Array) -> list[Scene]:
-    """A scene with its probe at each of the positions, (n, 2)."""
+    """Scenes with the probe at positions (n, 2)."""
     places = ({"probe.x_mm": x, "probe.y_mm": y} for x, y in positions_mm.tolist())
     return [scene.with_(**place) for place in places]

@@ -1,4 +1,4 @@
-"""Plan of the solves for a set of scenes: scenes whose films deform alike share a solve."""
+"""Plan of solves for scenes: scenes with equally deforming films share a solve."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Block:
 
     mechanics: str  #: What the solve depends on.
     indices: tuple[int, ...]  #: The scenes' indices in the plan.
-    #: For each of them, the orthogonal matrix from its axes to those of the first, (n, 2, 2).
+    #: Orthogonal matrices from the scenes' axes to the first scene's axes, (n, 2, 2).
     frames: Array
 
 
@@ -35,7 +35,7 @@ class SweepPlan:
 
     @property
     def missing(self) -> int:
-        """Number of distinct scenes that are to be solved."""
+        """Number of distinct scenes to solve."""
         return sum(len(block.indices) for block in self.blocks)
 
     def scenes_of(self, block: int) -> list[Scene]:

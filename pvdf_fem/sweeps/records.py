@@ -22,15 +22,15 @@ from pvdf_fem.solvers.status import Status
 from pvdf_fem.sweeps.equivalence import DIGITS
 from pvdf_fem.sweeps.store import Record
 
-# Ends of a solve that may be due to the goals of other scenes or to a mesh without electrodes.
+# Ends of a solve perhaps due to further scenes' goals or a mesh without electrodes.
 _RETRIED = (Status.TOLERANCE, Status.SLACK, Status.MESH_FAILED)
 
 
 def records_of(scenes: Sequence[Scene], frames: Array) -> list[Record]:
     """Records of scenes whose films deform alike. `frames` (n, 2, 2) are the orthogonal matrices
-    from their axes to those of the first scene. The mesh follows the electrodes of the first scene
-    if those of the others lie on them, otherwise the probe only. Scenes that miss the tolerance
-    together are solved one by one."""
+    from their axes to those of the first scene. The mesh follows the first scene's electrodes if
+    further scenes' electrodes lie on them, otherwise only the probe. Scenes that miss the tolerance
+    together are solved separately."""
     scene = scenes[0]
     goals, indices = _distinct_goals(scenes, frames)
     followed = _followed(goals, scene)
@@ -38,7 +38,7 @@ def records_of(scenes: Sequence[Scene], frames: Array) -> list[Record]:
         solution = solve_goals(scene, followed)
     else:
         # Scenes with different electrodes share a solve only if electrodes just read the stress
-        # (`FilmModel.electrodes_only_read`), so that the film may be solved without them.
+        # (`FilmModel.electrodes_only_read`): the film may be solved without them.
         film = scene.film.model_copy(update={"bending": film_model(scene).bends})
         solution = solve_goals(scene.model_copy(update={"electrodes": (), "film": film}), goals)
     if len(scenes) > 1 and solution.status in _RETRIED:
@@ -55,7 +55,7 @@ def record_of(solution: Solution) -> Record:
 
 
 def with_rest(record: Record, scene: Scene, film: Record | None) -> Record:
-    """The record of a scene with its forces at rest, or with a warning that there are none. `film`
+    """A scene's record with its forces at rest, or with a warning about their absence. `film`
     is the record of the untouched film if that needs a solve and is another scene; if its solve
     crashed, so has the scene."""
     if (known := known_at_rest(untouched(scene))) is not None:
@@ -118,7 +118,7 @@ def _records(
 
 
 def _distinct_goals(scenes: Sequence[Scene], frames: Array) -> tuple[list[Goal], list[list[int]]]:
-    """The distinct goals of all scenes, and for each scene the indices of its electrodes' goals."""
+    """Distinct goals over the scenes, and by scene the goal indices of its electrodes."""
     goals: list[Goal] = []
     index_of: dict[tuple[object, ...], int] = {}
     indices: list[list[int]] = []
@@ -136,8 +136,8 @@ def _distinct_goals(scenes: Sequence[Scene], frames: Array) -> tuple[list[Goal],
 
 
 def _followed(goals: Sequence[Goal], scene: Scene) -> list[Goal] | None:
-    """The goals on a mesh that follows the electrodes of a scene, or None if one of them is not an
-    electrode of the scene, with its axes along those of the scene."""
+    """The goals on a mesh that follows a scene's electrodes, or None if a goal is no electrode in
+    this scene with parallel axes."""
     patches = {
         electrode.outline.signature(scene.film.radius, DIGITS): electrode_patch(electrode.name)
         for electrode in scene.electrode_list

@@ -1,10 +1,9 @@
-"""Records of solved scenes, in an SQLite file that survives a killed process.
+"""Records of solved scenes in an SQLite file that survives a killed process.
 
-Each scene has a row. The row's key is a hash of what is solved of the scene, with its numerics and
-the content of its files, and of the source of every module that numbers depend on, so that results
-of older code are never taken for new ones.
-The rows of a solve are committed together, right after the solve. Several programs may use one
-file: each looks into the file right before a solve.
+Each scene has a row. The row's key is a hash over the solved part of the scene, its numerics and
+file contents, and the source of every module with influence on numbers: results from older code are
+never taken for new results. The rows of a solve are committed together, right after the solve.
+Several programs may use one file: each looks into the file right before a solve.
 """
 
 from __future__ import annotations
@@ -32,9 +31,9 @@ from pvdf_fem.scene.scene import Scene
 
 # SQLite's application id of our files: "pvd" in ASCII, and the version of their table.
 APPLICATION_ID = 0x70766403
-# Longest wait in s for other programs that write to the file.
+# Longest wait in s for further programs that write to the file.
 LONGEST_WAIT = 60.0
-# Folders of modules, and packages, on which the numbers of a record depend.
+# Folders and packages with influence on a record's numbers.
 NUMERICAL_FOLDERS = ("scene", "mesh", "film", "charges", "solvers", "solution", "sweeps")
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 
@@ -62,10 +61,10 @@ class Record:
     status: str
     reason: str
     electrodes: tuple[str, ...]  #: Names of the electrodes.
-    #: For each observable the forces X, Y in N of each electrode; d31 X + d32 Y is its charge.
+    #: By observable the electrodes' forces X, Y in N; d31 X + d32 Y is its charge.
     #: Empty for a scene that has not converged.
     forces: dict[str, list[list[float]]] = field(default_factory=dict)
-    #: Estimated errors of the forces by the observable of the scene.
+    #: Estimated errors of forces by the scene's observable.
     force_errors: dict[str, list[list[float]]] = field(default_factory=dict)
     deflection_max_mm: float = 0.0
     warnings: tuple[str, ...] = ()
@@ -86,7 +85,7 @@ class Record:
 
     def forces_by(self, observable: str) -> Forces:
         """The electrodes' forces; NaN for a record without charges. Their errors are NaN for an
-        observable other than the scene's, too."""
+        observable different from the scene's, too."""
         return self._forces(self.forces.get(observable), self.force_errors.get(observable))
 
     def charges_pC(
@@ -99,7 +98,8 @@ class Record:
     def charge_errors_pC(
         self, d31_pC_N: float, d32_pC_N: float, observable: str = "material"
     ) -> dict[str, float]:
-        """Estimated errors of `charges_pC`; NaN for an observable other than the scene's, too."""
+        """Estimated errors of `charges_pC`; NaN for an observable different from the scene's,
+        too."""
         errors = self.forces_by(observable).charge_errors((d31_pC_N, d32_pC_N))
         return dict(zip(self.electrodes, errors.tolist(), strict=True))
 
@@ -109,10 +109,10 @@ class Record:
 
 
 class Store:
-    """Records by scene, in a file, which is made if there is none. Several processes may use one
-    file. A file that cannot be written is read. `code` is a hash of the code outside this package
-    that makes the records, if there is any. Raises `StoreError` if the file is damaged, or is no
-    store of this version."""
+    """Records by scene, in a file made on demand. Several processes may use one
+    file. A file that cannot be written is read. `code` is a hash of code outside this package that
+    makes the records, if present. Raises `StoreError` if the file is damaged, or is no store of
+    this version."""
 
     def __init__(self, path: Path, code: str = "") -> None:
         self._path, self._code = path, code
@@ -145,7 +145,7 @@ class Store:
         return not kind
 
     def get(self, scene: Scene) -> Record | None:
-        """The record of a scene; None if there is none, or if its row is damaged."""
+        """The record of a scene; None if missing, or if its row is damaged."""
         fields = self.kept(self._code + key(scene))
         if fields is None:
             return None
@@ -217,7 +217,7 @@ class Store:
 
 
 def key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
-    """Hash of the scene's fields that affect a record, and of the code in `folders`."""
+    """Hash over the scene's fields that affect a record and over the code in `folders`."""
     (scene,) = pinned([scene])
     # with coupling, amplifiers and the permittivity act on the film
     effects = [*Affects] if scene.film.coupling else set(Affects) - {Affects.INSTRUMENT}
@@ -227,7 +227,7 @@ def key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
 
 @cache
 def code_version(folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
-    """Hash of the modules in some folders of the package and of the libraries' versions."""
+    """Hash over modules in folders of the package and the libraries' versions."""
     digest = hashlib.sha256()
     for name in NUMERICAL_PACKAGES:
         digest.update(f"{name} {metadata.version(name)}\n".encode())
@@ -237,7 +237,7 @@ def code_version(folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
 
 
 def modules_in(folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> list[Path]:
-    """The modules in some folders of the package, and those that all folders share."""
+    """Modules in folders of the package, and shared modules."""
     package = Path(__file__).parents[1]
     modules = (module for folder in folders for module in package.joinpath(folder).rglob("*.py"))
     return [package / "arrays.py", *sorted(modules)]

@@ -1,4 +1,5 @@
-"""Many scenes: one solve for all that deform alike, on all cores or a cluster, kept in a file."""
+"""Many scenes: equally deforming scenes share a solve, on local cores or a cluster, kept in a
+file."""
 
 from __future__ import annotations
 
@@ -23,8 +24,8 @@ from pvdf_fem.sweeps.workers import Died, on_cluster, on_processes
 if TYPE_CHECKING:
     import xarray
 
-#: Status of a scene whose solve ended in an exception or with the death of its process. Such
-#: records are not stored, so that the next run tries the scenes again.
+#: Status of a scene after an exception or a dead process in its solve. Such
+#: records are not stored: the next run tries the scenes again.
 CRASHED = "crashed"
 
 Task = tuple[list[Scene], Array]
@@ -41,7 +42,7 @@ def sweep(
     scheduler: str | None = None,
     progress: Progress | bool | None = None,
 ) -> xarray.Dataset:
-    """Charges of a scene over a grid, as the dataset of `pvdf_fem.sweeps.dataset.dataset`.
+    """A scene's charges over a grid, as a dataset by `pvdf_fem.sweeps.dataset.dataset`.
 
     Parameters
     ----------
@@ -51,10 +52,9 @@ def sweep(
         See `pvdf_fem.sweeps.grid.Grid.of`: ``[{"film.thickness_um": [9, 25, 110]}, ...]``.
     store : Store or path of its file, optional
         Scenes in the store are not solved; new records join the store, but not after a crash.
-    processes : int
-        Number of processes, -1 for all cores; 1 solves in this one.
-    scheduler : str, optional
-        Address of a Dask scheduler, whose workers solve instead of processes of this machine.
+    processes : int Number of processes, -1 for every core; 1 solves in this one.
+    scheduler : str, optional Address of a Dask scheduler with workers that solve instead of local
+    processes.
     progress : callable or bool, optional
         Called with the numbers of distinct scenes that are solved and that had to be; or whether
         these are shown, see `pvdf_fem.progress.shown`.
@@ -82,7 +82,7 @@ def solve_all(scenes: Sequence[Scene], store: Store | None = None, **how: Any) -
 
 
 def planned(scenes: Sequence[Scene], store: Store | None = None) -> SweepPlan:
-    """The plan for scenes, of which those in the store need no solve."""
+    """The plan for scenes; stored scenes need no solve."""
     scenes = pinned(scenes)
     return plan(scenes, None if store is None else [scene in store for scene in scenes])
 
@@ -95,7 +95,8 @@ def records(
     scheduler: str | None = None,
     progress: Progress = silent,
 ) -> Iterator[tuple[int, Record]]:
-    """Indices of a plan's distinct scenes with their records, as they come; see `sweep`."""
+    """Indices of a plan's distinct scenes with their records, in order of completion; see
+    `sweep`."""
     if store is not None:
         for index in todo.stored:
             record = store.get(todo.scenes[index])
@@ -118,7 +119,7 @@ def records(
 def _solves(
     todo: SweepPlan, store: Store | None, run: Run, films: Films
 ) -> Iterator[tuple[int, list[Record]]]:
-    """Numbers of blocks with their records, which join the store, as they come."""
+    """Block numbers with their records, in order of completion; records join the store."""
     if store is not None and todo.blocks:
         store.require_writable()
     elsewhere: dict[int, list[Record]] = {}
@@ -154,8 +155,8 @@ def _kept(
 
 
 def _moving(todo: SweepPlan) -> list[Scene]:
-    """The distinct untouched films of a plan of which a solve has to tell the charges at rest, but
-    those that are solved for themselves."""
+    """A plan's distinct untouched films that need a solve for charges at rest and have no solve of
+    their own."""
     missing = (scene for number in range(len(todo.blocks)) for scene in todo.scenes_of(number))
     films = dict.fromkeys(film for scene in missing if (film := untouched(scene)) != scene)
     return [film for film in films if known_at_rest(film) is None]

@@ -1,4 +1,4 @@
-"""Tasks on processes that may die, of this machine or of a Dask cluster."""
+"""Tasks on processes that may die, local or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ClusterLostError(ClusterError):
 
 @dataclass(frozen=True)
 class Died:
-    """Stands for the result of a task that has none, and says why."""
+    """Replaces a missing result, with the reason."""
 
     reason: str
 
@@ -43,11 +43,11 @@ class Died:
 def on_processes(
     function: Callable[[Task], Result], tasks: Iterable[tuple[int, Task]], processes: int
 ) -> Iterator[tuple[int, Result | Died]]:
-    """Numbers and results of tasks in the order of completion. When a process dies, all processes
-    are replaced, and each task without a result is done again, with no other beside it. A task that
-    kills its process then, too, ends as `Died`. Of errors `GmshMissingError` alone is raised. Tasks
-    are read as far as processes are free. `processes` = -1: a process per core; 1: no new process.
-    New processes run linear algebra on a single thread, and end with the calling process."""
+    """Numbers and results of tasks in order of completion. When a process dies, the processes are
+    replaced, and tasks without a result are done again separately. A task that kills its process
+    again ends as `Died`. Of errors `GmshMissingError` alone is raised. Tasks are read when
+    processes are free. `processes` = -1: a process per core; 1: no new process. New processes run
+    linear algebra on a single thread, and end with the calling process."""
     count = joblib.effective_n_jobs(processes)
     if count == 1:
         for number, task in tasks:
@@ -68,7 +68,7 @@ def on_processes(
 
 
 def end_with(parent: int) -> None:
-    """End this process soon after its parent, which may have been killed."""
+    """End this process soon after its parent, perhaps after a kill."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -81,11 +81,10 @@ def end_with(parent: int) -> None:
 def on_cluster(
     function: Callable[[Task], Result], tasks: Iterable[tuple[int, Task]], scheduler: str
 ) -> Iterator[tuple[int, Result | Died]]:
-    """Numbers of tasks and their results as they come from the workers of a Dask cluster. The
-    scheduler, of an address such as ``tcp://127.0.0.1:8786``, gives the tasks of a worker that died
-    to other workers, a few times at the most. Tasks are read as far as workers are free. Raises
-    `ClusterError` when dask is not installed or no scheduler answers, and `ClusterLostError` when
-    it stops."""
+    """Task numbers and results from a Dask cluster's workers, in order of completion. The scheduler
+    at an address like ``tcp://127.0.0.1:8786`` gives a dead worker's tasks to further workers, at
+    most a few times. Tasks are read when workers are free. Raises `ClusterError` when dask is not
+    installed or no scheduler answers, and `ClusterLostError` when it stops."""
     try:
         # otherwise a scheduler that stops is logged with its traceback
         quiet = dict.fromkeys(
@@ -119,8 +118,8 @@ def _results(
     executor: Callable[[], Executor],
     workers: Callable[[], int],
 ) -> Iterator[tuple[int, Result | Died]]:
-    """Numbers of tasks and their results. There are twice as many tasks under way as `workers`. An
-    `executor` whose process died has lost all its tasks, and another one takes its place."""
+    """Numbers of tasks and their results. Twice `workers` tasks are under way. An `executor` with a
+    dead process has lost its tasks and is replaced."""
     tasks, running = iter(tasks), dict[Future[Result], tuple[int, Task]]()
     lost: list[tuple[int, Task]] = []
     while True:

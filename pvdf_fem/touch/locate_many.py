@@ -15,6 +15,7 @@ from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model
 from pvdf_fem.scene.given import model_of
 from pvdf_fem.told import Columns, Grid, Parts
 from pvdf_fem.touch.least_squares import Descent, SearchOptions, joined
+from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.measurement import (
     LARGEST_PC,
     LEAST_PC,
@@ -175,23 +176,32 @@ def locate_many(
     status = _status(measurement, charges, known, sought)
     found = Touches.empty(status, tuple(QUANTITIES[i] for i in sought), measurement.reading)
     usable = np.flatnonzero(status == TouchStatus.LOCATED)
-    known = {i: np.log(of) if i == FORCE else of for i, of in known.items()}
     for first in range(0, len(usable), CHUNK):
         rows = usable[first : first + CHUNK]
-        held = {i: values[rows] for i, values in known.items()}
+        held = _held(known, rows)
         problem = measurement.problem(charges[rows], sought)
         ends = best_ends(problem, held, 1)
         if (again := np.flatnonzero(~explained(problem, ends))).size:
-            some = {i: values[again] for i, values in held.items()}
-            ends.improve(again, best_ends(problem.rows(again), some, DEFAULTS.retries))
-        if calibrated:
-            _calibrate(found, rows, problem, ends, held)
+            others = best_ends(problem.rows(again), _held(known, rows[again]), DEFAULTS.retries)
+            ends.improve(again, others)
+        strange = np.arange(len(rows)) if calibrated else np.flatnonzero(~explained(problem, ends))
+        for k in strange.tolist():
+            there = _everywhere(problem, ends, held, k)
+            if calibrated:
+                found.alternatives[rows[k]] = there.alternatives
+                if there.touches:
+                    found.deviations[rows[k]] = [*there.deviations.values()]
         found.put(rows, problem, ends)
         strange = rows[~found.explained[rows]]
-        some = {i: values[strange] for i, values in known.items()}
-        for text, _, _, which in explanations(measurement, charges[strange], sought, some):
+        told = measurement, charges[strange], sought, _held(known, strange)
+        for text, _, _, which in explanations(*told):
             found.explanations[strange[which]] += f"; explained if {text}"
     return found
+
+
+def _held(known: Mapping[int, Array], rows: Indices) -> dict[int, Array]:
+    """Coordinates that some rows know, from quantities of all rows."""
+    return {i: np.log(of[rows]) if i == FORCE else of[rows] for i, of in known.items()}
 
 
 def explanations(
@@ -207,18 +217,13 @@ def explanations(
             yield text, problem, ends.take(rows), rows
 
 
-def _calibrate(
-    found: Touches, rows: Indices, problem: Problem, ends: Descent, held: Mapping[int, Array]
-) -> None:
-    """Write down calibrated deviations and numbers of other touches; improves the ends."""
-    for k, row in enumerate(rows.tolist()):
-        this, known = np.array([k]), {i: float(values[k]) for i, values in held.items()}
-        others = joined([ends.take(this), search(problem.rows(this), known, DEFAULTS)])
-        there = location(problem.rows(this), others)
-        ends.improve(this, others.take(others.ranking.argsort()[:1]))
-        found.alternatives[row] = there.alternatives
-        if there.touches:
-            found.deviations[row] = [*there.deviations.values()]
+def _everywhere(problem: Problem, ends: Descent, held: Mapping[int, Array], k: int) -> Location:
+    """What `locate` finds for a row, and with its end so far; improves the end."""
+    row, known = np.array([k]), {i: float(values[k]) for i, values in held.items()}
+    alone = problem.rows(row)
+    every = joined([ends.take(row), search(alone, known, DEFAULTS)])
+    ends.improve(row, every.take(every.ranking.argsort()[:1]))
+    return location(alone, every)
 
 
 def _table(

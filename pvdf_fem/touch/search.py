@@ -74,7 +74,7 @@ def search(problem: Problem, known: Mapping[int, float], options: LocateOptions)
     their index in `QUANTITIES`. A sought rotation is held at first, at many values: a few degrees
     change charges by less than the pitch of the table of starts does."""
     held = {i: np.array([value]) for i, value in known.items()}
-    at, misfit = (of[0] for of in starts(problem, held, options.begun))
+    at, misfit = (of[0] for of in starts(problem, held, options.begun, each=True))
     size = np.linalg.norm(problem.charges_pC / problem.deviations_pC)
     excess = options.listed**0.5 + options.neglected * size
     likely = ~(np.sqrt(misfit) > np.sqrt(misfit.min(axis=1, keepdims=True)) + excess)
@@ -119,15 +119,13 @@ def best_ends(
 ) -> Descent:
     """The best end of searches from a few starts for each row of a problem's charges. `known` are
     coordinates (rows,) by their index."""
-    at, misfit = (of.reshape(len(of), -1, *of.shape[3:]) for of in starts(problem, known, few))
-    order = np.argsort(misfit, axis=1)[:, :few, None]
-    at = np.take_along_axis(at, order, axis=1)
+    at = starts(problem, known, few, each=False)[0][:, 0]
     rows, at = np.repeat(np.arange(len(at)), at.shape[1]), at.reshape(-1, at.shape[2])
     # neighbouring touches in sequence share the coefficients that the model reads
     order = np.lexsort((at[:, Y], at[:, X]))
     ends = descend(problem, at[order], rows[order], options=how).take(np.argsort(order))
-    best = ends.ranking.reshape(len(misfit), -1).argmin(axis=1)
-    return ends.take(np.searchsorted(rows, np.arange(len(misfit))) + best)
+    best = ends.ranking.reshape(len(problem.charges_pC), -1).argmin(axis=1)
+    return ends.take(np.searchsorted(rows, np.arange(len(best))) + best)
 
 
 def explained(problem: Problem, ends: Descent) -> Mask:

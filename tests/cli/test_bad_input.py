@@ -50,7 +50,7 @@ def begin(*given: object, **_: object) -> None:
 
 #: The function with which the work of each command begins, and what stands in its place.
 WORK: dict[str, tuple[str, Any]] = {
-    "solve": ("pvdf_fem.solution.solve.solve", begin),
+    "solve": ("pvdf_fem.derivatives.solve.solve", begin),
     "mesh": ("pvdf_fem.mesh.gmsh_mesh.mesh_scene", begin),
     "modes": ("pvdf_fem.dynamics.modes.modes", begin),
     "sweep": ("pvdf_fem.sweeps.sweep.planned", begin),
@@ -134,7 +134,7 @@ NO_NUMBERS = {
 NOT_POSITIVE = {"-1": "-1", "-1e-300": "-1e-300"}
 #: Keys of numbers of either sign; other numbers are not negative.
 SIGNED = ("x_mm", "y_mm", "rotation_deg", "first_angle_deg", "poisson_ratio", "d31_pC_N")
-SIGNED += ("d32_pC_N", "thermal_expansion_per_K", "temperature_change_K", "gain", "offset_V")
+SIGNED += ("d32_pC_N", "thermal_expansion_per_K", "temperature_change_K", "pretension_N_m")
 
 
 def numbers_of(tables: Mapping[str, Any]) -> list[tuple[dict[str, Any], str, str]]:
@@ -216,21 +216,22 @@ def test_damaged_charges_are_refused_or_located(word: str | bytes) -> None:
         assert all(0.0 < abs(float(value)) <= 1e12 for _, value in items)
 
 
-LOCATED = "id,A,B,C,D,rotation_deg\n" + "".join(f"{i},905,731,600,64{i},0\n" for i in range(4))
-KNOWN = "x_mm,y_mm,rotation_deg,force_N,A,B,C,D\n" + "1,-2,0,1,905,731,600,640\n" * 4
-SAMPLES = "t_s,A,B,C,D\n" + "".join(f"0.{i},0.905,0.731,0.6,0.64\n" for i in range(9))
+#: A table for each command, the scene that it is for, and options.
 TABLES = {
     "locate": (
-        LOCATED,
+        "id,A,B,C,D,rotation_deg\n" + 4 * "1,905,731,600,640,0\n",
         '[probe]\nshape = "rectangle"\n',
-        ("{scene}", "--quick", "--csv", "{file}"),
+        ["{scene}", "--quick", "--csv", "{file}"],
     ),
-    "calibrate": (KNOWN, "[probe]\n", ("{scene}", "{file}")),
+    "calibrate": (
+        "x_mm,y_mm,rotation_deg,force_N,A,B,C,D\n" + 4 * "1,-2,0,1,905,731,600,640\n",
+        "[probe]\n",
+        ["{scene}", "{file}"],
+    ),
     "track": (
-        SAMPLES,
-        '[probe]\nshape = "circle"\n[readout]\nkind = "voltage"\n'
-        "input_resistance_MOhm = 1.0\ncable_capacitance_pF = 100.0\n",
-        ("{scene}", "{file}"),
+        "t_s,A,B,C,D\n" + "".join(f"0.{i},0.905,0.731,0.6,0.64\n" for i in range(9)),
+        '[probe]\nshape = "circle"\n[readout]\nkind = "voltage"\ninput_resistance_MOhm = 1.0\n',
+        ["{scene}", "{file}"],
     ),
 }
 

@@ -13,7 +13,7 @@ from pvdf_fem.derivatives.parameters import parameters_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.change import number_at
 from reports.accuracy.drawn import random_scene
-from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, graded_mesh
+from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, charges, graded_mesh, values
 
 PLACE = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
 TURNED = TRIANGLE.with_(**{"probe.rotation_deg": 20.0, "film.d32_pC_N": 3.0})
@@ -34,16 +34,12 @@ FORCE_KEYS = {"probe[0].force_N", *(f"probe[0].tangential_N[{i}]" for i in (0, 1
 SPHERE = {"shape": "sphere", "radius_mm": 5.0, "x_mm": 5.0, "y_mm": 1.0}
 
 
-def values(by_name):
-    return np.array([*by_name.values()])
-
-
 def difference(scene, direction, step, **how):
     """Derivative of the charges along changes by key, central and extrapolated: O(step^4)."""
 
     def at(s):
         changes = {key: number_at(scene, key) + s * d for key, d in direction.items()}
-        return values(solve(scene.with_(**changes), **how).charges_pC)
+        return charges(scene.with_(**changes), **how)
 
     coarse, fine = ((at(s) - at(-s)) / (2 * s) for s in (step, step / 2))
     return (4 * fine - coarse) / 3
@@ -119,7 +115,7 @@ def test_places_of_probes_and_tips(scene, direction):
         scene.with_(**{key: number_at(scene, key) + s * d for key, d in direction.items()})
         for s in (0.5, -0.5)
     )
-    plus, minus = (values(solve(end).charges_pC) for end in ends)
+    plus, minus = (charges(end) for end in ends)
     wrong, most = np.abs(along(found, direction) - plus + minus), np.abs(plus - minus).max()
     stated = along(found.errors, {key: abs(d) for key, d in direction.items()})
     assert (wrong <= stated + 4e-3 * most).all()

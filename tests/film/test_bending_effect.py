@@ -12,7 +12,7 @@ from pvdf_fem.film.bending_effect import bending_effect
 from pvdf_fem.film.models import film_model
 from reports.accuracy.drawn import random_scene
 from reports.reference.laminated_disc import LaminatedDisc, Ply
-from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE
+from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, values
 
 
 @pytest.mark.parametrize("seed", range(100, 112))
@@ -31,10 +31,6 @@ def test_decision_is_never_wrong_by_three_times_the_tolerance(seed):
     assert change <= 3.0 * estimate
     if change > 1e-4:
         assert estimate <= 30.0 * change
-
-
-def values(by_name):
-    return np.array([*by_name.values()])
 
 
 @pytest.mark.parametrize("bonded", ["at rest", "before stretching"])

@@ -1,30 +1,23 @@
-"""Heat of warm probes against the equation of heat, and films that are warm all over."""
+"""What strains a film unevenly: heat, against its equation, and the rim, by plane elasticity."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 from scipy.linalg import expm
-from scipy.sparse.linalg import splu
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.film.loads.heat import AddedStrain, heat_remarks, warmed
 from pvdf_fem.mesh.symmetry import WHOLE, part_of
 from pvdf_fem.scene.scene import Replaced
 from pvdf_fem.solution import solve as solving
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solution.solve import rest_charges
+from tests.helpers.discs import TRIANGLE, charges
 
 WARM = {"temperature_K": 10.0, "contact_time_s": 1.0}
-TRIANGLE = {"shape": "triangle", "x_mm": 5.0714, "y_mm": 0.8757, "side_mm": 7.0}
+FAR = {"electrodes.ring_radius_mm": 30.0, "numerics.tolerance": 1e-4}
 PYROELECTRIC = {"film.pyroelectric_uC_m2K": 25.0}
 ROUND = {"shape": "circle", "radius_mm": 1.5}
-
-
-def charges(scene):
-    solution = solve(scene)
-    assert solution.status is Status.CONVERGED, solution.reason
-    return np.array(list(solution.charges_pC.values()))
 
 
 @pytest.mark.parametrize("fourier", [0.002, 0.0499, 0.0501, 0.3, 2.0])
@@ -37,31 +30,15 @@ def test_heat_goes_through_the_film_as_the_equation_of_heat_says(fourier):
     assert warmed(fourier) == pytest.approx(1.0 - cold.mean(), rel=1e-3)
 
 
-def spread(laplace, held, T, steps=200):
-    """Temperatures after a second beside what is held at 1, by implicit Euler steps."""
-    free, dt = np.flatnonzero(~held), 6e-8 / steps
-    rows = laplace.tocsr()[free]
-    implicit = splu((sp.identity(len(free)) - dt * rows[:, free]).tocsc())
-    heated = dt * rows[:, np.flatnonzero(held)].sum(axis=1)
-    for _ in range(steps):
-        T[free] = implicit.solve(T[free] + np.asarray(heated).ravel())
-    return T
-
-
-def line(count):
-    """Second differences, with symmetry about both ends."""
-    upper, lower = np.r_[2.0, np.ones(count - 2)], np.r_[np.ones(count - 2), 2.0]
-    return sp.diags_array([lower, np.full(count, -2.0), upper], offsets=[-1, 0, 1])
-
-
 def test_heat_spreads_beside_a_disc_as_the_equation_of_heat_says():
-    r, step = np.linspace(2e-3, 4e-3, 201, retstep=True)
-    slope = sp.diags_array([-1.0, 1.0], offsets=[-1, 1], shape=(len(r), len(r))).tocsr()
-    slope = sp.diags_array(0.5 / r / step) @ slope
-    expected = spread(line(len(r)) / step**2 + slope, r == r[0], np.where(r == r[0], 1.0, 0.0))
+    """After a second, by second differences on radii from the disc's edge, which is held at 1."""
+    r, h = np.linspace(2e-3, 4e-3, 201, retstep=True)
+    matrix = np.diag(np.full(201, -2.0)) + np.diag(1.0 + 0.5 * h / r[:-1], 1)
+    matrix += np.diag(np.append(1.0 - 0.5 * h / r[1:-1], 2.0), -1)
+    cold = expm(6e-8 / h**2 * matrix[1:, 1:]) @ np.ones(200)
     disc = Scene().with_(probe={"shape": "circle", "radius_mm": 2.0, **WARM})
     found = AddedStrain.of(disc).temperature(np.column_stack([r, 0.0 * r])) / 10.0
-    assert found == pytest.approx(expected, abs=2e-3)
+    assert found == pytest.approx(1.0 - np.append(0.0, cold), abs=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -137,3 +114,42 @@ def test_a_part_of_a_symmetric_film_has_the_heat_of_all_of_it(monkeypatch):
     cold = {**finger, "x_mm": -9.0, "temperature_K": 5.0}
     unlike = scene.with_(probe=[{**finger, "force_N": 1.0}, {**cold, "force_N": 1.0}])
     assert part_of(unlike).mirrored == (1,)
+
+
+# the rim
+
+
+def test_a_rim_that_moves_evenly_stretches_the_film():
+    moved = TRIANGLE.with_(**{"film.rim_displacement_um": [45e3 * 110e-6]})
+    cooled = TRIANGLE.with_(**{"film.temperature_change_K": -2.0})
+    assert rest_charges(moved) == pytest.approx(rest_charges(cooled), rel=1e-3)
+    assert charges(moved) == pytest.approx(charges(cooled), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "n", "phase"),
+    [
+        ([0.0, 0.0, 0.0, 0.5, 0.0], 2, 0.0),
+        ([0.0, 0.0, 0.0, 0.0, 0.5], 2, np.pi / 4),
+        ([0.0, 0.5, 0.0], 1, 0.0),
+    ],
+)
+def test_an_uneven_rim_is_that_of_plane_elasticity(coefficients, n, phase):
+    """Muskhelishvili's potential A z^(n+1) of u_r = c cos n(θ - phase), u_θ = 0 on the rim."""
+    scene = Scene().with_(**FAR, **{"film.rim_displacement_um": coefficients})
+    E, nu, a, c = 2e9, 0.34, 45e-3, 0.5e-6
+    mu, kappa = E / (2.0 * (1.0 + nu)), (3.0 - nu) / (1.0 + nu)
+    A = mu * c / (kappa * a ** (n + 1))
+    places = 30e-3 * np.exp(1j * np.pi / 2 * np.arange(4))
+    turned = places * np.exp(-1j * phase)
+    stresses = 4.0 * (n + 1) * A * (turned**n).real  # S11 + S22; harmonic, as squares' means are
+    changes = rest_charges(scene) - 48e-12
+    assert changes == pytest.approx(9e-6 * 8e-12 * stresses, rel=5e-3, abs=1e-14)
+
+
+def test_the_stress_anywhere_is_the_one_that_makes_the_charge():
+    scene = TRIANGLE.with_(**FAR, **{"film.rim_displacement_um": [0.0, 0.0, 0.0, 0.5, 0.0]})
+    solution = solve(scene)
+    density = solution.at(30.0, 0.0).charge_density_pC_mm2
+    assert 9.0 * density == pytest.approx(solution.charges_pC["A"], rel=2e-3)
+    assert part_of(scene) is WHOLE

@@ -12,7 +12,7 @@ from pvdf_fem.mesh.symmetry import WHOLE, part_of
 from pvdf_fem.solution import solve as solving
 from pvdf_fem.solution.solve import rest_charges
 from pvdf_fem.sweeps.equivalence import mechanics
-from tests.helpers.discs import TRIANGLE
+from tests.helpers.discs import TRIANGLE, charges
 from tests.helpers.layered_disc import LayeredDisc
 
 TAPE = {"side_mm": 3.0, "thickness_um": 50.0, "youngs_modulus_GPa": 3.0, "poisson_ratio": 0.3}
@@ -29,10 +29,6 @@ SPHERE = {"probe.shape": "sphere", "probe.radius_mm": 5.0, "load.kind": "contact
 def patched(*patches, **changes):
     quick = {"numerics.tolerance": 3e-3}
     return TRIANGLE.with_(**{"film.patches": list(patches), **quick, **changes})
-
-
-def charges(scene, **how):
-    return np.array([*solve(scene, **how).charges_pC.values()])
 
 
 @pytest.mark.parametrize("changes", [{}, WARMED])

@@ -12,7 +12,7 @@ from pvdf_fem.charges.forces import charges_of, goal_forces
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.layers import uncertain_part
+from pvdf_fem.film.layers import Layers, remaining_part, uncertain_part
 from pvdf_fem.film.plate import Plate, plate_stiffness
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.unknowns import prolongation
@@ -231,3 +231,17 @@ def test_stretched_plate_vibrates(bending):
     unit = np.sqrt(D / (film.density * film.thickness)) / (2 * np.pi * film.radius**2)
     (found,) = modes(scene, 1).frequencies_Hz
     assert found == pytest.approx(p * np.sqrt(p**2 + N) * unit, rel=1e-4)
+
+
+@pytest.mark.parametrize("reduction", [0.5, 0.7, 0.9])
+def test_sizes_leave_what_was_asked_for(reduction):
+    """Elements of all widths and effects; those that leave little stay."""
+    random = np.random.default_rng(1)
+    lengths, widths, effects = 10.0 ** random.uniform(
+        [[-3], [-1], [-4]], [[0], [1.3], [0]], (3, 500)
+    )
+    wanted = reduction * (effects * remaining_part(widths)).sum()
+    sizes = Layers(None, None, lengths, widths, np.empty(0)).sizes(effects, wanted)
+    now = effects * remaining_part(np.minimum(sizes / lengths, widths))
+    assert 0.5 * wanted <= now.sum() <= wanted * (1.0 + 1e-3)
+    assert np.isinf(sizes).any()

@@ -15,12 +15,8 @@ from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.scene.film import Film
 from pvdf_fem.solution.solve import rest_charges, rest_forces
 from pvdf_fem.solvers.status import Status
-from tests.helpers.discs import LOADS, TRIANGLE, graded_mesh
+from tests.helpers.discs import LOADS, TRIANGLE, graded_mesh, values
 from tests.helpers.solvers import newton_result
-
-
-def values(by_name):
-    return np.array(list(by_name.values()))
 
 
 @given(

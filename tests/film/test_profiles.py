@@ -75,6 +75,17 @@ def test_a_table_is_the_function_that_it_holds(table):
     assert by_function.force_balance < 1e-6
 
 
+def test_a_function_turns_with_its_probe():
+    scene = Scene().with_(probe={"shape": "circle", "radius_mm": 4.0})
+    along_x, along_y = (
+        solve(scene.with_(**{"probe.rotation_deg": a}), pressure=lambda x, y: np.maximum(x, 0.0))
+        for a in (0.0, 90.0)
+    )
+    expected = np.roll([*along_x.charges_pC.values()], 1)
+    assert [*along_y.charges_pC.values()] == pytest.approx(expected, rel=2e-3)
+    assert expected[1] > 1.01 * expected[3]
+
+
 @pytest.mark.parametrize(
     "text",
     [

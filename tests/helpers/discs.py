@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 
+import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem import Scene, Solution, solve
+from pvdf_fem.arrays import Array
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene, outlines
 from pvdf_fem.mesh.size_field import Sizes
@@ -36,6 +39,16 @@ def graded_mesh(scene: Scene, patch_mm: float, film_mm: float, growth: float = 0
 def model_mesh(scene: Scene, sizes: Sizes) -> MeshTri2:
     """A mesh whose elements are as regular as the scene's film model needs them."""
     return mesh_scene(scene, sizes, least_jacobian=film_model(scene).least_jacobian)
+
+
+def values(by_name: Mapping[str, float]) -> Array:
+    """Numbers of electrodes, (electrodes,)."""
+    return np.array([*by_name.values()])
+
+
+def charges(scene: Scene, **how: object) -> Array:
+    """Charges in pC of a solve, (electrodes,)."""
+    return values(solve(scene, **how).charges_pC)
 
 
 @cache

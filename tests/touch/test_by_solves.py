@@ -141,6 +141,16 @@ def test_more_unknowns_than_charges_are_undetermined_without_any_solve():
     assert (found.status, found.touches, solves) == ("undetermined", (), [])
 
 
+def test_slopes_of_full_solves_are_differences_of_charges():
+    model = Solves.of(EIGHT, 1, ("x_mm", "y_mm", "force_N"), 1e-3)
+    at = np.array([[4.0, 1.0, 0.0, 1.0]])
+    _, slopes = model.evaluate(at)
+    for i, step in ((0, 0.2), (3, 0.1)):
+        ahead, back = (model.evaluate(at + sign * step * np.eye(4)[i])[0] for sign in (1, -1))
+        expected = (ahead - back)[0] / (2.0 * step)
+        assert slopes[0, :, i] == pytest.approx(expected, abs=0.05 * np.abs(expected).max())
+
+
 def test_equal_probes_are_one_pair_in_either_order():
     model = Solves.of(EIGHT, 2, ("x_mm", "y_mm", "force_N"), 1e-2)
     at = np.array([[5.0, -4.0, 0.0, 0.1, -7.0, 3.0, 0.0, -0.9]])

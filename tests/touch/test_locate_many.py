@@ -53,15 +53,17 @@ def test_a_bad_row_has_its_status_and_changes_no_other():
 
 
 def test_what_is_known_of_a_row_may_be_bad():
-    model, touches, charges = rows(5)
+    model, touches, charges = rows(6)
     rotations, forces = touches[:, 2].copy(), touches[:, 3].copy()
     forces[1], forces[2], rotations[3] = 7.0, np.nan, np.inf
+    forces[4] = -1.0
     found = locate_many(model, charges, rotations_deg=rotations, forces_N=forces)
     assert found.status.tolist() == [
         "located",
         "known_outside_domain",
         "not_finite",
         "not_finite",
+        "known_outside_domain",
         "located",
     ]
 

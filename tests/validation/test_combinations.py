@@ -6,20 +6,20 @@ each time.
 
 from __future__ import annotations
 
-import pickle
 import re
 
 import numpy as np
 from hypothesis import assume, given, reject
 from hypothesis import strategies as st
 
-from pvdf_fem import Response, Scene, SceneError, Solution, build_response, gradients, solve, sweep
+from pvdf_fem import Response, Scene, SceneError, build_response, gradients, solve, sweep
 from pvdf_fem.derivatives.parameters import PLACE_NAMES, parameters_of
 from pvdf_fem.progress import silent
 from pvdf_fem.response.build import ResponseOptions
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.solvers.status import Status
 from tests.helpers.damage import drawn
+from tests.helpers.discs import values
 from tests.helpers.features import (
     SENSORS,
     TOLERANCE,
@@ -58,27 +58,6 @@ def assert_alike(found, expected, most: float = 2.0 * TOLERANCE) -> None:
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=most * size)
 
 
-def charges_of(solution: Solution) -> list[float]:
-    return list(solution.charges_pC.values())
-
-
-@given(changes=combinations())
-@drawn(0.3)
-def test_files_hold_scenes(changes):
-    scene = scene_of(changes)
-    assert Scene.parse(scene.to_toml()) == scene
-    assert Scene.model_validate_json(scene.model_dump_json(exclude_none=True)) == scene
-    copy = pickle.loads(pickle.dumps(scene))
-    assert copy == scene
-    assert copy.to_toml() == scene.to_toml()
-    force = scene.load.force_N
-    away = scene.with_(load={"force_N": 0.9 * force})
-    assert (away.load.kind, away.film) == (scene.load.kind, scene.film)
-    assert away.with_(**{"load.force_N": force}) == scene
-    thinner = scene.with_(film={"thickness_um": 12.0})
-    assert thinner == scene.with_(**{"film.thickness_um": 12.0})
-
-
 @given(changes=combinations(), image=st.sampled_from([quarter_turned, mirrored]))
 @drawn(0.2)
 def test_images_have_the_charges_of_the_scene(changes, image):
@@ -90,8 +69,8 @@ def test_images_have_the_charges_of_the_scene(changes, image):
     first, second = solve(scene), solve(other)
     assert (first.status is Status.CONVERGED) == (second.status is Status.CONVERGED)
     assume(first.status is Status.CONVERGED)
-    assert_alike(charges_of(second), charges_of(first))
-    changed = [list(s.charge_changes_pC.values()) for s in (second, first)]
+    assert_alike(values(second.charges_pC), values(first.charges_pC))
+    changed = [values(s.charge_changes_pC) for s in (second, first)]
     assert_alike(*changed, most=4.0 * TOLERANCE)
 
 
@@ -101,7 +80,7 @@ def axes(draw, scene: Scene):
     force = "probe[1].force_N" if isinstance(scene.probe, tuple) else "load.force_N"
     place = "probe[0].x_mm" if isinstance(scene.probe, tuple) else "probe.x_mm"
     stretch = "temperature_change_K" if scene.film.pretension_N_m is None else "pretension_N_m"
-    values = {
+    choices = {
         force: [0.3, 1.1],
         "load.force_N": [0.2, 0.9],
         place: [2.0, -3.5],
@@ -119,8 +98,8 @@ def axes(draw, scene: Scene):
         "electrodes": [SENSORS[0]["electrodes"], SENSORS[1]["electrodes"]],
         "numerics.observable": ["material", "thesis-edge"],
     }
-    keys = draw(st.lists(st.sampled_from(list(values)), min_size=1, max_size=2, unique=True))
-    return [{key: values[key]} for key in keys]
+    keys = draw(st.lists(st.sampled_from(list(choices)), min_size=1, max_size=2, unique=True))
+    return [{key: choices[key]} for key in keys]
 
 
 @given(changes=combinations(), data=st.data())
@@ -142,7 +121,7 @@ def test_sweeps_have_the_charges_of_fresh_solves(changes, data):
         names = [electrode.name for electrode in fresh.scene.electrode_list]
         there = there.sel(electrode=names)
         if fresh.status is Status.CONVERGED:
-            assert_alike(there["charge_pC"].values, charges_of(fresh))
+            assert_alike(there["charge_pC"].values, values(fresh.charges_pC))
             rest = list(fresh.rest_charges_pC.values())
             assert_alike(there["rest_charge_pC"].values, rest, most=4.0 * TOLERANCE)
 
@@ -164,7 +143,7 @@ def test_gradients_are_those_of_fresh_solves(changes, data):
     at = number_at(scene, key)
     ends = [solve(scene.with_(**{key: at + s})) for s in (-step, step)]
     assume(all(end.status is Status.CONVERGED for end in ends))
-    low, high = (np.array(charges_of(end)) for end in ends)
+    low, high = (np.array(values(end.charges_pC)) for end in ends)
     found = np.array(list(gradients(solution, [key])[key].values()))
     secant = (high - low) / (2.0 * step)
     # two charges with their errors, and the curvature over the step
@@ -188,7 +167,11 @@ def test_responses_have_the_charges_of_fresh_solves(changes):
     keys = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
     fresh = solve(scene.with_(**dict(zip(keys, touch, strict=True))))
     assume(fresh.status is Status.CONVERGED)
-    assert_alike(response.evaluate(touch)[0][0], charges_of(fresh), most=2.0 * bound + TOLERANCE)
+    assert_alike(
+        response.evaluate(touch)[0][0], values(fresh.charges_pC), most=2.0 * bound + TOLERANCE
+    )
     for_other = response.for_scene(scene.with_(**{"film.d31_pC_N": 3.0}), 1)
     other = solve(for_other.scene.with_(**dict(zip(keys, touch, strict=True))))
-    assert_alike(for_other.evaluate(touch)[0][0], charges_of(other), most=2.0 * bound + TOLERANCE)
+    assert_alike(
+        for_other.evaluate(touch)[0][0], values(other.charges_pC), most=2.0 * bound + TOLERANCE
+    )

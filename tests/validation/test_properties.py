@@ -12,36 +12,26 @@ from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.solvers.status import Status
 from reports.accuracy.drawn import KINDS, drawn_scenes
 from tests.helpers.damage import drawn
-from tests.helpers.discs import LOADS
+from tests.helpers.discs import LOADS, charges, values
 
 few = drawn(0.05)
-places = st.tuples(st.floats(-12, 12), st.floats(-12, 12))
-angles = st.floats(-180, 180)
-forces = st.floats(0.01, 50)
-
-
-@st.composite
-def probes(draw):
-    """Probes of the thesis's sizes anywhere near the electrodes."""
-    shape = draw(
-        st.sampled_from(
-            [
-                {"shape": "triangle", "side_mm": 7.0},
-                {"shape": "rectangle", "width_mm": 14.0, "height_mm": 7.0},
-                {"shape": "circle", "radius_mm": 3.0},
-            ]
-        )
-    )
-    x, y = draw(places)
-    return shape | {"x_mm": x, "y_mm": y, "rotation_deg": draw(angles)}
-
-
-def scene_with(probe, **changes):
-    return Scene().with_(probe=probe, **changes)
-
-
-def values(by_name):
-    return np.array(list(by_name.values()))
+angles, forces = st.floats(-180, 180), st.floats(0.01, 50)
+#: Probes of the thesis's sizes anywhere near the electrodes.
+SHAPES = [
+    {"shape": "triangle", "side_mm": 7.0},
+    {"shape": "rectangle", "width_mm": 14.0, "height_mm": 7.0},
+    {"shape": "circle", "radius_mm": 3.0},
+]
+places = st.fixed_dictionaries({key: st.floats(-12, 12) for key in ("x_mm", "y_mm")})
+scenes = st.builds(
+    lambda shape, place, angle, force: Scene().with_(
+        probe=shape | place | {"rotation_deg": angle}, load={"force_N": force}
+    ),
+    st.sampled_from(SHAPES),
+    places,
+    angles,
+    forces,
+)
 
 
 def turned(scene, angle):
@@ -57,27 +47,20 @@ def turned(scene, angle):
     )
 
 
-@given(probe=probes(), force_N=forces, angle=angles)
+@given(scene=scenes, angle=angles)
 @few
-def test_turning_probe_and_electrodes_changes_no_charge(probe, force_N, angle):
-    scene = scene_with(probe, **{"load.force_N": force_N})
-    charges = solve(scene).charges_pC
-    assert solve(turned(scene, angle)).charges_pC == pytest.approx(
-        charges, rel=scene.numerics.tolerance
-    )
+def test_turning_probe_and_electrodes_changes_no_charge(scene, angle):
+    found, tolerance = charges(turned(scene, angle)), scene.numerics.tolerance
+    assert found == pytest.approx(charges(scene), rel=tolerance)
 
 
-@given(
-    probe=probes(),
-    force_N=forces,
-    factor=st.floats(0.2, 5),
-    kind=st.sampled_from(list(LOADS)),
-)
+@given(scene=scenes, factor=st.floats(0.2, 5), kind=st.sampled_from(list(LOADS)))
 @few
-def test_only_force_over_thickness_matters(probe, force_N, factor, kind):
+def test_only_force_over_thickness_matters(scene, factor, kind):
     """Same stresses, so the same charges and deflections, on the same mesh."""
-    thin = scene_with(probe, **{"load.force_N": force_N, "film.thickness_um": 25.0}, **LOADS[kind])
-    thick = thin.with_(**{"load.force_N": force_N * factor, "film.thickness_um": 25.0 * factor})
+    thin = scene.with_(**LOADS[kind])
+    force_N, thickness_um = factor * scene.load.force_N, factor * scene.film.thickness_um
+    thick = thin.with_(**{"load.force_N": force_N, "film.thickness_um": thickness_um})
     expected = solve(thin)
     assume(expected.status is not Status.UNSTABLE)  # a stuck punch can compress the film
     scaled = solve(thick, mesh=expected.mesh)
@@ -85,26 +68,27 @@ def test_only_force_over_thickness_matters(probe, force_N, factor, kind):
     assert scaled.deflection_max_mm == pytest.approx(expected.deflection_max_mm, rel=1e-7)
 
 
-@given(probe=probes(), force_N=forces, kind=st.sampled_from(list(LOADS)))
+@given(scene=scenes, kind=st.sampled_from(list(LOADS)))
 @few
-def test_rim_bears_the_force(probe, force_N, kind):
+def test_rim_bears_the_force(scene, kind):
     """A follower's resultant is not F, as the film under the probe is stretched and tilted."""
-    solution = solve(scene_with(probe, **{"load.force_N": force_N}, **LOADS[kind]))
+    solution = solve(scene.with_(**LOADS[kind]))
     equilibrium, state = solution.fields.equilibrium, solution.fields.state
     applied = equilibrium.applied_force(state)[2]
-    assert applied == pytest.approx(force_N, rel=0.1 if kind == "follower" else 1e-12)
+    error = 0.1 if kind == "follower" else 1e-12
+    assert applied == pytest.approx(scene.load.force_N, rel=error)
     assert equilibrium.rim_reaction(state)[2] == pytest.approx(-applied, rel=1e-6)
     assert solution.force_balance < 1e-6
     if kind == "dead":  # which only adds tension to the 48 pC of the pretension
         assert values(solution.charges_pC).min() > 48.0
 
 
-@given(probe=probes(), kind=st.sampled_from(list(LOADS)))
+@given(scene=scenes, kind=st.sampled_from(list(LOADS)))
 @few
-def test_power_laws_without_pretension(probe, kind):
+def test_power_laws_without_pretension(scene, kind):
     """w ~ F^(1/3) and Q ~ F^(2/3) while slopes vanish."""
-    scene = scene_with(probe, **{"film.temperature_change_K": 0.0}, **LOADS[kind])
-    weak, strong = (solve(scene.with_(**{"load.force_N": f})) for f in (1e-8, 8e-8))
+    slack = scene.with_(**{"film.temperature_change_K": 0.0}, **LOADS[kind])
+    weak, strong = (solve(slack.with_(**{"load.force_N": f})) for f in (1e-8, 8e-8))
     assert strong.deflection_max_mm / weak.deflection_max_mm == pytest.approx(2, rel=1e-5)
     assert values(strong.charges_pC) / values(weak.charges_pC) == pytest.approx(4, rel=1e-4)
 

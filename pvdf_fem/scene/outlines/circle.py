@@ -1,4 +1,4 @@
-"""Discs: the outline, and the table of a scene file that makes it."""
+"""Discs: the outline, and its table in scene files."""
 
 from __future__ import annotations
 

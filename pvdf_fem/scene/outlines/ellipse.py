@@ -1,4 +1,4 @@
-"""Ellipses: the outline, and the table of a scene file that makes it."""
+"""Ellipses: the outline, and its table in scene files."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Ellipse(Outline):
         return shapely.Polygon(self.at(2.0 * np.pi * np.arange(256) / 256))
 
     def at(self, angles: Array) -> Array:
-        """Points (n, 2) of the boundary in m, images of those at angles (n,) of the unit circle."""
+        """Points (n, 2) on the boundary in m: images of unit-circle points at angles (n,)."""
         return self.centre + np.stack([np.cos(angles), np.sin(angles)], axis=-1) @ self.axes.T
 
     def signed_distance(self, points: Array) -> Array:
@@ -71,9 +71,9 @@ class Ellipse(Outline):
         return (radius - 1.0) / np.linalg.norm(outward @ to_disc, axis=1)
 
     def dip(self, other: Outline) -> float:
-        """How deep the boundary reaches into another outline, in m; negative outside. Each point
-        that is deeper than its neighbours is sought between these again and again; the depth's
-        error is quadratic in their distance."""
+        """How deep the boundary reaches into another outline, in m; negative outside. Points deeper
+        than their neighbours are sought between the neighbours again and again; the depth's error
+        is quadratic in their distance."""
         angles = 2.0 * np.pi * np.arange(256) / 256
         step, deepest = angles[1], -np.inf
         while step > 1e-8:
@@ -90,9 +90,9 @@ class Ellipse(Outline):
 
     def arc_middles(self, starts: Array, ends: Array) -> Array:
         """Midside nodes (n, 2) that give curved elements the area of the disc's image. On the unit
-        circle they are moved outwards: a quadratic arc through three points of a circle lies inside
-        it. With the area right, what is left of the error changes sign along the arc, and is not
-        felt away from it. A linear map keeps the ratio of areas."""
+        circle the points are moved outwards: a quadratic arc through three points lies inside the
+        circle. With the area right, what is left of the error changes sign along the arc, and is
+        not felt away from it. A linear map keeps the ratio of areas."""
         to_disc = np.linalg.inv(self.axes)
         a, b = ((points - self.centre) @ to_disc.T for points in (starts, ends))
         half = np.arcsin(0.5 * np.linalg.norm(a - b, axis=1))

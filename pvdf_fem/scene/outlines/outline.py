@@ -1,8 +1,8 @@
-"""What every outline of a probe or an electrode knows, in metres in the plane of the film.
+"""Common interface of probe and electrode outlines, in metres in the film's plane.
 
-The origin is the film's centre. Areas, centroids and reaches are exact, not those of an
-approximating polygon. A new shape is one file beside this one, with a subclass of `Outline`, the
-table of a scene file that makes it (`Shape`), and a line in `pvdf_fem.scene.shapes`.
+The origin is the film's centre. Areas, centroids and reaches are exact, without an approximating
+polygon. A new shape is a file beside this file, with a subclass of `Outline`, its table in scene
+files (`Shape`), and a line in `pvdf_fem.scene.shapes`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ TOUCH = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A straight piece of a boundary between two points, each of shape (2,), in m."""
+    """A straight boundary piece between two points (2,) in m."""
 
     start: Array
     end: Array
@@ -50,7 +50,7 @@ class Outline(ABC):
 
     @property
     def size(self) -> float:
-        """A length in m by which outlines of one class with the same `landmarks` may differ."""
+        """A length in m by which outlines with equal class and `landmarks` may differ."""
         return 0.0
 
     @property
@@ -82,17 +82,17 @@ class Outline(ABC):
     @property
     @abstractmethod
     def landmarks(self) -> Array:
-        """Points (n, 2) in m, counter-clockwise, that fix an outline of this class and `size`."""
+        """Points (n, 2) in m, counter-clockwise, that fix an outline with this class and `size`."""
 
     @property
     @abstractmethod
     def boundary(self) -> tuple[Line | EllipseCurve, ...]:
-        """The pieces of the boundary, each from the end of the one before."""
+        """The boundary pieces, end to end."""
 
     @property
     @abstractmethod
     def shape(self) -> shapely.Polygon:
-        """The outline for shapely: a polygon inside of it that touches it at its corners."""
+        """The outline for shapely: an inscribed polygon."""
 
     @abstractmethod
     def mapped(self, frame: Array, shift: Array | float = 0.0) -> Self:
@@ -112,7 +112,7 @@ class Outline(ABC):
     @abstractmethod
     def arc_middles(self, starts: Array, ends: Array) -> Array:
         """Midside nodes (n, 2) in m that give curved elements the outline's area. `starts` and
-        `ends` (n, 2) are those of their sides on a curved piece of the boundary."""
+        `ends` (n, 2) belong to their sides on a curved boundary piece."""
 
     @abstractmethod
     def boundary_rule(self, count: int) -> tuple[Array, Array]:
@@ -145,7 +145,7 @@ class Outline(ABC):
 
 def overlaps(a: Outline, b: Outline) -> bool:
     """Whether the interiors of two outlines meet; outlines that touch do not overlap."""
-    # chords are much nearer than that to their arcs
+    # chords are much nearer to their arcs
     if not shapely.dwithin(a.shape, b.shape, 1e-4 * (a.perimeter + b.perimeter)):
         return False
     slack = TOUCH * max(a.reach, b.reach)
@@ -158,8 +158,8 @@ def overlaps(a: Outline, b: Outline) -> bool:
 
 
 def mean_over(shape: shapely.Geometry, field: Callable[[Array], Array], lines: int = 24) -> float:
-    """About the mean over a shape, in m, of a field (n,) at points (n, 2): on a raster of `lines`
-    by `lines` cells, or at one point of a shape that is between these."""
+    """Approximate mean over a shape, in m, for a field (n,) at points (n, 2): on a raster with
+    `lines` by `lines` cells, or at a single point for a shape between cells."""
     low, high = np.reshape(shape.bounds, (2, 2))
     grid = low + (high - low) * (np.indices((lines, lines)).reshape(2, -1).T + 0.5) / lines
     inside = grid[shapely.contains_xy(shape, grid)]

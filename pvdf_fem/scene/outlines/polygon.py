@@ -1,4 +1,4 @@
-"""Polygons, and the shapes that are polygons: triangle, square, rectangle and any other."""
+"""Polygons, and polygonal shapes: triangle, square, rectangle and free polygons."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def triangle(side: float) -> Array:
 
 
 def defect(vertices: Sequence[Sequence[float]]) -> str | None:
-    """Why vertices, in any unit, are no simple polygon that can be meshed, or None."""
+    """Why vertices are no simple polygon for a mesh, or None; the unit is arbitrary."""
     points = np.asarray(vertices, dtype=float)
     extent = float(np.ptp(points, axis=0).max())
     detail = 1e-6 * extent  # smaller details cannot be meshed

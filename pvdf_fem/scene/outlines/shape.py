@@ -1,4 +1,4 @@
-"""What the tables of all shapes in a scene file have in common."""
+"""Common base of shape tables in scene files."""
 
 from __future__ import annotations
 

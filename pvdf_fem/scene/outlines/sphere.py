@@ -1,4 +1,4 @@
-"""Spheres: rigid tips whose area of contact the force decides."""
+"""Spheres: rigid tips; the force decides the contact area."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rounded tips: the height over the plane of a rigid probe that touches the film where it must.
+"""Rounded tips: the height over the film's plane for a rigid probe.
 
 A tip is what a ball of one radius covers that rolls over a flat core: over a point it is a sphere,
 over a disc or a polygon a flat face with a rounded edge. Its height over its lowest point is
@@ -23,8 +23,8 @@ from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.polygon import Polygon
 from pvdf_fem.scene.outlines.shape import Touching
 
-#: Part of the edge's radius up to which the height is that of the ball; farther out it goes on as
-#: a parabola, so that an iterate there has finite heights.
+#: Part of the edge's radius up to which the height follows the ball; farther out it goes on as
+#: a parabola keeps heights finite for iterates there.
 STEEPEST = 0.99
 
 
@@ -55,7 +55,7 @@ class Tip(ABC):
 
     @abstractmethod
     def grown(self, distance: float) -> Outline:
-        """The outline of the points nearer to the core than this."""
+        """The outline around points nearer to the core than this distance."""
 
     @abstractmethod
     def fitted(self, points: Array) -> Outline:
@@ -121,7 +121,7 @@ class DiscTip(Tip):
         r = np.linalg.norm(away, axis=1)
         outside = (r > self.core) & (r > 0.0)
         safe = np.where(outside, r, 1.0)
-        # a sphere's lowest point is as curved as any other: its curvature is marked as finite
+        # a sphere's lowest point is curved like every point: its curvature is marked as finite
         curvature = np.where(outside, 1.0 / safe, 1.0 if self.core == 0.0 else 0.0)
         normal = np.where(outside[:, None], away / safe[:, None], 0.0)
         return Distances(np.where(outside, r - self.core, 0.0), normal, curvature)
@@ -196,7 +196,7 @@ class PolygonTip(Tip):
 
     @staticmethod
     def _outline(shape: shapely.Polygon, width: float, detail: float = 0.03) -> Polygon:
-        """A polygon of few corners, which moves its sides by `detail` of the width at most."""
+        """A polygon with few corners; sides move by at most `detail` times the width."""
         return Polygon(np.array(shape.simplify(detail * width).exterior.coords)[:-1])
 
 
