@@ -34,8 +34,7 @@ if TYPE_CHECKING:
 
     from pvdf_fem.calibration.calibrate import calibrate
     from pvdf_fem.derivatives.gradients import gradients
-    from pvdf_fem.derivatives.solve import solve
-    from pvdf_fem.derivatives.uncertainty import uncertainty
+    from pvdf_fem.derivatives.uncertainty import solve, uncertainty
     from pvdf_fem.designs.dataset import dataset
     from pvdf_fem.designs.design import design
     from pvdf_fem.dynamics.forced import half_sine, respond, step, transient
@@ -100,7 +99,7 @@ _MODULES = {
     "locate_many": "touch.locate_many",
     "modes": "dynamics.modes",
     "respond": "dynamics.forced",
-    "solve": "derivatives.solve",
+    "solve": "derivatives.uncertainty",
     "step": "dynamics.forced",
     "sweep": "sweeps.sweep",
     "transient": "dynamics.forced",

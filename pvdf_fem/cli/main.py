@@ -234,7 +234,7 @@ def _solve(options: argparse.Namespace) -> int:
             require_map(quantity, scene)
         except ValueError as error:
             raise InputError(f"--quantity: {error}") from error
-    from pvdf_fem.derivatives.solve import solve
+    from pvdf_fem.derivatives.uncertainty import solve
     from pvdf_fem.solvers.status import Status
 
     solution = solve(scene, mesh=options.mesh)

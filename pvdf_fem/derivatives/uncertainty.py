@@ -8,10 +8,12 @@ by the same share.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.charges.goals import goals_of
@@ -32,9 +34,12 @@ from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.readout import deviation
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.solution.first_sizes import ORDER
 from pvdf_fem.solution.next_order import factorised
 from pvdf_fem.solution.solution import Solution
-from pvdf_fem.solution.solve import solve
+from pvdf_fem.solution.solve import solve as solve_certain
+from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solvers.status import NotConvergedError, Status
 from pvdf_fem.told import Grid, Parts, Told, charges_told, rounded
 
 
@@ -124,7 +129,7 @@ def uncertainty(
     scene = with_uncertain(solution, uncertain)
     at, sizes = _judged(scene, solution.pressure if isinstance(solution, Solution) else None)
     if not isinstance(solution, Solution):
-        solution = solve(scene)
+        solution = solve_certain(scene)
     solved, q, factors = factorised(solution.fields)
     adjoint = Adjoint.of(solved.with_(scene=at), goals_of(at), q, factors)
     rest = _rest_adjoint(at)
@@ -188,7 +193,7 @@ def _rest_adjoint(scene: Scene) -> Adjoint | None:
     film = untouched(scene)
     if known_at_rest(film) is not None:
         return None
-    solved, q, factors = factorised(solve(film).fields)
+    solved, q, factors = factorised(solve_certain(film).fields)
     return Adjoint.of(solved, goals_of(film), q, factors)
 
 
@@ -214,3 +219,58 @@ def _joined(parts: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     """The roots of the sums of squares, by electrode."""
     names = next(iter(parts.values()))
     return {name: float(np.linalg.norm([of[name] for of in parts.values()])) for name in names}
+
+
+def solve(
+    scene: SceneLike,
+    *,
+    mesh: MeshTri2 | str | Path | None = None,
+    order: int = ORDER,
+    budget: Budget | None = None,
+    pressure: Pressure | None = None,
+    uncertain: Mapping[str, float | str] | None = None,
+) -> Solution:
+    """Charges and fields of a scene, and its charges at rest: where these need a solve, it is made
+    within the same budget.
+
+    Parameters
+    ----------
+    scene : Scene, path of its file, dict of its tables, or a result of it
+    mesh : MeshTri2 or path, optional
+        Solve on this mesh of `mesh_scene`, or in a file that `read_mesh` reads, of the whole film,
+        whatever the error, instead of meshing for ``scene.numerics.tolerance``.
+    order : int, optional
+        Polynomial order of the displacement, 1, 2 or 3.
+    budget : Budget, optional
+        What the solve may cost, by default what the scene's numerics say.
+    pressure : callable, optional
+        ``p(x_mm, y_mm)`` for arrays (n,) in the probe's own axes, in place of ``load.profile``: one
+        value for each point, or one for all. It is scaled to the scene's force. It is no part of
+        the scene: `Solution.pressure` keeps it, and `gradients` of the solution are under it.
+    uncertain : mapping, optional
+        Standard deviations as for `uncertainty`, ``{"film.thickness_um": "5 %"}``, in place of the
+        scene's `uncertain`. With them the solution has the standard deviations of its charges,
+        `Solution.uncertainty`.
+
+    Returns
+    -------
+    Solution
+        Its `status` tells whether there is a result; printed, it tells how the solve went.
+
+    Raises
+    ------
+    MeshFileError, FileError
+        For a mesh of another scene; for a file that cannot be read. Both are ValueErrors.
+    SceneError
+        For a pressure that cannot be used or has no single dead load, and for an uncertain key that
+        charges have no derivative by; it is a ValueError, too.
+    """
+    scene = with_uncertain(scene, uncertain)
+    require_known(scene, pressure)
+    solution = solve_certain(scene, mesh=mesh, order=order, budget=budget, pressure=pressure)
+    if not scene.uncertain or solution.status is not Status.CONVERGED:
+        return solution
+    try:
+        return replace(solution, uncertainty=uncertainty(solution))
+    except NotConvergedError as error:  # of the untouched film
+        return replace(solution, warnings=(*solution.warnings, f"uncertain: {error}"))

@@ -19,7 +19,7 @@ from pydantic_core import PydanticCustomError
 
 from pvdf_fem.scene.change import Replaced, change
 from pvdf_fem.scene.film import Air, Film
-from pvdf_fem.scene.mistakes import MOST_MISTAKES, mistakes
+from pvdf_fem.scene.mistakes import MOST_MISTAKES, REASONS, mistakes
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.tip import Tip, tip_of
 from pvdf_fem.scene.placement import clashes, misplacements
@@ -151,8 +151,7 @@ class Scene(Told, Section):
 
         def __init__(self, /, *given: Any, **tables: Any) -> None:
             if given:
-                reason = "is no table by name; use Scene.load(path) or Scene().with_({...})"
-                raise SceneError([problem("Scene", given[0], reason)])
+                raise SceneError([problem("Scene", given[0], REASONS["nameless"])])
             try:
                 super().__init__(**tables)
             except ValidationError as error:
@@ -160,7 +159,7 @@ class Scene(Told, Section):
 
     @model_validator(mode="after")
     def _shapes_have_their_places(self) -> Self:
-        electrodes = self.electrodes
+        electrodes, observable = self.electrodes, self.numerics.observable
         complaints = misplacements(
             self.film.radius_mm,
             {f"electrodes[{i}]": electrode for i, electrode in enumerate(electrodes)}
@@ -168,10 +167,9 @@ class Scene(Told, Section):
             else electrodes,
             self._probes,
             self.load,
-            self.numerics.observable,
+            observable,
         )
-        unlike = clashes(self.film, self.numerics.observable, self._probes, self.load)
-        complaints = chain(complaints, unlike)
+        complaints = chain(complaints, clashes(self.film, observable, self._probes, self.load))
         if self.readout is not None:
             names = [electrode.name for electrode in self.electrode_list]
             complaints = chain(complaints, self.readout.mistakes(names))

@@ -269,8 +269,7 @@ class Solution(Told):
                 results["time_constants_s"] = {
                     channel.name: finite(channel.time_constant) for channel in channels(self.scene)
                 }
-            if self.uncertainty is not None:
-                results["uncertainty"] = self.uncertainty.to_json()
+            results |= {"uncertainty": self.uncertainty.to_json()} if self.uncertainty else {}
         return {
             "status": str(self.status),
             **results,

@@ -29,6 +29,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "solvers.status.Status",
         "solution.history.MeshRecord",
         "derivatives.gradients.Gradients",
+        "derivatives.uncertainty.Uncertainty",
         "dynamics.modes.Modes",
         "dynamics.forced.FrequencyResponse",
         "dynamics.forced.Transient",
@@ -41,8 +42,6 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "reporting.kind.Content",
     ),
     "What they take": (
-        "dynamics.forced.half_sine",
-        "dynamics.forced.step",
         "response.build.ResponseOptions",
         "response.model.Domain",
         "touch.locate.LocateOptions",

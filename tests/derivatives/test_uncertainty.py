@@ -85,7 +85,7 @@ def test_charges_at_rest_that_a_solve_tells_have_deviations_too():
     ],
 )
 def test_what_has_no_deviation_is_refused_before_a_solve(uncertain, key, monkeypatch):
-    monkeypatch.setattr("pvdf_fem.derivatives.uncertainty.solve", None)
+    monkeypatch.setattr("pvdf_fem.derivatives.uncertainty.solve_certain", None)
     with pytest.raises(SceneError) as refused:
         uncertainty(SCENE, uncertain)
     assert refused.value.problems[0].startswith(f"{key} = ")

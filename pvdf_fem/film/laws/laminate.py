@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pkgutil import resolve_name
 
 import numpy as np
 
-from pvdf_fem.arrays import ALL, Array, Indices, Mask, Selection
+from pvdf_fem.arrays import ALL, Array, Indices, Selection
 from pvdf_fem.film.laws.law import Law
 from pvdf_fem.film.loads.heat import AddedStrain
 from pvdf_fem.film.space import Space
@@ -34,17 +34,6 @@ class Ply:
         """Stress over the film's thickness in Pa, of strains in the ply's elements."""
         stress = self.law.stress(strain, self.at_rest)
         return stress if self.ratio == 1.0 else self.ratio * stress
-
-    def in_elements(self, elements: Indices, count: int) -> tuple[Mask, Ply]:
-        """Elements (n,) with the ply among `count`, and the ply with its mean strains at rest
-        there."""
-        rows = np.full(count, -1)
-        rows[self.elements] = np.arange(len(rows[self.elements]))
-        here = rows[elements] >= 0
-        if self.at_rest.ndim == 1:
-            return here, self
-        mean = self.at_rest.mean(axis=1)[rows[elements[here]]]
-        return here, replace(self, at_rest=mean)
 
 
 class Laminate:
@@ -125,14 +114,6 @@ class Laminate:
         total = np.zeros_like(strain)
         for ply in self.plies:
             total[ply.elements] += ply.stress(strain[ply.elements])
-        return total
-
-    def resultant_in(self, strain: Array, elements: Indices) -> Array:
-        """The resultant for strains (n, 3), one for each element (n,)."""
-        total = np.zeros_like(strain)
-        for ply in self.plies:
-            here, mean = ply.in_elements(elements, self.space.mesh.nelements)
-            total[here] += mean.stress(strain[here])
         return total
 
     def resultant_moduli(self, strain: Array) -> Array:
