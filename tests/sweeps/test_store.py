@@ -152,8 +152,10 @@ def unprivileged():
             os.seteuid(0)
 
 
-@pytest.mark.parametrize(("file", "folder"), [(0o444, 0o755), (0o666, 0o555), (0o444, 0o777)])
-@pytest.mark.parametrize("in_use", [True, False])
+@pytest.mark.parametrize(
+    ("file", "folder", "in_use"),
+    [(0o444, 0o755, True), (0o666, 0o555, False), (0o444, 0o777, True)],
+)
 def test_a_store_that_cannot_be_written_is_read(file, folder, in_use, monkeypatch):
     with TemporaryDirectory() as name:  # the folders of tmp_path are for their owner only
         path = Path(name) / "s.db"
