@@ -2,12 +2,14 @@
 
 Scene and solution
     `Scene` describes film, electrodes, probe and load; `solve` gives a `Solution` with the charges.
-    `SceneError` lists the mistakes of a scene; `NotConvergedError` says why there are no charges.
+    `SceneError` lists the mistakes of a scene; `NotConvergedError` and `Status` say why there are
+    no charges.
     `Replaced` is a table that takes the place of a whole one in `Scene.with_`.
 About one solution
     `gradients` differentiates the charges, `uncertainty` tells what uncertain values of the scene
     make of these; `modes` gives the frequencies of the film, `respond` the
-    charges of an oscillating force by frequency, `transient` those of a touch by time.
+    charges of an oscillating force by frequency, `transient` the charges of a `half_sine` or a
+    `step` of force by time.
 Many scenes
     `sweep` solves a grid of scenes; `Report` makes a page of a report script.
 From known touches to the sensor
@@ -32,18 +34,18 @@ if TYPE_CHECKING:
 
     from pvdf_fem.calibration.calibrate import calibrate
     from pvdf_fem.derivatives.gradients import gradients
+    from pvdf_fem.derivatives.solve import solve
     from pvdf_fem.derivatives.uncertainty import uncertainty
     from pvdf_fem.designs.dataset import dataset
     from pvdf_fem.designs.design import design
-    from pvdf_fem.dynamics.forced import respond, transient
+    from pvdf_fem.dynamics.forced import half_sine, respond, step, transient
     from pvdf_fem.dynamics.modes import modes
     from pvdf_fem.reporting.report import Report
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Replaced, Scene, SceneError
     from pvdf_fem.solution.solution import Solution
-    from pvdf_fem.solution.solve import solve
-    from pvdf_fem.solvers.status import NotConvergedError
+    from pvdf_fem.solvers.status import NotConvergedError, Status
     from pvdf_fem.sweeps.sweep import sweep
     from pvdf_fem.touch.locate import locate
     from pvdf_fem.touch.locate_many import locate_many
@@ -57,17 +59,20 @@ __all__ = [
     "Scene",
     "SceneError",
     "Solution",
+    "Status",
     "Tracker",
     "build_response",
     "calibrate",
     "dataset",
     "design",
     "gradients",
+    "half_sine",
     "locate",
     "locate_many",
     "modes",
     "respond",
     "solve",
+    "step",
     "sweep",
     "transient",
     "uncertainty",
@@ -83,17 +88,20 @@ _MODULES = {
     "Scene": "scene.scene",
     "SceneError": "scene.scene",
     "Solution": "solution.solution",
+    "Status": "solvers.status",
     "Tracker": "tracking.tracker",
     "build_response": "response.build",
     "calibrate": "calibration.calibrate",
     "dataset": "designs.dataset",
     "design": "designs.design",
     "gradients": "derivatives.gradients",
+    "half_sine": "dynamics.forced",
     "locate": "touch.locate",
     "locate_many": "touch.locate_many",
     "modes": "dynamics.modes",
     "respond": "dynamics.forced",
-    "solve": "solution.solve",
+    "solve": "derivatives.solve",
+    "step": "dynamics.forced",
     "sweep": "sweeps.sweep",
     "transient": "dynamics.forced",
     "uncertainty": "derivatives.uncertainty",

@@ -8,7 +8,7 @@ from pvdf_fem import Scene, solve
 from pvdf_fem.output.figures import new_figure
 from reports.gallery import pictures
 
-STALE = "README's pictures are stale: run python -m reports.gallery, and look at them"
+STALE = "README's pictures or sample are stale: run python -m reports.gallery, and look at them"
 #: Solves of a picture that are repeated; the thesis's scenes take longer than the example.
 REPEATED = {"deflection": (0,), "rotation": (0,)}
 
@@ -27,6 +27,15 @@ def test_a_picture_is_of_today_s_charges(name):
     assert scenes == expected_scenes(name), STALE
     for i in REPEATED[name]:
         assert solve(scenes[i]).charges_pC == pytest.approx(shown["charges_pC"][i], rel=1e-6), STALE
+
+
+def test_readme_s_sample_output_is_printed_now():
+    """All but the times, which every machine has of its own."""
+    [written] = pictures.SAMPLE.findall(pictures.README.read_text("utf-8"))
+    told, now = (
+        [x for x in t.splitlines() if not x[:1].isdigit()] for t in (written, pictures.sample())
+    )
+    assert told == now, STALE
 
 
 def test_a_picture_keeps_what_it_shows(tmp_path, monkeypatch):

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import sysconfig
 import tarfile
+import tomllib
 import venv
 from pathlib import Path
 
@@ -55,7 +56,7 @@ def run(*command: object, folder: Path, path: Path | None = None, given: str = "
     if path is not None:
         environment["PATH"] = f"{path}{os.pathsep}{environment['PATH']}"
     arguments = [str(part) for part in command]
-    how = {"cwd": folder, "env": environment, "input": given, "timeout": 600}
+    how = {"cwd": folder, "env": environment, "input": given, "timeout": 1200}
     done = subprocess.run(arguments, capture_output=True, text=True, **how)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
@@ -142,3 +143,35 @@ def test_the_archive_of_sources_has_every_file(built):
     with tarfile.open(archive) as files:
         packed = {member.name.partition("/")[2] for member in files if member.isfile()}
     assert packed >= expected | examples
+
+
+#: Tests that need every package of users, and the packages that only developers need.
+NEED_PACKAGES = ["scene", "mesh", "output", "reporting", "solution/test_solve.py"]
+NEED_PACKAGES += ["film/test_membrane.py", "response/test_response_file.py"]
+NEED_PACKAGES += ["sweeps/test_sweep.py", "explore/test_state.py"]
+FOR_DEVELOPERS = ("mypy", "ngsolve", "playwright", "ruff", "furo", "myst-nb", "sphinx")
+
+
+def lowest_versions() -> list[str]:
+    """The lower bounds of `pyproject.toml`, as exact versions."""
+    project = tomllib.loads(ROOT.joinpath("pyproject.toml").read_text("utf-8"))["project"]
+    lists = project["dependencies"], *project["optional-dependencies"].values()
+    bounds = {bound for listed in lists for bound in listed if ">=" in bound}
+    return sorted(b.replace(">=", "==") for b in bounds if b.split(">=")[0] not in FOR_DEVELOPERS)
+
+
+@pytest.mark.slow
+def test_the_lowest_allowed_versions_work(tmp_path):
+    """Warnings of old packages about new ones are no errors."""
+    venv.create(tmp_path / "venv")
+    install = [sys.executable, "-m", "pip", "-q", "--python", tmp_path / "venv", "install"]
+    install += ["--only-binary", ":all:"]
+    bounds = lowest_versions()
+    [numpy] = (bound for bound in bounds if bound.startswith("numpy=="))
+    probe = subprocess.run([*install, "--no-deps", numpy], capture_output=True, text=True)
+    if probe.returncode:
+        pytest.skip(f"no index with a wheel of {numpy} for this Python can be reached")
+    run(*install, *bounds, folder=tmp_path)
+    tests = [f"tests/{name}" for name in NEED_PACKAGES]
+    warn = "-o", "filterwarnings=default", "-p", "no:cacheprovider"
+    run(tmp_path / "venv/bin/python", "-m", "pytest", "-q", "-n", 0, *warn, *tests, folder=ROOT)

@@ -1,37 +1,35 @@
-"""Progress: what is done, how long the rest takes, and where that is told."""
+"""Progress: what is done, how long the rest takes, and where that is told. Time is made up."""
 
 from __future__ import annotations
 
-import time
+import io
+from types import SimpleNamespace
 
 import pytest
 
+from pvdf_fem import progress
 from pvdf_fem.progress import Work, remaining, shown
 
 
-class Stream:
+class Stream(io.StringIO):
     """Standard error that is a terminal, or is not."""
 
     def __init__(self, terminal: bool) -> None:
-        self.terminal, self.text = terminal, ""
+        super().__init__()
+        self.terminal = terminal
 
     def isatty(self) -> bool:
         return self.terminal
 
-    def write(self, text: str) -> None:
-        self.text += text
 
-    def flush(self) -> None:
-        pass
-
-
-def told(monkeypatch, terminal, asked, after_s=0.0, seconds=0.0):
+def told(monkeypatch, terminal, asked, after_s=0.0, seconds=1.0):
     stream = Stream(terminal)
     monkeypatch.setattr("sys.stderr", stream)
+    times = iter([10.0, 10.0 + seconds])
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: next(times)))
     with shown("solves", asked, after_s) as show:
-        time.sleep(seconds)
         show(1, 4)
-    return stream.text
+    return stream.getvalue()
 
 
 @pytest.mark.parametrize(
@@ -39,15 +37,12 @@ def told(monkeypatch, terminal, asked, after_s=0.0, seconds=0.0):
     [(True, None, True), (True, False, False), (False, None, False), (False, True, True)],
 )
 def test_it_is_shown_on_terminals_and_where_it_is_asked_for(monkeypatch, terminal, asked, expected):
-    assert ("1 of 4 solves" in told(monkeypatch, terminal, asked)) == expected
+    text = told(monkeypatch, terminal, asked)
+    assert (f"1 of 4 solves, {remaining(3.0)} left" in text) == expected
+    assert told(monkeypatch, terminal, asked, after_s=2.0) == ""  # a short job is silent
 
 
-def test_short_jobs_are_silent(monkeypatch):
-    assert told(monkeypatch, True, True, after_s=2.0) == ""
-
-
-def test_the_rest_takes_as_long_as_what_is_done(monkeypatch):
-    assert f"1 of 4 solves, {remaining(3.0)} left" in told(monkeypatch, False, True, 0.0, 1.0)
+def test_times_are_told_in_seconds_and_from_two_minutes_on_in_minutes():
     assert remaining(40.0).split()[1:] == ["40", "s"]
     assert remaining(300.0).split()[1:] == ["5", "min"]
 
@@ -58,24 +53,18 @@ def test_a_callable_is_told_everything(monkeypatch):
     assert calls == [(1, 4)]
 
 
-def busy(seconds):
-    end = time.process_time() + seconds
-    while time.process_time() < end:
-        pass
-    return seconds
+def long_one(value):
+    return value
 
 
-def idle():
+def short_one():
     return 0.0
 
 
-def test_work_is_told_in_seconds_of_one_core():
-    """Those to come take as long as what the same function took; `idle` waits for its first."""
+def test_work_is_told_in_seconds_of_one_core(monkeypatch):
+    """Tasks to come take as long as the same function took; `short_one` waits for its first."""
+    monkeypatch.setattr(progress, "_timed", lambda of, *given: (of(*given), 0.5 * bool(given)))
     calls = []
     work = Work(1, lambda *at: calls.append(at))
-    assert [*work.run([(busy, 0.02), (busy, 0.02), (idle,), (busy, 0.02)])] == [0.02, 0.02, 0, 0.02]
-    assert len(calls) == 2
-    (done, total), (last, whole) = calls
-    assert total == pytest.approx(1.5 * done, rel=0.2)
-    assert last == pytest.approx(whole)
-    assert last == pytest.approx(0.06, rel=0.2)
+    assert [*work.run([(long_one, 2), (long_one, 3), (short_one,), (long_one, 4)])] == [2, 3, 0, 4]
+    assert calls == [(1.0, 1.5), (1.5, 1.5)]

@@ -22,6 +22,7 @@ from pvdf_fem.calibration.unknowns import unknowns_of
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.progress import Counted, Progress, shown
 from pvdf_fem.readout.channel import READINGS
+from pvdf_fem.scene.given import Names, SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
 
 DEFAULT_UNKNOWN = ("film.pretension_N_m", "gains")
@@ -29,7 +30,7 @@ CHOICES = {"reading": tuple(READINGS), "unit": ("pC", "V")}
 
 
 def calibrate(
-    scene: Scene,
+    scene: SceneLike,
     touches: Any,
     unknown: Sequence[str] = DEFAULT_UNKNOWN,
     *,
@@ -46,7 +47,7 @@ def calibrate(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, or what `solve` takes for a scene
         The sensor as it is thought to be, with the probe.
     touches : path, mapping of columns, or table with `columns`
         ``x_mm``, ``y_mm`` and ``rotation_deg`` on the stage, ``force_N``, and a column for each
@@ -78,10 +79,12 @@ def calibrate(
     ValueError
         A line for each mistake in the arguments (`TouchesError`: in the touches).
     """
+    scene, unknown = scene_of(scene), taken("unknown", unknown, Names)
     scene.require_plain_charges("a calibration")
     if reading is None:
         reading = scene.readout.reading if scene.readout else "change"
     deviations = {"sigma": sigma, "noise": noise, "place_sd": place_sd}
+    deviations = {name: taken(name, value, float) for name, value in deviations.items()}
     if mistakes := _mistakes(scene, {"reading": reading, "unit": unit}, deviations):
         raise ValueError("\n".join(mistakes))
     unknowns = unknowns_of(scene, unknown, priors or {})

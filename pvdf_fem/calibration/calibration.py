@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,8 +13,9 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.calibration.diagnosis import CalibrationStatus
 from pvdf_fem.calibration.fit import Fit
+from pvdf_fem.derivatives.parameters import numbers_of
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.summary import Grid, Told, rounded
+from pvdf_fem.told import Grid, Parts, Told, rounded
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -29,10 +31,16 @@ class Calibration(Told):
 
     @cached_property
     def scene(self) -> Scene:
-        """The scene with what was found; raises ValueError unless calibrated."""
+        """The scene with what was found; raises ValueError unless calibrated. What its
+        ``[uncertain]`` says of parameters that were found are the deviations found."""
         if self.status is not CalibrationStatus.CALIBRATED:
             raise ValueError(f"{self.status}: {self.reason}")
-        return self.fit.model.unknowns.scene_at(self.fit.values, self.fit.model.reading)
+        scene = self.fit.model.unknowns.scene_at(self.fit.values, self.fit.model.reading)
+        deviations = {}
+        for key in scene.uncertain or ():
+            if names := numbers_of(key, self.parameters):
+                deviations[key] = float(np.mean([self.parameters[n]["deviation"] for n in names]))
+        return scene.with_(uncertain=deviations) if deviations else scene
 
     @cached_property
     def parameters(self) -> dict[str, dict[str, float]]:
@@ -108,8 +116,9 @@ class Calibration(Told):
             "unit": fit.model.unit,
         }
 
-    def write_page(self, path: Path) -> None:
-        """Write one self-contained HTML page with pictures of readings, residuals and places."""
+    def write_page(self, path: Path, about: Mapping[str, str] | None = None) -> None:
+        """Write one self-contained HTML page: the verdict, what the page is about by name, such as
+        the file and the date, and pictures of readings, residuals and places."""
         from pvdf_fem.output.calibration_page import CalibrationData, write_page
 
         model = self.fit.model
@@ -117,10 +126,12 @@ class Calibration(Told):
         bad = np.isin(touches.rows, list(self.outliers))
         read = touches.readings, self.fit.prediction.readings
         places = touches.touches[:, :2], self.places_mm
-        data = CalibrationData(names, model.unit, touches.rows, bad, *read, *places)
-        write_page(data, self._repr_html_(), path)
+        sensor = model.unknowns.scene_at(self.fit.values, model.reading)
+        file = names, model.unit, touches.rows, bad
+        data = CalibrationData(sensor, *file, *read, *places)
+        write_page(data, self.status, self._repr_html_(), about or {}, path)
 
-    def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
+    def parts(self) -> Parts:
         """Status, reason, the table of parameters, and what is said below it."""
         fit, rows, notes = self.fit, [], []
         if self.status is CalibrationStatus.CALIBRATED:

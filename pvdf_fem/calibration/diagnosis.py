@@ -50,28 +50,28 @@ class Change:
 def explained(model: TouchModel, noise: Noise) -> tuple[Fit, list[tuple[Change, Fit]]]:
     """The fit, and where it is suspect the changes with which the touches fit a sensor better.
     Touches that are far off at first are fitted to the end only if no change explains them."""
-    enough = len(model.touches) >= len(model.unknowns.names)
-    options = model.options
+    enough, options = len(model.touches) >= len(model.unknowns.names), model.options
     fit = fitted(model, noise, options.far_off if enough else np.inf)
     # the readings, or the parameters they lead to, are not those of such a sensor
     suspect = not fit.converged or fit.p_value < options.unlikely
     suspect |= bool((fit.pulls > options.far).any())
-    found = mistakes_of(fit) if enough and suspect else []
+    found = _mistakes(fit) if enough and suspect else []
     if not found and fit.scale > options.far_off and not fit.converged:
         fit = fitted(model, noise)
     return fit, found
 
 
-def mistakes_of(fit: Fit) -> list[tuple[Change, Fit]]:
+def _mistakes(fit: Fit) -> list[tuple[Change, Fit]]:
     """The changes with which a sensor like the scene's explains the touches, with their fits."""
     found = _better(fit, _of_readings(fit.model)) if fit.model.solved.any() else []
     # these may look like a wrong frame; other mistakes in readings do not
     doubtful = {CalibrationStatus.SWAPPED, CalibrationStatus.CHANNEL}
     if {change.status for change, _ in found} <= doubtful:
         found += _better(fit, _of_touches(fit))
-    others = [pair for pair in found if pair[0].status is not CalibrationStatus.CHANNEL]
-    best = min((better.chi_square for _, better in others or found), default=0.0)
-    return [pair for pair in others or found if pair[1].chi_square < best + fit.model.options.close]
+    # a channel that is left out always leaves a better fit
+    found = [pair for pair in found if pair[0].status is not CalibrationStatus.CHANNEL] or found
+    best = min((better.chi_square for _, better in found), default=0.0)
+    return [pair for pair in found if pair[1].chi_square < best + fit.model.options.close]
 
 
 def _better(fit: Fit, changes: Iterable[Change]) -> list[tuple[Change, Fit]]:
@@ -96,13 +96,11 @@ def _score(fit: Fit, change: Change) -> float:
     model, start = fit.model.changed(change.touches, change.reading), fit.model.unknowns.start
     if not model.solved.any():
         few = np.linspace(0, len(change.touches) - 1, model.options.few_touches).astype(int)
-        chosen = change.touches.some(np.unique(few).tolist())
-        model = replace(
-            model.changed(chosen, change.reading), tolerance=model.options.few_tolerance
-        )
-        model.solve(start, np.zeros((len(chosen), 2)), np.ones(len(chosen), dtype=bool))
+        model = model.changed(change.touches.some(np.unique(few).tolist()), change.reading)
+        every = np.ones(len(model.touches), dtype=bool)
+        model.solve(start, np.zeros((len(every), 2)), every, model.options.first_tolerance)
     none = np.zeros((len(model.touches), 2))
-    tried = Fit(model, fit.noise, start, none, model.solved).settled(soft=True)
+    tried = Fit(model, fit.noise, start, none, model.solved).settled(model.solved, soft=True)
     misfit = np.log1p(tried.distances / np.maximum(tried.counts, 1))[tried.kept]
     return float(misfit.sum() + np.log1p(tried.pulls**2).sum()) if len(misfit) else np.inf
 
@@ -117,7 +115,7 @@ def _of_readings(model: TouchModel) -> Iterator[Change]:
         yield Change(status, mistake.text, changed, model.reading)
     other = "total" if model.reading == "change" else "change"
     text = f"readings are of the {other} of the charge, not of the {model.reading};"
-    if np.isfinite(model.rest[1]).all():
+    if np.isfinite(model.at_rest).all():
         yield Change(CalibrationStatus.READING, f"{text} give reading = {other}", touches, other)
     for j, name in enumerate(names if len(names) > 2 else ()):
         without = read.copy()

@@ -32,8 +32,9 @@ class Noise:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
-    """Parameters and places that explain the readings, and what they are worth."""
+class Fit(LeastSquares):
+    """Parameters and places that explain the readings, and what they are worth. The coordinates of
+    its least-squares problem are the parameters over their priors' deviations."""
 
     model: TouchModel
     noise: Noise
@@ -41,6 +42,7 @@ class Fit:
     moves: Array  #: Of the touches' places on the stage in mm, (touches, 2).
     kept: Mask  #: Touches that count, (touches,).
     converged: bool = True
+    soft: bool = False  #: Whether touches count the less in the search the farther they are.
 
     @cached_property
     def prediction(self) -> Prediction:
@@ -80,7 +82,7 @@ class Fit:
         """Readings of each touch, (touches,)."""
         return np.asarray(np.isfinite(self.model.touches.readings).sum(axis=1))
 
-    @property
+    @cached_property
     def scale(self) -> float:
         """Scatter over what the noise says, at least 1, from the median of the touches."""
         medians = chi2.ppf(0.5, self.counts)
@@ -126,39 +128,60 @@ class Fit:
         inflation = self.scale**2 if self.p_value < self.model.options.false_outliers else 1.0
         return np.asarray(inflation * (scaled @ directions) * np.outer(priors, priors))
 
-    @property
+    @cached_property
     def limits(self) -> Array:
         """Squared lengths that residuals of good touches do not exceed, (touches,)."""
         most = chi2.isf(self.model.options.false_outliers / len(self.kept), self.counts)
         return np.asarray(most * self.scale**2)
 
-    def settled(self, soft: bool) -> Fit:
+    @property
+    def longest(self) -> Array:
+        """Longest steps, (parameters,)."""
+        return np.full(len(self.values), self.model.options.longest_step)
+
+    def held_back(self, at: Array) -> Array:
+        """Parameters not far from those of the solves; moduli and tension keep their signs."""
+        begun, lowest = self.values / self.model.unknowns.priors, -self.longest
+        film = self.model.unknowns.film
+        lowest[film] = np.maximum(lowest[film], -0.5 * np.abs(begun[film]))
+        return begun + np.clip(at - begun, lowest, self.longest)
+
+    def linearised(self, at: Array, rows: Indices | None = None) -> Array:
+        """Whitened differences of readings and priors, then slopes, (1, residuals, 1 + k)."""
+        unknowns = self.model.unknowns
+        fit = replace(self, values=unknowns.priors * at[0])
+        _, residuals, slopes = fit.whitened
+        system = np.concatenate([-residuals[..., None], slopes * unknowns.priors], axis=2)
+        limits = self.limits if self.soft else np.full(len(self.kept), np.inf)
+        begun = (fit.values - unknowns.start) / unknowns.priors
+        counted = robust(system[self.kept], limits[self.kept])
+        return with_priors(counted, begun, np.ones(len(begun)))
+
+    def settled(self, kept: Mask, soft: bool = False) -> Fit:
         """The least-squares parameters between solves, not far from here, and the moves that go
-        with them; `soft` counts touches the less the farther they are."""
-        priors = self.model.unknowns.priors
-        between = _Between(self, self.limits if soft else None)
-        end = descend(between, (self.values / priors)[None], options=SEARCH)
-        fit = replace(self, values=priors * end.at[0])
+        with them, of some touches (touches,)."""
+        priors, begun = self.model.unknowns.priors, replace(self, kept=kept, soft=soft)
+        end = descend(begun, (self.values / priors)[None], options=SEARCH)
+        fit = replace(begun, values=priors * end.at[0])
         roots, residuals, _ = fit.whitened
         E = np.linalg.solve(roots, fit.prediction.by_touch[..., :2])
         moves = self.noise.place_mm**2 * (E.swapaxes(1, 2) @ residuals[..., None])[..., 0]
-        limit = (
-            self.model.options.longest_move * self.noise.place_mm
-        )  # that of a bad touch would lead far away
-        moves *= np.minimum(1.0, limit / np.maximum(np.linalg.norm(moves, axis=1), 1e-12))[:, None]
-        return replace(fit, moves=moves)
+        # the correction of a bad touch would lead far away
+        longest = self.model.options.longest_move * self.noise.place_mm
+        sizes = np.maximum(np.linalg.norm(moves, axis=1, keepdims=True), 1e-12)
+        return replace(fit, moves=moves * np.minimum(1.0, longest / sizes))
 
     def without_bad(self) -> Fit:
         """The fit without touches that are too far from what the others say."""
-        soft = fit = replace(self, kept=self.model.solved).settled(soft=True)
-        for _ in range(10):
-            kept = fit.model.solved & (fit.deleted()[1] <= fit.limits)
+        solved = self.model.solved
+        soft = fit = self.settled(solved, soft=True)
+        while True:
+            kept = fit.kept & (fit.deleted()[1] <= fit.limits)
             if kept.sum() < (1.0 - self.model.options.most_outliers) * len(kept) - 1.0:
                 return soft
-            if (kept == fit.kept).all():
-                break
-            fit = replace(fit, kept=kept).settled(soft=False)
-        return fit
+            if not fit.soft and (kept == fit.kept).all():
+                return fit
+            fit = fit.settled(kept)
 
     def deleted(self) -> tuple[Array, Array]:
         """Whitened residuals (touches, electrodes) of each touch from a fit to the others, with
@@ -174,46 +197,14 @@ class Fit:
         return np.where(self.kept[:, None], others, residuals), lengths
 
 
-@dataclass(frozen=True, eq=False)
-class _Between(LeastSquares):
-    """The least-squares problem of parameters, over their priors' deviations, between solves."""
-
-    fit: Fit
-    limits: Array | None  #: Of a robust loss, (touches,).
-
-    @cached_property
-    def longest(self) -> Array:
-        """Longest steps, (parameters,)."""
-        return np.full(len(self.fit.values), self.fit.model.options.longest_step)
-
-    def held_back(self, at: Array) -> Array:
-        """Parameters not far from those of the solves; moduli and tension keep their signs."""
-        begun, unknowns = self.fit.values / self.fit.model.unknowns.priors, self.fit.model.unknowns
-        held = np.clip(at, begun - self.longest, begun + self.longest)
-        halves = 0.5 * begun[unknowns.film]
-        film = held[:, unknowns.film]
-        held[:, unknowns.film] = np.where(halves > 0.0, np.maximum(film, halves), film)
-        return held
-
-    def linearised(self, at: Array, rows: Indices | None = None) -> Array:
-        """Whitened differences of readings and priors, then slopes, (1, residuals, 1 + k)."""
-        unknowns = self.fit.model.unknowns
-        fit = replace(self.fit, values=unknowns.priors * at[0])
-        _, residuals, slopes = fit.whitened
-        system = np.concatenate([-residuals[..., None], slopes * unknowns.priors], axis=2)
-        system = system[fit.kept]
-        limits = np.full(len(system), np.inf) if self.limits is None else self.limits[fit.kept]
-        begun = (fit.values - unknowns.start) / unknowns.priors
-        return with_priors(robust(system, limits), begun, np.ones(len(begun)))
-
-
 def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit:
     """The fit of solves: touches are solved anew until linear steps between solves are small. It
     ends without convergence where the first steps leave a scatter above `most_scatter`."""
     values, moves = model.unknowns.start.copy(), np.zeros((len(model.touches), 2))
-    pending = ~model.solved
-    for number in range(model.options.max_rounds):
-        model.solve(values, moves, pending)
+    pending, options = ~model.solved, model.options
+    coarse = max(model.tolerance, options.first_tolerance)
+    for number in range(options.max_rounds):
+        model.solve(values, moves, pending, None if number else coarse)
         fit = Fit(model, noise, values, moves, model.solved)
         if 2 * model.solved.sum() < len(model.touches):
             return replace(fit, converged=False)
@@ -222,8 +213,8 @@ def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit
             return replace(fit, converged=False)
         values, moves = fit.values, fit.moves
         # the relative error of a linear step is about its square
-        error = np.square(_change(fit)) / max(noise.sigma, 10.0 * model.options.finest)
-        pending = model.solved & (error >= model.options.settled)
+        error = np.square(_change(fit)) / max(noise.sigma, 10.0 * options.finest)
+        pending = model.solved & ((error >= options.settled) | (number == 0))
         if not (pending & fit.kept).any():
             return fit
     return replace(fit, converged=False)
@@ -231,8 +222,9 @@ def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit
 
 def _change(fit: Fit) -> Array:
     """Relative change of the forces since the solves, (touches,)."""
-    steps = fit.model.arguments(fit.values, fit.moves) - fit.model.at
-    forces = np.einsum("tk,tkex->tex", np.nan_to_num(steps), fit.model.rates)
-    size = np.abs(fit.model.forces)
+    model = fit.model
+    steps = model.arguments(fit.values, model.moved(fit.moves)) - model.at
+    forces = np.einsum("tk,tkex->tex", np.nan_to_num(steps), model.forces[:, 1:])
+    size = np.abs(model.forces[:, 0])
     size = np.maximum(size, 1e-3 * size.max(axis=(1, 2), keepdims=True))
     return np.asarray(np.linalg.norm(forces / size, axis=(1, 2)))

@@ -13,6 +13,8 @@ class CalibrateOptions:
     tolerance_share: float = 0.05
     finest: float = 1e-5
     coarsest: float = 1e-3
+    #: Tolerance of the first solves, which lead to better parameters, and of those of rankings.
+    first_tolerance: float = 2e-3
     max_rounds: int = 12  #: Rounds of solves.
     expected_rounds: int = 3  #: Rounds that the progress is told by.
     #: Change of readings between solves, over their deviations, that is small enough to end.
@@ -30,9 +32,7 @@ class CalibrateOptions:
     most_scatter: float = 4.0
     far_off: float = 10.0
     far: float = 4.0  #: Deviations of a prior that a parameter may be off the scene's value.
-    #: Touches by which changes of places and forces are ranked, and the tolerance of their solves.
-    few_touches: int = 8
-    few_tolerance: float = 2e-3
+    few_touches: int = 8  #: Touches by which changes of places and forces are ranked.
     most_fits: int = 3  #: Changes that are then fitted in full ...
     close_score: float = 5.0  #: ... if their score is no farther than this from the best one.
     #: Mistakes are told if their chi-square is no farther than this from the least one, and that of

@@ -15,7 +15,7 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.derivatives.parameters import PLACE
 from pvdf_fem.files import csv_rows, read_text
 from pvdf_fem.scene.scene import Scene, SceneError
-from pvdf_fem.scene.scene_file import choose
+from pvdf_fem.scene.scene_file import choose, problem
 
 TOUCH_KEYS = (*PLACE, "load.force_N")
 PLACE_COLUMNS = ("x_mm", "y_mm", "rotation_deg", "force_N")
@@ -23,6 +23,9 @@ PLACE_COLUMNS = ("x_mm", "y_mm", "rotation_deg", "force_N")
 
 class TouchesError(ValueError):
     """Touches that nothing can be calibrated with; each argument is a line about a mistake."""
+
+    def __str__(self) -> str:
+        return "\n".join(self.args)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +75,10 @@ def read_touches(source: Any, scene: Scene) -> Touches:
 
 def _columns(source: Any) -> dict[str, Sequence[Any]]:
     if not isinstance(source, str | Path):
-        names = source if isinstance(source, Mapping) else source.columns
+        names = source if isinstance(source, Mapping) else getattr(source, "columns", None)
+        if names is None:
+            reason = "is no table; give the path of a CSV file, or a dict of columns"
+            raise TouchesError(problem("touches", source, reason))
         return {str(name): list(source[name]) for name in names}
     text = read_text(Path(source), 10_000_000, "a CSV file of touches")
     try:

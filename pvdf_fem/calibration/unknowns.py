@@ -14,7 +14,13 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.derivatives.parameters import COEFFICIENTS, parameters_of
+from pvdf_fem.derivatives.parameters import (
+    COEFFICIENTS,
+    PRETENSION,
+    numbers_of,
+    parameters_of,
+    stretched,
+)
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene import Scene
@@ -25,7 +31,6 @@ OFFSET = "offset."
 READOUT_KEYS = {"gain": "gain", "offset": "offset_V"}
 SHIFT = ("stage.x_mm", "stage.y_mm")
 TURN = "stage.rotation_deg"
-PRETENSION = "film.pretension_N_m"
 #: Relative standard deviations of priors; other film parameters have the one of ``film``.
 RELATIVE_PRIORS = {"gain": 0.1, PRETENSION: 0.3, "film": 0.2}
 #: Standard deviations of priors in mm, degrees and V.
@@ -52,11 +57,11 @@ class Unknowns:
         """Where these are."""
         return np.array([self.names.index(key) for key in self.film_keys], dtype=np.int64)
 
-    def value(self, key: str, values: Array) -> float:
-        """One parameter among `values`, or the scene's where it is not sought."""
-        return float(
-            values[self.names.index(key)] if key in self.names else value_of(self.scene, key)
-        )
+    def value(self, key: str, values: Array) -> Array:
+        """One parameter (...) among `values` (..., parameters), or the scene's if not sought."""
+        if key in self.names:
+            return values[..., self.names.index(key)]
+        return np.full(values.shape[:-1], value_of(self.scene, key))
 
     def scene_at(self, values: Array, reading: str | None = None) -> Scene:
         """The scene with the parameters, and with a reading if one is given."""
@@ -84,7 +89,7 @@ def unknowns_of(scene: Scene, words: Sequence[str], priors: Mapping[str, float])
     """The parameters that words name, of which some stand for several, with their priors. Raises
     ValueError with a line for each mistake."""
     if any(word.startswith(PRETENSION) for word in words):
-        scene = _with_pretension(scene)
+        scene = stretched(scene)
     known, names, mistakes = _known(scene), [], []
     for word in words:
         if word in known:
@@ -132,16 +137,6 @@ def _known(scene: Scene) -> dict[str, list[str]]:
         "shift": list(SHIFT),
         "turn": [TURN],
     }
-    for key in film:  # a pair's key stands for both numbers
-        if key.endswith((".0", ".1")):
-            groups.setdefault(key[:-2], []).append(key)
+    groups |= {key[:-2]: numbers_of(key[:-2], film) for key in film if key.endswith(".0")}
     single = [*film, *groups["gains"], *groups["offsets"], *SHIFT, TURN]
     return {**groups, **{name: [name] for name in single}}
-
-
-def _with_pretension(scene: Scene) -> Scene:
-    """The scene with its pretension in N/m where it is given as a temperature."""
-    if scene.film.pretension_N_m is not None:
-        return scene
-    x, y, _ = (scene.film.thickness * scene.film.stress_at_rest).tolist()
-    return scene.with_(**{PRETENSION: [x, y] if abs(x - y) > 1e-12 * abs(x) else x})

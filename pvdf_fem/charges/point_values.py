@@ -14,10 +14,21 @@ from pvdf_fem.film.membrane import strain_of
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.points import located
+from pvdf_fem.scene.given import numbers, taken
+from pvdf_fem.scene.scene_file import problem
+from pvdf_fem.told import Columns, Grid, Parts
+
+#: Names of components, of vectors and of symmetric tensors.
+COMPONENTS = {
+    "displacement_mm": ("u", "v", "w"),
+    "slopes": ("dw/dx", "dw/dy"),
+    "strain": ("E11", "E22", "2 E12"),
+    "stress_MPa": ("S11", "S22", "S12"),
+}
 
 
-@dataclass(frozen=True, eq=False)
-class PointValues:
+@dataclass(frozen=True, eq=False, repr=False)
+class PointValues(Columns):
     """Values at points of the undeformed film; (...) is the shape of the points' coordinates."""
 
     x_mm: Array  #: (...)
@@ -37,6 +48,24 @@ class PointValues:
         """w, (...)."""
         return np.asarray(self.displacement_mm[..., 2])
 
+    def columns(self) -> dict[str, Array]:
+        """A column for each coordinate, component and density, (points,)."""
+        found = {"x_mm": self.x_mm, "y_mm": self.y_mm}
+        if self.distance_mm is not None:
+            found["distance_mm"] = self.distance_mm
+        for name, components in COMPONENTS.items():
+            unit = name.removeprefix(name.partition("_")[0])
+            for i, component in enumerate(components):
+                found[f"{component}{unit}"] = getattr(self, name)[..., i]
+        return found | {"charge_density_pC_mm2": self.charge_density_pC_mm2}
+
+    def parts(self) -> Parts:
+        """The range of the deflections, and the first and the last points."""
+        w, count = self.deflection_mm, self.x_mm.size
+        known = w[np.isfinite(w)]
+        span = f"deflections {known.min():.4g} to {known.max():.4g} mm" if known.size else "none"
+        return f"{count} points of the film", [span], [Grid.of(self.columns())], []
+
 
 def values_at(
     equilibrium: Equilibrium,
@@ -49,9 +78,8 @@ def values_at(
     """Values at points, whose coordinates are numbers or arrays that broadcast together; NaN
     `outside` the film, if asked for. Few are computed `together`, so that memory beyond the results
     stays small. Raises ValueError for coordinates that are no numbers on the film."""
-    if outside not in ("refuse", "nan"):
-        raise ValueError(f'outside = {outside!r}: give "refuse" or "nan"')
-    x, y = np.asarray(x_mm, dtype=float), np.asarray(y_mm, dtype=float)
+    outside = taken("outside", outside, Literal["refuse", "nan"])
+    x, y = numbers("x_mm", x_mm), numbers("y_mm", y_mm)
     try:
         x, y = np.broadcast_arrays(x, y)
     except ValueError:
@@ -109,9 +137,10 @@ def values_along(
     equilibrium: Equilibrium, state: State, line_mm: ArrayLike, points: int = 200
 ) -> PointValues:
     """Values at this number of points at equal distances along a polyline, its ends included."""
-    corners = np.asarray(line_mm, dtype=float)
-    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 2 or points < 2:
-        raise ValueError("a line has at least two corners (x, y) in mm, and at least two points")
+    corners = numbers("line_mm", line_mm)
+    if corners.shape[1:] != (2,) or len(corners) < 2:
+        raise ValueError(problem("line_mm", line_mm, "is no line; give corners [(0, 0), (10, 5)]"))
+    points = taken("points", points, int, (2, 1e6))
     ends = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
     distance = np.linspace(0.0, ends[-1], points)
     x, y = (np.interp(distance, ends, along) for along in corners.T)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import sys
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -112,7 +114,13 @@ def run(options: argparse.Namespace) -> int:
             with replacing(options.output) as unfinished:
                 unfinished.write_text(found.scene.to_toml(), encoding="utf-8")
         if options.page:
-            found.write_page(options.page)
+            about = {
+                "sensor": options.scene,
+                "touches": options.touches,
+                "unknown": options.unknown,
+            }
+            about |= {"command": shlex.join(["pvdf-fem", *sys.argv[1:]]), "date": f"{date.today()}"}
+            found.write_page(options.page, about)
     finally:  # a full disk does not take the result with it
         if options.json:
             print(json.dumps(found.to_json(), allow_nan=False))

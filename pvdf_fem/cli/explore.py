@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +12,14 @@ from pvdf_fem.cli.response_model import number_of
 DESCRIPTION = """\
 A page in the browser, served on this machine only (127.0.0.1): drag, turn and press
 the probe, change film and electrodes, and see deflection or stress, charges,
-readings, and what `locate` says of these charges. Every picture is a full solve.
+readings, and how well noisy readings tell the touch. Every picture is a full solve.
 A file as load.profile must be named by the scene file: the page reads no other."""
 EPILOG = """\
 examples:
   pvdf-fem explore scene.toml
   pvdf-fem explore scene.toml --port 8000 --no-browser
 
-It needs the packages of `pip install "pvdf-fem[explore]"`. Ctrl-C ends it.
+The address in the browser is the state of the page: keep or send it. Ctrl-C ends it.
 
 exit codes: 0 ended by Ctrl-C, 2 bad input, or a port that is taken"""
 
@@ -38,11 +37,7 @@ def run(options: argparse.Namespace) -> int:
     port, taken = number_of(options.port), f"--port {options.port[:60]}"
     mistakes = [] if port in range(65536) else [f"{taken}: is no port; give 0 to 65535"]
     scene = scene_of(options, *mistakes)
-    for package in ("bokeh", "panel"):
-        if find_spec(package) is None:
-            advice = 'run: pip install "pvdf-fem[explore]"'
-            raise InputError(f"explore: the package {package} is missing; {advice}")
-    from pvdf_fem.explore.page import serve
+    from pvdf_fem.explore.server import serve
 
     try:
         serve(scene, Path(options.scene), int(port or 0), not options.no_browser)

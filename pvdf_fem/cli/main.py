@@ -13,7 +13,7 @@ import textwrap
 from collections.abc import Callable, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from pvdf_fem import __version__
 from pvdf_fem.cli import calibrate, explore, locate, respond, response_model, sweep, track
@@ -33,6 +33,9 @@ from pvdf_fem.cli.program import (
 )
 from pvdf_fem.cli.studies import dataset, design
 from pvdf_fem.scene.scene_file import choose, example_text, examples, key_texts
+
+if TYPE_CHECKING:
+    from pvdf_fem.told import Told
 
 _DESCRIPTION = """\
 A model of a membrane PVDF tactile sensor: charges of its electrodes when a
@@ -67,7 +70,7 @@ exit codes: 0 printed, 2 no example of this name"""
 
 _KEYS = """\
 Print a scene file with every key: its meaning, its range, and its default or an
-example. With words, print the keys that have a word in their names or meanings."""
+example. With words, print the keys whose names or meanings have words that begin so."""
 
 _KEYS_EPILOG = """\
 examples:
@@ -206,7 +209,9 @@ def _keys(options: argparse.Namespace) -> int:
         return ExitCode.CONVERGED
     keys, words = list(key_texts()), [word.casefold() for word in options.words]
     texts = [f"{key.table} {key.text}".casefold() for key in keys]
-    found = [keys[i] for i, text in enumerate(texts) if any(word in text for word in words)]
+    # words, and parts of names between underscores, that begin so
+    begins = re.compile("|".join(rf"(?<![^\W_]){re.escape(word)}" for word in words))
+    found = [key for key, text in zip(keys, texts, strict=True) if begins.search(text)]
     if not found:
         near = choose(words[0], list(dict.fromkeys(key.name for key in keys)))
         raise InputError(f"{options.words[0][:60]}: is in no key and its meaning; {near}")
@@ -229,27 +234,18 @@ def _solve(options: argparse.Namespace) -> int:
             require_map(quantity, scene)
         except ValueError as error:
             raise InputError(f"--quantity: {error}") from error
-    from pvdf_fem.solution.solve import solve
+    from pvdf_fem.derivatives.solve import solve
     from pvdf_fem.solvers.status import Status
 
-    if scene.uncertain:
-        from pvdf_fem.derivatives.uncertainty import require_known, uncertainty
-
-        require_known(scene)
     solution = solve(scene, mesh=options.mesh)
     converged = solution.status is Status.CONVERGED
-    told, text = solution.to_json(), lambda: str(solution)
     try:
-        if converged and scene.uncertain:
-            found = uncertainty(solution)
-            told["uncertainty"], text = found.to_json(), lambda: f"{solution}\n\n{found}"
-        if converged:
-            if options.vtu:
-                solution.to_vtu(options.vtu)
-            if options.plot:
-                save_plot(solution.plot(quantity), options)
+        if converged and options.vtu:
+            solution.to_vtu(options.vtu)
+        if converged and options.plot:
+            save_plot(solution.plot(quantity), options)
     finally:  # a full disk does not take the charges with it
-        _print(told, options.json, text)
+        _print(solution, options.json)
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 
@@ -290,17 +286,18 @@ def _modes(options: argparse.Namespace) -> int:
         if options.plot and converged:
             save_plot(result.plot(), options)
     finally:
-        _print(result.to_json(), options.json, lambda: str(result))
+        _print(result, options.json)
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 
-def _print(result: dict[str, Any], as_json: bool, text: Callable[[], str]) -> None:
+def _print(result: Told, as_json: bool) -> None:
     """Print a result as JSON, or as text; the reason why there is none goes to standard error."""
+    told = result.to_json()
     if as_json:
-        print(json.dumps(result, allow_nan=False))
-    elif "reason" in result:
-        print(f"not converged: {result['status']}: {result['reason']}", file=sys.stderr)
-        for text in result.get("warnings", ()):
+        print(json.dumps(told, allow_nan=False))
+    elif "reason" in told:
+        print(f"not converged: {told['status']}: {told['reason']}", file=sys.stderr)
+        for text in told.get("warnings", ()):
             print(f"warning: {text}", file=sys.stderr)
     else:
-        print(text())
+        print(result)

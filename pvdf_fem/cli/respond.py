@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import sys
 from typing import Any
@@ -29,15 +28,18 @@ examples:
   pvdf-fem respond scene.toml --frequencies 20 --set air.baffle=true --json
 
 exit codes: 0 done, 2 bad input, 3 not converged"""
-SPAN = "one in Hz, or START:END, or START:END:N, of which N are evenly spaced in their logarithm"
+SPAN = (
+    "one in Hz, START:END:N for N evenly spaced in their logarithm, or START:END for 200 "
+    "and more about resonances"
+)
 
 
 def add_to(commands: Any) -> None:
     """Add the command to those of an argument parser."""
     summary = "charges under an oscillating force"
     parser = add_scene_command(commands, "respond", run, summary, DESCRIPTION, EPILOG)
-    add_texts(parser, ("--frequencies", "SPAN", "1:1000:200", SPAN))
-    add_plot(parser, "amplitudes and phases")
+    add_texts(parser, ("--frequencies", "SPAN", "1:1000", SPAN))
+    add_plot(parser, "amplitudes, and phases of a damped film")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -50,25 +52,20 @@ def run(options: argparse.Namespace) -> int:
     from pvdf_fem.solvers.status import NotConvergedError
 
     try:
-        response = respond(scene, frequencies)
+        response = respond(scene, frequencies, refined=options.frequencies.count(":") == 1)
     except NotConvergedError as error:
         print(f"not converged: {error}", file=sys.stderr)
         return ExitCode.NOT_CONVERGED
-    columns = {name: values.tolist() for name, values in response.columns().items()}
     try:
         if options.plot:
-            from pvdf_fem.output.charts import frequency_response
-
-            about = response.frequencies_Hz, response.charges_pC_N, response.solution.scene
-            save_plot(frequency_response(*about), options)
+            save_plot(response.plot(), options)
     finally:  # a full disk does not take the charges with it
         if options.json:
-            print(json.dumps({**columns, "left_out": list(response.left_out)}, allow_nan=False))
+            print(json.dumps(response.to_json(), allow_nan=False))
         else:
             for text in response.left_out:
                 print(f"left out: {text}", file=sys.stderr)
-            table = csv.writer(sys.stdout, lineterminator="\n")
-            table.writerows([columns, *zip(*columns.values(), strict=True)])
+            response.to_dataframe().to_csv(sys.stdout, index=False, lineterminator="\n")
     return ExitCode.CONVERGED
 
 

@@ -90,19 +90,8 @@ def run(options: argparse.Namespace) -> int:
         return ExitCode.NOT_CONVERGED
     except ValueError as error:
         raise InputError(*str(error).splitlines()) from error
-    told = {
-        "file": str(choice.path(scene, options.scene)),
-        "electrodes": list(model.names),
-        "reach_mm": model.domain.reach_mm,
-        "force_range_N": list(model.domain.force_N),
-        "error_bound": model.error_bound,
-        "remarks": list(model.remarks),
-    }
-    if options.json:
-        print(json.dumps(told))
-    else:
-        print(f"{told['file']}: charges of {', '.join(model.names)} for {model.domain}")
-        print(f"errors: up to {model.error_bound:.2g} of a charge", *model.remarks, sep="\n")
+    file = str(choice.path(scene, options.scene))
+    print(json.dumps({"file": file, **model.to_json()}) if options.json else f"{file}: {model}")
     within = model.error_bound <= choice.wanted(scene)[1]
     return ExitCode.CONVERGED if within else ExitCode.NOT_CONVERGED
 

@@ -5,6 +5,7 @@ with their errors.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -18,17 +19,19 @@ from pvdf_fem.derivatives.parameters import (
 from pvdf_fem.derivatives.rates import rate_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.change import number_at
-from pvdf_fem.scene.given import SceneLike, scene_of
+from pvdf_fem.scene.given import Named, Names, SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import choose, problem
 from pvdf_fem.solution.history import Stop
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
 from pvdf_fem.solvers.status import NotConvergedError, Status
+from pvdf_fem.told import Columns, Grid, Parts, rounded
 
 TINY = np.finfo(float).tiny
 
 
-class Gradients(dict[str, dict[str, float]]):
+class Gradients(Columns, Named[dict[str, float]]):
     """Derivatives of charges by key and electrode, in pC per unit of the key.
 
     Attributes
@@ -46,6 +49,25 @@ class Gradients(dict[str, dict[str, float]]):
     errors: dict[str, dict[str, float]]
     relative_errors: dict[str, float]
     solution: Solution
+
+    def columns(self) -> dict[str, list[Any]]:
+        """By parameter: the derivative of each electrode's charge, in pC per unit of the parameter,
+        and its error."""
+        found: dict[str, list[Any]] = {"parameter": [*self]}
+        for name in self.solution.charges_pC:
+            found[name] = [rates[name] for rates in self.values()]
+            found[f"{name}_error"] = [errors[name] for errors in self.errors.values()]
+        return found
+
+    def parts(self) -> Parts:
+        names = [*self.solution.charges_pC]
+        heading = [title for name in names for title in (name, "±")]
+        rows = tuple(
+            (key, *(cell for n in names for cell in rounded(rates[n], self.errors[key][n])))
+            for key, rates in self.items()
+        )
+        about, table = f"pC per unit of {', '.join(self)}", Grid(("by", *heading), rows)
+        return "derivatives of total charges", [about], [table], []
 
 
 def gradients(
@@ -84,13 +106,14 @@ def gradients(
     scene = scene_of(solution)
     pressure = solution.pressure if isinstance(solution, Solution) else None
     known = parameters_of(scene, pressure)
-    wanted = known if parameters is None else tuple(parameters)
+    wanted = known if parameters is None else taken("parameters", parameters, Names)
     for key in wanted:
         if key not in known:
             reason = refusal(scene, key, pressure)
-            raise ValueError(f"parameters: {key!r} {reason}; take some of {known}")
-    if tolerance is not None and not 0.0 < tolerance < 1.0:
-        raise ValueError(f"tolerance = {tolerance!r}: is out of range; give a number from 0 to 1")
+            reason = f"{reason}; {choose(key, known)}"
+            raise ValueError(problem("parameters", key, reason))
+    if tolerance is not None:
+        tolerance = taken("tolerance", tolerance, float, (1e-9, 1.0))
     if tolerance and isinstance(solution, Solution) and solution.stop is Stop.GIVEN_MESH:
         reason = "would leave the mesh that was given; give the scene instead, or no tolerance"
         raise ValueError(f"tolerance = {tolerance:g}: {reason}")

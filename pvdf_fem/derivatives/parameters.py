@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+import numpy as np
+
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.loads.posed import Pressure
 from pvdf_fem.film.models import film_model
@@ -15,6 +19,7 @@ PLACE = tuple(f"probe.{name}" for name in PLACE_NAMES)
 IN_PLANE = ("tangential_N[0]", "tangential_N[1]")
 HEAT = "temperature_K"
 COEFFICIENTS = ("film.d31_pC_N", "film.d32_pC_N")
+PRETENSION = "film.pretension_N_m"
 
 
 def parameters_of(scene: Scene, pressure: Pressure | None = None) -> tuple[str, ...]:
@@ -67,6 +72,20 @@ def _film_keys(film: Film) -> tuple[str, ...]:
     names = ("thickness_um", stretched, "youngs_modulus_GPa", "poisson_ratio", *given)
     ends = {tuple: (".0", ".1")}
     return tuple(f"film.{n}{end}" for n in names for end in ends.get(type(getattr(film, n)), ("",)))
+
+
+def stretched(scene: Scene) -> Scene:
+    """The scene with its pretension in N/m where the film is given as cooled."""
+    film = scene.film
+    if film.pretension_N_m is not None:
+        return scene
+    x, y = (film.stress_at_rest[:2] * film.thickness).tolist()
+    return scene.with_({PRETENSION: x if np.isclose(x, y, rtol=1e-9) else [x, y]})
+
+
+def numbers_of(key: str, known: Iterable[str]) -> list[str]:
+    """Those of some known keys that a key stands for: itself, or both numbers of a pair."""
+    return [name for name in known if name in (key, f"{key}.0", f"{key}.1")]
 
 
 def refusal(scene: Scene, key: str, pressure: Pressure | None = None) -> str:

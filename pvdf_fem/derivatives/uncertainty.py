@@ -17,8 +17,16 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.derivatives.adjoint import Adjoint
-from pvdf_fem.derivatives.parameters import COEFFICIENTS, parameters_of, refusal
+from pvdf_fem.derivatives.parameters import (
+    COEFFICIENTS,
+    PRETENSION,
+    numbers_of,
+    parameters_of,
+    refusal,
+    stretched,
+)
 from pvdf_fem.derivatives.rates import changed, rate_of
+from pvdf_fem.film.loads.posed import Pressure
 from pvdf_fem.scene.change import number_at, spelled
 from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.readout import deviation
@@ -27,12 +35,10 @@ from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solution.next_order import factorised
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
-from pvdf_fem.solution.summary import Grid, Told, rounded
-
-PRETENSION = "film.pretension_N_m"
+from pvdf_fem.told import Grid, Parts, Told, charges_told, rounded
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Uncertainty(Told):
     """Standard deviations of charges, and what each uncertain number has part in them."""
 
@@ -79,12 +85,13 @@ class Uncertainty(Told):
             shares = (f"{100.0 * of[name]:.0f} %" for of in self.shares().values())
             cells = *rounded(total, totals[name]), *rounded(values[name], changes[name])
             rows.append((name, *cells, *shares))
-        columns = "pC", "± pC", "change by touch, pC", "± pC", *self.deviations
+        columns = "total, pC", "± pC", "change by touch, pC", "± pC", *self.deviations
         return Grid(("charges, uncertain values", *columns), tuple(rows))
 
-    def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
-        told = [f"{key}: ± {value:.4g}" for key, value in self.deviations.items()]
-        return "uncertain", ["standard deviations by uncertain values", *told], [self.table], []
+    def parts(self) -> Parts:
+        told = [f"uncertain: {key} ± {value:.4g}" for key, value in self.deviations.items()]
+        found = f"standard deviations of total charges, {charges_told(self.charges_pC)}"
+        return "uncertain", [found], [self.table], told
 
 
 def uncertainty(
@@ -114,10 +121,8 @@ def uncertainty(
     >>> found = uncertainty(Scene.example("triangle"), {"film.thickness_um": "5 %"})
     >>> found.charges_pC["A"]
     """
-    scene = scene_of(solution)
-    if uncertain is not None:
-        scene = scene.with_(uncertain=dict(uncertain))
-    at, sizes = _judged(scene)
+    scene = with_uncertain(solution, uncertain)
+    at, sizes = _judged(scene, solution.pressure if isinstance(solution, Solution) else None)
     if not isinstance(solution, Solution):
         solution = solve(scene)
     solved, q, factors = factorised(solution.fields)
@@ -134,24 +139,34 @@ def uncertainty(
     return Uncertainty(solution, deviations, total, change)
 
 
-def require_known(scene: Scene) -> None:
-    """SceneError for uncertain keys that charges have no derivative by."""
+def with_uncertain(
+    given: Solution | SceneLike, uncertain: Mapping[str, float | str] | None
+) -> Scene:
+    """A scene with these uncertain numbers, or with its own for None."""
+    scene = scene_of(given)
+    if uncertain is None:
+        return scene
+    return scene.with_(uncertain=None).with_(uncertain=uncertain)
+
+
+def require_known(scene: Scene, pressure: Pressure | None = None) -> None:
+    """SceneError for uncertain keys that charges have no derivative by, under a pressure too."""
     if scene.uncertain:
-        _judged(scene)
+        _judged(scene, pressure)
 
 
-def _judged(scene: Scene) -> tuple[Scene, dict[str, dict[str, float]]]:
+def _judged(scene: Scene, pressure: Pressure | None) -> tuple[Scene, dict[str, dict[str, float]]]:
     """The scene by whose keys charges are differentiated, and by uncertain key the deviations of
     these; both numbers of a pair deviate together."""
     given = {spelled(key): value for key, value in (scene.uncertain or {}).items()}
     if not given:
         raise SceneError(["uncertain = (nothing): give keys with their standard deviations"])
     at = _stretched(scene) if PRETENSION in given else scene
-    known, sizes, problems = parameters_of(at), dict[str, dict[str, float]](), []
+    known, sizes, problems = parameters_of(at, pressure), dict[str, dict[str, float]](), []
     for key, value in given.items():
-        keys = [k for k in known if k in (key, f"{key}.0", f"{key}.1")]
+        keys = numbers_of(key, known)
         if not keys:
-            reason = f"{refusal(at, key)}; give some of {', '.join(known)}"
+            reason = f"{refusal(at, key, pressure)}; give some of {', '.join(known)}"
             problems.append(problem(f"uncertain.{key}", value, reason))
         sizes[key] = {one: deviation(value, number_at(at, one)) for one in keys}
     if problems:
@@ -162,15 +177,10 @@ def _judged(scene: Scene) -> tuple[Scene, dict[str, dict[str, float]]]:
 def _stretched(scene: Scene) -> Scene:
     """The scene whose cooled film has its pretension instead of its change of temperature."""
     film = scene.film
-    if film.pretension_N_m is not None:
-        return scene
-    if film.patches or film.warming_K:
+    if film.pretension_N_m is None and (film.patches or film.warming_K):
         reason = "is of a film that is cooled with patches or warms; give film.temperature_change_K"
         raise SceneError([problem(f"uncertain.{PRETENSION}", scene.uncertain, reason)])
-    x, y = (film.stress_at_rest[:2] * film.thickness).tolist()
-    even = np.isclose(x, y, rtol=1e-9)
-    stretched = {"pretension_N_m": x if even else (x, y), "temperature_change_K": None}
-    return scene.model_copy(update={"film": film.model_copy(update=stretched)})
+    return stretched(scene)
 
 
 def _rest_adjoint(scene: Scene) -> Adjoint | None:

@@ -21,6 +21,7 @@ from pvdf_fem.response.build import build_response, refuse
 from pvdf_fem.response.held_out import random_touches
 from pvdf_fem.response.model import QUANTITIES, ROTATION
 from pvdf_fem.response.response import Response
+from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.touch.locate_many import CHUNK
@@ -41,7 +42,7 @@ OF_ELECTRODES = {
 
 
 def dataset(
-    scene: Scene,
+    scene: SceneLike,
     touches: int = 100_000,
     seed: int = 0,
     sigma: float = 0.01,
@@ -56,7 +57,7 @@ def dataset(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, or what `solve` takes for a scene
         The sensor and its probe. Its table ``[model]`` has the touched region and the forces.
     touches, seed : int
         How many touches are drawn, and the seed of the random numbers.
@@ -80,6 +81,7 @@ def dataset(
     SceneError, ValueError, NotConvergedError
         With all mistakes, before anything is solved; and for a film without a model.
     """
+    scene = scene_of(scene)
     if wrong := [*mistakes(scene, touches, seed, sigma, noise_pC, reading)]:
         raise ValueError("\n".join(wrong))
     if model is None:

@@ -25,6 +25,7 @@ from pvdf_fem.response.model import FORCE, ROTATION, Domain
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import mechanics_of
 from pvdf_fem.scene.change import spelled
+from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.sweeps.grid import Grid
@@ -108,7 +109,7 @@ class Designs:
 
 
 def design(
-    scene: Scene,
+    scene: SceneLike,
     vary: Mapping[str, Any],
     noise: float = 0.01,
     *,
@@ -125,7 +126,7 @@ def design(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, or what `solve` takes for a scene
         The sensor, its probe and force. The probe's rotation counts as known.
     vary : mapping
         Keys of the scene with their values, ``{"electrodes.count": [4, 6, 8]}``; the designs are
@@ -163,7 +164,8 @@ def design(
     The deviation of the place is the root mean square of the distance. Along a direction that the
     charges do not determine the deviation is the extent of the domain, as for `Touch.covariance`.
     """
-    designs = Designs.of(scene, vary)
+    vary = taken("vary", vary, dict[str, Any])
+    designs = Designs.of(scene_of(scene), vary)
     known = model.domain if isinstance(model, Response) else None
     if reach_mm is None:
         of_each = (touched.default_reach_mm(first) for first, _ in designs.models)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.linalg
@@ -21,10 +21,14 @@ from pvdf_fem.dynamics.air import SOUND_SPEED
 from pvdf_fem.dynamics.modes import air_remark
 from pvdf_fem.dynamics.oscillation import ComplexArray, Oscillation, oscillations
 from pvdf_fem.readout.channel import Channel, channels
-from pvdf_fem.scene.given import SceneLike, scene_of
+from pvdf_fem.scene.given import SceneLike, numbers, scene_of, taken
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solution.solution import Solution
 from pvdf_fem.solution.solve import solve
+from pvdf_fem.told import Columns, Grid, Parts
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MOST_HZ = 1e6  #: Highest frequency, Hz.
 #: Starts in s, p in 1/s and c in N of c exp(p (t - start)) from each start on.
@@ -33,25 +37,60 @@ Exponentials = tuple[tuple[float, complex, complex], ...]
 
 def step(force_N: float, duration_s: float = math.inf) -> Exponentials:
     """A further force that comes at once, at t = 0, and stays for a time."""
+    force_N, duration_s = _course(force_N, duration_s)
     return (0.0, 0.0, force_N), (duration_s, 0.0, -force_N)
 
 
 def half_sine(force_N: float, duration_s: float) -> Exponentials:
     """A further force F sin(pi t/T) from t = 0 to the duration T: a sine, and one that ends it."""
+    force_N, duration_s = _course(force_N, duration_s)
     waves, starts = ((1j, -0.5j), (-1j, 0.5j)), (0.0, duration_s)
     return tuple((t, p * np.pi / duration_s, c * force_N) for t in starts for p, c in waves)
 
 
+def _course(force_N: float, duration_s: float) -> tuple[float, float]:
+    """Force and duration of a touch as numbers."""
+    if duration_s != math.inf:
+        duration_s = taken("duration_s", duration_s, float, (1e-9, 1e9), "s")
+    return taken("force_N", force_N, float, (-1e6, 1e6), "N"), duration_s
+
+
+class Course(Columns):
+    """Changes of charges and readings against a solution, by frequency or by time."""
+
+    left_out: tuple[str, ...]
+
+    def parts(self) -> Parts:
+        """The span, the first and the last rows, and what is left out."""
+        (name, along), *others = self.columns().items()
+        shown = {name: along} | {key: column for key, column in others if "error" not in key}
+        span = f"{name} {along.min():g} to {along.max():g}" if along.size else "none"
+        notes = [f"left out: {text}" for text in self.left_out]
+        return "changes by the force", [span], [Grid.of(shown)], notes
+
+    def to_json(self) -> dict[str, Any]:
+        """The columns, and what is left out."""
+        return {**super().to_json(), "left_out": list(self.left_out)}
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class FrequencyResponse:
-    """Complex amplitudes over that of the force, (n,), by electrode, about a solution."""
+class FrequencyResponse(Course):
+    """Complex amplitudes over the force's amplitude, (n,), by electrode, about a solution."""
 
     solution: Solution
     frequencies_Hz: Array
     charges_pC_N: dict[str, ComplexArray]
     charge_errors_pC_N: dict[str, Array]  #: Estimated discretisation errors, absolute.
     readings_V_N: dict[str, ComplexArray]  #: Of the channels; empty without ``[readout]``.
+    resonances_Hz: Array  #: Those that the force excites, without losses, up to the last frequency.
     left_out: tuple[str, ...]  #: What the model neglects.
+
+    def plot(self) -> Figure:
+        """Draw amplitudes with the resonances marked, and phases if something damps the film."""
+        from pvdf_fem.output.charts import frequency_response
+
+        about = self.charges_pC_N, self.resonances_Hz, self.solution.scene
+        return frequency_response(self.frequencies_Hz, *about)
 
     def columns(self) -> dict[str, Array]:
         """The columns of the table that `pvdf-fem respond` prints."""
@@ -63,8 +102,8 @@ class FrequencyResponse:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Transient:
-    """Changes against a solution by time, (n,), by electrode."""
+class Transient(Course):
+    """Changes of charges and readings against a solution by time, (n,), by electrode."""
 
     solution: Solution
     times_s: Array
@@ -73,8 +112,17 @@ class Transient:
     readings_V: dict[str, Array]  #: Of the channels; empty without ``[readout]``.
     left_out: tuple[str, ...]  #: What the model neglects.
 
+    def columns(self) -> dict[str, Array]:
+        """Times, changes of the charges with their errors, and readings."""
+        found = {"time_s": self.times_s}
+        for name, change in self.charges_pC.items():
+            found |= {f"{name}_change_pC": change, f"{name}_error_pC": self.charge_errors_pC[name]}
+        return found | {f"{name}_reading_V": V for name, V in self.readings_V.items()}
 
-def respond(solution: Solution | SceneLike, frequencies_Hz: ArrayLike) -> FrequencyResponse:
+
+def respond(
+    solution: Solution | SceneLike, frequencies_Hz: ArrayLike, refined: bool = False
+) -> FrequencyResponse:
     """Charges by a small oscillating force of the probe along z, by frequency.
 
     Parameters
@@ -83,18 +131,28 @@ def respond(solution: Solution | SceneLike, frequencies_Hz: ArrayLike) -> Freque
         The loaded state, or a scene that is solved first, with one probe that is no tip.
     frequencies_Hz : array_like
         One or several, not below zero; `NotConvergedError` where they are too high for the film.
+    refined : bool, optional
+        Whether more frequencies about the resonances join.
     """
-    frequencies = np.atleast_1d(np.asarray(frequencies_Hz, dtype=float))
-    in_range = (frequencies >= 0.0) & (frequencies <= MOST_HZ)
-    if frequencies.ndim != 1 or not frequencies.size or not np.all(in_range):
-        raise ValueError(f"frequencies_Hz: give numbers from 0 to {MOST_HZ:g} Hz")
+    frequencies = numbers("frequencies_Hz", frequencies_Hz, (0.0, MOST_HZ), "Hz").ravel()
     solution, read = _loaded(solution)
-    both = oscillations(solution)
-    charges, better = (o.reduced(frequencies).charges(frequencies).T for o in both)
+    both = [oscillation.reduced(frequencies) for oscillation in oscillations(solution)]
+    resonances = both[0].resonances(frequencies.max())
+    if refined:
+        frequencies = _refined(frequencies, resonances)
+    charges, better = (oscillation.charges(frequencies).T for oscillation in both)
     pairs = zip(read, charges, strict=False)  # no channels without a readout
     readings = {c.name: c.harmonic(frequencies) * charge for c, charge in pairs}
     tables = _in_pC(solution, charges), _in_pC(solution, np.abs(better - charges)), readings
-    return FrequencyResponse(solution, frequencies, *tables, _left_out(solution))
+    return FrequencyResponse(solution, frequencies, *tables, resonances, _left_out(solution))
+
+
+def _refined(frequencies: Array, resonances: Array, nearest: float = 1e-3, most: int = 12) -> Array:
+    """Frequencies in Hz with more about resonances, their distances in a geometric series."""
+    apart = np.geomspace(nearest, 0.1, most)
+    near = np.multiply.outer(resonances, np.concatenate([1.0 - apart, 1.0 + apart])).ravel()
+    inside = (near > frequencies.min()) & (near < frequencies.max())
+    return np.union1d(frequencies, near[inside])
 
 
 def transient(
@@ -115,11 +173,11 @@ def transient(
     highest_Hz : float, optional
         Up to which the modes are those of the film; slow touches have little beyond.
     """
-    if not isinstance(touch, tuple) or not touch or not isinstance(touch[0], tuple):
-        raise TypeError(
-            f"touch = {touch!r:.60}: is no course of a force; give half_sine() or step()"
-        )
-    (solution, read), times = _loaded(solution), np.atleast_1d(np.asarray(times_s, dtype=float))
+    if not isinstance(touch, tuple) or {np.shape(part) for part in touch} != {(3,)}:
+        raise ValueError(problem("touch", touch, "is no course of a force; give half_sine(...)"))
+    times = numbers("times_s", times_s, (-1e9, 1e9), "s").ravel()
+    highest_Hz = taken("highest_Hz", highest_Hz, float, (1e-3, MOST_HZ), "Hz")
+    solution, read = _loaded(solution)
     if not solution.fields.equilibrium.conservative:
         raise SceneError([problem("load.kind", "follower", 'has no modes; give "dead"')])
     modes, better = (_modes(o, np.linspace(0.0, highest_Hz, 24)) for o in oscillations(solution))

@@ -29,17 +29,17 @@ from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM, MeshError
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.scene.film import Air
-from pvdf_fem.scene.given import SceneLike, scene_of
+from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.attempt import UNKNOWNS_PER_ELEMENT
 from pvdf_fem.solution.estimate import corrected
 from pvdf_fem.solution.history import Clock
 from pvdf_fem.solution.refinement import MeshLoop, TooManyUnknownsError
-from pvdf_fem.solution.summary import Grid, Told, rounded
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import NewtonResult, Tried
 from pvdf_fem.solvers.status import NotConvergedError, Status
+from pvdf_fem.told import Grid, Parts, Told, rounded
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -102,25 +102,30 @@ class Modes(Told):
         return "film under its load" if self.loaded else "flat film"
 
     def plot(self) -> Figure:
-        """Draw the shapes of the modes with their frequencies, those in air below."""
+        """Draw the shapes of the modes with their frequencies, with the scene's air if any."""
         from pvdf_fem.output.charts import mode_shapes
 
+        where, spectrum = [*self.spectra.items()][-1]
         shapes = [
-            (f"{i + 1}: {frequency:.4g} Hz {where}", spectrum.shapes[i, :, 2])
-            for where, spectrum in self.spectra.items()
-            for i, frequency in enumerate(spectrum.frequencies)
+            (f"{i}: {frequency:.4g} Hz", shape[:, 2])
+            for i, (frequency, shape) in enumerate(
+                zip(spectrum.frequencies, spectrum.shapes, strict=True), 1
+            )
         ]
-        film = self.basis, self.scene.film.radius_mm
-        return mode_shapes(shapes, *film, f"Modes of the {self._about}")
+        film = spectrum.equilibrium.space.basis, self.scene.film.radius_mm
+        return mode_shapes(shapes, *film, f"Modes of the {self._about} {where}")
 
-    def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
+    def parts(self) -> Parts:
         """Status, film or reason, a table each in vacuum and in air, and what is left out."""
         converged, grids = self.status is Status.CONVERGED, []
         for where, spectrum in self.spectra.items() if converged else ():
             pairs = zip(spectrum.frequencies.tolist(), spectrum.errors.tolist(), strict=True)
             rows = tuple((str(i), *rounded(*pair)) for i, pair in enumerate(pairs, 1))
             grids.append(Grid((where, "Hz", "± Hz"), rows))
-        reason = f"modes of the {self._about}" if converged else self.reason
+        reason = self.reason
+        if converged:
+            lowest = ", ".join(f"{frequency:.4g}" for frequency in self.frequencies_Hz[:3])
+            reason = f"{len(self.frequencies_Hz)} modes of the {self._about}, from {lowest} Hz on"
         return self.status, [reason], grids, [f"left out: {text}" for text in self.left_out]
 
     def to_json(self) -> dict[str, Any]:
@@ -150,9 +155,7 @@ def modes(scene: SceneLike, count: int = 6, loaded: bool = False) -> Modes:
         without tension in all directions.
     """
     scene = scene_of(scene)
-    if count not in range(1, MOST_MODES + 1):
-        raise ValueError(f"count = {count!r}: is no number of modes; give 1 to {MOST_MODES}")
-    count, bare = int(count), scene
+    count, bare = taken("count", count, int, (1, MOST_MODES)), scene
     if loaded:
         scene.require_no_tips("frequencies about the load")
     else:  # on the flat film only rigid probes matter, by the unknowns that they bind together
@@ -305,9 +308,10 @@ def _left_out(scene: Scene, share: float, joins: bool) -> tuple[str, ...]:
     return air if joins else (bending, *air)
 
 
-def air_remark(scene: Scene) -> str:
-    """What a vacuum leaves out: per area about the density of air times the radius."""
+def air_remark(scene: Scene, baffled: float = 1.5) -> str:
+    """What a vacuum leaves out: in the lowest mode, per area, about the density of air times the
+    radius, and `baffled` times as much in a baffle."""
     film = scene.film
     weight = Air().density_kg_m3 * film.radius / (film.density * film.thickness)
-    mass = f"adds about {weight:.2g} times the film's mass, which lowers the lowest frequencies"
-    return f"air: {mass}; to include it give [air]"
+    sizes = f"about {baffled * weight:.2g} times the film's mass, {weight:.2g} without a baffle"
+    return f"air: adds {sizes}, to the lowest mode; to include it give [air]"

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array
@@ -82,6 +83,12 @@ class Oscillation:
         elastic = self.stiffness + 1j * self.loss_tangent * self.elastic
         q = np.linalg.solve(elastic - omega**2 * self.mass + 1j * omega**3 * sound, self.force)
         return np.asarray((1.0 + 1j * self.loss_tangent) * (q @ self.rates))
+
+    def resonances(self, highest_Hz: float) -> Array:
+        """Frequencies in Hz (n,) of dense equations without their losses, up to a highest one."""
+        squares = scipy.linalg.eigvals(self.stiffness, self.mass).real
+        frequencies = np.sqrt(np.sort(squares[squares > 0.0])) / (2.0 * np.pi)
+        return np.asarray(frequencies[frequencies <= highest_Hz])
 
     def reduced(
         self, frequencies: Array, tolerance: float = 1e-7, most: int = 426, tests: int = 24

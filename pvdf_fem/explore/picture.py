@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Callable
+from functools import lru_cache
+from io import BytesIO
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
+from matplotlib.image import imsave
 from matplotlib.tri import Triangulation
 
 from pvdf_fem.arrays import Array
@@ -30,7 +36,7 @@ class Quantity(NamedTuple):
     """What the film may be coloured by."""
 
     label: str
-    palette: str  #: Of Bokeh, from dark to light.
+    palette: str  #: Of matplotlib, from light to dark.
     at_dofs: Callable[[Solution], Array]  #: Values at the dofs of a solution's basis.
 
 
@@ -43,8 +49,8 @@ def _stress(solution: Solution) -> Array:
 
 #: A further one is its line here.
 QUANTITIES = {
-    "deflection": Quantity("deflection (mm)", "Blues256", lambda s: 1e3 * s.displacement[:, 2]),
-    "stress": Quantity("S11 + S22 (MPa)", "Purples256", _stress),
+    "deflection": Quantity("deflection (mm)", "Blues", lambda s: 1e3 * s.displacement[:, 2]),
+    "stress": Quantity("S11 + S22 (MPa)", "Purples", _stress),
 }
 
 
@@ -55,14 +61,34 @@ class Picture(NamedTuple):
     image: Array | None  #: Of `image_of`; none without a result.
 
 
-def picture_of(scene: Scene, quantity: str) -> Picture:
-    """The picture of a scene by a solve to `TOLERANCE`, or the scene's own where that is larger."""
-    limits = {"numerics.tolerance": max(TOLERANCE, scene.numerics.tolerance)}
-    limits["numerics.max_seconds"] = scene.numerics.max_seconds or MOST_SECONDS
-    solution = solve(scene.with_(**limits), order=ORDER)
+def picture_of(text: str, quantity: str) -> Picture:
+    """The picture of a scene file."""
+    solution = solution_of(text)
     converged = solution.status is Status.CONVERGED
     image = image_of(solution, QUANTITIES[quantity].at_dofs(solution)) if converged else None
     return Picture(solution.to_json(), image)
+
+
+@lru_cache(maxsize=1)
+def solution_of(text: str) -> Solution:
+    """The solution of a scene file to `TOLERANCE`, or the scene's own where that is larger."""
+    scene = Scene.parse(text)
+    limits = {"numerics.tolerance": max(TOLERANCE, scene.numerics.tolerance)}
+    limits["numerics.max_seconds"] = scene.numerics.max_seconds or MOST_SECONDS
+    return solve(scene.with_(**limits), order=ORDER)
+
+
+def coloured(image: Array, quantity: str) -> dict[str, Any]:
+    """An image as a PNG in a URL, palest at zero and transparent where it is NaN, and its scale:
+    label, least and largest value, and colours between them."""
+    low, high = min(0.0, float(np.nanmin(image))), max(0.0, float(np.nanmax(image)))
+    high = max(high, low + 1e-9)
+    label, palette, _ = QUANTITIES[quantity]
+    palette = f"{palette}_r" if -low > high else palette
+    imsave(png := BytesIO(), image, vmin=low, vmax=high, cmap=palette, origin="lower", format="png")
+    colours = [to_hex(colour) for colour in colormaps[palette](np.linspace(0.0, 1.0, 9))]
+    scale = {"label": label, "low": f"{low:.3g}", "high": f"{high:.3g}", "colours": colours}
+    return {"url": f"data:image/png;base64,{b64encode(png.getvalue()).decode()}", **scale}
 
 
 def image_of(solution: Solution, values: Array, pixels: int = PIXELS) -> Array:

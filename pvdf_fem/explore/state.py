@@ -1,28 +1,42 @@
-"""What the page shows, as plain values: a scene and how it is shown, undo and redo, the link."""
+"""What the page shows, as plain values: a scene and how it is shown, changes of it, the link."""
 
 from __future__ import annotations
 
-import tomllib
+import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from functools import cache
+from typing import Any, get_args
 from urllib.parse import parse_qsl, urlencode
 
-from pvdf_fem.calibration.unknowns import value_of
 from pvdf_fem.explore.picture import QUANTITIES
 from pvdf_fem.scene.change import Replaced, plain
-from pvdf_fem.scene.registry import PROFILE_ENTRIES
+from pvdf_fem.scene.registry import LOAD_CLASSES, PROFILE_ENTRIES
 from pvdf_fem.scene.scene import Scene, SceneError
-from pvdf_fem.scene.scene_file import choose, parse_change, problem, toml_value
+from pvdf_fem.scene.scene_file import choose, key_texts, parse_change, problem, toml_value
+from pvdf_fem.scene.shapes import ELECTRODES, MODELS, PROBES, Layout
 
 MOST_NOISE = 0.5  #: Largest standard deviation of readings, relative to them.
+#: Keys whose value is one of some words.
+WORDS: dict[str, tuple[str, ...]] = {
+    "load.kind": (*LOAD_CLASSES,),
+    "probe.shape": (*PROBES,),
+    "electrodes.layout": get_args(Layout.model_fields["layout"].annotation),
+    "electrodes.shape": (*ELECTRODES,),
+    "quantity": (*QUANTITIES,),
+}
+#: Where a word is refused, a word of this other key may be what it needs.
+PARTNERS = {
+    "load.kind": "probe.shape",
+    "probe.shape": "load.kind",
+    "electrodes.shape": "electrodes.layout",
+}
 
 
 @dataclass(frozen=True)
 class View:
-    """A scene, what its film is coloured by, and the noise at which its touch is located."""
+    """A scene, what its film is coloured by, and the noise of the readings of its touch."""
 
     scene: Scene
     quantity: str = "deflection"
@@ -41,6 +55,39 @@ class View:
             told = "names a file, which a page does not read; name it in the scene file"
             raise SceneError([problem("load.profile", others[0], told)])
         return View(changed, quantity, noise)
+
+    def typed(self, text: str) -> View:
+        """Another view, by some ``KEY=VALUE`` with blanks between them.
+
+        A word that the scene refuses is tried again with each word of the partner of its key: a
+        sphere needs load.kind = "contact".
+        """
+        changes = _parsed(text)
+        words = {key: value for key, value in changes.items() if generic(key) in WORDS}
+        numbers = {key: value for key, value in changes.items() if key not in words}
+        chosen = {key: value for item in words.items() for key, value in self._chosen(*item)}
+        try:
+            return self.changed({**chosen, **numbers})
+        except SceneError as refused:
+            partners = {PARTNERS.get(generic(key), "") for key in words} - changes.keys()
+            for partner in partners & WORDS.keys():
+                for word in WORDS[partner]:
+                    with suppress(SceneError):
+                        fitting = dict(self._chosen(partner, word))
+                        return self.changed({**chosen, **fitting, **numbers})
+            raise refused
+
+    def _chosen(self, key: str, word: str) -> list[tuple[str, Any]]:
+        """Changes for a word, with examples of the sizes that a shape needs."""
+        table, _, name = key.rpartition(".")
+        section = getattr(self.scene, generic(table), None) if table else None
+        if isinstance(section, tuple) and table == generic(table):  # a list gives way to a table
+            return [(table, Replaced({name: word}))]
+        model = MODELS.get((generic(table), "table", word)) if name == "shape" else None
+        fields = model.model_fields if model else {}
+        needed = [size for size, field in fields.items() if field.is_required()]
+        sizes = {f"{table}.{size}": said(generic(table), size)[1] for size in needed}
+        return [(key, word), *sizes.items()]
 
     def query(self, start: Scene) -> str:
         """The query of a link with what differs from the scene of the file: whole sections."""
@@ -65,45 +112,33 @@ def _profile_files(scene: Scene) -> set[str]:
     return {load.profile for load in loads} - PROFILE_ENTRIES.keys()
 
 
-@dataclass(frozen=True)
-class History:
-    """The current view, the views before, and the undone views, the next last."""
-
-    view: View
-    past: tuple[View, ...] = ()
-    future: tuple[View, ...] = ()
-
-    def to(self, view: View) -> History:
-        """With another view."""
-        return self if view == self.view else History(view, (*self.past, self.view))
-
-    def changed(self, changes: Mapping[str, Any]) -> History:
-        """With the changed view, see `View.changed`."""
-        return self.to(self.view.changed(changes))
-
-    def undone(self) -> History:
-        """With the view before; there must be one."""
-        return History(self.past[-1], self.past[:-1], (*self.future, self.view))
-
-    def redone(self) -> History:
-        """With the view that was undone last; there must be one."""
-        return History(self.future[-1], (*self.past, self.view), self.future[:-1])
-
-
-SLIDERS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("sliders.toml").read_text("utf-8"))
-
-
-def sliders_of(scene: Scene) -> dict[str, dict[str, float]]:
-    """The sliders of a scene by key: value, limits that enclose it, and step."""
-    found, unheeded = {}, scene.unheeded(SLIDERS)
-    keys = [touch.key for touch in scene.loaded_probes]
-    for name, (*limits, step) in SLIDERS.items():
-        if name in unheeded:
+def _parsed(text: str) -> dict[str, Any]:
+    """Changes by key; a value that is not complete goes on with the next ``KEY=``."""
+    changes, part = {}, ""
+    for piece in re.split(r"\s+(?=[\w.\[\]]+\s*=)", text.strip()):
+        part = f"{part} {piece}".strip()
+        try:
+            key, value = parse_change(part)
+        except SceneError:
             continue
-        for probe in keys if name.startswith("probe.") else [""]:
-            key = name.replace("probe", probe) if probe else name
-            with suppress(AttributeError, TypeError):  # the scene has none, or a pair
-                value = value_of(scene, key)
-                span = {"start": min(*limits, value), "end": max(*limits, value)}
-                found[key] = {**span, "step": step, "value": value}
-    return found
+        changes[key], part = value, ""
+    return {**changes, **dict([parse_change(part)])} if part or not changes else changes
+
+
+def generic(key: str) -> str:
+    """The key without the number of a probe."""
+    return re.sub(r"^probe\[\d+\]", "probe", key)
+
+
+@cache
+def _said() -> dict[tuple[str, str], str]:
+    """Texts of keys by table and name, and by name alone."""
+    texts = {("", text.name): text.text for text in key_texts()}
+    return texts | {(t.table.strip("[]"), t.name): t.text for t in reversed([*key_texts()])}
+
+
+def said(table: str, name: str) -> tuple[str, Any]:
+    """What a key of a scene means, with its range, and a value for example."""
+    text = _said().get((table, name)) or _said()["", name]
+    *about, line = text.splitlines()
+    return " ".join(text.lstrip("# ") for text in about), parse_change(line.lstrip("#"))[1]

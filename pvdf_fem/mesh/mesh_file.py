@@ -23,6 +23,7 @@ from pvdf_fem.files import FileError, reading
 from pvdf_fem.mesh.gmsh_mesh import FILM, named, outlines
 from pvdf_fem.mesh.six_node import SIDES, compression, with_sorted_vertices
 from pvdf_fem.mesh.symmetry import WHOLE
+from pvdf_fem.scene.given import taken
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
@@ -42,6 +43,7 @@ def mesh_of(given: MeshTri2 | str | Path, scene: Scene, slack: float = 1e-3) -> 
     """A mesh of the whole film, or that in a file, with the patches of a scene; see `read_mesh`."""
     if isinstance(given, str | Path):
         return read_mesh(given, scene, slack)
+    taken("mesh", given, MeshTri2)
     try:
         return _mesh(given.doflocs.T, given.dofs.element_dofs.T, scene, slack)
     except MeshFileError as error:

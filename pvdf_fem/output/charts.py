@@ -12,12 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MultipleLocator
+from matplotlib.ticker import LogLocator, MultipleLocator
 from matplotlib.tri import Triangulation
 from skfem import Basis
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.output.figures import (
+    HALO,
     MARKERS,
     colour_bar,
     colours_of,
@@ -32,31 +33,66 @@ from pvdf_fem.scene.scene import Scene
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
+FEW = 5  #: Values of an axis that are drawn as a curve each.
 SIGNS = {"um": "µm", "degree": "°"}  #: Units as figures have them.
 
 
-def frequency_response(frequencies: Array, charges: Mapping[str, Any], scene: Scene) -> Figure:
-    """A figure of all charges' complex amplitudes over the force's, and below their phases, which
-    have no jumps of 360°. Its title says what damps the film of the scene."""
+def frequency_response(
+    frequencies: Array, charges: Mapping[str, Any], resonances: Array, scene: Scene
+) -> Figure:
+    """A figure of all charges' complex amplitudes over the force's, with marks at resonances, and
+    where something damps the film of the scene, as the title says, phases without jumps below."""
+    film, sound = scene.film.loss_tangent or 0.0, bool(scene.air and scene.air.baffle)
     phases = np.degrees(np.unwrap(np.angle([*charges.values()])))
-    film, air = scene.film.loss_tangent or 0.0, scene.air
     with style():
-        figure = new_figure(130.0, 110.0)
-        size, phase = figure.subplots(2, sharex=True)
+        damped = bool(film or sound)
+        figure = new_figure(130.0, 110.0 if damped else 80.0)
+        size, *below = figure.subplots(1 + damped, sharex=True, squeeze=False)[:, 0]
         for j, (name, charge) in enumerate(charges.items()):
-            look = {**look_of(j), "markevery": max(frequencies.size // 10, 1)}
+            look = {**look_of(j), "marker": ""}
             size.loglog(frequencies, np.abs(charge), label=name, **look)
-            phase.semilogx(frequencies, phases[j], **look)
+            for ax in below:
+                ax.semilogx(frequencies, phases[j], **look)
         figure.legend(loc="outside upper left", ncols=6, title="electrode")
-        sound = "sound" if air and air.baffle else "no sound"
-        size.set_title(f"damping: loss tangent of the film {film:g}, {sound}")
+        told = f"loss tangent of the film {film:g}, {'sound' if sound else 'no sound'}"
+        size.set(title=f"damping: {told}" if damped else "without damping, peaks are unlimited")
         size.set(ylabel="charge over force (pC/N)")
-        phase.set(xlabel="frequency (Hz)", ylabel="phase against the force (°)")
-        low, high = 45.0 * np.floor(phases.min() / 45.0), 45.0 * np.ceil(phases.max() / 45.0)
-        phase.set_ylim(low - 9.0, high + 9.0)
-        fewer = np.ceil(np.log2(max((high - low) / 225.0, 1.0)))
-        phase.yaxis.set_major_locator(MultipleLocator(45.0 * 2.0**fewer))
+        size.margins(x=0.0)
+        _mark_resonances(size, resonances)
+        for ax in below:
+            _turns(ax, phases)
+        size.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        size.xaxis.set_major_formatter("{x:g}")
+        size.xaxis.set_minor_formatter("")
+        [size, *below][-1].set_xlabel("frequency (Hz)")
     return figure
+
+
+def _mark_resonances(ax: Axes, resonances: Array, room: float = 0.05) -> None:
+    """Ticks above an axis of frequencies in Hz at resonances, named where a part of the axis is
+    free. The axis begins at most a decade below the first resonance."""
+    if not resonances.size:
+        return
+    low, high = ax.get_xlim()
+    ax.set_xlim(max(low, 0.1 * resonances[0]), high)
+    across, last = ax.get_xaxis_transform(), -np.inf
+    ax.plot(
+        resonances, np.ones(resonances.size), "|", color="black", transform=across, clip_on=False
+    )
+    for at in resonances:
+        place = ax.transAxes.inverted().transform(ax.transData.transform((at, 1.0)))[0]
+        if place > last + room:
+            last, beside = place, {"xytext": (-2, 0), "textcoords": "offset points"}
+            look: Any = {"fontsize": 7, "rotation": 90, "ha": "right", "va": "top", **beside}
+            ax.annotate(f"{at:.3g} Hz", (at, 0.98), xycoords=across, path_effects=[HALO], **look)
+
+
+def _turns(ax: Axes, phases: Array) -> None:
+    """Scale an axis to phases in degrees, at multiples of 45 degrees."""
+    low, high = 45.0 * np.floor(phases.min() / 45.0), 45.0 * np.ceil(phases.max() / 45.0)
+    ax.set(ylabel="phase against the force (°)", ylim=(low - 9.0, high + 9.0))
+    fewer = np.ceil(np.log2(max((high - low) / 225.0, 1.0)))
+    ax.yaxis.set_major_locator(MultipleLocator(45.0 * 2.0**fewer))
 
 
 def mode_shapes(
@@ -81,11 +117,13 @@ def mode_shapes(
     return figure
 
 
-def _panels(count: int, abreast: int = 2, panel_mm: float = 45.0) -> tuple[Figure, list[Axes]]:
+def _panels(
+    count: int, abreast: int = 2, panel_mm: float = 45.0, same_y: bool = True
+) -> tuple[Figure, list[Axes]]:
     """A figure with panels of the same axes, few beside each other for a phone."""
     rows, columns = math.ceil(count / abreast), min(count, abreast)
     figure = new_figure(panel_mm * columns + 30.0, (panel_mm + 8.0) * rows + 10.0)
-    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=same_y)
     for ax in panels.flat[count:]:
         ax.remove()
     for ax in panels.flat[count - columns : count]:  # also above an empty place
@@ -94,9 +132,10 @@ def _panels(count: int, abreast: int = 2, panel_mm: float = 45.0) -> tuple[Figur
 
 
 def sweep_chart(data: Dataset) -> Figure:
-    """A figure of the charges of a sweep of one or two axes: curves, or a map for each electrode.
-    Scenes without charges are marked, with their status. Raises ValueError for another number of
-    axes, and says how to select from them."""
+    """A figure of the charges of a sweep: curves by one axis; by two axes a map for each electrode,
+    or where an axis has up to `FEW` values, a curve for each of these. Scenes without charges are
+    marked, with their status. Raises ValueError for another number of axes, and says how to select
+    from them."""
     data = data.squeeze([axis for axis, size in data.status.sizes.items() if size == 1])
     axes = [str(axis) for axis in data.status.dims]
     if len(axes) not in (1, 2):
@@ -106,8 +145,12 @@ def sweep_chart(data: Dataset) -> Figure:
     for axis in axes:
         if len(varied := _varied(data, axis)) == 1 and varied[0].dtype.kind == "f":
             data = data.isel({axis: np.argsort(varied[0].values, kind="stable")})
+    keys = [_varied(data, axis) for axis in sorted(axes, key=lambda axis: data.sizes[axis])]
     with style():
-        return (_curves if len(axes) == 1 else _maps)(data, *(_varied(data, a) for a in axes))
+        if len(keys) == 1:
+            return _curves(data, keys[0])
+        draw = _families if data.sizes[keys[0][0].dims[0]] <= FEW else _maps
+        return draw(data, *keys)
 
 
 def _varied(data: Dataset, axis: str) -> list[DataArray]:
@@ -172,24 +215,56 @@ def _curves(data: Dataset, along: list[DataArray]) -> Figure:
     return figure
 
 
+def _families(data: Dataset, by: list[DataArray], along: list[DataArray]) -> Figure:
+    """A panel for each electrode with curves along an axis, one for each value of the other."""
+    figure, panels = _panels(data.electrode.size, same_y=False)
+    data = data.transpose(*by[0].dims, *along[0].dims, ...)
+    names, bars, marks = [", ".join(row) for row in zip(*map(_texts, by), strict=True)], [], []
+    for j, (ax, electrode) in enumerate(zip(panels, data.electrode.values, strict=True)):
+        x = _draw_axis(ax.xaxis, along)
+        look: Any = {"transform": ax.get_xaxis_transform(), "clip_on": False}
+        charges, errors = data.charge_pC.values[..., j], data.charge_error_pC.values[..., j]
+        bars = [
+            ax.errorbar(x, *curve, label=name, **look_of(i))
+            for i, (*curve, name) in enumerate(zip(charges, errors, names, strict=True))
+        ]
+        for status in data.status.values:
+            marks += _mark_failed(ax, x, np.full(x.size, 0.02), status, **look)
+        ax.set_title(f"electrode {electrode}")
+    figure.legend(handles=bars, loc="outside upper left", ncols=FEW, title=_label(by))
+    figure.legend(
+        handles=list({m.get_label(): m for m in marks}.values()), loc="outside lower center"
+    )
+    figure.supxlabel(_label(along))
+    figure.supylabel("total charge (pC)")
+    return figure
+
+
 def _maps(data: Dataset, down: list[DataArray], across: list[DataArray]) -> Figure:
-    charges = data.charge_pC.values
-    figure, panels = _panels(data.electrode.size)
-    known = charges[np.isfinite(charges)]
-    colours, low, high = colours_of(known if known.size else [0.0, 1.0])
-    for ax, name, charge in zip(panels, data.electrode.values, charges.T, strict=True):
-        x = _draw_axis(ax.xaxis, across)
-        y = _draw_axis(ax.yaxis, down)
-        look: Any = {"shading": "nearest", "cmap": colours, "vmin": low, "vmax": high}
-        drawn = ax.pcolormesh(x, y, charge.T, **look)
+    """A map for each electrode with colours of its own. Cells end at the first and last values."""
+    figure, panels = _panels(data.electrode.size, panel_mm=56.0)
+    data = data.transpose(*down[0].dims, *across[0].dims, ...)
+    for ax, name, charge in zip(panels, data.electrode.values, data.charge_pC.T, strict=True):
+        x, y = _draw_axis(ax.xaxis, across), _draw_axis(ax.yaxis, down)
+        known = charge.values[np.isfinite(charge.values)]
+        colours, low, high = colours_of(known if known.size else [0.0, 1.0])
+        look: Any = {"cmap": colours, "vmin": low, "vmax": high, "edgecolors": "face"}
+        drawn = ax.pcolormesh(_edges(x), _edges(y), charge.values.T, **look)
         marks = _mark_failed(ax, *np.meshgrid(x, y), data.status.values)
         ax.set_title(f"electrode {name}")
         ax.grid(False)
+        figure.colorbar(drawn, ax=ax)
     figure.supxlabel(_label(across))
     figure.supylabel(_label(down))
-    figure.colorbar(drawn, ax=panels, label="total charge (pC)", aspect=10 * len(panels))
-    figure.legend(handles=marks, loc="outside upper left")
+    figure.suptitle("total charge (pC)", x=0.02, ha="left", fontsize=9)
+    figure.legend(handles=marks, loc="outside lower center")
     return figure
+
+
+def _edges(values: Array) -> Array:
+    """Limits (n + 1,) of cells about values (n,): halfway to the next ones, and the outer values
+    themselves."""
+    return np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1]), values[-1:]])
 
 
 def design_chart(data: Dataset, chosen: Dataset) -> Figure:

@@ -25,6 +25,8 @@ from pvdf_fem.output import figures
 from pvdf_fem.output.figures import COLOURS, GREY
 from pvdf_fem.scene.scene import Scene
 
+FEW = 7  #: Electrodes beside which charges have room; of more there are the names.
+
 
 @dataclass(frozen=True)
 class FilmMap:
@@ -36,6 +38,9 @@ class FilmMap:
     values: Callable[[PointValues], Array] | None = None
     colours: str = "viridis"  #: A colour map of matplotlib.
     veil: float = 0.0  #: How much electrodes hide of what is below them, 0 to 1.
+    #: Points in mm (n, 2) about which the map is enlarged unless a reach is given; the whole film
+    #: then has a small map of its own.
+    about: Callable[[FilmData], Array] | None = None
 
 
 def sampled(
@@ -135,12 +140,11 @@ def _contact(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
     pressure = contact_pressure(film.equilibrium, film.state)
     touching = pressure > 0.0
     grid = Triangulation(*places[:, touching])
-    drawn = _shaded(ax, grid, 1e-6 * pressure[touching], norm, shown.colours)
-    edges = np.concatenate([touchdown.edge_mm for touchdown in touchdowns])
-    x, y = (edges.max(axis=0) + edges.min(axis=0)) / 2.0
-    wide = 0.7 * np.ptp(edges, axis=0).max()
-    ax.set(xlim=(x - wide, x + wide), ylim=(y - wide, y + wide))
-    return drawn
+    return _shaded(ax, grid, 1e-6 * pressure[touching], norm, shown.colours)
+
+
+def _contact_edges(film: FilmData) -> Array:
+    return np.concatenate([touchdown.edge_mm for touchdown in film.contacts.values()])
 
 
 def _sides_mm(film: FilmData, cuts: int = 5) -> list[Array]:
@@ -177,7 +181,9 @@ MAPS = {
     ),
     "mesh": FilmMap("", _mesh),
     "error": FilmMap("share in the errors of charges (pC)", _errors, None, "magma_r"),
-    "contact": FilmMap("contact pressure (MPa), compression positive", _contact),
+    "contact": FilmMap(
+        "contact pressure (MPa), compression positive", _contact, about=_contact_edges
+    ),
 }
 
 
@@ -196,19 +202,54 @@ def film_map(
 ) -> Figure:
     """`Solution.plot`."""
     shown, scene = require_map(name, film.scene), film.scene
+    if reach_mm is not None and not reach_mm > 0.0:
+        raise ValueError(f"reach_mm = {reach_mm}: is no half width; give mm above zero")
     if ax is None:
         with figures.style():
             return film_map(film, name, figures.map_axes(), reach_mm)
     radius_mm = scene.film.radius_mm
     figures.draw_rim(ax, radius_mm, radius_mm if reach_mm is None else reach_mm)
+    ax.set_title(_pressed(scene))
     if drawn := shown.draw(ax, film, shown):
         figures.colour_bar(ax, drawn, shown.label)
+    few = len(scene.electrode_list) <= FEW
     for electrode in scene.electrode_list:
-        words = [electrode.name, f"{film.charges_pC[electrode.name]:.4g} pC"]
-        figures.draw_electrode(ax, electrode.outline, words, shown.veil)
+        charge, error = (of[electrode.name] for of in (film.charges_pC, film.charge_errors_pC))
+        words = [electrode.name, f"{charge:.4g} ± {error:.1g} pC"]
+        figures.draw_electrode(ax, electrode.outline, words if few else words[:1], shown.veil)
     for touch in scene.loaded_probes:
         edge_mm = 1e3 * np.array(touch.outline.shape.exterior.coords)
         if touch.patch in film.contacts:
             edge_mm = film.contacts[touch.patch].edge_mm
         ax.plot(*edge_mm.T, color=COLOURS[1], path_effects=[figures.HALO])
+    if shown.about and reach_mm is None:
+        _enlarge(ax, shown.about(film), radius_mm)
     return figures.figure_of(ax)
+
+
+def _pressed(scene: Scene) -> str:
+    """What presses where, in a title."""
+    touches = scene.loaded_probes
+    if not touches:
+        return "nothing presses"
+    forces = " + ".join(
+        f"{touch.load.force_N:.3g} N"
+        if touch.load.depth_mm is None
+        else f"{touch.load.depth_mm:.3g} mm deep"
+        for touch in touches
+    )
+    if len(touches) > 1:
+        return f"{len(touches)} probes, {forces}"
+    [touch] = touches
+    return f"{touch.probe.shape} at ({touch.probe.x_mm:.3g}, {touch.probe.y_mm:.3g}) mm, {forces}"
+
+
+def _enlarge(ax: Axes, points_mm: Array, radius_mm: float, margin: float = 0.2) -> None:
+    """Show the surroundings of points only, and in a corner where on the film these are."""
+    low, high = points_mm.min(axis=0), points_mm.max(axis=0)
+    (x, y), half = 0.5 * (low + high), (0.5 + margin) * (high - low).max()
+    ax.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
+    whole = ax.inset_axes((0.0, 0.0, 0.22, 0.22))
+    figures.draw_rim(whole, radius_mm, radius_mm)
+    whole.plot(x, y, "s", color=COLOURS[1])
+    whole.set_axis_off()

@@ -100,7 +100,7 @@ def _imported(name: str) -> Any:
     try:
         return import_module(name)
     except ImportError as error:
-        advice = 'run `pip install "pvdf-fem[view]"`, or `pip install ".[view]"` in its sources'
+        advice = 'run: pip install "pvdf-fem[view]"'
         raise ImportError(f"a view in 3-D needs {name}: {advice}") from error
 
 

@@ -9,22 +9,13 @@ import numpy as np
 import xarray
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.charges.point_values import PointValues
-
-#: Components of vectors, and of symmetric tensors.
-_COMPONENTS = {
-    "displacement_mm": ("direction", ["u", "v", "w"]),
-    "slopes": ("slope_component", ["dw/dx", "dw/dy"]),
-    "strain": ("strain_component", ["E11", "E22", "2 E12"]),
-    "stress_MPa": ("stress_component", ["S11", "S22", "S12"]),
-}
+from pvdf_fem.charges.point_values import COMPONENTS, PointValues
+from pvdf_fem.scene.given import taken
 
 
 def ticks(radius_mm: float, step_mm: float, most: int = 2001) -> Array:
     """Coordinates of a grid about the film's centre, (n,); ValueError for more than `most`."""
-    if not step_mm > 0.0 or radius_mm / step_mm > 0.5 * most:
-        least = 2.0 * radius_mm / most
-        raise ValueError(f"step_mm = {step_mm!r}: is out of range; give at least {least:.2g} mm")
+    step_mm = taken("step_mm", step_mm, float, (2.0 * radius_mm / most, radius_mm), "mm")
     count = math.floor(radius_mm / step_mm + 1e-9)
     return step_mm * np.arange(-count, count + 1, dtype=np.float64)
 
@@ -37,7 +28,8 @@ def dataset_of(values: PointValues, scene: str) -> xarray.Dataset:
     about = {"long_name": "charge density", "units": "pC/mm2"}
     variables["charge_density_pC_mm2"] = (grid, values.charge_density_pC_mm2, about)
     coordinates: dict[str, Any] = {"x_mm": values.x_mm[0], "y_mm": values.y_mm[:, 0]}
-    for name, (dimension, components) in _COMPONENTS.items():
+    dimensions = "direction", "slope_component", "strain_component", "stress_component"
+    for dimension, (name, components) in zip(dimensions, COMPONENTS.items(), strict=True):
         variables[name] = ((*grid, dimension), getattr(values, name))
-        coordinates[dimension] = components
+        coordinates[dimension] = [*components]
     return xarray.Dataset(variables, coordinates, {"scene": scene})

@@ -44,7 +44,7 @@ def charge_map(
     levels = [at for at in MaxNLocator(10).tick_values(low, high) if low < at < high]
     centres = [1e3 * known.outline.centroid for known in scene.electrode_list]
     figures.named_lines(ax, x, y, charges, levels, np.array(centres))
-    _electrodes(ax, scene, 1.15 * reach_mm, Stage())
+    figures.draw_film(ax, scene.film.radius_mm, scene.electrode_list, 1.15 * reach_mm)
     ax.set_title(title)
     figures.colour_bar(ax, filled, "charge (pC), with the charge at rest", ticks=levels)
     return figures.figure_of(ax)
@@ -73,7 +73,7 @@ def likelihood_map(
         film, near = figure.subplots(2)
         centre = np.array([stage.x_mm, stage.y_mm])
         drawn = _likelihood(film, apart, polar_grid(reach_mm, *RASTER) + centre)
-        _electrodes(film, scene, 1.15 * reach_mm, stage)
+        draw_on_stage(film, scene, 1.15 * reach_mm)
         across = np.linspace(-wide, wide, 41)
         _likelihood(near, apart, np.stack(np.meshgrid(across, across), axis=-1) + middle)
         near.set(xlim=middle[0] + across[[0, -1]], ylim=middle[1] + across[[0, -1]])
@@ -100,7 +100,7 @@ def ellipses_map(
     `keys` have x."""
     with figures.style():
         ax = figures.map_axes()
-        _electrodes(ax, scene, 1.15 * reach_mm, scene.stage or Stage())
+        draw_on_stage(ax, scene, 1.15 * reach_mm)
         for touch in touches:
             for key in keys:
                 share = max(float(touch["weight"]), 0.2)
@@ -144,8 +144,9 @@ def _likelihood(ax: Axes, apart: Callable[[Array], Array], places: Array) -> Any
     return ax.contourf(x, y, shades, levels=LEVELS, cmap="Blues_r", norm=bands)
 
 
-def _electrodes(ax: Axes, scene: Scene, reach_mm: float, stage: Stage) -> None:
-    """Rim and electrodes of a scene where a stage has them."""
+def draw_on_stage(ax: Axes, scene: Scene, reach_mm: float) -> None:
+    """Draw rim and electrodes of a scene where its stage has them, as far as some mm from there."""
+    stage = scene.stage or Stage()
     centre_mm = np.array([stage.x_mm, stage.y_mm])
     figures.draw_rim(ax, scene.film.radius_mm, reach_mm, centre_mm)
     for electrode in scene.electrode_list:

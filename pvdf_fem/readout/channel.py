@@ -92,3 +92,11 @@ def channels(scene: Scene) -> tuple[Channel, ...]:
         resistance = math.inf if resistance is None else 1e6 * resistance
         found.append(Channel(name, capacitance, resistance, gain, offset, noise))
     return tuple(found)
+
+
+def readings_V(scene: Scene, charges_pC: ArrayLike, changes_pC: ArrayLike) -> Array:
+    """Readings in V just after a sudden touch, (electrodes,), of total charges or of their changes
+    by the touch, (electrodes,) both, whichever the scene's readout reads."""
+    total = scene.readout is not None and scene.readout.reading == "total"
+    read = np.asarray(charges_pC if total else changes_pC, dtype=float) / 1e12
+    return np.array([c.reading(charge) for c, charge in zip(channels(scene), read, strict=True)])

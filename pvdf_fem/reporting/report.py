@@ -18,6 +18,7 @@ from pvdf_fem.reporting.page import VERDICT, Entry, page_of, verdict, with_other
 from pvdf_fem.reporting.script import Need, Plan, load
 from pvdf_fem.reporting.solved import NothingToShow, Solved
 from pvdf_fem.reporting.task import Rows, done, key
+from pvdf_fem.scene.given import taken
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.store import Record, Store
 from pvdf_fem.sweeps.sweep import planned, records
@@ -54,7 +55,7 @@ class Report:
     def load(cls, path: Path | str, kinds: Mapping[str, type[Kind]] | None = None) -> Self:
         """The report of a script. `kinds` are further kinds of figures and tables, by name. Raises
         `SceneError` with all mistakes of the script, its scene and its data."""
-        return cls(load(Path(path), kinds or {}))
+        return cls(load(taken("path", path, Path), kinds or {}))
 
     def make(
         self,

@@ -22,6 +22,7 @@ from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import mechanics_of
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.response.table import MARGIN, Grid, force_nodes_N, pressed_outline
+from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.registry import SPREAD_CLASSES
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import Status
@@ -114,7 +115,7 @@ class ResponseOptions:
 
 
 def build_response(
-    scene: Scene,
+    scene: SceneLike,
     reach_mm: float | None = None,
     force_N: tuple[float, float] | None = None,
     tolerance: float | None = None,
@@ -128,7 +129,7 @@ def build_response(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, or what `solve` takes for a scene
         Film, electrodes and probe.
     reach_mm, force_N : float, tuple of float
         Largest distance of the probe from the film's centre; least and largest force. By default
@@ -152,17 +153,19 @@ def build_response(
         For a scene that has no such response, for a file that cannot be written, and when the film
         about the probe, or half of the touches held out, have no solution.
     """
+    scene = scene_of(scene)
     mechanics_of(scene)  # refuses what no response is of
     wanted, known = wanted_model(scene)
     reach_mm = wanted.reach_mm if reach_mm is None else reach_mm
-    domain = Domain(reach_mm, wanted.force_N if force_N is None else force_N)
-    tolerance = known if tolerance is None else tolerance
+    forces = wanted.force_N if force_N is None else taken("force_N", force_N, tuple[float, float])
+    domain = Domain(taken("reach_mm", reach_mm, float), forces)
+    tolerance = known if tolerance is None else taken("tolerance", tolerance, float)
     refuse(scene, domain, tolerance, options)
     options = ResponseOptions(error=min(tolerance, 1.0)) if options is None else options
     if file is not None:
         require_writable(Path(file))
     with shown("s of one core", progress) as show:
-        made = _best(scene, domain, tolerance, options, Work(processes, show))
+        made = _best(scene, domain, tolerance, options, Work(taken("processes", processes, int | None), show))
     if file is not None:
         made.save(file)
     return made

@@ -10,7 +10,7 @@ import math
 from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -54,6 +54,7 @@ class Domain:
 AtRest = tuple[tuple[float, ...], tuple[float, ...]]
 
 
+@runtime_checkable
 class Model(Hashable, Protocol):
     """Charges of the electrodes as a smooth function of a touch."""
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -24,9 +24,11 @@ from pvdf_fem.response.response_file import Contents, mechanics_of, read, write
 from pvdf_fem.response.rim_places import ProbeCharges, RimPlaces
 from pvdf_fem.response.table import Grid, scaled_force
 from pvdf_fem.response.uniform_spline import UniformSpline
+from pvdf_fem.scene.given import taken
 from pvdf_fem.scene.quantity import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import Status
+from pvdf_fem.told import Parts, Told
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,8 +93,8 @@ def _outlines(scene: Scene) -> list[str]:
     return [repr(e.model_copy(update={"name": ""})) for e in scene.electrode_list]
 
 
-@dataclass(frozen=True, eq=False)
-class Response:
+@dataclass(frozen=True, eq=False, repr=False)
+class Response(Told):
     """Charges of the electrodes by the touch."""
 
     quantities: ClassVar[tuple[str, ...]] = QUANTITIES  #: Of one probe.
@@ -116,8 +118,21 @@ class Response:
     held_out: HeldOut | None = None
     at_rest_pC: AtRest | None = None
 
-    def __repr__(self) -> str:
-        return f"<Response: {', '.join(self.names)}, error bound {self.error_bound:.1e}>"
+    def parts(self) -> Parts:
+        """Electrodes and domain, the error bound, and remarks."""
+        about = f"charges of {', '.join(self.names)} for {self.domain}"
+        notes = [f"errors: up to {self.error_bound:.2g} of a charge", *self.remarks]
+        return self.status, [about], [], notes
+
+    def to_json(self) -> dict[str, Any]:
+        """What `pvdf-fem model --json` prints besides the file."""
+        return {
+            "electrodes": list(self.names),
+            "reach_mm": self.domain.reach_mm,
+            "force_range_N": list(self.domain.force_N),
+            "error_bound": self.error_bound,
+            "remarks": list(self.remarks),
+        }
 
     @property
     def status(self) -> Status:
@@ -257,7 +272,7 @@ class Response:
     @classmethod
     def load(cls, path: Path | str) -> Response:
         """Read a response; raises `ResponseError`, a `FileError`, for what holds no sound one."""
-        file, arrays = read(Path(path))
+        file, arrays = read(taken("path", path, Path))
         names = tuple(electrode.name for electrode in file.scene.electrode_list)
         spline = UniformSpline(file.axes, arrays.pop("coefficients"))
         stress, probe = None, file.scene.single_probe

@@ -61,17 +61,21 @@ def spelled(key: str) -> str:
     return "".join(rest).removeprefix(".") or key
 
 
-def change(tables: dict[str, Any], changes: Mapping[str, Any]) -> list[str]:
-    """Change values of tables in place, by key such as ``load.force_N``, ``probe[0].x_mm``. Tables
-    among the values are merged, and tables on the way are made. It returns a complaint for each key
-    that leads nowhere, or that is changed twice."""
+def change(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) -> list[str]:
+    """Change values of tables in place, by key such as ``load.force_N``, ``probe[0].x_mm``, with
+    a dict or None, and with keywords. Tables among the values are merged, and tables on the way are
+    made. It returns a complaint for each key that leads nowhere, or that is changed twice."""
+    if not isinstance(given, Mapping | None):
+        reason = 'must be a dict of keys with their values; give {"load.force_N": 2}'
+        return [problem("changes", given, reason)]
+    changes = {**(given or {}), **named}
     found: dict[tuple[Any, ...], tuple[str, Any]] = {}
     problems = []
     for name, given in changes.items():
         key = _encodable(name)
-        if not (whole := steps_of(key)):
+        if not (whole := steps_of(key) if isinstance(key, str) else ()):
             reason = "is no key; write one such as film.radius_mm or electrodes[0].x_mm"
-            problems.append(problem(key[:80] or '""', given, reason))
+            problems.append(problem(str(key)[:80] or '""', given, reason))
         for steps, value in leaves(whole, given) if whole else ():
             told = ".".join([key, *map(str, steps[len(whole) :])])[:80]
             if steps in found:

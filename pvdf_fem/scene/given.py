@@ -1,12 +1,28 @@
-"""What may be given where a scene is asked for: a scene, its file, its tables, or a result."""
+"""What is given to functions, as they need it, or refused with name, value and what to give.
+
+Arguments are checked as keys of a scene are, by their types and ranges, and refused in the same
+sentences.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Annotated, Any, Protocol, TypeAlias, TypeVar
 
+import numpy as np
+from pydantic import BeforeValidator, TypeAdapter, ValidationError
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.scene.change import plain
+from pvdf_fem.scene.mistakes import told
+from pvdf_fem.scene.quantity import Key
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import choose, problem
+
+T = TypeVar("T")
+Value = TypeVar("Value")
 
 
 class HasScene(Protocol):
@@ -17,6 +33,15 @@ class HasScene(Protocol):
 
 
 SceneLike: TypeAlias = Scene | str | Path | Mapping[str, Any] | HasScene
+#: Names, of which a single one may stand for itself.
+Names = Annotated[tuple[str, ...], BeforeValidator(lambda v: (v,) if isinstance(v, str) else v)]
+
+
+class Named(dict[str, Value]):
+    """Values by name; a name that is none is refused with the names that there are."""
+
+    def __missing__(self, name: Any) -> Value:
+        raise KeyError(f"{name!r:.60} is not there; {choose(name, list(self))}")
 
 
 def scene_of(given: SceneLike) -> Scene:
@@ -35,8 +60,47 @@ def scene_of(given: SceneLike) -> Scene:
     if isinstance(given, str | Path):
         return Scene.load(given)
     if isinstance(given, Mapping):
-        return Scene().with_(**given)
+        return Scene().with_(given)
     if isinstance(found := getattr(given, "scene", None), Scene):
         return found
     told = f"scene = {given!r:.60}: is no scene"
     raise TypeError(f"{told}; give a Scene, the path of a scene file, a dict of its tables")
+
+
+def model_of(given: T) -> T:
+    """A model of the charges, as `build_response` makes it; TypeError for anything else."""
+    if hasattr(given, "evaluate"):
+        return given
+    raise TypeError(problem("model", given, "is no model; give that of build_response(scene)"))
+
+
+def taken(
+    name: str, given: Any, kind: Any, limits: tuple[float, float] | None = None, unit: str = ""
+) -> Any:
+    """An argument of a type, within limits where there are any; ValueError, a line for each
+    mistake, for anything else."""
+    kind = Annotated[kind, Key(unit, limits)] if kind in (int, float) else kind
+    if isinstance(kind, type) and is_dataclass(kind):
+        if isinstance(given, kind):
+            return given
+        raise ValueError(problem(name, given, f"must be a {kind.__name__}; give one"))
+    try:
+        return TypeAdapter(kind).validate_python(plain(given))
+    except ValidationError as error:
+        raise ValueError("\n".join(told(error, name, Scene))) from None
+
+
+def numbers(
+    name: str, given: Any, limits: tuple[float, float] | None = None, unit: str = ""
+) -> Array:
+    """Numbers as an array of any shape; ValueError for anything else, and out of limits."""
+    try:
+        found = np.asarray(given)
+    except ValueError:  # lists of unequal lengths
+        found = np.asarray(None)
+    if found.dtype.kind not in "iuf":
+        raise ValueError(problem(name, given, "is no number and no array of numbers; give some"))
+    if limits and not (found.size and np.all((limits[0] <= found) & (found <= limits[1]))):
+        wanted = f"give numbers from {limits[0]:g} to {limits[1]:g} {unit}".rstrip()
+        raise ValueError(problem(name, given, f"is out of range; {wanted}"))
+    return found.astype(float)

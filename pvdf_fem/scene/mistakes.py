@@ -26,11 +26,13 @@ NOT_MODELLED = {
 }
 REASONS = {
     "bool_type": "must be true or false; write one of them without quotes",
+    "dict_type": "must be a table of keys with their values; give one",
     "finite_number": "must be finite; give a number",
     "float_type": "must be a number; write digits without quotes",
     "int_type": "must be a whole number; write digits without a point or quotes",
     "missing": "is required; add it",
     "model_type": "must be a table; put its keys below a heading in brackets",
+    "path_type": "must be a path; give the name of a file",
     "string_unicode": "is not Unicode text; write it with other characters",
     "string_type": "must be text; put it in quotes",
     "tuple_type": "must be a list; put it in brackets",

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from functools import cache
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import PydanticCustomError
@@ -16,6 +16,8 @@ from pydantic_core.core_schema import (
     no_info_after_validator_function,
     with_info_after_validator_function,
 )
+
+from pvdf_fem.scene.scene_file import choose
 
 #: Units by the endings of keys, as keys and figures tell them.
 UNITS = {"um": "µm", "deg": "degrees", "MOhm": "MΩ", "per_K": "1/K", "pC_N": "pC/N", "N_m": "N/m"}
@@ -71,6 +73,11 @@ class Key:
     mistaken: Mapping[str, float] = field(default_factory=dict)
     words: Iterable[str] = ()  #: All that a text may be, where it is a name in a registry.
     example: Any = None  #: A value for the example scene, where the default is none.
+
+    def title(self, name: str) -> str:
+        """The name of a key in words, with its unit: ``thickness (µm)`` of ``thickness_um``."""
+        words, unit = in_words(name)[0], self.unit
+        return f"{words} ({unit})" if unit else words
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
         schema = self._checked(handler(source))
@@ -140,6 +147,12 @@ class Section(BaseModel):
     """A table of a scene file: frozen, its keys fixed."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    if not TYPE_CHECKING:  # type checkers know the keys
+
+        def __getattr__(self, name: str) -> Any:
+            known = choose(name, [*type(self).model_fields])
+            raise AttributeError(f"{type(self).__name__} has no {name}; {known}")
 
     @classmethod
     def key_of(cls, name: str) -> Key:

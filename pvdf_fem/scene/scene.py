@@ -14,10 +14,7 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self, overload
 
-from pydantic import (
-    ValidationError,
-    model_validator,
-)
+from pydantic import ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from pvdf_fem.scene.change import Replaced, change
@@ -33,13 +30,16 @@ from pvdf_fem.scene.scene_file import (
     SceneError,
     example_text,
     examples,
+    flattened,
     parse_toml,
     problem,
+    quote,
     read_scene_text,
     write_toml,
 )
 from pvdf_fem.scene.shapes import LAYOUTS, Electrode, Electrodes, Layout, Probe, Probes
 from pvdf_fem.scene.stage import Stage, WantedModel
+from pvdf_fem.told import Grid, Parts, Told
 
 __all__ = [
     "Air",
@@ -111,7 +111,7 @@ class LoadedProbe:
         return tip_of(self.probe)
 
 
-class Scene(Section):
+class Scene(Told, Section):
     """One film with its electrodes, probes or none, a load, and what reads and positions them.
 
     A list of probes may have a load for each; see `loaded_probes`.
@@ -149,7 +149,10 @@ class Scene(Section):
 
     if not TYPE_CHECKING:  # type checkers have the keys from the fields
 
-        def __init__(self, /, **tables: Any) -> None:
+        def __init__(self, /, *given: Any, **tables: Any) -> None:
+            if given:
+                reason = "is no table by name; use Scene.load(path) or Scene().with_({...})"
+                raise SceneError([problem("Scene", given[0], reason)])
             try:
                 super().__init__(**tables)
             except ValidationError as error:
@@ -281,7 +284,7 @@ class Scene(Section):
     @classmethod
     def _read(cls, path: Path | str) -> Scene:
         """Scene from a scene file; raises `SceneError` for whatever keeps it from being one."""
-        return cls.parse(read_scene_text(Path(path)), str(path))
+        return cls.parse(read_scene_text(path), str(path))
 
     @classmethod
     def example(cls, name: str) -> Scene:
@@ -313,15 +316,24 @@ class Scene(Section):
         SceneError
             Listing all mistakes, as for a file.
         """
-        own = self._tables()
-        return self._from_tables(own, "", change(own, {**(tables or {}), **changes}))
+        own = self.to_json()
+        return self._from_tables(own, "", change(own, tables, changes))
 
     def to_toml(self) -> str:
         """The scene as a scene file with every key; parsing it gives an equal scene."""
-        return write_toml(self._tables())
+        return write_toml(self.to_json())
 
-    def _tables(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
+        """The tables of the scene file with every key."""
         return self.model_dump(mode="json", exclude_none=True)
+
+    def parts(self) -> Parts:
+        """Film, electrodes and probes, all keys, and doubts."""
+        names = ", ".join(electrode.name for electrode in self.electrode_list)
+        probes = " and ".join(probe.shape for probe in self._probes.values()) or "no probe"
+        rows = ((key, quote(value)) for key, value in flattened(self.to_json()).items())
+        about = f"film of {self.film.radius_mm:g} mm", [f"electrodes {names}, {probes}"]
+        return *about, [Grid(("key", "value"), tuple(rows))], self.doubts
 
     @classmethod
     def _from_tables(

@@ -44,10 +44,12 @@ class SceneError(ValueError):
         return "\n  ".join([f"{head}:", *self.problems])
 
 
-def read_scene_text(path: Path) -> str:
+def read_scene_text(path: Path | str) -> str:
     """The text of a scene file; SceneError for what is no UTF-8 file of at most `MOST_BYTES`."""
+    if not isinstance(path, str | Path):
+        raise SceneError([problem("path", path, "is no path; give the name of a file")])
     try:
-        return read_text(path, MOST_BYTES, "a scene file")
+        return read_text(Path(path), MOST_BYTES, "a scene file")
     except FileError as error:
         raise SceneError([str(error)], str(path)) from None
 
@@ -89,6 +91,8 @@ def key_texts() -> Iterator[KeyText]:
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The table in a TOML text; SceneError naming source and line for what is not TOML."""
+    if not isinstance(text, str):
+        raise SceneError([problem("text", text, "is no text; give the TOML of a scene file")])
     if len(text) > MOST_BYTES:
         large = f"has {len(text)} characters, more than {MOST_BYTES}; a scene is small"
         raise SceneError([f"{source}: {large}, give another"], source)
@@ -129,11 +133,17 @@ def _key(name: str) -> str:
 
 
 def flattened(table: Any, prefix: str = "") -> Any:
-    """Values by dotted key of nested tables, as TOML makes them of keys without quotes."""
+    """Values by dotted key of nested tables, as TOML makes them of keys without quotes, and of
+    lists of tables: ``probe[0].x_mm``."""
     if not isinstance(table, Mapping):
         return table
     flat: dict[str, Any] = {}
     for key, value in table.items():
+        rows = value if isinstance(value, list) else []
+        if rows and isinstance(rows[0], Mapping):
+            for i, row in enumerate(rows):
+                flat |= flattened(row, f"{prefix}{key}[{i}].")
+            continue
         nested = isinstance(value, Mapping)
         flat |= flattened(value, f"{prefix}{key}.") if nested else {f"{prefix}{key}": value}
     return flat
@@ -187,7 +197,7 @@ def quote(value: Any, depth: int = 0) -> str:
         inner = [quote(item, depth + 1) for item in value[:10]] if depth < 3 else ["..."]
         text = f"[{', '.join(inner)}]"
     else:
-        text = repr(value) if isinstance(value, float | int) else str(value)
+        text = repr(value) if isinstance(value, float | int) else str(value).partition("\n")[0]
     return text if len(text) <= 60 else text[:57] + "..."
 
 

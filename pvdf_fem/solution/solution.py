@@ -23,13 +23,15 @@ from pvdf_fem.film.electric.coupling import floating
 from pvdf_fem.film.loads.posed import Pressure
 from pvdf_fem.film.loads.pressure import Leaning
 from pvdf_fem.film.loads.touchdown import Touchdown
-from pvdf_fem.readout.channel import channels
-from pvdf_fem.scene.scene import Scene
+from pvdf_fem.readout.channel import channels, readings_V
+from pvdf_fem.scene.given import Named, taken
+from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.solution.fields import Fields, largest
 from pvdf_fem.solution.history import MeshRecord, Stop
-from pvdf_fem.solution.summary import solution_html, solution_text
+from pvdf_fem.solution.summary import solution_parts
 from pvdf_fem.solvers.newton import Iteration
 from pvdf_fem.solvers.status import NotConvergedError, Status
+from pvdf_fem.told import Parts, Told, charges_told
 
 if TYPE_CHECKING:
     import xarray
@@ -43,8 +45,8 @@ KINDS = "charge", "rest_charge", "charge_change"
 CHARGES = tuple(f"{kind}{end}" for kind in KINDS for end in ("s_pC", "_errors_pC"))
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(Told):
     """How a solve ended and, if it converged, its fields and charges."""
 
     scene: Scene
@@ -64,6 +66,8 @@ class Solution:
     pressure: Pressure | None = None
     _fields: Fields | None = None
     at_rest: Forces | None = None  #: Forces of the electrodes on the untouched film, if known.
+    #: Deviations by the scene's uncertain numbers, as `pvdf_fem.uncertainty` finds them.
+    uncertainty: Told | None = None
 
     @property
     def fields(self) -> Fields:
@@ -144,18 +148,16 @@ class Solution:
 
         The reading decays with the channel's time constant; see `pvdf_fem.readout.channel.Channel`.
         """
-        readout = self.scene.readout
-        total = readout is not None and readout.reading == "total"
-        charges = self.charges_pC if total else self.charge_changes_pC
-        return {
-            channel.name: float(channel.reading(charges[channel.name] / 1e12))
-            for channel in channels(self.scene)
-        }
+        if self.scene.readout is None:
+            raise SceneError(["readout = (nothing): is required by readings; add [readout]"])
+        both = ([*charges.values()] for charges in (self.charges_pC, self.charge_changes_pC))
+        return self._by_electrode(readings_V(self.scene, *both))
 
     @property
-    def voltages_V(self) -> dict[str, float]:
-        """What each electrode's voltage comes to by a touch, at once, with the charge's sign: zero
-        under a charge amplifier, else the charge over the capacitance of electrode and cable."""
+    def electrode_voltages_V(self) -> dict[str, float]:
+        """Voltage of each electrode by a sudden touch, before any amplifier, which is no reading:
+        zero under a charge amplifier, else the charge over the capacitance of electrode and cable,
+        with the charge's sign."""
         capacitances = {channel.name: channel.capacitance for channel in channels(self.scene)}
         wired = {electrode.name for electrode in floating(self.scene)}
         changes = self.charge_changes_pC.items()
@@ -172,7 +174,7 @@ class Solution:
 
     def _by_electrode(self, values: Array) -> dict[str, float]:
         names = [electrode.name for electrode in self.scene.electrode_list]
-        return dict(zip(names, values.tolist(), strict=True))
+        return Named(zip(names, values.tolist(), strict=True))
 
     @property
     def deflection_max_mm(self) -> float:
@@ -261,12 +263,14 @@ class Solution:
             if punches := self.punches:
                 results["punches"] = {name: asdict(punch) for name, punch in punches.items()}
             if floating(self.scene):
-                results["voltages_V"] = _known(self.voltages_V)
+                results["electrode_voltages_V"] = _known(self.electrode_voltages_V)
             if self.scene.readout is not None:
                 results["readings_V"] = _known(self.readings_V)
                 results["time_constants_s"] = {
                     channel.name: finite(channel.time_constant) for channel in channels(self.scene)
                 }
+            if self.uncertainty is not None:
+                results["uncertainty"] = self.uncertainty.to_json()
         return {
             "status": str(self.status),
             **results,
@@ -281,14 +285,12 @@ class Solution:
             "history": [record.to_json() for record in self.history],
         }
 
-    def __repr__(self) -> str:
-        return f"<Solution: {self.status}, {self.unknowns} unknowns, {len(self.history)} meshes>"
+    def _brief(self) -> str:
+        found = charges_told(self.charges_pC) if self.status is Status.CONVERGED else self.reason
+        return f"{self.status}, {self.unknowns} unknowns, {len(self.history)} meshes: {found}"
 
-    def __str__(self) -> str:
-        return solution_text(self.to_json())
-
-    def _repr_html_(self) -> str:
-        return solution_html(self.to_json())
+    def parts(self) -> Parts:
+        return solution_parts(self.to_json(), self.uncertainty)
 
     # What draws and writes is slow to import.
     def plot(
@@ -333,7 +335,7 @@ class Solution:
         """Write displacement, stresses, patches, charges and the scene to a VTU file."""
         from pvdf_fem.output.export import write_vtu
 
-        write_vtu(self.film_data(), Path(path))
+        write_vtu(self.film_data(), taken("path", path, Path))
 
     def film_data(self) -> FilmData:
         """Fields and charges, as `plot`, `view` and `to_vtu` take them."""

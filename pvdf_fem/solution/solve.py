@@ -34,7 +34,7 @@ from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.mesh.mesh_file import mesh_of
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart, part_of
-from pvdf_fem.scene.given import SceneLike, scene_of
+from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
@@ -84,44 +84,14 @@ def solve(
     budget: Budget | None = None,
     pressure: Pressure | None = None,
 ) -> Solution:
-    """Charges and fields of a scene, and its charges at rest: where these need a solve, it is made
-    within the same budget.
-
-    Parameters
-    ----------
-    scene : Scene, path of its file, dict of its tables, or a result of it
-    mesh : MeshTri2 or path, optional
-        Solve on this mesh of `mesh_scene`, or in a file that `read_mesh` reads, of the whole film,
-        whatever the error, instead of meshing for ``scene.numerics.tolerance``.
-    order : int, optional
-        Polynomial order of the displacement, 1, 2 or 3.
-    budget : Budget, optional
-        What the solve may cost, by default what the scene's numerics say.
-    pressure : callable, optional
-        ``p(x_mm, y_mm)`` for arrays (n,) in the probe's own axes, in place of ``load.profile``: one
-        value for each point, or one for all. It is scaled to the scene's force. It is no part of
-        the scene: `Solution.pressure` keeps it, and `gradients` of the solution are under it.
-
-    Returns
-    -------
-    Solution
-        Its `status` tells whether there is a result; printed, it tells how the solve went.
-
-    Raises
-    ------
-    MeshFileError, FileError
-        For a mesh of another scene; for a file that cannot be read. Both are ValueErrors.
-    SceneError
-        For a pressure that cannot be used or has no single dead load; it is a ValueError, too.
-    """
+    """`pvdf_fem.solve`, without what the scene's uncertain numbers make of the charges."""
     scene = scene_of(scene)
     posed = Posed.under(scene, pressure)
-    if order not in tuple(UNKNOWNS_PER_ELEMENT):
-        raise ValueError(f"order = {order!r}: there are no such elements; give 1, 2 or 3")
+    order = taken("order", order, int, (1, max(UNKNOWNS_PER_ELEMENT)))
+    budget = taken("budget", budget or Budget.of(scene), Budget)
     if mesh is not None:
         mesh = mesh_of(mesh, scene)
-    budget, start = Budget.of(scene) if budget is None else budget, time.perf_counter()
-    goals = goals_of(scene)
+    start, goals = time.perf_counter(), goals_of(scene)
     solution = solve_goals(scene, goals, mesh=mesh, order=order, budget=budget, posed=posed)
     warnings, at_rest = [*scene.doubts, *solution.warnings], None
     if solution.status is Status.CONVERGED:

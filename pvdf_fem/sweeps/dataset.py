@@ -13,6 +13,7 @@ import xarray
 
 from pvdf_fem import __version__
 from pvdf_fem.files import replacing
+from pvdf_fem.readout.channel import readings_V
 from pvdf_fem.scene.quantity import in_words
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan
@@ -28,8 +29,9 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
 
     `records` are those of the distinct scenes with their indices in the plan, in any order. The
     dataset has a dimension for each axis, and `electrode`. The variables `charge_pC` and
-    `charge_error_pC`, and `rest_charge_pC` and `rest_charge_error_pC` of the untouched film, with
-    NaN where there is no charge, have all dimensions; `status` and `deflection_max_mm` have those
+    `charge_error_pC` (total charges), `rest_charge_pC` and `rest_charge_error_pC` (the untouched
+    film), `charge_change_pC` and `charge_change_error_pC`, and with ``[readout]`` `reading_V` have
+    all dimensions, with NaN where there is no charge; `status` and `deflection_max_mm` have those
     of the axes. All have the attributes of the CF conventions, `long_name` and `units`, and
     coordinates an attribute `key`, the key of the scene that varies.
     """
@@ -38,7 +40,7 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
     electrodes = (electrode for layout in layouts.values() for electrode in layout)
     names = list(dict.fromkeys(electrode.name for electrode in electrodes))
     count = len(scenes)
-    charge, error, rest, rest_error = np.full((4, count, len(names)), np.nan)
+    charge, error, rest, rest_error, reading = np.full((5, count, len(names)), np.nan)
     deflection, status = np.full(count, np.nan), np.full(count, "", dtype="U32")
     for index, record in records:
         status[index] = record.status
@@ -53,6 +55,9 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
             errors[index, columns] = forces.charge_errors(d)
         if record.converged:
             deflection[index] = record.deflection_max_mm
+        if scenes[index].readout is not None:
+            both = charge[index, columns], (charge[index] - rest[index])[columns]
+            reading[index, columns] = readings_V(scenes[index], *both)
     dims, first = [axis.name for axis in grid.axes], plan.first
     over = {1: dims, 2: [*dims, "electrode"]}
 
@@ -61,12 +66,16 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
 
     variables: dict[str, Any] = {
         "charge_pC": (charge, {**named("total charge", "pC"), "ancillary_variables": _BESIDE}),
-        "charge_error_pC": (error, named("estimated error of the charge", "pC")),
+        "charge_error_pC": (error, named("estimated error of the total charge", "pC")),
         "rest_charge_pC": (rest, named("charge without a touch", "pC")),
-        "rest_charge_error_pC": (rest_error, named("estimated error of that charge", "pC")),
+        "rest_charge_error_pC": (rest_error, named("estimated error without a touch", "pC")),
+        "charge_change_pC": (charge - rest, named("change of the charge by the touch", "pC")),
+        "charge_change_error_pC": (error + rest_error, named("its estimated error", "pC")),
         "deflection_max_mm": (deflection, named("largest deflection", "mm")),
         "status": (status, {"long_name": "how the solve ended"}),
     }
+    if any(scene.readout for scene in scenes):
+        variables["reading_V"] = reading, named("reading just after a sudden touch", "V")
     return xarray.Dataset(
         {
             name: (over[values.ndim], over_grid(values), about)

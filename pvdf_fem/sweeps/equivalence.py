@@ -37,7 +37,7 @@ def mechanics(scene: Scene) -> tuple[str, Array]:
     scene.require_plain_charges("a sweep", "coupling")
     model, film, probe, load = film_model(scene), scene.film, scene.probe, scene.load
     if not model.electrodes_only_read:
-        return repr(scene), np.eye(2)
+        return scene.to_toml(), np.eye(2)
     unlike = load.tangential_N or load.profile != "uniform" or isinstance(probe, tuple)
     if film.is_uneven or film.spread_force or (probe is not None and unlike):
         return f"{affecting(scene, *MECHANICS)} {film.weight} {model.bends}", np.eye(2)

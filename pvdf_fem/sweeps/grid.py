@@ -37,8 +37,8 @@ MOST_SCENES = 1_000_000  #: Largest number of scenes in a grid.
 MOST_AXES = 63
 #: Names of the variables and of the further dimension of `pvdf_fem.sweeps.dataset.dataset`.
 OWN_NAMES = {"charge_pC", "charge_error_pC", "deflection_max_mm", "status"}
-OWN_NAMES |= {"rest_charge_pC", "rest_charge_error_pC"}
-OWN_NAMES |= {"electrode"}
+OWN_NAMES |= {f"{of}{end}_pC" for of in ("rest_charge", "charge_change") for end in ("", "_error")}
+OWN_NAMES |= {"reading_V", "electrode"}
 _TOO_MANY = f"at most {MOST_SCENES} are allowed, give fewer values"
 _SECTIONS = tuple(Scene.model_fields)
 # NetCDF keeps some names for itself; texts have a dimension such as `string4`.
@@ -137,8 +137,7 @@ class Grid:
         Its key `scene` is the path of a scene file, relative to the sweep file, or a table; its
         key `axes` holds tables as in `of`. Raises `SceneError` with all mistakes of both files.
         """
-        path = Path(path)
-        table = parse_toml(read_scene_text(path), str(path))
+        table, path = parse_toml(read_scene_text(path), str(path)), Path(path)
         given, axes = table.pop("scene", None), table.pop("axes", [])
         problems = [
             problem(key, value, f"is no key there; {choose(key, ['scene', 'axes'])}")

@@ -12,7 +12,7 @@ from pvdf_fem.charges.rest import known_at_rest, untouched
 from pvdf_fem.film.loads.profiles import pinned
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.progress import Progress, shown, silent
-from pvdf_fem.scene.given import SceneLike, scene_of
+from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.plan import SweepPlan, plan
@@ -64,9 +64,10 @@ def sweep(
     from pvdf_fem.sweeps.dataset import dataset  # xarray is slow to import
 
     how: dict[str, Any] = {"processes": processes, "scheduler": scheduler}
-    if isinstance(store, Path | str):
-        with Store(Path(store)) as opened:
+    if not isinstance(store, Store | None):
+        with Store(taken("store", store, Path)) as opened:
             return sweep(scene, axes, opened, **how, progress=progress)
+    how["processes"] = taken("processes", processes, int, (-64, 4096)) or -1
     grid = Grid.of(scene_of(scene), axes)
     todo = planned(grid.scenes(), store)
     with shown("scenes", progress) as show:

@@ -94,7 +94,7 @@ def on_cluster(
         import_module("dask.config").set(logging=quiet)
         distributed: Any = import_module("distributed")
     except ImportError as error:
-        advice = "install it with: pip install 'pvdf-fem[cluster]'"
+        advice = 'run: pip install "pvdf-fem[cluster]"'
         raise ClusterError(f"--scheduler {scheduler}: dask is missing; {advice}") from error
     try:
         client = distributed.Client(scheduler, timeout=20, set_as_default=False)

@@ -18,6 +18,7 @@ import numpy as np
 
 from pvdf_fem.progress import Counted, Progress, shown
 from pvdf_fem.response.model import FORCE, QUANTITIES, Model, touch_of
+from pvdf_fem.scene.given import Names, SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.touch.locate_many import explanations
 from pvdf_fem.touch.location import Explanation, Location
@@ -34,7 +35,7 @@ PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
 
 
 def locate(
-    model: Model | Scene,
+    model: Model | SceneLike,
     charges_pC: Mapping[str, float],
     sigma: Deviations = 0.01,
     *,
@@ -50,7 +51,7 @@ def locate(
 
     Parameters
     ----------
-    model : Model or Scene
+    model : Model, Scene, or what `solve` takes for a scene
         A scene is solved again and again, which takes up to a minute, and serves two `touches` at
         once, of its list of probes or of its one probe, and the unknown ``"tangential_N"`` and
         ``"temperature_K"`` too (`solves.Solves`).
@@ -82,11 +83,11 @@ def locate(
     The model's own error, evenly distributed within `model.error_bound` of the total charge, is
     added to the standard deviations. It is taken as independent between electrodes.
     """
-    noise = sigma, noise_pC, reading
-    if isinstance(model, Scene):
+    noise, unknown = (sigma, noise_pC, reading), taken("unknown", unknown, Names)
+    if not isinstance(model, Model):
         if known:
             raise ValueError("known: a scene has what is known; change the scene")
-        return _by_solves(model, charges_pC, noise, unknown, touches, options, progress)
+        return _by_solves(scene_of(model), charges_pC, noise, unknown, touches, options, progress)
     wrong = [*charge_mistakes(model.scene, charges_pC, *noise, model.at_rest_pC)]
     if touches != 1:
         wrong.append(f"touches = {touches}: a response is of one; give its scene instead")
@@ -108,7 +109,7 @@ def locate(
     if found.explained:
         return found
     held = {i: np.array([value]) for i, value in fixed.items()}
-    mistakes = explanations(measurement, readings, sought, held, options.retries)
+    mistakes = explanations(measurement, readings, sought, held)
     right = (Explanation(text, location(of, ends, options).best) for text, of, ends, _ in mistakes)
     return replace(found, explanations=tuple(right))
 

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, X, Y
-from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined
+from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model
+from pvdf_fem.scene.given import model_of
+from pvdf_fem.told import Columns, Grid, Parts
+from pvdf_fem.touch.least_squares import Descent, SearchOptions, joined
 from pvdf_fem.touch.measurement import (
     LARGEST_PC,
     LEAST_PC,
@@ -21,17 +23,16 @@ from pvdf_fem.touch.measurement import (
     charge_mistakes,
 )
 from pvdf_fem.touch.problem import Problem
-from pvdf_fem.touch.search import DEFAULTS, described, location, search
-from pvdf_fem.touch.starts import nearest_starts
-from pvdf_fem.touch.touch import TouchStatus, explains
+from pvdf_fem.touch.search import DEFAULTS, best_ends, described, explained, location, search
+from pvdf_fem.touch.touch import TouchStatus, status_of
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
 CHUNK = 32768
 SHORT = SearchOptions(max_steps=12)  #: Of searches with mistakes undone, few of which end.
 
 
-@dataclass(frozen=True, eq=False)
-class Touches:
+@dataclass(frozen=True, eq=False, repr=False)
+class Touches(Columns):
     """The likeliest touch found for each row of charges; other touches may be as likely."""
 
     #: x and y in mm, rotation in degrees, force in N, (n, 4); NaN, as all other numbers, unless
@@ -75,16 +76,21 @@ class Touches:
         """Write down the ends of searches for some rows."""
         self.status[rows[~ends.arrived]] = TouchStatus.NOT_FOUND
         rows, ends = rows[ends.arrived], ends.take(np.flatnonzero(ends.arrived))
-        values, root, free, chi_square, p_value, explained = described(problem, ends)
-        self.values[rows], self.determined[rows] = values, ~free.any(axis=1)
+        self.values[rows], root, free, *fit, explained = described(problem, ends)
+        self.chi_square[rows], self.p_value[rows] = fit
         self.covariances[rows] = root @ root.swapaxes(1, 2)
-        if np.isnan(self.alternatives[rows]).all():  # not calibrated
-            self.deviations[rows] = np.sqrt(np.einsum("nuu->nu", self.covariances[rows]))
-        self.chi_square[rows], self.p_value[rows] = chi_square, p_value
+        curved = np.sqrt(np.einsum("nuu->nu", self.covariances[rows]))
+        told = self.deviations[rows]  # where calibrated
+        self.deviations[rows] = np.where(np.isnan(told), curved, told)
+        self.determined[rows] = ~free.any(axis=1)
         self.at_edge[rows] = [bool(limits) for limits in problem.edges(ends.at)]
-        self.status[rows[self.at_edge[rows]]] = TouchStatus.AT_EDGE
-        self.status[rows[self.alternatives[rows] > 0]] = TouchStatus.AMBIGUOUS
-        self.status[rows[~explained]] = TouchStatus.UNEXPLAINED
+        reasons = explained, self.alternatives[rows] > 0, self.at_edge[rows]
+        self.status[rows] = [*map(status_of, *(of.tolist() for of in reasons))]
+
+    def parts(self) -> Parts:
+        """How many rows are located and explained, and the first and the last touches."""
+        about = f"{int(self.explained.sum())} of {len(self.status)} rows are explained"
+        return "touches", [about], [Grid.of(self.columns())], []
 
     def to_table(self) -> dict[str, NDArray[Any]]:
         """Columns (n,): touches, deviations (NaN where known), fit, alternatives, status, remark.
@@ -111,6 +117,8 @@ class Touches:
             "status": self.status,
             "remark": np.array([remark[2:] for remark in remarks], dtype=object),
         }
+
+    columns = to_table
 
 
 def locate_many(
@@ -148,7 +156,7 @@ def locate_many(
     ValueError
         For shapes that do not match, and mistakes as `locate` tells them.
     """
-    names, charges = _table(model, charges_pC)
+    names, charges = _table(model_of(model), charges_pC)
     any_charges = dict.fromkeys(names, math.pi)
     mistakes = [
         *charge_mistakes(model.scene, any_charges, sigma, noise_pC, reading, model.at_rest_pC)
@@ -167,49 +175,50 @@ def locate_many(
     status = _status(measurement, charges, known, sought)
     found = Touches.empty(status, tuple(QUANTITIES[i] for i in sought), measurement.reading)
     usable = np.flatnonzero(status == TouchStatus.LOCATED)
+    known = {i: np.log(of) if i == FORCE else of for i, of in known.items()}
     for first in range(0, len(usable), CHUNK):
         rows = usable[first : first + CHUNK]
         held = {i: values[rows] for i, values in known.items()}
-        if FORCE in held:
-            held[FORCE] = np.log(held[FORCE])
         problem = measurement.problem(charges[rows], sought)
-        ends = _ends(problem, held)
+        ends = best_ends(problem, held, 1)
+        if (again := np.flatnonzero(~explained(problem, ends))).size:
+            some = {i: values[again] for i, values in held.items()}
+            ends.improve(again, best_ends(problem.rows(again), some, DEFAULTS.retries))
         if calibrated:
-            _calibrate(found, rows, problem, ends)
+            _calibrate(found, rows, problem, ends, held)
         found.put(rows, problem, ends)
-        strange = np.flatnonzero(~found.explained[rows])
-        if strange.size:
-            told, other = charges[rows[strange]], {i: of[strange] for i, of in held.items()}
-            for text, _, _, which in explanations(measurement, told, sought, other):
-                found.explanations[rows[strange[which]]] += f"; explained if {text}"
+        strange = rows[~found.explained[rows]]
+        some = {i: values[strange] for i, values in known.items()}
+        for text, _, _, which in explanations(measurement, charges[strange], sought, some):
+            found.explanations[strange[which]] += f"; explained if {text}"
     return found
 
 
 def explanations(
-    measurement: Measurement,
-    readings: Array,
-    sought: Indices,
-    held: Mapping[int, Array],
-    count: int = 1,
+    measurement: Measurement, readings: Array, sought: Indices, held: Mapping[int, Array]
 ) -> Iterator[tuple[str, Problem, Descent, Indices]]:
     """Mistakes that explain some of the readings (n, electrodes): a text, the problem without the
-    mistake, ends of searches from `count` starts that explain readings, and their rows."""
-    every = np.arange(len(readings))
-    for text, meant, undone in measurement.meant_otherwise():
+    mistake, ends of searches that explain readings, and their rows."""
+    for text, meant, undone in measurement.meant_otherwise() if len(readings) else ():
         problem = meant.problem(undone(readings), sought)
-        ends = _nearest_end(problem, every, held, count, SHORT)
-        rows = np.flatnonzero(_explained(problem, ends))
+        ends = best_ends(problem, held, 1, SHORT)
+        rows = np.flatnonzero(explained(problem, ends))
         if rows.size:
             yield text, problem, ends.take(rows), rows
 
 
-def _calibrate(found: Touches, rows: Indices, problem: Problem, ends: Descent) -> None:
+def _calibrate(
+    found: Touches, rows: Indices, problem: Problem, ends: Descent, held: Mapping[int, Array]
+) -> None:
     """Write down calibrated deviations and numbers of other touches; improves the ends."""
     for k, row in enumerate(rows.tolist()):
-        there = location(problem.row(k), _search_everywhere(problem, ends, k))
+        this, known = np.array([k]), {i: float(values[k]) for i, values in held.items()}
+        others = joined([ends.take(this), search(problem.rows(this), known, DEFAULTS)])
+        there = location(problem.rows(this), others)
+        ends.improve(this, others.take(others.ranking.argsort()[:1]))
         found.alternatives[row] = there.alternatives
         if there.touches:
-            found.deviations[row] = list(there.deviations.values())
+            found.deviations[row] = [*there.deviations.values()]
 
 
 def _table(
@@ -256,46 +265,3 @@ def _status(
     for reason, rows in reasons.items():
         status[rows] = reason
     return status
-
-
-def _ends(problem: Problem, held: Mapping[int, Array]) -> Descent:
-    """The best end found for each row of the charges."""
-    ends = _nearest_end(problem, np.arange(len(problem.charges_pC)), held, 1)
-    if (rows := np.flatnonzero(~_explained(problem, ends))).size:
-        ends.improve(rows, _nearest_end(problem, rows, held, DEFAULTS.retries))
-    for row in np.flatnonzero(~_explained(problem, ends)).tolist():
-        _search_everywhere(problem, ends, row)
-    return ends
-
-
-def _nearest_end(
-    problem: Problem,
-    rows: Indices,
-    held: Mapping[int, Array],
-    count: int,
-    options: SearchOptions = DEFAULTS.search,
-) -> Descent:
-    """The best end of searches from `count` starts each, for some rows of the charges."""
-    at = nearest_starts(problem, rows, held[ROTATION][rows] if ROTATION in held else None, count)
-    for quantity, values in held.items():
-        at[..., quantity] = values[rows, None]
-    at = at.reshape(-1, 4)
-    # neighbouring touches in sequence share the coefficients that the model reads
-    order = np.lexsort((at[:, Y], at[:, X]))
-    ends = descend(problem, at[order], np.repeat(rows, count)[order], options=options)
-    ends = ends.take(np.argsort(order))
-    best = ends.ranking.reshape(-1, count).argmin(axis=1)
-    return ends.take(count * np.arange(len(rows)) + best)
-
-
-def _explained(problem: Problem, ends: Descent) -> Mask:
-    """Rows whose search was not given up, and ended where the charges are explained."""
-    return ends.arrived & explains(ends.chi_square, problem.freedom)
-
-
-def _search_everywhere(problem: Problem, ends: Descent, row: int) -> Descent:
-    """Replace the end of a row by the best that a search from everywhere finds; return all."""
-    known = {i: float(ends.at[row, i]) for i in (ROTATION, FORCE) if i not in problem.unknown}
-    others = search(problem.row(row), known, DEFAULTS)
-    ends.improve(np.array([row]), others.take(np.array([others.ranking.argmin()])))
-    return joined([others, ends.take(np.array([row]))])

@@ -11,10 +11,10 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import READINGS
-from pvdf_fem.solution.summary import Grid, Told, rounded
+from pvdf_fem.told import Grid, Parts, Told, rounded
 from pvdf_fem.touch.posterior import Posterior, least_chi_square, posterior
 from pvdf_fem.touch.problem import Problem
-from pvdf_fem.touch.touch import EXPLAINED, Touch, TouchStatus
+from pvdf_fem.touch.touch import EXPLAINED, Touch, TouchStatus, status_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,7 +43,7 @@ class Location(Told):
     #: Mistakes in readings that would explain them, where no touch does.
     explanations: tuple[Explanation, ...] = ()
 
-    def _parts(self) -> tuple[str, list[str], list[Grid], list[str]]:
+    def parts(self) -> Parts:
         """Status, number of touches with remarks, a table per touch, and footnotes."""
         grids = [self._grid(number, touch) for number, touch in enumerate(self.touches, 1)]
         how = f"{len(self.touches)} {'touch' if len(self.touches) == 1 else 'touches'} listed"
@@ -74,11 +74,7 @@ class Location(Told):
             return TouchStatus.UNDETERMINED
         if not self.touches:
             return TouchStatus.NOT_FOUND
-        if not self.best.explained:
-            return TouchStatus.UNEXPLAINED
-        if self.ambiguous:
-            return TouchStatus.AMBIGUOUS
-        return TouchStatus.AT_EDGE if self.best.at_edge else TouchStatus.LOCATED
+        return status_of(self.best.explained, self.ambiguous, bool(self.best.at_edge))
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -116,25 +112,20 @@ class Location(Told):
         return self.deviations_of(self.best)
 
     def deviations_of(self, touch: Touch) -> dict[str, float]:
-        """The same of another touch: large where another one is likelier."""
-        if not self.problem.model.cheap:
-            return touch.deviations
-        sizes = self.posterior.deviations(self._sought(touch)).tolist()
+        """Calibrated errors of another touch: large where a touch elsewhere is likelier."""
+        sizes = np.sqrt(np.diag(self.covariance_of(touch))).tolist()
         return dict(zip(self.unknown, sizes, strict=True))
 
     @property
     def covariance(self) -> Array:
-        """Covariance (unknown, unknown) with the squares of these on its diagonal."""
+        """Covariance (unknown, unknown) with squares of the calibrated errors on its diagonal."""
         return self.covariance_of(self.best)
 
     def covariance_of(self, touch: Touch) -> Array:
-        """The same of another touch."""
+        """Covariance (unknown, unknown) about another touch."""
         if not self.problem.model.cheap:
             return touch.covariance
-        return self.posterior.covariance(self._sought(touch))
-
-    def _sought(self, touch: Touch) -> Array:
-        return touch.values[self.problem.unknown]
+        return self.posterior.covariance(touch.values[self.problem.unknown])
 
     @property
     def alternatives(self) -> int:

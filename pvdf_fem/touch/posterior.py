@@ -6,19 +6,15 @@ errors. Bayes' rule does: with all places, rotations and magnitudes of the force
 domain equally likely before, regions with 68.3 % of the posterior probability hold 68.3 % of such
 touches, whatever the likelihood's shape (Rubin, Ann. Statist. 12, 1984).
 
-The integrals are sums over draws, each weighing likelihood over density (importance sampling:
-Geweke, Econometrica 57, 1989). The first draws are from Student's distributions about the
-likelihood's maxima, which hardly reach the ends of a bent ridge. Later draws are from Student's
-distributions about draws of large weight, with covariances from the likelihood's curvature there.
-All draws are weighed by the density of all distributions together (Cornuet et al., Scand. J.
-Statist. 39, 2012).
+The integrals are sums over draws from Student's distributions about the likelihood's maxima, each
+weighing likelihood over density (importance sampling: Geweke, Econometrica 57, 1989).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, reduce
+from functools import lru_cache
 from math import erf
 
 import numpy as np
@@ -30,19 +26,6 @@ from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.touch import Touch
 
 ONE_SIGMA = erf(0.5**0.5)  # share of a normal distribution within one standard deviation
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """How the posterior distribution is sampled."""
-
-    draws: int = 384  #: In each round.
-    rounds: int = 2  #: After the first.
-    centres: int = 16  #: Distributions of a round after the first.
-    freedom: float = 3.0  #: Degrees of freedom of Student's distributions.
-    widening: float = 1.3  #: Their widths over the widths by the curvature.
-    #: Least share of the first draws about a maximum, before all are scaled to a sum of 1.
-    least_share: float = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,78 +51,45 @@ class Posterior:
         return second * np.outer(scale, scale)
 
 
-@dataclass(frozen=True, eq=False)
-class _Mixture:
-    """Student's distributions, to draw coordinates (n, unknown) of touches from."""
+def posterior(
+    problem: Problem,
+    touches: Sequence[Touch],
+    draws: int = 3072,
+    freedom: float = 3.0,
+    widening: float = 1.3,
+    least_share: float = 0.02,
+) -> Posterior:
+    """The posterior within the model's domain, for the first row of a problem's charges.
 
-    about: Array  # their centres, (centres, unknown)
-    roots: Array  # square roots of their covariances, (centres, unknown, unknown)
-    shares: Array  # (centres,)
-    periods: Array  # as those of a `Posterior`
-    how: Sampling
-
-    def draw(self, seed: int) -> Array:
-        """Draws less those farther than half a period, which would count a rotation twice."""
-        normal, radius, level = _standard(len(self.periods), seed, self.how)
-        centre = np.searchsorted(np.cumsum(self.shares)[:-1], level)
-        steps = radius[:, None] * np.matmul(self.roots[centre], normal[:, :, None])[:, :, 0]
-        once = (_nearest(steps, self.periods) == steps).all(axis=1)
-        return (self.about[centre] + steps)[once]
-
-    def density(self, values: Array) -> Array:
-        """Density (n,) at values, but for a factor that all mixtures have."""
-        apart = _nearest(values - self.about[:, None], self.periods)
-        inverse = np.linalg.inv(self.roots)
-        scaled = np.matmul(apart, inverse.swapaxes(1, 2))
-        square = np.einsum("kni,kni->kn", scaled, scaled)
-        heights = self.shares * np.abs(np.linalg.det(inverse))
-        power = -0.5 * (self.how.freedom + values.shape[1])
-        return np.asarray(heights @ (1.0 + square / self.how.freedom) ** power)
-
-    def about_draws(self, values: Array, weights: Array, slopes: Array) -> _Mixture:
-        """About draws picked by weight; where charges hardly change, as wide as all draws are."""
-        count = self.how.centres
-        level = (np.arange(count) + 0.5) / count
-        rows = np.searchsorted(np.cumsum(weights)[:-1], level)
-        apart = _nearest(values - values[weights.argmax()], self.periods)
-        apart -= weights @ apart
-        spread = np.sqrt(weights @ np.square(apart) + np.square(self.roots[0]).sum(axis=1))
-        J = slopes[rows] * spread
-        covariances = np.linalg.inv(J.swapaxes(1, 2) @ J + np.eye(len(spread)))
-        roots = self.how.widening * spread[:, None] * np.linalg.cholesky(covariances)
-        shares = np.full(count, 1.0 / count)
-        return replace(self, about=values[rows], roots=roots, shares=shares)
-
-
-def posterior(problem: Problem, touches: Sequence[Touch], how: Sampling | None = None) -> Posterior:
-    """The posterior within the model's domain, for the first row of a problem's charges. `touches`
-    are the maxima of the likelihood."""
-    how = how or Sampling()
+    Draws are from distributions about the `touches`, the maxima of the likelihood, with some
+    degrees of `freedom`, with `widening` times the widths by the curvature, and with at least a
+    share of the draws each, before all shares are scaled to a sum of 1.
+    """
     unknown = problem.unknown
     maxima = problem.coordinates(np.array([touch.values for touch in touches]))
     scale = np.where(unknown == FORCE, np.exp(maxima[:, FORCE, None]), 1.0)
     periods = np.where(unknown == ROTATION, period_deg(problem.model), 0.0)
-    roots = how.widening * np.array([touch.root for touch in touches]) / scale[:, :, None]
-    shares: Array = np.maximum([touch.weight for touch in touches], how.least_share)
-    mixture = _Mixture(maxima[:, unknown], roots, shares / shares.sum(), periods, how)
-    mixtures, at, system = [mixture], np.empty((0, 4)), np.empty((0, len(problem.electrodes), 5))
-    values, weights = mixture.about, mixture.shares
-    for seed in range(1 + how.rounds):
-        if seed:
-            mixtures.append(mixture.about_draws(values, weights, system[:, :, 1 + unknown]))
-        values = mixtures[-1].draw(seed)
-        new = np.tile(maxima[0], (len(values), 1))
-        new[:, unknown] = values
-        at, system = np.concatenate([at, new]), np.concatenate([system, problem.linearised(new)])
-        values = at[:, unknown]
-        density = reduce(np.add, (each.density(values) for each in mixtures))
-        logs = -0.5 * np.square(system[:, :, 0]).sum(axis=1) - np.log(density)
-        inside = (problem.inside(at) == at).all(axis=1)
-        # if the first maximum is beyond the domain, all draws may be
-        logs[~inside & inside.any()] = -np.inf
-        weights = np.exp(logs - logs.max())
-        weights /= weights.sum()
-    return Posterior(problem.touches(at)[:, unknown], weights, periods)
+    roots = widening * np.array([touch.root for touch in touches]) / scale[:, :, None]
+    shares: Array = np.maximum([touch.weight for touch in touches], least_share)
+    shares /= shares.sum()
+    normal, radius, level = _standard(len(unknown), draws, freedom)
+    centre = np.searchsorted(np.cumsum(shares)[:-1], level)
+    steps = radius[:, None] * np.matmul(roots[centre], normal[:, :, None])[:, :, 0]
+    at = maxima[centre]
+    at[:, unknown] += steps
+    # a draw farther than half a period would count a rotation twice
+    once, inside = _nearest(steps, periods) == steps, problem.inside(at) == at
+    kept = once.all(axis=1) & inside.all(axis=1)
+    # if the first maximum is beyond the domain, all draws may be
+    at = at[kept if kept.any() else once.all(axis=1)]
+    inverse = np.linalg.inv(roots)
+    apart = _nearest(at[:, unknown] - maxima[:, None, unknown], periods)
+    square = np.square(np.matmul(apart, inverse.swapaxes(1, 2))).sum(axis=2)
+    heights = shares * np.abs(np.linalg.det(inverse))
+    density = heights @ (1.0 + square / freedom) ** (-0.5 * (freedom + len(unknown)))
+    logs = -0.5 * np.square(problem.linearised(at)[:, :, 0]).sum(axis=1) - np.log(density)
+    weights = np.exp(logs - logs.max())
+    return Posterior(problem.touches(at)[:, unknown], weights / weights.sum(), periods)
 
 
 def _nearest(apart: Array, periods: Array) -> Array:
@@ -150,12 +100,12 @@ def _nearest(apart: Array, periods: Array) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _standard(dimension: int, seed: int, how: Sampling) -> tuple[Array, Array, Array]:
+def _standard(dimension: int, draws: int, freedom: float) -> tuple[Array, Array, Array]:
     """Normal draws (n, dimension), the radii that make them Student's, and levels from 0 to 1."""
-    draw, count = np.random.default_rng(seed), how.draws
-    normal = draw.standard_normal((count, dimension))
-    radius = np.sqrt(how.freedom / draw.chisquare(how.freedom, count))
-    return normal, radius, (np.arange(count) + 0.5) / count
+    draw = np.random.default_rng(0)
+    normal = draw.standard_normal((draws, dimension))
+    radius = np.sqrt(freedom / draw.chisquare(freedom, draws))
+    return normal, radius, (np.arange(draws) + 0.5) / draws
 
 
 def least_chi_square(problem: Problem, touch: Touch, places_mm: Array, turns: int = 6) -> Array:

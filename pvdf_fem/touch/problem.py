@@ -112,9 +112,9 @@ class Problem:
         """Place of the film's centre in the frame of results."""
         return self.stage.x_mm, self.stage.y_mm
 
-    def row(self, row: int) -> Problem:
-        """The problem with a single row of the charges."""
-        charges, spread = self.charges_pC[[row]], self.deviations_pC[[row]]
+    def rows(self, rows: Indices) -> Problem:
+        """The problem with some rows of the charges."""
+        charges, spread = self.charges_pC[rows], self.deviations_pC[rows]
         return replace(self, charges_pC=charges, deviations_pC=spread)
 
     def touches(self, at: Array) -> Array:

@@ -1,9 +1,4 @@
-"""Searches for a touch: from everywhere, about what charges determine least, and what they found.
-
-At a fold of the charges two touches close together have almost the same charges, and a search on
-one side of the fold does not see the touch on the other side. A fold is near where the longest step
-along some direction changes the charges by less than a small share of themselves.
-"""
+"""Searches for a touch: from everywhere, about the best end, and what they found."""
 
 from __future__ import annotations
 
@@ -14,8 +9,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.response.model import ROTATION, periods_deg
-from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined
+from pvdf_fem.response.model import ROTATION, X, Y, periods_deg
+from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined, repeated
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.problem import Problem, extents, rows_of
 from pvdf_fem.touch.starts import starts
@@ -34,30 +29,30 @@ class LocateOptions:
     same: float = 0.1
     same_deg: float = 8.0
     search: SearchOptions = field(default_factory=SearchOptions)
+    #: Starts at each rotation. Of starts this close (mm, mm, degrees, logarithm of the force) only
+    #: the best is kept. A start is left out whose charges are farther than those of the best start
+    #: by more than the root of `listed` and this share of the charges, which a step neglects.
+    begun: int = 12
+    close: tuple[float, ...] = (0.3, 0.3, 1e-9, 0.1)
+    neglected: float = 0.01
     retries: int = 8  #: Starts of the second search for a row of `locate_many`.
-    #: A fold of the charges is near where the longest step along some direction changes them by
-    #: less than the share `fold` of themselves, and is searched about where this share is more than
-    #: `resolved` standard deviations: from starts along the direction, in longest steps.
-    fold: float = 0.02
+    #: Further starts are about the best end, in longest steps along what the charges determine
+    #: least, where such a step changes the charges by less than the share `weak` of themselves, if
+    #: this share is `resolved` deviations; again about a better end, for some rounds at most.
+    weak: float = 0.02
     resolved: float = 10.0
-    offsets: tuple[float, ...] = (-0.3, -0.1, -0.03, 0.0, 0.03, 0.1, 0.3)
-    fold_search: SearchOptions = field(default_factory=lambda: SearchOptions(short=1e-4))
+    aside: tuple[float, ...] = (-0.5, 0.5)
+    rounds: int = 3
 
     # ---- by full solves
 
-    #: Largest distance of a touch from the centre in mm; by default 1.5 times the distance of the
-    #: farthest electrode. Least and largest force in N.
-    reach_mm: float | None = None
-    forces_N: tuple[float, float] = (1e-3, 1e3)
     #: Tolerance of coarse solves, and of the final ones, whose slopes give the deviations: to 1 %
     #: at 1e-4, to 6 % at 1e-3, measured where the probe's rim crosses an electrode.
     first_tolerance: float = 1e-2
     tolerance: float = 1e-4
-    #: Distance of the places of single touches that are solved, and that are superposed. A force
-    #: is its share times this power of the sum of shares: the common tension stiffens the film.
+    #: Distance of the places of single touches that are solved, and that are superposed.
     pitch_mm: float = 2.5
     fine_mm: float = 1.0
-    stiffening: float = 0.35
     #: Number of starts, least distance between starts, number of steps from every start.
     starts: int = 25
     apart_mm: float = 3.0
@@ -66,10 +61,6 @@ class LocateOptions:
     #: charges, as a larger chi-square is less probable than `significance`.
     followed: int = 5
     significance: float = 0.05
-    #: Starts about the best end, in longest steps along what the charges determine least, and how
-    #: often there are such starts where they led to a better end.
-    valley: tuple[float, ...] = (-0.5, 0.5)
-    rounds: int = 3
     solve_search: SearchOptions = field(
         default_factory=lambda: SearchOptions(40, arrived=0.02, short=0.04, relief=0.3)
     )
@@ -79,40 +70,69 @@ DEFAULTS = LocateOptions()
 
 
 def search(problem: Problem, known: Mapping[int, float], options: LocateOptions) -> Descent:
-    """Searches from everywhere for the touch of a problem. `known` are coordinates by their index
-    in `QUANTITIES`. A sought rotation is held at first, at many values: a few degrees change
-    charges by less than the pitch of the table of starts does."""
-    at = starts(problem, known)
+    """Searches from everywhere for the touch of a problem's only row. `known` are coordinates by
+    their index in `QUANTITIES`. A sought rotation is held at first, at many values: a few degrees
+    change charges by less than the pitch of the table of starts does."""
+    held = {i: np.array([value]) for i, value in known.items()}
+    at, misfit = (of[0] for of in starts(problem, held, options.begun))
+    size = np.linalg.norm(problem.charges_pC / problem.deviations_pC)
+    excess = options.listed**0.5 + options.neglected * size
+    likely = ~(np.sqrt(misfit) > np.sqrt(misfit.min(axis=1, keepdims=True)) + excess)
+    at = at[likely][~repeated(at[likely], misfit[likely], np.array(options.close))]
     without_rotation = problem.unknown[problem.unknown != ROTATION]
     if 0 < len(without_rotation) < len(problem.unknown):
         at = descend(replace(problem, unknown=without_rotation), at, options=options.search).at
     ends = descend(problem, at, hopeless=options.listed, options=options.search)
-    # in separate calls: within a call, searches close to each other are merged
-    about_fold = _starts_about_fold(problem, ends, options)[:, None]
-    return joined([ends, *(descend(problem, at, options=options.fold_search) for at in about_fold)])
+    return probed(problem, ends, options, options.search, options.weak)
 
 
-def _starts_about_fold(problem: Problem, ends: Descent, options: LocateOptions) -> Array:
-    """Starts (n, 4) on both sides of a fold of the charges, if one is near the best end."""
-    none, moving = ends.at[:0], problem.moving
-    size = float(np.linalg.norm(problem.charges_pC / problem.deviations_pC))
-    resolved = options.fold * size >= options.resolved and len(problem.electrodes) > len(moving)
-    if not resolved or not ends.arrived.any():
-        return none
-    best = ends.take(np.array([ends.ranking.argmin()]))
-    _, values, _ = np.linalg.svd(best.slopes[0][:, moving] * problem.longest[moving])
-    if values[-1] > options.fold * size:
-        return none
-    return best.at + np.outer(options.offsets, weakest(problem, best))
+def probed(
+    problem: Problem, ends: Descent, options: LocateOptions, how: SearchOptions, weak: float
+) -> Descent:
+    """The ends of searches, and ends of others about the best along what the charges determine
+    least, if a longest step changes the charges by less than the share `weak` of themselves.
+
+    At a fold of the charges two touches close together have almost the same charges, and a search
+    on one side of the fold does not see the touch on the other side. Along a valley a search may
+    end before its bottom.
+    """
+    most = weak * np.linalg.norm(problem.charges_pC / problem.deviations_pC)
+    moving, longest = problem.moving, problem.longest[problem.moving]
+    for _ in range(options.rounds if most >= options.resolved else 0):
+        best = ends.take(ends.ranking.argsort()[:1])
+        slopes = best.slopes[0][:, moving] * longest
+        _, changes, directions = np.linalg.svd(slopes)
+        if not best.arrived.any() or changes[-1] > most:
+            break
+        step = longest * directions[-1] / np.abs(directions[-1]).max()
+        at = np.repeat(best.at, len(options.aside), axis=0)
+        at[:, moving] += np.outer(options.aside, step)
+        more = descend(problem, at, options=how)
+        ends = joined([ends, more])
+        if more.ranking.min() > best.chi_square[0] - how.arrived:
+            break
+    return ends
 
 
-def weakest(problem: Problem, ends: Descent) -> Array:
-    """A longest step (k,) along what the charges determine least at the first of some ends."""
-    longest = problem.longest * np.isin(np.arange(ends.at.shape[1]), problem.moving)
-    weak = np.linalg.svd(ends.slopes[0][:, problem.moving] * longest[problem.moving])[2][-1]
-    step = np.zeros(len(longest))
-    step[problem.moving] = longest[problem.moving] * weak / np.abs(weak).max()
-    return step
+def best_ends(
+    problem: Problem, known: Mapping[int, Array], few: int, how: SearchOptions = DEFAULTS.search
+) -> Descent:
+    """The best end of searches from a few starts for each row of a problem's charges. `known` are
+    coordinates (rows,) by their index."""
+    at, misfit = (of.reshape(len(of), -1, *of.shape[3:]) for of in starts(problem, known, few))
+    order = np.argsort(misfit, axis=1)[:, :few, None]
+    at = np.take_along_axis(at, order, axis=1)
+    rows, at = np.repeat(np.arange(len(at)), at.shape[1]), at.reshape(-1, at.shape[2])
+    # neighbouring touches in sequence share the coefficients that the model reads
+    order = np.lexsort((at[:, Y], at[:, X]))
+    ends = descend(problem, at[order], rows[order], options=how).take(np.argsort(order))
+    best = ends.ranking.reshape(len(misfit), -1).argmin(axis=1)
+    return ends.take(np.searchsorted(rows, np.arange(len(misfit))) + best)
+
+
+def explained(problem: Problem, ends: Descent) -> Mask:
+    """Which searches arrived where the charges are explained, (n,)."""
+    return ends.arrived & explains(ends.chi_square, problem.freedom)
 
 
 def location(problem: Problem, ends: Descent | None, options: LocateOptions = DEFAULTS) -> Location:

@@ -19,7 +19,7 @@ from pvdf_fem.solvers.status import NotConvergedError
 from pvdf_fem.sweeps.sweep import solve_all
 from pvdf_fem.touch.least_squares import Descent, descend, joined
 from pvdf_fem.touch.problem import Problem, kind_of
-from pvdf_fem.touch.search import LocateOptions, distinct, weakest
+from pvdf_fem.touch.search import LocateOptions, distinct, probed
 from pvdf_fem.touch.solves import UNSOLVED_PC, Solves, pressed_alone
 from pvdf_fem.touch.touch import explains
 
@@ -35,14 +35,8 @@ def search_by_solves(problem: Problem, model: Solves, options: LocateOptions) ->
     freedom, found = problem.freedom, []
     for part in (slice(options.followed), slice(options.followed, None)):
         starts = np.concatenate([likely[part] for likely in begun])
-        ends = _ordered(coarse, descend(coarse, starts, options=how), other, options)
-        for _ in range(options.rounds if ends.at.size else 0):
-            least = ends.chi_square[0]
-            steps = np.array(options.valley)[:, None] * weakest(coarse, ends)
-            more = descend(coarse, ends.at[0] + steps, options=how)
-            ends = _ordered(coarse, joined([ends, more]), other, options)
-            if ends.chi_square[0] > least - how.arrived:
-                break
+        ends = descend(coarse, starts, options=how)
+        ends = _ordered(coarse, probed(coarse, ends, options, how, np.inf), other, options)
         if ends.at.size:
             found.append(descend(problem, ends.at, options=how))
         if found and explains(found[-1].ranking.min()[None], freedom, options.significance).any():
@@ -81,9 +75,12 @@ def _ordered(problem: Problem, ends: Descent, other: Indices, options: LocateOpt
     return ends.take(distinct(problem, ends, options)) if ends.at.size else ends
 
 
-def superposed(problem: Problem, touch: Array, options: LocateOptions) -> Array:
+def superposed(
+    problem: Problem, touch: Array, options: LocateOptions, stiffening: float = 0.35
+) -> Array:
     """Starts (n, k) where charges of single touches, added up, are most like those measured. What
-    is not sought is that of a `touch` (k,)."""
+    is not sought is that of a `touch` (k,). A force is its share times the power `stiffening` of
+    the sum of shares: the common tension stiffens the film."""
     model, reach_mm = problem.model, problem.model.domain.reach_mm
     electrodes, spread = problem.electrodes, problem.deviations_pC[0]
     rest = np.nan_to_num(rest_of(model.scene)[0, electrodes])
@@ -113,7 +110,7 @@ def superposed(problem: Problem, touch: Array, options: LocateOptions) -> Array:
     starts = of_probes.copy()
     stage = model.scene.stage or Stage()
     starts[..., :ROTATION] = places[chosen[kept]] @ stage.turn.T
-    starts[..., FORCE] = np.log(share) + options.stiffening * np.log(share.sum(axis=1))[:, None]
+    starts[..., FORCE] = np.log(share) + stiffening * np.log(share.sum(axis=1))[:, None]
     sought = np.isin(np.arange(at.shape[1]), problem.unknown)
     of_probes[...] = np.where(problem.of_probes(np.tile(sought, (len(at), 1))), starts, of_probes)
     return at

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
 from pvdf_fem.arrays import Array, Mask, finite
+from pvdf_fem.told import Parts, Told
 
 #: Charges count as unexplained if a right model gives such charges less often than this.
 SIGNIFICANCE = 1e-3
@@ -72,8 +73,17 @@ class TouchStatus(StrEnum):
 EXPLAINED = (TouchStatus.LOCATED, TouchStatus.AT_EDGE, TouchStatus.AMBIGUOUS)
 
 
-@dataclass(frozen=True, eq=False)
-class Touch:
+def status_of(explained: bool, ambiguous: bool, at_edge: bool) -> TouchStatus:
+    """What became of charges for which a touch was found."""
+    if not explained:
+        return TouchStatus.UNEXPLAINED
+    if ambiguous:
+        return TouchStatus.AMBIGUOUS
+    return TouchStatus.AT_EDGE if at_edge else TouchStatus.LOCATED
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Touch(Told):
     """A touch whose charges are, among touches nearby, the likeliest to give those measured."""
 
     quantities: tuple[str, ...]  #: Names of the model's quantities, (k,).
@@ -148,6 +158,11 @@ class Touch:
     def force_N(self) -> float:
         """Its force."""
         return self.by_name["force_N"]
+
+    def parts(self) -> Parts:
+        """The quantities; `Location` has their errors."""
+        values = ", ".join(f"{name} {value:.4g}" for name, value in self.by_name.items())
+        return f"share of likelihood {self.weight:.3g}", [values], [], []
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for JSON, None for what is infinite; errors are left to the location."""

@@ -3,105 +3,84 @@
 from __future__ import annotations
 
 import math
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.response.model import FORCE
-from pvdf_fem.touch.problem import Problem
-from pvdf_fem.touch.search import DEFAULTS, location, search
 from pvdf_fem.touch.touch import common_limit
-from pvdf_fem.tracking.circuit import ChargeSum
-from pvdf_fem.tracking.course import ChangeModel, Places, Sample, fitted
-from pvdf_fem.tracking.options import TrackOptions
+from pvdf_fem.tracking.circuit import ChargeSum, Circuit
+from pvdf_fem.tracking.place import ChangeModel, Places, Sample
 
 
 class Contact:
     """A touch under way."""
 
-    def __init__(
-        self, model: ChangeModel, options: TrackOptions, time: float, before: Array
-    ) -> None:
+    def __init__(self, model: ChangeModel, circuit: Circuit, time: float, before: Array) -> None:
         """Begin at a time just before the touch; `before` are the voltages left by others."""
-        self.model, self.options, self.onset, self.end = model, options, time, time
+        self.model, self.options, self.onset, self.end = model, model.options, time, time
         self.history: list[Sample] = []
-        self.places: Places | None = None
+        self.places: Places | None = None  #: By the charges at their peak.
         #: The likeliest touch at the last sample, and chi-square of its charges.
         self.at, self.chi_square = np.full(4, math.nan), math.nan
-        #: Number of the sample with the largest charges, and the integral of the force in N s.
-        self.peak, self.impulse = 0, 0.0
+        self.largest = 0  #: Number of the sample with the largest charges.
+        self.impulse = 0.0  #: Integral of the force in N s.
         self.voltages = [before]  #: Voltages over the baseline, from the beginning on.
         self.rested = 0  #: Number of the last samples after the end.
-        self._aside = np.zeros_like(before)  #: Variance in pC² of missed charge off the direction.
-        self._sum = ChargeSum(model.circuit, time, before)
-        self._located = options.first  #: Number of samples when the place was last sought.
+        self._circuit, self._sum = circuit, ChargeSum(circuit, time, before)
+        self._located = self.options.first  #: Number of samples when the place was last sought.
 
     def add(self, time: float, voltage: Array, noise: Array, drift: Array) -> None:
         """Take in a sample. Voltages are those over the baseline, NaN where missing, and `noise`
         their deviations in V; `drift` is the deviation in pC of the baseline's error by now."""
         charges = self._sum.add(time, voltage, noise)
-        white = np.square(self.model.circuit.capacitance * noise)
+        white = np.square(self._circuit.capacitance * noise)
         white[np.isnan(voltage)] = Sample.UNHEARD
-        along = np.square(charges) / max(charges @ charges, math.ulp(0.0))
-        self._aside = np.maximum(
-            self._aside, self.options.skew**2 * self._sum.missed * along
-        )  # errors only grow
-        walked = self._sum.variance + self._aside
-        sample = Sample(time, charges, white, walked, drift, self._sum.missed)
+        sample = Sample(time, charges, white, self._sum.variance, drift, self._sum.missed)
         self.history.append(sample)
         self.voltages.append(voltage)
-        count, options = len(self.history), self.options
-        if np.linalg.norm(charges) > np.linalg.norm(self.history[self.peak].charges):
-            self.peak = count - 1
-        is_due = count >= (1.0 + options.again * (self.places is not None)) * self._located
-        if is_due and self._telling(sample) and sample.significance > options.significant:
-            self._located = count
-            self._fit(self._candidates(sample), count - 1)
+        count, again = len(self.history), self.options.again if self.places else 0.0
+        if np.linalg.norm(charges) > np.linalg.norm(self.history[self.largest].charges):
+            self.largest = count - 1
+        if count >= (1.0 + again) * self._located:
+            peak = self._peak()
+            if peak.significance > self.options.significant:
+                self._located = count
+                self.places = self.model.located(peak) or self.places
         if self.places:
             self.at, self.chi_square = self.model.pressed(self.places.at[0], sample)
             self.impulse += (time - self.end) * math.exp(self.at[FORCE])
         self.end = time
 
-    def _telling(self, sample: Sample) -> bool:
-        largest = self.history[self.peak].charges
-        least = self.options.telling * np.linalg.norm(largest)
-        return bool(np.linalg.norm(sample.charges) >= least)
-
-    def _fit(self, others: Array, last: int, end: tuple[Array, Array] | None = None) -> None:
-        """Fit the known places, and others, to telling samples of the whole course, one of them
-        last. At the `end` the errors are known, see `fitted`."""
-        starts = np.concatenate([others, self.places.at]) if self.places else others
-        if not len(starts):
-            return
-        telling = [k for k, sample in enumerate(self.history) if self._telling(sample)]
-        chosen = np.linspace(0, len(telling) - 1, self.options.fitted).round().astype(int)
-        numbers = {telling[k] for k in chosen.tolist()} - {last}
-        samples = [self.history[k] for k in (*sorted(numbers), last)]
-        self.places = fitted(self.model, starts, samples, end)
-
-    def _candidates(self, sample: Sample) -> Array:
-        """Coordinates (n, 4) of the likely touches that explain the charges of one sample; none
-        where the likeliest is lighter than the model knows."""
-        model, heard = self.model, np.flatnonzero(sample.heard)
-        if not len(heard):
-            return np.empty((0, 4))
-        total = (sample.charges + model.rest_pC)[heard]
-        error = model.model.error_bound * total
-        spread = np.sqrt(sample.variance[heard] + np.square(error))
-        problem = Problem(model.model, heard, total[None], spread[None], model.unknown)
-        with np.errstate(divide="ignore", invalid="ignore"):  # charges may be far from any touch's
-            ends = search(problem, model.known, DEFAULTS)
-        touches = location(problem, ends).touches[: self.options.places]
-        at = np.array([touch.values for touch in touches]).reshape(-1, 4)
-        at[:, FORCE] = np.log(at[:, FORCE])
-        return at if len(at) and at[0, FORCE] > model.least else at[:0]
-
     @property
     def charges(self) -> Array:
         """Charges (samples, electrodes) of the whole course in pC."""
         return np.array([sample.charges for sample in self.history])
+
+    def _peak(self) -> Sample:
+        """The charges at their peak, on a parabola through as many samples as three deviations of
+        the noise may have made the largest, where their mean is largest. The largest charges
+        themselves are where noise is largest, too."""
+        charges, largest = self.charges, self.history[self.largest]
+        sizes = np.linalg.norm(charges, axis=1)
+        spread = math.sqrt(np.square(self._unit[largest.heard]) @ largest.noise[largest.heard])
+        half = (int((sizes >= sizes.max() - 3.0 * spread).sum()) - 1) // 2
+        apart = np.arange(-half, half + 1)
+        weights = np.linalg.pinv(np.vander(apart, min(3, len(apart))))[-1]
+        first = int(np.argmax(np.convolve(sizes, np.ones(len(apart)), "valid")))
+        window = slice(first, first + len(apart))
+        noise = np.array([sample.noise for sample in self.history[window]])
+        each = weights[:, None] * (noise < Sample.UNHEARD)
+        share = each.sum(axis=0)
+        noise = (np.square(each) * noise).sum(axis=0)
+        heard = share > 0.5
+        share = np.where(heard, share, 1.0)
+        return replace(
+            self.history[first + half],
+            charges=(each * charges[window]).sum(axis=0) / share,
+            noise=np.where(heard, noise / np.square(share), Sample.UNHEARD),
+        )
 
     def _mean(self, first: int, count: int) -> tuple[Array, Array]:
         """Mean charges of some samples, and the variance of the mean by their noise."""
@@ -132,19 +111,19 @@ class Contact:
         self.rested = count = self._rested(self.options.still_share)
         if not count:
             return False
-        largest = self.history[self.peak].charges
+        largest = self.history[self.largest]
         left, noise = self._mean(-count, count)
         if _is_noise(left, self._total + noise):
             # charges may come out of the noise only later
-            came = largest - left, self._total + noise + self.history[self.peak].noise
+            came = largest.charges - left, self._total + noise + largest.noise
             return len(self.history) > self.options.patience or not _is_noise(*came)
-        is_small = left @ largest < self.options.left * (largest @ largest)
+        is_small = left @ largest.charges < self.options.left * np.square(largest.charges).sum()
         return bool(is_small and self._rested(4.0 * self.options.still_share))
 
     @property
     def _unit(self) -> Array:
         """Direction of the largest charges, (electrodes,)."""
-        largest = self.history[self.peak].charges
+        largest = self.history[self.largest].charges
         return np.asarray(largest / np.linalg.norm(largest))
 
     @property
@@ -156,20 +135,9 @@ class Contact:
     def lost(self) -> bool:
         """Whether the errors have grown over the charges, or no place was found in time."""
         deviation = np.linalg.norm(np.sqrt(self._total))
-        largest = np.linalg.norm(self.history[self.peak].charges)
+        largest = np.linalg.norm(self.history[self.largest].charges)
         drowned = self.places is None or deviation > self.options.lost * largest
         return bool(drowned) and len(self.history) > self.options.memory
-
-    def _smooth_peak(self) -> int:
-        """Number of the sample with the largest mean of charges about it. The largest charges
-        themselves are where noise is largest, too. The mean is over a quarter of as many samples as
-        four deviations of the noise may have made the largest."""
-        charges, heard = self.charges, self.history[self.peak].heard
-        sizes, noise = np.linalg.norm(charges, axis=1), self.history[self.peak].noise
-        along = charges[self.peak] / sizes[self.peak]
-        spread = math.sqrt(np.square(along[heard]) @ noise[heard])
-        width = max(int((sizes >= sizes.max() - 4.0 * spread).sum()) // 4, 1)
-        return int(np.argmax(np.convolve(sizes, np.full(width, 1.0 / width), "same")))
 
     def after(self) -> tuple[float, Array]:
         """Time of the last sample but those after the end, and their voltages (n, electrodes)."""
@@ -177,34 +145,33 @@ class Contact:
         times = [self.onset, *(sample.time for sample in self.history)]
         return times[-1 - count], np.array(self.voltages[-count:])
 
-    def closed(self) -> Contact:
-        """The touch with what its end tells: no charge is left, so that what is was an error. The
-        errors' walk is a bridge between onset and end then. The touch is that at its peak."""
-        last, count = self.history[-1], self.rested
-        (left, noise), along = self._mean(-count, count), np.square(self._unit)
-        total = self._total + noise
+    def close(self) -> None:
+        """Locate the touch by what its end tells: no charge is left, so that what is was an error.
+        The errors' walk is a bridge between onset and end then."""
+        (left, noise), along = self._mean(-self.rested, self.rested), np.square(self._unit)
+        total, pressed = self._total + noise, self.history[: -self.rested]
+        sizes = (np.array([sample.charges for sample in pressed]) - left) @ self._unit
+        apart = np.array([self._since(sample) + sample.noise + noise for sample in pressed])
+        changed = np.flatnonzero(sizes > 4.0 * np.sqrt(apart @ along))
+        self.end = pressed[max(changed, default=0)].time
+        self.history = [self._bridged(sample, left, total) for sample in self.history]
+        self.largest = int(np.argmax(np.linalg.norm(self.charges, axis=1)))
+        self.places = self.model.located(self._peak())
+
+    def _bridged(self, sample: Sample, left: Array, total: Array) -> Sample:
+        """A sample whose errors are such that charges `left` of a variance `total` are none."""
+        last, along = self.history[-1], np.square(self._unit)
+        shared = sample.walked + sample.drift * last.drift
+        of_missed = sample.missed * along
         missed = last.missed + float(along @ (total - last.missed * along))
-        closed = copy(self)
-        size = (self.charges[:-count] - left) @ self._unit
-        apart = [self._since(s) + s.noise + noise for s in self.history[:-count]]
-        changed = np.flatnonzero(size > 4.0 * np.sqrt(np.array(apart) @ along))
-        closed.end = self.history[max(changed, default=0)].time
-        closed.history = [
-            replace(
-                s,
-                charges=s.charges
-                - left * (s.walked + s.drift * last.drift + s.missed * along) / total,
-                missed=s.missed * (1.0 - s.missed / missed),
-            )
-            for s in self.history
-        ]
-        closed.peak = closed._smooth_peak()
-        closed._fit(
-            closed._candidates(closed.history[closed.peak]), closed.peak, (last.drift, total)
+        summed = sample.walked + np.square(sample.drift) - np.square(shared) / total
+        return replace(
+            sample,
+            charges=sample.charges - left * (shared + of_missed) / total,
+            walked=np.maximum(summed, 0.0),
+            drift=np.zeros_like(left),
+            missed=sample.missed * (1.0 - sample.missed / missed),
         )
-        if closed.places:
-            closed.at = closed.places.at[0]
-        return closed
 
 
 def _is_noise(difference: Array, variance: Array) -> bool:

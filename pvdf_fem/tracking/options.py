@@ -24,20 +24,10 @@ class TrackOptions:
     #: Charges are located when they are this many standard deviations large ...
     significant: float = 15.0
     again: float = 0.2  #: ... and again when there are more samples by this share.
-    #: What sampling misses at light forces is off the direction of the charges by this share.
-    skew: float = 0.2
-    #: Share of the largest charges below which a sample tells nothing of the place.
-    telling: float = 0.3
-    fitted: int = 16  #: Samples of the course that places are fitted to.
-    places: int = 6  #: Most places that are followed.
-    #: Places beyond the model's reach are e to this power less likely before.
-    beyond: float = 6.0
     #: Forces are followed down to the model's least over e to this power, and up to the model's
     #: largest times e to this power.
     lightest: float = 7.0
     strongest: float = 2.0
-    #: Chi-square per degree of freedom above which no touch explains the course.
-    unexplained: float = 4.0
     #: Last samples whose mean charges must be those of as many before for a touch to have ended,
     #: and, of a long touch, share of its samples.
     still: int = 6

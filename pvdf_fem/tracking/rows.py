@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
-from pvdf_fem.solution.summary import rounded
+from pvdf_fem.told import Parts, Told, rounded
 
 
-@dataclass(frozen=True)
-class Row:
+@dataclass(frozen=True, repr=False)
+class Row(Told):
     """What is known at a sample. Numbers that are not are NaN.
 
     The status is one of: ``settling`` (the baseline is not known yet), ``quiet``, ``starting`` (a
@@ -39,8 +40,35 @@ class Row:
     settling_s: float = 0.0
     missing: str = ""  #: Channels without a reading, by name: ``A C``.
 
+    def parts(self) -> Parts:
+        """A line for people."""
+        line = f"{self._when} s"
+        if self.alternatives:
+            for name, unit in (("x", "mm"), ("y", "mm"), ("force", "N"), ("rotation", "deg")):
+                value, error = (getattr(self, f"{name}{of}_{unit}") for of in ("", "_deviation"))
+                if error > 0.0:  # neither known nor NaN
+                    line += f", {name} {' ± '.join(rounded(value, error))} {unit}"
+        if self.alternatives > 1:
+            line += f"; {self.alternatives} places are likely"
+        if self.touch and not self.alternatives:
+            line += "; not located"
+        if self.touch and self.status not in ("touch", "starting"):
+            line += f"; {self.status}"
+        if self.alternatives and math.isnan(self.force_N):
+            line += ": the force is far above the model's largest"
+        line += f"; without {self.missing} for a while" if self.missing else ""
+        return f"touch {self.touch}" if self.touch else self.status, [line], [], []
 
-@dataclass(frozen=True)
+    @property
+    def _when(self) -> str:
+        return f"{self.t_s:.4f}"
+
+    def to_json(self) -> dict[str, Any]:
+        """The values by name, None for NaN."""
+        return {k: None if v != v else v for k, v in asdict(self).items()}
+
+
+@dataclass(frozen=True, repr=False)
 class TouchSummary(Row):
     """A touch that has ended: its row at the peak of its charges, by the whole course.
 
@@ -52,20 +80,6 @@ class TouchSummary(Row):
     end_s: float = math.nan
     impulse_N_s: float = math.nan  #: Integral of the force over time.
 
-    def __str__(self) -> str:
-        """A line for people."""
-        line = f"touch {self.touch}: {self.onset_s:.4f} to {self.end_s:.4f} s"
-        if self.alternatives:
-            for name, unit in (("x", "mm"), ("y", "mm"), ("force", "N"), ("rotation", "deg")):
-                value, error = (getattr(self, f"{name}{of}_{unit}") for of in ("", "_deviation"))
-                if error > 0.0:  # neither known nor NaN
-                    line += f", {name} {' ± '.join(rounded(value, error))} {unit}"
-        if self.alternatives > 1:
-            line += f"; {self.alternatives} places are likely"
-        if not self.alternatives:
-            line += "; not located"
-        if self.status not in ("touch", "starting"):
-            line += f"; {self.status}"
-        if self.alternatives and math.isnan(self.force_N):
-            line += ": the force is far above the model's largest"
-        return line + (f"; without {self.missing} for a while" if self.missing else "")
+    @property
+    def _when(self) -> str:
+        return f"{self.onset_s:.4f} to {self.end_s:.4f}"

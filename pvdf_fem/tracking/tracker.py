@@ -14,15 +14,15 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import channels
-from pvdf_fem.response.model import QUANTITIES, Model, period_deg, touch_of
-from pvdf_fem.scene.stage import Stage
-from pvdf_fem.touch.locate import PLACE_AND_FORCE
-from pvdf_fem.touch.measurement import at_rest, known_mistakes
+from pvdf_fem.response.model import FORCE, QUANTITIES, Model, period_deg
+from pvdf_fem.scene.given import model_of
+from pvdf_fem.touch.locate import PLACE_AND_FORCE, staged_touch
+from pvdf_fem.touch.measurement import centre_mm, known_mistakes
 from pvdf_fem.tracking.baseline import Baseline, Watch
 from pvdf_fem.tracking.circuit import Circuit
 from pvdf_fem.tracking.contact import Contact
-from pvdf_fem.tracking.course import ChangeModel
 from pvdf_fem.tracking.options import DEFAULTS, TrackOptions
+from pvdf_fem.tracking.place import ChangeModel, Places
 from pvdf_fem.tracking.rows import Row, TouchSummary
 
 
@@ -55,26 +55,25 @@ class Tracker:
         unit: str = "V",
         options: TrackOptions = DEFAULTS,
     ) -> None:
-        scene, known = response.scene, touch_of(response.scene)
-        mistakes = [*known_mistakes(response.domain, unknown, {}, known)]
+        scene, known = model_of(response).scene, staged_touch(response.scene)
+        origin = (*centre_mm(scene), 0.0, 0.0)
+        mistakes = [*known_mistakes(response.domain, unknown, {}, known, origin)]
         if "force_N" not in unknown:
             mistakes.append("unknown: force_N is missing; the force of a touch is always sought")
         if unit not in ("V", "pC"):
             mistakes.append(f"unit = {unit}: choose from V, pC")
         if mistakes:
             raise ValueError("\n".join(mistakes))
-        fixed = {i: known[n] for i, n in enumerate(QUANTITIES) if n not in unknown}
-        circuit = Circuit.of(channels(scene))
+        fixed = {i: known[n] - origin[i] for i, n in enumerate(QUANTITIES) if n not in unknown}
         self.touches: list[TouchSummary] = []
-        self._names, self._unit, self._stage = response.names, unit, scene.stage or Stage()
-        rest_pC = at_rest(response, "change")[0]
-        self._model = ChangeModel.of(response, circuit, rest_pC, fixed, options)
-        self._options, self._response, self._time = options, response, -math.inf
+        self._names, self._unit, self._circuit = response.names, unit, Circuit.of(channels(scene))
+        self._model = ChangeModel.of(response, fixed, options)
+        self._options, self._time = options, -math.inf
         self._restart()
 
     def _restart(self) -> None:
         self._step = math.inf
-        self._baseline = Baseline(self._model.circuit, self._options)
+        self._baseline = Baseline(self._circuit, self._options)
         self._watch, self._missing = Watch(len(self._names), self._options), set[str]()
         self._contact: Contact | None = None
 
@@ -92,7 +91,7 @@ class Tracker:
         values[np.isinf(values)] = math.nan
         silent = [n for n, v in zip(self._names, values.tolist(), strict=True) if math.isnan(v)]
         self._missing.update(silent)
-        voltage = self._model.circuit.voltages(values, self._unit == "pC")
+        voltage = self._circuit.voltages(values, self._unit == "pC")
         options, step = self._options, t - self._time
         most = options.pause if self._contact else options.memory
         if math.isfinite(step) and 0.0 < step <= most * self._step:
@@ -151,15 +150,15 @@ class Tracker:
         self._missing = set()
         start = samples[0][0] - self._step
         contact = self._contact = Contact(
-            self._model, self._options, start, self._baseline.remaining(start)
+            self._model, self._circuit, start, self._baseline.remaining(start)
         )
         for t, voltage, _ in samples:
             self._add(contact, t, voltage)
-        return self._row(t, contact)
+        return self._row_of(t, contact)
 
     def _add(self, contact: Contact, t: float, voltage: Array) -> None:
         """Give a touch the voltages over the baseline, and the drift by the baseline's error."""
-        baseline, circuit, elapsed = self._baseline, self._model.circuit, t - contact.onset
+        baseline, circuit, elapsed = self._baseline, self._circuit, t - contact.onset
         error = baseline.noise * baseline.relative_error(t, elapsed / self._step)
         drift = (circuit.capacitance + circuit.leak * elapsed) * error
         contact.add(t, voltage - baseline.at(t) + baseline.remaining(t), baseline.noise, drift)
@@ -169,36 +168,43 @@ class Tracker:
         self._add(contact, t, voltage)
         status = "quiet" if contact.ended() else "lost" if contact.lost() else ""
         if not status:
-            return self._row(t, contact)
+            return self._row_of(t, contact)
         self._finish(t, contact, status.removeprefix("quiet"))
         return Row(t, status)
 
     def _finish(self, t: float, contact: Contact, status: str = "") -> None:
         """End the touch, for a reason if it is no plain end, and watch out for another."""
-        told = contact if status else contact.closed()
-        row = asdict(self._row(told.history[told.peak].time, told))
-        row |= {"missing": " ".join(sorted(self._missing))} | ({"status": status} if status else {})
-        impulse = math.nan if math.isnan(row["force_N"]) else contact.impulse
+        if not status:
+            contact.close()
+        places = contact.places
+        row = Row(contact.history[contact.largest].time, "starting", len(self.touches) + 1)
+        if places:
+            row = self._row(places.sample.time, places, places.at[0], places.chi_square)
+        missing = " ".join(sorted(self._missing))
+        told = asdict(row) | {"missing": missing} | ({"status": status} if status else {})
+        impulse = math.nan if math.isnan(row.force_N) else contact.impulse
         self.touches.append(
-            TouchSummary(**row, onset_s=contact.onset, end_s=told.end, impulse_N_s=impulse)
+            TouchSummary(**told, onset_s=contact.onset, end_s=contact.end, impulse_N_s=impulse)
         )
         since, voltages = contact.after()
         self._baseline.keep(since, t, voltages)
         self._contact, self._watch = None, Watch(len(self._names), self._options)
 
-    def _row(self, t: float, contact: Contact) -> Row:
-        """The touch on the stage and its deviations."""
-        number, (low, high) = len(self.touches) + 1, self._response.domain.log_force
+    def _row_of(self, t: float, contact: Contact) -> Row:
+        """The touch at the last sample."""
         if contact.places is None:
-            return Row(t, "starting", number)
-        x, y, rotation, log_force = contact.at.tolist()
-        status = "too_light" if log_force < low else "touch"
-        status = "too_strong" if log_force > high else status
-        status = "unexplained" if contact.places.misfit > self._options.unexplained else status
-        place, turned = self._stage.to_stage((x, y), rotation)
-        x, y = place.tolist()
-        force = math.exp(log_force) if log_force < self._model.log_forces[1] else math.nan
-        rotation = float(turned) % period_deg(self._response)
-        dx, dy, turn, relative = contact.places.deviations(self._stage.turn).tolist()
-        numbers = x, y, force, rotation, dx, dy, relative * force, turn
-        return Row(t, status, number, *numbers, contact.chi_square, len(contact.places.at))
+            return Row(t, "starting", len(self.touches) + 1)
+        return self._row(t, contact.places, contact.at, contact.chi_square)
+
+    def _row(self, t: float, places: Places, at: Array, chi_square: float) -> Row:
+        """A touch on the stage at coordinates (4,), with the deviations of its places."""
+        model = self._model
+        x, y, rotation, force = model.touches(at[None])[0].tolist()
+        low, high = model.model.domain.force_N
+        status = "too_light" if force < low else "too_strong" if force > high else "touch"
+        status = status if places.explained else "unexplained"
+        force = force if at[FORCE] < model.log_forces[1] else math.nan
+        dx, dy, turn, relative = places.deviations.tolist()
+        numbers = x, y, force, rotation % period_deg(model.model), dx, dy, relative * force, turn
+        count = len(places.at)
+        return Row(t, status, len(self.touches) + 1, *numbers, chi_square, count)

@@ -1,4 +1,4 @@
-"""Makes README's pictures, in about half a minute.
+"""Makes README's pictures and its sample output, in about half a minute.
 
     python -m reports.gallery [FOLDER]
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from reports.gallery.pictures import PICTURES, write
+from reports.gallery.pictures import PICTURES, README, SAMPLE, sample, write
 
 
 def main(arguments: list[str]) -> int:
@@ -19,6 +19,8 @@ def main(arguments: list[str]) -> int:
     folder = Path(arguments[0]) if arguments else Path(__file__).parent
     for name in PICTURES:
         print(write(name, folder))
+    text, printed = README.read_text("utf-8"), sample()
+    README.write_text(SAMPLE.sub(lambda _: printed, text, count=1), "utf-8")
     return 0
 
 

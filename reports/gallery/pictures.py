@@ -1,8 +1,10 @@
-"""README's pictures, and the scenes and charges that are written into them."""
+"""README's pictures, with the scenes and charges written into them, and its sample output."""
 
 from __future__ import annotations
 
 import json
+import re
+import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,9 @@ from pvdf_fem.sweeps.sweep import solve_all
 #: Key of the text in a PNG file.
 KEY = "pvdf_fem"
 THESIS = Path(__file__).parents[1] / "thesis"
+README = Path(__file__).parents[2] / "README.md"
+#: README's sample output.
+SAMPLE = re.compile(r"(?<=^```text\n).*?(?=^```)", re.M | re.S)
 #: Values by name that a picture shows, with the scene that they are of.
 Shown = dict[str, Any]
 
@@ -84,3 +89,9 @@ def read(path: Path) -> Shown:
     with Image.open(path) as image:
         content: Shown = json.loads(image.info[KEY])
     return content
+
+
+def sample() -> str:
+    """What `print` shows of the example's solution, long remarks cut short."""
+    lines = str(solve(Scene.example("triangle"))).splitlines()
+    return "".join(f"{textwrap.shorten(line, 96) if len(line) > 96 else line}\n" for line in lines)

@@ -56,6 +56,11 @@ def adapt_docstring(app: Sphinx, what: str, *event: object) -> None:
         lines[:0] = ["..", ""]  # a comment, since napoleon reads "type: description" first
 
 
+def tell(app: Sphinx, page: str, source: list[str]) -> None:
+    """Name a page before its cells are run."""
+    print(f"guide: {page}", file=sys.stderr)
+
+
 def setup(app: Sphinx) -> None:
     """Write the reference pages, which come from the code, before Sphinx reads its sources."""
     from reports.guide.mathematics import visit_block, visit_inline
@@ -63,4 +68,5 @@ def setup(app: Sphinx) -> None:
 
     app.add_html_math_renderer("drawn", (visit_inline, None), (visit_block, None))
     app.connect("autodoc-process-docstring", adapt_docstring, priority=400)
+    app.connect("source-read", tell)
     app.connect("builder-inited", lambda _: write_references(Path(__file__).parent / "generated"))

@@ -80,6 +80,24 @@ def test_leaving_one_out_is_a_calibration_with_the_others():
     np.testing.assert_allclose(deleted, expected, atol=0.05 * np.abs(expected).max())
 
 
+def test_residuals_from_a_fit_to_the_others_have_its_errors():
+    """Closed form: less those of the fit in which a touch has part, plus those of another fit."""
+    columns = made(10, sigma=0.01)
+    columns["force_N"][4] *= 1.5
+    found = calibrate(SCENE, columns, UNKNOWN)
+    assert list(found.outliers) == [5]
+    fit, covariance = found.fit, found.fit.covariance
+    others, lengths = fit.deleted()
+    for i, sign in ((0, -1.0), (4, 1.0)):
+        root, slopes = fit.whitened[0][i], fit.prediction.by_parameter[i]
+        of_noise, residual = root @ root.T, root @ fit.whitened[1][i]
+        total = of_noise + sign * slopes @ covariance @ slopes.T
+        solved = np.linalg.solve(total, residual)
+        assert lengths[i] == pytest.approx(residual @ solved, rel=1e-6)
+        expected = of_noise @ solved if sign < 0.0 else residual
+        np.testing.assert_allclose(root @ others[i], expected, rtol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("column", "told", "size"),
     [("y_mm", "place_mm", 0.5), ("x_mm", "place_mm", 0.5), ("force_N", "force", 0.05)],
@@ -99,6 +117,14 @@ def test_the_calibrated_scene_reads_as_the_sensor_does(found):
     assert scene.readout.gain == {n: found.parameters[f"gain.{n}"]["value"] for n in NAMES}
     assert scene.readout.reading == "change"
     assert scene.stage.x_mm == found.parameters["stage.x_mm"]["value"]
+
+
+def test_what_was_uncertain_has_the_deviations_that_were_found():
+    uncertain = {"film.pretension_N_m": "30 %", "film.thickness_um": "5 %"}
+    found = calibrate(SCENE.with_(uncertain=uncertain), made(8, sigma=0.01), UNKNOWN)
+    deviation = found.parameters["film.pretension_N_m"]["deviation"]
+    assert found.scene.uncertain == {**uncertain, "film.pretension_N_m": deviation}
+    assert 0.0 < deviation < 0.3 * 8.0
 
 
 def test_derivatives_are_those_of_solves():
@@ -185,6 +211,21 @@ def test_mistakes_are_named(said):
     assert "parameters" not in calibration.to_json()
     with pytest.raises(ValueError, match=status):
         calibration.scene  # noqa: B018
+
+
+def test_touches_of_another_sensor_are_not_explained():
+    columns = made(10, sigma=0.01)
+    shuffled = {n: np.roll(columns[n], i) for i, n in enumerate(NAMES)}
+    assert calibrate(SCENE, {**columns, **shuffled}, UNKNOWN).status == "not_explained"
+    same = {"force_N": np.ones(10)}
+    assert calibrate(SCENE, {**columns, **same}, UNKNOWN).status == "wrong_force"
+
+
+def test_parameters_far_from_the_scenes_are_remarked():
+    columns, word = made(10, sigma=2e-3), "film.pretension_N_m"
+    for prior, count in ((0.3, 0), (0.03, 1)):
+        remarks = calibrate(SCENE, columns, UNKNOWN, sigma=2e-3, priors={word: prior}).remarks
+        assert sum(word in remark for remark in remarks) == count
 
 
 def test_too_few_touches_are_named():

@@ -63,14 +63,6 @@ def test_errors_of_forces_add_up_to_the_error_of_a_charge():
     assert charges_of(goals, found) == pytest.approx(errors)
 
 
-def test_no_goals_have_no_forces():
-    membrane = Membrane(Space(graded_mesh(RECTANGLE, 4.0, 12.0), 1), RECTANGLE.film)
-    x = np.zeros(membrane.space.dof_count)
-    assert goal_forces([], membrane, x).shape == (0, 2)
-    assert charges_of([], np.empty((0, 2))).shape == (0,)
-    assert area_defects([], membrane.space).shape == (0,)
-
-
 def test_sizes_do_not_sink_below_what_the_mean_stress_makes_negligible():
     """The flat film has its pretension everywhere, and a slack one no stress at all."""
     for change_K, size in ((-20.0, 1.0), (0.0, 0.0)):

@@ -32,7 +32,7 @@ def test_uniform_pressure_over_an_electrode(kind):
     charges, solution = added(OVER_A.with_(**{"load.kind": kind, "probe.side_mm": 8.0}))
     by_hand = 15.0 * 1.0 / (np.sqrt(3.0) / 4.0 * 64.0) / 2.0 * 9.0
     assert charges == pytest.approx({"A": by_hand, "B": 0.0, "C": 0.0, "D": 0.0}, abs=1e-9)
-    assert any("d33_pC_N = -15): about 2.4 pC on A" in text for text in solution.included)
+    assert any("film.d33_pC_N" in text for text in solution.included)
 
 
 @pytest.mark.parametrize(
@@ -63,13 +63,8 @@ def test_left_out_within_a_third_and_thirty_times(load):
     assert charges["A"] / 3.0 <= estimate <= 30.0 * charges["A"]
 
 
-def test_nothing_is_said_without_an_electrode_under_a_probe():
-    assert not list(thickness_remarks(RECTANGLE))
-    said = solve(OVER_A.with_(**{"film.d33_pC_N": None})).left_out
-    assert any(text.startswith("thickness direction") for text in said)
-
-
 def test_refused_where_charges_are_of_the_plane_only():
+    assert not list(thickness_remarks(RECTANGLE))
     for refuses in (mechanics_of, lambda scene: plan([scene]), gradients):
         with pytest.raises(SceneError, match=r"film\.d33_pC_N"):
             refuses(OVER_A)

@@ -102,28 +102,15 @@ def holds(accepted: Any, written: Any) -> bool:
     return bool(accepted == written)
 
 
-STAR = [[0.0, 2.0], [0.5, 0.5], [2.0, 0.0], [0.5, -0.5], [0.0, -2.0], [-2.0, 0.0]]
-ELECTRODES = [
-    {"name": "A", "x_mm": 9.0, "y_mm": 0.0, "side_mm": 2.0, "rotation_deg": 30.0},
-    {"name": "β 2", "x_mm": 0.0, "y_mm": 9.0, "shape": "circle", "radius_mm": 1.5},
-    {"name": "C", "x_mm": -9.0, "y_mm": 0.0, "shape": "polygon", "vertices_mm": STAR},
-]
-SCENES: tuple[dict[str, Any], ...] = (
-    {"probe": {}},
-    {"electrodes": ELECTRODES, "probe": {"shape": "polygon", "vertices_mm": STAR}},
-    {"load.kind": "rigid", "load.contact": "stuck", "probe.shape": "circle"},
-    {"film.youngs_modulus_GPa": [2.0, 3.0], "film.shear_modulus_GPa": 1.0, "probe": {}},
-    {
-        "readout": {"kind": "voltage", "gain": {"A": 2.0}},
-        "probe": {"shape": "ellipse", "semi_axes_mm": [3.0, 2.0]},
-    },
+TEXTS = [path.read_text("utf-8") for path in sorted((ROOT / "geometry").glob("*.toml"))]
+SCENES = [text for text in TEXTS if "[[axes]]" not in text and "[[section" not in text]
+LIST = '[[electrodes]]\nname = "β 2"\nx_mm = 9.0\ny_mm = 0.0\n[probe]\n'
+
+
+@given(
+    data=st.sampled_from([*SCENES, LIST]).flatmap(lambda text: damages(text.encode())),
+    command=st.sampled_from(["solve", "mesh", "modes"]),
 )
-TEXTS = [Scene().with_(**changes).to_toml() for changes in SCENES]
-TEXTS += [path.read_text("utf-8") for path in sorted((ROOT / "geometry").glob("*.toml"))]
-scene_files = st.sampled_from([text.encode() for text in TEXTS if "[[axes]]" not in text])
-
-
-@given(data=scene_files.flatmap(damages), command=st.sampled_from(["solve", "mesh", "modes"]))
 @drawn(1.0)
 def test_damaged_scenes_are_refused_or_held(data: bytes, command: str) -> None:
     found = judged(data, command, "{file}", *(["film.msh"] if command == "mesh" else []))
@@ -165,11 +152,11 @@ def numbers_of(tables: Mapping[str, Any]) -> list[tuple[dict[str, Any], str, str
     ]
 
 
-@given(data=st.data(), tables=st.sampled_from(SCENES), by_set=st.booleans())
+@given(data=st.data(), text=st.sampled_from([*SCENES, LIST]), by_set=st.booleans())
 @drawn(1.0)
-def test_a_wrong_value_is_named(data: st.DataObject, tables: Any, by_set: bool) -> None:
+def test_a_wrong_value_is_named(data: st.DataObject, text: str, by_set: bool) -> None:
     """In a file, or by ``--set``, which needs no quotes."""
-    written = Scene().with_(**tables).model_dump(mode="json", exclude_none=True)
+    written = Scene.parse(text).model_dump(mode="json", exclude_none=True)
     row, key, name = data.draw(st.sampled_from(numbers_of(written)))
     wrong = NO_NUMBERS | ({} if key in SIGNED else NOT_POSITIVE)
     toml, shown = data.draw(st.sampled_from([*wrong.items()]))
@@ -191,7 +178,7 @@ words = damages(CHANGE).map(
 @drawn(0.5)
 def test_damaged_changes_are_refused_or_held(changes: list[str]) -> None:
     options = [f"--set={word}" for word in changes]
-    found = judged(TEXTS[1].encode(), "solve", "{file}", *options)
+    found = judged(LIST.encode(), "solve", "{file}", *options)
     assert isinstance(found, list) or Scene.parse(found.to_toml()) == found
 
 
@@ -275,21 +262,9 @@ _VALUES = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner),
     max_leaves=6,
 )
-_KEYS = [name for _, _, name in numbers_of(tomllib.loads(TEXTS[0]))]
-_KEYS += [
-    "film.",
-    "film.compression",
-    "load.kind",
-    "probe.x",
-    "electrodes.layout",
-    "readout",
-    "electrodes[0].x_mm",
-    "electrodes.0.name",
-    "electrodes[1]",
-    "film",
-    "probe",
-    "electrodes",
-]
+_KEYS = [name for _, _, name in numbers_of(Scene().with_(probe={}).model_dump(exclude_none=True))]
+_KEYS += ["film", "film.", "film.compression", "load.kind", "probe", "probe.x", "electrodes"]
+_KEYS += ["electrodes[1]", "electrodes.layout", "electrodes[0].x_mm", "electrodes.0.name"]
 
 
 @given(st.dictionaries(st.sampled_from(_KEYS) | st.text(max_size=9), _VALUES, min_size=1))
@@ -366,26 +341,6 @@ def test_what_is_no_text_file_is_refused_at_once(tmp_path: Path, name: str) -> N
     assert peak < 10 * MOST_BYTES
     (line,) = caught.value.problems
     assert printable(name) in printable(line)
-
-
-@pytest.mark.parametrize("ending", ["utf-16", "utf-16-le", "CR"])
-def test_a_text_in_utf_16_or_with_carriage_returns_alone_is_named(tmp_path, ending, command):
-    """As scene, sweep and table: by what to save it as, not by what it is no ... of."""
-    scene, path = tmp_path / "scene.toml", tmp_path / "file"
-    scene.write_text("[probe]\n[readout]\nfeedback_capacitance_pF = 500\n")
-    table = "x_mm,y_mm,rotation_deg,force_N,A,B,C,D\n1,1,0,1,905,731,600,640\n"
-    for text, words in (
-        ("[probe]\nx_mm = 3\n", ["solve", path]),
-        ("scene = {}\n[[axes]]\nload.force_N = [1]\n", ["sweep", path]),
-        ("A,B,C,D\n905,731,600,640\n", ["locate", scene, "--csv", path]),
-        ("t_s,A,B,C,D\n0,905,731,600,640\n", ["track", scene, path]),
-        (table, ["calibrate", scene, path]),
-    ):
-        codec = "utf-8" if ending == "CR" else ending
-        path.write_bytes((text.replace("\n", "\r") if ending == "CR" else text).encode(codec))
-        run = command(*words)
-        assert run.mistakes == [str(path)]
-        assert ending.upper()[:6] in run.err
 
 
 # ------------------------------------------------------------------------------------- processes

@@ -18,17 +18,20 @@ from pvdf_fem.mesh.gmsh_libraries import PACKAGES
 ROOT = Path(__file__).resolve().parents[2]
 
 # Imported by Python at start: plays an interpreter on a machine where something is missing.
-NO_GLU_AND_GOMP = """
+NO_GLU_AND_GOMP = (
+    f"NAMES = {list(PACKAGES)}"
+    + """
 import ctypes
 load = ctypes.CDLL
 def refuse(name, *args, **kwargs):
     if name in ("libGLU.so.1", "libgomp.so.1"):
         raise OSError(name + ": cannot open shared object file")
-    if name in {names!r}:
+    if name in NAMES:
         return None
     return load(name, *args, **kwargs)
 ctypes.CDLL = refuse
 """
+)
 NO_ENSUREPIP = "import sys; sys.modules['ensurepip'] = None"
 OLD_PYTHON = "import sys; sys.version_info = (3, 9, 2, 'final', 0)"
 
@@ -78,31 +81,30 @@ def run(checkout: Path, tmp_path: Path) -> Run:
     return call
 
 
-def test_missing_libraries_give_the_line_to_type(run: Run, checkout: Path) -> None:
-    done = run("report", defect=NO_GLU_AND_GOMP.format(names=list(PACKAGES)))
-    assert done.returncode == 1
-    assert "gmsh" in done.stderr
-    line = (
-        "sudo apt-get update && "
-        "sudo apt-get install -y --no-install-recommends libglu1-mesa libgomp1"
-    )
-    assert line in [text.strip() for text in done.stderr.splitlines()]
+@pytest.mark.parametrize(
+    ("command", "defect", "code", "told"),
+    [
+        (
+            "report",
+            NO_GLU_AND_GOMP,
+            1,
+            "^ *sudo apt-get update && "
+            "sudo apt-get install -y --no-install-recommends libglu1-mesa libgomp1$",
+        ),
+        ("setup", NO_ENSUREPIP, 1, "install -y --no-install-recommends python3-venv$"),
+        ("test", OLD_PYTHON, 1, r"PYTHON=python3\.11 \./run test$"),
+        ("reprot", "", 2, "'reprot'.*\nusage:"),
+    ],
+)
+def test_what_is_missing_is_told_and_nothing_is_installed(
+    run: Run, checkout: Path, command: str, defect: str, code: int, told: str
+) -> None:
+    """By the line to type, where there is one."""
+    done = run(command, defect=defect)
+    assert done.returncode == code
+    assert re.search(told, done.stderr, re.MULTILINE)
     assert "called" not in done.stdout + done.stderr
     assert not (checkout / ".venv").exists()
-
-
-def test_missing_venv_module_gives_the_line_to_type(run: Run) -> None:
-    done = run("setup", defect=NO_ENSUREPIP)
-    assert done.returncode == 1
-    assert "no working venv module" in done.stderr
-    assert re.search(r"install -y --no-install-recommends python3-venv$", done.stderr, re.MULTILINE)
-
-
-def test_old_python_is_refused_with_its_version(run: Run) -> None:
-    done = run("test", defect=OLD_PYTHON)
-    assert done.returncode == 1
-    assert "python3 is Python 3.9" in done.stderr
-    assert "PYTHON=python3.11 ./run test" in done.stderr
 
 
 @pytest.fixture
@@ -144,13 +146,6 @@ def test_root_installs_what_the_tests_need(
     packages = ["chromium", "libatomic1", "libegl1"]
     wanted = " ".join(package for package in packages if package != installed)
     assert f"-qq install -y --no-install-recommends {wanted}\n" in done.stderr
-
-
-def test_unknown_command_is_named(run: Run) -> None:
-    done = run("reprot")
-    assert done.returncode == 2
-    assert "'reprot'" in done.stderr
-    assert "usage:" in done.stderr
 
 
 def test_table_of_libraries_covers_what_gmsh_loads() -> None:

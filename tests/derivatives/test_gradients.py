@@ -11,102 +11,119 @@ from pvdf_fem import NotConvergedError, Scene, solve
 from pvdf_fem.derivatives.gradients import gradients
 from pvdf_fem.derivatives.parameters import parameters_of
 from pvdf_fem.film.models import film_model
-from pvdf_fem.scene.change import steps_of
+from pvdf_fem.scene.change import number_at
 from reports.accuracy.drawn import random_scene
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, graded_mesh
 
-OBSERVABLES = ("material", "thesis-edge")
 PLACE = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
 TURNED = TRIANGLE.with_(**{"probe.rotation_deg": 20.0, "film.d32_pC_N": 3.0})
-ORTHOTROPIC = TURNED.with_(**{"film.youngs_modulus_GPa": [2.0, 2.6], "film.poisson_ratio": 0.3})
-STIFF_IN_SHEAR = ORTHOTROPIC.with_(**{"film.shear_modulus_GPa": 1.1})
-TIGHT = TURNED.with_(**{"film.pretension_N_m": 12.0})
-UNEQUAL = ORTHOTROPIC.with_(**{"film.pretension_N_m": [12.0, 5.0]})
+ORTHOTROPIC = {"film.youngs_modulus_GPa": [2.0, 2.6], "film.poisson_ratio": 0.3}
+TIGHT = {"film.pretension_N_m": 12.0}
+UNEQUAL = {**ORTHOTROPIC, "film.pretension_N_m": [12.0, 5.0]}
+EDGES = {"numerics.observable": "thesis-edge"}
+RUBBER = {"film.law": "neo-hookean", "film.youngs_modulus_GPa": 1e-3, "film.poisson_ratio": 0.49}
+RUBBER |= {"film.thickness_um": 200.0, **TIGHT}
+TAPE = {"side_mm": 3.0, "thickness_um": 50.0, "youngs_modulus_GPa": 3.0, "x_mm": 10.0, "y_mm": 0.0}
+WARM = {"probe.temperature_K": 10.0, "film.pyroelectric_uC_m2K": 25.0}
+WIRED = {"film.d31_pC_N": 60.0, "film.coupling": True, "readout.kind": "voltage"}
+PROBES = [
+    {"shape": "triangle", "x_mm": -7.0, "y_mm": 3.0, "force_N": 0.4, "tangential_N": [0.1, 0.2]},
+    {"shape": "circle", "radius_mm": 2.0, "x_mm": 5.0, "y_mm": -4.0},
+]
+FORCE_KEYS = {"probe[0].force_N", *(f"probe[0].tangential_N[{i}]" for i in (0, 1)), "load.force_N"}
+SPHERE = {"shape": "sphere", "radius_mm": 5.0, "x_mm": 5.0, "y_mm": 1.0}
 
 
-def value(scene, key):
-    for name in steps_of(key):
-        scene = scene[name] if isinstance(name, int) else getattr(scene, name)
-    return scene
-
-
-def charges(scene, **how):
-    return np.array(list(solve(scene, **how).charges_pC.values()))
+def values(by_name):
+    return np.array([*by_name.values()])
 
 
 def difference(scene, direction, step, **how):
     """Derivative of the charges along changes by key, central and extrapolated: O(step^4)."""
 
     def at(s):
-        return charges(
-            scene.with_(**{key: value(scene, key) + s * d for key, d in direction.items()}), **how
-        )
+        changes = {key: number_at(scene, key) + s * d for key, d in direction.items()}
+        return values(solve(scene.with_(**changes), **how).charges_pC)
 
     coarse, fine = ((at(s) - at(-s)) / (2 * s) for s in (step, step / 2))
     return (4 * fine - coarse) / 3
 
 
 def along(found, direction):
-    return sum(d * np.array(list(found[key].values())) for key, d in direction.items())
+    return sum(d * values(found[key]) for key, d in direction.items())
 
 
-@pytest.mark.parametrize("observable", OBSERVABLES)
-@pytest.mark.parametrize("load", LOADS)
-def test_force_and_film_on_one_mesh(load, observable):
-    """On one mesh the adjoint gives the derivative of the discrete charges: rounding is left."""
-    scene = TURNED.with_(**LOADS[load], **{"numerics.observable": observable})
-    check_on_one_mesh(scene)
+@pytest.mark.parametrize(
+    ("changes", "keys"),
+    [
+        *((load, {"film.temperature_change_K"}) for load in LOADS.values()),
+        *(({**load, **EDGES}, set()) for load in LOADS.values()),
+        (ORTHOTROPIC, {"film.youngs_modulus_GPa.1"}),
+        ({**ORTHOTROPIC, "film.shear_modulus_GPa": 1.1}, {"film.youngs_modulus_GPa.1"}),
+        (TIGHT, {"film.pretension_N_m"}),
+        (UNEQUAL, {"film.pretension_N_m.0", "film.pretension_N_m.1"}),
+        ({**UNEQUAL, **EDGES}, {"film.pretension_N_m.1"}),
+        (RUBBER, {"film.pretension_N_m", "film.youngs_modulus_GPa"}),
+        ({"film.patches": [TAPE]}, {"film.poisson_ratio"}),
+        ({**RUBBER, "film.patches": [TAPE]}, {"film.thickness_um"}),
+        (WARM, {"probe.temperature_K"}),
+        ({"film.pressure_Pa": 100.0}, {"film.pressure_Pa"}),
+        ({"film.gravity_m_s2": -200.0}, {"film.gravity_m_s2"}),
+        (WIRED, {"load.force_N"}),
+        ({"film.compression": "tension-field"}, {"load.force_N"}),
+    ],
+)
+def test_each_but_the_place_on_one_mesh(changes, keys):
+    """There the adjoint gives the derivative of the discrete charges: rounding is left."""
+    scene = TURNED.with_(**changes)
+    mesh, signs = graded_mesh(scene, 3.0, 15.0), np.random.default_rng(5)
+    known = [key for key in parameters_of(scene) if key not in PLACE]
+    assert keys <= set(known)
+    direction = {k: signs.choice([-1.0, 1.0]) * number_at(scene, k) for k in known}
+    found = gradients(solve(scene, mesh=mesh, order=2), known)
+    expected = difference(scene, direction, 3e-3, mesh=mesh, order=2)
+    assert along(found, direction) == pytest.approx(expected, rel=2e-6)
 
 
-@pytest.mark.parametrize("scene", [ORTHOTROPIC, STIFF_IN_SHEAR])
-def test_both_moduli_of_an_orthotropic_film(scene):
-    assert "film.youngs_modulus_GPa.1" in check_on_one_mesh(scene)
+def test_forces_of_several_probes_by_their_own_keys():
+    scene = Scene(probe=PROBES)
+    mesh, direction = graded_mesh(scene, 3.0, 15.0), {}
+    assert set(parameters_of(scene)) > FORCE_KEYS
+    for i, key in enumerate(sorted(FORCE_KEYS)):
+        direction[key] = 0.1 + 0.05 * i
+    found = gradients(solve(scene, mesh=mesh), sorted(FORCE_KEYS))
+    expected = difference(scene, direction, 0.05, mesh=mesh)
+    assert along(found, direction) == pytest.approx(expected, rel=1e-5)
 
 
-@pytest.mark.parametrize("observable", OBSERVABLES)
-@pytest.mark.parametrize("scene", [TIGHT, UNEQUAL], ids=["even", "unequal"])
-def test_film_of_given_pretension(scene, observable):
-    keys = check_on_one_mesh(scene.with_(**{"numerics.observable": observable}))
-    assert "film.temperature_change_K" not in keys
-    ends = ("",) if scene is TIGHT else (".0", ".1")
-    assert {f"film.pretension_N_m{end}" for end in ends} < set(keys)
-
-
-@pytest.mark.parametrize("scene", [TIGHT, UNEQUAL], ids=["even", "unequal"])
-def test_each_key_of_a_film_of_given_pretension(scene):
-    """One by one, so that errors of two keys cannot cancel."""
-    mesh = graded_mesh(scene, 3.0, 15.0)
-    found = gradients(solve(scene, mesh=mesh, order=2))
-    for key in (key for key in found if key.startswith("film.") and "d3" not in key):
-        direction = {key: value(scene, key)}
-        expected = difference(scene, direction, 4e-3, mesh=mesh, order=2)
-        assert along(found, direction) == pytest.approx(expected, rel=2e-6), key
-
-
-def check_on_one_mesh(scene):
-    mesh = graded_mesh(scene, 3.0, 15.0)
-    keys = [key for key in parameters_of(scene) if key not in PLACE]
-    shares = np.random.default_rng(5).choice([-1.0, 1.0], len(keys)) * np.linspace(
-        0.5, 1, len(keys)
+@pytest.mark.parametrize(
+    ("scene", "direction"),
+    [
+        (TURNED, {"probe.x_mm": 0.3, "probe.y_mm": -0.2, "probe.rotation_deg": 2.0}),
+        (TURNED.with_(**LOADS["follower"]), {"probe.x_mm": 0.3, "probe.rotation_deg": 2.0}),
+        (TURNED.with_(**WARM, **{"probe.x_mm": 6.5}), {"probe.x_mm": 0.1, "probe.y_mm": -0.1}),
+        (Scene(probe=PROBES), {"probe[0].x_mm": 0.3, "probe[1].y_mm": -0.4}),
+        (Scene(probe=SPHERE, load={"kind": "contact"}), {"probe.x_mm": 0.3, "load.force_N": 0.1}),
+        pytest.param(
+            Scene(probe=SPHERE, load={"kind": "contact", "depth_mm": 2.5}),
+            {"load.depth_mm": 0.1, "probe.y_mm": -0.2},
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_places_of_probes_and_tips(scene, direction):
+    """Each place has a mesh of its own, so both sides carry errors of the discretisation."""
+    scene = scene.with_(**{"numerics.tolerance": 1e-4})
+    found = gradients(solve(scene), list(direction))
+    ends = (
+        scene.with_(**{key: number_at(scene, key) + s * d for key, d in direction.items()})
+        for s in (0.5, -0.5)
     )
-    direction = {k: s * value(scene, k) for k, s in zip(keys, shares, strict=True)}
-    found = gradients(solve(scene, mesh=mesh, order=2), keys)
-    expected = difference(scene, direction, 4e-3, mesh=mesh, order=2)
-    assert along(found, direction) == pytest.approx(expected, rel=1e-6)
-    return keys
-
-
-@pytest.mark.parametrize("load", [pytest.param("dead", marks=pytest.mark.slow), "follower"])
-def test_place_of_the_probe(load):
-    """Each place has a mesh of its own, so both sides carry errors of the discretisation.
-
-    The two loads differ by more than the bound.
-    """
-    scene = TURNED.with_(**LOADS[load], **{"numerics.tolerance": 1e-5})
-    direction = {"probe.x_mm": 0.3, "probe.y_mm": -0.2, "probe.rotation_deg": 2.0}
-    found = gradients(solve(scene), PLACE)
-    expected = difference(scene, direction, 0.5)
-    assert np.abs(along(found, direction) - expected).max() < 1e-3 * np.abs(expected).max()
+    plus, minus = (values(solve(end).charges_pC) for end in ends)
+    wrong, most = np.abs(along(found, direction) - plus + minus), np.abs(plus - minus).max()
+    stated = along(found.errors, {key: abs(d) for key, d in direction.items()})
+    assert (wrong <= stated + 4e-3 * most).all()
+    assert stated.max() < 5e-2 * most
 
 
 @pytest.fixture(scope="module")
@@ -114,15 +131,20 @@ def turned():
     return solve(TURNED)
 
 
-def test_force_thickness_and_modulus_by_similarity(turned):
-    """Without bending Q = E g(F/(E h)) with the stress, whatever the pretension's strain."""
-    found, film = gradients(turned), TURNED.film
-    by_force = TURNED.load.force_N * along(found, {"load.force_N": 1.0})
-    by_thickness = film.thickness_um * along(found, {"film.thickness_um": 1.0})
-    by_modulus = film.youngs_modulus_GPa * along(found, {"film.youngs_modulus_GPa": 1.0})
-    charge = np.array(list(turned.charges_pC.values()))
-    assert by_thickness == pytest.approx(-by_force, rel=1e-8)
-    assert by_modulus == pytest.approx(charge - by_force, rel=1e-8)
+@pytest.mark.parametrize("changes", [{}, TIGHT])
+def test_force_thickness_and_modulus_by_similarity(changes):
+    """Q = E g(F/(E h), N/(E h)), or E g(F/(E h)) with a given strain of the pretension."""
+    scene = TURNED.with_(**changes)
+    solution = solve(scene)
+    found = gradients(solution)
+
+    def logarithmic(key):
+        return number_at(scene, key) * values(found[key]) if key in found else 0.0
+
+    outer = logarithmic("load.force_N") + logarithmic("film.pretension_N_m")
+    assert logarithmic("film.thickness_um") == pytest.approx(-outer, rel=1e-8)
+    charge = values(solution.charges_pC)
+    assert logarithmic("film.youngs_modulus_GPa") == pytest.approx(charge - outer, rel=1e-8)
 
 
 def test_piezoelectric_coefficients(turned):
@@ -132,63 +154,49 @@ def test_piezoelectric_coefficients(turned):
     assert found["film.d32_pC_N"] == pytest.approx(turned.charges(0.0, 1.0))
 
 
-def test_a_disc_has_no_orientation():
-    scene = TURNED.with_(**{"probe.shape": "circle", "probe.radius_mm": 4.0})
-    found = gradients(solve(scene), PLACE)
+@pytest.mark.parametrize("kind", ["dead", "contact"])
+def test_what_is_round_has_no_orientation(kind):
+    shape = SPHERE if kind == "contact" else {**SPHERE, "shape": "circle"}
+    found = gradients(solve(Scene(probe=shape, load={"kind": kind})), PLACE)
     assert set(found["probe.rotation_deg"].values()) == {0.0}
     assert set(found.errors["probe.rotation_deg"].values()) == {0.0}
     assert found.relative_errors["probe.rotation_deg"] == 0.0
     assert min(found.errors["probe.x_mm"].values()) > 0.0
+    assert np.abs(values(found["probe.y_mm"])).max() > 1.0
 
 
 def test_a_film_without_a_probe_has_only_its_own_parameters():
+    """N0 alone: Q = A (d31 + d32) E α|ΔT|/(1 - ν), and Q = A (d31 N1 + d32 N2)/h of a given one."""
     solution = solve(Scene())
-    found = gradients(solution)
+    found, charge = gradients(solution), 48.0
     assert not any(key.startswith(("probe", "load")) for key in found)
-    # N0 alone: Q = A (d31 + d32) E α|ΔT|/(1 - ν)
-    for name, charge in solution.charges_pC.items():
-        assert found["film.temperature_change_K"][name] == pytest.approx(-charge, rel=1e-9)
-        by_poisson = charge / (1 - 0.34)
-        assert found["film.poisson_ratio"][name] == pytest.approx(by_poisson, rel=1e-9)
-
-
-def test_force_thickness_and_modulus_by_similarity_at_a_pretension():
-    """Q = E g(F/(E h), N/(E h)): forces and tension count over the thickness."""
-    solution = solve(TIGHT)
-    found, film = gradients(solution), TIGHT.film
-    by_force = TIGHT.load.force_N * along(found, {"load.force_N": 1.0})
-    by_tension = film.pretension_N_m * along(found, {"film.pretension_N_m": 1.0})
-    by_thickness = film.thickness_um * along(found, {"film.thickness_um": 1.0})
-    by_modulus = film.youngs_modulus_GPa * along(found, {"film.youngs_modulus_GPa": 1.0})
-    charge = np.array(list(solution.charges_pC.values()))
-    assert by_thickness == pytest.approx(-by_force - by_tension, rel=1e-8)
-    assert by_modulus == pytest.approx(charge - by_force - by_tension, rel=1e-8)
-
-
-def test_a_flat_film_of_given_pretension_knows_no_stiffness():
-    """Q = A (d31 N1 + d32 N2)/h."""
-    scene = Scene().with_(**{"film.pretension_N_m": [12.0, 5.0], "film.d31_pC_N": 3.0})
-    found = gradients(solve(scene))
+    assert values(found["film.temperature_change_K"]) == pytest.approx(-charge, rel=1e-9)
+    assert values(found["film.poisson_ratio"]) == pytest.approx(charge / (1 - 0.34), rel=1e-9)
+    given = gradients(solve(Scene().with_(**UNEQUAL, **{"film.d31_pC_N": 3.0})))
     charge = 9e-6 * (3.0 * 12.0 + 8.0 * 5.0) / 25e-6
-    for name in "ABCD":
-        assert found["film.pretension_N_m.0"][name] == pytest.approx(9.0 * 3.0 / 25.0, rel=1e-9)
-        assert found["film.pretension_N_m.1"][name] == pytest.approx(9.0 * 8.0 / 25.0, rel=1e-9)
-        assert found["film.thickness_um"][name] == pytest.approx(-charge / 25.0, rel=1e-9)
-        assert found["film.youngs_modulus_GPa"][name] == pytest.approx(0.0, abs=1e-9 * charge)
-        assert found["film.poisson_ratio"][name] == pytest.approx(0.0, abs=1e-9 * charge)
+    expected = {
+        "film.pretension_N_m.0": 9.0 * 3.0 / 25.0,
+        "film.pretension_N_m.1": 9.0 * 8.0 / 25.0,
+    }
+    expected |= {"film.thickness_um": -charge / 25.0, "film.poisson_ratio": 0.0}
+    expected |= {"film.youngs_modulus_GPa.0": 0.0}
+    for key, rate in expected.items():
+        assert values(given[key]) == pytest.approx(rate, rel=1e-9, abs=1e-9 * charge)
 
 
 @pytest.mark.parametrize(
-    ("scene", "key", "match"),
+    ("scene", "key"),
     [
-        (TIGHT, "film.temperature_change_K", "'film.temperature_change_K' is not a parameter"),
-        (RECTANGLE.with_(**LOADS["sliding"]), "probe.x_mm", "'probe.x_mm' of a rigid probe"),
-        (RECTANGLE, "film.radius_mm", "'film.radius_mm' is not a parameter"),
+        (TURNED.with_(**TIGHT), "film.temperature_change_K"),
+        (RECTANGLE.with_(**LOADS["sliding"]), "probe.x_mm"),
+        (RECTANGLE, "film.radius_mm"),
+        (TURNED.with_(**WIRED), "film.d31_pC_N"),
+        (TURNED.with_(**WIRED), "film.thickness_um"),
     ],
 )
-def test_what_has_no_derivative_is_refused(scene, key, match):
+def test_what_has_no_derivative_is_refused(scene, key):
     solution = solve(scene.with_(**{"numerics.tolerance": 1e-2}))
-    with pytest.raises(ValueError, match=match):
+    with pytest.raises(ValueError, match=f"'{key}'"):
         gradients(solution, [key])
 
 
@@ -198,7 +206,7 @@ def test_no_solution_has_no_gradients():
         gradients(solve(slack))
 
 
-@pytest.mark.parametrize("seed", range(2, 10))
+@pytest.mark.parametrize("seed", range(2, 6))
 def test_errors_are_of_the_right_size(seed):
     """Against a much finer tolerance, whose own errors count for it and against it."""
     scene = random_scene(np.random.default_rng(seed), **{"numerics.tolerance": 5e-3})
@@ -225,16 +233,10 @@ def test_tolerance_of_their_own(turned):
     """By the rotation a charge changes so little that its derivative needs finer charges."""
     key, tolerance = "probe.rotation_deg", 3e-2
     rough, found = gradients(turned, [key]), gradients(TURNED, [key], tolerance=tolerance)
-    expected = gradients(solve(TURNED.with_(**{"numerics.tolerance": 1e-5})), [key])
-    limit = tolerance * max(map(abs, expected[key].values()))
-    errors = [
-        {name: abs(value - expected[key][name]) for name, value in table[key].items()}
-        for table in (rough, found)
-    ]
-    assert rough.relative_errors[key] > tolerance
-    assert max(errors[0].values()) > limit
-    assert found.relative_errors[key] <= tolerance
-    assert max(errors[1].values()) <= limit
+    expected = values(gradients(solve(TURNED.with_(**{"numerics.tolerance": 1e-5})), [key])[key])
+    errors = [np.abs(values(table[key]) - expected).max() for table in (rough, found)]
+    assert errors[1] <= tolerance * np.abs(expected).max() < errors[0]
+    assert found.relative_errors[key] <= tolerance < rough.relative_errors[key]
     assert found.solution.scene.numerics.tolerance < TURNED.numerics.tolerance
     assert gradients(turned, [key], tolerance=0.5).solution is turned
 
@@ -245,75 +247,18 @@ def test_a_finer_tolerance_keeps_the_model():
     found = gradients(auto, ["film.thickness_um"], tolerance=2e-4)
     assert found.relative_errors["film.thickness_um"] <= 2e-4
     assert not found.solution.included
-    finer = found.solution.scene.with_(**{"film.bending": "auto"})
-    assert film_model(finer).bends
+    assert film_model(found.solution.scene.with_(**{"film.bending": "auto"})).bends
 
 
 def test_unreachable_tolerance_names_what_to_change():
     few = TURNED.with_(**{"numerics.max_unknowns": 4000})
-    match = r"tolerance_not_reached: .*probe\.rotation_deg .*tolerance = 0\.0001 .*max_unknowns"
-    with pytest.raises(NotConvergedError, match=match):
+    with pytest.raises(NotConvergedError, match=r"probe\.rotation_deg .*max_unknowns"):
         gradients(few, tolerance=1e-4)
 
 
 def test_a_mesh_that_was_given_is_not_left():
     solution = solve(TURNED, mesh=graded_mesh(TURNED, 3.0, 15.0), order=2)
     assert gradients(solution, ["load.force_N"]).solution is solution
-    with pytest.raises(ValueError, match="tolerance"):
-        gradients(solution, ["load.force_N"], tolerance=0.5)
-
-
-@pytest.mark.parametrize("tolerance", [0.0, -1e-3, 1.0, float("nan")])
-def test_tolerance_out_of_range_is_refused_before_meshing(tolerance, monkeypatch):
-    monkeypatch.setattr("pvdf_fem.derivatives.gradients.solve", None)
-    with pytest.raises(ValueError, match=r"tolerance = .*give a number from 0 to 1"):
-        gradients(TURNED, tolerance=tolerance)
-
-
-PROBES = [
-    {"shape": "triangle", "x_mm": -7.0, "y_mm": 3.0, "force_N": 0.4, "tangential_N": [0.1, 0.2]},
-    {"shape": "circle", "radius_mm": 2.0, "x_mm": 5.0, "y_mm": -4.0},
-]
-FORCE_KEYS = {"probe[0].force_N", *(f"probe[0].tangential_N[{i}]" for i in (0, 1)), "load.force_N"}
-SPHERE = {"shape": "sphere", "radius_mm": 5.0, "x_mm": 5.0, "y_mm": 1.0}
-
-
-def test_forces_of_several_probes_by_their_own_keys():
-    scene = Scene(probe=PROBES, numerics={"tolerance": 1e-4})
-    assert set(parameters_of(scene)) > FORCE_KEYS
-    direction = {key: 0.1 + 0.05 * i for i, key in enumerate(sorted(FORCE_KEYS))}
-    found = gradients(solve(scene), sorted(FORCE_KEYS))
-    expected = difference(scene, direction, 0.2)
-    assert along(found, direction) == pytest.approx(expected, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("scene", "direction"),
-    [
-        (Scene(probe=PROBES), {"probe[0].x_mm": 0.3, "probe[1].y_mm": -0.4}),
-        (Scene(probe=SPHERE, load={"kind": "contact"}), {"probe.x_mm": 0.3, "load.force_N": 0.1}),
-        (
-            Scene(probe=SPHERE, load={"kind": "contact", "depth_mm": 2.5}),
-            {"load.depth_mm": 0.1, "probe.y_mm": -0.2},
-        ),
-    ],
-)
-def test_places_of_several_probes_and_of_tips(scene, direction):
-    scene = scene.with_(**{"numerics.tolerance": 1e-4})
-    found = gradients(solve(scene), list(direction))
-    plus, minus = (
-        charges(scene.with_(**{key: value(scene, key) + s * d for key, d in direction.items()}))
-        for s in (0.5, -0.5)
-    )
-    expected = plus - minus
-    wrong, most = np.abs(along(found, direction) - expected), np.abs(expected).max()
-    stated = along(found.errors, {key: abs(d) for key, d in direction.items()})
-    assert (wrong <= stated + 2e-3 * most).all()
-    assert stated.max() < 3e-2 * most
-
-
-def test_a_sphere_that_turns_changes_nothing():
-    scene = Scene(probe=SPHERE, load={"kind": "contact"})
-    found = gradients(solve(scene), ["probe.rotation_deg", "probe.y_mm"])
-    assert max(map(abs, found["probe.rotation_deg"].values())) == 0.0
-    assert max(map(abs, found["probe.y_mm"].values())) > 1.0
+    for tolerance in (0.5, 0.0, -1e-3, 1.0, float("nan")):
+        with pytest.raises(ValueError, match="tolerance"):
+            gradients(solution, ["load.force_N"], tolerance=tolerance)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.integrate import quad
-from scipy.linalg import eigh
 from scipy.special import j0, j1, jn_zeros
 
 from pvdf_fem import Scene, SceneError, modes
@@ -43,19 +41,9 @@ def test_rigid_discs() -> None:
 
 
 def test_modes_in_a_baffle() -> None:
-    """Gamma, added over film's mass on one side, rho_air a/(rho h) taken out; and by Hankel's
-    transform j J1(j) J0(k)/(j^2 - k^2) of J0(j r)."""
+    """Gamma, added over film's mass on one side, rho_air a/(rho h) taken out."""
     gamma = energies(BAFFLED, "0", "1", "2") / (np.pi * j1(ZEROS[:3]) ** 2)
     np.testing.assert_allclose(gamma, [0.7464, 0.2616, 0.1522], atol=5e-5)
-    np.testing.assert_allclose(gamma, [_hankel(j) for j in ZEROS[:3]], rtol=1e-4)
-
-
-def _hankel(j: float) -> float:
-    def square(k: float) -> float:
-        return float((j * j1(j) * j0(k) / (j * j - k * k)) ** 2)
-
-    parts = (quad(square, *ends, limit=200)[0] for ends in ((0.0, j - 1e-6), (j + 1e-6, 300.0)))
-    return float(2.0 * sum(parts) / j1(j) ** 2)
 
 
 def _sneddon(i: float, j: float) -> float:
@@ -70,45 +58,25 @@ def test_modes_without_a_baffle() -> None:
     np.testing.assert_allclose(gamma, [_sneddon(j, j) for j in ZEROS[:3]], rtol=1e-6)
 
 
-def axisymmetric(coefficient: object, scene: Scene) -> Array:
-    """Frequencies of the coupled problem in twelve Bessel functions, Hz."""
-    film = scene.film
-    assert scene.air is not None
-    assert callable(coefficient)
-    areal = film.density * film.thickness
-    share = 2.0 * scene.air.density_kg_m3 * film.radius / areal
-    added = np.array([[coefficient(i, j) for j in ZEROS] for i in ZEROS])
-    squares = eigh(np.diag(ZEROS**2), np.eye(12) + share * added, eigvals_only=True)
-    return np.sqrt(squares * film.stress_at_rest[0] / film.density) / (2 * np.pi * film.radius)
-
-
 def test_frequencies_in_air() -> None:
-    """In a baffle also the numbers of another program: 69.304, 213.16, 363.28 Hz."""
+    """In a baffle by another program; without one by Sneddon's added mass of each mode alone."""
     in_air = Scene().with_(air={"density_kg_m3": 1.204}, **{"numerics.tolerance": 3e-3})
-    baffled = modes(in_air, 15)
-    frequencies = baffled.frequencies_in_air_Hz
-    assert frequencies is not None
-    np.testing.assert_allclose(frequencies[[0, 5, 14]], [69.304, 213.16, 363.28], rtol=1e-3)
-    np.testing.assert_allclose(baffled.frequencies_Hz[0], 117.05, rtol=1e-3)
-    free = modes(in_air.with_(**{"air.baffle": False, "numerics.tolerance": 1e-3}), 6).spectra[AIR]
-    assert free is not None
-    expected = axisymmetric(_sneddon, in_air)[:2]
-    np.testing.assert_allclose(free.frequencies[[0, 5]], expected, rtol=3e-4)
-    assert np.all(np.abs(free.frequencies[[0, 5]] - expected) < 2.0 * free.errors[[0, 5]])
-
-
-def test_errors_of_coarse_meshes_are_of_the_right_size() -> None:
-    scene = Scene().with_(air={}, **{"numerics.tolerance": 1e-2})
-    coarse, exact = modes(scene, 1).spectra[AIR], 69.3026
-    assert coarse is not None
-    true = abs(coarse.frequencies[0] - exact)
-    assert true < 3.0 * coarse.errors[0] < 0.03 * exact
+    baffled, free = (modes(in_air.with_(**{"air.baffle": b}), 15) for b in (True, False))
+    spectrum = baffled.spectra[AIR]
+    assert spectrum is not None
+    known = np.array([69.304, 213.16, 363.28])
+    true = np.abs(spectrum.frequencies[[0, 5, 14]] - known)
+    assert np.all(true < 1e-3 * known)
+    assert np.all(true < 2.0 * spectrum.errors[[0, 5, 14]] + 5e-5 * known)
+    added = 2.0 * 1.204 * 45e-3 / (1760.0 * 25e-6) * np.array([_sneddon(j, j) for j in ZEROS[:2]])
+    found = np.asarray(free.frequencies_in_air_Hz)[[0, 5]] / free.frequencies_Hz[[0, 5]]
+    np.testing.assert_allclose(found, 1.0 / np.sqrt(1.0 + added), rtol=2e-2)
 
 
 def test_a_punch_under_which_air_moves_along() -> None:
     """The volume that the unknowns displace is that of the deflection, and so is the mass."""
-    text = '[probe]\nshape = "circle"\nradius_mm = 8\n[load]\nkind = "rigid"\n[air]\nbaffle = false'
-    scene = Scene.parse(text)
+    probe = {"shape": "circle", "radius_mm": 8.0}
+    scene = Scene().with_(probe=probe, load={"kind": "rigid"}, air={"baffle": False})
     found = modes(scene, 1)
     spectrum = found.spectra[VACUUM]
     equilibrium, (vector,) = spectrum.equilibrium, spectrum.vectors.T
@@ -124,14 +92,10 @@ def test_a_punch_under_which_air_moves_along() -> None:
 def test_air_of_no_density_is_a_vacuum() -> None:
     found = modes(Scene().with_(air={"density_kg_m3": 0.0}), 3)
     np.testing.assert_allclose(found.frequencies_in_air_Hz, found.frequencies_Hz, rtol=1e-9)
-    assert not any("air" in text for text in found.left_out)
 
 
 def test_mistakes_are_told_by_key() -> None:
     with pytest.raises(SceneError) as error:
         Scene.parse('[air]\nbaffle = "no"\ndensity_kg_m3 = -1\n[film]\nloss_tangent = 2\n')
-    told = "\n".join(error.value.problems)
-    assert "air.baffle" in told
-    assert "true or false" in told
-    assert "air.density_kg_m3 = -1" in told
-    assert "film.loss_tangent = 2" in told
+    keys = {text.partition(" = ")[0] for text in error.value.problems}
+    assert keys == {"air.baffle", "air.density_kg_m3", "film.loss_tangent"}

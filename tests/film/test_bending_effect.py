@@ -4,52 +4,37 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from pvdf_fem import Scene, SceneError, solve
+from pvdf_fem import Scene, solve
 from pvdf_fem.film.bending_effect import bending_effect
 from pvdf_fem.film.models import film_model
+from reports.accuracy.drawn import random_scene
 from reports.reference.laminated_disc import LaminatedDisc, Ply
-from tests.helpers.discs import LOADS, RECTANGLE
-
-THICK = {"film.thickness_um": 1000.0}
-
-
-def random_scene(seed):
-    """Anywhere in the ranges of films, probes and loads; one electrode."""
-    random = np.random.default_rng(seed)
-    a = 10 ** random.uniform(0.7, 2.3)
-    r, angle = a * random.uniform(0.0, 0.6), random.uniform(0.0, 2.0 * np.pi)
-    x, y = a * random.uniform(-0.4, 0.4, 2)
-    electrode = {"x_mm": r * np.cos(angle), "y_mm": r * np.sin(angle)}
-    side = a * 10 ** random.uniform(-1.5, -0.7)
-    size = a * 10 ** random.uniform(-1.5, -0.5)
-    return Scene().with_(
-        **{
-            "film.radius_mm": a,
-            "film.thickness_um": 10 ** random.uniform(0.5, 3.0),
-            "film.temperature_change_K": -(10 ** random.uniform(-2.0, 1.5)),
-            "film.poisson_ratio": random.uniform(0.0, 0.49),
-            "electrodes": [{"name": "A", "side_mm": side, **electrode}],
-            "probe": {"shape": "triangle", "side_mm": size, "x_mm": x, "y_mm": y},
-            "load.force_N": 10 ** random.uniform(-3.0, 1.0),
-            "numerics.tolerance": 2e-3,
-        },
-        **LOADS[random.choice(list(LOADS))],
-    )
+from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE
 
 
 @pytest.mark.parametrize("seed", range(100, 112))
 def test_decision_is_never_wrong_by_three_times_the_tolerance(seed):
     """Scenes that the factors were not fitted to: what "auto" leaves out is below 3 tolerances."""
-    scene = random_scene(seed)
+    random = np.random.default_rng(seed)
+    film = {"film.thickness_um": 10 ** random.uniform(0.5, 2.5), "numerics.tolerance": 2e-3}
+    film |= {"film.temperature_change_K": -(10 ** random.uniform(-2.0, 1.5))}
+    load = LOADS[random.choice(list(LOADS))]
+    scene = random_scene(random, **film, **load, **{"numerics.observable": "material"})
     bends = solve(scene.with_(**{"film.bending": True}))
     without = solve(scene, mesh=bends.mesh, order=3)
-    size = np.abs(without.fields.forces.values).sum() * 8.0
-    change = abs(bends.charges_pC["A"] - without.charges_pC["A"]) / size
+    pairs = zip(values(bends.charges_pC), values(without.charges_pC), strict=True)
+    change = max(abs(a / b - 1.0) for a, b in pairs)
     estimate = bending_effect(scene).change
     assert change <= 3.0 * estimate
     if change > 1e-4:
-        assert estimate <= 15.0 * change
+        assert estimate <= 30.0 * change
+
+
+def values(by_name):
+    return np.array([*by_name.values()])
 
 
 @pytest.mark.parametrize("bonded", ["at rest", "before stretching"])
@@ -100,23 +85,27 @@ def test_what_was_decided_is_said(bending, tolerance, joins):
     scene = RECTANGLE.with_(**changes)
     assert film_model(scene).bends is joins
     printed = solve(scene.with_(**{"numerics.tolerance": 1e-2}) if bending is True else scene)
-    said = printed.included if joins else printed.left_out
+    (said,) = printed.included if joins else printed.left_out
     assert not (printed.left_out if joins else printed.included)
-    text = str(bending).lower() if isinstance(bending, bool) else f'"{bending}"'
-    assert f"film.bending = {text}" in said[0]
-    assert f"{100.0 * bending_effect(scene).change:.2g} %" in said[0]
-    assert "0.59 mm at rest, 0.2 mm at the rim" in said[0]
-    assert printed.to_json()["included" if joins else "left_out"] == list(said)
+    assert "film.bending" in said
+    assert f"{100.0 * bending_effect(scene).change:.2g} %" in said
     assert not printed.warnings
 
 
 def test_thick_film_without_bending_has_a_warning():
-    (warning,) = solve(RECTANGLE.with_(**THICK)).warnings
-    assert "bending" in warning
+    thick = RECTANGLE.with_(**{"film.thickness_um": 1000.0})
+    without, auto = (solve(thick.with_(**{"film.bending": b})) for b in (False, "auto"))
+    (warning,) = without.warnings
     assert "film.bending = true" in warning
-    auto = solve(RECTANGLE.with_(**THICK, **{"film.bending": "auto"}))
     assert not auto.warnings
-    assert auto.deflection_max_mm < 0.3 * solve(RECTANGLE.with_(**THICK)).deflection_max_mm
+    assert auto.deflection_max_mm < 0.3 * without.deflection_max_mm
+
+
+def test_a_tip_leaves_bending_out():
+    tip = {"probe.shape": "sphere", "probe.radius_mm": 5.0, "load.kind": "contact"}
+    scene = TRIANGLE.with_(**tip, **{"film.thickness_um": 1000.0, "film.bending": "auto"})
+    assert bending_effect(scene).change > scene.numerics.tolerance
+    assert not film_model(scene).bends
 
 
 def test_nothing_bends_without_a_load():
@@ -124,30 +113,13 @@ def test_nothing_bends_without_a_load():
         assert bending_effect(scene).change == 0.0
 
 
-@pytest.mark.parametrize("temperature_change_K", [-150.0, -1e-12, 0.0, 50.0])
-@pytest.mark.parametrize("force_N", [1e-9, 100.0])
-@pytest.mark.parametrize("thickness_um", [0.5, 1000.0])
-def test_estimate_is_a_part(temperature_change_K, force_N, thickness_um):
-    for load in LOADS.values():
-        scene = RECTANGLE.with_(
-            **{
-                "film.temperature_change_K": temperature_change_K,
-                "load.force_N": force_N,
-                "film.thickness_um": thickness_um,
-            },
-            **load,
-        )
-        assert 0.0 <= bending_effect(scene).change <= 1.0
-
-
-@pytest.mark.parametrize("value", ["yes", 1, [True]])
-def test_other_values_are_refused(value):
-    with pytest.raises(SceneError, match=r'film\.bending = .* give true, false or "auto"'):
-        Scene().with_(**{"film.bending": value})
-
-
-@pytest.mark.parametrize("bending", ["true", "false", '"auto"'])
-def test_scene_file_keeps_the_choice(bending):
-    scene = Scene.parse(f"[film]\nbending = {bending}\n")
-    assert f"bending = {bending}\n" in scene.to_toml()
-    assert Scene.parse(scene.to_toml()) == scene
+@given(
+    temperature_change_K=st.sampled_from([-150.0, -1e-12, 0.0, 50.0]),
+    force_N=st.floats(1e-9, 100.0),
+    thickness_um=st.floats(0.5, 1000.0),
+    load=st.sampled_from(list(LOADS)),
+)
+def test_estimate_is_a_part(temperature_change_K, force_N, thickness_um, load):
+    film = {"temperature_change_K": temperature_change_K, "thickness_um": thickness_um}
+    scene = RECTANGLE.with_(film=film, load={"force_N": force_N}, **LOADS[load])
+    assert 0.0 <= bending_effect(scene).change <= 1.0

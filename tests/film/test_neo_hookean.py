@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.linalg import sqrtm
 
-from pvdf_fem import Scene, SceneError, gradients, solve
-from pvdf_fem.film.laws.law import Hooke
+from pvdf_fem import Scene, solve
 from pvdf_fem.film.laws.neo_hookean import NeoHookean
 from pvdf_fem.scene.film import plane_stress
 from reports.reference.neo_hookean_inflation import inflated
@@ -25,7 +23,6 @@ RUBBER = Scene().with_(
 )
 DISC = {"shape": "circle", "radius_mm": 4.0, "x_mm": 6.0, "y_mm": 2.0}
 PATCH = {"shape": "circle", "x_mm": -18.0, "y_mm": 4.0, "radius_mm": 6.0, "thickness_um": 300.0}
-WARM = {"probe.temperature_K": 20.0, "film.thermal_expansion_per_K": 5e-4}
 
 
 def law(nu: float, kind: type = NeoHookean) -> NeoHookean:
@@ -53,14 +50,6 @@ def test_stretches_in_one_and_two_directions(nu, stretch):
     assert stretch * both == pytest.approx([wanted, wanted, 0.0], abs=1e-15)
 
 
-@pytest.mark.parametrize("nu", [0.0, 0.34, 0.499])
-def test_small_strains_are_hookes(nu):
-    strain, small = np.array([0.3, -0.5, 0.4]), 1e-7
-    found = law(nu).stress(small * strain, NONE) / small
-    assert found == pytest.approx(law(nu, Hooke).stress(strain, NONE), rel=1e-5)
-    assert law(nu).moduli(NONE, NONE) == pytest.approx(plane_stress(1.0, 1.0, nu), abs=1e-14)
-
-
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.49])
 def test_stress_and_moduli_are_derivatives_of_the_energy(nu):
     random = np.random.default_rng(3)
@@ -82,7 +71,8 @@ def test_a_strain_at_rest_is_a_deformation_before(nu):
     wanted = before @ whole @ before / J
     found = law(nu).stress(green(F), green(before))
     assert found == pytest.approx([wanted[0, 0], wanted[1, 1], wanted[0, 1]], rel=1e-12)
-    assert sqrtm(before @ before) == pytest.approx(before)
+    energy = law(nu).energy(green(F), green(before))
+    assert energy == pytest.approx(law(nu).energy(green(F @ before), NONE) / J)
 
 
 def test_a_pretension_that_is_given_is_the_tension_at_rest():
@@ -112,56 +102,3 @@ def test_large_strains_are_remarked_where_the_law_ends():
     assert not about_strain(stretched)
     assert about_strain(stretched.with_(**{"film.law": "hooke"}))
     assert about_strain(RUBBER.with_(**{"film.pressure_Pa": 4500.0}))
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"probe": DISC, "load.force_N": 0.5},
-        {"probe": DISC, "load.force_N": 0.5, "film.patches": [PATCH]},
-        pytest.param({"probe": DISC, "load.force_N": 0.5, **WARM}, marks=pytest.mark.slow),
-        pytest.param(
-            {"probe": DISC, "load.force_N": 0.5, **WARM, "film.patches": [PATCH]},
-            marks=pytest.mark.slow,
-        ),
-    ],
-    ids=["even", "patch", "warm", "warm with a patch"],
-)
-def test_gradients_are_those_of_solves(changes):
-    fine = {"numerics.tolerance": 1e-4, "film.pretension_N_m": 10.0}
-    scene = RUBBER.with_(**fine, **changes)
-    values = {
-        "film.youngs_modulus_GPa": 1e-3,
-        "film.thickness_um": 200.0,
-        "load.force_N": 0.5,
-        "film.pretension_N_m": 10.0,
-    }
-    found = gradients(scene, list(values))
-    for key, value in values.items():
-        moved = [solve(scene.with_(**{key: (1.0 + s) * value})).charges_pC for s in (0.02, -0.02)]
-        largest = max(map(abs, found[key].values()))
-        for name, rate in found[key].items():
-            wanted = (moved[0][name] - moved[1][name]) / (0.04 * value)
-            assert rate == pytest.approx(wanted, abs=1e-2 * largest)
-
-
-def test_a_stiff_patch_keeps_the_strain_below_it_small():
-    pressed = RUBBER.with_(**{"probe": DISC, "load.force_N": 0.5})
-    stiff = pressed.with_(**{"film.patches": [{**PATCH, "youngs_modulus_GPa": 1.0}]})
-    strains = [solve(scene).at(-18.0, 4.0).strain for scene in (pressed, stiff)]
-    assert np.abs(strains[1]).max() < 0.05 * np.abs(strains[0]).max()
-
-
-@pytest.mark.parametrize(
-    ("changes", "key"),
-    [
-        ({"film.youngs_modulus_GPa": [1.0, 2.0]}, "film.law"),
-        ({"film.shear_modulus_GPa": 1.0}, "film.law"),
-        ({"film.compression": "tension-field"}, "film.compression"),
-        ({"film.bending": "auto"}, "film.bending"),
-        ({"film.coupling": True}, "film.coupling"),
-    ],
-)
-def test_what_it_is_not_combined_with_is_refused_by_key(changes, key):
-    with pytest.raises(SceneError, match=f"{key}.*(neo-hookean|isotropic)"):
-        RUBBER.with_(**changes)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.polynomial import polynomial
 from scipy.optimize import brentq
 from scipy.special import iv, jv, kv
 
-from pvdf_fem import Scene, solve
+from pvdf_fem import solve
 from pvdf_fem.charges.forces import charges_of, goal_forces
 from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.dynamics.modes import modes
@@ -23,9 +22,7 @@ from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.solution.first_sizes import first_sizes
 from pvdf_fem.solvers.newton import factorise, negative_pivots
 from reports.reference.circular_plate import (
-    clamped_plate_deflection,
     stretched_plate_deflection,
-    von_karman_plate,
 )
 from tests.helpers.discs import (
     LOADS,
@@ -63,11 +60,6 @@ def plate(thickness_um, patch_radius=1.0, tension=0.0, **changes):
     )
 
 
-def plate_of(equilibrium):
-    [term] = [term for term in equilibrium.terms if isinstance(term, Plate)]
-    return term
-
-
 def solved(scene, patch_mm=1.0):
     """On a mesh of fixed sizes, as charges of a nearly flat plate are second-order small."""
     mesh = graded_mesh(scene, min(patch_mm, scene.probe.radius_mm), 2.0 * patch_mm)
@@ -80,16 +72,8 @@ def profile(solution):
     return np.minimum(radius, 1.0), solution.displacement[:, 2]
 
 
-@pytest.mark.parametrize(("thickness_um", "patch_radius"), [(0.5, 0.02), (1000.0, 1.0)])
-def test_clamped_plate(thickness_um, patch_radius):
-    """F a^2/(16 pi D) and p a^4/(64 D) with the correction for a disc."""
-    scene = plate(thickness_um, patch_radius)
-    expected = LOAD * clamped_plate_deflection(patch_radius) * 1e-3 * thickness_um
-    assert solved(scene, 2.0).deflection_max_mm == pytest.approx(expected, rel=1e-4)
-
-
-@pytest.mark.parametrize("bending_length", [pytest.param(0.5, marks=pytest.mark.slow), 0.1])
-def test_stretched_plate(bending_length):
+def test_stretched_plate():
+    bending_length = 0.1
     scene = plate(20.0, 0.2, bending_length**-2)
     solution = solved(scene)
     radius, w = profile(solution)
@@ -111,7 +95,7 @@ def stretched(widths):
     return solve(scene, mesh=model_mesh(scene, sizes), order=3), membrane, membrane - bent
 
 
-@pytest.mark.parametrize("widths", [3.0, 6.0, 10.0, 15.0, 25.0, 50.0, 200.0])
+@pytest.mark.parametrize("widths", [3.0, 10.0, 25.0, 200.0])
 def test_layer_narrower_than_the_elements(widths):
     solution, membrane, lost = stretched(widths)
     found = membrane - 1e-3 * solution.deflection_max_mm
@@ -143,23 +127,6 @@ def test_the_stated_error_has_what_is_uncertain():
     assert np.all(stated >= np.abs(with_layers - without))
 
 
-@pytest.mark.parametrize(("load", "tension"), [(10.0, 0.0), (1e3, 0.0), (1e3, 50.0)])
-def test_large_deflection(load, tension):
-    """von Karman's plate under a uniform pressure P = p a^4/(D h), at slopes of 1e-3."""
-    scene = plate(20.0, 1.0, tension)
-    film, D = scene.film, plate_stiffness(scene.film)[0, 0]
-    force = np.pi * load * D * film.thickness / film.radius**2
-    solution = solved(scene.with_(**{"load.force_N": force}), 2.0)
-    expected = von_karman_plate(load, poisson_ratio=0.3, pretension=tension)
-    found = 1e-3 * solution.deflection_max_mm / film.thickness
-    assert found == pytest.approx(expected.deflection, rel=1e-4)
-    membrane, state = solution.fields.equilibrium.membrane, solution.fields.state
-    points = membrane.space.basis.global_coordinates()
-    nearest = np.unravel_index(np.hypot(*points).argmin(), points.shape[1:])
-    stress = film.thickness * state.stress[nearest][0] * film.radius**2 / D
-    assert stress == pytest.approx(float(expected.tensions(0.0)[0]), rel=1e-3)
-
-
 def punched(radius, b, length):
     """Deflection in F/N around a rigid punch on a stretched plate: flat at the punch's edge."""
 
@@ -174,8 +141,8 @@ def punched(radius, b, length):
     return np.tensordot(factors, functions(radius), 1) - np.log(radius) / (2.0 * np.pi)
 
 
-@pytest.mark.parametrize("bending_length", [pytest.param(0.3, marks=pytest.mark.slow), 0.1])
-def test_punch_keeps_the_film_horizontal_up_to_its_edge(bending_length):
+def test_punch_keeps_the_film_horizontal_up_to_its_edge():
+    bending_length = 0.1
     scene = plate(20.0, 0.2, bending_length**-2, **LOADS["sliding"])
     scale = LOAD * scene.film.thickness * bending_length**2
     radius, w = profile(solved(scene))
@@ -211,13 +178,17 @@ ORTHOTROPIC = {"film.youngs_modulus_GPa": [50.0, 1.0], "film.poisson_ratio": 0.3
 @pytest.mark.parametrize("order", [2, 3, 4])
 @pytest.mark.parametrize("material", [{}, ORTHOTROPIC, {"film.poisson_ratio": 0.499}])
 def test_clamped_film_resists_any_bending(order, material):
-    """Elements from 1 to 40 mm, and as small a penalty as they bear."""
-    scene = TRIANGLE.with_(**material)
-    space = Space(graded_mesh(scene, 1.0, 40.0, 1.5), order)
-    matrix = Plate(space, scene.film, NONE).form.matrix
-    free = np.setdiff1d(np.arange(space.basis.N), space.basis.get_dofs(RIM).all())
-    assert abs(matrix - matrix.T).max() <= 1e-12 * abs(matrix).max()
-    assert negative_pivots(factorise(matrix[free][:, free].tocsc())) == 0
+    """Elements from 1 to 40 mm, and beside a cusp where the probe's circle touches electrodes."""
+    cusp = plate(20.0, 0.2, 100.0)
+    beside = model_mesh(cusp, first_sizes(cusp, 3))
+    assert compression(beside).min() > 0.2
+    film = TRIANGLE.with_(**material).film
+    for mesh in (graded_mesh(TRIANGLE, 1.0, 40.0, 1.5), *([] if material else [beside])):
+        space = Space(mesh, order)
+        matrix = Plate(space, film, NONE).form.matrix
+        free = np.setdiff1d(np.arange(space.basis.N), space.basis.get_dofs(RIM).all())
+        assert abs(matrix - matrix.T).max() <= 1e-12 * abs(matrix).max()
+        assert negative_pivots(factorise(matrix[free][:, free].tocsc())) == 0
 
 
 @pytest.mark.parametrize("order", [2, 3, 4])
@@ -231,116 +202,18 @@ def test_flat_film_and_constant_moments_need_no_forces(order):
         assert np.abs(forces[inner]).max() < 1e-10 * abs(matrix).max() * np.abs(w).max()
 
 
-def test_order_1_cannot_bend():
-    with pytest.raises(ValueError, match=r"order = 1: .* give 2 or 3"):
-        Equilibrium(TRIANGLE.with_(**PLATE), uniform_mesh(TRIANGLE, 10.0), 1)
-
-
-def bent(kind, order=3):
-    """Equations in which bending, stretching and the load are of a size, with random states."""
-    scene = TRIANGLE.with_(
-        **{"film.thickness_um": 1000.0, "load.force_N": 2e3, **PLATE}, **LOADS[kind]
-    )
-    problem = Equilibrium(scene, uniform_mesh(scene, 15.0), order)
-    random = np.random.default_rng(4)
-    return problem, *(1e-4 * random.normal(size=(2, problem.unknowns.count)))
-
-
-@pytest.mark.parametrize("kind", LOADS)
-def test_tangent_is_the_derivative_of_the_residual(kind):
-    problem, q, d = bent(kind)
-    residual = {s: problem.residual(problem.state(q + s * d)) for s in (-2, -1, 1, 2)}
-    difference = (residual[-2] - 8 * residual[-1] + 8 * residual[1] - residual[2]) / 12
-    derivative = problem.tangent(problem.state(q)) @ d
-    assert np.abs(derivative - difference).max() <= 1e-10 * np.abs(difference).max()
-    bending = plate_of(problem).coupled_tangent(problem.assembly, problem.state(q)) @ d
-    assert np.linalg.norm(bending) > 1e-2 * np.linalg.norm(derivative)
-
-
-def test_energy_along_a_step_has_the_residual_as_its_slope():
-    problem, q, d = bent("dead")
-    state = problem.state(q)
-    quartic = problem.energy_along(state, d, float(problem.residual(state) @ d))
-    s = np.array([-1.0, 0.5, 2.0])
-    slopes = [problem.residual(problem.state(q + length * d)) @ d for length in s]
-    assert polynomial.polyval(s, polynomial.polyder(quartic)) == pytest.approx(slopes, rel=1e-10)
-
-
 def test_richer_space_has_the_energy_of_the_function_written_in_it():
     """Else the estimate would correct what is no error; edges of the rim are curved."""
-    problem, q, _ = bent("dead", 2)
-    rich = Equilibrium(problem.scene, problem.membrane.space.mesh, 3)
-    prolong = prolongation(problem, rich)
-    energy = plate_of(rich).energy(rich.state(prolong @ q))
-    assert energy == pytest.approx(plate_of(problem).energy(problem.state(q)), rel=1e-3)
-
-
-@pytest.mark.parametrize("kind", ["dead", "stuck"])
-def test_vanishing_thickness_gives_the_membrane(kind):
-    """At the same F/h: what bending changes falls with it, as its length, which goes as h.
-
-    Charges are within 1e-3, a third of the middle change, so that a factor of 4 may look like 2.
-    """
-    changes = []
-    for thickness_um in (100.0, 25.0, 1.0):
-        scene = RECTANGLE.with_(
-            **{"film.thickness_um": thickness_um, "load.force_N": thickness_um / 25.0},
-            **LOADS[kind],
-        )
-        bends = solve(scene.with_(**PLATE))
-        charges = solve(scene, mesh=bends.mesh, order=3).charges_pC
-        changes.append(max(abs(bends.charges_pC[k] / charges[k] - 1) for k in charges))
-    assert changes[0] > 2.0 * changes[1] > 20.0 * changes[2] > 0.0
-    assert changes[2] < 3e-4
-
-
-HONEST = {
-    "thin": RECTANGLE.with_(**{"film.thickness_um": 9.0}),
-    "thick": RECTANGLE.with_(**{"film.thickness_um": 110.0}),
-    "plate": TRIANGLE.with_(**{"film.thickness_um": 1000.0}),
-    "punch": RECTANGLE.with_(**{"film.thickness_um": 110.0}, **LOADS["sliding"]),
-    "stuck": RECTANGLE.with_(**LOADS["stuck"]),
-}
-
-
-@pytest.mark.parametrize(
-    "case",
-    [
-        "thin",
-        "plate",
-        *(pytest.param(case, marks=pytest.mark.slow) for case in ("thick", "punch", "stuck")),
-    ],
-)
-def test_error_estimates_are_honest(case):
-    scene = HONEST[case].with_(**PLATE, **{"numerics.tolerance": 3e-3})
-    solution, exact = solve(scene), solve(scene.with_(**{"numerics.tolerance": 3e-4}))
-    found, reference, estimate = (
-        np.array(list(values.values()))
-        for values in (solution.charges_pC, exact.charges_pC, solution.charge_errors_pC)
-    )
-    wrong = np.abs(found - reference)
-    worst = np.argmax(wrong / reference)
-    assert wrong[worst] <= scene.numerics.tolerance * reference[worst]
-    assert estimate[worst] > 0.5 * wrong[worst]
-
-
-def test_film_in_compression_buckles_at_the_load_of_a_plate():
-    """N = -14.68 D/a^2 (Timoshenko and Gere, Theory of Elastic Stability, section 7.3)."""
-    below, above = (plate(1000.0, tension=N, **{"load.force_N": 0.0}) for N in (-14.0, -15.4))
-    assert solve(below).status == "converged"
-    assert solve(above).status == "unstable"
-
-
-# vibration
-
-
-def test_clamped_plate_vibrates():
-    """k^2 of the modes 01, 11 twice, 21 twice: Leissa, Vibration of Plates (NASA SP-160), 2.1."""
-    scene = plate(1000.0, **{"probe": None, "numerics.tolerance": 1e-3})
-    film, D = scene.film, plate_stiffness(scene.film)[0, 0]
-    unit = np.sqrt(D / (film.density * film.thickness)) / (2 * np.pi * film.radius**2)
-    found = modes(scene, 5).frequencies_Hz / unit
-    np.testing.assert_allclose(found, [10.2158, 21.2606, 21.2606, 34.8770, 34.8770], rtol=1e-3)
+    scene = TRIANGLE.with_(**PLATE)
+    coarse, rich = (Equilibrium(scene, uniform_mesh(scene, 15.0), order) for order in (2, 3))
+    q = 1e-4 * np.random.default_rng(4).normal(size=coarse.unknowns.count)
+    energies = [
+        term.energy(equations.state(x))
+        for equations, x in ((coarse, q), (rich, prolongation(coarse, rich) @ q))
+        for term in equations.terms
+        if isinstance(term, Plate)
+    ]
+    assert energies[1] == pytest.approx(energies[0], rel=1e-3)
 
 
 @pytest.mark.parametrize("bending", [True, "auto"])
@@ -358,21 +231,3 @@ def test_stretched_plate_vibrates(bending):
     unit = np.sqrt(D / (film.density * film.thickness)) / (2 * np.pi * film.radius**2)
     (found,) = modes(scene, 1).frequencies_Hz
     assert found == pytest.approx(p * np.sqrt(p**2 + N) * unit, rel=1e-4)
-
-
-def test_modes_say_what_they_leave_out():
-    assert "bending" not in modes(Scene().with_(**PLATE), 1).left_out[0]
-
-
-@pytest.mark.parametrize("order", [2, 3, 4])
-def test_form_is_positive_definite_beside_a_cusp(order):
-    """The probe's circle touches corners of the electrodes; distorted elements would not do."""
-    scene = plate(20.0, 0.2, 100.0)
-    mesh = model_mesh(scene, first_sizes(scene, 3))
-    assert compression(mesh).min() > 0.2
-    equilibrium = Equilibrium(scene, mesh, order)
-    deflections = np.flatnonzero(equilibrium.unknowns.deflections())
-    flat = equilibrium.state(np.zeros(equilibrium.unknowns.count))
-    tangent = plate_of(equilibrium).coupled_tangent(equilibrium.assembly, flat)
-    stiffness = tangent[deflections][:, deflections].tocsc()
-    assert negative_pivots(factorise(stiffness)) == 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvdf_fem import Scene, SceneError, solve
+from pvdf_fem import Scene, solve
 from pvdf_fem.mesh.symmetry import WHOLE, part_of
 from pvdf_fem.solution.solve import rest_charges
 
@@ -50,8 +50,3 @@ def test_the_stress_anywhere_is_the_one_that_makes_the_charge():
     assert part_of(solution.scene) is WHOLE
     change = solution.charge_changes_pC["A"]
     assert change == pytest.approx(solution.charges_pC["A"] - 1e12 * rest_charges(scene)[0])
-
-
-def test_a_cosine_without_its_sine_is_refused():
-    with pytest.raises(SceneError, match=r"film\.rim_displacement_um"):
-        Scene().with_(**{"film.rim_displacement_um": [0.0, 1.0]})

@@ -43,7 +43,7 @@ def test_deflection_map_shows_deflection_charges_and_outlines(solution: Solution
     ax = axes()
     assert solution.plot(ax=ax) is ax.figure
     for name, charge in solution.charges_pC.items():
-        assert any(name in text and f"{charge:.4g} pC" in text for text in labels(ax))
+        assert any(name in text and f"{charge:.4g} ± " in text for text in labels(ax))
     levels = ax.collections[0].levels
     assert levels[0] <= 0.0
     assert solution.deflection_max_mm <= levels[-1] <= 1.2 * solution.deflection_max_mm
@@ -72,7 +72,7 @@ def test_a_film_that_is_pulled_is_palest_where_it_stays(monkeypatch: pytest.Monk
 def test_maps_of_a_flat_film(tmp_path: Path) -> None:
     ax, flat = axes(), solve(Scene())
     flat.plot(ax=ax)
-    assert all("48 pC" in text for text in labels(ax))
+    assert all("48 ± " in text for text in labels(ax))
     for name in ("stress", "principal directions", "error"):
         save(flat.plot(name), tmp_path / "flat.png")
 
@@ -162,3 +162,33 @@ def test_charges_as_a_table_of_pandas(solution: Solution) -> None:
     assert table.index.tolist() == list("ABCD")
     assert table.charges_pC.to_dict() == solution.charges_pC
     assert table.charge_changes_pC["A"] == solution.charge_changes_pC["A"]
+
+
+def test_a_contact_is_enlarged_unless_a_reach_is_given(touched: Solution) -> None:
+    own, given = axes(), axes()
+    touched.plot("contact", ax=own)
+    touched.plot("contact", ax=given, reach_mm=15.0)
+    edge = touched.contacts["probe"].edge_mm
+    assert np.ptp(edge, axis=0).max() < np.ptp(own.get_xlim()) < 2.0 * np.ptp(edge, axis=0).max()
+    [inset] = own.child_axes
+    np.testing.assert_allclose(inset.lines[-1].get_xydata()[0], [5.0, 1.0], atol=0.1)
+    assert np.ptp(given.get_xlim()) == pytest.approx(30.0, rel=0.05)
+    assert not given.child_axes
+
+
+@pytest.mark.parametrize("reach_mm", [0.0, -5.0, float("nan")])
+def test_a_reach_is_positive(solution: Solution, reach_mm: float) -> None:
+    with pytest.raises(ValueError, match="reach_mm"):
+        solution.plot(reach_mm=reach_mm)
+
+
+def test_the_title_says_what_presses_and_many_electrodes_have_names_only(
+    solution: Solution,
+) -> None:
+    ax = axes()
+    solution.plot(ax=ax)
+    assert "1 N" in ax.get_title()
+    ring = {"layout": "ring", "count": 16, "shape": "circle", "radius_mm": 1.0}
+    many = solve(solution.scene.with_(electrodes=ring))
+    many.plot(ax=(crowded := axes()))
+    assert labels(crowded) == list(many.charges_pC)

@@ -48,27 +48,23 @@ def test_a_page_needs_nothing_else(solution: Solution, tmp_path: Path) -> None:
         solution.view("mesh")
 
 
-def test_without_pyvista_it_says_what_to_install(
-    solution: Solution, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "pyvista", None)
-    with pytest.raises(ImportError, match=r"pvdf-fem\[view\]"):
-        solution.view()
-
-
-def test_without_a_way_to_render_it_says_what_to_install_and_python_goes_on(
+def test_what_is_missing_is_named(
     solution: Solution, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """A stand-in for Python ends as VTK does without EGL, OSMesa and a display."""
+    """A package, or a way to render: a stand-in for Python ends as VTK does without EGL, OSMesa
+    and a display, and Python goes on."""
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "pyvista", None)
+        with pytest.raises(ImportError, match=r"pvdf-fem\[view\]"):
+            solution.view()
     pytest.importorskip("pyvista", reason="views in 3-D need pyvista")
     from pvdf_fem.output.film_view import NoRenderingError, require_rendering
 
-    crashes = tmp_path / "python"
+    crashes, page = tmp_path / "python", tmp_path / "film.html"
     crashes.write_text("#!/bin/sh\nkill -SEGV $$\n")
     crashes.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(crashes))
     require_rendering.cache_clear()
-    page = tmp_path / "film.html"
     with pytest.raises(NoRenderingError, match="libegl1"):
         solution.view(html=page)
     assert not page.exists()

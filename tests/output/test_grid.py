@@ -54,7 +54,5 @@ def test_points_need_pairs_of_coordinates_and_the_film(solution):
         solution.at(13.0, 0.0)
     with pytest.raises(ValueError, match="outside"):
         solution.at(13.0, 0.0, outside="zero")
-    assert np.isnan(solution.at([0.0, 13.0], 0.0, outside="nan").deflection_mm).tolist() == [
-        False,
-        True,
-    ]
+    deflections = solution.at([0.0, 13.0], 0.0, outside="nan").deflection_mm
+    assert np.isnan(deflections).tolist() == [False, True]

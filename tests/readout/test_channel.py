@@ -25,18 +25,14 @@ def test_the_thesis_circuit_is_a_voltage_readout() -> None:
     assert shares == pytest.approx([0.856, 0.911], abs=5e-4)
 
 
-def test_charge_amplifiers_know_neither_electrode_nor_cable() -> None:
+def test_charge_amplifiers_know_neither_electrode_nor_cable_and_without_a_readout_are_ideal():
     readout = {"feedback_capacitance_pF": 500.0, "feedback_resistance_MOhm": 1e3}
     for thickness in (9.0, 110.0):
         scene = Scene().with_(**{"readout": readout, "film.thickness_um": thickness})
         assert {(c.capacitance, c.time_constant) for c in channels(scene)} == {(5e-10, 0.5)}
-
-
-def test_without_a_readout_channels_are_ideal() -> None:
-    assert [c.name for c in channels(Scene())] == ["A", "B", "C", "D"]
-    assert all(
-        c.gain == 1.0 and not c.offset and math.isinf(c.resistance) for c in channels(Scene())
-    )
+    ideal = channels(Scene())
+    assert [c.name for c in ideal] == ["A", "B", "C", "D"]
+    assert {(c.gain, c.offset, c.resistance) for c in ideal} == {(1.0, 0.0, math.inf)}
 
 
 def test_a_charge_is_read_through_gain_and_offset() -> None:

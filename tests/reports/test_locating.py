@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,26 +19,18 @@ from reports.locating import signals, touches
 from reports.locating.signals import Taps
 from reports.locating.touches import LAYOUTS, NOISE, Located
 from tests.helpers.streams import Rested
-from tests.helpers.touch_models import DOMAIN, POINTS, Bumps
+from tests.helpers.touch_models import POINTS, Bumps
 
 DISC = {"shape": "circle", "radius_mm": 4.0}
 
 
-@dataclass(frozen=True, eq=False)
-class MadeUp(Bumps):
+def of_scene(scene, kind=Bumps):
     """Made-up charges that serve as a response."""
-
-    def for_scene(self, scene, processes):
-        return of_scene(scene, type(self))
-
-
-def of_scene(scene, kind=MadeUp):
-    places = np.array([[e.x_mm, e.y_mm] for e in scene.electrode_list])
-    names = tuple(e.name for e in scene.electrode_list)
-    return kind(scene, POINTS[scene.single_probe.shape], places, names, domain=DOMAIN)
+    points = POINTS[scene.single_probe.shape]
+    return kind(scene, points, np.empty(0), ()).for_scene(scene)
 
 
-def charges_of(scene, kind=MadeUp):
+def charges_of(scene, kind=Bumps):
     probe, model = scene.single_probe, of_scene(scene, kind)
     touch = [[probe.x_mm, probe.y_mm, probe.rotation_deg, scene.load.force_N]]
     return model.evaluate(np.array(touch, dtype=float))[0][0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import pickle
 from pathlib import Path
@@ -24,40 +23,24 @@ class Hostile:
         return os.mkdir, (str(self.folder),)
 
 
-@pytest.fixture
-def executed(tmp_path: Path) -> Path:
-    """A folder that is there once a hostile file has been executed."""
-    return tmp_path / "executed"
-
-
-@pytest.fixture(params=["pickle", "npy", "npz"])
-def hostile(request: pytest.FixtureRequest, executed: Path) -> bytes:
-    """A file that executes when it is read as it might be."""
-    if request.param == "pickle":
-        return pickle.dumps(Hostile(executed))
-    array, file = np.array([Hostile(executed)], dtype=object), io.BytesIO()
-    if request.param == "npy":
-        np.save(file, array, allow_pickle=True)
-    else:
-        np.savez(file, offsets_mm=array, material=array)
-    return file.getvalue()
-
-
-def test_the_hostile_files_would_execute(hostile: bytes, executed: Path) -> None:
-    array = np.load(io.BytesIO(hostile), allow_pickle=True)
-    if isinstance(array, np.lib.npyio.NpzFile):
-        array["offsets_mm"]
-    assert executed.is_dir()
-
-
-def test_records_and_models_in_the_results_are_not_executed(hostile, executed, tmp_path):
-    store, model = tmp_path / "results.db", tmp_path / "a.response"
-    with Store(store):
-        pass
-    for path in (store, model):
-        path.write_bytes(hostile)
+@pytest.mark.parametrize("form", ["pickle", "npy", "npz"])
+def test_records_and_models_in_the_results_are_not_executed(tmp_path: Path, form: str) -> None:
+    """Files that would execute, which is shown first, when they are read as they might be."""
+    executed, path = tmp_path / "executed", tmp_path / "a.response"
+    array = np.array([Hostile(executed)], dtype=object)
+    with path.open("wb") as file:
+        if form == "pickle":
+            pickle.dump(Hostile(executed), file)
+        elif form == "npy":
+            np.save(file, array, allow_pickle=True)
+        else:
+            np.savez(file, offsets_mm=array, material=array)
+    found = np.load(path, allow_pickle=True)
+    if form == "npz":
+        found["offsets_mm"]
+    executed.rmdir()
     with pytest.raises(StoreError):
-        Store(store).__enter__()
+        Store(path).__enter__()
     with pytest.raises(ValueError, match=r"a\.response"):
-        Response.load(model)
+        Response.load(path)
     assert not executed.exists()

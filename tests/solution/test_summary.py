@@ -4,7 +4,7 @@ import pytest
 
 from pvdf_fem import Scene
 from pvdf_fem.dynamics.modes import modes
-from pvdf_fem.solution.summary import rounded
+from pvdf_fem.told import rounded
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,9 @@ from pvdf_fem import solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
-from pvdf_fem.solvers.newton import NewtonOptions
+from pvdf_fem.solvers.newton import NewtonOptions, Step
 from pvdf_fem.solvers.status import Status
+from pvdf_fem.solvers.wrinkling import PredictedStress, barely_loaded
 from tests.helpers.discs import LOADS, TRIANGLE, free_disc, graded_mesh
 
 WRINKLING = {"film.compression": "tension-field", "film.temperature_change_K": 10.0}
@@ -21,18 +22,12 @@ def mesh():
     return graded_mesh(TRIANGLE, 2.5, 12.0)
 
 
-@pytest.mark.parametrize("kind", LOADS)
-def test_a_cold_film_needs_the_first_solver_only(mesh, kind):
-    result = equilibrate(Equilibrium(TRIANGLE.with_(**LOADS[kind]), mesh))
-    assert result.status is Status.CONVERGED
-    assert result.tried == ()
-    assert result.fresh_count == sum(row.fresh for row in result.iterations)
-
-
 def test_a_start_near_by_saves_iterations(mesh):
     equilibrium = Equilibrium(TRIANGLE, mesh)
     first = equilibrate(equilibrium)
     again = equilibrate(equilibrium, 1.001 * first.q)
+    assert first.tried == ()
+    assert first.fresh_count == sum(row.fresh for row in first.iterations)
     assert again.status is Status.CONVERGED
     assert len(again.iterations) < len(first.iterations)
     assert again.q == pytest.approx(first.q, abs=1e-9 * np.abs(first.q).max())
@@ -84,6 +79,34 @@ def test_a_film_that_wrinkles_is_found_from_afar(mesh):
     assert near.tried == ()
     stresses = [equilibrium.state(found.q).stress for found in (near, result)]
     assert stresses[1] == pytest.approx(stresses[0], abs=1e-6 * np.abs(stresses[0]).max())
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.25])
+def test_a_load_is_small_against_a_films_excess(mesh, factor):
+    """(F/(E h a))^(2/3) beside a tenth of α ΔT."""
+    scene = TRIANGLE.with_(**WRINKLING)
+    film = scene.film
+    stiffness = film.thickness * film.stiffness[:2, :2].mean()
+    force = stiffness * film.radius * (0.1 * 110e-6 * 10.0) ** 1.5
+    assert barely_loaded(scene.with_(**{"load.force_N": factor * force})) == (factor < 1.0)
+
+
+@pytest.mark.parametrize("stretch", [0.5, 4.0])
+def test_a_step_ends_where_the_energy_of_a_wrinkled_film_has_nearly_stopped_falling(mesh, stretch):
+    equilibrium = Equilibrium(TRIANGLE.with_(**WRINKLING), mesh)
+    solution = equilibrate(equilibrium).q
+    q, change = 0.8 * solution, 0.2 * stretch * solution
+    state = equilibrium.state(q)
+    slope = float(equilibrium.residual(state) @ change)
+    step = Step(q, state, change, slope, 1.0)
+    length = PredictedStress(equilibrium, 1e-6).length(step)
+    left = float(equilibrium.residual(equilibrium.state(q + length * change)) @ change)
+    assert slope < 0.0
+    if stretch < 1.0:
+        assert length == 1.0
+    else:
+        assert abs(left) < 0.5 * abs(slope)
+        assert 0.0 < length < 1.0
 
 
 # the budget

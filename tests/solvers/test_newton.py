@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from pvdf_fem import NotConvergedError, Scene, solve
+from pvdf_fem import NotConvergedError, solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import gmsh
 from pvdf_fem.solution import solve as solving
@@ -19,13 +19,15 @@ from pvdf_fem.solvers import ladder
 from pvdf_fem.solvers.newton import (
     NewtonOptions,
     Tangent,
+    balanced,
+    beyond_limit,
     factorise,
     least_energy,
     negative_pivots,
 )
 from pvdf_fem.solvers.seed import seed
 from pvdf_fem.solvers.status import Status
-from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, graded_mesh
+from tests.helpers.discs import LOADS, TRIANGLE, graded_mesh
 from tests.helpers.solvers import newton_result
 
 
@@ -42,17 +44,29 @@ def scene_of(force_N, temperature_change_K, kind="dead"):
 
 
 @pytest.mark.parametrize("kind", LOADS)
-@pytest.mark.parametrize("temperature_change_K", [-100.0, -1.0, -1e-9, 0.0])
-@pytest.mark.parametrize("force_N", [1e-4, 1e-2, 1.0, 100.0])
+@pytest.mark.parametrize("temperature_change_K", [-100.0, -1e-9, 0.0])
+@pytest.mark.parametrize("force_N", [1e-4, 1.0, 100.0])
 def test_few_iterations_for_any_load(mesh, force_N, temperature_change_K, kind):
-    problem = Equilibrium(scene_of(force_N, temperature_change_K, kind), mesh)
-    result = newton_result(problem)
+    """From a seed below the flat film's energy, which falls to a minimum."""
+    problem = Recorded(scene_of(force_N, temperature_change_K, kind), mesh)
+    start = seed(problem)
+    problem.state(0 * start)
+    flat = problem.energies.pop()
+    problem.energies.clear()
+    result = newton_result(problem, start)
     assert result.status is Status.CONVERGED
     assert len(result.iterations) <= 40
-    assert result.factors is not None
     assert negative_pivots(result.factors) == 0
-    residual = problem.residual(problem.state(result.q))
-    assert np.linalg.norm(residual) < 1e-8 * force_N
+    energies = np.array(problem.energies)
+    assert np.linalg.norm(problem.residual(problem.state(result.q))) < 1e-8 * force_N
+    if kind == "follower":
+        return
+    assert energies[0] < flat
+    assert np.all(np.diff(energies) <= 1e-13 * np.abs(energies).max())
+    random = np.random.default_rng(5)
+    for size in (1e-2, 1.0):
+        problem.state(result.q + size * np.abs(result.q).max() * random.normal(size=len(start)))
+        assert problem.energies[-1] > energies[-1]
 
 
 class Recorded(Equilibrium):
@@ -60,30 +74,9 @@ class Recorded(Equilibrium):
 
     def state(self, q):
         state = super().state(q)
-        work = self.work(state, q)
-        energies = self.__dict__.setdefault("energies", [])
-        energies.append(self.membrane.energy(state) - work)
+        energy = self.membrane.energy(state) - self.work(state, q)
+        self.__dict__.setdefault("energies", []).append(energy)
         return state
-
-
-@pytest.mark.parametrize("kind", ["dead", "sliding", "stuck"])
-@pytest.mark.parametrize("temperature_change_K", [-1.0, 0.0])
-@pytest.mark.parametrize("force_N", [1e-2, 100.0])
-def test_energy_decreases_to_a_minimum(mesh, force_N, temperature_change_K, kind):
-    problem = Recorded(scene_of(force_N, temperature_change_K, kind), mesh)
-    start = seed(problem)
-    problem.state(0 * start)
-    flat = problem.energies[-1]
-    problem.energies.clear()
-    q = newton_result(problem, start).q
-    energies = np.array(problem.energies)
-    rounding = 1e-13 * np.abs(energies).max()
-    assert energies[0] < flat
-    assert np.all(np.diff(energies) <= rounding)
-    random = np.random.default_rng(5)
-    for size in (1e-2, 1.0):
-        problem.state(q + size * np.abs(q).max() * random.normal(size=len(q)))
-        assert problem.energies[-1] > energies[-1]
 
 
 def test_start_does_not_matter(mesh):
@@ -97,21 +90,15 @@ def test_start_does_not_matter(mesh):
         assert np.abs(other.q - q).max() < 1e-9 * np.abs(q).max()
 
 
-def test_steps_with_fresh_tangents_end_quadratically(mesh):
-    problem = Equilibrium(scene_of(1.0, -1.0), mesh)
-    fresh = NewtonOptions(defer_size=0.0)
-    steps = [row.step for row in newton_result(problem, options=fresh).iterations]
-    assert steps[-1] < 1e-8
-    assert steps[-1] < 100 * steps[-2] ** 2
-
-
-def test_an_older_tangent_serves_as_long_as_steps_shrink(mesh):
-    problem = Equilibrium(scene_of(1.0, -1.0), mesh)
+def test_steps_end_quadratically_or_an_older_tangent_serves_as_long_as_they_shrink(mesh):
+    problem, usual = Equilibrium(scene_of(1.0, -1.0), mesh), NewtonOptions()
+    fresh = newton_result(problem, options=NewtonOptions(defer_size=0.0)).iterations
+    assert fresh[-1].step < min(1e-8, 100 * fresh[-2].step ** 2)
     table = newton_result(problem).iterations
     assert [row.fresh for row in table[-3:]] == [False] * 3
     assert table[-1].step < 1e-9
     for earlier, before, row in zip(table, table[1:], table[2:], strict=False):
-        slow = not before.fresh and before.step > NewtonOptions().contraction * earlier.step
+        slow = not before.fresh and before.step > usual.contraction * earlier.step
         assert row.fresh or not slow
 
 
@@ -122,6 +109,36 @@ def test_the_line_search_takes_the_lowest_of_two_minima():
         energy = np.add(product, [0.0, slope, 0.0, 0.0, 0.0])
         assert least_energy(energy) == pytest.approx(lowest, abs=0.05)
     assert least_energy(np.array([0.0, -1.0, 0.0, 0.0, 0.0])) == 1.0
+
+
+def test_balance_is_lacking_by_energy_or_by_the_rims_reaction(mesh):
+    """A displacement d lacks d·K d = 2 ΔE; a part e of a deflection that goes with the third root
+    of the force lacks 3 e of the force at the rim."""
+    problem = Equilibrium(scene_of(1.0, 0.0), mesh)
+    result = newton_result(problem)
+
+    def energy(q):
+        state = problem.state(q)
+        return problem.membrane.energy(state) - problem.work(state, q)
+
+    random = 1e-3 * np.abs(result.q).max() * np.random.default_rng(2).normal(size=len(result.q))
+    deflections = problem.unknowns.deflections()
+    in_plane = np.where(deflections, 0.0, 1e-4 * random)
+    work = problem.work(problem.state(result.q), result.q)
+    by_energy = np.sqrt(2.0 * (energy(result.q + in_plane) - energy(result.q)) / work)
+    part = 1e-4 * np.where(deflections, 1.0, 2.0) * result.q
+    for moved, lacking in ((in_plane, by_energy), (part, 3e-4)):
+        state = problem.state(result.q + moved)
+        assert balanced(problem, state, result.factors, 1.2 * lacking)
+        assert not balanced(problem, state, result.factors, 0.8 * lacking)
+
+
+def test_pivots_count_negative_eigenvalues():
+    for signs, odd in (((1, 1, 1), False), ((1, -1, 1), True), ((-1, -1, 1), False)):
+        factors = factorise(sp.diags_array(np.array(signs, dtype=float)).tocsc())
+        assert negative_pivots(factors) == signs.count(-1)
+        assert beyond_limit(factors) is odd
+    assert not beyond_limit(None)
 
 
 # named ends
@@ -139,28 +156,16 @@ def refuses_results(result):
     assert printed["reason"]
 
 
-@pytest.mark.parametrize("scene", [Scene(), RECTANGLE.with_(**{"load.force_N": 0.0})])
-def test_slack_film_is_unstable(scene):
-    result = solve(scene.with_(**{"film.temperature_change_K": 10.0}))
-    assert result.status is Status.UNSTABLE
-    assert "film.temperature_change_K below zero" in result.reason
-    refuses_results(result)
-
-
-@pytest.mark.parametrize("force_N", [1e-2, 1.0])
-def test_compression_is_never_passed_over(mesh, force_N):
-    """A small force leaves a slack film in compression: no result, or one with a warning."""
-    result = solve(scene_of(force_N, 10.0), mesh=mesh)
-    if result.status is Status.CONVERGED:
-        assert any("compression" in warning for warning in result.warnings)
+def test_slack_film_is_unstable_until_the_force_pulls_it_taut(mesh):
+    slack, weak, taut = (solve(scene_of(force, 10.0), mesh=mesh) for force in (0.0, 1e-2, 100.0))
+    assert (slack.status, taut.status) == (Status.UNSTABLE, Status.CONVERGED)
+    assert "film.temperature_change_K" in slack.reason
+    refuses_results(slack)
+    assert not any(warning.startswith("compression") for warning in taut.warnings)
+    if weak.status is Status.CONVERGED:
+        assert any("compression" in warning for warning in weak.warnings)
     else:
-        refuses_results(result)
-
-
-def test_slack_film_that_the_force_pulls_taut_has_a_result():
-    result = solve(scene_of(100.0, 10.0))
-    assert result.status is Status.CONVERGED
-    assert not any(warning.startswith("compression") for warning in result.warnings)
+        refuses_results(weak)
 
 
 def test_film_without_tension_is_singular_when_flat(mesh):
@@ -186,9 +191,8 @@ def test_missed_tolerance_is_named(monkeypatch):
     monkeypatch.setattr(solving, "MeshLoop", one_mesh)
     result = solve(TRIANGLE.with_(**{"numerics.tolerance": 2e-8}))
     assert result.status is Status.TOLERANCE
-    assert "raise numerics.tolerance" in result.reason
+    assert "numerics.tolerance" in result.reason
     assert result.stop is Stop.MESHES
-    assert result.stop.value in result.reason
     refuses_results(result)
 
 
@@ -201,10 +205,6 @@ def test_failed_mesh_is_named(monkeypatch):
     assert result.status is Status.MESH_FAILED
     assert "intersecting edges" in result.reason
     refuses_results(result)
-
-
-def test_every_status_says_what_to_do():
-    assert all(status.advice for status in Status)
 
 
 def test_quasi_newton_steps_find_what_the_tangent_lacks():

@@ -99,15 +99,6 @@ def test_any_quantities_may_be_known(unknown):
     assert not found.ambiguous
 
 
-def test_what_is_not_given_is_the_scenes():
-    model = bumps()
-    scene = model.scene.with_(**{"probe.rotation_deg": 40.0})
-    turned = bumps()
-    object.__setattr__(turned, "scene", scene)
-    touch = np.array([3.0, 2.0, 40.0, 1.0])
-    assert locate(turned, charges_of(model, touch), 1e-3).best.values == pytest.approx(touch)
-
-
 def test_a_missing_electrode_is_left_out():
     model, touch = bumps("circle"), np.array([3.0, -4.0, 0.0, 0.7])
     charges = charges_of(model, touch)
@@ -118,15 +109,6 @@ def test_a_missing_electrode_is_left_out():
     assert found.best.explained
     apart = min(np.hypot(*(one.values - touch)[:2]) for one in found.touches)
     assert apart < 1e-4
-
-
-def test_touches_at_the_edge_are_found():
-    """Valleys there may be narrower than the lattice's pitch."""
-    model = bumps("triangle", 4)
-    for angle in np.radians(np.arange(2.0, 90.0, 8.0)):
-        touch = np.array([11.99 * np.cos(angle), 11.99 * np.sin(angle), 0.0, 1.0])
-        found = locate(model, charges_of(model, touch), 1e-3, known={"rotation_deg": 0.0})
-        assert found.best.values == pytest.approx(touch, abs=1e-3)
 
 
 def test_exact_charges_take_few_evaluations():
@@ -384,15 +366,6 @@ def test_many_with_known_forces_find_the_place(noisy):
     assert found.values == pytest.approx(some, abs=1e-4)
 
 
-def test_many_with_an_unknown_rotation_explain_the_charges():
-    model, touches = bumps("rectangle", 6), random_touches(200, seed=6)
-    charges = model.evaluate(touches)[0]
-    found = locate_many(model, charges, 0.005)
-    assert found.unknown == ALL
-    assert found.explained.all()
-    assert ((found.values[:, 2] >= 0.0) & (found.values[:, 2] < 180.0)).all()
-
-
 def test_charges_that_no_touch_gives_are_flagged():
     """A and C, on opposite sides, 20 % too large; errors of 1 %."""
     model, touch = bumps("circle"), np.array([3.0, -4.0, 0.0, 1.0])
@@ -470,35 +443,3 @@ def test_all_mistakes_are_told():
         "known y_mm = 20: beyond the 12 mm that the model reaches; build a larger one",
         "known force_N = 9: out of the model's 0.1 to 5 N; build one for it",
     ]
-
-
-@pytest.mark.parametrize(
-    ("charges", "changes", "message"),
-    [
-        ({}, {}, "charges: none given"),
-        ({"A": 1.0, "B": 0.0}, {}, "a charge of 0 has no deviation"),
-        ({"A": 1.0, "B": 2.0}, {"sigma": {"A": 0.1}}, "sigma.B: missing"),
-        ({"A": 1.0}, {"unknown": ()}, "nothing is sought"),
-        ({"A": 1.0}, {"noise_pC": -1.0}, "noise_pC = -1"),
-    ],
-)
-def test_a_mistake_is_told(charges, changes, message):
-    with pytest.raises(ValueError, match=message):
-        locate(bumps(), charges, **changes)
-
-
-def test_without_any_error_there_is_no_likelihood():
-    with pytest.raises(ValueError, match="give a positive one"):
-        locate(bumps(error_bound=0.0), {"A": 700.0, "B": 600.0}, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("charges", "rotations", "message"),
-    [
-        (np.ones((2, 3)), np.zeros(2), r"give \(n, 4\)"),
-        (np.ones((2, 4)), np.zeros(3), "give one per row"),
-    ],
-)
-def test_tables_that_do_not_match_are_refused(charges, rotations, message):
-    with pytest.raises(ValueError, match=message):
-        locate_many(bumps(), charges, rotations_deg=rotations)

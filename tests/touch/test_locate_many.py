@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from pvdf_fem.touch import locate_many as module
-from pvdf_fem.touch.locate import locate
 from pvdf_fem.touch.locate_many import locate_many
 from pvdf_fem.touch.touch import TouchStatus
 from tests.helpers.touch_models import bumps, random_touches
@@ -75,17 +74,6 @@ def test_a_charge_of_zero_has_a_deviation_by_noise():
     assert not found.explained[1]
 
 
-def test_rows_are_located_as_alone():
-    model, touches, charges = rows()
-    found = locate_many(model, charges, rotations_deg=touches[:, 2])
-    for k, touch in enumerate(touches):
-        alone = locate_many(model, charges[[k]], rotations_deg=[touch[2]])
-        assert alone.values[0] == pytest.approx(found.values[k], abs=1e-9)
-        measured = dict(zip(model.names, charges[k].tolist(), strict=True))
-        one = locate(model, measured, known={"rotation_deg": touch[2]})
-        assert one.best.values == pytest.approx(found.values[k], abs=2e-3)
-
-
 def test_lists_tuples_and_columns_are_as_good_as_arrays():
     model, touches, charges = rows()
     known, expected = touches[:, 2], locate_many(model, charges, rotations_deg=touches[:, 2])
@@ -110,6 +98,7 @@ def test_lists_tuples_and_columns_are_as_good_as_arrays():
         ([[1.0] * 4, ["a lot", 1.0, 1.0, 1.0]], {}, "charges_pC: "),
         ([[1.0] * 4, [1.0, 2.0, 3.0]], {}, "charges_pC: "),
         ({"A": [1.0, "broken"]}, {}, "charges_pC.A: "),
+        (np.ones((2, 3)), {}, r"give \(n, 4\)"),
         (np.ones((2, 4)), {"forces_N": [1.0]}, r"forces_N of shape \(1,\): give one per row"),
         (np.ones((2, 4)), {"sigma": -1.0}, "sigma = -1.0"),
     ],
@@ -117,11 +106,6 @@ def test_lists_tuples_and_columns_are_as_good_as_arrays():
 def test_a_table_that_cannot_be_used_is_refused(charges, options, message):
     with pytest.raises(ValueError, match=message):
         locate_many(bumps(), charges, **options)
-
-
-def test_without_any_error_rows_have_no_likelihood():
-    with pytest.raises(ValueError, match="give a positive one"):
-        locate_many(bumps(error_bound=0.0), np.ones((1, 4)), 0.0)
 
 
 def test_no_rows_are_no_touches():

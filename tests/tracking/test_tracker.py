@@ -154,7 +154,7 @@ def test_a_held_touch_is_told_within_its_deviations_and_leaves_nothing_behind():
 
 def test_gains_offsets_the_stage_and_readings_in_pC_count():
     readout = {**RESISTIVE, "gain": {"A": 2.0, "C": -0.5}, "offset_V": {"B": 0.2}}
-    model = sensor(**readout)
+    model = sensor("rectangle", **readout)
     scene = model.scene.with_(stage={"x_mm": 10.0, "y_mm": -1.0, "rotation_deg": 90.0})
     object.__setattr__(model, "scene", scene)
     t, readings = stream(model, [TAP], 1.0, noise_V=2e-4)
@@ -162,6 +162,7 @@ def test_gains_offsets_the_stage_and_readings_in_pC_count():
     (touch,) = tracker.touches
     assert (touch.x_mm, touch.y_mm) == pytest.approx((12.0, 2.0), abs=0.2)
     assert touch.force_N == pytest.approx(0.8, rel=0.02)
+    assert touch.rotation_deg == pytest.approx(90.0)
     nominal, _ = followed(model, t, 1e12 * readings * capacitances(model), unit="pC")
     assert nominal.touches[0].x_mm == pytest.approx(touch.x_mm, abs=1e-3)
 

@@ -11,15 +11,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from itertools import product
-
-import numpy as np
+from types import SimpleNamespace
 
 from pvdf_fem import Scene
 from reports.reference.axisymmetric import axisymmetric_membrane
 from reports.reference.closed_form import campbell, hencky, linear_patch_deflection, schwerin
-from tests.helpers.discs import free_disc, uniform_mesh
 from tests.validation.proof import Number, proof
-from tests.validation.round_film import SLOPE, SMALL, TENSION, RoundFilm, patch_mesh, solved_to
+from tests.validation.round_film import SLOPE, SMALL, TENSION, compared, disc, solved_to
+
+STUCK = {"load.kind": "rigid", "load.contact": "stuck"}
 
 
 @proof(
@@ -29,14 +29,9 @@ from tests.validation.round_film import SLOPE, SMALL, TENSION, RoundFilm, patch_
 )
 def without_pretension() -> Iterator[Number]:
     for nu in (0.2, 0.3, 0.4):
-        scene = free_disc(math.pi * SMALL, poisson_ratio=nu)
-        film, exact = RoundFilm.solved(scene, uniform_mesh(scene, 3.0)), hencky(nu)
-        w, N = film.centre_deflection / SLOPE, film.edge_tension / TENSION
-        yield Number(f"deflection at the centre, ν = {nu}", w, exact.centre_deflection, 2e-6)
-        yield Number(f"tension at the rim, ν = {nu}", N, exact.edge_tension, 1e-5)
-        ours, theirs = film.beside(lambda r, exact=exact: SLOPE * exact.deflection(r))
-        size = film.centre_deflection
-        yield Number("deflection where it differs most", ours, theirs, 5e-5, size)
+        film = disc(math.pi * SMALL, 3.0, poisson_ratio=nu)
+        known = {"centre": 2e-6, "rim": 1e-5, "worst": 5e-5}
+        yield from compared(f"ν = {nu}", film, hencky(nu), known, slope=SLOPE)
 
 
 @proof(
@@ -47,12 +42,9 @@ def without_pretension() -> Iterator[Number]:
 )
 def fitted() -> Iterator[Number]:
     for nu in (0.1, 0.25, 0.4):
-        scene = free_disc(math.pi * SMALL, poisson_ratio=nu)
-        film = RoundFilm.solved(scene, uniform_mesh(scene, 4.0))
-        theirs = 0.7179 - 0.1706 * nu - 0.1495 * nu**2
-        yield Number(
-            f"deflection at the centre, ν = {nu}", film.centre_deflection / SLOPE, theirs, 2e-3
-        )
+        film = disc(math.pi * SMALL, poisson_ratio=nu)
+        exact = SimpleNamespace(centre_deflection=0.7179 - 0.1706 * nu - 0.1495 * nu**2)
+        yield from compared(f"ν = {nu}", film, exact, {"centre": 2e-3}, slope=SLOPE)
 
 
 @proof(
@@ -62,11 +54,9 @@ def fitted() -> Iterator[Number]:
 )
 def with_pretension() -> Iterator[Number]:
     for n0 in (0.01, 0.1, 1.0, 10.0):
-        scene = free_disc(math.pi * SMALL, poisson_ratio=0.3, pretension=n0 * TENSION)
-        film, exact = RoundFilm.solved(scene, uniform_mesh(scene, 4.0)), campbell(n0, 0.3)
-        w, N = film.centre_deflection / SLOPE, film.edge_tension / TENSION
-        yield Number(f"deflection at the centre, n₀ = {n0}", w, exact.centre_deflection, 1e-5)
-        yield Number(f"tension at the rim, n₀ = {n0}", N, exact.edge_tension, 1e-5)
+        film = disc(math.pi * SMALL, poisson_ratio=0.3, pretension=n0 * TENSION)
+        known = {"centre": 1e-5, "rim": 1e-5}
+        yield from compared(f"n₀ = {n0}", film, campbell(n0, 0.3), known, slope=SLOPE)
 
 
 @proof(
@@ -77,11 +67,9 @@ def with_pretension() -> Iterator[Number]:
 )
 def finite_slopes() -> Iterator[Number]:
     for kind, p in product(("follower", "dead"), (1e-3, 1e-2)):
-        scene = free_disc(math.pi * p, poisson_ratio=0.3, **{"load.kind": kind})
-        film = RoundFilm.solved(scene, uniform_mesh(scene, 4.0))
+        film = disc(math.pi * p, poisson_ratio=0.3, **{"load.kind": kind})
         exact = axisymmetric_membrane(math.pi * p, poisson_ratio=0.3, kind=kind)
-        ours, theirs = film.centre_deflection, exact.centre_deflection
-        yield Number(f"deflection, {kind}, p a/(E h) = {p}", ours, theirs, 1e-5)
+        yield from compared(f"{kind}, p a/(E h) = {p}", film, exact, {"centre": 1e-5})
 
 
 @proof(
@@ -108,17 +96,12 @@ def soft_film() -> Iterator[Number]:
 )
 def point_load() -> Iterator[Number]:
     for n0 in (0.0, 0.2):
-        deflections = []
-        for b in (2e-2, 2.5e-3):
-            scene = free_disc(SMALL, poisson_ratio=0.3, patch_radius=b, pretension=n0 * TENSION)
-            film = RoundFilm.solved(scene, patch_mesh(scene, 1.0))
-            deflections.append(film.centre_deflection / SLOPE)
-        wide, narrow = deflections
-        exact = schwerin(n0, 0.3)
-        ours = (4.0 * narrow - wide) / 3.0
-        yield Number(f"deflection at the centre, n₀ = {n0}", ours, exact.centre_deflection, 1e-4)
-        tension = film.edge_tension / TENSION
-        yield Number(f"tension at the rim, n₀ = {n0}", tension, exact.edge_tension, 1e-4)
+        shape = {"poisson_ratio": 0.3, "pretension": n0 * TENSION}
+        wide, narrow = (disc(SMALL, 1.0, **shape, patch_radius=b) for b in (2e-2, 2.5e-3))
+        w = (4.0 * narrow.centre_deflection - wide.centre_deflection) / 3.0
+        point = SimpleNamespace(centre_deflection=w, edge_tension=narrow.edge_tension)
+        known = {"centre": 1e-4, "rim": 1e-4}
+        yield from compared(f"n₀ = {n0}", point, schwerin(n0, 0.3), known, slope=SLOPE)
 
 
 @proof(
@@ -127,14 +110,13 @@ def point_load() -> Iterator[Number]:
     why="one mesh; a film of 45 mm under 1 N, finite strains",
 )
 def patch() -> Iterator[Number]:
-    known = {(5, 0.0): 0.8643790, (5, 0.03): 0.8435545, (2, 0.03): 0.9022513}
     force = 4.444e-4
-    for (radius_mm, n0), deflection in known.items():
-        tension, b = n0 * force ** (2 / 3), radius_mm / 45
-        scene = free_disc(force, poisson_ratio=0.3, patch_radius=b, pretension=tension)
-        film = RoundFilm.solved(scene, patch_mesh(scene, 0.5))
-        ours = film.centre_deflection / force ** (1 / 3)
-        yield Number(f"deflection, {radius_mm} mm, n₀ = {n0}", ours, deflection, 3e-5)
+    for (radius_mm, n0), deflection in {(5, 0.03): 0.8435545, (2, 0.03): 0.9022513}.items():
+        shape = {"patch_radius": radius_mm / 45, "pretension": n0 * force ** (2 / 3)}
+        film = disc(force, 0.5, poisson_ratio=0.3, **shape)
+        exact = SimpleNamespace(centre_deflection=deflection)
+        case = f"{radius_mm} mm, n₀ = {n0}"
+        yield from compared(case, film, exact, {"centre": 3e-5}, slope=force ** (1 / 3))
 
 
 @proof(
@@ -144,23 +126,17 @@ def patch() -> Iterator[Number]:
 )
 def punch() -> Iterator[Number]:
     known = {(2, 0.0): 0.8681492, (5, 0.0): 0.7632369, (5, 0.03): 0.7435842}
-    stuck = {"load.kind": "rigid", "load.contact": "stuck"}
     for (radius_mm, n0), deflection in known.items():
-        b, tension = radius_mm / 45, n0 * TENSION
-        scene = free_disc(SMALL, poisson_ratio=0.3, patch_radius=b, pretension=tension, **stuck)
-        film = RoundFilm.solved(scene, patch_mesh(scene, 1.0))
-        ours = film.centre_deflection / SLOPE
-        yield Number(f"deflection, stuck, {radius_mm} mm, n₀ = {n0}", ours, deflection, 1e-4)
+        shape = {"patch_radius": radius_mm / 45, "pretension": n0 * TENSION}
+        film = disc(SMALL, 1.0, poisson_ratio=0.3, **shape, **STUCK)
+        exact = SimpleNamespace(centre_deflection=deflection)
+        case = f"stuck, {radius_mm} mm, n₀ = {n0}"
+        yield from compared(case, film, exact, {"centre": 1e-4}, slope=SLOPE)
     shape = {"poisson_ratio": 0.34, "patch_radius": 0.1, "pretension": 1.7e-4}
     for contact in ("sliding", "stuck"):
-        load = {"load.kind": "rigid", "load.contact": contact}
-        scene = free_disc(4.444e-4, **shape, **load)
-        film = RoundFilm.solved(scene, patch_mesh(scene, 0.7))
+        film = disc(4.444e-4, 0.7, **shape, **STUCK | {"load.contact": contact})
         exact = axisymmetric_membrane(4.444e-4, **shape, kind="rigid", contact=contact)
-        size = exact.centre_deflection
-        yield Number(f"deflection, {contact}, 1 N", film.centre_deflection, size, 2e-4)
-        ours, theirs = film.beside(exact.deflection)
-        yield Number("deflection where it differs most", ours, theirs, 2e-4, size)
+        yield from compared(f"{contact}, 1 N", film, exact, {"centre": 2e-4, "worst": 2e-4})
 
 
 @proof(
@@ -169,12 +145,11 @@ def punch() -> Iterator[Number]:
     why="one mesh; exact as the tension grows",
 )
 def off_centre() -> Iterator[Number]:
-    place, shape = (0.3, -0.2), {"patch_radius": 0.1}
-    scene = free_disc(1e-12, poisson_ratio=0.3, centre=place, pretension=1e-3, **shape)
-    film = RoundFilm.solved(scene, patch_mesh(scene, 0.4))
+    shape = {"centre": (0.3, -0.2), "patch_radius": 0.1}
+    film = disc(1e-12, 0.4, poisson_ratio=0.3, pretension=1e-3, **shape)
     exact = linear_patch_deflection(
-        film.nodes.T, centre=place, film_radius=1.0, force=1e-12, tension=1e-3, **shape
+        film.nodes.T, film_radius=1.0, force=1e-12, tension=1e-3, **shape
     )
-    worst = np.abs(film.deflection - exact).argmax()
-    ours, theirs = film.deflection[worst], exact[worst]
-    yield Number("deflection where it differs most", ours, theirs, 3e-5, float(exact.max()))
+    worst = abs(film.deflection - exact).argmax()
+    quantity = "deflection where it differs most"
+    yield Number(quantity, film.deflection[worst], exact[worst], 3e-5, float(exact.max()))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from skfem import MeshTri2
@@ -15,7 +16,9 @@ from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.solvers.status import Status
+from tests.helpers.discs import free_disc, uniform_mesh
 from tests.helpers.solvers import newton_result
+from tests.validation.proof import Number
 
 #: F/(E h a) and p a/(E h) at which slopes vanish, and the scales of deflection and tension there.
 SMALL = 1e-10
@@ -72,18 +75,35 @@ class RoundFilm:
         stiffness = film.youngs_modulus_GPa * 1e9 * film.thickness
         return float(pull / (2 * math.pi * self.radius * stiffness))
 
-    def beside(self, profile: Callable[[Array], Array]) -> tuple[float, float]:
-        """Deflection of the node that differs most from a profile(r/a), and the profile there."""
-        theirs = profile(np.minimum(np.hypot(*self.nodes), 1.0))
-        worst = np.abs(self.deflection - theirs).argmax()
-        return float(self.deflection[worst]), float(theirs[worst])
+
+def disc(force: float, size: float = 4.0, **shape: Any) -> RoundFilm:
+    """The film of `free_disc`, solved on elements of a size in mm, or, under a patch, on a mesh
+    graded to the outlines whose sizes are in proportion to the patch times `size`."""
+    scene = free_disc(force, **shape)
+    if "patch_radius" not in shape:
+        return RoundFilm.solved(scene, uniform_mesh(scene, size))
+    outline, a = scene.probe.outline, scene.film.radius
+    sizes = Sizes({"probe": 0.4 * outline.radius, "electrode A": 0.08 * a}, 0.3, 0.16 * a)
+    return RoundFilm.solved(scene, mesh_scene(scene, sizes.scaled(size)))
 
 
-def patch_mesh(scene: Scene, refinement: float) -> MeshTri2:
-    """A mesh graded to the outlines, its sizes in proportion to the patches."""
-    outline = scene.probe.outline
-    sizes = {"probe": 0.4 * outline.radius, "electrode A": 0.08 * scene.film.radius}
-    return mesh_scene(scene, Sizes(sizes, 0.3, 0.16 * scene.film.radius).scaled(refinement))
+def compared(
+    case: str, film: Any, exact: Any, known: dict[str, float], slope: float = 1.0
+) -> Iterator[Number]:
+    """Numbers of a film beside a solution that is scaled by its `slope` w/a: deflection at the
+    centre, tension at the rim, deflection at the worst node, each to the tolerance in `known`."""
+    if "centre" in known:
+        ours = film.centre_deflection / slope
+        quantity = f"deflection at the centre, {case}"
+        yield Number(quantity, ours, exact.centre_deflection, known["centre"])
+    if "rim" in known:
+        ours = film.edge_tension / slope**2
+        yield Number(f"tension at the rim, {case}", ours, exact.edge_tension, known["rim"])
+    if "worst" in known:
+        theirs = slope * exact.deflection(np.minimum(np.hypot(*film.nodes), 1.0))
+        worst, size = np.abs(film.deflection - theirs).argmax(), slope * exact.centre_deflection
+        pair = float(film.deflection[worst]), float(theirs[worst])
+        yield Number(f"deflection where it differs most, {case}", *pair, known["worst"], size)
 
 
 def solved_to(scene: Scene, tolerance: float) -> Solution:

@@ -38,6 +38,8 @@ class Posed:
         if pressure is None:
             return cls()
         reason, found = 'is not for a pressure in Python; give "{}"', []
+        if not callable(pressure):
+            found.append(problem("pressure", pressure, "is no function; give p(x_mm, y_mm)"))
         if scene.single_probe is None:
             found.append("probe = (nothing): is required by a pressure; add [probe]")
         for key, needed in (("kind", "dead"), ("profile", "uniform")):

@@ -1,0 +1,112 @@
+"""What is shown of a view before it is solved: outlines, and the controls of its values."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.explore.state import WORDS, View, generic, said
+from pvdf_fem.output.figures import COLOURS
+from pvdf_fem.scene.change import plain, steps_of
+from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.quantity import Key, Section
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import toml_value
+
+#: Numbers that have a slider: its limits and its step, by key.
+SLIDERS = tomllib.loads(Path(__file__).with_name("controls.toml").read_text("utf-8"))
+#: Title and meaning of values of a view that its scene does not have.
+OWN = {
+    "quantity": ("colour of the film", "What the film is coloured by."),
+    "noise": ("noise of readings", "Standard deviation of a reading, relative to the reading."),
+}
+#: Words that make a table of a scene without one.
+MAKERS = ("probe.shape", "electrodes.layout")
+
+
+def outlines_of(scene: Scene) -> dict[str, Any]:
+    """Film, electrodes and probes in mm, for the page to draw."""
+    electrodes = [
+        {"name": electrode.name, "colour": colour_of(i), **_outline(electrode.outline)}
+        for i, electrode in enumerate(scene.electrode_list)
+    ]
+    probes = [
+        {
+            "key": touch.key,
+            "turns": touch.probe.period_deg > 0.0,
+            "rotation": touch.probe.rotation_deg,
+            "reach": 1e3 * touch.outline.perimeter / 4.0,
+            **_outline(touch.outline),
+            "x": touch.probe.x_mm,
+            "y": touch.probe.y_mm,
+        }
+        for touch in scene.loaded_probes
+    ]
+    return {"radius": scene.film.radius_mm, "electrodes": electrodes, "probes": probes}
+
+
+def colour_of(electrode: int) -> str:
+    """The colour of an electrode and of its bars, by its number."""
+    return COLOURS[electrode % len(COLOURS)]
+
+
+def pairs(points_mm: Array) -> list[list[float]]:
+    """Points (n, 2) as the page takes them."""
+    return np.round(points_mm, 4).tolist()
+
+
+def _outline(outline: Outline) -> dict[str, Any]:
+    [[x, y]] = pairs(1e3 * outline.centroid[None])
+    return {"x": x, "y": y, "points": pairs(1e3 * np.array(outline.shape.exterior.coords))}
+
+
+def controls_of(view: View) -> dict[str, list[dict[str, Any]]]:
+    """The controls of a view by table: key, title, meaning and value; of a word its choices, of a
+    number a step and limits that enclose the number. Lists are TOML."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for key in _keys(view.scene):
+        name, (table, _, last) = generic(key), key.rpartition(".")
+        section = section_of(view.scene, table) if table else view
+        value = None if isinstance(section, tuple) else getattr(section, last, None)
+        turns = name != "probe.rotation_deg" or getattr(section, "period_deg", 0.0) > 0.0
+        if not turns or (value is None and name not in MAKERS):
+            continue
+        title, about = OWN.get(name) or (title_of(section, last), said(generic(table), last)[0])
+        control = {"key": key, "title": title, "about": about, "value": value}
+        if name in WORDS:
+            control["words"] = WORDS[name]
+        elif isinstance(value, tuple):
+            control["value"] = toml_value(plain(value))
+        else:
+            low, high, step = SLIDERS[name]
+            control |= {"min": min(low, value), "max": max(high, value), "step": step}
+        found.setdefault(table or "picture", []).append(control)
+    return found
+
+
+def title_of(section: Any, name: str) -> str:
+    """The name of a key of a table in words, with its unit."""
+    return (section.key_of(name) if isinstance(section, Section) else Key()).title(name)
+
+
+def _keys(scene: Scene) -> Iterator[str]:
+    """Keys that may have controls, words first."""
+    unheeded = {*scene.unheeded(SLIDERS)}
+    probes = [touch.key for touch in scene.loaded_probes] or ["probe"]
+    for key in (*WORDS, *SLIDERS):
+        if key.startswith("load.") and (key in unheeded or not scene.loaded_probes):
+            continue
+        for probe in probes if key.startswith("probe.") else ["probe"]:
+            yield key.replace("probe", probe, 1)
+
+
+def section_of(scene: Scene, table: str) -> Any:
+    """The table of a scene, or the list of tables, by key; None where the scene has none."""
+    name, *number = steps_of(table)
+    section = getattr(scene, name)
+    return section[number[0]] if number else section

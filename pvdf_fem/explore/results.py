@@ -1,0 +1,44 @@
+"""What the page shows of a solve: bars of charges and readings, why there are none, all numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pvdf_fem.explore.controls import colour_of
+from pvdf_fem.explore.picture import coloured, picture_of
+from pvdf_fem.solution.summary import rounded, solution_html
+
+
+def results_of(text: str, quantity: str) -> dict[str, Any]:
+    """The results of a scene file; without an image where it has no solution."""
+    result, image = picture_of(text, quantity)
+    reason = "" if image is not None else result.get("reason", result["stop"])
+    charges, errors = result.get("charges_pC") or {}, result.get("charge_errors_pC") or {}
+    readings = result.get("readings_V") or {}
+    return {
+        "status": result["status"],
+        "reason": reason,
+        "warnings": result["warnings"],
+        "image": None if image is None else coloured(image, quantity),
+        "bars": [
+            _bars("charges", "total charge (pC)", charges, errors),
+            _bars("readings", "reading at once (V)", readings, {}),
+        ],
+        "numbers": solution_html(result),
+    }
+
+
+def _bars(
+    name: str, title: str, values: Mapping[str, float], errors: Mapping[str, float]
+) -> dict[str, Any]:
+    """A bar for the number of each electrode: its text, and its ends in percent of the width."""
+    low, high = min([0.0, *values.values()]), max([0.0, *values.values()])
+    share = 100.0 / ((high - low) or 1.0)
+    rows = []
+    for i, (electrode, value) in enumerate(values.items()):
+        text = " ± ".join(rounded(value, errors[electrode])) if errors else f"{value:.4g}"
+        row = {"name": electrode, "colour": colour_of(i), "value": value, "text": text}
+        ends = (min(value, 0.0) - low) * share, abs(value) * share
+        rows.append({**row, "from": ends[0], "width": ends[1]})
+    return {"name": name, "title": title, "rows": rows}

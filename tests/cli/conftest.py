@@ -1,0 +1,46 @@
+"""A folder with scenes and tables in which commands run, and made-up models of charges."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.helpers.touch_models import bumps
+
+TOLERANCE = "[numerics]\ntolerance = 0.05\n"
+READOUT = "[readout]\nfeedback_capacitance_pF = 500\n"
+FILES = {
+    "scene.toml": f'[probe]\nshape = "rectangle"\nx_mm = 3.0\n{TOLERANCE}',
+    "disc.toml": f'[probe]\nshape = "circle"\n[readout]\n{TOLERANCE}',
+    "wired.toml": f"[probe]\n{READOUT}",
+    "bare.toml": "",
+    "two.toml": "[[probe]]\n[[probe]]\nx_mm = 12.0\n",
+    "list.toml": '[[electrodes]]\nname = "A"\nx_mm = 9\ny_mm = 0\n',
+    "wrong.toml": "[film]\nradius_mm = -45.0\n[load]\nforce = 2\n[numerics]\ntolerance = nan\n",
+    "sweep.toml": 'scene = "disc.toml"\n[[axes]]\nload.force_N = [1.0, 2.0]\n',
+    "cells.csv": "A,B,C,D\n905,731,600,640\n",
+    "known.csv": "x_mm,y_mm,rotation_deg,force_N,A,B,C,D\n1,1,0,1,905,731,600,640\n",
+    "signals.csv": "t_s,A,B,C,D\n0,1,2,3,4\n",
+}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The working directory of a test, with the files."""
+    for name, text in FILES.items():
+        tmp_path.joinpath(name).write_text(text)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def models(monkeypatch):
+    """Made-up models in the place of built ones; the list has the scene of each."""
+    asked = []
+
+    def model_of(scene, *_, **__):
+        asked.append(scene)
+        return bumps(scene.single_probe.shape).for_scene(scene)
+
+    for place in ("locate", "locate_rows", "studies.dataset", "studies.design"):
+        monkeypatch.setattr(f"pvdf_fem.cli.{place}.model_of", model_of)
+    return asked
