@@ -61,8 +61,8 @@ def test_every_module_that_solves_changes_the_hash():
     root = Path(__file__).parents[2]
     result = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=120)
     assert result.stderr == ""
-    readout = ["pvdf_fem.readout", "pvdf_fem.readout.channel"]
-    assert result.stdout.split() == ["pvdf_fem", "pvdf_fem.files", *readout]
+    without = ["", ".files", ".readout", ".readout.channel", ".told"]
+    assert result.stdout.split() == [f"pvdf_fem{name}" for name in without]
 
 
 SCENES = [SCENE.with_(**{"load.force_N": 0.01 * i}) for i in range(40)]
