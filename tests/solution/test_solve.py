@@ -154,7 +154,7 @@ def test_a_given_mesh_is_the_only_one():
 
 @pytest.mark.parametrize("order", [0, 4, 2.5, "2", None])
 def test_an_order_that_no_element_has_is_refused_before_any_mesh(order, tmp_path):
-    with pytest.raises(ValueError, match=f"order = {order!r}"):
+    with pytest.raises(ValueError, match=r"order = "):
         solve(RECTANGLE, order=order, mesh=tmp_path / "none.msh")
 
 
