@@ -25,8 +25,9 @@ def pytest_configure(config):
     """Choose the examples of properties, before the modules with properties are imported."""
     if config.getoption("--all"):
         os.environ.setdefault("PVDF_FEM_EXAMPLES", EXAMPLES_OF_ALL)
-    same_at_each_run = "PVDF_FEM_EXAMPLES" not in os.environ
-    settings.register_profile("suite", deadline=None, derandomize=same_at_each_run)
+    examples = os.environ.get("PVDF_FEM_EXAMPLES")
+    chosen = {"derandomize": examples is None, "max_examples": int(examples or 100)}
+    settings.register_profile("suite", deadline=None, **chosen)
     settings.load_profile("suite")
 
 

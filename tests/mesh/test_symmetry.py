@@ -54,9 +54,6 @@ QUARTERS = {
     "rectangle": RECTANGLE,
     "unequal tensions": RECTANGLE.with_(**{"film.pretension_N_m": [12.0, 5.0]}),
     "rectangle at 45 degrees": RECTANGLE.with_(**{"probe.rotation_deg": 45.0}),
-    "rectangle at 45 degrees, means along edges": RECTANGLE.with_(
-        **{"probe.rotation_deg": 45.0, **EDGES}
-    ),
     "rectangle at 90 degrees, means along edges": RECTANGLE.with_(
         **{"probe.rotation_deg": 90.0, **EDGES}
     ),

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from skfem import Basis, ElementTriP2
 
@@ -17,6 +17,7 @@ from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import overlaps, turn
 from pvdf_fem.scene.outlines.polygon import Polygon, defect, rectangle, triangle
 from pvdf_fem.solution.first_sizes import first_sizes
+from tests.helpers.damage import drawn
 from tests.helpers.strategies import electrode
 
 angles = st.floats(-720.0, 720.0)
@@ -38,7 +39,7 @@ OUTLINES = {
 
 @pytest.mark.parametrize("name", OUTLINES)
 @given(angle=angles, shift=shifts)
-@settings(max_examples=25)
+@drawn(0.25)
 def test_measures_follow_a_motion(name, angle, shift):
     here, area, centroid = OUTLINES[name]
     frame = turn(np.eye(2), angle).T
@@ -129,7 +130,7 @@ TOUCHING = {
 
 @pytest.mark.parametrize("name", TOUCHING)
 @given(shift=shifts, angle=angles)
-@settings(max_examples=25)
+@drawn(0.25)
 def test_touching_is_no_overlap_but_a_millionth_deeper_is(name, shift, angle):
     here, there, away = TOUCHING[name]
     frame = turn(np.eye(2), angle).T

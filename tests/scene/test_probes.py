@@ -3,7 +3,7 @@
 import pickle
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pvdf_fem import Scene, SceneError
@@ -13,6 +13,7 @@ from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.registry import FORCES
 from pvdf_fem.scene.scene import Load
 from pvdf_fem.sweeps.grid import Grid
+from tests.helpers.damage import drawn
 from tests.helpers.refusals import keys, refused, refused_text
 
 TWO = """
@@ -188,7 +189,7 @@ LOADS = st.sampled_from([*OF_KIND]).flatmap(
 
 
 @given(load=LOADS, own=LOADS | some(VALUES), beside=some(FORCES[1:]))
-@settings(max_examples=200)
+@drawn(2.0)
 def test_a_merged_load_is_what_with_makes_of_the_scenes_load(load, own, beside):
     shape = {"shape": "circle"}
     if {**load, **own}["kind"] == "contact":

@@ -21,43 +21,23 @@ BY_EDGES = '[numerics]\nobservable = "thesis-edge"'
 #: Texts, and the key and value that the one complaint about each begins with.
 REFUSALS = [
     # unknown keys
-    ("thickness = 25", "thickness = 25"),
-    ("[films]", "films = a table"),
-    ("[film]\nthicknes_um = 30", "film.thicknes_um = 30"),
-    ("[electrodes]\nside = 2", "electrodes.side = 2"),
     (electrode(sid_mm=2), "electrodes[0].sid_mm = 2"),
     ('[probe]\nshape = "circle"\nside_mm = 7', "probe.side_mm = 7"),
     ("[[probe]]\nradius_mm = 1.0", "probe[0].radius_mm = 1.0"),
     ("[[probe]]\nload = { forse_N = 1.0 }", "probe[0].load.forse_N = 1.0"),
-    (RING + "cout = 6", "electrodes.cout = 6"),
-    (RING + "rotation_deg = 9", "electrodes.rotation_deg = 9"),
     (RING + 'shape = "circle"\nradius_mm = 1\nside_mm = 3', "electrodes.side_mm = 3"),
-    ("[stage]\nx = 1", "stage.x = 1"),
-    ("[model]\nreach = 3", "model.reach = 3"),
     # wrong types
     ("film = 3", "film = 3"),
-    ("electrodes = 3", "electrodes = 3"),
     ("electrodes = [3]", "electrodes[0] = 3"),
-    ("electrodes = []", "electrodes = []"),
     ("probe = []", "probe = []"),
     ('[film]\nyoungs_modulus_GPa = ["1", 2]', 'film.youngs_modulus_GPa[0] = "1"'),
     ("[film]\npretension_N_m = [9]", "film.pretension_N_m[1] = (nothing)"),
     ("[film]\npretension_N_m = [9, 8, 7]", "film.pretension_N_m = [9, 8, 7]"),
     ("[film]\npretension_N_m = [9, inf]", "film.pretension_N_m[1] = inf"),
-    (electrode(name=3), "electrodes[0].name = 3"),
-    ("[probe]\nshape = 3", "probe.shape = 3"),
     (POLYGON + "vertices_mm = [[0, 0], [1, 0], [1, '']]", 'probe.vertices_mm[2][1] = ""'),
     (RING + "centre = 1", "electrodes.centre = 1"),
-    ("[load]\ntangential_N = 1.0", "load.tangential_N = 1.0"),
-    # lists as one table, and tables as lists
-    ('[electrodes]\nname = "A"', 'electrodes.name = "A"'),
-    ("[film.patches]\nx_mm = 1", "film.patches = a table"),
-    ("[[load]]\nforce_N = 1", "load = [a table]"),
     # choices
     (RING + 'shape = "triangle"', 'electrodes.shape = "triangle"'),
-    (electrode(shape="triangle"), 'electrodes[0].shape = "triangle"'),
-    ('[load]\nkind = "ded"', 'load.kind = "ded"'),
-    ('[[probe]]\nload = { kind = "soft" }', 'probe[0].load.kind = "soft"'),
     ('[load]\ncontact = "stuck"', 'load.contact = "stuck"'),
     ('[load]\nprofile = "round"', 'load.profile = "round"'),
     ('[load]\nkind = "rigid"\nprofile = "hertz"', 'load.profile = "hertz"'),
@@ -85,12 +65,10 @@ REFUSALS = [
     (POLYGON + "vertices_mm = [[0, 0], [1, 0]]", "probe.vertices_mm = [[0, 0], "),
     (POLYGON + CROSSED, "probe.vertices_mm = [[0, 0], "),
     (POLYGON + f"vertices_mm = [{1001 * '[0, 0],'}]", "probe.vertices_mm = [[0, 0], "),
-    (RING + 'shape = "polygon"\n' + CROSSED, "electrodes.vertices_mm = [[0, 0], "),
     (ELLIPSE + "semi_axes_mm = [3, -2]", "probe.semi_axes_mm[1] = -2"),
     (ELLIPSE + "semi_axes_mm = [0.004, 5]", "probe.semi_axes_mm = [0.004, 5]"),
     # names
     (electrode(""), 'electrodes[0].name = ""'),
-    (electrode("A\tB"), 'electrodes[0].name = "A\\tB"'),
     (electrode("a/b"), 'electrodes[0].name = "a/b"'),
     (electrode() + electrode(x_mm=9), 'electrodes[1].name = "A"'),
     # overlaps
@@ -105,7 +83,6 @@ REFUSALS = [
     ("[[probe]]\nx_mm = 50.0", "probe[0].x_mm = 50.0"),
     ('[probe]\nshape = "circle"\nradius_mm = 46', "probe.radius_mm = 46.0"),
     (ELLIPSE + "semi_axes_mm = [3, 46]", "probe.semi_axes_mm = [3.0, 46.0]"),
-    (ELLIPSE + "semi_axes_mm = [9, 1]\nx_mm = 37", "probe.x_mm = 37.0"),
     # combinations
     (electrode(shape="circle", radius_mm=1) + BY_EDGES, 'electrodes[0].shape = "circle"'),
     (electrode(rotation_deg=45) + BY_EDGES, "electrodes[0].rotation_deg = 45.0"),
@@ -140,7 +117,6 @@ REFUSALS = [
     ("[load]\nkind = 'contact'\ntangential_N = [0.1, 0]", "load.tangential_N = [0.1, 0]"),
     (electrode(edge_radius_mm=0.1), "electrodes[0].edge_radius_mm = 0.1"),
     # amplifiers
-    ('[readout]\nkind = "volt"', 'readout.kind = "volt"'),
     ("[readout]\nkind = { A = 3 }", "readout.kind.A = 3"),
     ("[readout]\nfeedback_capacitance_pF = 3\nkind = 'voltage'", "readout.feedback_capacitance_pF"),
     ("[readout]\ngain = { E = 1 }", "readout.gain.E = 1.0"),
@@ -156,26 +132,26 @@ def test_a_mistake_is_named_by_key_and_value(text, key_and_value):
 
 
 @pytest.mark.parametrize(
-    ("text", "offered"),
+    ("text", "key", "offered"),
     [
-        ("[films]", "film"),
-        ("[film]\nthicknes_um = 30", "thickness_um"),
-        ("[[probe]]\nx_m = 1", "x_mm"),
-        ("[probe]\nradius_mm = 1", "circle"),
-        ("[probe]\nside = 1", "side_mm"),
-        ('[electrodes]\nname = "A"', "[[electrodes]]"),
-        ("[electrodes]\nnam = 1", "side_mm"),
-        ("[film.patches]\nx_mm = 1", "[[film.patches]]"),
-        ("[[load]]\nforce_N = 1", "[load]"),
-        (electrode(shape="triangel"), "rectangle"),
-        ("[load]\nkind = 3", "follower"),
-        ("[film]\nradius_mm = 0.045", "45 mm"),
+        ("[films]", "films", "film"),
+        ("[film]\nthicknes_um = 30", "film.thicknes_um", "thickness_um"),
+        ("[probe]\nradius_mm = 1", "probe.radius_mm", "circle"),
+        ('[electrodes]\nname = "A"', "electrodes.name", "[[electrodes]]"),
+        ("[electrodes]\nnam = 1", "electrodes.nam", "side_mm"),
+        ("[film.patches]\nx_mm = 1", "film.patches", "[[film.patches]]"),
+        ("[[load]]\nforce_N = 1", "load", "[load]"),
+        (electrode(shape="triangel"), "electrodes[0].shape", "rectangle"),
+        ("[load]\nkind = 3", "load.kind", "follower"),
+        ("[film]\nradius_mm = 0.045", "electrodes.ring_radius_mm", "45 mm"),
     ],
 )
-def test_what_is_no_key_or_word_is_offered_those_there_are(text, offered):
+def test_what_is_no_key_or_word_is_offered_those_there_are(text, key, offered):
     with pytest.raises(SceneError) as caught:
         Scene.parse(text)
-    assert offered in caught.value.problems[0].partition(": ")[2]
+    (told,) = caught.value.problems
+    assert told.startswith(f"{key} = ")
+    assert offered in told.partition(": ")[2]
 
 
 SOLID = {"probe": {"shape": "sphere"}, "load.kind": "contact"}

@@ -61,8 +61,8 @@ def test_every_module_that_solves_changes_the_hash():
     root = Path(__file__).parents[2]
     result = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=120)
     assert result.stderr == ""
-    readout = ["pvdf_fem.readout", "pvdf_fem.readout.channel"]
-    assert result.stdout.split() == ["pvdf_fem", "pvdf_fem.files", *readout]
+    without = ["", ".files", ".readout", ".readout.channel", ".told"]
+    assert result.stdout.split() == [f"pvdf_fem{name}" for name in without]
 
 
 SCENES = [SCENE.with_(**{"load.force_N": 0.01 * i}) for i in range(40)]
@@ -152,8 +152,10 @@ def unprivileged():
             os.seteuid(0)
 
 
-@pytest.mark.parametrize(("file", "folder"), [(0o444, 0o755), (0o666, 0o555), (0o444, 0o777)])
-@pytest.mark.parametrize("in_use", [True, False])
+@pytest.mark.parametrize(
+    ("file", "folder", "in_use"),
+    [(0o444, 0o755, True), (0o666, 0o555, False), (0o444, 0o777, True)],
+)
 def test_a_store_that_cannot_be_written_is_read(file, folder, in_use, monkeypatch):
     with TemporaryDirectory() as name:  # the folders of tmp_path are for their owner only
         path = Path(name) / "s.db"
