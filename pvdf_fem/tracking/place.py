@@ -96,8 +96,9 @@ class ChangeModel(Problem):
         model_error = self.model.error_bound / math.sqrt(3.0)
         skewed = self.options.skew * math.sqrt(sample.missed) * sample.direction[heard]
         variance = sample.variance[heard] + np.square(model_error * charges) + np.square(skewed)
-        given = {"charges_pC": charges, "deviations_pC": np.sqrt(variance)}
-        return replace(self, electrodes=heard, unknown=unknown, **given)
+        deviations = np.sqrt(variance)
+        sought = replace(self, electrodes=heard, unknown=unknown)
+        return replace(sought, charges_pC=charges, deviations_pC=deviations)
 
     @property
     def log_forces(self) -> tuple[float, float]:
