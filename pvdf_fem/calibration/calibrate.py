@@ -21,7 +21,7 @@ from pvdf_fem.calibration.touches import read_touches
 from pvdf_fem.calibration.unknowns import unknowns_of
 from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.progress import Counted, Progress, shown
-from pvdf_fem.readout.channel import READINGS
+from pvdf_fem.readout.channel import READINGS, channels, units_pC
 from pvdf_fem.scene.given import Names, SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
 
@@ -37,7 +37,7 @@ def calibrate(
     reading: str | None = None,
     unit: str = "pC",
     sigma: float = 0.01,
-    noise: float = 0.0,
+    noise: float | None = None,
     place_sd: float = 0.0,
     priors: Mapping[str, float] | None = None,
     progress: Progress | bool | None = None,
@@ -61,7 +61,8 @@ def calibrate(
     unit : {"pC", "V"}
         Of the readings; those in pC are readings in V times the channel's capacitance.
     sigma, noise : float
-        Standard deviations of a reading: relative to it, and in its unit.
+        Standard deviations of a reading: relative to it, and in its unit, by default the readout's
+        ``noise_V``.
     place_sd : float
         Standard deviation in mm of each coordinate of the touches' places.
     priors : mapping, optional
@@ -83,10 +84,18 @@ def calibrate(
     scene.require_plain_charges("a calibration")
     if reading is None:
         reading = scene.readout.reading if scene.readout else "change"
-    deviations = {"sigma": sigma, "noise": noise, "place_sd": place_sd}
+    deviations = {"sigma": sigma, "place_sd": place_sd}
+    deviations |= {} if noise is None else {"noise": noise}
     deviations = {name: taken(name, value, float) for name, value in deviations.items()}
     if mistakes := _mistakes(scene, {"reading": reading, "unit": unit}, deviations):
         raise ValueError("\n".join(mistakes))
+    wired = channels(scene)
+    in_unit = units_pC(wired)["V"] / units_pC(wired)[unit] * [channel.noise for channel in wired]
+    uncertain = Noise(
+        deviations["sigma"],
+        np.broadcast_to(deviations.get("noise", in_unit), len(wired)),
+        deviations["place_sd"],
+    )
     unknowns = unknowns_of(scene, unknown, priors or {})
     given = read_touches(touches, scene)
     tolerance = min(max(options.tolerance_share * sigma, options.finest), options.coarsest)
@@ -94,7 +103,7 @@ def calibrate(
     with shown("solves", progress) as show:
         count = Counted(show, expected)
         model = TouchModel(unknowns, given, reading, unit, tolerance, options, count=count)
-        fit, found = explained(model, Noise(*deviations.values()))
+        fit, found = explained(model, uncertain)
     status, reason = _judged(fit, found)
     rows, bad = given.rows.tolist(), np.flatnonzero(model.solved & ~fit.kept).tolist()
     outliers = {rows[i]: why for i, why in model.failures.items()}
@@ -117,7 +126,8 @@ def _mistakes(scene: Scene, words: Mapping[str, str], deviations: Mapping[str, f
     for name, value in deviations.items():
         if not 0.0 <= value < np.inf:
             mistakes.append(f"{name} = {value:g}: give a standard deviation, not negative")
-    if not (deviations["sigma"] or deviations["noise"]):
+    quietest = min(channel.noise for channel in channels(scene))
+    if not (deviations["sigma"] or deviations.get("noise", quietest)):
         mistakes.append("sigma = 0: readings have errors; give sigma or noise")
     return mistakes
 

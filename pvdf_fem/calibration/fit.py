@@ -25,10 +25,9 @@ SEARCH = SearchOptions(max_steps=25, arrived=1e-6, short=1e-3)  #: Between solve
 class Noise:
     """What is uncertain in readings and places."""
 
-    #: Of a reading, relative and in its unit; of each coordinate of a touch's place.
-    sigma: float
-    noise: float
-    place_mm: float
+    sigma: float  #: Of a reading, relative.
+    noise: Array  #: Of readings besides, in their unit, (electrodes,).
+    place_mm: float  #: Of each coordinate of a touch's place.
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,7 +57,13 @@ def add_to(commands: Any) -> None:
         ("--unknown", "NAMES", "film.pretension_N_m,gains", "what is sought"),
         ("--unit", "UNIT", "pC", "of the readings: pC or V"),
         ("--sigma", "SHARE", "0.01", "standard deviation of each reading, relative to it"),
-        ("--noise", "VALUE", "0", "standard deviation of each reading besides, in its unit"),
+        (
+            "--noise",
+            "VALUE",
+            None,
+            "standard deviation of each reading besides, in its unit (default: readout.noise_V, "
+            "or 0)",
+        ),
         ("--place-sd", "MM", "0", "standard deviation of x and y of the touches' places"),
     )
     parser.add_argument(
@@ -85,6 +91,7 @@ def run(options: argparse.Namespace) -> int:
     mistakes += output_mistakes(options.page, [".html"], *inputs, options.output)
     scene = scene_of(options, *mistakes)
     given = {f"--{name}": getattr(options, name.replace("-", "_")) for name in DEVIATIONS}
+    given = {option: text for option, text in given.items() if text is not None}
     given |= {f"--prior {n.strip()}": v for n, _, v in (t.partition("=") for t in options.prior)}
     values = {option: positive(option, text, mistakes, zero=True) for option, text in given.items()}
     if mistakes:
@@ -92,7 +99,9 @@ def run(options: argparse.Namespace) -> int:
     from pvdf_fem.calibration.calibrate import calibrate
     from pvdf_fem.calibration.diagnosis import CalibrationStatus
 
-    deviations: dict[str, Any] = {n.replace("-", "_"): values[f"--{n}"] for n in DEVIATIONS}
+    deviations: dict[str, Any] = {
+        n.replace("-", "_"): values[f"--{n}"] for n in DEVIATIONS if f"--{n}" in values
+    }
     try:
         found = calibrate(
             scene,

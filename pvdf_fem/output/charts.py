@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, MultipleLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, MultipleLocator
 from matplotlib.tri import Triangulation
 from skfem import Basis
 
@@ -179,6 +179,8 @@ def _draw_axis(axis: XAxis | YAxis, varied: list[DataArray], most_ticks: int = 5
         axis.axes.set(**{f"{axis.axis_name}scale": "log"})
         axis.set_ticks(values[few], [f"{value:.3g}" for value in values[few]])
         axis.set_ticks([], minor=True)
+    elif np.array_equal(values, np.round(values)):  # there is no electrode and a half
+        axis.set_major_locator(MaxNLocator(integer=True))
     return np.asarray(values)
 
 

@@ -42,6 +42,19 @@ def test_the_first_solves_are_never_the_last():
     assert (found.status, len(told)) == ("calibrated", 20)
 
 
+@pytest.mark.parametrize(("unit", "pC"), [("pC", 1.0), ("V", 500.0)])
+def test_the_noise_is_by_default_the_readout_s(unit, pC):
+    readout = {"feedback_capacitance_pF": 500.0, "noise_V": {"A": 0.03, "B": 0.01}}
+    columns = made(10, sigma=0.01)
+    columns |= {name: columns[name] / pC for name in NAMES}
+    scene = SCENE.with_(readout=readout)
+    default, none = (calibrate(scene, columns, UNKNOWN, unit=unit, noise=n) for n in (None, 0.0))
+    added = default.fit.deviations**2 - none.fit.deviations**2
+    expected = np.square([15.0, 5.0, 0.0, 0.0]) / pC**2
+    # deviations follow the readings that are found, which differ a little
+    assert added.mean(axis=0) == pytest.approx(expected, rel=0.1, abs=0.1 / pC**2)
+
+
 def test_noise_and_places_are_within_the_deviations(found):
     assert found.status == "calibrated"
     assert found.fit.p_value > 0.01

@@ -133,3 +133,11 @@ def test_designs_are_a_curve_for_each_value_and_the_map_of_the_best(forces):
     drawn = np.ma.filled(film.collections[0].get_array(), np.nan)
     np.testing.assert_array_equal(drawn, chosen.place_deviation_mm)
     assert [text.get_text() for text in curves.get_legend().get_texts()] == ["4", "6"]
+
+
+def test_whole_numbers_have_whole_ticks():
+    model, ring = bumps("circle"), {"layout": "ring", "shape": "circle", "radius_mm": 1.0}
+    sensor, vary = model.scene.with_(electrodes=ring), {"electrodes.count": [4, 5, 6]}
+    data = design(sensor, vary, step_mm=4.0, model=model.for_scene)
+    curve, *_ = design_chart(data, best(data)).axes
+    assert (np.mod(curve.get_xticks(), 1.0) == 0.0).all()

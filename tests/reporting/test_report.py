@@ -178,6 +178,16 @@ def test_faults_are_told_in_their_places_and_do_not_stop_the_others(tmp_path, ca
     assert '<svg id="svg-curve"' not in page
 
 
+def test_a_preview_of_a_curve_goes_as_far_as_the_curve(tmp_path):
+    table = only("curve")
+    (curve,) = table["section"][0]["figure"]
+    del curve["family"]
+    curve |= {"x": "force_N", "values": [0.2, 0.4, 0.6, 0.8]}
+    Report.load(write(tmp_path, table)).make(tmp_path / "out", quick=True, processes=1)
+    drawn = pd.read_csv(tmp_path / "out" / "data" / "curve.csv")
+    assert sorted(set(drawn.x)) == [0.2, 0.6, 0.8]
+
+
 def test_warnings_of_scenes_stand_below_their_figure(tmp_path):
     """A coefficient in C/N is a doubt about the scene, which is solved all the same."""
     table = only("curve")

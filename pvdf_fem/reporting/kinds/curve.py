@@ -65,7 +65,9 @@ class Curve(Along):
 
     def series(self, inputs: Inputs) -> list[Series]:
         """Curves by the family's values, or by electrode."""
-        scene, numbers = self.scene(inputs), tuple(self.values)[:: 2 if inputs.quick else 1]
+        scene, numbers = self.scene(inputs), tuple(self.values)
+        if inputs.quick:
+            numbers = (*numbers[:-1:2], numbers[-1])  # as far as the full curve
         if list(numbers) != sorted(set(numbers)):
             raise SceneError([problem("values", list(numbers), "do not grow; sort them")])
         families: dict[str | None, dict[str, Any]] = {None: {}}

@@ -24,7 +24,7 @@ from pvdf_fem.scene.quantity import Finite, Whole, within
 from pvdf_fem.scene.scene import Scene
 
 RADII, ANGLES = 41, 121  #: Raster of a panel.
-NEAR = 0.02  #: Distance, over the range of charges, from a level to an end that has no name.
+NEAR = 0.06  #: Distance, over the colour bar, from a level to an end that has no name.
 SHADES = 16  #: Number of bands of colour.
 POINTS = ["electrode", "x_mm", "y_mm", "charge_pC", "apart_mm"]
 
@@ -174,8 +174,9 @@ def _draw(
     figure.supylabel("y of the probe (mm)")
     bar = figure.colorbar(filled, ax=list(figure.axes), aspect=30, fraction=0.04, pad=0.02)
     named = sorted({level for of in levels.values() for level in of if low < level < high})
-    apart = NEAR * (high - low)
-    ends = [end for end in (low, high) if all(abs(level - end) > apart for level in named)]
+    # bands are equally high
+    heights = np.interp(named, shades, np.linspace(0.0, 1.0, SHADES + 1))
+    ends = [end for end, at in ((low, 0.0), (high, 1.0)) if (np.abs(heights - at) > NEAR).all()]
     ticks = {level: f"{level:.4g}" for level in named}
     ticks |= {end: f"{float(f'{end:.3g}'):g}" for end in ends}
     bar.set_ticks([*ticks], labels=[*ticks.values()])
