@@ -14,7 +14,7 @@ from pvdf_fem.readout.channel import READINGS
 from pvdf_fem.told import Grid, Parts, Told, rounded
 from pvdf_fem.touch.posterior import Posterior, least_chi_square, posterior
 from pvdf_fem.touch.problem import Problem, extents, kind_of
-from pvdf_fem.touch.touch import DETERMINED, EXPLAINED, Touch, TouchStatus, status_of
+from pvdf_fem.touch.touch import DETERMINED, Touch, TouchStatus, status_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -89,7 +89,7 @@ class Location(Told):
     @property
     def explained(self) -> bool:
         """Whether a touch of the model's domain gives such charges."""
-        return self.status in EXPLAINED
+        return bool(self.touches) and self.best.explained
 
     @property
     def best(self) -> Touch:
