@@ -87,6 +87,12 @@ def locate(
     -----
     The model's own error, evenly distributed within `model.error_bound` of the total charge, is
     added to the standard deviations. It is taken as independent between electrodes.
+
+    Examples
+    --------
+    >>> response = build_response("sensor.toml", tolerance=3e-2)
+    >>> changes = {"A": 350.0, "B": 240.0, "C": 200.0, "D": 230.0}
+    >>> print(locate(response, changes, sigma=0.01, reading="change"))
     """
     noise, unknown = (sigma, noise_pC, reading), taken("unknown", unknown, Names)
     scene = model.scene if isinstance(model, Model) else scene_of(model)

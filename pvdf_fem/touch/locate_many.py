@@ -158,6 +158,12 @@ def locate_many(
     ------
     ValueError
         For shapes that do not match, and mistakes as `locate` tells them.
+
+    Examples
+    --------
+    >>> response = build_response("sensor.toml", tolerance=3e-2)
+    >>> readings = [[350.0, 240.0, 200.0, 230.0], [330.0, 300.0, 210.0, 240.0]]
+    >>> locate_many(response, readings, sigma=0.01, reading="change").status
     """
     names, charges = _table(model_of(model), charges_pC)
     any_charges, noise = dict.fromkeys(names, math.pi), (sigma, noise_pC, reading)
