@@ -40,15 +40,16 @@ probes, or its probe twice, is what touches.
 With --csv every row of a file is located. Its header has names of electrodes,
 and may have rotation_deg and force_N, which are then known. Other columns are
 passed through; columns x_mm, y_mm, rotation_deg, force_N, their deviations,
-chi_square, p_value, alternatives (other touches with 1 % of the likelihood or
-more), status and remark follow. Files that end in
-.json or .jsonl have a list of objects, or an object on each line; - is CSV, or
-such a list with --json.
+chi_square, p_value, alternatives (touches with another place or force and 1 % of
+the likelihood or more), status and remark follow. Files that end in .json or
+.jsonl have a list of objects, or an object on each line; - is CSV, or such a list
+with --json.
 
-The status is `located`, `ambiguous` (several touches are likely), `at edge` (the
-touch may lie beyond the model's domain) or `unexplained`: no touch of the model
-gives such charges, the numbers are those of the nearest touch, and the remark
-names the unit, sign or exchanged channels with which a touch explains them."""
+The status is `located`, `ambiguous` (touches with another place or force are
+likely), `at edge` (the touch may lie beyond the model's domain) or `unexplained`:
+no touch of the model gives such charges, the numbers are those of the nearest
+touch, and the remark names the unit, sign or exchanged channels with which a touch
+explains them."""
 
 EPILOG = """\
 examples:
