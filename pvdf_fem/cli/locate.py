@@ -163,7 +163,7 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
 
     What is not sought is known from the first. Raises `ValueError` with all mistakes.
     """
-    from pvdf_fem.touch.locate import locate, match, staged_touch, weigh
+    from pvdf_fem.touch.locate import locate, match, staged_touch
 
     file, sensor = next(iter(scenes.items()))
     readings = request.readings_pC(sensor)
@@ -181,7 +181,8 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
     # files that are there come first, so that a damaged one is told before any model is built
     order = sorted(scenes, key=lambda name: not request.model.path(scenes[name], name).exists())
     models = {name: model_of(scenes[name], name, request.model) for name in order}
-    return weigh(models, readings, known=known, **asked, **errors)
+    asked |= {"known": known, **errors}
+    return match({name: locate(model, readings, **asked) for name, model in models.items()})
 
 
 def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:
