@@ -31,16 +31,17 @@ if TYPE_CHECKING:
 
 
 DESCRIPTION = """\
-The model of the charges by the touch that `locate`, `track` and `explore` use: it
-is built if none beside the scene file serves, and told with its error. The scene
-says what it has to hold for:
+The model of the charges by the touch that `locate`, `track` and `explore` use. The
+model is built unless a model beside the scene file serves, and told with its error.
+The scene says where and how hard the film is touched:
 
   [model]
   reach_mm = 12             # largest distance of the probe from the centre
   force_range_N = [0.1, 5]
   tolerance = "auto"        # a tenth of the noise of readings, or a number
 
-A model that covers what is asked serves, also for other electrodes, d31 and d32."""
+A model for a larger reach and range of forces serves, also for other electrodes,
+d31 and d32."""
 
 EPILOG = """\
 examples:

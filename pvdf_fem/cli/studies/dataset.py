@@ -42,7 +42,7 @@ def add_to(commands: Any) -> None:
     add_texts(
         parser,
         ("--touches", "N", "100000", "how many touches"),
-        ("--seed", "N", "0", "the same seed draws the same touches and the same noise"),
+        ("--seed", "N", "0", "equal seeds draw equal touches and equal noise"),
         ("--sigma", "SHARE", "0.01", "standard deviation of a reading over the charge or change"),
         ("--noise", "PC", None, "another one, of every reading (default: readout.noise_V, or 0)"),
     )
