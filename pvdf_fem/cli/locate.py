@@ -40,15 +40,16 @@ probe twice, touches the film.
 With --csv every row of a file is located. Its header has names of electrodes,
 and may have rotation_deg and force_N, which are then known. Other columns are
 passed through; columns x_mm, y_mm, rotation_deg, force_N, their deviations,
-chi_square, p_value, alternatives (other touches with 1 % of the likelihood or
-more), status and remark follow. Files that end in
-.json or .jsonl have a list of objects, or an object on each line; - is CSV, or
-such a list with --json.
+chi_square, p_value, alternatives (touches with another place or force and 1 % of
+the likelihood or more), status and remark follow. Files that end in .json or
+.jsonl have a list of objects, or an object on each line; - is CSV, or such a list
+with --json.
 
-The status is `located`, `ambiguous` (several touches are likely), `at edge` (the
-touch may lie beyond the model's domain) or `unexplained`: no touch of the model
-explains the charges, the numbers describe the nearest touch, and the remark
-names the unit, sign or exchanged channels with which a touch explains them."""
+The status is `located`, `ambiguous` (touches with another place or force are
+likely), `at edge` (the touch may lie beyond the model's domain) or `unexplained`:
+no touch of the model explains the charges, the numbers describe the nearest touch,
+and the remark names the unit, sign or exchanged channels with which a touch
+explains them."""
 
 EPILOG = """\
 examples:
@@ -162,7 +163,7 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
 
     What is not sought is known from the first. Raises `ValueError` with all mistakes.
     """
-    from pvdf_fem.touch.locate import locate, match, staged_touch, weigh
+    from pvdf_fem.touch.locate import locate, match, staged_touch
 
     file, sensor = next(iter(scenes.items()))
     errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(sensor)}
@@ -183,7 +184,9 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
     # files that are there come first, so that a damaged one is told before any model is built
     order = sorted(scenes, key=lambda name: not request.model.path(scenes[name], name).exists())
     models = {name: model_of(scenes[name], name, request.model) for name in order}
-    return weigh(models, request.readings, known=known, **asked, **errors)
+    asked |= {"known": known, **errors}
+    readings = request.readings
+    return match({name: locate(model, readings, **asked) for name, model in models.items()})
 
 
 def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:

@@ -183,7 +183,7 @@ class ModelChoice:
             try:
                 kept = Response.load(path)
             except FileError as error:
-                yield path, str(error)
+                yield path, str(error).removeprefix(f"{path}: ")
                 continue
             code = response_key(kept.scene, kept.domain, kept.tolerance)
             if mechanics_of(kept.scene) != mechanics_of(scene):

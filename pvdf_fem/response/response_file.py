@@ -104,7 +104,7 @@ def read(path: Path, kind: type[Kept]) -> Kept:
     with reading(path, "a response") as file:
         head = file.read(len(_head(b"")))
         content = file.read() if head.startswith(FORMAT) else b""
-    advice = "delete it and build it again"
+    advice = "delete it; pvdf-fem model SCENE.toml builds it again"
     if not head.startswith(FORMAT):
         raise ResponseError(f"{path}: is not a response of this version; {advice}")
     if head != _head(content):

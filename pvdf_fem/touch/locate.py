@@ -4,7 +4,7 @@
 touch for each of many rows of charges. Both maximise the likelihood of the charges under
 independent normal errors. The result of `locate` also says what keeps the best touch from being the
 answer: other touches as likely, directions that the charges do not determine, charges that no touch
-explains, the edge of the model's domain. `weigh` tells which of several probes touched.
+explains, the edge of the model's domain. `match` tells which of several probes touched.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -184,26 +183,11 @@ class ProbeMatch:
     location: Location  #: The touches of this probe.
 
 
-def weigh(
-    models: Mapping[str, Model],
-    charges_pC: Mapping[str, float],
-    sigma: Deviations = 0.01,
-    *,
-    unknown: Sequence[str] = QUANTITIES,
-    **options: Any,
-) -> tuple[ProbeMatch, ...]:
-    """The probes that may have touched, the most probable first, from their models by name. Bayes'
-    rule is applied to the probability density of the charges over all touches of each probe. A
-    probe that can give many different charges must explain the measured ones better than a probe
-    that can give few. The other arguments are those of `locate`."""
-    if not models:
-        raise ValueError("models: none given; give one for each probe in question")
-    options |= {"sigma": sigma, "unknown": unknown}
-    return match({name: locate(model, charges_pC, **options) for name, model in models.items()})
-
-
 def match(locations: Mapping[str, Location]) -> tuple[ProbeMatch, ...]:
-    """Locations of the same charges with different probes, the most probable first."""
+    """The probes that may have touched, the most probable first, from the locations of the charges
+    by the name of each probe's model. Bayes' rule is applied to the probability density of the
+    charges over all touches of each probe. A probe that can give many different charges must
+    explain the measured charges better than a probe that can give few."""
     logs = np.array([location.log_evidence for location in locations.values()])
     total = np.logaddexp.reduce(logs)
     weights = (np.exp(logs - total) if np.isfinite(total) else 0.0 * logs.clip(0.0)).tolist()

@@ -262,8 +262,9 @@ def _status(
     measurement: Measurement, readings: Array, known: Mapping[int, Array], sought: Indices
 ) -> NDArray[np.object_]:
     """What keeps rows from being located; `TouchStatus.LOCATED` for those that can be."""
-    determinable = measurement.problem(readings[:1], sought).is_determinable
-    small = np.abs(measurement.signals(readings)) < LEAST_PC
+    determinable = measurement.problem(np.zeros_like(readings[:1]), sought).is_determinable
+    usual = np.clip(readings, -LARGEST_PC, LARGEST_PC)  # numbers of any size are told, not squared
+    small = np.abs(measurement.signals(usual)) < LEAST_PC
     lowest, highest = measurement.model.domain.force_N
     forces = known.get(FORCE, np.full(len(readings), lowest))
     # the last reasons win

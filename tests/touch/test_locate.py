@@ -7,7 +7,7 @@ import pytest
 
 from pvdf_fem.response.model import QUANTITIES
 from pvdf_fem.touch.least_squares import SearchOptions
-from pvdf_fem.touch.locate import locate, weigh
+from pvdf_fem.touch.locate import locate, match
 from pvdf_fem.touch.locate_many import locate_many
 from pvdf_fem.touch.search import LocateOptions
 from tests.helpers.touch_models import Bumps, bumps, random_touches
@@ -450,12 +450,14 @@ def test_the_right_probe_is_chosen():
     models = {shape: bumps(shape, 6) for shape in ("triangle", "rectangle", "circle")}
     for touch in random_touches(4, seed=8, reach_mm=9.0):
         for name, model in models.items():
-            choices = weigh(models, charges_of(model, touch), 1e-3)
+            charges = charges_of(model, touch)
+            choices = match({n: locate(m, charges, 1e-3, unknown=ALL) for n, m in models.items()})
             assert sum(one.weight for one in choices) == pytest.approx(1.0)
             right = next(one for one in choices if one.name == name)
             assert right.weight > 0.05
             assert right.location.best.chi_square < 1.0
-    sure = weigh(models, charges_of(models["rectangle"], np.array([4.0, 1.0, 20.0, 1.0])), 1e-3)
+    charges = charges_of(models["rectangle"], np.array([4.0, 1.0, 20.0, 1.0]))
+    sure = match({n: locate(m, charges, 1e-3, unknown=ALL) for n, m in models.items()})
     assert (sure[0].name, round(sure[0].weight, 3)) == ("rectangle", 1.0)
 
 

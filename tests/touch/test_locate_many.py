@@ -53,6 +53,14 @@ def test_a_bad_row_has_its_status_and_changes_no_other():
     assert not (found.determined | found.at_edge)[others].any()
 
 
+def test_readings_of_any_size_are_told():
+    model, _, charges = rows(2)
+    charges[0, 1] = 1.7e308
+    found = locate_many(model, charges)
+    assert found.status[0] == "too_large"
+    assert np.isfinite(found.values[1]).all()
+
+
 def test_what_is_known_of_a_row_may_be_bad():
     model, touches, charges = rows(6)
     rotations, forces = touches[:, 2].copy(), touches[:, 3].copy()
