@@ -165,22 +165,25 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
     from pvdf_fem.touch.locate import locate, match, staged_touch, weigh
 
     file, sensor = next(iter(scenes.items()))
-    readings = request.readings_pC(sensor)
     errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(sensor)}
-    asked: dict[str, Any] = {"unknown": request.unknown, "reading": request.reading}
+    asked: dict[str, Any] = {
+        "unknown": request.unknown,
+        "reading": request.reading,
+        "unit": request.unit,
+    }
     if request.by_solves:
         asked |= {"touches": request.touches, "progress": request.model.progress}
         domain = {"reach_mm": request.model.reach_mm, "force_range_N": request.model.force_N}
         if given := {key: value for key, value in domain.items() if value}:
             sensor = sensor.with_(model=given)
-        return match({file: locate(sensor, readings, **asked, **errors)})
+        return match({file: locate(sensor, request.readings, **asked, **errors)})
     touch = staged_touch(sensor)
     known = {name: value for name, value in touch.items() if name not in request.unknown}
-    require(scenes, request, readings, known)
+    require(scenes, request, request.readings_pC(sensor), known)
     # files that are there come first, so that a damaged one is told before any model is built
     order = sorted(scenes, key=lambda name: not request.model.path(scenes[name], name).exists())
     models = {name: model_of(scenes[name], name, request.model) for name in order}
-    return weigh(models, readings, known=known, **asked, **errors)
+    return weigh(models, request.readings, known=known, **asked, **errors)
 
 
 def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:

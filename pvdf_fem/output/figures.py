@@ -208,7 +208,7 @@ class _Label(Text):
             middle, hidden = self._place(renderer, seen)
             if not hidden:
                 break
-        self.set_position(middle)
+        self.set_position((middle[0], middle[1]))
         super().draw(renderer)
 
     def _place(self, renderer: RendererBase, seen: Bbox) -> tuple[Array, int]:

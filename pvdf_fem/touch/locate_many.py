@@ -22,6 +22,7 @@ from pvdf_fem.touch.measurement import (
     Deviations,
     Measurement,
     charge_mistakes,
+    units_of,
 )
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.search import DEFAULTS, best_ends, described, explained, location, search
@@ -131,6 +132,7 @@ def locate_many(
     forces_N: ArrayLike | None = None,
     noise_pC: Deviations | None = None,
     reading: str | None = None,
+    unit: str = "pC",
     calibrated: bool = False,
 ) -> Touches:
     """The likeliest place, and force and rotation if they are not known, for rows of charges.
@@ -141,7 +143,7 @@ def locate_many(
 
     Parameters
     ----------
-    model, sigma, noise_pC, reading
+    model, sigma, noise_pC, reading, unit
         As for `locate`.
     charges_pC : array_like, shape (n, electrodes), or mapping
         Rows of readings as for `locate`, of all electrodes, or the readings of all rows by the
@@ -164,10 +166,8 @@ def locate_many(
     >>> locate_many(response, readings, sigma=0.01, reading="change").status
     """
     names, charges = _table(model_of(model), charges_pC)
-    any_charges = dict.fromkeys(names, math.pi)
-    mistakes = [
-        *charge_mistakes(model.scene, any_charges, sigma, noise_pC, reading, model.at_rest_pC)
-    ]
+    any_charges, noise = dict.fromkeys(names, math.pi), (sigma, noise_pC, reading)
+    mistakes = [*charge_mistakes(model.scene, any_charges, *noise, model.at_rest_pC, unit)]
     known = {}
     given = {"rotations_deg": (ROTATION, rotations_deg), "forces_N": (FORCE, forces_N)}
     for name, (i, values) in given.items():
@@ -177,7 +177,9 @@ def locate_many(
                 mistakes.append(f"{name} of shape {known[i].shape}: give one per row")
     if mistakes:
         raise ValueError("\n".join(mistakes))
-    measurement = Measurement.of(model, names, sigma, noise_pC, reading)
+    measurement = Measurement.of(model, names, *noise, unit)
+    units = units_of(model.scene, unit)
+    charges = charges * [units[name] for name in names]
     sought = np.array([i for i in range(len(QUANTITIES)) if i not in known])
     status = _status(measurement, charges, known, sought)
     found = Touches.empty(status, tuple(QUANTITIES[i] for i in sought), measurement.reading)
