@@ -111,6 +111,9 @@ def mode_shapes(
             filled = ax.tricontourf(triangles, w, levels=levels, cmap="RdBu_r")
             ax.set_title(title)
             ax.label_outer()
+        for ax in panels[-2:]:  # also above an empty place
+            ax.set_xlabel("x (mm)")
+            ax.tick_params(labelbottom=True)
         label = "deflection over its largest"
         figure.colorbar(filled, ax=panels, label=label, shrink=0.8, aspect=10 * len(panels))
         figure.suptitle(heading, x=0.02, ha="left", fontsize=9)

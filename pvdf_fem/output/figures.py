@@ -211,7 +211,7 @@ class _Label(Text):
         self.set_position((middle[0], middle[1]))
         super().draw(renderer)
 
-    def _place(self, renderer: RendererBase, seen: Bbox) -> tuple[Array, int]:
+    def _place(self, renderer: RendererBase, seen: Bbox) -> tuple[tuple[float, float], int]:
         """Middle of the words beside a seen box, in pixels, and how many lines and words they hide
         there."""
         ax: Any = self.axes
@@ -228,7 +228,8 @@ class _Label(Text):
             lines = sum(path.intersects_bbox(place, filled=False) for path in paths)
             hidden.append(lines + place.count_overlaps(boxes))
         best = int(np.argmin(hidden))
-        return middles[best], hidden[best]
+        x, y = middles[best].tolist()
+        return (x, y), hidden[best]
 
     def _ways(self) -> Array:
         """Ways from the box, (ways, 2): to its sides, that away from the film's centre first, then

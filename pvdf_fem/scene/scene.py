@@ -111,8 +111,8 @@ class LoadedProbe:
 class Scene(Told, Section):
     """A film with electrodes, optional probes, a load, readout and stage.
 
-    Listed probes may have their own loads; see `loaded_probes`. Mistakes raise `SceneError`, listed
-    under the keys of the scene file; valid values that were probably meant otherwise are `doubts`.
+    Listed probes may have their own loads. Mistakes raise `SceneError`, listed under the keys of
+    the scene file; valid values that were probably meant otherwise are among the `doubts`.
 
     Examples
     --------

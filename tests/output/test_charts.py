@@ -107,8 +107,9 @@ def test_more_axes_have_to_be_chosen_from(monkeypatch):
 
 def test_mode_shapes_are_of_the_scene_with_its_air():
     scene = Scene().with_(**{"air": {}, "numerics.tolerance": 0.02})
-    result = modes(scene, count=2)
+    result = modes(scene, count=3)
     *panels, bar = result.plot().axes
+    assert [bool(ax.get_xlabel()) for ax in panels] == [False, True, True]
     titles = [ax.get_title(loc="left") for ax in panels]
     assert titles == [f"{i}: {f:.4g} Hz" for i, f in enumerate(result.frequencies_in_air_Hz, 1)]
     assert bar.get_ylabel() == "deflection over its largest"
