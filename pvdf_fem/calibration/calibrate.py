@@ -87,7 +87,7 @@ def calibrate(
     deviations = {name: taken(name, value, float) for name, value in deviations.items()}
     if mistakes := _mistakes(scene, {"reading": reading, "unit": unit}, deviations):
         raise ValueError("\n".join(mistakes))
-    unknowns = unknowns_of(scene, unknown, priors or {})
+    unknowns = unknowns_of(scene, unknown, taken("priors", priors or {}, dict[str, Any]))
     given = read_touches(touches, scene)
     tolerance = min(max(options.tolerance_share * sigma, options.finest), options.coarsest)
     expected = options.expected_rounds * len(given)

@@ -7,12 +7,11 @@ sentences.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
-from pydantic import BeforeValidator, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.change import plain
@@ -34,7 +33,11 @@ class HasScene(Protocol):
 
 SceneLike: TypeAlias = Scene | str | Path | Mapping[str, Any] | HasScene
 #: Names; a single name may stand alone.
-Names = Annotated[tuple[str, ...], BeforeValidator(lambda v: (v,) if isinstance(v, str) else v)]
+Names = Annotated[
+    tuple[str, ...],
+    Field(min_length=1),
+    BeforeValidator(lambda names: (names,) if isinstance(names, str) else names),
+]
 
 
 class Named(dict[str, Value]):
@@ -79,8 +82,8 @@ def taken(
 ) -> Any:
     """An argument with a type, within optional limits; ValueError, a line for each
     mistake, for anything else."""
-    kind = Annotated[kind, Key(unit, limits)] if kind in (int, float) else kind
-    if isinstance(kind, type) and is_dataclass(kind):
+    kind = Annotated[kind, Key(unit, limits)] if kind in (bool, int, float) else kind
+    if isinstance(kind, type) and not issubclass(kind, int | float | str | Path):
         if isinstance(given, kind):
             return given
         raise ValueError(problem(name, given, f"must be a {kind.__name__}; give one"))

@@ -84,6 +84,7 @@ def locate(
     added to the standard deviations. It is taken as independent between electrodes.
     """
     noise, unknown = (sigma, noise_pC, reading), taken("unknown", unknown, Names)
+    known = taken("known", known, dict[str, Any] | None)
     if not isinstance(model, Model):
         if known:
             raise ValueError("known: a scene has what is known; change the scene")
