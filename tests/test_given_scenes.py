@@ -85,7 +85,6 @@ MISTAKES = {
     "pf.half_sine(0.1, 0)": "duration_s",
     "pf.gradients(s, ['bad'])": "parameters",
     "pf.gradients(s, [3])": "parameters[0]",
-    "pf.gradients(s, [])": "parameters",
     "pf.gradients(s, tolerance='a')": "tolerance",
     "pf.uncertainty(s, ['film.thickness_um'])": "uncertain",
     "pf.sweep(S, {'load.force_N': [1]})": "axes",

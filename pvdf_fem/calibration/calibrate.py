@@ -78,6 +78,12 @@ def calibrate(
     ------
     ValueError
         A line for each mistake in the arguments (`TouchesError`: in the touches).
+
+    Examples
+    --------
+    >>> found = calibrate("sensor.toml", "touches.csv", ["film.pretension_N_m", "gains"])
+    >>> print(found)
+    >>> sensor = found.scene
     """
     scene, unknown = scene_of(scene), taken("unknown", unknown, Names)
     scene.require_plain_charges("a calibration")

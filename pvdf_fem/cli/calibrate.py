@@ -24,8 +24,8 @@ from pvdf_fem.files import replacing
 from pvdf_fem.scene.scene_file import SceneError
 
 DESCRIPTION = """\
-Parameters of a sensor from touches with known place, rotation and force: what
-of film, channels and place under the stage explains the readings best. The ±
+Parameters of a sensor from touches with known place, rotation and force: film,
+channels and place under the stage that explain the readings best. The ±
 are standard deviations. Touches that do not fit are left out and named; files
 with swapped channels, mirrored axes, wrong units and the like are recognised."""
 
@@ -35,8 +35,8 @@ the stage), force_N, and one for each electrode (A, B, ...) with its reading.
 
 unknowns: film.pretension_N_m and other keys of the film; gain.A, ... or gains;
 offset.A, ... (V) or offsets; stage.x_mm and stage.y_mm or shift;
-stage.rotation_deg or turn. What the readings cannot tell is decided by priors
-about the scene's values, and named: gains 10 %, d31 and d32 20 %, pretension
+stage.rotation_deg or turn. Parameters that the readings cannot tell are decided by
+priors about the scene's values, and named: gains 10 %, d31 and d32 20 %, pretension
 30 %, other keys of the film 20 %, shift 1 mm, turn 3 degrees, offsets 0.1 V.
 
 examples:

@@ -19,23 +19,23 @@ if TYPE_CHECKING:
 
 DESCRIPTION = """\
 The touch that gave some charges: position, force and rotation of the scene's
-probe, and all other touches that may have given them. The true touch is within
+probe, and all other touches that explain the charges. The true touch is within
 the ± of each with a probability of 68 %, so that an unlikely touch has a large
-one. What is not sought is known: probe.x_mm, probe.y_mm,
+±. Quantities that are not sought are known: probe.x_mm, probe.y_mm,
 probe.rotation_deg and load.force_N of the scene.
 
-Charges are total ones, or changes as an amplifier sees them that was zeroed
-before the touch. Gains and offsets are those of the scene's [readout], also for
+Charges are totals, or changes by the touch, which an amplifier reads that was
+zeroed before the touch. Gains and offsets come from the scene's [readout], also for
 readings in pC, and places and rotations are in the frame of its [stage].
 
 A model of the charges is needed, over all places within --reach and forces in
---force-range. It is built on the first call, which says how long that takes, and
-kept beside the scene file; later calls take a moment.
+--force-range. The first call builds the model, says how long the build takes, and
+keeps the model beside the scene file; later calls take a moment.
 
 Two touches at once (--touches 2), tangential forces and temperatures (--unknown
-with tangential or temperature) are found by full solves over the same reach and
-forces instead, without a model, which takes up to a minute; the scene's list of
-probes, or its probe twice, is what touches.
+with tangential or temperature) are found by full solves over this reach and these
+forces, without a model, in up to a minute; the scene's list of probes, or its
+probe twice, touches the film.
 
 With --csv every row of a file is located. Its header has names of electrodes,
 and may have rotation_deg and force_N, which are then known. Other columns are
@@ -47,7 +47,7 @@ such a list with --json.
 
 The status is `located`, `ambiguous` (several touches are likely), `at edge` (the
 touch may lie beyond the model's domain) or `unexplained`: no touch of the model
-gives such charges, the numbers are those of the nearest touch, and the remark
+explains the charges, the numbers describe the nearest touch, and the remark
 names the unit, sign or exchanged channels with which a touch explains them."""
 
 EPILOG = """\
@@ -145,7 +145,7 @@ def run(options: argparse.Namespace) -> int:
             return locate_rows(scenes[options.scene], request, options)
         choices = located(scenes, request)
     except ValueError as error:
-        raise InputError(*str(error).splitlines()) from error
+        raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
     except NotConvergedError as error:
         print(error, file=sys.stderr)
         return ExitCode.NOT_CONVERGED
@@ -165,22 +165,25 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
     from pvdf_fem.touch.locate import locate, match, staged_touch, weigh
 
     file, sensor = next(iter(scenes.items()))
-    readings = request.readings_pC(sensor)
     errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(sensor)}
-    asked: dict[str, Any] = {"unknown": request.unknown, "reading": request.reading}
+    asked: dict[str, Any] = {
+        "unknown": request.unknown,
+        "reading": request.reading,
+        "unit": request.unit,
+    }
     if request.by_solves:
         asked |= {"touches": request.touches, "progress": request.model.progress}
         domain = {"reach_mm": request.model.reach_mm, "force_range_N": request.model.force_N}
         if given := {key: value for key, value in domain.items() if value}:
             sensor = sensor.with_(model=given)
-        return match({file: locate(sensor, readings, **asked, **errors)})
+        return match({file: locate(sensor, request.readings, **asked, **errors)})
     touch = staged_touch(sensor)
     known = {name: value for name, value in touch.items() if name not in request.unknown}
-    require(scenes, request, readings, known)
+    require(scenes, request, request.readings_pC(sensor), known)
     # files that are there come first, so that a damaged one is told before any model is built
     order = sorted(scenes, key=lambda name: not request.model.path(scenes[name], name).exists())
     models = {name: model_of(scenes[name], name, request.model) for name in order}
-    return weigh(models, readings, known=known, **asked, **errors)
+    return weigh(models, request.readings, known=known, **asked, **errors)
 
 
 def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:

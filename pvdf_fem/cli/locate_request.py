@@ -66,24 +66,20 @@ class Request:
         """Whether no model of a single touch serves it."""
         return needs_solves(self.touches, self.unknown)
 
-    def unit_pC(self, scene: Scene) -> dict[str, float]:
-        """The unit of readings in nominal pC, by electrode."""
-        from pvdf_fem.readout.channel import channels, units_pC
-
-        wired = channels(scene)
-        units = units_pC(wired)[self.unit].tolist()
-        return {channel.name: unit for channel, unit in zip(wired, units, strict=True)}
-
     def readings_pC(self, scene: Scene) -> dict[str, float]:
         """The readings in nominal pC, by electrode."""
-        units = self.unit_pC(scene)
+        from pvdf_fem.touch.measurement import units_of
+
+        units = units_of(scene, self.unit)
         return {name: units.get(name, 1.0) * value for name, value in self.readings.items()}
 
     def noise_pC(self, scene: Scene) -> dict[str, float] | None:
         """The noise in nominal pC, by electrode; None is that of the readout."""
+        from pvdf_fem.touch.measurement import units_of
+
         if self.noise is None:
             return None
-        return {name: unit * self.noise for name, unit in self.unit_pC(scene).items()}
+        return {name: unit * self.noise for name, unit in units_of(scene, self.unit).items()}
 
 
 def needs_solves(touches: int, unknown: Sequence[str]) -> bool:

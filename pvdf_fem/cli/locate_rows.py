@@ -117,7 +117,7 @@ def _locator(
         if name not in (*request.unknown, *columns)
     }
     require({options.scene: scene}, request, dict.fromkeys(names, np.pi), known)
-    model, units = model_of(scene, options.scene, request.model), request.unit_pC(scene)
+    model = model_of(scene, options.scene, request.model)
 
     def located(rows: Sequence[Row]) -> list[dict[str, Any]]:
         given: dict[str, Any] = {KNOWN[n]: np.full(len(rows), v) for n, v in known.items()}
@@ -125,10 +125,11 @@ def _locator(
             given[KNOWN[name]] = _numbers(rows, name)
         touches = locate_many(
             model,
-            {name: units[name] * _numbers(rows, name) for name in names},
+            {name: _numbers(rows, name) for name in names},
             request.sigma,
             noise_pC=request.noise_pC(scene),
             reading=request.reading,
+            unit=request.unit,
             calibrated=not options.quick,
             **given,
         ).to_table()

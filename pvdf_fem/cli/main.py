@@ -53,7 +53,7 @@ explains:
 `[[electrodes]]` stands in place of a layout, each with its name, and `[[probe]]`
 for several probes, each with what differs from [load].
 
-`pvdf-fem COMMAND --help` tells more about a command, that of `sweep` about sweep
+`pvdf-fem COMMAND --help` tells more about a command, and for `sweep` about sweep
 files.
 
 exit codes: 0 converged, 2 bad input or an output that cannot be written,

@@ -31,16 +31,17 @@ if TYPE_CHECKING:
 
 
 DESCRIPTION = """\
-The model of the charges by the touch that `locate`, `track` and `explore` use: it
-is built if none beside the scene file serves, and told with its error. The scene
-says what it has to hold for:
+The model of the charges by the touch that `locate`, `track` and `explore` use. The
+model is built unless a model beside the scene file serves, and told with its error.
+The scene says where and how hard the film is touched:
 
   [model]
   reach_mm = 12             # largest distance of the probe from the centre
   force_range_N = [0.1, 5]
   tolerance = "auto"        # a tenth of the noise of readings, or a number
 
-A model that covers what is asked serves, also for other electrodes, d31 and d32."""
+A model for a larger reach and range of forces serves, also for other electrodes,
+d31 and d32."""
 
 EPILOG = """\
 examples:
@@ -89,7 +90,7 @@ def run(options: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return ExitCode.NOT_CONVERGED
     except ValueError as error:
-        raise InputError(*str(error).splitlines()) from error
+        raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
     file = str(choice.path(scene, options.scene))
     print(json.dumps({"file": file, **model.to_json()}) if options.json else f"{file}: {model}")
     within = model.error_bound <= choice.wanted(scene)[1]

@@ -21,8 +21,8 @@ _DESCRIPTION = """\
 Charges over a grid of scenes, as a NetCDF file with a dimension for each axis.
 Scenes whose films deform alike are solved together: electrodes and d31, d32
 only read the stress, a turned or mirrored film deforms alike, and so does a
-thicker one under a force in proportion. What is solved is kept in a store: after
-an interruption of any kind the same command goes on where it was."""
+thicker film under a force in proportion. Solved scenes are kept in a store: after
+an interruption of any kind the command goes on with the remaining scenes."""
 
 _EPILOG = """\
 sweep files are TOML. `scene` is the path of a scene file, seen from the sweep
@@ -59,7 +59,7 @@ A page with figures and tables about a sensor, as a report script says: charges
 against distance, isocharge maps, curves, and data of others beside computed
 charges. DIR/index.html is written at once, and anew with each figure; beside it
 are data/ (CSV files), figures/ and scenes/. What is solved is kept in
-DIR/solved.db: after an interruption of any kind the same command goes on."""
+DIR/solved.db: after an interruption of any kind the command goes on."""
 
 _REPORT_EPILOG = """\
 report scripts are TOML. `title` heads the page. `scene` is the path of a scene

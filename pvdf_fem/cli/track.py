@@ -29,7 +29,7 @@ DOUBTED = ("too_strong", "unexplained")
 DESCRIPTION = """\
 Follow touches in sampled readings of the scene's channels ([readout]): when they
 begin and end, where they are (on the [stage]) and their force, with standard
-deviations. What the resistances discharge is integrated and added again; offsets
+deviations. The charge lost through resistances is integrated and added again; offsets
 and slow drifts are followed while nothing touches.
 
 The signals are a CSV file with a column t_s, or t_ms, and one for each electrode, or -
@@ -37,8 +37,8 @@ for standard input, which may be a live pipe: each row is answered at once by a
 row of CSV, and each touch that has ended by a line on standard error. An empty
 cell or nan is a missing reading; other columns are left out.
 
-A model of the charges is needed, as for locate: it is built on the first call, which
-says how long that takes, and kept beside the scene file."""
+A model of the charges is needed, as for locate: the first call builds the model, says
+how long the build takes, and keeps the model beside the scene file."""
 
 EPILOG = """\
 status of a row, and of a touch that has ended:
@@ -47,7 +47,7 @@ status of a row, and of a touch that has ended:
   starting     a touch that is too faint yet to be located; if it has ended, no
                place was found
   too_light, too_strong   the force is beyond the model's (--force-range); the
-               place is that of the samples before
+               place comes from the samples before
   unexplained  no touch of this probe gives such charges
   lost         a touch cannot be told from the drift any longer, or the readings
                paused
@@ -109,7 +109,7 @@ def run(options: argparse.Namespace) -> int:
             model = model_of(scene, options.scene, choice)
             tracker = Tracker(model, unknown=unknown, unit=options.unit)
         except ValueError as error:
-            raise InputError(*str(error).splitlines()) from error
+            raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
         kind = ".jsonl" if options.json else ".csv"
         write = writer(stack, None, kind, [f.name for f in fields(Row)])
         rows, malformed, count, told = (row for batch in batches for row in batch), 0, 0, 0

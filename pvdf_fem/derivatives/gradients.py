@@ -102,6 +102,11 @@ def gradients(
     ValueError
         For a key that is not among `parameters_of` the scene, and for a tolerance out of range or
         of a solution on a mesh that was given.
+
+    Examples
+    --------
+    >>> rates = gradients(solve(Scene.example("triangle")))
+    >>> rates["probe.x_mm"]["A"], rates.errors["probe.x_mm"]["A"]
     """
     scene = scene_of(solution)
     pressure = solution.pressure if isinstance(solution, Solution) else None

@@ -264,6 +264,12 @@ def solve(
     SceneError
         For a pressure that cannot be used or has no single dead load, and for an uncertain key that
         charges have no derivative by; it is a ValueError, too.
+
+    Examples
+    --------
+    >>> solution = solve(Scene.example("triangle"))
+    >>> print(solution)
+    >>> solution.charge_changes_pC["A"]
     """
     scene = with_uncertain(scene, uncertain)
     require_known(scene, pressure)

@@ -80,6 +80,11 @@ def dataset(
     ------
     SceneError, ValueError, NotConvergedError
         With all mistakes, before anything is solved; and for a film without a model.
+
+    Examples
+    --------
+    >>> drawn = dataset("sensor.toml", 1000, seed=1, sigma=0.005)
+    >>> drawn.reading_pC.sel(electrode="A").mean()
     """
     scene = scene_of(scene)
     if wrong := [*mistakes(scene, touches, seed, sigma, noise_pC, reading)]:

@@ -183,6 +183,12 @@ def design(
     -----
     The deviation of the place is the root mean square of the distance. Along an undetermined
     direction the deviation is the domain's extent, see `Touch.covariance`.
+
+    Examples
+    --------
+    >>> vary = {"electrodes.ring_radius_mm": [8.0, 10.0]}
+    >>> found = design("sensor.toml", vary, noise=0.01, reach_mm=4.0, step_mm=2.0, tolerance=3e-2)
+    >>> found.place_deviation_median_mm.to_pandas()
     """
     vary = taken("vary", vary, dict[str, Any])
     designs = Designs.of(scene_of(scene), vary)

@@ -37,14 +37,25 @@ Exponentials = tuple[tuple[float, complex, complex], ...]
 
 
 def step(force_N: float, duration_s: float = math.inf) -> Exponentials:
-    """A further force that comes at once, at t = 0, and stays for a time."""
+    """A further force that comes at once, at t = 0, and stays for a time.
+
+    Examples
+    --------
+    >>> pressed = transient(Scene.example("triangle"), step(force_N=0.01), [0.0, 0.01, 0.02])
+    """
     force_N, duration_s = _course(force_N, duration_s)
     return (0.0, 0.0, force_N), (duration_s, 0.0, -force_N)
 
 
 def half_sine(force_N: float, duration_s: float) -> Exponentials:
     """A further force F sin(pi t/T) from t = 0 to the duration T: two sines, the second cancels the
-    first."""
+    first.
+
+    Examples
+    --------
+    >>> tap = half_sine(force_N=0.01, duration_s=0.01)
+    >>> transient(Scene.example("triangle"), tap, [0.0, 0.005, 0.01]).charges_pC["A"]
+    """
     force_N, duration_s = _course(force_N, duration_s)
     waves, starts = ((1j, -0.5j), (-1j, 0.5j)), (0.0, duration_s)
     return tuple((t, p * np.pi / duration_s, c * force_N) for t in starts for p, c in waves)
@@ -140,6 +151,11 @@ def respond(
         Whether more frequencies about the resonances join.
     progress : callable or bool, optional
         As for `modes`, counted in vectors of each of two bases, of which few of the most may do.
+
+    Examples
+    --------
+    >>> answer = respond(Scene.example("triangle"), [0.0, 20.0, 50.0])
+    >>> abs(answer.charges_pC_N["A"])
     """
     frequencies = numbers("frequencies_Hz", frequencies_Hz, (0.0, MOST_HZ), "Hz").ravel()
     solution, read = _loaded(solution)
@@ -180,6 +196,11 @@ def transient(
     times_s : array_like
     highest_Hz : float, optional
         Up to which the modes are those of the film; slow touches have little beyond.
+
+    Examples
+    --------
+    >>> tap = half_sine(force_N=0.01, duration_s=0.01)
+    >>> answer = transient(Scene.example("triangle"), tap, [0.0, 0.005, 0.01])
     """
     if not isinstance(touch, tuple) or {np.shape(part) for part in touch} != {(3,)}:
         raise ValueError(problem("touch", touch, "is no course of a force; give half_sine(...)"))

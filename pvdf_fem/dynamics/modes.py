@@ -162,6 +162,11 @@ def modes(
     progress : callable or bool, optional
         Called with the numbers of linear solves that are done and that are expected; or whether
         these are shown, see `pvdf_fem.progress.shown`.
+
+    Examples
+    --------
+    >>> found = modes(Scene(air={"baffle": False}), count=3)
+    >>> found.frequencies_Hz, found.frequencies_in_air_Hz
     """
     scene = scene_of(scene)
     count, bare = taken("count", count, int, (1, MOST_MODES)), scene

@@ -195,13 +195,26 @@ class _Label(Text):
         super().__init__(text=words, fontsize=LABEL_SIZE, ha="center", va="center")
         self.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 1.0})
         self.set(transform=IdentityTransform(), in_layout=False)
-        self.box_mm = box_mm
+        self.box_mm, self.words = box_mm, words
 
     def draw(self, renderer: RendererBase) -> None:
-        """Draw a visible box's words where they hide the fewest lines and words."""
+        """Draw a visible box's words where they hide the fewest lines and words; where all would
+        hide some, the first line of words alone."""
         ax: Any = self.axes
         if (seen := Bbox.intersection(self.box_mm.transformed(ax.transData), ax.bbox)) is None:
             return
+        for words in (self.words, self.words.partition("\n")[0]):
+            self.set_text(words)
+            middle, hidden = self._place(renderer, seen)
+            if not hidden:
+                break
+        self.set_position((middle[0], middle[1]))
+        super().draw(renderer)
+
+    def _place(self, renderer: RendererBase, seen: Bbox) -> tuple[Array, int]:
+        """Middle of the words beside a seen box, in pixels, and how many lines and words they hide
+        there."""
+        ax: Any = self.axes
         paths = [x.get_path().transformed(x.get_transform()) for x in (*ax.lines, *ax.patches)]
         earlier = takewhile(lambda text: text is not self, ax.texts)
         boxes = [text.get_window_extent(renderer) for text in earlier]
@@ -214,8 +227,8 @@ class _Label(Text):
         for place in (Bbox([middle - half, middle + half]) for middle in middles):
             lines = sum(path.intersects_bbox(place, filled=False) for path in paths)
             hidden.append(lines + place.count_overlaps(boxes))
-        self.set_position(middles[np.argmin(hidden)])
-        super().draw(renderer)
+        best = int(np.argmin(hidden))
+        return middles[best], hidden[best]
 
     def _ways(self) -> Array:
         """Ways from the box, (ways, 2): to its sides, that away from the film's centre first, then

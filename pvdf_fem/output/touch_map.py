@@ -89,8 +89,7 @@ def likelihood_map(
         label = "how much less likely than the best touch (standard deviations)"
         figure.colorbar(drawn, ax=[film, near], label=label, shrink=0.9, format="%g")
         if remarks:
-            heads = (remark.partition(";")[0] for remark in remarks)
-            figure.suptitle("\n".join(fill(h, 62) for h in heads), fontsize="medium")
+            figure.suptitle("\n".join(fill(r, 62) for r in remarks), fontsize="medium")
     return figure
 
 

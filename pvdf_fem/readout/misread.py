@@ -36,7 +36,7 @@ def misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misreading]:
     names, straight, ones = (
         [c.name for c in channels],
         tuple(range(len(channels))),
-        units_pC(channels)["pC"],
+        np.ones(len(channels)),
     )
     for order in _orders(len(names)):
         moved = [(names[i], names[j]) for i, j in enumerate(order) if i != j]
@@ -44,12 +44,12 @@ def misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misreading]:
         if len(moved) > 2:
             text += f": they are in columns {', '.join(column for _, column in moved)}"
         yield Misreading("swapped_channels", text, order, ones)
-    units, known = units_pC(channels), [ones]
-    for other in units:
-        ratio = units[other] / units[unit]
-        if not any(np.allclose(ratio, same, atol=0.0) for same in known):
-            known.append(ratio)
-            text = f"readings are in {other}, not in {unit}"
+    units = units_pC(channels)
+    ratios = {other: factor / units[unit] for other, factor in units.items()}
+    for other, ratio in ratios.items():
+        alike = [name for name, of in ratios.items() if np.allclose(of, ratio, atol=0.0)]
+        if other == alike[0] and unit not in alike:  # 1 V on 1000 pF is 1 nC
+            text = f"readings are in {' or '.join(alike)}, not in {unit}"
             yield Misreading("wrong_unit", text, straight, ratio)
     yield Misreading("wrong_sign", "readings have the wrong sign", straight, -ones)
     for j, name in enumerate(names):

@@ -47,7 +47,13 @@ class Made:
 
 @dataclass(frozen=True)
 class Report:
-    """A report script that has no mistakes."""
+    """A report script that has no mistakes.
+
+    Examples
+    --------
+    >>> made = Report.load("report.toml").make("report", quick=True)
+    >>> print(made)
+    """
 
     plan: Plan
 

@@ -152,6 +152,11 @@ def build_response(
     ValueError, FileError, NotConvergedError
         For a scene that has no such response, for a file that cannot be written, and when the film
         about the probe, or half of the touches held out, have no solution.
+
+    Examples
+    --------
+    >>> response = build_response("sensor.toml", reach_mm=4.0, force_N=(0.3, 1.0), tolerance=3e-2)
+    >>> response.error_bound
     """
     scene = scene_of(scene)
     mechanics_of(scene)  # refuses a scene without a probe, of which no domain is known

@@ -92,7 +92,14 @@ def _outlines(scene: Scene) -> list[str]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Response(Told):
-    """Charges of the electrodes by the touch."""
+    """Charges of the electrodes by the touch.
+
+    Examples
+    --------
+    >>> response = build_response("sensor.toml", tolerance=3e-2)
+    >>> response.save("model.npz")
+    >>> charges_pC, derivatives = response.evaluate([[2.0, 1.0, 0.0, 0.5]])  # x, y, rotation, force
+    """
 
     quantities: ClassVar[tuple[str, ...]] = QUANTITIES  #: Of one probe.
     cheap: ClassVar[bool] = True

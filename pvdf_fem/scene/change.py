@@ -27,9 +27,13 @@ _BY_INDEX = {
 
 
 class Replaced(dict[str, Any]):
-    """A table that replaces a whole table in the scene:
-    ``scene.with_(film=Replaced(thickness_um=12))``. Missing keys get their defaults. Other tables
-    are merged."""
+    """A table that replaces a whole table in the scene. Missing keys get their defaults. Other
+    tables are merged.
+
+    Examples
+    --------
+    >>> scene = Scene.example("triangle").with_(film=Replaced(thickness_um=12.0))
+    """
 
 
 @lru_cache(maxsize=1024)

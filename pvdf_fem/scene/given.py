@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
-from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.change import plain
@@ -33,11 +33,7 @@ class HasScene(Protocol):
 
 SceneLike: TypeAlias = Scene | str | Path | Mapping[str, Any] | HasScene
 #: Names; a single name may stand alone.
-Names = Annotated[
-    tuple[str, ...],
-    Field(min_length=1),
-    BeforeValidator(lambda names: (names,) if isinstance(names, str) else names),
-]
+Names = Annotated[tuple[str, ...], BeforeValidator(lambda v: (v,) if isinstance(v, str) else v)]
 
 
 class Named(dict[str, Value]):

@@ -64,10 +64,7 @@ class Numerics(Section):
     tolerance: Annotated[float, Key("", (2e-8, 0.49))] = 1e-3
     """Error wanted in every charge, relative to the charge. Where its parts, d31 S11 and d32 S22,
     cancel to less than 5 % of them, relative to 5 % of them; a warning says so."""
-    observable: Annotated[
-        str,
-        Key(affects=Affects.READING, words=OBSERVABLE_ENTRIES),
-    ] = "material"
+    observable: Annotated[str, Key(affects=Affects.READING, words=OBSERVABLE_ENTRIES)] = "material"
     """material: d31 S11 + d32 S22 over the electrode. thesis-edge: mean stress on opposite edges
     times the area."""
     max_unknowns: Annotated[int | None, Key("unknowns", (100, 10_000_000), example=60000)] = None
@@ -114,10 +111,14 @@ class LoadedProbe:
 class Scene(Told, Section):
     """A film with electrodes, optional probes, a load, readout and stage.
 
-    Listed probes may have their own loads; see `loaded_probes`.
+    Listed probes may have their own loads; see `loaded_probes`. Mistakes raise `SceneError`, listed
+    under the keys of the scene file; valid values that were probably meant otherwise are `doubts`.
 
-    Mistakes raise `SceneError`, listed under the keys of the scene file; what is no
-    mistake and probably meant otherwise is among the `doubts`.
+    Examples
+    --------
+    >>> scene = Scene(film={"thickness_um": 12.0}, probe={"shape": "circle", "radius_mm": 3.0})
+    >>> scene = scene.with_(**{"probe.x_mm": 4.0, "load.force_N": 0.5})
+    >>> scene.to_toml()
     """
 
     film: Film = Film()

@@ -32,6 +32,13 @@ class SceneError(ValueError):
         One line for each mistake: ``key = value: reason; what to change``.
     source : str
         Where the scene came from: a path, or empty.
+
+    Examples
+    --------
+    >>> try:
+    ...     Scene(film={"thickness_um": -25.0})
+    ... except SceneError as error:
+    ...     print(error.problems)
     """
 
     def __init__(self, problems: Iterable[str], source: str = "") -> None:

@@ -47,7 +47,14 @@ CHARGES = tuple(f"{kind}{end}" for kind in KINDS for end in ("s_pC", "_errors_pC
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(Told):
-    """How a solve ended and, if it converged, its fields and charges."""
+    """How a solve ended and, if it converged, its fields and charges.
+
+    Examples
+    --------
+    >>> solution = solve(Scene.example("triangle"))
+    >>> solution.charges_pC["A"], solution.charge_errors_pC["A"]
+    >>> solution.to_xarray(step_mm=1.0).deflection_mm.plot()
+    """
 
     scene: Scene
     status: Status  #: `Status.CONVERGED`, or why there is no result.
@@ -213,11 +220,6 @@ class Solution(Told):
         xarray.Dataset
             ``deflection_mm``, ``charge_density_pC_mm2`` (y_mm, x_mm), and with named components
             ``displacement_mm``, ``slopes``, ``strain`` and ``stress_MPa`` (y_mm, x_mm, ...).
-
-        Examples
-        --------
-        >>> fields = solve(Scene.example("triangle")).to_xarray(step_mm=1.0)
-        >>> fields.deflection_mm.plot()
         """
         from pvdf_fem.output.grid import dataset_of, ticks
 
@@ -226,10 +228,8 @@ class Solution(Told):
         return dataset_of(values, self.scene.to_toml())
 
     def along(self, line_mm: ArrayLike, points: int = 200) -> PointValues:
-        """Values at this number of equally spaced points on a line, including both ends.
-
-        The line goes through two or more corners ``((x0, y0), (x1, y1), ...)``.
-        """
+        """Values at equally spaced points, ends included, on a line in mm through two or more
+        corners ``((x0, y0), (x1, y1), ...)``."""
         return values_along(self.fields.equilibrium, self.fields.state, line_mm, points)
 
     @property

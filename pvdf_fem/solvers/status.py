@@ -7,11 +7,25 @@ from enum import StrEnum
 
 class NotConvergedError(RuntimeError):
     """A solve without a result was asked for a result; the text says its status and what to
-    change."""
+    change.
+
+    Examples
+    --------
+    >>> try:
+    ...     solve(Scene(film={"temperature_change_K": 10.0})).charges_pC
+    ... except NotConvergedError as error:
+    ...     print(error)
+    """
 
 
 class Status(StrEnum):
-    """How a solve ended."""
+    """How a solve ended.
+
+    Examples
+    --------
+    >>> solve(Scene.example("triangle")).status == Status.CONVERGED
+    >>> print(Status.SLACK.advice)
+    """
 
     CONVERGED = "converged"
     MAX_ITERATIONS = "max_iterations"

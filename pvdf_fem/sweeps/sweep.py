@@ -60,6 +60,11 @@ def sweep(
         these are shown, see `pvdf_fem.progress.shown`.
 
     Raises `SceneError` when an axis, or a scene of the grid, has a mistake.
+
+    Examples
+    --------
+    >>> data = sweep(Scene.example("triangle"), [{"load.force_N": [0.5, 1.0, 2.0]}])
+    >>> data.charge_pC.sel(electrode="A").to_pandas()
     """
     from pvdf_fem.sweeps.dataset import dataset  # xarray is slow to import
 

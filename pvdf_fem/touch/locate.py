@@ -28,6 +28,8 @@ from pvdf_fem.touch.measurement import (
     centre_mm,
     charge_mistakes,
     known_mistakes,
+    number,
+    units_of,
 )
 from pvdf_fem.touch.search import DEFAULTS, LocateOptions, location, search
 
@@ -43,6 +45,7 @@ def locate(
     known: Mapping[str, float] | None = None,
     noise_pC: Deviations | None = None,
     reading: str | None = None,
+    unit: str = "pC",
     touches: int = 1,
     options: LocateOptions = DEFAULTS,
     progress: Progress | bool | None = None,
@@ -57,7 +60,7 @@ def locate(
         ``"temperature_K"`` too (`solves.Solves`).
     charges_pC : mapping
         Readings in nominal pC of some or all of the model's electrodes: charges, if the channels
-        of the scene's readout have no gain or offset.
+        of the scene's readout have no gain or offset. With a `unit` of V, readings in V.
     sigma, noise_pC : float or mapping
         Standard deviations, one for all or one by electrode: over the charge or the change that is
         read, and in pC besides, by default that of the readout.
@@ -69,6 +72,8 @@ def locate(
     reading : str, optional
         ``"total"`` charges, or their ``"change"`` by the touch, as by an amplifier that was zeroed
         before it. By default that of the scene's readout, or else in total.
+    unit : {"pC", "V"}
+        Of the readings; nominal pC are readings in V times the channel's capacitance in pF.
     progress : callable or bool, optional
         Called with the numbers of finished and of expected solves, if there are any; or whether
         these are shown, see `pvdf_fem.progress.shown`.
@@ -82,17 +87,25 @@ def locate(
     -----
     The model's own error, evenly distributed within `model.error_bound` of the total charge, is
     added to the standard deviations. It is taken as independent between electrodes.
+
+    Examples
+    --------
+    >>> response = build_response("sensor.toml", tolerance=3e-2)
+    >>> changes = {"A": 350.0, "B": 240.0, "C": 200.0, "D": 230.0}
+    >>> print(locate(response, changes, sigma=0.01, reading="change"))
     """
     noise, unknown = (sigma, noise_pC, reading), taken("unknown", unknown, Names)
     known = taken("known", known, dict[str, Any] | None)
+    scene = model.scene if isinstance(model, Model) else scene_of(model)
+    given = _in_pC(scene, charges_pC, unit)
     if not isinstance(model, Model):
         if known:
             raise ValueError("known: a scene has what is known; change the scene")
-        return _by_solves(scene_of(model), charges_pC, noise, unknown, touches, options, progress)
-    wrong = [*charge_mistakes(model.scene, charges_pC, *noise, model.at_rest_pC)]
+        return _by_solves(scene, given, unit, noise, unknown, touches, options, progress)
+    wrong = [*charge_mistakes(scene, given, *noise, model.at_rest_pC, unit)]
     if touches != 1:
         wrong.append(f"touches = {touches}: a response is of one; give its scene instead")
-    default, origin = staged_touch(model.scene), (*centre_mm(model.scene), 0.0, 0.0)
+    default, origin = staged_touch(scene), (*centre_mm(scene), 0.0, 0.0)
     wrong += known_mistakes(model.domain, unknown, known or {}, default, origin)
     if wrong:
         raise ValueError("\n".join(wrong))
@@ -101,8 +114,8 @@ def locate(
     fixed = {i: values[n] - origin[i] for i, n in enumerate(QUANTITIES) if n not in unknown}
     if FORCE in fixed:
         fixed[FORCE] = math.log(fixed[FORCE])
-    measurement = Measurement.of(model, tuple(charges_pC), *noise)
-    readings = np.array([[*charges_pC.values()]], dtype=float)
+    measurement = Measurement.of(model, tuple(given), *noise, unit)
+    readings = np.array([[*given.values()]], dtype=float)
     problem = measurement.problem(readings, sought)
     if not problem.is_determinable:
         return location(problem, None, options)
@@ -115,9 +128,21 @@ def locate(
     return replace(found, explanations=tuple(right))
 
 
+def _in_pC(scene: Scene, readings: Mapping[str, float], unit: str) -> Mapping[str, float]:
+    """Readings in nominal pC; what is no number of an electrode is left as it is."""
+    units = units_of(scene, unit)
+    if unit == "pC" or not isinstance(readings, Mapping):
+        return readings
+    return {
+        name: value if math.isnan(number(value)) else units.get(name, 1.0) * number(value)
+        for name, value in readings.items()
+    }
+
+
 def _by_solves(
     scene: Scene,
     charges_pC: Mapping[str, float],
+    unit: str,
     noise: tuple[Deviations, Deviations | None, str | None],
     unknown: Sequence[str],
     touches: int,
@@ -128,12 +153,12 @@ def _by_solves(
     from pvdf_fem.touch.solves import Solves  # with gmsh
     from pvdf_fem.touch.superposed import search_by_solves
 
-    if wrong := [*charge_mistakes(scene, charges_pC, *noise)]:
+    if wrong := [*charge_mistakes(scene, charges_pC, *noise, unit=unit)]:
         raise ValueError("\n".join(wrong))
     expected = options.starts * (1 + options.first_steps) + 10 * options.followed
     with shown("solves", progress) as show:
         solves = Solves.of(scene, touches, unknown, options.tolerance, Counted(show, expected))
-        measurement = Measurement.of(solves, tuple(charges_pC), *noise)
+        measurement = Measurement.of(solves, tuple(charges_pC), *noise, unit)
         readings = np.array([[*charges_pC.values()]], dtype=float)
         problem = measurement.problem(readings, solves.unknown)
         ends = search_by_solves(problem, solves, options) if problem.is_determinable else None

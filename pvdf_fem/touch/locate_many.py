@@ -22,6 +22,7 @@ from pvdf_fem.touch.measurement import (
     Deviations,
     Measurement,
     charge_mistakes,
+    units_of,
 )
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.search import DEFAULTS, best_ends, described, explained, location, search
@@ -131,6 +132,7 @@ def locate_many(
     forces_N: ArrayLike | None = None,
     noise_pC: Deviations | None = None,
     reading: str | None = None,
+    unit: str = "pC",
     calibrated: bool = False,
 ) -> Touches:
     """The likeliest place, and force and rotation if they are not known, for rows of charges.
@@ -141,7 +143,7 @@ def locate_many(
 
     Parameters
     ----------
-    model, sigma, noise_pC, reading
+    model, sigma, noise_pC, reading, unit
         As for `locate`.
     charges_pC : array_like, shape (n, electrodes), or mapping
         Rows of readings as for `locate`, of all electrodes, or the readings of all rows by the
@@ -156,12 +158,16 @@ def locate_many(
     ------
     ValueError
         For shapes that do not match, and mistakes as `locate` tells them.
+
+    Examples
+    --------
+    >>> response = build_response("sensor.toml", tolerance=3e-2)
+    >>> readings = [[350.0, 240.0, 200.0, 230.0], [330.0, 300.0, 210.0, 240.0]]
+    >>> locate_many(response, readings, sigma=0.01, reading="change").status
     """
     names, charges = _table(model_of(model), charges_pC)
-    any_charges = dict.fromkeys(names, math.pi)
-    mistakes = [
-        *charge_mistakes(model.scene, any_charges, sigma, noise_pC, reading, model.at_rest_pC)
-    ]
+    any_charges, noise = dict.fromkeys(names, math.pi), (sigma, noise_pC, reading)
+    mistakes = [*charge_mistakes(model.scene, any_charges, *noise, model.at_rest_pC, unit)]
     known = {}
     given = {"rotations_deg": (ROTATION, rotations_deg), "forces_N": (FORCE, forces_N)}
     for name, (i, values) in given.items():
@@ -171,7 +177,9 @@ def locate_many(
                 mistakes.append(f"{name} of shape {known[i].shape}: give one per row")
     if mistakes:
         raise ValueError("\n".join(mistakes))
-    measurement = Measurement.of(model, names, sigma, noise_pC, reading)
+    measurement = Measurement.of(model, names, *noise, unit)
+    units = units_of(model.scene, unit)
+    charges = charges * [units[name] for name in names]
     sought = np.array([i for i in range(len(QUANTITIES)) if i not in known])
     status = _status(measurement, charges, known, sought)
     found = Touches.empty(status, tuple(QUANTITIES[i] for i in sought), measurement.reading)
@@ -248,7 +256,7 @@ def _numbers(values: Any, what: str) -> Array:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError, OverflowError):
         advice = "give numbers, NaN where there is none"
-        raise ValueError(f"{what} = {values!r:.60}: is no table of numbers; {advice}") from None
+        raise ValueError(f"{what}: {values!r:.60} is no table of numbers; {advice}") from None
 
 
 def _status(

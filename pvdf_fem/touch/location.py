@@ -13,8 +13,8 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import READINGS
 from pvdf_fem.told import Grid, Parts, Told, rounded
 from pvdf_fem.touch.posterior import Posterior, least_chi_square, posterior
-from pvdf_fem.touch.problem import Problem
-from pvdf_fem.touch.touch import EXPLAINED, Touch, TouchStatus, status_of
+from pvdf_fem.touch.problem import Problem, extents, kind_of
+from pvdf_fem.touch.touch import DETERMINED, Touch, TouchStatus, status_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -89,7 +89,7 @@ class Location(Told):
     @property
     def explained(self) -> bool:
         """Whether a touch of the model's domain gives such charges."""
-        return self.status in EXPLAINED
+        return bool(self.touches) and self.best.explained
 
     @property
     def best(self) -> Touch:
@@ -127,10 +127,39 @@ class Location(Told):
             return touch.covariance
         return self.posterior.covariance(touch.values[self.problem.unknown])
 
+    @cached_property
+    def _rivals(self) -> list[set[str]]:
+        """The unknowns in which each touch with a weight above `SHARE` is farther from the best
+        than the sum of both deviations; "rotation_deg" stands for the rotation of any probe."""
+        rivals = [touch for touch in self.touches[1:] if touch.weight > SHARE]
+        apart = [self.problem.apart(touch.values, self.best.values) for touch in rivals]
+        both = [(touch.deviations, self.best.deviations) for touch in rivals]
+        kinds = {name: kind_of(name) for name in self.unknown}
+        return [
+            {
+                kinds[name]
+                for name, index in zip(self.unknown, self.problem.unknown, strict=True)
+                if abs(difference[index]) > one[name] + other[name]
+            }
+            for difference, (one, other) in zip(apart, both, strict=True)
+        ]
+
+    @property
+    def _determines_place(self) -> bool:
+        """Whether the charges determine every unknown of the best touch but rotations: null
+        directions move it by less than the share of the domain that counts as determined."""
+        problem, touch = self.problem, self.best
+        scale = problem.per_coordinate(touch.values[None])[0]
+        widths = (extents(problem.model) * scale)[problem.unknown]
+        others = [kind_of(name) != "rotation_deg" for name in self.unknown]
+        shares = np.abs(touch.null_directions / widths)[:, others]
+        return bool((shares < 1.0 / DETERMINED).all())
+
     @property
     def alternatives(self) -> int:
-        """Number of touches besides the best with a weight above `SHARE`."""
-        return sum(touch.weight > SHARE for touch in self.touches[1:])
+        """Number of likely touches (weight above `SHARE`) besides the best that have another place
+        or force, by more than the deviations; touches that are only turned do not count."""
+        return sum(bool(kinds - {"rotation_deg"}) for kinds in self._rivals)
 
     @property
     def ambiguous(self) -> bool:
@@ -157,9 +186,12 @@ class Location(Told):
             texts.append(f"unexplained: no touch of the model's domain fits; {often}")
         if self.ambiguous:
             texts.append(f"ambiguous: {1 + self.alternatives} touches are likely")
-        if not best.determined:
+        if not self._determines_place:
             free = " and ".join(_direction(best.unknown, row) for row in best.null_directions)
             texts.append(f"undetermined: free along {free}")
+        elif not best.determined or {"rotation_deg"} in self._rivals:
+            rest = "" if self.ambiguous else "; place and force are"
+            texts.append(f"rotation is not determined{rest}")
         if best.at_edge:
             limits = ", ".join(best.at_edge)
             texts.append(f"at the edge of the model's domain ({limits}): the touch may lie beyond")

@@ -18,7 +18,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.readout.channel import READINGS, channels, units_pC
-from pvdf_fem.readout.misread import Misreading, misreadings
+from pvdf_fem.readout.misread import misreadings
 from pvdf_fem.response.model import QUANTITIES, AtRest, Domain, Model, rest_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
@@ -26,6 +26,7 @@ from pvdf_fem.touch.problem import Problem
 
 LARGEST_PC = 1e12  #: Readings beyond this many pC are in another unit, or none.
 LEAST_PC = 1e-12  #: Charges or changes below this many pC count as zero.
+UNITS = ("pC", "V")  #: Of readings.
 #: Standard deviations, one for all electrodes or one by electrode.
 Deviations = float | Mapping[str, float]
 
@@ -38,6 +39,7 @@ class Measurement:
     model: Model
     electrodes: Indices  #: Of the electrodes in the model.
     reading: str  #: Of `READINGS`.
+    unit: str  #: Of `units_pC`, in which readings were given.
     gains: Array
     offsets_pC: Array
     rest_pC: Array  #: Charges of the film without a touch; NaN where it has none.
@@ -53,6 +55,7 @@ class Measurement:
         sigma: Deviations,
         noise_pC: Deviations | None,
         reading: str | None,
+        unit: str = "pC",
     ) -> Measurement:
         """Measurement of named electrodes; `noise_pC` and `reading` are by default the readout's.
         Raises `RestError` for changes of a film without charges at rest."""
@@ -68,7 +71,7 @@ class Measurement:
             reading = reading_of(model.scene)
         rest = at_rest(model, reading)[:, electrodes]
         columns = gains, offsets, *rest, relative, noise
-        return cls(model, electrodes, reading, *columns)
+        return cls(model, electrodes, reading, unit, *columns)
 
     def meant_otherwise(self) -> Iterator[tuple[str, Measurement, Callable[[Array], Array]]]:
         """Mistakes in readings: a text, what readings are without it, and what undoes it."""
@@ -76,14 +79,9 @@ class Measurement:
             (reading,) = READINGS.keys() - {self.reading}
             yield f"readings are {READINGS[reading]}", replace(self, reading=reading), np.asarray
         given = [channels(self.model.scene)[i] for i in self.electrodes]
-        mistakes = [m for m in misreadings(given, "pC") if m.exchanged <= 2]
-        if self.model.scene.readout:
-            volts = 1.0 / units_pC(given)["V"]
-            straight = tuple(range(len(given)))
-            text = "readings are in pC, not in V"
-            mistakes.append(Misreading("wrong_unit", text, straight, volts))
-        for mistake in mistakes:
-            yield mistake.text, self, mistake.undone
+        for mistake in misreadings(given, self.unit):
+            if mistake.exchanged <= 2:
+                yield mistake.text, self, mistake.undone
 
     def problem(self, readings_pC: Array, unknown: Indices) -> Problem:
         """The problem of the touches that gave readings (n, electrodes)."""
@@ -123,6 +121,13 @@ def electrode_columns(scene: Scene) -> dict[str, tuple[float, float, float]]:
     return {c.name: (c.gain, unit * c.offset, unit * c.noise) for c, unit in units.items()}
 
 
+def units_of(scene: Scene, unit: str) -> dict[str, float]:
+    """A unit of readings in nominal pC, by electrode; 1 for what is none."""
+    wired = channels(scene)
+    units = units_pC(wired)
+    return {c.name: of for c, of in zip(wired, units.get(unit, units["pC"]).tolist(), strict=True)}
+
+
 def reading_of(scene: Scene) -> str:
     """What readings of a scene are, of `READINGS`: what its readout says, or else charges."""
     return scene.readout.reading if scene.readout else "total"
@@ -159,10 +164,15 @@ def charge_mistakes(
     noise_pC: Deviations | None = None,
     reading: str | None = None,
     known_at_rest: AtRest | None = None,
+    unit: str = "pC",
 ) -> Iterator[str]:
-    """What is wrong with readings and their deviations. Whether there are charges at rest is asked
-    unless they are known."""
+    """What is wrong with readings, their unit and their deviations. Whether there are charges at
+    rest is asked unless they are known."""
     by_name = electrode_columns(scene)
+    if unit not in UNITS:
+        yield f"unit = {unit}: choose from {', '.join(UNITS)}"
+    elif unit == "V" and scene.readout is None:
+        yield "unit = V: the scene has no [readout]; add one, or give pC"
     if not isinstance(charges_pC, Mapping):
         name = next(iter(by_name))
         yield f"charges = {charges_pC!r:.60}: give a dict by electrode, {{{name!r}: 700.0}}"

@@ -143,6 +143,13 @@ class Problem:
         count = self.forces.stop // len(QUANTITIES)
         return at[:, : self.forces.stop].reshape(len(at), count, len(QUANTITIES))
 
+    def apart(self, at: Array, other: Array) -> Array:
+        """Differences (..., k) of coordinates or of touches, less whole periods of rotations."""
+        apart, turns = at - other, rows_of(self.model, ROTATION)
+        periods = periods_deg(self.model)
+        apart[..., turns] -= periods * np.rint(apart[..., turns] / periods)
+        return apart
+
     def per_coordinate(self, touches: Array) -> Array:
         """What a change of the coordinates is multiplied by to be one of the touches, (n, k)."""
         scale = np.ones(touches.shape)

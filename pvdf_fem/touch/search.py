@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.response.model import ROTATION, X, Y, periods_deg
+from pvdf_fem.response.model import ROTATION, X, Y
 from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined, repeated
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.problem import Problem, extents, rows_of
@@ -148,9 +148,11 @@ def location(problem: Problem, ends: Descent | None, options: LocateOptions = DE
     total = float(np.logaddexp.reduce(logs))
     weights = np.exp(logs - total).tolist()
     columns = zip(*described(problem, ends), weights, problem.edges(ends.at), strict=True)
-    touches = tuple(Touch(quantities, names, *attributes) for attributes in columns)
+    touches = [Touch(quantities, names, *attributes) for attributes in columns]
+    if problem.freedom <= 0:  # chi-square is zero but for where searches stop, and ranks nothing
+        touches.sort(key=lambda touch: (touch.explained, touch.weight), reverse=True)
     spread = math.log(2.0 * math.pi) / 2.0 + np.log(problem.deviations_pC[0])
-    return Location(touches, names, total - float(spread.sum()), problem)
+    return Location(tuple(touches), names, total - float(spread.sum()), problem)
 
 
 def described(problem: Problem, ends: Descent) -> tuple[Array, Array, Mask, Array, Array, Mask]:
@@ -170,10 +172,9 @@ def distinct(problem: Problem, ends: Descent, options: LocateOptions) -> Indices
     order = ranking.argsort(kind="stable")
     rows = order[ranking[order] <= ranking.min() + options.listed]
     rows = rows[ends.arrived[rows]]
-    periods, kept = periods_deg(problem.model), rows[:0]
+    kept = rows[:0]
     while len(rows) > 1:
-        apart = ends.at[rows] - ends.at[rows[0]]
-        apart[:, turns] -= periods * np.rint(apart[:, turns] / periods)
+        apart = problem.apart(ends.at[rows], ends.at[rows[0]])
         same = np.square(apart @ ends.slopes[rows[0]].T).sum(axis=1) < options.same
         same &= (np.abs(apart[:, turns]) < options.same_deg).all(axis=1)
         kept, rows = np.append(kept, rows[0]), rows[~same]

@@ -178,7 +178,8 @@ def starts(
     count, rows = len(table.at), len(problem.charges_pC)
     turns = np.repeat(np.arange(count)[:, None], rows, axis=1)
     if ROTATION in known:
-        turns = np.rint(known[ROTATION] / table.period_deg * count).astype(int)[None] % count
+        phases = known[ROTATION] % table.period_deg / table.period_deg  # before the cast: any size
+        turns = np.rint(phases * count).astype(int)[None] % count
     few = min(few, table.neighbours.shape[1])
     shape = rows, len(turns), few
     nodes, forces, chi_square = np.empty(shape, dtype=int), np.empty(shape), np.empty(shape)

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model, period_deg
+from pvdf_fem.response.model import FORCE, QUANTITIES, Model
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.touch.least_squares import SearchOptions, descend
 from pvdf_fem.touch.location import SHARE
@@ -148,12 +148,10 @@ class ChangeModel(Problem):
             return None
         values, best = np.array([touch.values for touch in touches]), touches[0]
         at, scale = problem.coordinates(values), problem.per_coordinate(values)
-        apart, period = at - at[0], period_deg(self.model)
-        apart[:, ROTATION] -= period * np.rint(apart[:, ROTATION] / period)
         missed = math.sqrt(sample.missed) * sample.direction[problem.electrodes]
         whitened = (missed / problem.deviations_pC[0])[:, None]
         off = np.linalg.pinv(problem.linearised(at)[:, :, 1:]) @ whitened
-        second = np.square(apart) + np.square(off[..., 0])
+        second = np.square(problem.apart(at, at[0])) + np.square(off[..., 0])
         by_noise = np.array([np.diag(touch.covariance) for touch in touches])
         second[:, self.unknown] += by_noise / np.square(scale[:, self.unknown])
         weights = np.array([touch.weight for touch in touches])

@@ -46,6 +46,13 @@ class Tracker:
     ------
     ValueError
         With a line for each mistake in the options.
+
+    Examples
+    --------
+    >>> tracker = Tracker(build_response("sensor.toml", tolerance=3e-2), unit="pC")
+    >>> for i in range(1000):  # at 1 kHz, in the order of tracker.response.names
+    ...     row = tracker.update(1e-3 * i, [0.1, 0.0, -0.1, 0.0])
+    >>> tracker.settled_s, tracker.touches
     """
 
     def __init__(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ sys.path.insert(0, str(ROOT))  # for reports.guide
 # Cells call the command pvdf-fem, and use one thread each.
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 os.environ["OMP_NUM_THREADS"] = "1"
+os.environ["PYTHONWARNINGS"] = "ignore:IProgress not found"  # a wish of tqdm in notebooks
 os.environ["PVDF_FEM_CHECKOUT"] = str(ROOT)  # "how good is it" reads results and closed forms
 
 project = "pvdf_fem"
@@ -48,9 +50,12 @@ napoleon_google_docstring = False
 
 
 def adapt_docstring(app: Sphinx, what: str, *event: object) -> None:
-    """Keep bars of absolute values from being substitutions, and colons from naming types."""
-    lines = event[-1]
+    """Keep bars of absolute values from being substitutions, and colons from naming types. A method
+    has its own docstring, where a field of its name has one, too."""
+    _, documented, _, lines = event
     assert isinstance(lines, list)
+    if what == "method" and (own := inspect.getdoc(documented)):
+        lines[:] = [*own.splitlines(), ""]
     lines[:] = [line.replace("|", r"\|") for line in lines]
     if what in ("attribute", "property"):
         lines[:0] = ["..", ""]  # a comment, since napoleon reads "type: description" first

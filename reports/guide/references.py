@@ -53,6 +53,14 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
 }
 
 
+#: Members of public classes that other modules of the package use, and pydantic's.
+INTERNAL = (
+    *("model_config", "model_post_init", "parts", "film_data", "fields", "at_rest", "table"),
+    *("loaded", "loaded_probes", "single_probe", "tips", "unheeded", "warm_probes"),
+    *("require_no_tips", "require_plain_charges", "measured", "plan", "cheap", "quantities"),
+)
+
+
 def write_references(folder: Path) -> None:
     """Write all pages to a folder; a page that has not changed keeps its time."""
     folder.mkdir(exist_ok=True)
@@ -137,7 +145,7 @@ def _documented(path: str) -> list[str]:
     kind = "autoclass" if inspect.isclass(found) else "autofunction"
     lines = [f".. {kind}:: {module}.{name}{'' if takes_arguments else '()'}"]
     if inspect.isclass(found):
-        lines += ["   :members:", "   :exclude-members: model_config, model_post_init"]
+        lines += ["   :members:", f"   :exclude-members: {', '.join(INTERNAL)}"]
     return ["```{eval-rst}", *lines, "```", ""]
 
 

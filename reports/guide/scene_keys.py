@@ -186,8 +186,8 @@ def scene_page() -> str:
 
 
 def cleaned(doc: str | None) -> str:
-    """A docstring as Markdown: double backticks are single ones."""
-    return inspect.cleandoc(doc or "").replace("``", "`")
+    """A docstring without examples as Markdown: double backticks are single ones."""
+    return inspect.cleandoc(doc or "").partition("\n\nExamples\n")[0].replace("``", "`")
 
 
 def table_of(model: type[Section], keys: Iterable[str]) -> list[str]:

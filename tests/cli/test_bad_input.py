@@ -50,7 +50,7 @@ def begin(*given: object, **_: object) -> None:
 
 #: The function with which the work of each command begins, and what stands in its place.
 WORK: dict[str, tuple[str, Any]] = {
-    "solve": ("pvdf_fem.derivatives.solve.solve", begin),
+    "solve": ("pvdf_fem.derivatives.uncertainty.solve", begin),
     "mesh": ("pvdf_fem.mesh.gmsh_mesh.mesh_scene", begin),
     "modes": ("pvdf_fem.dynamics.modes.modes", begin),
     "sweep": ("pvdf_fem.sweeps.sweep.planned", begin),

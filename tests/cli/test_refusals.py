@@ -66,7 +66,7 @@ REFUSED = [
     ("dataset disc.toml --output a.nc --set load.kind=rigid", ["load.kind"]),
     ("design disc.toml --vary electrodes.count", ["--vary electrodes.count="]),
     ("design disc.toml --vary load.force_N=1 --vary load.force_N=2", ["--vary"]),
-    ("design disc.toml --vary electrodes.side_mm=90", ["electrodes.ring_radius_mm = 10.0"]),
+    ("design disc.toml --vary electrodes.side_mm=90", 2 * ["electrodes.ring_radius_mm = 10.0"]),
     ("design disc.toml --vary probe.y_mm=1,2", ["probe.y_mm = [1, 2]"]),
     ("design disc.toml --noise much --noise-pC -1", ["--noise much", "--noise-pC -1"]),
     ("design disc.toml --step 50", ["step_mm = 50.0"]),

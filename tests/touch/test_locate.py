@@ -218,9 +218,45 @@ def test_a_disc_has_no_rotation():
     for name, deviation in known.deviations.items():
         assert found.best.deviations[name] == pytest.approx(deviation, rel=1e-2)
     assert found.best.deviations["rotation_deg"] == pytest.approx(180.0)
-    assert any("undetermined: free along" in text for text in found.remarks)
+    assert found.remarks == ("rotation is not determined; place and force are",)
     # any rotation is as likely
     assert found.deviations["rotation_deg"] == pytest.approx(0.6827 * 180.0, rel=0.08)
+
+
+@pytest.mark.parametrize(
+    ("shape", "size", "sigma"), [("triangle", 1.0, 0.01), ("triangle", 0.05, 1e-3)]
+)
+def test_touches_at_one_place_leave_the_rotation_open(shape, size, sigma):
+    """Triangles at the centre of four electrodes, one of them nearly a point: several rotations."""
+    model, touch = bumps(shape), np.array([0.0, 0.0, 20.0, 1.0])
+    model = replace(model, points_mm=size * model.points_mm)
+    found = locate(model, charges_of(model, touch), sigma, unknown=ALL)
+    turns = [one.rotation_deg for one in found.touches if one.weight > 0.01]
+    assert np.ptp(turns) > 30.0
+    assert (found.status, found.alternatives) == ("located", 0)
+    assert found.remarks == ("rotation is not determined; place and force are",)
+    off = np.abs(found.best.values - touch)[[0, 1, 3]]
+    sizes = [found.deviations[name] for name in ("x_mm", "y_mm", "force_N")]
+    assert (off < 3.0 * np.array(sizes)).all()
+
+
+def test_a_turned_touch_elsewhere_stays_ambiguous():
+    """A rectangle beside the centre, and its image in the line of two electrodes."""
+    model, touch = bumps("rectangle"), np.array([0.5, 0.2, 20.0, 1.0])
+    found = locate(model, charges_of(model, touch), 1e-3, unknown=ALL)
+    assert (found.status, found.alternatives) == ("ambiguous", 1)
+    at_centre = locate(model, charges_of(model, touch * [0, 0, 1, 1]), 1e-3, unknown=ALL)
+    assert (at_centre.status, len(at_centre.touches)) == ("located", 2)
+    assert at_centre.deviations["rotation_deg"] > 30.0
+
+
+def test_without_freedom_the_weight_ranks_touches():
+    """Chi-square of exact charges is zero but for where the searches stop."""
+    model = bumps("triangle")
+    for touch in random_touches(30, seed=5):
+        found = locate(model, charges_of(model, touch), 1e-3, unknown=ALL)
+        ranks = [(one.explained, one.weight) for one in found.touches]
+        assert ranks == sorted(ranks, reverse=True)
 
 
 def test_the_covariance_is_the_inverse_information():
@@ -270,9 +306,10 @@ def test_errors_are_calibrated_where_the_likelihood_has_two_maxima():
             unknown=("x_mm", "y_mm"),
             known={"force_N": touch[3]},
         )
-        error = np.abs(found.best.values - touch)[:2]
-        within.append(error < list(found.deviations.values()))
-        alone.append(error < list(found.best.deviations.values()))
+        error = np.abs([one.values - touch for one in found.touches])[:, :2]
+        within.append(error[0] < list(found.deviations.values()))
+        curved = [list(one.deviations.values()) for one in found.touches]
+        alone.append(np.mean(error < curved, axis=0))
     # three standard deviations of a share of 200 are 0.1
     assert np.mean(within, axis=0) == pytest.approx(0.6827, abs=0.1)
     assert np.mean(alone, axis=0)[1] < 0.5

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem.touch import locate_many as module
+from pvdf_fem.touch.locate import locate
 from pvdf_fem.touch.locate_many import locate_many
 from pvdf_fem.touch.touch import TouchStatus
 from tests.helpers.touch_models import bumps, random_touches
@@ -66,6 +67,19 @@ def test_what_is_known_of_a_row_may_be_bad():
         "known_outside_domain",
         "located",
     ]
+
+
+def test_rotations_of_any_size_are_taken_by_their_period():
+    model, touches, charges = rows(3)
+    turns = touches[:, 2] + [0.0, 180.0 * 2**40, -180.0 * 2**40]
+    found = locate_many(model, charges, rotations_deg=turns)
+    near = locate_many(model, charges, rotations_deg=touches[:, 2])
+    assert found.values[:, [0, 1, 3]] == pytest.approx(near.values[:, [0, 1, 3]], rel=1e-2)
+    turns[1] = 1e300
+    far = locate_many(model, charges, rotations_deg=turns)
+    same(far, locate_many(model, charges[::2], rotations_deg=turns[::2]), [0, 2])
+    one = dict(zip(model.names, charges[1].tolist(), strict=True))
+    assert np.isfinite(locate(model, one, known={"rotation_deg": 1e300}).best.values).all()
 
 
 def test_a_charge_of_zero_has_a_deviation_by_noise():

@@ -106,6 +106,20 @@ def test_exchanged_channels_are_unexplained(wrong):
     assert "unexplained" in {row.status for row in rows}
 
 
+@pytest.mark.parametrize(("bound", "status"), [(1e-4, "unexplained"), (0.05, "touch")])
+def test_a_fit_within_the_models_error_is_no_unexplained_touch(bound, status):
+    """Charges that are off by 3 %, which is far more than the noise, in no touch's way."""
+    model, taps = sensor(), [Smooth(0.4, 0.1, (2.0, -1.0), 0.8)]
+    t, readings = stream(model, taps, 0.6, noise_V=1e-4)
+    off = readings * (1.0 + 0.03 * np.array([1.0, -1.0, 1.0, -1.0]))
+    tracker, rows = followed(replace(model, error_bound=bound), t, off)
+    (touch,) = tracker.touches
+    assert touch.status == status
+    rising = [row for row in rows if 0.43 < row.t_s < 0.45 and row.alternatives]
+    assert rising
+    assert {row.status for row in rising} == {status}
+
+
 def test_a_sharp_onset_is_stated_by_the_deviations():
     """What comes right after a sample leaves no trace in the next one."""
     model = sensor()

@@ -42,7 +42,7 @@ def add_to(commands: Any) -> None:
     add_texts(
         parser,
         ("--touches", "N", "100000", "how many touches"),
-        ("--seed", "N", "0", "the same seed draws the same touches and the same noise"),
+        ("--seed", "N", "0", "equal seeds draw equal touches and equal noise"),
         ("--sigma", "SHARE", "0.01", "standard deviation of a reading over the charge or change"),
         ("--noise", "PC", None, "another one, of every reading (default: readout.noise_V, or 0)"),
     )
@@ -78,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         model = model_of(scene, options.scene, choice)
     except ValueError as error:
-        raise InputError(*str(error).splitlines()) from error
+        raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
     except NotConvergedError as error:
         print(error, file=sys.stderr)
         return ExitCode.NOT_CONVERGED

@@ -110,7 +110,7 @@ def run(options: argparse.Namespace) -> int:
         asked["model"] = models
         data = design(scene, vary, progress=options.progress, **asked)
     except ValueError as error:
-        raise InputError(*str(error).splitlines()) from error
+        raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
     except NotConvergedError as error:
         print(error, file=sys.stderr)
         return ExitCode.NOT_CONVERGED
