@@ -26,6 +26,7 @@ From charges to touches
 from __future__ import annotations
 
 from importlib import import_module
+from inspect import isfunction
 
 # Type checkers take this for `typing.TYPE_CHECKING`; its import doubles Python's start.
 TYPE_CHECKING = False
@@ -110,9 +111,18 @@ _MODULES = {
 def __getattr__(name: str) -> Any:
     # A public name is imported when it is first asked for, so that the command line's help comes at
     # once, and scenes can be read without gmsh, scikit-fem and scipy.
-    if name in _MODULES:
-        return getattr(import_module(f"pvdf_fem.{_MODULES[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in _MODULES:
+        from pvdf_fem.scene.scene_file import choose
+
+        raise AttributeError(f"pvdf_fem has no {name}; {choose(name, __all__)}")
+    module = import_module(f"pvdf_fem.{_MODULES[name]}")
+    found = getattr(module, name)
+    if isfunction(found):
+        from pvdf_fem.told import with_named_arguments
+
+        found = with_named_arguments(found)
+        setattr(module, name, found)  # where pickle looks for it
+    return globals().setdefault(name, found)
 
 
 def __dir__() -> list[str]:

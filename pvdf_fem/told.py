@@ -2,18 +2,45 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import textwrap
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from html import escape
-from typing import TYPE_CHECKING, Any, Self
+from types import FunctionType
+from typing import TYPE_CHECKING, Any, ParamSpec, Self, TypeVar
 
 import numpy as np
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
+
+
+def with_named_arguments(function: Callable[Given, Found]) -> Callable[Given, Found]:
+    """A function that tells the values and the names of arguments that it does not take."""
+
+    @wraps(function)
+    def call(*given: Given.args, **named: Given.kwargs) -> Found:
+        try:
+            return function(*given, **named)
+        except TypeError:
+            takes = inspect.signature(function)
+            try:
+                takes.bind(*given, **named)
+            except TypeError as mistake:
+                values = [*map(repr, given), *(f"{name}={named[name]!r}" for name in named)]
+                told = f"{function.__name__}: {mistake} in ({', '.join(values):.200})"
+                known = ", ".join(takes.parameters).removeprefix("self, ")
+                raise TypeError(f"{told}; give {known}") from None
+            raise
+
+    return call
 
 
 @dataclass(frozen=True)
@@ -75,7 +102,22 @@ def told_html(
 
 
 class Told(ABC):
-    """A result: short as `repr`, whole as `print`, HTML in notebooks, and JSON."""
+    """A result: short as `repr`, whole as `print`, HTML in notebooks, and JSON.
+
+    Unknown attributes, and arguments of methods, are told by name.
+    """
+
+    def __init_subclass__(cls, **how: Any) -> None:
+        super().__init_subclass__(**how)
+        for name, found in [*vars(cls).items()]:
+            if isinstance(found, FunctionType) and name[0] != "_":
+                setattr(cls, name, with_named_arguments(found))
+
+    if not TYPE_CHECKING:  # type checkers know the attributes
+
+        def __getattr__(self, name: str) -> Any:
+            known = ", ".join(known for known in dir(self) if known[0] != "_")
+            raise AttributeError(f"{type(self).__name__} has no {name}; choose from {known}")
 
     def __str__(self) -> str:
         return told(*self.parts())

@@ -102,7 +102,7 @@ def calibrate(
         np.broadcast_to(deviations.get("noise", in_unit), len(wired)),
         deviations["place_sd"],
     )
-    unknowns = unknowns_of(scene, unknown, priors or {})
+    unknowns = unknowns_of(scene, unknown, taken("priors", priors or {}, dict[str, Any]))
     given = read_touches(touches, scene)
     tolerance = min(max(options.tolerance_share * sigma, options.finest), options.coarsest)
     expected = options.expected_rounds * len(given)

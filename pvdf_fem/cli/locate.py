@@ -146,7 +146,7 @@ def run(options: argparse.Namespace) -> int:
             return locate_rows(scenes[options.scene], request, options)
         choices = located(scenes, request)
     except ValueError as error:
-        raise InputError(*str(error).splitlines()) from error
+        raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
     except NotConvergedError as error:
         print(error, file=sys.stderr)
         return ExitCode.NOT_CONVERGED

@@ -30,6 +30,7 @@ from pvdf_fem.cli.program import (
     run_program,
     save_plot,
     scene_of,
+    stray,
 )
 from pvdf_fem.cli.studies import dataset, design
 from pvdf_fem.scene.scene_file import choose, example_text, examples, key_texts
@@ -131,7 +132,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str] | None) -> int:
     parser = _parser()
-    options = parser.parse_args(arguments)
+    options, further = parser.parse_known_args(arguments)
+    if further:
+        raise InputError(stray(further, options.parser if "run" in options else parser))
     if "run" not in options:
         parser.print_help()
         return ExitCode.BAD_INPUT

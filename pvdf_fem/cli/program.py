@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from pvdf_fem.files import FileError, printable, require_writable
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
-from pvdf_fem.scene.scene_file import SceneError, choose, parse_change, quote
+from pvdf_fem.scene.scene_file import SceneError, choose, key_texts, parse_change, quote
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -69,8 +69,20 @@ def add_command(
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, parser=parser)
     return parser
+
+
+def stray(words: Sequence[str], parser: argparse.ArgumentParser) -> str:
+    """What is wrong with words on the command line that no option of a command takes."""
+    name, _, value = (words[0] if "=" in words[0] else "=".join(words[:2])).partition("=")
+    if not name.startswith("-"):
+        return f"{words[0]}: is one argument too many; remove it, or write --set KEY=VALUE"
+    named = re.compile(rf"{re.escape(name.strip('-').replace('-', '_'))}(_\w+)?")  # a unit
+    found = (k for k in key_texts() if "[[" not in k.table and named.fullmatch(k.name))
+    options = [text for action in parser._actions for text in action.option_strings]
+    meant = (f"write --set {key.table.strip('[]')}.{key.name}={value}" for key in found)
+    return f"{words[0]}: is no option here; {next(meant, choose(name, options))}"
 
 
 def add_scene_command(

@@ -90,7 +90,7 @@ def run(options: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return ExitCode.NOT_CONVERGED
     except ValueError as error:
-        raise InputError(*str(error).splitlines()) from error
+        raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
     file = str(choice.path(scene, options.scene))
     print(json.dumps({"file": file, **model.to_json()}) if options.json else f"{file}: {model}")
     within = model.error_bound <= choice.wanted(scene)[1]

@@ -109,7 +109,7 @@ def run(options: argparse.Namespace) -> int:
             model = model_of(scene, options.scene, choice)
             tracker = Tracker(model, unknown=unknown, unit=options.unit)
         except ValueError as error:
-            raise InputError(*str(error).splitlines()) from error
+            raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
         kind = ".jsonl" if options.json else ".csv"
         write = writer(stack, None, kind, [f.name for f in fields(Row)])
         rows, malformed, count, told = (row for batch in batches for row in batch), 0, 0, 0

@@ -170,7 +170,7 @@ def modes(
     """
     scene = scene_of(scene)
     count, bare = taken("count", count, int, (1, MOST_MODES)), scene
-    if loaded:
+    if taken("loaded", loaded, bool):
         scene.require_no_tips("frequencies about the load")
     else:  # on the flat film only rigid probes matter, by the unknowns that they bind together
         rigid = [touch for touch in scene.loaded_probes if LOADS[touch.load.kind].rigid]

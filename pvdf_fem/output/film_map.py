@@ -23,6 +23,7 @@ from pvdf_fem.film.membrane import principal
 from pvdf_fem.mesh.gmsh_mesh import FILM, electrode_patch
 from pvdf_fem.output import figures
 from pvdf_fem.output.figures import COLOURS, GREY
+from pvdf_fem.scene.given import taken
 from pvdf_fem.scene.scene import Scene
 
 FEW = 7  #: Electrodes beside which charges have room; of more there are the names.
@@ -190,7 +191,7 @@ MAPS = {
 def require_map(name: str, scene: Scene) -> FilmMap:
     """The quantity of a name; ValueError for an unknown quantity, or a quantity missing in a
     scene."""
-    if name not in MAPS:
+    if taken("quantity", name, str) not in MAPS:
         raise ValueError(f"quantity {name!r}: is none; choose from {', '.join(MAPS)}")
     if name == "contact" and all(t.load.kind != name for t in scene.loaded_probes):
         advice = 'load.kind = "contact" and a probe with a round edge make one'
@@ -203,12 +204,12 @@ def film_map(
 ) -> Figure:
     """`Solution.plot`."""
     shown, scene = require_map(name, film.scene), film.scene
-    if reach_mm is not None and not reach_mm > 0.0:
-        raise ValueError(f"reach_mm = {reach_mm}: is no half width; give mm above zero")
+    if reach_mm is not None:
+        reach_mm = taken("reach_mm", reach_mm, float, (1e-6, 1e6), "mm")
     if ax is None:
         with figures.style():
             return film_map(film, name, figures.map_axes(), reach_mm)
-    radius_mm = scene.film.radius_mm
+    ax, radius_mm = taken("ax", ax, Axes), scene.film.radius_mm
     figures.draw_rim(ax, radius_mm, radius_mm if reach_mm is None else reach_mm)
     ax.set_title(_pressed(scene))
     if drawn := shown.draw(ax, film, shown):

@@ -20,6 +20,7 @@ from pvdf_fem.charges.point_values import PointValues, values_along
 from pvdf_fem.files import replacing
 from pvdf_fem.output.figures import COLOURS, colours_of
 from pvdf_fem.output.film_map import FilmMap, require_map, sampled
+from pvdf_fem.scene.given import taken
 
 #: A program that ends with 0 where VTK renders, and by a signal where VTK misses its libraries.
 TRIAL = """
@@ -47,6 +48,7 @@ def require_rendering() -> None:
 def film_view(data: FilmData, name: str, scale: float | None, html: str | Path | None) -> Any:
     """`Solution.view`."""
     shown, scene = require_map(name, data.scene), data.scene
+    scale = taken("scale", scale, float | None)
     pyvista = _imported("pyvista")
     require_rendering()
     if scale is None:

@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from pvdf_fem.arrays import Array, polar_grid
 from pvdf_fem.output import figures
 from pvdf_fem.output.figures import COLOURS
+from pvdf_fem.scene.given import taken
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 
@@ -36,7 +37,7 @@ def charge_map(
     if ax is None:
         with figures.style():
             return charge_map(scene, reach_mm, charge, title, figures.map_axes())
-    places = polar_grid(reach_mm, *RASTER)
+    ax, places = taken("ax", ax, Axes), polar_grid(reach_mm, *RASTER)
     x, y = np.moveaxis(places, -1, 0)
     charges = charge(places.reshape(-1, 2)).reshape(x.shape)
     colours, low, high = figures.colours_of(charges)

@@ -23,7 +23,7 @@ from pvdf_fem.response.probe_charges import ProbeCharges
 from pvdf_fem.response.response_file import FileScene, mechanics_of, read, write
 from pvdf_fem.response.table import force_powers, tabulated
 from pvdf_fem.response.uniform_spline import UniformSpline
-from pvdf_fem.scene.given import taken
+from pvdf_fem.scene.given import numbers, taken
 from pvdf_fem.scene.quantity import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.status import Status
@@ -153,7 +153,7 @@ class Response(Told):
         The derivatives (n, electrodes, 4) are in pC per mm, degree and N. `touches` (n, 4) are x
         and y in mm, rotation in degrees and force in N. Raises `ValueError` outside of the domain.
         """
-        touches = np.asarray(touches, dtype=float).reshape(-1, len(QUANTITIES))
+        touches = numbers("touches", touches).reshape(-1, len(QUANTITIES))
         refuse_outside(self.domain, touches)
         # (n, value and derivatives by place, powers, electrodes)
         by_place = self.spline.with_gradient(touches[:, :FORCE])
@@ -246,7 +246,7 @@ class Response(Told):
 
     def save(self, path: Path | str) -> None:
         """Write the response to a file, which replaces an older one only when it is complete."""
-        write(Path(path), self)
+        write(taken("path", path, Path), self)
 
     @classmethod
     def load(cls, path: Path | str) -> Response:

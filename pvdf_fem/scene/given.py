@@ -7,7 +7,6 @@ sentences.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeAlias, TypeVar
 
@@ -79,8 +78,8 @@ def taken(
 ) -> Any:
     """An argument with a type, within optional limits; ValueError, a line for each
     mistake, for anything else."""
-    kind = Annotated[kind, Key(unit, limits)] if kind in (int, float) else kind
-    if isinstance(kind, type) and is_dataclass(kind):
+    kind = Annotated[kind, Key(unit, limits)] if kind in (bool, int, float) else kind
+    if isinstance(kind, type) and not issubclass(kind, int | float | str | Path):
         if isinstance(given, kind):
             return given
         raise ValueError(problem(name, given, f"must be a {kind.__name__}; give one"))

@@ -18,11 +18,13 @@ from pvdf_fem.scene.shapes import MODELS, Electrode, Electrodes, PressingProbe, 
 
 MOST_MISTAKES = 100  #: The largest number of mistakes that are told about one scene.
 
-#: Keys of neglected effects, with the change by each effect.
+#: Keys of neglected effects, with the change by each effect, and of other files.
 NOT_MODELLED = {
+    "axes": "is of a sweep file, not of a scene; use `pvdf-fem sweep` or sweep(scene, axes)",
+    "section": "is of a report script, not of a scene; use `pvdf-fem report` or Report.load",
     "friction": "is not part of the model: film slides freely on tips. Under a 6 mm sphere and 1 N"
     " a coefficient of 0.23 changes a charge beside the contact by 0.03 %, and film that sticks by"
-    " 0.3 %; only an electrode under the tip feels more, 3 % and up to 80 %; remove it"
+    " 0.3 %; only an electrode under the tip feels more, 3 % and up to 80 %; remove it",
 }
 REASONS = {
     "bool_type": "must be true or false; write one of them without quotes",

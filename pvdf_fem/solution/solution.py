@@ -24,7 +24,7 @@ from pvdf_fem.film.loads.posed import Pressure
 from pvdf_fem.film.loads.pressure import Leaning
 from pvdf_fem.film.loads.touchdown import Touchdown
 from pvdf_fem.readout.channel import channels, readings_V
-from pvdf_fem.scene.given import Named, taken
+from pvdf_fem.scene.given import Named, numbers, taken
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.solution.fields import Fields, largest
 from pvdf_fem.solution.history import MeshRecord, Stop
@@ -116,7 +116,7 @@ class Solution(Told):
 
         Wrinkles would occur in a real film where the computed film is in compression.
         """
-        return self.charge_errors(*self._coefficients)
+        return self.charge_errors_by(*self._coefficients)
 
     @property
     def rest_charges_pC(self) -> dict[str, float]:
@@ -170,13 +170,13 @@ class Solution(Told):
         changes = self.charge_changes_pC.items()
         return {n: 1e-12 * q / capacitances[n] if n in wired else 0.0 for n, q in changes}
 
-    def charges(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
-        """Charges in pC by the stress with different piezoelectric coefficients, without charges by
-        heat and d33."""
-        return self._by_electrode(self.fields.forces.charges((d31_pC_N, d32_pC_N)))
+    def charges_by(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
+        """Charges in pC by the stress with other coefficients, without heat's and d33's charges."""
+        coefficients = numbers("d31_pC_N, d32_pC_N", [d31_pC_N, d32_pC_N])
+        return self._by_electrode(self.fields.forces.charges(coefficients))
 
-    def charge_errors(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
-        """Estimated errors in pC of `charges`."""
+    def charge_errors_by(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
+        """Estimated errors in pC of `charges_by`."""
         return self._by_electrode(self.fields.forces.charge_errors((d31_pC_N, d32_pC_N)))
 
     def _by_electrode(self, values: Array) -> dict[str, float]:

@@ -140,7 +140,7 @@ class Grid:
         table, path = parse_toml(read_scene_text(path), str(path)), Path(path)
         given, axes = table.pop("scene", None), table.pop("axes", [])
         problems = [
-            problem(key, value, f"is no key there; {choose(key, ['scene', 'axes'])}")
+            problem(key, value, f"is no key of a sweep file; {choose(key, ['scene', 'axes'])}")
             for key, value in table.items()
         ]
         scene, files = Scene(), [path]

@@ -94,6 +94,7 @@ def locate(
     >>> print(locate(response, changes, sigma=0.01, reading="change"))
     """
     noise, unknown = (sigma, noise_pC, reading), taken("unknown", unknown, Names)
+    known = taken("known", known, dict[str, Any] | None)
     scene = model.scene if isinstance(model, Model) else scene_of(model)
     given = _in_pC(scene, charges_pC, unit)
     if not isinstance(model, Model):

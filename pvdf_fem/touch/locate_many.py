@@ -254,8 +254,9 @@ def _numbers(values: Any, what: str) -> Array:
     """Values as floats, NaN for None; raises `ValueError` for what is no table of numbers."""
     try:
         return np.asarray(values, dtype=float)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"{what}: {error}; give numbers, NaN where there is none") from None
+    except (TypeError, ValueError, OverflowError):
+        advice = "give numbers, NaN where there is none"
+        raise ValueError(f"{what}: {values!r:.60} is no table of numbers; {advice}") from None
 
 
 def _status(

@@ -15,7 +15,8 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.response.model import FORCE, QUANTITIES, Model, period_deg
-from pvdf_fem.scene.given import model_of
+from pvdf_fem.scene.given import Names, model_of, numbers, taken
+from pvdf_fem.scene.scene_file import choose
 from pvdf_fem.touch.locate import PLACE_AND_FORCE, staged_touch
 from pvdf_fem.touch.measurement import centre_mm, known_mistakes
 from pvdf_fem.tracking.baseline import Baseline, Watch
@@ -63,6 +64,7 @@ class Tracker:
         options: TrackOptions = DEFAULTS,
     ) -> None:
         scene, known = model_of(response).scene, staged_touch(response.scene)
+        unknown = taken("unknown", unknown, Names)
         origin = (*centre_mm(scene), 0.0, 0.0)
         mistakes = [*known_mistakes(response.domain, unknown, {}, known, origin)]
         if "force_N" not in unknown:
@@ -90,8 +92,11 @@ class Tracker:
         `readings` are those of the channels by name or in their order, NaN where there is none.
         """
         if isinstance(readings, Mapping):
+            if unknown := readings.keys() - {*self._names}:
+                advice = choose(min(unknown), self._names)
+                raise ValueError(f"readings.{min(unknown)}: is of no channel; {advice}")
             readings = [readings.get(name, math.nan) for name in self._names]
-        values = np.array(readings, dtype=float)
+        values = numbers("readings", readings)
         if values.shape != (len(self._names),):
             names = ", ".join(self._names)
             raise ValueError(f"readings: {values.size} given; give one for each of {names}")

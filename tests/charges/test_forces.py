@@ -124,7 +124,7 @@ def test_charges_are_linear_in_the_coefficients(observable):
         **{"numerics.observable": observable, "film.d31_pC_N": 18, "film.d32_pC_N": 2}
     )
     solution = solve(scene, mesh=graded_mesh(scene, 1.5, 8.0))
-    X, Y = solution.charges(1, 0), solution.charges(0, 1)
+    X, Y = solution.charges_by(1, 0), solution.charges_by(0, 1)
     assert abs(X["A"] / Y["A"] - 1) > 0.05  # or the next line would not tell d31 from d32
     for name, charge in solution.charges_pC.items():
         assert charge == pytest.approx(18 * X[name] + 2 * Y[name], rel=1e-12)

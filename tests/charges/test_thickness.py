@@ -22,7 +22,7 @@ def added(scene):
     """Charge by d33 in pC by electrode, and the solution."""
     solution = solve(scene)
     film = scene.film
-    plain = solution.charges(film.d31_pC_N, film.d32_pC_N)
+    plain = solution.charges_by(film.d31_pC_N, film.d32_pC_N)
     return {name: charge - plain[name] for name, charge in solution.charges_pC.items()}, solution
 
 

@@ -146,8 +146,8 @@ def test_force_thickness_and_modulus_by_similarity(changes):
 def test_piezoelectric_coefficients(turned):
     found = gradients(turned, ["film.d31_pC_N", "film.d32_pC_N"])
     assert list(found) == ["film.d31_pC_N", "film.d32_pC_N"]
-    assert found["film.d31_pC_N"] == pytest.approx(turned.charges(1.0, 0.0))
-    assert found["film.d32_pC_N"] == pytest.approx(turned.charges(0.0, 1.0))
+    assert found["film.d31_pC_N"] == pytest.approx(turned.charges_by(1.0, 0.0))
+    assert found["film.d32_pC_N"] == pytest.approx(turned.charges_by(0.0, 1.0))
 
 
 @pytest.mark.parametrize("kind", ["dead", "contact"])

@@ -156,7 +156,7 @@ def test_the_charge_across_the_film_is_told_as_it_is_solved(load):
     film = scene.film
     scene = scene.with_(**{"film.d33_pC_N": -15.0, "numerics.tolerance": 1e-2})
     solution = solve(scene, pressure=None if load else ramp)
-    found = solution.charges_pC["A"] - solution.charges(film.d31_pC_N, film.d32_pC_N)["A"]
+    found = solution.charges_pC["A"] - solution.charges_by(film.d31_pC_N, film.d32_pC_N)["A"]
     (told,) = (text for text in solution.included if text.startswith("thickness direction"))
     estimate = float(told.split("about ")[1].split(" pC")[0])
     evenly = 15.0 / 2.0 * (9.0 * np.arccos(1.0 / 3.0) - np.sqrt(8.0)) / (9.0 * np.pi)

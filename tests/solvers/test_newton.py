@@ -124,7 +124,7 @@ def refuses_results(result):
         with pytest.raises(NotConvergedError, match=result.status.value):
             getattr(result, ask)
     with pytest.raises(NotConvergedError):
-        result.charges(1.0, 2.0)
+        result.charges_by(1.0, 2.0)
     printed = json.loads(json.dumps(result.to_json()))
     assert printed["status"] == result.status.value
     assert not printed.keys() & {"charges_pC", "charge_errors_pC", "deflection_max_mm"}

@@ -78,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         model = model_of(scene, options.scene, choice)
     except ValueError as error:
-        raise InputError(*str(error).splitlines()) from error
+        raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
     except NotConvergedError as error:
         print(error, file=sys.stderr)
         return ExitCode.NOT_CONVERGED

@@ -101,11 +101,16 @@ def run(options: argparse.Namespace) -> int:
             wrong.append(f"--model: is of one film, and there are {len(films)}; leave it out")
         if wrong:
             raise InputError(*dict.fromkeys(wrong))
-        print(designs, file=sys.stderr)
-        asked["model"] = lambda film: model_of(film, options.scene, choice, as_kept=True)
+
+        def models(film: Any) -> Any:
+            if film is films[0]:  # whatever is wrong has been told
+                print(designs, file=sys.stderr)
+            return model_of(film, options.scene, choice, as_kept=True)
+
+        asked["model"] = models
         data = design(scene, vary, progress=options.progress, **asked)
     except ValueError as error:
-        raise InputError(*str(error).splitlines()) from error
+        raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
     except NotConvergedError as error:
         print(error, file=sys.stderr)
         return ExitCode.NOT_CONVERGED
