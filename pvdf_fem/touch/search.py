@@ -142,9 +142,8 @@ def location(problem: Problem, ends: Descent | None, options: LocateOptions = DE
     if ends is None or not ends.arrived.size:
         return Location((), names, -np.inf, problem)
     # likelihood times a normal prior of the domain's extents, integrated by Laplace's method
-    slopes = ends.slopes * extents(problem.model)
-    normal = np.matmul(slopes.swapaxes(1, 2), slopes) + np.eye(slopes.shape[2])
-    logs = -0.5 * (ends.chi_square + np.log(np.linalg.det(normal)))
+    sizes = np.linalg.svd(ends.slopes * extents(problem.model), compute_uv=False)
+    logs = -0.5 * (ends.chi_square + np.log1p(np.square(sizes)).sum(axis=1))
     total = float(np.logaddexp.reduce(logs))
     weights = np.exp(logs - total).tolist()
     columns = zip(*described(problem, ends), weights, problem.edges(ends.at), strict=True)
