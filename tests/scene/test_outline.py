@@ -217,3 +217,11 @@ def test_equal_axes_are_a_circle_to_the_solver():
     assert charges[0] == pytest.approx(charges[1], rel=1e-12)
     turned = solve(Scene().with_(probe={**ellipse, "rotation_deg": 33.0})).charges_pC
     assert charges[0] == pytest.approx(turned, rel=1e-3)
+
+
+@pytest.mark.parametrize("x_mm", [0.0, 5e-324, 1.7e-303, 1e-20, 3.0])
+@pytest.mark.parametrize("axes_mm", [[1.0, 1.0], [2.0, 1.0]])
+def test_an_ellipse_reaches_as_far_as_its_end(x_mm, axes_mm):
+    probe = {"shape": "ellipse", "semi_axes_mm": axes_mm, "x_mm": x_mm}
+    reach = Scene().with_(probe=probe).probe.outline.reach
+    assert reach == pytest.approx(1e-3 * (axes_mm[0] + x_mm), rel=1e-12)

@@ -117,8 +117,9 @@ class Ellipse(Outline):
         the derivative of |centre + axes (cos t, sin t)|² is a polynomial of degree 4 over z²."""
         p, q = self.centre @ self.axes
         a, b = (self.axes**2).sum(axis=0)
-        roots = np.roots([b - a, 2j * q - 2.0 * p, 0.0, 2j * q + 2.0 * p, a - b])
-        angles = np.append(np.angle(roots), 0.0)
+        powers = np.array([b - a, 2j * q - 2.0 * p, 0.0, 2j * q + 2.0 * p, a - b])
+        powers[np.abs(powers) < 1e-30 * (a + b)] = 0.0  # their quotients overflow
+        angles = np.append(np.angle(np.roots(powers)), 0.0)
         return float(np.linalg.norm(self.at(angles), axis=1).max())
 
     @property
