@@ -307,7 +307,7 @@ MOST_LINES = {
     "response touch tracking calibration": 6_240,
     "sweeps": 1_465,
     ".": 30_225,
-    "../tests": 20_550,
+    "../tests": 20_560,
 }
 MOST_LINES_OF_A_MODULE = 350
 MOST_CONSTANTS = 5.0  #: Numbers that stand for themselves in capitals, per 1,000 lines of code.
