@@ -16,27 +16,7 @@ SCENE = Scene().with_(probe={})
 SIZES = Sizes({}, film=2e-3, growth=0.5)
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="the system does not fork")
-@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
-def test_a_forked_process_meshes_though_another_thread_meshed():
-    expected, stopped = mesh_scene(SCENE, SIZES).nelements, threading.Event()
-
-    def work() -> None:
-        while not stopped.is_set():
-            mesh_scene(SCENE, SIZES)
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    try:
-        for _ in range(5):
-            time.sleep(0.03)
-            assert _meshed_in_a_fork() == expected
-    finally:
-        stopped.set()
-        thread.join()
-
-
-def _meshed_in_a_fork(seconds: float = 20.0) -> int | None:
+def meshed_in_a_fork(seconds: float = 20.0) -> int | None:
     """Number of elements that a forked process has; None if it does not end in time."""
     reader, writer = os.pipe()
     child = os.fork()
@@ -51,3 +31,23 @@ def _meshed_in_a_fork(seconds: float = 20.0) -> int | None:
         timer.cancel()
     os.waitpid(child, 0)
     return int(number) if number else None
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="the system does not fork")
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+def test_a_forked_process_meshes_though_another_thread_meshed():
+    expected, stopped = mesh_scene(SCENE, SIZES).nelements, threading.Event()
+
+    def work() -> None:
+        while not stopped.is_set():
+            mesh_scene(SCENE, SIZES)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    try:
+        for _ in range(5):
+            time.sleep(0.03)
+            assert meshed_in_a_fork() == expected
+    finally:
+        stopped.set()
+        thread.join()

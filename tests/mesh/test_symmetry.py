@@ -34,6 +34,8 @@ TOUCHING = RECTANGLE.with_(
 )
 # The mesh follows the images of electrodes too, which are none of the scene's.
 ANYWHERE = DISC.with_(**{"probe.x_mm": 5.0, "probe.y_mm": 2.5, "numerics.tolerance": 1e-4})
+PUSHED = {"load.tangential_N": [0.6, 0.0]}
+PAIR = [{"shape": "circle", "radius_mm": 2.0, "x_mm": x_mm, "force_N": 0.5} for x_mm in (6.0, -6.0)]
 HALVES = {
     "triangle on the y axis": TRIANGLE.with_(**{"probe.x_mm": 0.0, "probe.y_mm": 5.0}),
     "triangle at the centre, three electrodes": TRIANGLE.with_(
@@ -46,6 +48,10 @@ HALVES = {
     "disc anywhere, means along edges": ANYWHERE.with_(**EDGES),
     "edges on the mirror line": TOUCHING,
     "means along them": TOUCHING.with_(**EDGES),
+    "pushed": DISC.with_(**{"probe.x_mm": -7.0}, **PUSHED),
+    "stuck and pushed": DISC.with_(**{"probe.x_mm": -7.0}, **PUSHED, **LOADS["stuck"]),
+    "pushed pair": Scene(probe=PAIR, load={"tangential_N": [0.0, 0.6]}),
+    "uneven pair": Scene(probe=PAIR).with_(**{"probe[0].force_N": 0.6}),
     "stiff along x": TRIANGLE.with_(
         **{"probe.x_mm": 0.0, "film.youngs_modulus_GPa": [3.0, 2.0], **EDGES}
     ),
@@ -58,6 +64,7 @@ QUARTERS = {
         **{"probe.rotation_deg": 90.0, **EDGES}
     ),
     "disc": DISC,
+    "pair": Scene(probe=PAIR),
     "stiff along y": RECTANGLE.with_(**{"film.youngs_modulus_GPa": [2.0, 3.0]}),
     "follower": RECTANGLE.with_(**LOADS["follower"]),
     "stuck": RECTANGLE.with_(**LOADS["stuck"]),
