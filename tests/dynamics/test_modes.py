@@ -59,10 +59,7 @@ PLATE = {"film.bending": True, "film.thickness_um": 110.0}
     ("scene", "tolerance"),
     [
         (CANCELLING, 1e-2),
-        *(
-            (random_scene(np.random.default_rng(seed), **changes), 2e-2)
-            for seed, changes in enumerate(({}, LOADS["sliding"], LOADS["stuck"]))
-        ),
+        (random_scene(np.random.default_rng(1), **LOADS["sliding"]), 2e-2),
         (random_scene(np.random.default_rng(3), **PLATE), 6e-2),  # films that bend take longer
     ],
 )
@@ -141,19 +138,24 @@ def test_only_rigid_probes_bind_the_flat_film_and_none_presses_or_warms_it():
     dead = {"shape": "circle", "radius_mm": 2.0, "y_mm": 12.0}
     alone, beside = (modes(Scene(probe=p), 2) for p in ([rigid], [rigid, tip, dead]))
     assert beside.frequencies_Hz == pytest.approx(alone.frequencies_Hz, rel=1e-12)
-    moved = {"load.kind": "rigid", "film.rim_displacement_um": [0.1], "numerics.tolerance": 1e-2}
-    touches = ({}, {"load.force_N": 5.0, "probe.temperature_K": 3.0})
+    moved = {"film.rim_displacement_um": [0.1], "numerics.tolerance": 1e-2}
+    pushed = {**LOADS["stuck"], "load.tangential_N": [1.0, 0.0], "probe.temperature_K": 3.0}
+    touches = (LOADS["stuck"], {**pushed, "load.force_N": 5.0})
     found = [modes(TRIANGLE.with_(**moved, **touch), 1).frequencies_Hz[0] for touch in touches]
-    assert found[0] == found[1]
+    assert found[0] == pytest.approx(found[1], rel=1e-12)
     follower = TRIANGLE.with_(**LOADS["follower"], **{"load.force_N": 5.0})
     np.testing.assert_allclose(modes(follower, 3).frequencies_Hz, exact(follower, 3), rtol=1e-3)
 
 
-@pytest.mark.parametrize("load", LOADS)
-def test_loaded_modes_solve_the_linearised_motion(load):
+WRINKLING = {"film.compression": "tension-field", "film.temperature_change_K": 10.0}
+
+
+@pytest.mark.parametrize(
+    "changes", [{"film.temperature_change_K": 0.0}, WRINKLING, *list(LOADS.values())[1:]]
+)
+def test_loaded_modes_solve_the_linearised_motion(changes):
     """omega^2 M phi against the change of the residual along phi, by central differences."""
-    slack = {"film.temperature_change_K": 0.0} if load == "dead" else {}
-    found = modes(TRIANGLE.with_(**LOADS[load], **slack), 6, loaded=True)
+    found = modes(TRIANGLE.with_(**changes, **{"numerics.tolerance": 1e-2}), 6, loaded=True)
     assert np.all(np.diff(found.frequencies_Hz) > 0.0)
     spectrum = found.spectra[VACUUM]
     equilibrium, q = spectrum.equilibrium, spectrum.q

@@ -6,6 +6,8 @@ import os
 import subprocess
 import sys
 import threading
+import time
+from multiprocessing import get_all_start_methods, get_context
 from pathlib import Path
 
 import gmsh
@@ -59,6 +61,31 @@ def test_a_failure_is_named_and_leaves_no_session(monkeypatch: pytest.MonkeyPatc
     assert (solution.status, solution.stop) == (Status.MESH_FAILED, Stop.NO_MESH)
     assert "no elements in surface 7" in solution.reason
     assert not gmsh.isInitialized()
+
+
+@pytest.mark.skipif("fork" not in get_all_start_methods(), reason="the system does not fork")
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+def test_a_forked_process_meshes_though_another_thread_was_meshing() -> None:
+    stopped = threading.Event()
+
+    def work() -> None:
+        while not stopped.is_set():
+            graded_mesh(RECTANGLE, 3.0, 12.0)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    try:
+        for _ in range(5):
+            time.sleep(0.03)
+            child = get_context("fork").Process(target=graded_mesh, args=(RECTANGLE, 3.0, 12.0))
+            child.start()
+            child.join(20.0)
+            ended = child.exitcode
+            child.kill()
+            assert ended == 0
+    finally:
+        stopped.set()
+        thread.join()
 
 
 # Imported by Python at start: plays a machine on which a library that gmsh loads is missing.
