@@ -18,7 +18,7 @@ WRINKLING = {"film.compression": "tension-field", "film.temperature_change_K": 1
 
 @pytest.fixture(scope="module")
 def mesh():
-    return graded_mesh(TRIANGLE, 2.5, 12.0)
+    return graded_mesh(TRIANGLE, 6.0, 14.0)
 
 
 def test_a_start_near_by_saves_iterations(mesh):
