@@ -1,28 +1,14 @@
-"""Several probes and oblique forces: another code's numbers, balance, limits."""
+"""Several probes and oblique forces: balance and limits."""
 
 import numpy as np
 import pytest
 
 from pvdf_fem import Scene, solve
-from tests.helpers.discs import LOADS, charges, values
+from tests.helpers.discs import LOADS, charges
 
 TRIANGLE = {"shape": "triangle", "x_mm": 5.0714, "y_mm": 0.8757}
 DISC = {"shape": "circle", "radius_mm": 2.0, "x_mm": -7.0, "y_mm": -4.0}
 OBLIQUE = Scene().with_(**{"probe": TRIANGLE, "load.tangential_N": [1.5, 0.866025]})
-TWO = Scene().with_(probe=[{**TRIANGLE, "force_N": 0.6}, {**DISC, "load": {"force_N": 0.4}}])
-
-
-@pytest.mark.parametrize(
-    ("scene", "expected"),
-    [
-        (OBLIQUE, [1045.8216, 731.5164, 669.8402, 773.6466]),
-        (TWO, [925.2463, 694.3114, 840.9281, 760.3361]),
-    ],
-)
-def test_charges_are_those_of_another_code(scene, expected):
-    """A code of our own on another finite-element library, order 4, to 1e-6."""
-    found = charges(scene.with_(**{"numerics.tolerance": 1e-5}))
-    assert found == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize("load", [{}, LOADS["stuck"]], ids=["dead", "stuck"])
@@ -35,24 +21,15 @@ def test_the_rim_bears_all_components(load):
     assert solution.force_balance < 1e-6
 
 
-def test_two_halves_of_a_probe_are_the_probe():
+@pytest.mark.parametrize("force_N", [1.0, 0.0])
+def test_two_halves_of_a_probe_are_the_probe(force_N):
+    """Also under a force in the plane alone."""
+    tight = Scene(film={"pretension_N_m": 50.0}, load={"force_N": force_N})
     whole = {"shape": "rectangle", "x_mm": 4.0, "width_mm": 8.0, "height_mm": 4.0}
-    half = {**whole, "width_mm": 4.0, "force_N": 0.5, "tangential_N": [0.15, 0.1]}
-    halves = Scene(probe=[{**half, "x_mm": 2.0}, {**half, "x_mm": 6.0}])
-    expected = charges(Scene(probe=whole, load={"tangential_N": [0.3, 0.2]}))
+    half = {**whole, "width_mm": 4.0, "force_N": 0.5 * force_N, "tangential_N": [0.15, 0.1]}
+    halves = tight.with_(probe=[{**half, "x_mm": 2.0}, {**half, "x_mm": 6.0}])
+    expected = charges(tight.with_(probe={**whole, "tangential_N": [0.3, 0.2]}))
     assert charges(halves) == pytest.approx(expected, rel=2e-3)
-
-
-def test_charges_of_a_tight_film_add_up():
-    """Also of a force in the plane alone."""
-    tight = Scene().with_(**{"film.pretension_N_m": 500.0, "numerics.tolerance": 1e-4})
-    oblique = {**TRIANGLE, "force_N": 0.02, "tangential_N": [0.01, 0.02]}
-    disc = {**DISC, "force_N": 0.0, "tangential_N": [-0.03, 0.01]}
-    both, one, other = (
-        values(solve(tight.with_(probe=p)).charge_changes_pC)
-        for p in ([oblique, disc], [oblique], [disc])
-    )
-    assert np.abs(both - one - other).max() < 0.02 * np.abs(one + other).max()
 
 
 def test_kinds_may_be_mixed():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -21,21 +22,13 @@ from pvdf_fem.solution.attempt import SAFETY
 from pvdf_fem.solution.history import Stop
 from pvdf_fem.solution.refinement import MeshLoop, Rules
 from pvdf_fem.solution.solution import Solution
-from pvdf_fem.solvers import ladder
 from pvdf_fem.solvers.budget import Budget
-from pvdf_fem.solvers.newton import NewtonResult
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.told import rounded
-from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, charges, free_disc, values
+from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, charges, on_mesh, values
 
 #: The corners of the punch make its charges slow to converge.
 SLOW = RECTANGLE.with_(**LOADS["stuck"], **{"numerics.tolerance": 1e-6})
-BALLOON = free_disc(
-    0.3,
-    poisson_ratio=0.3,
-    patch_radius=0.2,
-    **{"load.kind": "follower", "film.compression": "tension-field", "numerics.tolerance": 2e-2},
-)
 
 
 def within(scene: Scene, max_unknowns: int = 60_000, max_seconds: float = 20.0) -> Solution:
@@ -80,6 +73,14 @@ def test_the_tolerance_is_relative_to_the_charge_itself():
     assert (values(solution.charge_errors_pC) <= 1e-3 * np.abs(values(finer))).all()
 
 
+def test_the_largest_deflection_may_be_between_nodes():
+    solution = on_mesh(TRIANGLE)
+    x_mm, y_mm = np.meshgrid(np.linspace(4.5, 5.5, 51), np.linspace(0.4, 1.4, 51))
+    found = solution.at(x_mm, y_mm).deflection_mm.max()
+    assert solution.deflection_max_mm == pytest.approx(found, rel=1e-5)
+    assert found > 1.005e3 * solution.displacement[:, 2].max()
+
+
 # why a solve ends
 
 ACCURATE = {"numerics.tolerance": 1e-5}
@@ -89,7 +90,7 @@ SLACK = {"film.temperature_change_K": 10.0, "load.force_N": 0.0}
 @pytest.mark.parametrize(
     ("changes", "budget", "status", "stop"),
     [
-        ({}, {"max_unknowns": 1500}, Status.TOLERANCE, Stop.UNKNOWNS),
+        ({}, {"max_unknowns": 5000}, Status.TOLERANCE, Stop.UNKNOWNS),
         ({}, {"max_seconds": 0.4}, Status.TOLERANCE, Stop.SECONDS),
         # a scene's number of unknowns holds for its first mesh as well
         ({"numerics.max_seconds": 0.4}, {}, Status.TOLERANCE, Stop.SECONDS),
@@ -100,15 +101,21 @@ SLACK = {"film.temperature_change_K": 10.0, "load.force_N": 0.0}
     ],
 )
 def test_a_solve_ends_for_its_accuracy_or_names_the_key_to_change(changes, budget, status, stop):
-    scene = SLOW.with_(**changes)
+    scene, began = SLOW.with_(**changes), time.perf_counter()
     solution = within(scene, **budget) if budget else solve(scene)
+    took = time.perf_counter() - began
     assert (solution.status, solution.stop) == (status, stop)
-    assert 0.0 < sum(mesh.seconds for mesh in solution.history) <= solution.seconds["total"]
+    assert 0.0 < sum(mesh.seconds for mesh in solution.history) <= solution.seconds["total"] <= took
+    assert min(solution.seconds.values()) > 0.0
+    assert sum(solution.seconds.values()) <= 2.0 * solution.seconds["total"]
     printed = solution.to_json()
     assert printed["stop"] == stop.value
     assert ("charges_pC" in printed) == (status is Status.CONVERGED)
     if status is Status.CONVERGED:
         assert worst(solution) == solution.history[-1].worst_error <= 1e-5
+        # sizes are asked for, and gmsh's elements are a little smaller
+        most = 1.1 * budget["max_unknowns"]
+        assert all(mesh.unknowns < most for mesh in solution.history[1:])
     elif status is Status.TOLERANCE:
         [key] = budget or ["max_seconds"]
         assert f"numerics.{key}" in solution.reason
@@ -152,13 +159,6 @@ def test_a_given_mesh_is_the_only_one_whatever_its_error():
 
 
 # the budget
-
-
-def test_no_mesh_after_the_first_has_many_more_unknowns_than_the_budget_allows():
-    """Sizes are asked for, and gmsh's elements are a little smaller."""
-    solution = within(SLOW, max_unknowns=5000)
-    assert len(solution.history) > 2
-    assert max(mesh.unknowns for mesh in solution.history[1:]) < 1.1 * 5000
 
 
 def test_counted_work_does_not_depend_on_the_clock(monkeypatch):
@@ -217,28 +217,31 @@ def test_a_small_budget_is_enough_for_a_plain_scene(allowed):
     assert solve(TRIANGLE.with_(numerics=allowed)).status is Status.CONVERGED
 
 
+def test_narrow_bending_layers_take_a_limited_number_of_elements():
+    stiff = {"film.bending": True, "film.thickness_um": 2.0, "numerics.tolerance": 1e-5}
+    scene = RECTANGLE.with_(**LOADS["sliding"], **stiff)
+    sizes = solving.first_sizes(scene, 3).patches
+    assert sizes["film"] == pytest.approx(2.0 * np.pi * scene.film.radius / 80)
+    assert sizes["probe"] == pytest.approx(scene.probe.outline.perimeter / 250)
+
+
 # what a solution tells
 
 
-def test_what_failed_before_stays_in_the_history_which_is_plain_data(monkeypatch):
-    """Newton's method finds nothing from the start in the order below."""
-
-    def fails(rung, task):
-        return NewtonResult(task.start, Status.MAX_ITERATIONS, (), None)
-
-    monkeypatch.setattr(ladder.NearNewton, "solve", fails)
-    balloon = solve(BALLOON)
-    assert balloon.status is Status.CONVERGED
-    record = balloon.history[0]
-    newton, dead = record.tried
-    assert newton == ("Newton with predicted stress", "max_iterations", 0)
-    assert dead[:2] == ("dead pressure", "converged")
-    assert "dead pressure" in str(balloon)
-    printed = json.loads(json.dumps(balloon.to_json()))["history"]
-    assert len(printed) == len(balloon.history)
-    assert printed[0]["unknowns"] == record.unknowns
+def test_what_was_tried_before_stays_in_the_history_which_is_plain_data():
+    """From the lowest order a pressure that follows starts under a dead load."""
+    wrinkling = {"film.compression": "tension-field", "film.temperature_change_K": 10.0}
+    scene = TRIANGLE.with_(**LOADS["follower"], **wrinkling, **{"numerics.tolerance": 0.1})
+    solution = solve(scene, order=2)
+    record = solution.history[0]
+    [(solver, status, iterations)] = record.tried
+    assert (solver, status) == ("dead pressure", "converged")
+    assert iterations > 0
+    assert solver in str(solution)
+    printed = json.loads(json.dumps(solution.to_json()))["history"]
+    assert len(printed) == len(solution.history)
     assert printed[0]["worst_error"] == record.worst_error
-    assert [row["solver"] for row in printed[0]["tried"]] == [row[0] for row in record.tried]
+    assert printed[0]["tried"] == [{"solver": solver, "status": status, "iterations": iterations}]
 
 
 def test_a_solution_prints_its_charges_and_its_meshes():
@@ -279,16 +282,3 @@ def test_a_notebook_shows_well_formed_tables():
 )
 def test_values_end_with_the_second_digit_of_their_error(value, error, text):
     assert rounded(value, error) == text
-
-
-# thin gaps
-
-
-@pytest.mark.parametrize(("gap", "tolerance"), [(1e-2, 1e-3), (1e-5, 1e-5), (4e-9, 1e-3)])
-def test_a_disc_nearly_to_the_rim_costs_what_a_disc_to_the_rim_costs(gap, tolerance):
-    """Its force on a smaller disc: charges of the full disc grow by less than two gaps."""
-    discs = ({"shape": "circle", "radius_mm": 45.0 * (1.0 - g)} for g in (0.0, gap))
-    solutions = [solve(Scene(probe=d, numerics={"tolerance": tolerance})) for d in discs]
-    assert all(mesh.elements < 250 for solution in solutions for mesh in solution.history)
-    full, nearly = (values(solution.charges_pC) for solution in solutions)
-    assert np.abs(nearly / full - 1.0 - 1.3 * gap).max() < tolerance + 0.2 * gap
