@@ -24,11 +24,12 @@ def test_the_rim_bears_all_components(load):
 @pytest.mark.parametrize("force_N", [1.0, 0.0])
 def test_two_halves_of_a_probe_are_the_probe(force_N):
     """Also under a force in the plane alone."""
-    tight = Scene(film={"pretension_N_m": 50.0}, load={"force_N": force_N})
+    tight = {"film": {"pretension_N_m": 50.0}, "load": {"force_N": force_N}}
     whole = {"shape": "rectangle", "x_mm": 4.0, "width_mm": 8.0, "height_mm": 4.0}
     half = {**whole, "width_mm": 4.0, "force_N": 0.5 * force_N, "tangential_N": [0.15, 0.1]}
-    halves = tight.with_(probe=[{**half, "x_mm": 2.0}, {**half, "x_mm": 6.0}])
-    expected = charges(tight.with_(probe={**whole, "tangential_N": [0.3, 0.2]}))
+    halves = Scene(**tight, probe=[{**half, "x_mm": 2.0}, {**half, "x_mm": 6.0}])
+    tight["load"]["tangential_N"] = [0.3, 0.2]
+    expected = charges(Scene(**tight, probe=whole))
     assert charges(halves) == pytest.approx(expected, rel=2e-3)
 
 
