@@ -68,6 +68,7 @@ def sweep(
     """
     from pvdf_fem.sweeps.dataset import dataset  # xarray is slow to import
 
+    scheduler = taken("scheduler", scheduler, str | None)
     how: dict[str, Any] = {"processes": processes, "scheduler": scheduler}
     if not isinstance(store, Store | None):
         with Store(taken("store", store, Path)) as opened:
