@@ -238,9 +238,8 @@ class Scene(Told, Section):
             (touch,) = touches
             return self.model_copy(update={"probe": touch.probe, "load": touch.load})
         own = [OwnLoad.model_construct(**touch.load.model_dump()) for touch in touches]
-        alone = dict.fromkeys(FORCES)  # all is in the probe's own load
         probes = tuple(
-            touch.probe.model_copy(update={**alone, "load": load})
+            touch.probe.model_copy(update={**dict.fromkeys(FORCES), "load": load})
             for touch, load in zip(touches, own, strict=True)
         )
         return self.model_copy(update={"probe": probes, "load": Load()})
