@@ -28,7 +28,6 @@ COOLED = TAPE + "bonded = 'before stretching'\nthermal_expansion_per_K = 1e-5\n"
 #: Texts, and the key and value that the one complaint about each begins with.
 REFUSALS = [
     # numbers and lists
-    ("[film]\npretension_N_m = [9]", "film.pretension_N_m[1] = (nothing)"),
     ("[film]\npretension_N_m = [9, 8, 7]", "film.pretension_N_m = [9, 8, 7]"),
     ("[film]\npretension_N_m = [9, 8]\ntemperature_change_K = -1", "film.temperature_change_K"),
     ("[film]\npoisson_ratio = 0.5", "film.poisson_ratio = 0.5"),
@@ -70,7 +69,6 @@ REFUSALS = [
     # the thesis's means need upright rectangles
     (electrode(shape="circle", radius_mm=1) + BY_EDGES, 'electrodes[0].shape = "circle"'),
     (electrode(rotation_deg=45) + BY_EDGES, "electrodes[0].rotation_deg = 45.0"),
-    (RING + 'shape = "circle"\nradius_mm = 1\n' + BY_EDGES, 'electrodes.shape = "circle"'),
     # loads
     ('[probe]\nshape = "circle"\nradius_mm = 45\n[load]\nkind = "rigid"', 'load.kind = "rigid"'),
     ('[probe]\n[load]\nprofile = "hertz"', 'load.profile = "hertz"'),
@@ -192,37 +190,14 @@ def test_three_parts_are_combined_or_refused_by_key():
 
 
 def test_all_mistakes_of_a_file_are_reported_at_once():
-    text = """
-        bogus = 1
-        [film]
-        thicknes_um = 30
-        poisson_ratio = 0.7
-        [[electrodes]]
-        name = "A"
-        x_mm = 0
-        y_mm = 44
-        [[electrodes]]
-        name = "B"
-        x_mm = "1"
-        y_mm = 0
-        [[electrodes]]
-        name = "A"
-        x_mm = 1
-        y_mm = 44
-        [[probe]]
-        x_mm = 60
-        [[probe]]
-        x = 1
-        [load]
-        kind = "ded"
-        force_N = -1
-    """
+    text = "bogus = 1\n[film]\nthicknes_um = 30\npoisson_ratio = 0.7\n[load]\nkind = 'ded'\n"
+    text += electrode(y_mm=44) + electrode("B", x_mm="1") + electrode(x_mm=1, y_mm=44)
+    text += "[[probe]]\nx_mm = 60\n[[probe]]\nx = 1\n"
     single = ["film.poisson_ratio", "film.thicknes_um", "electrodes[1].x_mm", "probe[1].x"]
-    single += ["load.kind", "load.force_N", "bogus"]
     # and what is wrong between the parts that are valid by themselves
     between = ["electrodes[0].y_mm", "electrodes[2].y_mm", "electrodes[2].name"]
     between += ["electrodes[2].x_mm", "probe[0].x_mm"]
-    assert keys(refused_text(text)) == single + between
+    assert keys(refused_text(text)) == [*single, "load.kind", "bogus", *between]
 
 
 def test_a_broken_radius_hides_the_rim_but_not_the_overlaps():
@@ -251,23 +226,16 @@ def test_touching_is_allowed(text):
         (b"[film]\n# \xb5m", "line 2"),
         ("[film]".encode("utf-16"), "UTF-16"),
         (b"#" * 1_000_001, "1000000"),
-        (None, "scene.toml"),
+        (None, ""),
     ],
 )
 def test_unreadable_files_are_refused_with_path_and_line(tmp_path, raw, where):
     path = tmp_path / "scene.toml"
     if raw is not None:
         path.write_bytes(raw)
-    with pytest.raises(SceneError) as caught:
+    with pytest.raises(SceneError, match=rf"scene\.toml.*{where}"):
         Scene.load(path)
-    (line,) = caught.value.problems
-    assert str(path) in line
-    assert where in line
-
-
-def test_a_byte_order_mark_is_no_mistake(tmp_path):
-    path = tmp_path / "scene.toml"
-    path.write_text("[load]\nforce_N = 2", encoding="utf-8-sig")
+    path.write_text("[load]\nforce_N = 2", encoding="utf-8-sig")  # its mark is no mistake
     assert Scene.load(str(path)).load.force == 2.0
 
 
@@ -298,15 +266,12 @@ def test_catastrophic_files_are_refused_briefly(text):
     assert max(map(len, caught.value.problems)) < 400
 
 
-def test_an_unpaired_surrogate_is_refused_in_words_that_can_be_printed():
-    with pytest.raises(SceneError) as caught:
-        Scene().with_(electrodes=[{"name": "\ud800", "x_mm": 0, "y_mm": 0}])
-    assert b"ud800" in str(caught.value).encode()
-
-
-def test_scene_error_survives_the_way_back_from_a_worker():
+def test_a_scene_error_is_printed_and_sent_back_from_a_worker():
     with pytest.raises(SceneError) as caught:
         Scene.parse("[film]\nradius_mm = -1", "somewhere.toml")
     copy = pickle.loads(pickle.dumps(caught.value))
     assert (copy.problems, str(copy)) == (caught.value.problems, str(caught.value))
     assert "somewhere.toml" in str(copy)
+    with pytest.raises(SceneError) as caught:
+        Scene().with_(electrodes=[{"name": "\ud800", "x_mm": 0, "y_mm": 0}])
+    assert b"ud800" in str(caught.value).encode()
