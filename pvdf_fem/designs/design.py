@@ -192,9 +192,12 @@ def design(
     """
     vary = taken("vary", vary, dict[str, Any])
     designs = Designs.of(scene_of(scene), vary)
+    if model is not None and not callable(model):
+        model = taken("model", model, Response)
     known = model.domain if isinstance(model, Response) else None
     reach_mm = taken("reach_mm", reach_mm, float | None)
     force_range_N = taken("force_range_N", force_range_N, tuple[float, float])
+    tolerance = taken("tolerance", tolerance, float)
     if reach_mm is None:
         of_each = (touched.default_reach_mm(first) for first, _ in designs.models)
         reach_mm = known.reach_mm if known else min(of_each)

@@ -169,7 +169,7 @@ def build_response(
         raise ValueError("\n".join(wrong))
     options = options_for(scene, tolerance) if options is None else options
     if file is not None:
-        require_writable(Path(file))
+        require_writable(taken("file", file, Path))
     processes = taken("processes", processes, int | None)
     with shown("s of one core", progress) as show:
         made = _best(scene, domain, tolerance, options, Work(processes, show))

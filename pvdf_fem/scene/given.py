@@ -62,8 +62,8 @@ def scene_of(given: SceneLike) -> Scene:
         return Scene().with_(given)
     if isinstance(found := getattr(given, "scene", None), Scene):
         return found
-    told = f"scene = {given!r:.60}: is no scene"
-    raise TypeError(f"{told}; give a Scene, the path of a scene file, a dict of its tables")
+    reason = "is no scene; give a Scene, the path of a scene file, a dict of its tables"
+    raise TypeError(f"scene = {given!r:.60}: {reason}")
 
 
 def model_of(given: T) -> T:

@@ -183,14 +183,15 @@ class Scene(Told, Section):
     def doubts(self) -> tuple[str, ...]:
         """Doubtful but valid parts of a scene: a load on nothing, and values in wrong units."""
         found, tables = [], {"film": self.film, "load": self.load}
+        tables |= {f"film.patches[{i}]": patch for i, patch in enumerate(self.film.patches or ())}
         if self.probe is None and self.load != Load():
             found.append("load: nothing presses, since there is no probe; add [probe]")
             del tables["load"]
         for key in self.unheeded(f"load.{k}" for k in self.load.model_dump(exclude_defaults=True)):
             found.append(f"{key}: no probe has it, since each says its own; remove one of the two")
         for name, table in tables.items():
-            for key, value in table:
-                said = table.key_of(key)
+            for key in type(table).model_fields:
+                value, said = getattr(table, key), table.key_of(key)
                 if isinstance(value, float) and (meant := said.meant(value)):
                     told = problem(f"{name}.{key}", value, f"is in {said.unit}")
                     found.append(f"{told}; {meant}")
@@ -237,9 +238,8 @@ class Scene(Told, Section):
             (touch,) = touches
             return self.model_copy(update={"probe": touch.probe, "load": touch.load})
         own = [OwnLoad.model_construct(**touch.load.model_dump()) for touch in touches]
-        alone = dict.fromkeys(FORCES)  # all is in the probe's own load
         probes = tuple(
-            touch.probe.model_copy(update={**alone, "load": load})
+            touch.probe.model_copy(update={**dict.fromkeys(FORCES), "load": load})
             for touch, load in zip(touches, own, strict=True)
         )
         return self.model_copy(update={"probe": probes, "load": Load()})

@@ -21,12 +21,13 @@ from pvdf_fem.solvers.status import Status
 from tests.helpers.damage import drawn
 from tests.helpers.discs import values
 from tests.helpers.features import (
+    MIRROR,
+    QUARTER_TURN,
     SENSORS,
     TOLERANCE,
     combinations,
     combined,
-    mirrored,
-    quarter_turned,
+    image,
 )
 
 #: A response of a few seconds.
@@ -58,12 +59,12 @@ def assert_alike(found, expected, most: float = 2.0 * TOLERANCE) -> None:
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=most * size)
 
 
-@given(changes=combinations(), image=st.sampled_from([quarter_turned, mirrored]))
+@given(changes=combinations(), frame=st.sampled_from([QUARTER_TURN, MIRROR]))
 @drawn(0.2)
-def test_images_have_the_charges_of_the_scene(changes, image):
+def test_images_have_the_charges_of_the_scene(changes, frame):
     scene = scene_of(changes)
     try:
-        other = image(scene)
+        other = image(scene, frame)
     except SceneError:  # the thesis's means are of squares along the axes
         assume(False)
     first, second = solve(scene), solve(other)

@@ -1,13 +1,19 @@
 """Public functions take a path, tables or a result for a scene, and tell mistakes by name."""
 
+from __future__ import annotations
+
+import inspect
 import math
 import pickle
 import re
+from functools import reduce
 
 import pytest
 
 import pvdf_fem
 from pvdf_fem import Scene, gradients, modes, respond, solve, sweep
+from pvdf_fem.scene.given import scene_of
+from tests.helpers.refusals import refused
 from tests.helpers.touch_models import bumps
 
 TABLES = {
@@ -24,14 +30,17 @@ def solution():
     return solve(SCENE)
 
 
-def test_a_path_tables_and_a_solution_are_solved(tmp_path, solution):
+def test_a_path_tables_a_scene_and_a_solution_are_scenes(tmp_path, solution):
     path = tmp_path / "mine.toml"
     path.write_text(SCENE.to_toml(), encoding="utf-8")
-    for given in (str(path), path, TABLES, solution):
-        assert solve(given).charges_pC == solution.charges_pC
+    for given in (path, str(path), TABLES, SCENE, solution):
+        assert scene_of(given) == SCENE
+    for wrong in (tmp_path / "none.toml", {"film": {"radius": 2}}):
+        assert refused(scene_of, wrong)
 
 
 def test_studies_take_a_solution_or_tables(solution):
+    assert solve(solution).charges_pC == solve(TABLES).charges_pC == solution.charges_pC
     assert modes(solution, 1).frequencies_Hz == modes(SCENE, 1).frequencies_Hz
     keys = ["load.force_N"]
     assert gradients(TABLES, keys) == gradients(solution, keys)
@@ -43,111 +52,130 @@ def test_studies_take_a_solution_or_tables(solution):
     assert ours == theirs
 
 
-@pytest.mark.parametrize("name", ["solve", "modes", "gradients", "respond", "sweep"])
-@pytest.mark.parametrize("given", [3.0, None, [1.0]])
-def test_what_is_no_scene_is_told(name, given):
-    more = {"respond": [[10.0]], "sweep": [[{"load.force_N": [1.0]}]]}.get(name, [])
-    with pytest.raises(TypeError, match="scene = "):
-        getattr(pvdf_fem, name)(given, *more)
+#: Public functions and methods, with arguments that they take. `s` is a solution, `S` a scene, `m`
+#: a model.
+CALLS = {
+    "solve": "S",
+    "modes": "S",
+    "gradients": "s",
+    "uncertainty": "s, {'film.thickness_um': '5 %'}",
+    "respond": "s, [10.0]",
+    "transient": "s, pf.step(0.1), [0.0]",
+    "step": "0.1",
+    "half_sine": "0.1, 0.1",
+    "sweep": "S, [{'load.force_N': [1.0]}]",
+    "calibrate": "s, 'none.csv'",
+    "build_response": "S",
+    "locate": "m, dict.fromkeys('ABCD', 700.0)",
+    "locate_many": "m, [[9.0, 7.0, 6.0, 6.0]]",
+    "design": "S, {'load.force_N': [1.0]}",
+    "dataset": "S",
+    "Tracker": "m",
+    "Solution.at": "s, 0.0, 0.0",
+    "Solution.along": "s, [(0.0, 0.0), (1.0, 1.0)]",
+    "Solution.to_xarray": "s",
+    "Solution.to_vtu": "s, 'none.vtu'",
+    "Solution.plot": "s",
+    "Solution.view": "s",
+    "Solution.charges_by": "s, 8.0, 8.0",
+}
+#: What only developers give, and what is a callable or a truth value.
+UNCHECKED = ("self", "options", "progress")
+#: Arguments that go by another name in complaints.
+ALIASES = {"solution": "scene", "model": "(model|scene)", "response": "model"}
+ALIASES |= {"charges_pC": "charges(_pC)?", "d31_pC_N": ".*", "d32_pC_N": ".*"}
 
 
-#: Mistakes in Python, with the name that the complaint begins with. `s` is a solution, `S` a scene,
-#: `m` a model.
+def function_of(name):
+    return reduce(getattr, name.split("."), pvdf_fem)
+
+
+def parameters():
+    """Each public function with each argument."""
+    for name in CALLS:
+        taken = inspect.signature(function_of(name)).parameters
+        yield from ((name, key) for key in taken if key not in UNCHECKED)
+
+
+GIVEN = {"pf": pvdf_fem, "math": math, "TABLES": TABLES, "S": SCENE, "m": bumps("circle")}
+
+
+@pytest.mark.parametrize(("name", "argument"), [*parameters()])
+def test_an_argument_that_is_nothing_of_use_is_told_by_its_name(name, argument, solution):
+    function = function_of(name)
+    given = eval(f"({CALLS[name]},)", {**GIVEN, "s": solution})
+    arguments = inspect.signature(function).bind(*given).arguments
+    with pytest.raises((ValueError, TypeError)) as mistake:
+        function(**{**arguments, argument: object()})
+    assert begins(mistake.value, ALIASES.get(argument, argument))
+    if inspect.isfunction(function):
+        with pytest.raises(TypeError) as mistake:
+            function(**arguments, nothing=1)
+        assert begins(mistake.value, function.__name__)
+
+
+def begins(error, name):
+    """Whether the first complaint of an error begins with a name."""
+    told = getattr(error, "problems", [str(error)])[0]
+    return re.match(rf"{name}( = | has |: )", told)
+
+
+def test_every_public_function_is_called_here():
+    public = {name for name in pvdf_fem.__all__ if inspect.isfunction(function_of(name))}
+    assert public <= CALLS.keys()
+
+
+#: Mistakes in values, with the name that the complaint begins with.
 MISTAKES = {
-    "pf.solve(S, force=2)": "solve",
-    "pf.solve()": "solve",
     "pf.solve(S, 'a.msh')": "solve",
-    "pf.step(force=2)": "step",
-    "pf.solve(S, mesh=3)": "mesh",
-    "pf.solve(S, order='2')": "order",
     "pf.solve(S, order=7)": "order",
-    "pf.solve(S, budget=3)": "budget",
     "pf.solve(S, pressure='hertz')": "pressure",
-    "pf.solve(S, uncertain='5 %')": "uncertain",
     "pf.solve(S, uncertain={'bad': '5 %'})": "uncertain.bad",
     "pf.solve({3: 2})": "3",
-    "pf.modes(S, '6')": "count",
     "pf.modes(S, 0)": "count",
     "pf.modes(S, 201)": "count",
     "pf.modes(S, 2.5)": "count",
     "pf.modes(S, True)": "count",
-    "pf.modes(S, loaded='yes')": "loaded",
-    "pf.respond(s, '20')": "frequencies_Hz",
-    "pf.respond(s, None)": "frequencies_Hz",
     "pf.respond(s, [-1])": "frequencies_Hz",
     "pf.respond(s, [])": "frequencies_Hz",
-    "pf.transient(s, 0.1, [0, 1])": "touch",
     "pf.transient(s, ((1, 2),), [0, 1])": "touch",
-    "pf.transient(s, pf.step(0.1), None)": "times_s",
     "pf.transient(s, pf.step(0.1), [0, math.nan])": "times_s",
     "pf.transient(s, pf.step(0.1), [0], highest_Hz=-3)": "highest_Hz",
-    "pf.step('a')": "force_N",
     "pf.half_sine(0.1, 0)": "duration_s",
     "pf.gradients(s, ['bad'])": "parameters",
     "pf.gradients(s, [3])": "parameters[0]",
-    "pf.gradients(s, tolerance='a')": "tolerance",
     "pf.uncertainty(s, ['film.thickness_um'])": "uncertain",
     "pf.sweep(S, {'load.force_N': [1]})": "axes",
-    "pf.sweep(S, [{'load.force_N': [1]}], processes='all')": "processes",
-    "pf.sweep(S, [{'load.force_N': [1]}], store=3)": "store",
     "S.with_('load.force_N=3')": "changes",
     "S.with_(load=3)": "load",
     "S.with_({'load.force_N': None})": "load.force_N",
     "pf.Scene.load(3)": "path",
     "pf.Scene.parse(3)": "text",
     "pf.Scene('mine.toml')": "Scene",
+    "pf.Response.load(None)": "path",
+    "pf.Report.load(3)": "path",
     "s.at([0, 1], [0, 1, 2])": "x_mm",
-    "s.at('a', 0)": "x_mm",
-    "s.at(0, None)": "y_mm",
-    "s.at(0, 0, outside='zero')": "outside",
     "s.along([(0, 0)])": "line_mm",
     "s.along([(0, 0), (1, 1)], points=1)": "points",
     "s.to_xarray(-1)": "step_mm",
-    "s.to_xarray('a')": "step_mm",
-    "s.to_vtu(3)": "path",
-    "s.plot(reach_mm='a')": "reach_mm",
     "s.plot(reach_mm=-3)": "reach_mm",
-    "s.plot(ax=3)": "ax",
     "s.plot(['stress'])": "quantity",
-    "s.plot(colour='red')": "plot",
-    "s.view(scale='a')": "scale",
-    "s.charges_by('a', 3)": "d31_pC_N, d32_pC_N",
-    "s.charges_by(8)": "charges_by",
     "s.readings_V": "readout",
     "pf.locate(S, [1, 2, 3])": "charges",
-    "pf.locate(s, {'A': 700.0}, unknown=3)": "unknown",
-    "pf.locate(m, {'A': 700.0}, known=3)": "known",
     "pf.locate_many(m, [[1, 2, 3, 'a']])": "charges_pC",
-    "pf.locate_many(m, [[9, 7, 6, 6.0]], forces_N='a')": "forces_N",
     "pf.locate_many(S, [[1, 2, 3, 4]])": "model",
-    "pf.calibrate(S, 3)": "touches",
-    "pf.calibrate(s, 'none.csv', sigma='a')": "sigma",
-    "pf.calibrate(s, 'none.csv', priors=3)": "priors",
-    "pf.build_response(TABLES, tolerance='a')": "tolerance",
-    "pf.build_response(S, force_N=3)": "force_N",
-    "pf.build_response(S, processes='all')": "processes",
-    "pf.Response.load(None)": "path",
-    "pf.Tracker(S)": "model",
-    "pf.Tracker(m, unknown=3)": "unknown",
     "pf.Tracker(m).update(0, {'Z': 1})": "readings.Z",
     "pf.Tracker(m).update(0, ['a', 2, 3, 4])": "readings",
     "pf.design(s, ['electrodes.count'])": "vary",
-    "pf.design(s, {'load.force_N': [1]}, reach_mm='a')": "reach_mm",
-    "pf.design(s, {'load.force_N': [1]}, force_range_N=3)": "force_range_N",
-    "pf.dataset(TABLES, touches='many')": "touches",
-    "pf.Report.load(3)": "path",
+    "pf.dataset(TABLES, touches=0)": "touches",
 }
-
-
-GIVEN = {"pf": pvdf_fem, "math": math, "TABLES": TABLES, "S": SCENE, "m": bumps("circle")}
 
 
 @pytest.mark.parametrize("call", MISTAKES)
 def test_a_mistake_is_told_by_its_name(call, solution):
-    with pytest.raises((ValueError, TypeError)) as refused:
+    with pytest.raises((ValueError, TypeError)) as mistake:
         eval(call, {**GIVEN, "s": solution})
-    told, name = getattr(refused.value, "problems", [str(refused.value)])[0], MISTAKES[call]
-    assert re.match(rf"{re.escape(name)}( = | has |: )", told)
+    assert begins(mistake.value, re.escape(MISTAKES[call]))
 
 
 @pytest.mark.parametrize(
