@@ -54,7 +54,7 @@ def test_a_store_sees_that_a_file_has_changed_or_is_another_one(processes, tmp_p
     """A relative path means another file elsewhere, also to processes that stay."""
     known = []
     with Store(tmp_path / "s.db") as store:
-        for name, lean in (("here", 0.15), ("there", -0.15), ("here", 0.3)):
+        for name, lean in (("here", 0.15), ("there", -0.15), ("here", 0.1)):
             tmp_path.joinpath(name).mkdir(exist_ok=True)
             monkeypatch.chdir(tmp_path / name)
             write(lean)

@@ -241,7 +241,7 @@ def test_a_scheduler_that_is_not_there_is_bad_input(tmp_path, monkeypatch, comma
     monkeypatch.chdir(tmp_path)
     (tmp_path / "s.toml").write_text("[scene.probe]\n[[axes]]\nload.force_N = [1.0]\n")
     done = command("sweep", "s.toml", "--quiet", "--scheduler", "nonsense://x")
-    assert done.mistakes == ["--scheduler nonsense"]
+    assert done.mistakes == ["--scheduler nonsense://x"]
     assert not (tmp_path / "s.nc").exists()
 
 
