@@ -116,7 +116,7 @@ def test_a_dragged_and_turned_probe_gives_the_charges_of_solve(visit):
         visit.reads(scene)
 
 
-def test_words_and_numbers_change_the_scene_and_what_is_refused_is_named(visit):
+def test_words_and_numbers_change_the_scene_which_can_be_saved(visit, tmp_path):
     visit.types("film.thickness_um=-1")
     visit.page.wait_for_selector("#refused:has-text('film.thickness_um = -1')")
     visit.reads(SCENE)
@@ -125,8 +125,15 @@ def test_words_and_numbers_change_the_scene_and_what_is_refused_is_named(visit):
     visit.page.get_by_label("shape", exact=True).first.select_option("sphere")
     visit.page.get_by_label("radius (mm)", exact=True).first.fill("4")
     visit.page.get_by_label("radius (mm)", exact=True).first.press("Enter")
-    visit.reads(SCENE.with_(probe={"shape": "sphere", "radius_mm": 4.0}, load={"kind": "contact"}))
+    changed = SCENE.with_(probe={"shape": "sphere", "radius_mm": 4.0}, load={"kind": "contact"})
+    visit.reads(changed)
     assert visit.page.locator("#refused").text_content() == ""
+    for name in ("save scene file", "save picture"):
+        with visit.page.expect_download() as download:
+            visit.page.get_by_text(name, exact=True).click()
+        download.value.save_as(tmp_path / name)
+    assert Scene.load(tmp_path / "save scene file") == changed
+    assert "data:image/png" in (tmp_path / "save picture").read_text("utf-8")
 
 
 def test_a_scene_without_a_solution_is_drawn_and_tells_why(visit):
@@ -147,17 +154,6 @@ def test_the_film_is_as_wide_as_a_phone(visit):
     assert page.locator("#rim").bounding_box()["width"] > 300
     bars, sliders = (page.locator(k).bounding_box() for k in ("#charges", "#controls"))
     assert bars["y"] + bars["height"] <= sliders["y"]
-
-
-def test_scene_and_picture_are_saved(visit, tmp_path):
-    visit.types("load.force_N=2")
-    visit.reads(changed := SCENE.with_(**{"load.force_N": 2.0}))
-    for name in ("save scene file", "save picture"):
-        with visit.page.expect_download() as download:
-            visit.page.get_by_text(name, exact=True).click()
-        download.value.save_as(tmp_path / name)
-    assert Scene.load(tmp_path / "save scene file") == changed
-    assert "data:image/png" in (tmp_path / "save picture").read_text("utf-8")
 
 
 @pytest.mark.parametrize("path", ["/", "/view?change=load.force_N=2", "/picture", "/scene.toml"])

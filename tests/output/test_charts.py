@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -65,6 +67,7 @@ def test_few_values_are_a_curve_each(monkeypatch):
             for i, bars in enumerate(ax.containers):
                 charges = data.charge_pC.sel(electrode=name).isel(tip=i)
                 np.testing.assert_array_equal(bars[0].get_ydata(), charges)
+        assert [json.loads(label) for label in data.tip.values] == probes["probe"]  # in full
         names = [text.get_text() for text in figure.legends[0].get_texts()]
         assert ["circle" in name for name in names] == [True, False]
 

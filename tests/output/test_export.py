@@ -109,13 +109,6 @@ def test_vtu_nodal_stress_is_the_mean_around_a_node(tmp_path):
     np.testing.assert_allclose(u[triangles[:, 3]], u[corner[:, :2]].mean(axis=1), atol=1e-15)
 
 
-def test_no_file_of_a_failed_solve(tmp_path):
-    failed = Solution(SCENE, Status.UNSTABLE, "lower the load")
-    with pytest.raises(NotConvergedError):
-        failed.to_vtu(tmp_path / "a.vtu")
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize("extension", FORMATS)
 def test_patches_survive_in_every_format(solution, tmp_path, extension):
     path = tmp_path / f"mesh{extension}"
@@ -178,18 +171,15 @@ def test_gmsh_reads_sound_elements_and_named_groups(solution, tmp_path):
     assert names == electrodes | {"film", "probe", "rim"}
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["mesh.stl", "mesh", ".vtu", "directory.vtu", "none/a.vtu", "file/a.vtu", f"{300 * 'a'}.vtu"],
-)
+@pytest.mark.parametrize("name", ["mesh.stl", "mesh", ".vtu", "directory.vtu", "none/a.vtu"])
 def test_places_and_formats_that_cannot_be_written_are_named(solution, tmp_path, name):
     (tmp_path / "directory.vtu").mkdir()
-    (tmp_path / "file").touch()
+    with pytest.raises(NotConvergedError):
+        Solution(SCENE, Status.UNSTABLE, "lower the load").to_vtu(tmp_path / "a.vtu")
     for write in (solution.to_vtu, lambda path: write_mesh(solution.mesh, path)):
-        with pytest.raises((ExportError, FileError)) as caught:
+        with pytest.raises(FileError, match=name):
             write(tmp_path / name)
-        assert name in str(caught.value)
-    assert {file.name for file in tmp_path.iterdir()} == {"directory.vtu", "file"}
+    assert [file.name for file in tmp_path.iterdir()] == ["directory.vtu"]
 
 
 def test_names_that_become_equal_are_refused(tmp_path):

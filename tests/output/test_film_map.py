@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -51,17 +49,6 @@ def test_deflection_map_shows_deflection_charges_and_outlines(solution):
     assert ax.get_aspect() == 1.0
     assert "(mm)" in ax.get_xlabel()
     assert "(mm)" in ax.get_ylabel()
-
-
-def test_a_film_that_is_pulled_is_palest_where_it_stays(solution, monkeypatch):
-    solution.plot(ax=(pressed := axes()))
-    upwards = replace(MAPS["deflection"], values=lambda at: -at.deflection_mm)
-    monkeypatch.setitem(MAPS, "deflection", upwards)
-    solution.plot(ax=(pulled := axes()))
-    down, up = (ax.collections[0] for ax in (pressed, pulled))
-    np.testing.assert_allclose(down.levels, -up.levels[::-1], atol=1e-12)
-    shades = down.to_rgba(down.levels[:-1]), up.to_rgba(up.levels[:0:-1])
-    np.testing.assert_allclose(*shades, atol=0.01)
 
 
 def test_maps_of_a_flat_film():

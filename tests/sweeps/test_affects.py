@@ -18,7 +18,6 @@ from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.quantity import Affects, Key, Section
 from pvdf_fem.scene.registry import PROFILE_ENTRIES
 from pvdf_fem.scene.shapes import ELECTRODES, LISTED_PROBES, MODELS, PROBES
-from pvdf_fem.sweeps.equivalence import mechanics
 from pvdf_fem.sweeps.plan import plan
 from pvdf_fem.sweeps.store import key
 from reports.guide.scene_keys import TABLES
@@ -44,14 +43,12 @@ LAYER |= {"bonded": "before stretching", "density_kg_m3": 1e3}
 FILM = {"film.pressure_Pa": 10.0, "film.gravity_m_s2": 20.0, "film.rim_displacement_um": [1.0]}
 HEAT = {"film.pyroelectric_uC_m2K": 5.0, "film.warming_K": 0.4, "probe.temperature_K": 5.0}
 COUPLED = {"film.coupling": True, "readout": {"kind": "voltage", "cable_capacitance_pF": 100.0}}
-STAGE = {"x_mm": 1.0, "y_mm": 2.0, "rotation_deg": 3.0}
-AMPLIFIER = {"kind": "charge", "offset_V": 0.1, "noise_V": 0.1, "reading": "total"}
+TOLD = {"readout": {"reading": "total"}, "stage": {"x_mm": 1.0}}
 MOVED = {"x_mm", "y_mm", "rotation_deg", "force_N"}  #: Keys that responses follow.
 #: Scenes in which keys act, by changes of `BASE`, and the tables whose keys are changed there.
 SCENES: list[tuple[Changes, list[str]]] = [
     ({}, ["", "film", "electrodes", "probe", "load", "numerics"]),
-    ({"readout": AMPLIFIER, "stage": STAGE, "air": {}, "model": {}}, ["readout", "stage"]),
-    ({"air": {}, "model": {}}, ["air", "model"]),
+    ({**TOLD, "air": {}, "model": {}}, ["readout", "stage", "air", "model"]),
     (FILM, ["film", "load"]),
     ({**HEAT, "film.d33_pC_N": -10.0, "probe.x_mm": 7.0}, ["film", "probe"]),
     ({**COUPLED, "film.d31_pC_N": 60.0, "film.d32_pC_N": 60.0}, ["film", "readout"]),
@@ -140,29 +137,10 @@ def films_are_alike(base: Scene, changed: Scene) -> bool:
     return np.allclose(found, first.displacement, rtol=0.0, atol=1e-9 * size)
 
 
-def charges_are_equal(base: Scene, changed: Scene) -> bool:
-    """Whether electrodes have the same charges."""
-    found, expected = solved(changed).charges_pC, solved(base).charges_pC
-    return found == pytest.approx(expected, rel=1e-9)
-
-
-def are_solved_alike(base: Scene, changed: Scene) -> bool:
-    """Whether limits of a solve are equal."""
-    return base.numerics == changed.numerics.model_copy(update={"observable": "material"})
-
-
-def share(function: Callable[[Scene], str], *scenes: Scene) -> bool:
-    """Whether a function has one value for scenes; not where it refuses one by a key."""
+def refusal(function: Callable[..., Any], *arguments: Any) -> str:
+    """What a function refuses its arguments by; empty where it does not."""
     try:
-        return len(set(map(function, scenes))) == 1
-    except ValueError:
-        return False
-
-
-def refusal(base: Scene, changed: Scene) -> str:
-    """Why a response of a scene does not serve another; empty where it does."""
-    try:
-        refuse_other_mechanics(base, changed)
+        function(*arguments)
     except ValueError as error:
         return str(error)
     return ""
@@ -170,16 +148,18 @@ def refusal(base: Scene, changed: Scene) -> str:
 
 @pytest.mark.parametrize(("changes", "tables"), SCENES, ids=lambda value: " ".join(value))
 def test_scenes_share_what_a_key_does_not_change(changes, tables):
-    """Solves, responses and records of a store; a response names what it is refused by."""
+    """Solves, records of a store, and responses, which name what they are refused by."""
     base, wrong = BASE.with_(changes), []
-    has_response = not refusal(base, base)
+    has_response = not refusal(refuse_other_mechanics, base, base)
     for name, changed in changed_alone(changes, tables):
         both = base, changed
-        if share(lambda scene: mechanics(scene)[0], *both):
-            wrong += [name] * (not (films_are_alike(*both) and are_solved_alike(*both)))
-        if share(key, *both):
-            wrong += [name] * (not (charges_are_equal(*both) and are_solved_alike(*both)))
-        if has_response and (told := refusal(*both)):
+        limits = changed.numerics.model_copy(update={"observable": "material"}) == base.numerics
+        if not refusal(plan, both) and len(plan(both).blocks) == 1:
+            wrong += [name] * (not (limits and films_are_alike(*both)))
+        if key(base) == key(changed):
+            charges = pytest.approx(solved(base).charges_pC, rel=1e-9)
+            wrong += [name] * (not (limits and solved(changed).charges_pC == charges))
+        if has_response and (told := refusal(refuse_other_mechanics, *both)):
             wrong += [name] * (name not in told)
         elif has_response and name not in MOVED:
             wrong += [name] * (not films_are_alike(*both))
@@ -207,24 +187,18 @@ class CoatedProbe(LISTED_PROBES["circle"]):
 
 
 def test_a_new_key_counts_unless_it_says_what_it_affects():
-    def of(**keys: Any) -> Scene:
-        return BASE.model_copy(update=keys)
+    def of(um: float = 0.0, probe_um: float = 0.0, shade: float = 0.0) -> Scene:
+        film, probe = CoatedFilm(coating_um=um, shade=shade), CoatedProbe(**DISC)
+        probe = probe.model_copy(update={"coating_um": probe_um})
+        return BASE.model_copy(update={"film": film, "probe": probe})
 
-    plain = of(film=CoatedFilm(), probe=CoatedProbe(**DISC))
-    for changed, solves in (
-        (of(film=CoatedFilm(coating_um=1.0), probe=plain.probe), 2),
-        (of(film=plain.film, probe=CoatedProbe(**DISC, coating_um=1.0)), 2),
-        (of(film=CoatedFilm(shade=1.0), probe=plain.probe), 1),
-    ):
-        assert len(plan([plain, changed]).blocks) == solves
-        assert key(plain) != key(changed)
+    for changed, solves in ((of(um=1.0), 2), (of(probe_um=1.0), 2), (of(shade=1.0), 1)):
+        assert len(plan([of(), changed]).blocks) == solves
+        assert key(of()) != key(changed)
 
 
 def test_a_new_key_of_probes_counts_for_the_symmetry_of_a_scene():
-    def part(*coatings_um: float) -> tuple[int, ...]:
-        places = zip((-5.0, 5.0), coatings_um, strict=True)
-        probes = tuple(CoatedProbe(x_mm=x, radius_mm=2.5, coating_um=um) for x, um in places)
-        return part_of(BASE.model_copy(update={"probe": probes})).mirrored
-
-    assert len(part(1.0, 1.0)) == 2
-    assert len(part(0.0, 1.0)) == 1
+    left, right = (CoatedProbe(x_mm=x, radius_mm=2.5) for x in (-5.0, 5.0))
+    for coating_um, mirrored in ((0.0, 2), (1.0, 1)):
+        probes = left, right.model_copy(update={"coating_um": coating_um})
+        assert len(part_of(BASE.model_copy(update={"probe": probes})).mirrored) == mirrored

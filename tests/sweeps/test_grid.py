@@ -150,7 +150,7 @@ FORCE = {"load.force_N": [1]}
         ([{"probe": [{}], "probe.x_mm": [1]}, {"probe": [{}], "name": "b"}], "axes[1]"),
         ([{"mapping": {**LINES, "distances_mm": list(range(500_000))}}], "axes[0].mapping"),
         ([{"mapping": {"electrode": "A", "angles_deg": [0]}, **FORCE}], "axes[0].load.force_N"),
-        ([{"mapping": {**LINES, "distances_mm": [4, 0]}}], "axes[0].mapping.distances_mm"),
+        ([{"mapping": {**LINES, "distances_mm": [4, 4]}}], "axes[0].mapping.distances_mm"),
         ([{"mapping": {**LINES, "distances_mm": [12]}}], "axes[0].mapping.angles_deg 0"),
         ([{**FORCE, "name": f"n{i}"} for i in range(64)], "axes = 64"),
         ([{"film.d34_pC_N": [8.0]}, {"load.force_N": [1.0, 2.0]}], "film.d34_pC_N"),

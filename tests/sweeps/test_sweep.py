@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import multiprocessing
 import random
@@ -43,10 +42,6 @@ PLACES = {"probe.x_mm": [0.0, 1.0], "probe.y_mm": [2.0, 3.0]}
 @pytest.mark.parametrize(
     ("axes", "expected"),
     [
-        (
-            [{**PLACES, "name": "place"}, {"probe.side_mm": [6.0, 7.0]}],
-            {"x_mm": "probe.x_mm", "y_mm": "probe.y_mm", "side_mm": "probe.side_mm"},
-        ),
         ([{**PLACES, "name": "x_mm"}], {"probe.x_mm": "probe.x_mm", "y_mm": "probe.y_mm"}),
         (
             [{**PLACES, "name": "place"}, {"load.force_N": [1.0, 2.0], "name": "y_mm"}],
@@ -67,13 +62,6 @@ def test_every_key_along_an_axis_is_a_coordinate(axes, expected, invented, tmp_p
         write_netcdf(data, tmp_path / "data.nc")
         with xarray.open_dataset(tmp_path / "data.nc") as read:
             assert read.identical(data)
-
-
-def test_tables_along_an_axis_are_labelled_in_full(invented):
-    corners = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 1.0], [1.0, 2.0], [0.0, 2.25]]
-    probes = [{"shape": "circle"}, {"shape": "polygon", "vertices_mm": corners}]
-    data = sweep.sweep(BASE, [{"probe": probes}], processes=1)
-    assert [json.loads(label) for label in data.probe.values] == probes
 
 
 def test_the_dataset_s_own_names_are_those_that_axes_may_not_have(invented):
@@ -207,20 +195,13 @@ def test_a_process_that_dies_is_replaced(tmp_path):
     assert results == {number: 10 * number for number in (0, 1, 2, 4)}
 
 
-@pytest.fixture
-def cluster():
-    """A scheduler with a worker, both in threads."""
-    distributed = pytest.importorskip("distributed")
-    inside = {"n_workers": 1, "threads_per_worker": 1, "processes": False}
-    with distributed.LocalCluster(**inside, dashboard_address=None) as started:
-        yield started
-
-
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.slow
-def test_a_cluster_gives_the_same_dataset_until_it_stops(cluster, monkeypatch, tmp_path):
-    """What was solved before the scheduler stops is in the store."""
-    solves, path, where = [], tmp_path / "s.db", {"scheduler": cluster.scheduler_address}
+def test_a_cluster_gives_the_same_dataset_until_it_stops(monkeypatch, tmp_path):
+    """A scheduler with a worker, in threads. What was solved before it stops is in the store."""
+    distributed = pytest.importorskip("distributed")
+    inside = {"n_workers": 1, "threads_per_worker": 1, "processes": False}
+    solves, path = [], tmp_path / "s.db"
 
     def stopping(scenes, frames):
         solves.append(scenes)
@@ -228,21 +209,14 @@ def test_a_cluster_gives_the_same_dataset_until_it_stops(cluster, monkeypatch, t
             cluster.loop.add_callback(cluster.scheduler.close)
         return made_up(scenes, frames)
 
-    monkeypatch.setattr(sweep, "records_of", made_up)
-    assert sweep.sweep(BASE, AXES, **where).identical(run(tmp_path / "here.db"))
-    monkeypatch.setattr(sweep, "records_of", stopping)
-    with pytest.raises(ClusterLostError):
-        sweep.sweep(BASE, AXES, path, **where)
+    with distributed.LocalCluster(**inside, dashboard_address=None) as cluster:
+        where = {"scheduler": cluster.scheduler_address}
+        monkeypatch.setattr(sweep, "records_of", made_up)
+        assert sweep.sweep(BASE, AXES, **where).identical(run(tmp_path / "here.db"))
+        monkeypatch.setattr(sweep, "records_of", stopping)
+        with pytest.raises(ClusterLostError):
+            sweep.sweep(BASE, AXES, path, **where)
     assert len(_stored(path)) >= 2
-
-
-def test_a_scheduler_that_is_not_there_is_bad_input(tmp_path, monkeypatch, command):
-    pytest.importorskip("distributed")
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "s.toml").write_text("[scene.probe]\n[[axes]]\nload.force_N = [1.0]\n")
-    done = command("sweep", "s.toml", "--quiet", "--scheduler", "nonsense://x")
-    assert done.mistakes == ["--scheduler nonsense://x"]
-    assert not (tmp_path / "s.nc").exists()
 
 
 def test_the_command_prints_its_plan_and_writes_the_dataset(
@@ -266,3 +240,5 @@ def test_the_command_prints_its_plan_and_writes_the_dataset(
         f"{text}[[axes]]\nfilm.radius_mm = [40, 45]\n[[axes]]\nfilm.thickness_um = [9, 25]\n"
     )
     assert command(*line, "--plot", "s.png").mistakes == ["--plot"]
+    nowhere = ["--scheduler", "nonsense://x"]
+    assert command(*line[:2], "--quiet", *nowhere).mistakes == [" ".join(nowhere)]
