@@ -66,6 +66,7 @@ def refuse_other_mechanics(known: Scene, other: Scene) -> None:
             if name != "electrodes"
             for key, value in tables[0].items()
         }
+        | {"film.density_kg_m3": scene.film.density_kg_m3 * bool(scene.film.weight)}
         for scene in (known, other)
     )
     texts = [

@@ -57,7 +57,8 @@ def mechanics_of(scene: Scene) -> str:
     scene.require_plain_charges("a response")
     observable = scene.numerics.observable
     pressed = centred(scene).model_copy(update={"numerics": Numerics(observable=observable)})
-    return f"{affecting(pressed, *MECHANICS)} {film_model(pressed).bends} {observable}"
+    weight, bends = scene.film.weight, film_model(pressed).bends
+    return f"{affecting(pressed, *MECHANICS)} {weight} {bends} {observable}"
 
 
 def response_key(scene: Scene, domain: Domain, tolerance: float) -> str:
