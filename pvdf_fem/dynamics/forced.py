@@ -158,6 +158,7 @@ def respond(
     >>> abs(answer.charges_pC_N["A"])
     """
     frequencies = numbers("frequencies_Hz", frequencies_Hz, (0.0, MOST_HZ), "Hz").ravel()
+    refined = taken("refined", refined, bool)
     solution, read = _loaded(solution)
     with shown("vectors at most", progress) as show:
         both = [oscillation.reduced(frequencies, show) for oscillation in oscillations(solution)]

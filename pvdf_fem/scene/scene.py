@@ -39,7 +39,7 @@ from pvdf_fem.scene.scene_file import (
 )
 from pvdf_fem.scene.shapes import LAYOUTS, Electrode, Electrodes, Layout, Probe, Probes
 from pvdf_fem.scene.stage import Stage, WantedModel
-from pvdf_fem.told import Grid, Parts, Told
+from pvdf_fem.told import Grid, Parts, Told, with_named_arguments
 
 __all__ = [
     "Air",
@@ -281,11 +281,6 @@ class Scene(Told, Section):
         return cls._from_tables(parse_toml(text, source), source)
 
     @classmethod
-    def _read(cls, path: Path | str) -> Scene:
-        """Scene from a scene file; raises `SceneError` for mistakes."""
-        return cls.parse(read_scene_text(path), str(path))
-
-    @classmethod
     def example(cls, name: str) -> Scene:
         """A scene that comes with the package: ``"triangle"``; SceneError tells the names."""
         others = "[[axes]]", "[[section]]"  # sweeps and reports
@@ -346,5 +341,10 @@ class Scene(Told, Section):
         return scene
 
 
+def load(path: Path | str) -> Scene:
+    """Scene from a scene file; raises `SceneError` for mistakes."""
+    return Scene.parse(read_scene_text(path), str(path))
+
+
 # The class alone has this attribute: an instance's dictionary, which comes first, has its load.
-setattr(Scene, "load", Scene._read)  # noqa: B010
+setattr(Scene, "load", staticmethod(with_named_arguments(load)))  # noqa: B010
