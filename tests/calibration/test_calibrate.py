@@ -110,6 +110,7 @@ def test_what_cannot_be_told_apart_is_decided_by_the_priors():
     calibration = calibrate(truth, columns, words)
     (text,) = calibration.not_told_apart
     assert all(name in text for name in calibration.parameters)
+    assert calibration.fit.degrees_of_freedom == 24 * 4 - (6 - 1)
     gain, d31 = calibration.parameters["gain.A"], calibration.parameters["film.d31_pC_N"]
     assert gain["value"] * d31["value"] == pytest.approx(8.0 * 1.07, rel=0.02)
     assert gain["deviation"] > 0.03

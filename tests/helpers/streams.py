@@ -18,26 +18,20 @@ STEPS = 40
 
 @dataclass(frozen=True)
 class Tap:
-    """A touch with a force like half a sine."""
+    """A touch with a force like a power of half a sine: the power 0 is held from jump to jump."""
 
     begin_s: float
     duration_s: float
     place_mm: tuple[float, float]
     force_N: float
     rotation_deg: float = 0.0
+    power: int = 1
 
     def force(self, t):
-        phase = np.clip((t - self.begin_s) / self.duration_s, 0.0, 1.0)
-        return self.force_N * np.sin(np.pi * phase)
-
-
-@dataclass(frozen=True)
-class Hold(Tap):
-    """A touch that begins and ends with a jump of its force."""
-
-    def force(self, t):
-        held = (t >= self.begin_s) & (t < self.begin_s + self.duration_s)
-        return np.where(held, self.force_N, 0.0)
+        phase = (t - self.begin_s) / self.duration_s
+        pressed = (phase >= 0.0) & (phase < 1.0)
+        course = np.sin(np.pi * np.where(pressed, phase, 0.5)) ** self.power
+        return self.force_N * pressed * course
 
 
 @dataclass(frozen=True, eq=False)

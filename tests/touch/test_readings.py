@@ -26,8 +26,8 @@ CAPACITANCES_PF = np.array([500.0, 2000.0, 1000.0, 1000.0])
 GAINS = np.array([1.1, 1.0, -0.9, 1.0])
 OFFSETS_V = np.array([0.0, 0.02, 0.0, -0.1])
 PLAIN = CHANNELS | {"gain": 1.0, "offset_V": 0.0, "noise_V": 0.0, "reading": "total"}
-STAGE = {"x_mm": 30.0, "y_mm": -5.0, "rotation_deg": 90.0}
-ON_STAGE = np.array([30.0 + 4.0, -5.0 + 3.0, 25.0 + 90.0, 0.7])
+STAGE = {"x_mm": 30.0, "y_mm": -5.0, "rotation_deg": float(np.degrees(np.arctan2(4.0, 3.0)))}
+ON_STAGE = np.array([30.0 + 5.0, -5.0, 25.0 + STAGE["rotation_deg"], 0.7])
 REST_PC = 48.0
 
 
@@ -170,6 +170,8 @@ def test_without_any_error_there_is_no_likelihood():
         locate(model, TWO, 0.0)
     with pytest.raises(ValueError, match=r"^sigma = 0"):
         locate_many(model, np.ones((1, 4)), 0.0)
+    for sigma, noise_pC in ((0.0, 0.5), (0.5, 0.0), (0.5, 0.5)):
+        assert locate(model, TWO, sigma, noise_pC=noise_pC).status == "undetermined"
 
 
 def test_a_reading_of_the_offset_is_a_charge_of_zero():

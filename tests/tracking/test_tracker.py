@@ -1,6 +1,6 @@
 """Touches in made-up streams of readings."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import pytest
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.response.model import QUANTITIES
 from pvdf_fem.tracking.tracker import Tracker
-from tests.helpers.streams import RESISTIVE, Hold, Tap, charges_of, sensor, stream
+from tests.helpers.streams import RESISTIVE, Tap, charges_of, sensor, stream
 
 TAP = Tap(0.6004, 0.12, (3.0, -2.0), 0.8)
 USUAL = ("x_mm", "y_mm", "force_N")
@@ -42,14 +42,6 @@ def pulls_of(touch, tap):
     errors = touch.x_mm - tap.place_mm[0], touch.y_mm - tap.place_mm[1], touch.force_N - tap.force_N
     stated = touch.x_deviation_mm, touch.y_deviation_mm, touch.force_deviation_N
     return np.divide(errors, stated)
-
-
-@dataclass(frozen=True)
-class Smooth(Tap):
-    """A touch with a force like the square of half a sine."""
-
-    def force(self, t):
-        return self.force_N * (super().force(t) / self.force_N) ** 2
 
 
 def test_a_tap_through_a_resistance_is_found_located_and_weighed():
@@ -119,7 +111,7 @@ def test_forces_are_unbiased_and_deviations_true():
     for seed in range(32):
         draw = np.random.default_rng([5, seed])
         place = tuple(draw.uniform(-4.0, 4.0, 2).tolist())
-        tap = Smooth(0.4 + 1e-3 * draw.random(), draw.uniform(0.05, 0.15), place, 0.8)
+        tap = Tap(0.4 + 1e-3 * draw.random(), draw.uniform(0.05, 0.15), place, 0.8, power=2)
         pulls.append(pulls_of(only_tap(tap, 0.62, noise_V=4e-4, seed=seed), tap))
     assert np.abs(np.mean(pulls, axis=0)).max() < 0.3
     spread = np.sqrt(np.mean(np.square(pulls), axis=0))
@@ -129,7 +121,7 @@ def test_forces_are_unbiased_and_deviations_true():
 
 def test_a_charge_that_is_left_at_the_end_was_an_error():
     """Errors of voltages during a touch sum up to 6 % of its charge, of which half by its peak."""
-    tap, forces = Smooth(0.4, 0.1, (3.0, -2.0), 0.8), []
+    tap, forces = Tap(0.4, 0.1, (3.0, -2.0), 0.8, power=2), []
     t, readings = stream(SENSOR, [tap], 0.7, noise_V=6e-4)
     (charges,) = charges_of(SENSOR, tap, np.array([tap.force_N]))
     current_A = 0.06 * 1e-12 * charges / tap.duration_s
@@ -145,7 +137,7 @@ def test_what_sampling_misses_is_told_by_what_is_left_at_the_end():
     by a part with one sign."""
     model, forces = sensor(**{**RESISTIVE, "cable_capacitance_pF": 2000.0}), []
     for late in (1e-4, 9e-4):
-        tap = Hold(0.4 + late, 0.101 - 2.0 * late, (3.0, -2.0), 0.8)
+        tap = Tap(0.4 + late, 0.101 - 2.0 * late, (3.0, -2.0), 0.8, power=0)
         touch = only_tap(tap, 0.65, model, noise_V=1e-4)
         assert np.abs(pulls_of(touch, tap)).max() < 3.0
         forces.append(touch.force_N)
@@ -158,7 +150,7 @@ def test_a_held_touch_is_told_within_its_deviations_and_leaves_nothing_behind():
     model = sensor(**AMPLIFIER, feedback_resistance_MOhm=1000.0)  # 1 s
     pulls = []
     for seed, shift in enumerate(np.linspace(0.0, 0.9, 8)):
-        tap = Hold(2.0 + 5e-3 * shift, 0.7023, (3.0, 1.0), 0.5)
+        tap = Tap(2.0 + 5e-3 * shift, 0.7023, (3.0, 1.0), 0.5, power=0)
         touch = only_tap(tap, 5.0, model, noise_V=2e-3, seed=seed, rate_Hz=200.0)
         pulls.append(pulls_of(touch, tap))
         assert touch.force_deviation_N < 0.01
@@ -169,7 +161,7 @@ def test_a_held_touch_is_told_within_its_deviations_and_leaves_nothing_behind():
 @pytest.mark.parametrize(("bound", "status"), [(1e-4, "unexplained"), (0.05, "touch")])
 def test_a_fit_within_the_models_error_is_no_unexplained_touch(bound, status):
     """Charges that are off by 3 %, which is far more than the noise, in no touch's way."""
-    t, readings = stream(SENSOR, [Smooth(0.4, 0.1, (2.0, -1.0), 0.8)], 0.6, noise_V=1e-4)
+    t, readings = stream(SENSOR, [Tap(0.4, 0.1, (2.0, -1.0), 0.8, power=2)], 0.6, noise_V=1e-4)
     off = readings * (1.0 + 0.03 * np.array([1.0, -1.0, 1.0, -1.0]))
     tracker, rows = followed(replace(SENSOR, error_bound=bound), t, off)
     assert [touch.status for touch in tracker.touches] == [status]
