@@ -103,6 +103,7 @@ def test_parquet_has_the_scene_as_metadata(tmp_path):
         ({"touches": 0}, "touches = 0"),
         ({"touches": 1e5, "seed": -1}, "seed = -1"),
         ({"sigma": 2.0, "noise_pC": -1.0}, "noise_pC = -1"),
+        ({"scene": Scene()}, "probe"),
         ({"scene": Scene.example("triangle").with_(**{"load.kind": "rigid"})}, "load.kind"),
     ],
 )

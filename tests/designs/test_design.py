@@ -10,6 +10,7 @@ import pytest
 
 from pvdf_fem import Scene, design, locate_many
 from pvdf_fem.designs.design import best
+from pvdf_fem.response.model import default_reach_mm
 from tests.helpers.touch_models import bumps
 
 RING = bumps("circle").scene.with_(electrodes={"layout": "ring", "shape": "circle", "radius_mm": 1})
@@ -56,18 +57,20 @@ def test_mirror_images_in_a_line_of_electrodes_are_ambiguous():
 
 
 def test_one_model_serves_all_designs_whose_films_deform_alike():
+    """The smallest film decides how far touches reach."""
     asked = []
 
     def model_of(scene):
-        asked.append(scene.film.thickness_um)
+        asked.append(scene.film.radius_mm)
         return bumps("circle").for_scene(scene)
 
-    vary = {"film.thickness_um": [9.0, 25.0], "electrodes.count": [4, 6], "load.force_N": [0.5, 1]}
-    data = studied(vary, model=model_of, step_mm=12.0)
-    assert asked == [9.0, 25.0]
-    assert data.place_deviation_mm.dims == ("thickness_um", "count", "force_N", "y_mm", "x_mm")
-    scene = Scene.parse(data.scene.sel(thickness_um=9.0, count=6, force_N=0.5).item())
-    assert (scene.film.thickness_um, len(scene.electrode_list), scene.load.force_N) == (9.0, 6, 0.5)
+    vary = {"film.radius_mm": [18.0, 45.0], "electrodes.count": [4, 6], "load.force_N": [0.5, 1]}
+    data = studied(vary, model=model_of, reach_mm=None)
+    assert asked == [18.0, 45.0]
+    assert data.attrs["reach_mm"] == default_reach_mm(RING.with_(**{"film.radius_mm": 18.0})) < 12.0
+    assert data.place_deviation_mm.dims == ("radius_mm", "count", "force_N", "y_mm", "x_mm")
+    scene = Scene.parse(data.scene.sel(radius_mm=18.0, count=6, force_N=0.5).item())
+    assert (scene.film.radius_mm, len(scene.electrode_list), scene.load.force_N) == (18.0, 6, 0.5)
 
 
 def test_the_best_design_has_the_least_deviation_of_those_that_are_not_ambiguous():
