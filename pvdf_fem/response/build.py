@@ -200,7 +200,7 @@ def _best(
         stress = ProbeCharges.of(places, raster, means, 1e-3 * options.error)
         axes = table_axes(scene, domain, options.cell_mm(scene, domain), options.step)
         spline = tabulated(stress, scene, domain, axes, work)
-        made = Response(scene, domain, 0.0, 0.0, spline, tolerance, (), stress, held_out)
+        made = Response(scene, domain, 0.0, spline, tolerance, (), stress, held_out)
         made = made.measured()
         best = made if best is None or made.error_bound < best.error_bound else best
         if best.status is Status.CONVERGED:

@@ -12,6 +12,7 @@ from pvdf_fem import Scene, design, locate_many
 from pvdf_fem.designs.design import best
 from pvdf_fem.response.model import default_reach_mm
 from tests.helpers.touch_models import bumps
+from tests.response import made_response
 
 RING = bumps("circle").scene.with_(electrodes={"layout": "ring", "shape": "circle", "radius_mm": 1})
 
@@ -30,7 +31,7 @@ def square(name, x_mm, y_mm):
 def test_located_touches_scatter_by_the_bound():
     """By the noise of changes, of which squares of 3 mm have 48 pC less than of charges."""
     scene = RING.with_(**{"electrodes.count": 6, "readout.reading": "change"})
-    data = studied({}, 0.003, scene, noise_pC=2.0, step_mm=3.0)
+    data = studied({}, 0.003, scene, noise_pC=2.0, step_mm=None)
     model = replace(bumps("circle").for_scene(scene), error_bound=0.0)
     rng, count = np.random.default_rng(1), 3000
     for x, y in ((3.0, 0.0), (-3.0, 6.0)):
@@ -91,12 +92,26 @@ def test_the_best_design_has_the_least_deviation_of_those_that_are_not_ambiguous
     assert float(best(near, 0.0).ambiguous_share) == near.ambiguous_share.min()
 
 
+def test_a_response_serves_the_films_that_deform_as_its_own(monkeypatch):
+    made, asked = made_response.response(), []
+
+    def build_response(scene, reach_mm, force_N, *_, **__):
+        asked.append((scene.film.thickness_um, reach_mm, force_N))
+        return bumps().for_scene(scene)
+
+    monkeypatch.setattr("pvdf_fem.designs.design.build_response", build_response)
+    vary = {"film.thickness_um": [made.scene.film.thickness_um, 40.0]}
+    design(made.scene, vary, model=made, step_mm=8.0, progress=False)
+    assert asked == [(40.0, 8.0, (0.1, 5.0))]
+
+
 def test_gains_by_electrode_are_of_the_electrodes_of_the_scene():
     """Where a design has others, no design has the gains; where all have these, all keep them."""
     total = {"readout.reading": "total", "electrodes.count": 6}
     plain, calibrated = RING.with_(**total), RING.with_(**total, **{"readout.gain": {"F": 0.9}})
     found, expected = (
-        studied({"electrodes.count": [6, 4]}, scene=scene) for scene in (calibrated, plain)
+        studied({"electrodes.count": [6, 4], "load.force_N": [1.0]}, scene=scene)
+        for scene in (calibrated, plain)
     )
     assert found.attrs["dropped"] == "readout.gain"
     np.testing.assert_array_equal(found.place_deviation_mm, expected.place_deviation_mm)

@@ -46,7 +46,6 @@ def assert_true(made, tolerance):
 def test_a_response_is_true_to_the_solver(built):
     """Under a disc of 5 mm that comes close to the electrodes."""
     assert_true(built, 1e-2)
-    assert built.error_rms < built.error_bound
     assert (built.status, built.remarks) == (Status.CONVERGED, ())
 
 

@@ -105,7 +105,8 @@ def test_the_jacobian_is_the_derivative():
 )
 @pytest.mark.parametrize("others", [1, 40])
 def test_a_touch_outside_is_refused_among_few_and_many(touch, others):
-    made, edge = made_response.response(), [[0.0, 8.0, 0.0, 0.1], [-8.0, 0.0, 0.0, 5.0]]
+    made, more, less = made_response.response(), 1.0 + 1e-12, 1.0 - 1e-12
+    edge = [[0.0, more * 8.0, 0.0, less * 0.1], [-8.0, 0.0, 0.0, more * 5.0]]
     assert np.isfinite(made.evaluate(edge * others)[0]).all()
     with pytest.raises(ValueError, match=r"^touches: "):
         made.evaluate([*edge * others, touch])

@@ -25,7 +25,7 @@ def test_a_response_survives_a_file(tmp_path):
     made.save(tmp_path / "triangle.response")
     again = Response.load(str(tmp_path / "triangle.response"))
     assert (again.domain, again.error_bound) == (Domain(8.0, (0.5, 5.0)), 0.25)
-    names = ("names", "scene", "error_rms", "tolerance", "remarks", "stress", "at_rest_pC")
+    names = ("names", "scene", "tolerance", "remarks", "stress", "at_rest_pC")
     assert [getattr(again, name) for name in names] == [getattr(made, name) for name in names]
     made, touches = replace(made, domain=again.domain), [[1.0, -2.0, 33.0, 1.5]]
     for before, after in zip(made.evaluate(touches), again.evaluate(touches), strict=True):
