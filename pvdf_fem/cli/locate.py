@@ -174,9 +174,7 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
     touch = staged_touch(sensor)
     known = {name: value for name, value in touch.items() if name not in request.unknown}
     require(scenes, request, request.readings_pC(sensor), known)
-    # files that are there come first, so that a damaged one is told before any model is built
-    order = sorted(scenes, key=lambda name: not request.model.path(scenes[name], name).exists())
-    models = {name: model_of(scenes[name], name, request.model) for name in order}
+    models = {name: model_of(scenes[name], name, request.model) for name in scenes}
     asked |= {"known": known, **errors}
     readings = request.readings
     return match({name: locate(model, readings, **asked) for name, model in models.items()})

@@ -124,8 +124,9 @@ def _for_all_electrodes(
         return scene, ()
     defaults = {f"readout.{name}": fields[name].default for name in by_name}
     changed = scene.with_(**defaults)
-    names = [[e.name for e in of.electrode_list] for of in (scene, *_grid(changed, axes).scenes())]
-    return (scene, ()) if all(each == names[0] for each in names) else (changed, [*defaults])
+    every = (scene, *_grid(changed, axes).scenes())
+    names = {tuple(electrode.name for electrode in of.electrode_list) for of in every}
+    return (scene, ()) if len(names) == 1 else (changed, [*defaults])
 
 
 def design(

@@ -217,7 +217,7 @@ class Response(Told):
             return made
         met = np.hypot(touches[:, 0], touches[:, 1])[bounds > self.tolerance].min()
         remark = (
-            f"tolerance: {self.tolerance:g} is missed, the error bound is {bounds.max():.2g}; raise"
+            f"tolerance: {self.tolerance:g} is missed, the error bound is {bound:.2g}; raise"
             f" the tolerance to it, or lower the reach: touches meet it up to {met:.3g} mm"
         )
         return replace(made, remarks=(remark,))
