@@ -300,8 +300,8 @@ def _draw_deviations(ax: Axes, medians: DataArray, axes: list[str]) -> None:
 
 
 def draw_design(ax: Axes, chosen: Dataset, most_mm: float | None = None) -> None:
-    """Draw the map of one design on axes in mm: the deviation of the place up to a limit, by
-    default twice the median, its electrodes, and dots at ambiguous places."""
+    """Draw the map of one design on axes in mm, titled by its keys: the deviation of the place up
+    to a limit, by default twice the median, its electrodes, and dots at ambiguous places."""
     median = float(chosen.place_deviation_median_mm)
     x, y, most_mm = chosen.x_mm.values, chosen.y_mm.values, most_mm or 2.0 * median
     look: Any = {"shading": "nearest", "vmin": 0.0, "vmax": most_mm, "edgecolors": "face"}
@@ -314,5 +314,13 @@ def draw_design(ax: Axes, chosen: Dataset, most_mm: float | None = None) -> None
         draw_electrode(ax, outline, [])
     across, up = (places[chosen.ambiguous.values > 0.0] for places in np.meshgrid(x, y))
     ax.plot(across, up, ".", color="white", markersize=2.0)
-    ax.set_title(f"median {median:.3g} mm; dots: {float(chosen.ambiguous_share):.0%} ambiguous")
+    keys = [_told(chosen[name]) for name in chosen.coords if "key" in chosen[name].attrs]
+    found = f"median {median:.3g} mm; dots: {float(chosen.ambiguous_share):.0%} ambiguous"
+    ax.set_title(f"{', '.join(keys)}\n{found}".strip())
     colour_bar(ax, drawn, "deviation of the place (mm)", extend="max")
+
+
+def _told(key: DataArray) -> str:
+    """A key's value with its unit, or with its name."""
+    [value], unit = _texts(key.expand_dims("one")), key.attrs.get("units")
+    return f"{value} {SIGNS.get(unit, unit)}" if unit else f"{key.name} {value}"

@@ -42,12 +42,13 @@ def test_names_stand_at_the_ends_of_curves_unless_some_end_early(end, in_legend)
 
 
 def test_names_of_touches_at_one_place_hide_none():
-    figure = new_figure(80.0, 80.0)
-    ax = figure.subplots()
+    ax = new_figure(80.0, 80.0).subplots()
     ax.set(xlim=(-10.0, 10.0), ylim=(-10.0, 10.0))
-    label_points(ax, [(1.0, 2.0, name, "black") for name in ("first", "second", "third")])
-    heights = sorted(text.xyann[1] for text in ax.texts)
+    low = [(1.0, y, name, "black") for y, name in ((2.0, "first"), (2.0, "second"), (2.1, "third"))]
+    label_points(ax, [*low, (-9.0, 2.0, "far", "black")])
+    *heights, far = (text.xyann[1] for text in ax.texts)
     assert np.diff(heights).min() > min(text.get_fontsize() for text in ax.texts)
+    assert far == 0.0  # nothing is near
 
 
 def test_a_line_of_equal_charge_has_its_name_far_from_the_data():

@@ -18,7 +18,7 @@ from reports.__main__ import kinds_file, script
 from reports.accuracy import results
 from reports.accuracy.cases import RoundFilm, cases, known_charges
 from reports.accuracy.drawn import KINDS, drawn_scenes
-from reports.accuracy.measure import ByNGSolve, Known, Swept, Timed
+from reports.accuracy.measure import ByNGSolve, Swept, Timed
 
 CASES = {case.name: case for case in cases("cases.toml")}
 INPUTS = Inputs(Scene(), {}, quick=True)
@@ -86,15 +86,6 @@ def test_a_scene_is_drawn_by_its_number(kind):
 def test_a_sweep_has_fewer_solves_than_scenes():
     (row,) = Swept(Scene().with_(**{"probe.shape": "triangle", **COARSE}), 2, alone=1).run()
     assert (row["scenes"], row["solves"], row["failed"]) == (50, 5, 0)
-
-
-def test_without_ngsolve_nothing_is_asked_of_it(monkeypatch):
-    item = kinds_of(kinds_file("accuracy"))["beside-ngsolve"](kind="beside-ngsolve", orders=[3])
-    for installed in (True, False):
-        monkeypatch.setattr(results, "find_spec", lambda name, installed=installed: installed)
-        asked = [type(task) for task in item.tasks(INPUTS)]
-        assert (ByNGSolve in asked) is installed
-        assert {Timed, Known} <= set(asked)
 
 
 @pytest.mark.skipif(find_spec("ngsolve") is None, reason="NGSolve is not installed")
