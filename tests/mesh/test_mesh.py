@@ -123,10 +123,6 @@ def test_circular_patches_converge_with_the_order_of_the_curve():
     assert orders == pytest.approx([6, 6], abs=0.2)
 
 
-def edge_lengths(mesh):
-    return np.linalg.norm(np.diff(mesh.p[:, mesh.facets], axis=1)[:, 0], axis=0)
-
-
 def outline_edges(mesh, name):
     """Edges that belong to one element of a patch."""
     edges, times = np.unique(mesh.t2f[:, mesh.subdomains[name]], return_counts=True)
@@ -138,7 +134,7 @@ def test_sizes_are_obeyed_along_outlines_and_grow_with_the_distance(electrode_mm
     shapes = outlines(RECTANGLE)
     patches = {name: (probe_mm if name == "probe" else electrode_mm) / 1e3 for name in shapes}
     mesh = mesh_scene(RECTANGLE, Sizes(patches, 0.4, 8e-3))
-    lengths = edge_lengths(mesh)
+    lengths = np.linalg.norm(np.diff(mesh.p[:, mesh.facets], axis=1)[:, 0], axis=0)
     for name in shapes:
         on_outline = lengths[outline_edges(mesh, name)]
         assert on_outline.max() <= 1.1 * patches[name]
