@@ -75,7 +75,7 @@ def test_a_load_is_small_against_a_films_excess(mesh, factor):
     assert barely_loaded(scene.with_(**{"load.force_N": factor * force})) == (factor < 1.0)
 
 
-@pytest.mark.parametrize("stretch", [0.5, 4.0])
+@pytest.mark.parametrize("stretch", [0.5, 1.6, 4.0])
 def test_a_step_ends_where_the_energy_of_a_wrinkled_film_has_nearly_stopped_falling(mesh, stretch):
     equilibrium = Equilibrium(TRIANGLE.with_(**WRINKLING), mesh)
     solution = equilibrate(equilibrium).q
