@@ -96,14 +96,17 @@ class DampedNewton(Variant):
             return float(self.equilibrium.residual(state) @ step.change)
 
         enough = self.options.line_search_slope * abs(step.slope)
-        low, length, high = 0.0, 1.0, 1.0
-        slope = slope_at(length)
-        for _ in range(self.options.line_search_trials if slope > enough else 0):
-            length = 0.5 * (low + high)
-            slope = slope_at(length)
-            if abs(slope) < enough:
+        low, high = (0.0, step.slope), (1.0, slope_at(1.0))
+        if not high[1] > enough:
+            return 1.0
+        for _ in range(self.options.line_search_trials):  # regula falsi
+            width = high[0] - low[0]
+            length = low[0] - width * low[1] / (high[1] - low[1])
+            length = float(np.clip(length, low[0] + 0.1 * width, high[0] - 0.1 * width))
+            trial = length, slope_at(length)
+            if abs(trial[1]) < enough:
                 break
-            low, high = (low, length) if slope > 0.0 else (length, high)
+            low, high = (low, trial) if trial[1] > 0.0 else (trial, high)
         return length
 
     def ended(self, step: Step, state: State, table: Sequence[Iteration]) -> Status | None:
