@@ -69,31 +69,19 @@ def module_named(name: str) -> str:
     return name
 
 
-def names_imported(statement: ast.stmt) -> Iterator[str]:
-    """The dotted names of ours that a statement imports."""
-    if isinstance(statement, ast.Import):
-        names = [alias.name for alias in statement.names]
-    elif isinstance(statement, ast.ImportFrom):
-        assert statement.level == 0, "imports are absolute"
-        names = [f"{statement.module}.{alias.name}" for alias in statement.names]
-    else:
-        names = []
-    ours = (name for name in names if name.split(".")[0] in ("pvdf_fem", "reports"))
-    yield from (name for name in ours if name != "pvdf_fem.__version__")  # it stands in the door
+#: An import of ours: its indentation, a module or folder, and names from it, in brackets or not.
+IMPORT = re.compile(
+    r"^( *)(?:from|import) ((?:pvdf_fem|reports)\b[\w.]*)(?: import (?:\(([^)]*)\)|(.*)))?", re.M
+)
 
 
 def imports_of(module: str) -> Iterator[Import]:
-    """All imports among our modules; those under `TYPE_CHECKING` do not wait for a call."""
-
-    def visit(node: ast.AST, when_called: bool) -> Iterator[Import]:
-        for child in ast.iter_child_nodes(node):
-            inside = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-            if isinstance(child, ast.stmt):
-                for name in names_imported(child):
-                    yield Import(module, module_named(name), when_called)
-            yield from visit(child, when_called or inside)
-
-    yield from visit(ast.parse(MODULES[module].read_text(encoding="utf-8")), False)
+    """All imports among our modules; indented ones wait for a call, or are for type checkers."""
+    for indent, place, *names in IMPORT.findall(MODULES[module].read_text(encoding="utf-8")):
+        for name in "".join(names).split(","):
+            imported = f"{place}.{name.strip().split(' as ')[0]}"
+            if imported != "pvdf_fem.__version__":  # it stands in the door
+                yield Import(module, module_named(imported), bool(indent))
 
 
 IMPORTS = sorted({found for module in MODULES for found in imports_of(module)})
