@@ -225,6 +225,8 @@ def test_touching_is_allowed(text):
         (b"[film]\nradius_mm == 45", "line 2"),
         (b"[film]\n# \xb5m", "line 2"),
         ("[film]".encode("utf-16"), "UTF-16"),
+        ("[film]".encode("utf-16-le"), "UTF-16"),
+        (b"[film]\rradius_mm = 45", "CR"),
         (b"#" * 1_000_001, "1000000"),
         (None, ""),
     ],
