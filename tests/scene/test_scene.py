@@ -141,6 +141,7 @@ def test_equal_scenes_have_equal_texts_and_cannot_change():
 def test_amplifiers_stage_and_model_are_no_matter_of_a_solve():
     readout = {"kind": {"A": "voltage"}, "input_resistance_MOhm": 1.0, "gain": {"B": 0.97}}
     scene = Scene(readout=readout, stage={"x_mm": 0.4}, model={"tolerance": "auto"})
+    scene = scene.with_(uncertain={"film.thickness_um": "5.5 %", "load.force_N": 0.1})
     assert scene != scene.with_(**{"readout.gain.B": 0.96})
     assert scene.model.tolerance is None
     assert key(scene) == key(Scene())

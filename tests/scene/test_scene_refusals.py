@@ -95,6 +95,11 @@ REFUSALS = [
     ("[readout]\ngain = { E = 1 }", "readout.gain.E = 1.0"),
     ("[readout]\ngain = { A = 0 }", "readout.gain.A = 0"),
     ("[readout]\nfeedback_resistance_MOhm = { A = nan }", "readout.feedback_resistance_MOhm.A"),
+    # deviations
+    *(
+        (f"[uncertain]\nfilm.d31_pC_N = {value}", "uncertain = a table")
+        for value in ('"x"', '"-5 %"', 0, -1.0, 1e13, "true")
+    ),
     # films
     ("[film]\ncoupling = true\nd31_pC_N = 900", "film.coupling = true"),
     (COOLED + "[film]\npretension_N_m = 9", "film.patches = [a table]"),
