@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pvdf_fem import Scene
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.ellipse import Ellipse
-from pvdf_fem.scene.outlines.outline import overlaps, turn
+from pvdf_fem.scene.outlines.outline import mean_over, overlaps, turn
 from pvdf_fem.scene.outlines.polygon import Polygon, defect, rectangle, triangle
 from tests.helpers.damage import drawn
 
@@ -75,6 +75,14 @@ def test_distances_from_a_disc_are_exact_anywhere():
     places = np.array([[3.0, 4.0], [3.0, 4.5], [9.0, 4.0], [-2.0, 1.0]])
     found = Circle(np.array([3.0, 4.0]), 2.0).signed_distance(places)
     assert found == pytest.approx(np.linalg.norm(places - [3.0, 4.0], axis=1) - 2.0)
+
+
+def test_means_over_shapes_are_those_of_their_points():
+    square = Polygon(SQUARE + 3.0).shape
+    assert mean_over(square, lambda at: at[:, 0]) == pytest.approx(3.0)
+    assert mean_over(square, lambda at: (at[:, 1] - 3.0) ** 2) == pytest.approx(1 / 3, rel=2e-3)
+    needle = Polygon([[0.0, 0.0], [2.0, 1.9], [2.0, 1.90001]]).shape  # between the raster's points
+    assert mean_over(needle, lambda at: at[:, 1] / at[:, 0]) == pytest.approx(0.95, rel=1e-5)
 
 
 def test_vertices_are_read_only():

@@ -73,6 +73,24 @@ def test_loads_on_the_whole_film_add_up():
     assert film.spread_force == pytest.approx(abs(100.0 + weight_Pa) * math.pi * 0.045**2)
 
 
+@pytest.mark.parametrize(
+    ("keys", "alpha", "cooled"),
+    [
+        ({}, 110e-6, 0.0),
+        ({"bonded": "before stretching"}, 110e-6, 2.0),
+        ({"bonded": "before stretching", "thermal_expansion_per_K": 1e-5}, 1e-5, 2.0),
+    ],
+)
+def test_a_layer_is_stretched_with_the_film_or_not_at_all_and_warmed_like_it(keys, alpha, cooled):
+    patch = {"x_mm": 0.0, "y_mm": 0.0, "thickness_um": 9.0, "youngs_modulus_GPa": 2.0, **keys}
+    film = Film(patches=[patch], temperature_change_K=-2.0, warming_K=0.5)
+    [layer] = film.layers.values()
+    expected = [alpha * (cooled - 0.5), alpha * (cooled - 0.5), 0.0]
+    assert layer.strain_at_rest == pytest.approx(np.array(expected), rel=1e-12)
+    assert layer.stiffness == pytest.approx(film.stiffness, rel=1e-12)
+    assert (layer.density, layer.expansion) == (film.density, alpha)
+
+
 def test_a_rim_s_displacement_grows_along_radii_as_harmonics():
     """A point (x, y) moves by g (x, y), with g = c0 + r (c1 cos t + s1 sin t) + r^2 (...)."""
     radius, coefficients = 0.045, (3.0, 1.0, -2.0, 0.5, 0.25)
