@@ -16,10 +16,12 @@ from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene, outlines
 from pvdf_fem.mesh.six_node import compression
 from pvdf_fem.mesh.size_field import SizeField, Sizes, element_sizes
 from pvdf_fem.scene.outlines.circle import Circle
+from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.solution.first_sizes import first_sizes
 from tests.helpers.discs import RECTANGLE, graded_mesh, uniform_mesh
 
 ON_A = "x_mm = 10\nwidth_mm = 3\nheight_mm = 3"
+ELLIPSE = '[probe]\nshape = "ellipse"\n'
 PLACES = {
     "no probe": "",
     "edges coincide in part": '[probe]\nshape = "rectangle"\nx_mm = 7\nwidth_mm = 3\nheight_mm = 6',
@@ -29,6 +31,8 @@ PLACES = {
     "probe is nearly an electrode": f'[probe]\nshape = "rectangle"\n{ON_A}\nrotation_deg = 1e-6',
     "probe covers two": '[probe]\nshape = "triangle"\nside_mm = 30\ny_mm = 3',
     "circle through electrodes": '[probe]\nshape = "circle"\nradius_mm = 10',
+    "ellipse across an electrode": ELLIPSE + "semi_axes_mm = [12, 5]\nx_mm = 4\nrotation_deg = 20",
+    "needle": ELLIPSE + "semi_axes_mm = [0.02, 20]\nx_mm = 4\nrotation_deg = 20",
     "circle through corners": f'[probe]\nshape = "circle"\nradius_mm = {math.hypot(8.5, 1.5)!r}',
     "probe is the film": '[probe]\nshape = "circle"\nradius_mm = 45',
     "probe inscribed in the rim": (
@@ -74,8 +78,9 @@ def test_patches_are_where_their_outlines_are(placed):
         weights = basis.dx[patch]
         assert weights.sum() == pytest.approx(outline.area, rel=1e-10), name
         centroid = (points[:, patch] * weights).sum(axis=(1, 2)) / weights.sum()
-        # a circle to the order of its quadratic arcs
-        off = 1e-5 * outline.radius if isinstance(outline, Circle) else 1e-8
+        # an ellipse to the order of its quadratic arcs
+        round_ = isinstance(outline, Ellipse)
+        off = 1e-5 * np.linalg.norm(outline.axes, axis=0).max() if round_ else 1e-8
         assert centroid == pytest.approx(outline.centroid, abs=off)
     assert np.array_equal(np.sort(mesh.subdomains["film"]), np.arange(mesh.nelements))
     assert basis.dx.sum() == pytest.approx(math.pi * scene.film.radius**2, rel=1e-12)
