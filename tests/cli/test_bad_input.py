@@ -42,16 +42,8 @@ STREAM = "t_s,A,B,C,D\n" + "".join(f"0.{i},0.905,0.731,0.6,0.64\n" for i in rang
 TOUCHES = "x_mm,y_mm,rotation_deg,force_N,A,B,C,D\n" + 4 * "1,-2,0,1,905,731,600,640\n"
 
 
-def is_a_scene(scene):
-    return Scene.parse(scene.to_toml()) == scene
-
-
-def are_scenes(scenes):
-    return all(map(is_a_scene, scenes))
-
-
-def are_charges(_, charges):
-    return {*charges} <= {*"ABCD"} and all(0.0 < abs(charge) < 1e13 for charge in charges.values())
+def are_scenes(*scenes):
+    return all(Scene.parse(scene.to_toml()) == scene for scene in scenes)
 
 
 def has_a_status_in_each_row(table):
@@ -61,16 +53,20 @@ def has_a_status_in_each_row(table):
 #: Command lines with the file or the word ``{}``, texts that are damaged, and what holds for what
 #: work is given, or for the rows that come out.
 INPUTS = {
-    "scene": ("solve {}", [*SCENES, LIST], is_a_scene),
-    "change": ("solve list.toml --set={}", ["electrodes[0].x_mm=9.5"], is_a_scene),
-    "sweep": ("sweep {} --plan --output charges.nc", [AXES], are_scenes),
-    "charges": ("locate scene.toml --charges={}", ["A=905.1,B=731.4,C=600.2,D=6e2"], are_charges),
+    "scene": ("solve {}", [*SCENES, LIST], are_scenes),
+    "change": ("solve list.toml --set={}", ["electrodes[0].x_mm=9.5"], are_scenes),
+    "sweep": ("sweep {} --plan --output charges.nc", [AXES], lambda scenes: are_scenes(*scenes)),
+    "charges": (
+        "locate scene.toml --charges={}",
+        ["A=905.1,B=731.4,C=600.2,D=6e2"],
+        lambda _, charges: {*charges} <= {*"ABCD"} and all(charges.values()),
+    ),
     "readings": (
         "locate scene.toml --quick --csv {}",
         ["id,A,B,C,D,rotation_deg\n" + 4 * "1,905,731,600,640,0\n"],
         has_a_status_in_each_row,
     ),
-    "touches": ("calibrate wired.toml {}", [TOUCHES], lambda scene, *_: is_a_scene(scene)),
+    "touches": ("calibrate wired.toml {}", [TOUCHES], lambda scene, *_: are_scenes(scene)),
     "stream": ("track sensor.toml {}", [STREAM], has_a_status_in_each_row),
 }
 

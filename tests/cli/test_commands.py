@@ -167,23 +167,18 @@ def test_a_sensor_is_calibrated_or_has_a_status(folder, command, monkeypatch, co
 # ------------------------------------------------------------------------------- changes by options
 
 
-def test_the_last_of_several_changes_counts(folder):
-    changes = ["film={thickness_um=12, density_kg_m3=900}", "film={thickness_um=10}"]
-    changes += ["load.force_N=2", "load.force_N=3"]
-    changed = scene_of(Namespace(scene="scene.toml", settings=changes))
-    assert (changed.film.thickness_um, changed.film.density_kg_m3) == (10.0, 900.0)
-    assert changed.load.force_N == 3.0
-
-
-def test_keys_that_a_change_leaves_out_are_told(folder, capsys):
+def test_the_last_change_counts_and_lost_keys_are_told(folder, capsys):
     """Keys of the file, not defaults, and none that a change names."""
     Path("set.toml").write_text(
         "[probe]\nside_mm = 7.5\nx_mm = 2\n[film]\ntemperature_change_K = -2.0\n"
         '[load]\nkind = "rigid"\ncontact = "stuck"\n'
     )
-    changes = ["probe.shape=circle", "load.kind=dead", "electrodes.layout=three"]
-    changes += ["film.pretension_N_m=9", "probe.x_mm=1"]
-    scene_of(Namespace(scene="set.toml", settings=changes))
+    changes = ["probe.shape=circle", "load.kind=dead", "electrodes.layout=three", "probe.x_mm=1"]
+    changes += ["film={thickness_um=12, density_kg_m3=900}", "film={thickness_um=10}"]
+    changes += ["film.pretension_N_m=9", "load.force_N=2", "load.force_N=3"]
+    changed = scene_of(Namespace(scene="set.toml", settings=changes))
+    assert (changed.film.thickness_um, changed.film.density_kg_m3) == (10.0, 900.0)
+    assert changed.load.force_N == 3.0
     lost = ["film.temperature_change_K = -2.0", "probe.side_mm = 7.5", 'load.contact = "stuck"']
     told = capsys.readouterr().err.splitlines()
     assert [[key for key in lost if key in line] for line in told] == [[key] for key in lost]
