@@ -22,7 +22,7 @@ from pvdf_fem.output.figures import (
     MARKERS,
     colour_bar,
     colours_of,
-    draw_electrode,
+    draw_film,
     draw_rim,
     look_of,
     new_figure,
@@ -307,11 +307,9 @@ def draw_design(ax: Axes, chosen: Dataset, most_mm: float | None = None) -> None
     look: Any = {"shading": "nearest", "vmin": 0.0, "vmax": most_mm, "edgecolors": "face"}
     drawn = ax.pcolormesh(x, y, chosen.place_deviation_mm, **look)
     scene = Scene.parse(str(chosen.scene.values))
-    outlines = [electrode.outline for electrode in scene.electrode_list]
-    reaches = [1e3 * np.abs(np.array(outline.shape.bounds)).max() for outline in outlines]
-    draw_rim(ax, scene.film.radius_mm, max(1.03 * x[-1], *reaches))
-    for outline in outlines:
-        draw_electrode(ax, outline, [])
+    electrodes = scene.electrode_list
+    ends = [1e3 * np.abs(electrode.outline.shape.bounds).max() for electrode in electrodes]
+    draw_film(ax, scene.film.radius_mm, electrodes, max(1.03 * x[-1], *ends))
     across, up = (places[chosen.ambiguous.values > 0.0] for places in np.meshgrid(x, y))
     ax.plot(across, up, ".", color="white", markersize=2.0)
     keys = [_told(chosen[name]) for name in chosen.coords if "key" in chosen[name].attrs]

@@ -15,7 +15,6 @@ from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene, outlines
 from pvdf_fem.mesh.six_node import compression
 from pvdf_fem.mesh.size_field import SizeField, Sizes, element_sizes
-from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.solution.first_sizes import first_sizes
 from tests.helpers.discs import RECTANGLE, graded_mesh, uniform_mesh
