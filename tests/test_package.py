@@ -128,7 +128,7 @@ def test_the_archive_of_sources_has_every_file(built):
 
 #: Tests that need every package of users, and the packages that only developers need.
 NEED_PACKAGES = ["scene", "mesh", "output", "reporting", "solution/test_solve.py"]
-NEED_PACKAGES += ["film/test_membrane.py", "response/test_response_file.py"]
+NEED_PACKAGES += ["film/test_terms.py", "response/test_response_file.py"]
 NEED_PACKAGES += ["sweeps/test_sweep.py", "explore/test_state.py"]
 FOR_DEVELOPERS = ("mypy", "ngsolve", "playwright", "ruff", "furo", "myst-nb", "sphinx")
 

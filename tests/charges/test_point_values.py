@@ -47,6 +47,7 @@ def test_values_are_those_of_the_fields():
     line = halved.along([(0, -2), (3, -2), (3, -7)], 9)
     assert single.deflection_mm == line.deflection_mm[3]
     assert line.distance_mm == pytest.approx(np.arange(9.0), rel=1e-12)
+    assert line.x_mm == pytest.approx(np.minimum(np.arange(9.0), 3.0), rel=1e-12)
 
 
 def test_points_off_the_film_are_named():
