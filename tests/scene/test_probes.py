@@ -47,6 +47,7 @@ def test_each_probe_has_its_load():
         Load(kind="rigid", contact="stuck", force_N=0.25, tangential_N=pushed),
         Load(profile="hertz", force_N=3.0, tangential_N=(0.0, -1.0)),
     ]
+    assert keys(refused(getattr, scene, "single_probe")) == ["probe"]
     alone = scene.with_(probe={"shape": "circle"})
     assert loads(alone) == [alone.load]
     kind = scene.with_(**{"probe[1].load.kind": "dead"})

@@ -71,6 +71,8 @@ def test_loads_on_the_whole_film_add_up():
     film = Film(pressure_Pa=100.0, gravity_m_s2=-1000.0)
     weight_Pa = -1000.0 * 1760.0 * 25e-6
     assert film.spread_force == pytest.approx(abs(100.0 + weight_Pa) * math.pi * 0.045**2)
+    assert Film().is_flat_at_rest
+    assert not film.is_flat_at_rest
 
 
 @pytest.mark.parametrize(

@@ -266,7 +266,7 @@ CATASTROPHES = {
 def test_catastrophic_files_are_refused_briefly(text):
     with pytest.raises(SceneError) as caught:
         Scene.parse(text)
-    assert len(caught.value.problems) <= 101
+    assert len(caught.value.problems) in (*range(20), 101)  # the last says that there are more
     assert max(map(len, caught.value.problems)) < 400
 
 
