@@ -44,7 +44,7 @@ Optional there: name, reach_mm (from the film's centre).
 
 examples:
   pvdf-fem sweep thickness_spacing.toml --plan
-  pvdf-fem sweep thickness_spacing.toml --output charges.nc --plot charges.png
+  pvdf-fem sweep sweep.toml --output charges.nc --plot charges.png
   dask scheduler & dask worker tcp://localhost:8786 --nworkers 8 --nthreads 1 &
   pvdf-fem sweep sweep.toml --scheduler tcp://localhost:8786
 
@@ -82,7 +82,7 @@ exit codes: 0 all figures and tables are made, 2 bad input, 3 some lack charges
 
 
 def add_to(commands: Any) -> None:
-    """Add the commands to those of an argument parser."""
+    """Add the commands to the commands of an argument parser."""
     summary = "charges over a grid of scenes"
     parser = add_command(commands, "sweep", _sweep, summary, _DESCRIPTION, _EPILOG)
     parser.add_argument("sweep", metavar="SWEEP.toml", type=Path, help="sweep file")

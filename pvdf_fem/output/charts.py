@@ -22,7 +22,7 @@ from pvdf_fem.output.figures import (
     MARKERS,
     colour_bar,
     colours_of,
-    draw_electrode,
+    draw_film,
     draw_rim,
     look_of,
     new_figure,
@@ -300,19 +300,25 @@ def _draw_deviations(ax: Axes, medians: DataArray, axes: list[str]) -> None:
 
 
 def draw_design(ax: Axes, chosen: Dataset, most_mm: float | None = None) -> None:
-    """Draw the map of one design on axes in mm: the deviation of the place up to a limit, by
-    default twice the median, its electrodes, and dots at ambiguous places."""
+    """Draw the map of one design on axes in mm, titled by its keys: the deviation of the place up
+    to a limit, by default twice the median, its electrodes, and dots at ambiguous places."""
     median = float(chosen.place_deviation_median_mm)
     x, y, most_mm = chosen.x_mm.values, chosen.y_mm.values, most_mm or 2.0 * median
     look: Any = {"shading": "nearest", "vmin": 0.0, "vmax": most_mm, "edgecolors": "face"}
     drawn = ax.pcolormesh(x, y, chosen.place_deviation_mm, **look)
     scene = Scene.parse(str(chosen.scene.values))
-    outlines = [electrode.outline for electrode in scene.electrode_list]
-    reaches = [1e3 * np.abs(np.array(outline.shape.bounds)).max() for outline in outlines]
-    draw_rim(ax, scene.film.radius_mm, max(1.03 * x[-1], *reaches))
-    for outline in outlines:
-        draw_electrode(ax, outline, [])
+    electrodes = scene.electrode_list
+    ends = [1e3 * np.abs(electrode.outline.shape.bounds).max() for electrode in electrodes]
+    draw_film(ax, scene.film.radius_mm, electrodes, max(1.03 * x[-1], *ends))
     across, up = (places[chosen.ambiguous.values > 0.0] for places in np.meshgrid(x, y))
     ax.plot(across, up, ".", color="white", markersize=2.0)
-    ax.set_title(f"median {median:.3g} mm; dots: {float(chosen.ambiguous_share):.0%} ambiguous")
+    keys = [_told(chosen[name]) for name in chosen.coords if "key" in chosen[name].attrs]
+    found = f"median {median:.3g} mm; dots: {float(chosen.ambiguous_share):.0%} ambiguous"
+    ax.set_title(f"{', '.join(keys)}\n{found}".strip())
     colour_bar(ax, drawn, "deviation of the place (mm)", extend="max")
+
+
+def _told(key: DataArray) -> str:
+    """A key's value with its unit, or with its name."""
+    [value], unit = _texts(key.expand_dims("one")), key.attrs.get("units")
+    return f"{value} {SIGNS.get(unit, unit)}" if unit else f"{key.name} {value}"

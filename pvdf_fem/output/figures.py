@@ -24,6 +24,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox, IdentityTransform
 from numpy.typing import ArrayLike
+from shapely import Point
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import replacing
@@ -155,9 +156,13 @@ def draw_electrode(ax: Axes, outline: Outline, words: Sequence[str], veil: float
 def draw_film(
     ax: Axes, radius_mm: float, electrodes: Iterable[Electrode], reach_mm: float | None = None
 ) -> None:
-    """Draw the film's rim and electrodes with their names, as far as some mm from the centre."""
-    draw_rim(ax, radius_mm, radius_mm if reach_mm is None else reach_mm)
-    for electrode in electrodes:
+    """Draw the film's rim and electrodes with their names, as far as some mm from the centre, and
+    further where this would cut an electrode."""
+    drawn, reach = list(electrodes), radius_mm if reach_mm is None else reach_mm
+    shapes = [electrode.outline.shape for electrode in drawn]
+    begun = [shape.bounds for shape in shapes if 1e3 * shape.distance(Point(0.0, 0.0)) < reach]
+    draw_rim(ax, radius_mm, max([reach, *(1e3 * np.abs(bounds).max() for bounds in begun)]))
+    for electrode in drawn:
         draw_electrode(ax, electrode.outline, [electrode.name])
 
 

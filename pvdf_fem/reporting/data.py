@@ -112,11 +112,8 @@ class Readings:
 
     def thinned(self) -> Self:
         """Rows at equal intervals, about `PREVIEW_ROWS` in total."""
-        return self.taken(range(0, len(self.frame), max(1, round(len(self.frame) / PREVIEW_ROWS))))
-
-    def taken(self, rows: Sequence[int]) -> Self:
-        """The readings of some rows."""
-        return replace(self, frame=self.frame.iloc[list(rows)].reset_index(drop=True))
+        every = max(1, round(len(self.frame) / PREVIEW_ROWS))
+        return replace(self, frame=self.frame.iloc[::every].reset_index(drop=True))
 
 
 def cell_text(cell: Any) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Any, TypeAlias
@@ -43,11 +42,12 @@ def axis_label(key: str) -> str:
     return f"{words} ({unit.replace('degrees', '°')})" if unit else words
 
 
-def value_label(key: str, value: float) -> str:
-    """A value of a key with its unit: ``25 µm``."""
-    found = re.search(r"\((.+)\)$", axis_label(key))
-    unit = found[1] if found else ""
-    return f"{value:g}{'' if unit == '°' else ' '}{unit}".rstrip() if unit else f"{key} = {value:g}"
+def value_label(key: str, value: Any) -> str:
+    """A value of a key, a number with its unit: ``25 µm``."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return str(value)
+    unit = in_words(key)[1].replace("degrees", "°")
+    return f"{value:g}{'' if unit == '°' else ' '}{unit}" if unit else f"{key} = {value:g}"
 
 
 def colours_for(count: int) -> list[Any]:

@@ -22,7 +22,7 @@ from pvdf_fem.response.model import Domain, centred
 from pvdf_fem.scene.quantity import affecting
 from pvdf_fem.scene.scene import Numerics, Scene
 
-FORMAT = b"pvdf_fem response 6, SHA-256 "
+FORMAT = b"pvdf_fem response 7, SHA-256 "
 
 Kept = TypeVar("Kept")
 

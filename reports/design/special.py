@@ -233,16 +233,9 @@ class DesignMaps(OfDesigns):
         most_mm = 2.0 * max(float(of.place_deviation_median_mm) for of in chosen)
         for ax, of in zip(panels, chosen, strict=False):
             draw_design(ax, of, most_mm)
-            words = ", ".join(_words(of[name]) for name in of.coords if "key" in of[name].attrs)
-            ax.set_title(f"{words}\nmedian {of.place_deviation_median_mm.item():.2f} mm")
         for ax in panels[len(chosen) :]:
             ax.remove()
         return Content(f"Colours: deviation of the place; {self.condition()}.", table(data), figure)
-
-
-def _words(key: xarray.DataArray) -> str:
-    value, unit = _shown(key.item()), key.attrs.get("units")
-    return f"{value} {unit}" if unit else f"{key.name} {value}"
 
 
 def _shown(value: Any) -> str:

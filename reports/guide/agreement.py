@@ -92,8 +92,8 @@ def with_the_thesis() -> tuple[str, pd.DataFrame]:
     with Store(store) if store.is_file() else nullcontext() as kept:
         if len(planned(scenes, kept).blocks) > FEW_SOLVES:
             few = inputs.data["charges"]
-            rows = [i for i, text in enumerate(few.frame.source) if text == "Table 3.4"]
-            inputs = replace(inputs, data={"charges": few.taken(rows)})
+            rows = few.frame[few.frame.source == "Table 3.4"].reset_index(drop=True)
+            inputs = replace(inputs, data={"charges": replace(few, frame=rows)})
             scenes = item.kind.scenes(inputs)
             where = "Table 3.4 only, solved for this page; `./run report` compares all charges"
         records = solve_all(scenes, kept, processes=1)

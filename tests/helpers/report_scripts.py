@@ -22,6 +22,7 @@ SCRIPT: dict[str, Any] = {
         "probe": {"shape": "circle", "radius_mm": 2.0},
         "load": {"force_N": 0.5},
         "numerics": {"tolerance": 0.02},
+        "uncertain": {"film.thickness_um": "5 %", "film.d31_pC_N": "20 %"},
     },
     "data": {"touches": {"table": TOUCHES, "labels": ["case"], "what": "made-up"}},
     "section": [
@@ -36,6 +37,7 @@ SCRIPT: dict[str, Any] = {
                     "angles_deg": [90, 180],
                     "step_mm": 2.0,
                     "reach_mm": 8.0,
+                    "data": "touches",
                     "variants": [
                         {"title": "25 µm", "set": {"film": {"thickness_um": 25.0}}},
                         {"title": "50 µm", "set": {"film.thickness_um": 50.0}},
@@ -56,7 +58,7 @@ SCRIPT: dict[str, Any] = {
             "title": "Data",
             "part": "Experiment",
             "table": [
-                {"kind": "comparison", "data": "touches"},
+                {"kind": "comparison", "data": "touches", "name": "charges"},
                 {"kind": "positions", "data": "touches", "reach_mm": 8.0},
             ],
         },
@@ -64,19 +66,9 @@ SCRIPT: dict[str, Any] = {
 }
 
 
-def script(**changes: Any) -> dict[str, Any]:
-    """A copy of the script with some of its keys changed."""
-    return {**copy.deepcopy(SCRIPT), **changes}
-
-
-def only(*kinds: str) -> dict[str, Any]:
-    """The script with the figures and tables of some kinds."""
-    table = script()
-    for section in table["section"]:
-        for form in ("figure", "table"):
-            entries = section.get(form, [])
-            section[form] = [entry for entry in entries if entry["kind"] in kinds]
-    return table
+def script() -> dict[str, Any]:
+    """A copy of the script, to be changed."""
+    return copy.deepcopy(SCRIPT)
 
 
 def text_of(table: dict[str, Any]) -> str:

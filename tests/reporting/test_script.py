@@ -6,6 +6,9 @@ import contextlib
 import io
 import math
 import re
+from collections.abc import Iterator
+from functools import reduce
+from operator import getitem
 from typing import Any
 
 import pytest
@@ -24,13 +27,13 @@ def no_solves(monkeypatch):
     monkeypatch.setattr(sweep, "records_of", lambda *_: pytest.fail("a scene was solved"))
 
 
-def load(folder, table: dict[str, Any] | str) -> Report:
+def load(folder, table: dict[str, Any]) -> Report:
     path = folder / "report.toml"
-    path.write_text(table if isinstance(table, str) else text_of(table), encoding="utf-8")
+    path.write_text(text_of(table), encoding="utf-8")
     return Report.load(path)
 
 
-def problems(folder, table: dict[str, Any] | str) -> tuple[str, ...]:
+def problems(folder, table: dict[str, Any]) -> tuple[str, ...]:
     with pytest.raises(SceneError) as refused:
         load(folder, table)
     return refused.value.problems
@@ -38,21 +41,23 @@ def problems(folder, table: dict[str, Any] | str) -> tuple[str, ...]:
 
 def changed(path: str, value: Any) -> dict[str, Any]:
     """The script with a value, by a path of names and numbers, or without it for None."""
-    table = script()
-    node, steps = table, [int(s) if s.isdigit() else s for s in path.split("/")]
-    for step in steps[:-1]:
+    table = node = script()
+    *steps, last = [int(s) if s.isdigit() else s for s in path.split("/")]
+    for step in steps:
         node = node[step]
     if value is None:
-        del node[steps[-1]]
+        del node[last]
     else:
-        node[steps[-1]] = value
+        node[last] = value
     return table
 
 
-def test_a_sound_script_is_loaded(tmp_path):
-    kinds = [type(item.kind).__name__ for item in load(tmp_path, script()).plan.items]
-    curves = ["ChargeVsDistance", "Isocharge", "Curve", "Sensor"]
-    assert kinds == [*curves, "Comparison", "Positions"]
+def test_first_screen_has_what_asks_for_it_then_one_of_each_kind(tmp_path):
+    names = [item.name for item in load(tmp_path, script()).plan.summary]
+    assert names == ["charge-vs-distance", "isocharge", "charges"]
+    table = changed("section/1/table/1/summary", True)
+    names = [item.name for item in load(tmp_path, table).plan.summary]
+    assert names == ["positions", "charge-vs-distance", "isocharge"]
 
 
 FIGURE = "section/0/figure"
@@ -69,10 +74,9 @@ TABLE = "section/1/table"
         ("scene", "no_such.toml", "scene"),
         ("example", "triangle", "scene"),
         ("scene/film/radius_mm", -1.0, "scene: film.radius_mm"),
+        ("scene/uncertain", {"film.radius_mm": 1.0}, "scene: uncertain.film.radius_mm"),
         ("section/0/text", "word " * 121, "section[0].text"),
-        ("section/0/titel", "x", "section[0].titel"),
         (f"{FIGURE}/0/kind", "isocharg", "section[0].figure[0].kind"),
-        (f"{FIGURE}/0/kind", None, "section[0].figure[0].kind"),
         (f"{FIGURE}/0/kind", "comparison", "section[0].figure[0].kind"),
         (f"{FIGURE}/0/electrodes", ["A", "Z"], "section[0].figure[0].electrodes"),
         (f"{FIGURE}/0/electrodes", ["A", "A"], "section[0].figure[0].electrodes"),
@@ -82,48 +86,36 @@ TABLE = "section/1/table"
         (f"{FIGURE}/2/values/start", 0.0, "section[0].figure[2].values"),
         (f"{FIGURE}/2/values/count", 9000, "section[0].figure[2].values"),
         (f"{FIGURE}/0/reach_mm", 19.0, "section[0].figure[0].reach_mm"),
-        (f"{FIGURE}/0/angles_deg", "90", "section[0].figure[0].angles_deg"),
-        (f"{FIGURE}/0/angles_deg", [90, "x"], "section[0].figure[0].angles_deg[1]"),
         (f"{FIGURE}/0/data", "touchs", "section[0].figure[0].data"),
         (f"{FIGURE}/2/data", "touches", "section[0].figure[2].data"),  # none is on a curve
         (f"{FIGURE}/0/set", {"film.d31": 1.0}, "section[0].figure[0].set: film.d31"),
         (f"{FIGURE}/0/variants/0/titel", "x", "section[0].figure[0].variants[0].titel"),
         (f"{FIGURE}/1/levels_pC", [500, "x"], "section[0].figure[1].levels_pC[1]"),
-        (f"{FIGURE}/1/levels_pC", 0, "section[0].figure[1].levels_pC"),
-        (f"{FIGURE}/1/level_pC", 3, "section[0].figure[1].level_pC"),
         (f"{FIGURE}/2/values", [2.0, 1.0], "section[0].figure[2].values"),
         (f"{FIGURE}/2/values", {"start": 1.0, "stop": 2.0}, "section[0].figure[2].values.count"),
-        (
-            f"{FIGURE}/2/x",
-            "film.thickness",
-            "section[0].figure[2].x, values, family: film.thickness",
-        ),
+        (f"{FIGURE}/2/x", "film.d31", "section[0].figure[2].x, values, family: film.d31"),
         (f"{FIGURE}/2/full", {"name": "other"}, "section[0].figure[2].full.name"),
-        (f"{FIGURE}/2/values", [], "section[0].figure[2].values"),
+        (f"{FIGURE}/2/full", {"valeus": [1.0]}, "section[0].figure[2].full.valeus"),
         (f"{FIGURE}/3/set", {"probe": {"x_mm": 19.0}}, "section[0].figure[3].set: probe"),
         (f"{FIGURE}/3/name", "charges", "section[1].table[0].name"),
         (f"{TABLE}/0/data", None, "section[1].table[0].data"),
         (f"{TABLE}/1/sigma", 0.0, "section[1].table[1].sigma"),
         ("data/touches/table", None, "data.touches.file"),
         ("data/touches/file", "touches.csv", "data.touches.file"),
-        ("data/touches/unit", "mV", "data.touches.unit"),
+        ("data/touches/unit", "V", "data.touches.unit"),  # without channels
         ("data/touches/labels", [], 'data.touches.columns = "case"'),
-        ("data/touches/labels", ["cases"], "data.touches.labels"),
         ("data/touches/where", {"case": "ten"}, "data.touches"),
-        ("data/touches/table", "x_mm, A\n1, two\n", "data.touches.A"),
-        ("data/touches/table", "x_mm, A\n19, 5\n", "data.touches, row 1: probe"),
-        ("data/touches/table", "film.thick_um, A\n19, 5\n", "data.touches, row 1: film.thick_um"),
+        ("data/touches/table", "case, A\n1, two\n", "data.touches.A"),
+        ("data/touches/table", "case, A\n1, nan\n", "data.touches.A"),
+        ("data/touches/table", "case, A, A\n1, 100, 90\n", "data.touches.file"),
+        ("data/touches/table", "case, x_mm, A\n1, nan, 100\n", "data.touches, row 1"),
+        ("data/touches/table", "case, x_mm, A\n1, 19, 5\n", "data.touches, row 1: probe"),
+        ("data/touches/table", "case, film.thick, A\n1, 9, 5\n", "data.touches, row 1: film.thick"),
     ],
 )
 def test_a_mistake_is_told_by_its_key(path, value, key, tmp_path):
-    table = changed(path, value)
-    if path == f"{FIGURE}/3/name":
-        table["section"][1]["table"][0]["name"] = value
-    if key == "data.touches.labels":
-        table["data"]["touches"]["labels"] += ["case"]
-    if path == "data/touches/table":
-        table["data"]["touches"]["labels"] = []
-    assert any(told.startswith(key) or f".{key}" in told for told in problems(tmp_path, table))
+    found = problems(tmp_path, changed(path, value))
+    assert any(told.startswith(key) or f".{key}" in told for told in found)
 
 
 def test_mistakes_of_all_tables_are_told_together(tmp_path):
@@ -134,15 +126,9 @@ def test_mistakes_of_all_tables_are_told_together(tmp_path):
     assert told == {"titel", "scene: film.radius_mm", "section[0].figure[1].reach"}
 
 
-@pytest.mark.parametrize("text", ["", "title = ", "[[section]]\n[section.figure]\nkind = 1"])
-def test_what_is_no_script_is_refused(tmp_path, text):
-    assert problems(tmp_path, text)
-
-
-JUNK = st.sampled_from(
-    ["", "x", "A", "\n", -1, 0, 0.5, True, [], [[]], {}, [1, "a"], {"x": 1}, [{}], "touches"]
-)
-EXTREMES = st.sampled_from([0, -1, 1e9, -1e300, 1e-300, math.inf, -math.inf, math.nan, 10**40])
+NUMBERS = [0, 0.5, -1, 1e9, -1e300, 1e-300, math.inf, -math.inf, math.nan, 10**40]
+OTHERS = ["", "x", "A", "\n", True, [], [[]], {}, [1, "a"], {"x": 1}, [{}], "touches"]
+VALUES = st.sampled_from([*NUMBERS, *OTHERS])
 #: Where a mistake is told: a key of the script, or one of its files.
 TOLD = re.compile(
     r"(title|text|scene|example|data|section|other|[^ ]*report\.toml|[^ ]*touches\.csv)\b"
@@ -159,49 +145,29 @@ def small() -> dict[str, Any]:
     return table
 
 
-def leaves(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Paths of all tables, lists and values."""
-    items = node.items() if isinstance(node, dict) else enumerate(node)
-    inner = [
-        leaves(v, (*path, k)) if isinstance(v, dict | list) else [(*path, k)] for k, v in items
-    ]
-    return ([path] if path else []) + [leaf for leaves in inner for leaf in leaves]
+def paths(node: Any) -> Iterator[tuple[Any, ...]]:
+    """Of all tables, lists and values."""
+    for key, value in node.items() if isinstance(node, dict) else enumerate(node):
+        yield (key,)
+        if isinstance(value, dict | list):
+            yield from ((key, *path) for path in paths(value))
 
 
-def owner_of(table: Any, path: tuple[Any, ...]) -> Any:
-    """The table or list that has the last step of a path."""
-    for step in path[:-1]:
-        table = table[step]
-    return table
-
-
-def drop(draw: Any, table: Any, path: tuple[Any, ...]) -> None:
-    del owner_of(table, path)[path[-1]]
-
-
-def retype(draw: Any, table: Any, path: tuple[Any, ...]) -> None:
-    owner_of(table, path)[path[-1]] = draw(JUNK)
-
-
-def extreme(draw: Any, table: Any, path: tuple[Any, ...]) -> None:
-    owner_of(table, path)[path[-1]] = draw(EXTREMES)
-
-
-def add(draw: Any, table: Any, path: tuple[Any, ...]) -> None:
-    node = owner_of(table, path)
-    words = st.sampled_from(["kind", "x", "data", "full", "set", "name"])
-    if isinstance(node, dict):
-        node[draw(words)] = draw(JUNK)
-
-
-def rename(draw: Any, table: Any, path: tuple[Any, ...]) -> None:
-    node, word = owner_of(table, path), draw(st.sampled_from(["{}x", "_{}", "{} ", "{}\n"]))
-    if isinstance(node, dict):
-        node[word.format(path[-1])] = node.pop(path[-1])
-
-
-#: Damages of tables; those in the second list are always refused.
-OF_TABLES = [drop, retype, extreme, add], [rename]
+def damage(draw: Any, table: dict[str, Any]) -> bool:
+    """Drop, change, add or rename an entry; whether the change is surely a mistake."""
+    *steps, last = draw(st.sampled_from(list(paths(table))))
+    node: Any = reduce(getitem, steps, table)
+    how = draw(st.sampled_from(["drop", "change", "add", "rename"]))
+    if how == "drop":
+        del node[last]
+    elif how == "change" or isinstance(node, list):
+        node[last] = draw(VALUES)
+    elif how == "add":
+        node[draw(st.sampled_from(["kind", "x", "data", "full", "set", "name"]))] = draw(VALUES)
+    else:
+        node[draw(st.sampled_from(["{}x", "_{}", "{} ", "{}\n"])).format(last)] = node.pop(last)
+        return True
+    return False
 
 
 @drawn(0.2)
@@ -209,22 +175,18 @@ OF_TABLES = [drop, retype, extreme, add], [rename]
 def test_a_damaged_script_is_refused_by_key_before_any_solve(data, tmp_path_factory):
     """The command ends with 2 and names a key or a file, or comes to the first solve of a script
     that is sound in spite of the damage."""
-    draw, table, solves = data.draw, small(), []
+    table, solves, is_certain = small(), [], False
 
     def solve(*task):
         solves.append(task)
         raise KeyboardInterrupt
 
+    if of_table := data.draw(st.booleans()):
+        is_certain = damage(data.draw, table)
     files = {"report.toml": text_of(table).encode(), "touches.csv": TOUCHES.strip().encode()}
-    is_certain = draw(st.booleans())
-    if is_certain or draw(st.booleans()):
-        path = draw(st.sampled_from(leaves(table)))
-        draw(st.sampled_from(OF_TABLES[is_certain]))(draw, table, path)
-        is_certain = is_certain and isinstance(path[-1], str)  # an entry of a list has no name
-        files["report.toml"] = text_of(table).encode()
-    else:
-        name = draw(st.sampled_from(sorted(files)))
-        files[name] = draw(damages(files[name]))
+    if not of_table:
+        name = data.draw(st.sampled_from(sorted(files)))
+        files[name] = data.draw(damages(files[name]))
     folder = tmp_path_factory.mktemp("damaged", numbered=True)
     for name, content in files.items():
         folder.joinpath(name).write_bytes(content)

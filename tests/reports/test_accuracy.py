@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,11 +12,11 @@ from pvdf_fem.reporting.registry import kinds_of
 from pvdf_fem.reporting.solved import Solved
 from pvdf_fem.reporting.task import key
 from pvdf_fem.sweeps.sweep import solve_all
-from reports.__main__ import kinds_file, script
+from reports.__main__ import kinds_file
 from reports.accuracy import results
-from reports.accuracy.cases import RoundFilm, cases, known_charges
+from reports.accuracy.cases import RoundFilm, cases
 from reports.accuracy.drawn import KINDS, drawn_scenes
-from reports.accuracy.measure import ByNGSolve, Known, Swept, Timed
+from reports.accuracy.measure import Swept, Timed
 
 CASES = {case.name: case for case in cases("cases.toml")}
 INPUTS = Inputs(Scene(), {}, quick=True)
@@ -77,8 +75,8 @@ def test_stated_errors_are_counted_by_groups():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_scene_is_drawn_by_its_number(kind):
-    few, more = list(drawn_scenes(kind, 2)), list(drawn_scenes(kind, 4))
-    assert more[:2] == few
+    more = list(drawn_scenes(kind, 4))
+    assert more[:2] == list(drawn_scenes(kind, 2))
     assert len(set(more)) == 4
     assert (more[0].load.kind in ("rigid", "contact")) == (kind in ("punch", "sphere"))
 
@@ -86,28 +84,3 @@ def test_a_scene_is_drawn_by_its_number(kind):
 def test_a_sweep_has_fewer_solves_than_scenes():
     (row,) = Swept(Scene().with_(**{"probe.shape": "triangle", **COARSE}), 2, alone=1).run()
     assert (row["scenes"], row["solves"], row["failed"]) == (50, 5, 0)
-
-
-def test_without_ngsolve_nothing_is_asked_of_it(monkeypatch):
-    item = kinds_of(kinds_file("accuracy"))["beside-ngsolve"](kind="beside-ngsolve", orders=[3])
-    for installed in (True, False):
-        monkeypatch.setattr(results, "find_spec", lambda name, installed=installed: installed)
-        asked = [type(task) for task in item.tasks(INPUTS)]
-        assert (ByNGSolve in asked) is installed
-        assert {Timed, Known} <= set(asked)
-
-
-@pytest.mark.skipif(find_spec("ngsolve") is None, reason="NGSolve is not installed")
-@pytest.mark.parametrize("name", ["triangle", "punch, sliding"])
-def test_ngsolve_agrees(name):
-    case = CASES[name]
-    known = case.charges_pC or known_charges(case.truth, case.scene)
-    rows = ByNGSolve(case.scene, (3,), (1.0,)).run()
-    assert {row["electrode"]: row["charge_pC"] for row in rows} == pytest.approx(known, rel=3e-4)
-
-
-def test_the_script_has_no_mistakes_and_its_preview_is_small():
-    plan = script("accuracy").plan
-    _, needed = plan.needs(quick=True)
-    assert len({key(task) for need in needed for task in need.tasks}) <= 20
-    assert len(plan.needs(full=True)[1][1].scenes) > len(needed[1].scenes)

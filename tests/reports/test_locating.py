@@ -9,15 +9,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pvdf_fem import Report, Scene
-from pvdf_fem.reporting.registry import kinds_of
-from pvdf_fem.reporting.task import key
+from pvdf_fem import Scene
 from pvdf_fem.solution.solve import rest_charges
 from pvdf_fem.sweeps.store import Record
-from reports.__main__ import kinds_file, script_of
+from reports.__main__ import script
 from reports.locating import signals, touches
 from reports.locating.signals import Taps
-from reports.locating.touches import LAYOUTS, NOISE, Located
+from reports.locating.touches import LAYOUTS, NOISE
 from tests.helpers.streams import Rested
 from tests.helpers.touch_models import POINTS, Bumps
 
@@ -56,24 +54,28 @@ def made_up(monkeypatch):
         monkeypatch.setattr(touches, name, value)
 
 
-@pytest.fixture(scope="module")
-def report():
-    return Report.load(script_of("locating"), kinds_of(kinds_file("locating")))
-
-
 def test_touches_are_found_where_they_are(made_up):
-    rows = pd.DataFrame(Located(Scene().with_(probe=DISC), 8, 1e-3, 12.0, (0.1, 5.0), 6.0).run())
+    """Those of known rotation count."""
+    inputs, needed = script("locating").plan.needs(quick=True)
+    need = next(need for need in needed if need.item.name == "triangle")
+    rows = pd.DataFrame(replace(need.tasks[0], touches=20, reach_mm=12.0, pitch_mm=6.0).run())
     found, places = rows[rows.sort == "touch"], rows[rows.sort == "place"]
     assert set(rows.electrodes) == set(LAYOUTS)
     assert found.x_mm.min() > -9.0  # without charges there is no touch to find
     exact = found[(found.noise == 0.0) & (found.electrodes != "three")]
     assert np.hypot(exact.x_mm_error, exact.y_mm_error).max() < 1e-2
     assert exact.force_N_error.abs().max() < 2e-3
-    noisy = found[(found.noise == NOISE) & (found.electrodes == "eight")]
+    turned = found.turned.astype(bool)
+    assert set(found[turned].electrodes) == {"four", "eight"}
+    noisy = found[(found.noise == NOISE) & (found.electrodes == "eight") & ~turned]
     assert 0.0 < (noisy.force_N_error / noisy.force_N_deviation).abs().max() < 4.0
     assert (places.error_mm > 0.0).all()
     medians = places.groupby("electrodes").error_mm.median()
     assert medians["eight"] < medians["four"] < medians["three"]
+    numbers = need.item.kind.drawn(inputs, [rows])[2]
+    assert numbers["fits"] > 75.0  # there is no chi-square where the rotation is sought
+    assert numbers["exact"] > 90.0
+    assert 45.0 < numbers["within"]["four"] < 90.0
 
 
 def test_a_tap_is_tracked_through_its_circuit(monkeypatch):
@@ -88,29 +90,7 @@ def test_a_tap_is_tracked_through_its_circuit(monkeypatch):
     )
     tap, *samples = Taps(Scene().with_(probe=DISC), 1, 6.0, (0.5, 1.0), 1e-5).run()
     assert tap["touches"] == 1
-    assert tap["x_mm"] == pytest.approx(tap["true_x_mm"], abs=0.5)
-    assert tap["y_mm"] == pytest.approx(tap["true_y_mm"], abs=0.5)
+    place = tap["true_x_mm"], tap["true_y_mm"]
+    assert (tap["x_mm"], tap["y_mm"]) == pytest.approx(place, abs=0.5)
     assert tap["force_N"] == pytest.approx(tap["true_N"], rel=0.05)
     assert max(row["true_N"] for row in samples) == pytest.approx(tap["true_N"], rel=1e-3)
-
-
-def test_figures_of_a_probe_share_its_task(report):
-    for full, count in ((False, 100), (True, 500)):
-        inputs, needed = report.plan.needs(full=full)
-        located = [task for need in needed for task in need.tasks if isinstance(task, Located)]
-        assert {task.touches for task in located} == {count}
-        assert len({key(task) for task in located}) == 3
-        assert len(located) == 4
-        assert not any(need.scenes for need in needed)
-    assert not inputs.quick
-
-
-def test_only_touches_of_known_rotation_count(report, made_up):
-    inputs, needed = report.plan.needs(quick=True)
-    need = next(need for need in needed if need.item.name == "triangle")
-    rows = pd.DataFrame(replace(need.tasks[0], touches=20, reach_mm=12.0, pitch_mm=6.0).run())
-    assert rows[rows.electrodes == "four"].turned.fillna(False).astype(bool).sum() > 10
-    numbers = need.item.kind.drawn(inputs, [rows])[2]
-    assert numbers["fits"] > 75.0  # there is no chi-square where the rotation is sought
-    assert numbers["exact"] > 90.0
-    assert 45.0 < numbers["within"]["four"] < 90.0

@@ -23,21 +23,15 @@ class Hostile:
         return os.mkdir, (str(self.folder),)
 
 
-@pytest.mark.parametrize("form", ["pickle", "npy", "npz"])
+@pytest.mark.parametrize("form", ["pickle", "npz"])
 def test_records_and_models_in_the_results_are_not_executed(tmp_path: Path, form: str) -> None:
     """Files that would execute, which is shown first, when they are read as they might be."""
     executed, path = tmp_path / "executed", tmp_path / "a.response"
-    array = np.array([Hostile(executed)], dtype=object)
+    hostile = np.array([Hostile(executed)], dtype=object)
     with path.open("wb") as file:
-        if form == "pickle":
-            pickle.dump(Hostile(executed), file)
-        elif form == "npy":
-            np.save(file, array, allow_pickle=True)
-        else:
-            np.savez(file, offsets_mm=array, material=array)
+        pickle.dump(hostile, file) if form == "pickle" else np.savez(file, material=hostile)
     found = np.load(path, allow_pickle=True)
-    if form == "npz":
-        found["offsets_mm"]
+    assert form == "pickle" or found["material"].size
     executed.rmdir()
     with pytest.raises(StoreError):
         Store(path).__enter__()

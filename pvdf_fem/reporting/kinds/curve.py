@@ -73,7 +73,7 @@ class Curve(Along):
         families: dict[str | None, dict[str, Any]] = {None: {}}
         for key, values in self.family.items():
             full = SHORT.get(key, spelled(key))
-            families = {_named(full, value): {full: value} for value in values}
+            families = {drawing.value_label(full, of): {full: of} for of in values}
         found = []
         for name, changes in families.items():
             with blamed("x, values, family" if self.family else "x, values"):
@@ -94,8 +94,3 @@ class Curve(Along):
         log = getattr(self.values, "spacing", "") == "log"
         text = f"Charges against {label}; dots are solved."
         return self.drawn(inputs, solved, label, text, log)
-
-
-def _named(key: str, value: Any) -> str:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return drawing.value_label(key, value) if is_number else str(value)
