@@ -46,14 +46,6 @@ def records_of(scenes: Sequence[Scene], frames: Array) -> list[Record]:
     return _records(solution, followed or goals, scenes, indices)
 
 
-def record_of(solution: Solution) -> Record:
-    """The record of a scene's own solution."""
-    scene = solution.scene
-    goals = goals_of(scene)
-    record = _records(solution, goals, [scene], [list(range(len(goals)))])[0]
-    return record if solution.at_rest is None else _rested(record, solution.at_rest)
-
-
 def with_rest(record: Record, scene: Scene, film: Record | None) -> Record:
     """A scene's record with its forces at rest, or with a warning about their absence. `film`
     is the record of the untouched film if that needs a solve and is another scene; if its solve

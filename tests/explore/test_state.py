@@ -67,6 +67,8 @@ def test_several_values_are_changed_at_once():
     text = 'load.force_N = 2 electrodes = { layout = "ring", count = 6 } noise=0.02'
     expected = TRIANGLE.with_(load={"force_N": 2}, electrodes={"layout": "ring", "count": 6})
     assert View(TRIANGLE).typed(text) == View(expected, noise=0.02)
+    with pytest.raises(SceneError, match="probe"):  # what was typed is not changed
+        View(TRIANGLE).typed("probe.shape=sphere load.kind=dead")
 
 
 @pytest.mark.parametrize("start", [TRIANGLE, Scene(), LISTED, Scene.example("sphere"), TWO])
