@@ -97,6 +97,8 @@ def test_a_model_is_built_once_and_kept(built, command):
     assert built == [(12.0, (0.1, 5.0), 1e-3)]
     again = command(*LOCATE, "--set", "probe.x_mm=2", "--set", "load.force_N=2")
     assert (len(built), again.err) == (1, "")
+    design = command("design", "triangle.toml", "--tolerance", 1e-3, "--step", 12)
+    assert (design.code, len(design.told), len(built)) == (0, 2, 1)  # designs and models
     assert ("a remark" in first.told, len(first.told)) == (True, 4)  # with domain and duration
     command(*LOCATE, "--set", "film.thickness_um=30", "--sigma", "0.05", "--model", "a.response")
     assert built[1:] == [(12.0, (0.1, 5.0), pytest.approx(5e-3))]  # a tenth of the noise
@@ -141,6 +143,8 @@ def test_the_scene_s_model_serves_what_it_covers(built, command):
         run = command("model", "triangle.toml", "--list", "--json", *asked.split())
         (row,) = run.json["models"]
         assert (row["file"], row["serves"], run.code) == (told["file"], serves, 0 if serves else 3)
+    Path(told["file"]).rename("triangle-0.response")  # as another version of the code names it
+    assert command("model", "triangle.toml", "--list").code == 3
 
 
 def test_a_model_that_cannot_be_built_or_serve_is_told(built, monkeypatch, command):

@@ -44,6 +44,8 @@ REFUSED = [
     (f"{DATASET} a.nc --touches 0 --seed 1.5", ["touches = 0", "seed = 1.5"]),
     (f"{DATASET} a.nc --sigma a --noise -1", ["--sigma a", "--noise -1"]),
     (f"{DATASET} a.nc --reach 46", ["--reach 46"]),
+    ("track disc.toml signals.csv --reach 46", ["--reach 46"]),
+    ("locate wrong.toml --charges A=1 --reach 0", ["--reach 0", *WRONG]),
     ("design disc.toml --vary electrodes.count", ["--vary electrodes.count="]),
     ("design disc.toml --vary load.force_N=1 --vary load.force_N=2", ["--vary"]),
     ("design disc.toml --noise a --noise-pC -1", ["--noise a", "--noise-pC -1"]),

@@ -102,7 +102,7 @@ def run(options: argparse.Namespace) -> int:
             raise InputError(*dict.fromkeys(wrong))
 
         def models(film: Any) -> Any:
-            if film is films[0]:  # whatever is wrong has been told
+            if film == films[0]:  # whatever is wrong has been told
                 print(designs, file=sys.stderr)
             return model_of(film, options.scene, choice, as_kept=True)
 
