@@ -92,7 +92,7 @@ def test_a_robot_needs_neither_gmsh_nor_scikit_fem(built, tmp_path):
     path = tmp_path / "robot.response"
     built.save(path)
     command = [sys.executable, "-W", "error", "-c", BLOCKED, str(path)]
-    told = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
+    told = subprocess.run(command, capture_output=True, text=True, timeout=900, cwd=tmp_path)
     assert told.stderr == ""
     assert [float(word) for word in told.stdout.split()] == pytest.approx([1.0] * 4, rel=0.02)
 
