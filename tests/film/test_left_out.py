@@ -12,7 +12,9 @@ from pvdf_fem.film.bending_effect import bending_effect
 from pvdf_fem.film.electric.coupling import coupling_effect
 from pvdf_fem.film.loads.everywhere.weight import weight_effect
 from pvdf_fem.film.models import film_model
+from pvdf_fem.film.point_load import part_by_force, tension_at
 from pvdf_fem.film.remarks import two_digits
+from pvdf_fem.scene.film import Film
 from reports.accuracy.drawn import random_scene
 from tests.helpers.discs import LOADS, RECTANGLE, values
 from tests.helpers.laminated import laminated
@@ -78,6 +80,14 @@ def test_layers_on_one_side_bend_as_much_as_is_stated(bonded, side_mm, thickness
     assert change <= bending_effect(scene).change <= 6.0 * change
     both = scene.with_(**{"film.patches": [{**layer, "both_sides": True}]})
     assert bending_effect(both).patches == 0.0
+
+
+@pytest.mark.parametrize("rest", [-5.0, 0.0, 9.0])
+def test_the_tension_about_a_point_load_is_the_root_of_its_cubic(rest):
+    film, force, r = Film(pretension_N_m=rest), 0.01, 5e-3
+    N = tension_at(film, force, r)
+    assert N**2 * (N - rest) == pytest.approx(0.24**3 * 2e9 * 25e-6 * (force / r) ** 2, rel=1e-9)
+    assert part_by_force(film, force, r) == pytest.approx(min((N - rest) / N, 1.0))
 
 
 @given(

@@ -6,8 +6,11 @@ import xarray
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.loads.contact_guess import tip_outlines
 from pvdf_fem.film.loads.posed import Posed
+from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.solution.first_sizes import first_sizes
 from pvdf_fem.solvers.status import Status
 from tests.helpers.discs import graded_mesh
 from tests.helpers.refusals import keys, refused
@@ -132,3 +135,11 @@ def test_a_pressure_turns_with_its_tip():
     long = {"shape": "rectangle", "width_mm": 12.0, "height_mm": 4.0, "edge_radius_mm": 1.0}
     along, oblique = (felt(**long, rotation_deg=rotation) for rotation in (0.0, 45.0))
     assert along.mean_pressure_MPa == pytest.approx(oblique.mean_pressure_MPa, rel=0.06)
+
+
+def test_a_tip_at_an_eighth_of_its_force_has_half_of_its_depth():
+    load = {"kind": "contact", "depth_mm": 2.0}
+    scene = Scene().with_(probe={"shape": "sphere", "radius_mm": 5.0}, load=load)
+    mesh = mesh_scene(scene, first_sizes(scene, 2), contacts=tip_outlines(scene))
+    (tip,) = Equilibrium(scene, mesh).under(0.125).loads
+    assert tip.depth == pytest.approx(1e-3)
