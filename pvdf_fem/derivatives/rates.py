@@ -147,6 +147,8 @@ def _swept(adjoint: Adjoint, load: DeadPressure, name: str, gauss_points: int = 
     probe, mesh, x = load.touch.probe, space.mesh, adjoint.state.dofs
     facets, count = np.unique(mesh.t2f[:, load.patch], return_counts=True)
     facets = facets[(count == 1) & (mesh.f2t[1, facets] >= 0)]
+    if not len(facets):
+        return np.zeros(len(adjoint.goals))
     pair, (start, end) = mesh.f2t[:, facets], mesh.p[:, mesh.facets[:, facets]].swapaxes(0, 1)
     inside = np.where(np.isin(pair[0], load.patch), *pair)
     (a, b), (c, d) = end - start, mesh.p[:, mesh.t[:, inside]].mean(axis=1) - start

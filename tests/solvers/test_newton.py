@@ -72,7 +72,7 @@ def test_the_line_search_takes_the_lowest_of_two_minima():
 def test_balance_is_lacking_by_energy_or_by_the_rims_reaction(mesh):
     """A displacement d lacks d·K d = 2 ΔE; a part e of a deflection that goes with the third root
     of the force lacks 3 e of the force at the rim."""
-    problem = Equilibrium(scene_of(1.0, 0.0), mesh)
+    problem = Equilibrium(scene_of(3.0, 0.0), mesh)
     result = newton_result(problem)
 
     def energy(q):
