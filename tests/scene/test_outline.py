@@ -31,6 +31,7 @@ OUTLINES = {
     "clockwise": (Polygon(L_SHAPE[::-1]), 7.0, [9.5 / 7, 9.5 / 7]),
     "disc": (Circle(np.array([3.0, 4.0]), 2.0), 4.0 * math.pi, [3.0, 4.0]),
     "long": (Ellipse([3.0, -1.0], [4.0, 3.0], 2.0), 10.0 * math.pi, [3.0, -1.0]),
+    "small": (Ellipse([5e-3, 2e-3], [4e-3, 3e-3], 2e-3), 1e-5 * math.pi, [5e-3, 2e-3]),
     "thin": (Ellipse([0.0, 0.0], [1.0, 2.0], 0.01), 0.01 * 5**0.5 * math.pi, [0.0, 0.0]),
 }
 

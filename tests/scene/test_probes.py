@@ -54,6 +54,11 @@ def test_each_probe_has_its_load():
     assert loads(kind)[1] == Load(force_N=0.25, tangential_N=pushed)
 
 
+def test_an_unloaded_load_has_no_force_in_any_direction():
+    pushed = Load(force_N=2.0, tangential_N=(0.1, 0.0)).unloaded
+    assert (pushed.components, Load().unloaded.components) == ((0.0, 0.0, 0.0),) * 2
+
+
 def test_entries_change_by_index():
     scene = Scene.parse(TWO)
     changed = scene.with_(**{"probe[1].x_mm": 9.0, "probe.0.force_N": 1.5, "probe[0].y_mm": 1.0})

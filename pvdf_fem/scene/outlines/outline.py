@@ -109,10 +109,10 @@ class Outline(ABC):
         where two outlines only touch but for rounding; there a polygon dips with its corners, and
         into its sides the other outline dips."""
 
-    @abstractmethod
     def arc_middles(self, starts: Array, ends: Array) -> Array:
-        """Midside nodes (n, 2) in m that give curved elements the outline's area. `starts` and
-        `ends` (n, 2) belong to their sides on a curved boundary piece."""
+        """Midside nodes (n, 2) in m that give curved elements the area of a smooth outline.
+        `starts` and `ends` (n, 2) belong to their sides on a curved boundary piece."""
+        raise NotImplementedError
 
     @abstractmethod
     def boundary_rule(self, count: int) -> tuple[Array, Array]:

@@ -79,9 +79,6 @@ class Polygon(Outline):
     def dip(self, other: Outline) -> float:
         return -float(other.signed_distance(self.vertices).min())
 
-    def arc_middles(self, starts: Array, ends: Array) -> Array:
-        return 0.5 * (starts + ends)
-
     def boundary_rule(self, count: int) -> tuple[Array, Array]:
         s, w = np.polynomial.legendre.leggauss(count)
         begin = self.vertices[:, None]
