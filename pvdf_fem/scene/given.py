@@ -1,7 +1,6 @@
 """Arguments in the form that functions need, or refusals with name, value and advice.
 
-Arguments are checked as keys of a scene are, by their types and ranges, and refused in the same
-sentences.
+Arguments are checked by types and ranges, and refused in sentences, as keys of a scene are.
 """
 
 from __future__ import annotations
@@ -80,8 +79,7 @@ def model_of(given: T) -> T:
 def taken(
     name: str, given: Any, kind: Any, limits: tuple[float, float] | None = None, unit: str = ""
 ) -> Any:
-    """An argument with a type, within optional limits; ValueError, a line for each
-    mistake, for anything else."""
+    """An argument with a type, within limits; ValueError, a line for each mistake, otherwise."""
     kind = Annotated[kind, Key(unit, limits)] if kind in (bool, int, float) else kind
     if isinstance(kind, type) and not issubclass(kind, int | float | str | Path):
         if isinstance(given, kind):

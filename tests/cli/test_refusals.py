@@ -37,6 +37,10 @@ REFUSED = [
         (f"respond disc.toml --frequencies={span}", [f"--frequencies {span}"])
         for span in ("0", "-1", "5:1", "1:2:3:4", "1:2:2.5", "1:9e9", "1:2:0", "nan", "1:")
     ),
+    *(
+        (f"model scene.toml --force-range {span}", [f"--force-range {span}"])
+        for span in ("0,1", "1,x", "x,1", "2,2", "1", "1,2,3")
+    ),
     ("explore scene.toml --port 65536", ["--port 65536"]),
     *((f"sweep sweep.toml --processes {n}", [f"--processes {n}"]) for n in ("0", "-2")),
     ("calibrate wired.toml touches.csv --sigma a --prior gains", ["--sigma a", "--prior gains"]),
