@@ -49,10 +49,12 @@ def test_a_response_is_true_to_the_solver(built):
     assert (built.status, built.remarks) == (Status.CONVERGED, ())
 
 
-def test_a_film_that_is_stiffer_in_one_direction():
-    scene = DISC.with_(**{"film.youngs_modulus_GPa": [2.0, 3.0]})
+@pytest.mark.parametrize(
+    "changes", [{"film.youngs_modulus_GPa": [2.0, 3.0]}, {"probe": {"shape": "triangle"}}]
+)
+def test_a_stiff_direction_and_a_probe_that_is_not_round(changes):
     small = {**SMALL, "reach_mm": 2.0, "options": COARSE}
-    assert_true(build_response(scene, tolerance=2e-2, **small), 2e-2)
+    assert_true(build_response(DISC.with_(**changes), tolerance=2e-2, **small), 2e-2)
 
 
 def test_a_tip_is_true_to_the_solver_and_located():
