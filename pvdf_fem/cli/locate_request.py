@@ -74,7 +74,7 @@ class Request:
         return {name: units.get(name, 1.0) * value for name, value in self.readings.items()}
 
     def noise_pC(self, scene: Scene) -> dict[str, float] | None:
-        """The noise in nominal pC, by electrode; None is that of the readout."""
+        """The noise in nominal pC, by electrode; None is the noise of the readout."""
         from pvdf_fem.touch.measurement import units_of
 
         if self.noise is None:
@@ -145,7 +145,7 @@ def require(
         mistakes += request.model.mistakes(scene, name)
     if not (request.model.file and request.model.file.exists()):
         first = next(iter(scenes.values()))
-        domain, centre = request.model.domain(first), centre_mm(first)
+        (domain, _), centre = request.model.wanted(first), centre_mm(first)
         mistakes += known_mistakes(domain, request.unknown, {}, known, centre)
     if mistakes:
         raise ValueError("\n".join(dict.fromkeys(mistakes)))

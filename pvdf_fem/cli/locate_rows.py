@@ -81,9 +81,9 @@ def _line_count(source: Path | None) -> int:
 
 
 def _told(counts: Counter[str], mistakes: Counter[str]) -> int:
-    """Tell on standard error what became of rows, and which mistakes explain those that no touch
-    does; the exit code. Single rows with a mistake may fit a touch by chance: nothing is located
-    where a mistake explains more rows than fit as they are given."""
+    """Tell on standard error what became of rows, and which mistakes explain rows that no touch
+    explains; the exit code. Single rows with a mistake may fit a touch by chance: nothing is
+    located where a mistake explains more rows than fit as they are given."""
     from pvdf_fem.touch.touch import EXPLAINED
 
     for text, count in mistakes.most_common(MOST_MISTAKES):

@@ -9,6 +9,7 @@ import re
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from pvdf_fem.files import FileError, printable, require_writable
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.scene.scene_file import SceneError, choose, key_texts, parse_change, quote
+from pvdf_fem.solvers.status import NotConvergedError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,6 +42,15 @@ class InputError(Exception):
     """The input cannot be used; each argument of the exception is a line about a mistake."""
 
 
+@contextmanager
+def refusing() -> Iterator[None]:
+    """A context in which a `ValueError` is about the input, a line for each mistake."""
+    try:
+        yield
+    except ValueError as error:
+        raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
+
+
 class ArgumentParser(argparse.ArgumentParser):
     """A parser whose complaints repeat arguments escaped, and shortened if they are long, and that
     offer the command that is nearest to an unknown one."""
@@ -60,7 +71,7 @@ def add_command(
     description: str,
     epilog: str,
 ) -> argparse.ArgumentParser:
-    """Add a command to those of a parser; `run` returns its exit code."""
+    """Add a command to the commands of a parser; `run` returns its exit code."""
     parser: argparse.ArgumentParser = commands.add_parser(
         name,
         help=summary,
@@ -201,9 +212,10 @@ def plot_mistakes(options: argparse.Namespace, *others: Path | None) -> list[str
 
 
 def run_program(name: str, job: Callable[[], int]) -> int:
-    """Run a job and return its exit code, or that of the exception that stopped it. The exception
-    is told on standard error: `InputError`, `FileError`, `GmshMissingError`, `SceneError` and
-    `OSError`, which give `ExitCode.BAD_INPUT`, and an interrupt of the program `name`."""
+    """Run a job and return its exit code, or the exit code of the exception that stopped the job.
+    Exceptions are told on standard error: `InputError`, `FileError`, `GmshMissingError`,
+    `SceneError` and `OSError`, which give `ExitCode.BAD_INPUT`, `NotConvergedError`, and an
+    interrupt of the program `name`."""
     _prepare_streams()
     try:
         if sys.stdout is None:
@@ -222,6 +234,9 @@ def run_program(name: str, job: Callable[[], int]) -> int:
     except BrokenPipeError:
         _drop_output()
         return ExitCode.BROKEN_PIPE
+    except NotConvergedError as error:
+        _tell(f"not converged: {error}")
+        return ExitCode.NOT_CONVERGED
     except (InputError, FileError, GmshMissingError) as error:
         _tell(*map(str, error.args))
         return ExitCode.BAD_INPUT

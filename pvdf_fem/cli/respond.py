@@ -21,7 +21,8 @@ from pvdf_fem.cli.response_model import number_of
 DESCRIPTION = """\
 Charges by a small force of the probe that oscillates about its load, with mass,
 film.loss_tangent and [air], as CSV by frequency: for each electrode real and
-imaginary part and estimated error in pC/N, and the reading of [readout] in V/N."""
+imaginary part and estimated error in pC/N, and the reading of [readout] in V/N.
+With --plot only the first and the last rows are printed, as a table."""
 EPILOG = """\
 examples:
   pvdf-fem respond scene.toml --frequencies 1:500 --plot response.png
@@ -35,7 +36,7 @@ SPAN = (
 
 
 def add_to(commands: Any) -> None:
-    """Add the command to those of an argument parser."""
+    """Add the command to the commands of an argument parser."""
     summary = "charges under an oscillating force"
     parser = add_scene_command(commands, "respond", run, summary, DESCRIPTION, EPILOG)
     add_texts(parser, ("--frequencies", "SPAN", "1:1000", SPAN))
@@ -49,19 +50,16 @@ def run(options: argparse.Namespace) -> int:
     mistakes = [told] if frequencies is None else []
     scene = scene_of(options, *mistakes, *plot_mistakes(options, options.scene))
     from pvdf_fem.dynamics.forced import respond
-    from pvdf_fem.solvers.status import NotConvergedError
 
-    try:
-        response = respond(scene, frequencies, refined=options.frequencies.count(":") == 1)
-    except NotConvergedError as error:
-        print(f"not converged: {error}", file=sys.stderr)
-        return ExitCode.NOT_CONVERGED
+    response = respond(scene, frequencies, refined=options.frequencies.count(":") == 1)
     try:
         if options.plot:
             save_plot(response.plot(), options)
     finally:  # a full disk does not take the charges with it
         if options.json:
             print(json.dumps(response.to_json(), allow_nan=False))
+        elif options.plot:
+            print(response)
         else:
             for text in response.left_out:
                 print(f"left out: {text}", file=sys.stderr)

@@ -19,10 +19,12 @@ from pvdf_fem.cli.program import (
     add_progress,
     add_scene_command,
     add_texts,
+    refusing,
     scene_of,
 )
 from pvdf_fem.files import FileError, require_writable
 from pvdf_fem.progress import Progress, remaining, shown
+from pvdf_fem.solvers.status import NotConvergedError
 
 if TYPE_CHECKING:
     from pvdf_fem.response.model import Domain
@@ -54,7 +56,7 @@ the tolerance"""
 
 
 def add_to(commands: Any) -> None:
-    """Add the command to those of an argument parser."""
+    """Add the command to the commands of an argument parser."""
     summary = "the model of a sensor that locates touches"
     parser = add_scene_command(commands, "model", run, summary, DESCRIPTION, EPILOG)
     parser.add_argument(
@@ -71,8 +73,6 @@ def run(options: argparse.Namespace) -> int:
         mistakes.append(f"{options.scene}: has no [probe]; add one")
     if mistakes := [*mistakes, *([] if mistakes else choice.mistakes(scene, options.scene))]:
         raise InputError(*mistakes)
-    from pvdf_fem.solvers.status import NotConvergedError
-
     if options.list:
         present = [*choice.present(scene, options.scene)]
         rows = [{"file": str(path), "serves": not why, "reason": why} for path, why in present]
@@ -84,13 +84,7 @@ def run(options: argparse.Namespace) -> int:
             if not present:
                 print(f"{options.scene}: no model is there; build one without --list")
         return ExitCode.CONVERGED if any(not why for _, why in present) else ExitCode.NOT_CONVERGED
-    try:
-        model = model_of(scene, options.scene, choice)
-    except NotConvergedError as error:
-        print(error, file=sys.stderr)
-        return ExitCode.NOT_CONVERGED
-    except ValueError as error:
-        raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
+    model = model_of(scene, options.scene, choice)
     file = str(choice.path(scene, options.scene))
     print(json.dumps({"file": file, **model.to_json()}) if options.json else f"{file}: {model}")
     within = model.error_bound <= choice.wanted(scene)[1]
@@ -157,10 +151,6 @@ class ModelChoice:
         domain = replace(domain, reach_mm=reach_mm, force_N=self.force_N or domain.force_N)
         return domain, tolerance if self.tolerance is None else self.tolerance
 
-    def domain(self, scene: Scene) -> Domain:
-        """Touches that a scene's model has to hold for."""
-        return self.wanted(scene)[0]
-
     def path(self, scene: Scene, scene_file: str) -> Path:
         """The file of a scene's model: the one that was named, or the default one."""
         from pvdf_fem.response.response_file import response_key
@@ -208,16 +198,15 @@ class ModelChoice:
         return [beyond] if reach > rim else []
 
 
+@refusing()
 def model_of(
     scene: Scene, scene_file: str, choice: ModelChoice, *, as_kept: bool = False
 ) -> Response:
     """The model of a scene, from its file or built and written there; `as_kept` may have other
-    electrodes. Raises `ValueError` for a file of a film or a probe that deforms otherwise, and
-    `FileError`."""
+    electrodes. Raises `InputError` for a file of a film or a probe that deforms otherwise."""
     from pvdf_fem.response.build import build_response
     from pvdf_fem.response.model import centred
     from pvdf_fem.response.response import Response, reads_alike, refuse_other_mechanics
-    from pvdf_fem.solvers.status import NotConvergedError
 
     path = choice.path(scene, scene_file)
     if not path.exists():

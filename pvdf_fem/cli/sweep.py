@@ -82,7 +82,7 @@ exit codes: 0 all figures and tables are made, 2 bad input, 3 some lack charges
 
 
 def add_to(commands: Any) -> None:
-    """Add the commands to those of an argument parser."""
+    """Add the commands to the commands of an argument parser."""
     summary = "charges over a grid of scenes"
     parser = add_command(commands, "sweep", _sweep, summary, _DESCRIPTION, _EPILOG)
     parser.add_argument("sweep", metavar="SWEEP.toml", type=Path, help="sweep file")

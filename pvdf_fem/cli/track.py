@@ -11,7 +11,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli import response_model
+from pvdf_fem.cli import program, response_model
 from pvdf_fem.cli.locate_request import SOUGHT, sought
 from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
 from pvdf_fem.cli.response_model import ModelChoice, model_of
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 TIMES = {"t_s": 1.0, "t_ms": 1e-3}  #: Columns of times, and their units in s.
 CALM = ("", "quiet", "settling")  #: Statuses of rows without a touch.
-LONG_S = 60.0  #: Settling in s after which the unit of times is in doubt.
 #: Of touches with these the unit is in doubt.
 DOUBTED = ("too_strong", "unexplained")
 DESCRIPTION = """\
@@ -62,7 +61,7 @@ exit codes: 0 done, 2 bad input, or no row that can be used"""
 
 
 def add_to(commands: Any) -> None:
-    """Add the command to those of an argument parser."""
+    """Add the command to the commands of an argument parser."""
     as_json = "print a JSON object for each row and touch"
     about = "track", run, "touches in a stream of readings", DESCRIPTION, EPILOG
     parser = add_scene_command(commands, *about, as_json=as_json)
@@ -105,11 +104,9 @@ def run(options: argparse.Namespace) -> int:
             raise InputError(f"{name}: {reason}")
         if mistakes := choice.mistakes(scene, options.scene):
             raise InputError(*mistakes)
-        try:
-            model = model_of(scene, options.scene, choice)
+        model = model_of(scene, options.scene, choice)
+        with program.refusing():
             tracker = Tracker(model, unknown=unknown, unit=options.unit)
-        except ValueError as error:
-            raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
         kind = ".jsonl" if options.json else ".csv"
         write = writer(stack, None, kind, [f.name for f in fields(Row)])
         rows, malformed, count, told = (row for batch in batches for row in batch), 0, 0, 0
@@ -127,8 +124,6 @@ def run(options: argparse.Namespace) -> int:
             last = last if wrong else row.status
             if row.status == "settling" and math.isfinite(tracker.settled_s) and not said:
                 said = f"settling until t_s = {tracker.settled_s:.4g}: do not touch"
-                if time == "t_s" and row.settling_s > LONG_S:
-                    said += f" for {row.settling_s:.3g} s; are times in ms? Name the column t_ms"
                 print(said, file=sys.stderr, flush=True)
             for summary in tracker.touches[told:]:
                 if options.json:

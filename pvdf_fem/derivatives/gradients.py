@@ -193,5 +193,5 @@ def _scale(scene: Scene, key: str) -> float:
             return float(np.degrees(1.0)) if probe.period_deg else np.inf
         return 1e3 * probe.outline.perimeter / (2.0 * np.pi)
     if touches and "_N" in key:
-        return max(float(np.linalg.norm(touch.load.components)) for touch, *_ in touches) or 1.0
+        return float(np.linalg.norm(touches[0][0].load.components)) or 1.0
     return abs(number_at(scene, key)) or 1.0

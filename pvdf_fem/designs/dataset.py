@@ -21,7 +21,7 @@ from pvdf_fem.response.build import build_response
 from pvdf_fem.response.held_out import random_touches
 from pvdf_fem.response.model import QUANTITIES, ROTATION, centred, period_deg, wanted_model
 from pvdf_fem.response.response import Response
-from pvdf_fem.scene.given import SceneLike, scene_of
+from pvdf_fem.scene.given import SceneLike, model_of, scene_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.touch.locate_many import CHUNK
@@ -93,7 +93,7 @@ def dataset(
         domain, tolerance = wanted_model(scene, sigma or 0.01)
         wanted = domain.reach_mm, domain.force_N, tolerance, processes
         model = build_response(centred(scene), *wanted, progress=progress)
-    model = model.for_scene(scene, processes, progress=progress)
+    model = model_of(model).for_scene(scene, processes, progress=progress)
     measured = Measurement.of(model, model.names, sigma, noise_pC, reading)
     at = random_touches(model.domain, touches, seed)
     parts = np.array_split(at, 1 + touches // CHUNK)

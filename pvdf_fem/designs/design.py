@@ -26,7 +26,7 @@ from pvdf_fem.response.model import FORCE, ROTATION, Domain
 from pvdf_fem.response.response import Response
 from pvdf_fem.response.response_file import mechanics_of
 from pvdf_fem.scene.change import spelled, steps_of
-from pvdf_fem.scene.given import SceneLike, scene_of, taken
+from pvdf_fem.scene.given import SceneLike, model_of, scene_of, taken
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.sweeps.grid import Grid
@@ -124,8 +124,9 @@ def _for_all_electrodes(
         return scene, ()
     defaults = {f"readout.{name}": fields[name].default for name in by_name}
     changed = scene.with_(**defaults)
-    names = [[e.name for e in of.electrode_list] for of in (scene, *_grid(changed, axes).scenes())]
-    return (scene, ()) if all(each == names[0] for each in names) else (changed, [*defaults])
+    every = (scene, *_grid(changed, axes).scenes())
+    names = {tuple(electrode.name for electrode in of.electrode_list) for of in every}
+    return (scene, ()) if len(names) == 1 else (changed, [*defaults])
 
 
 def design(
@@ -192,9 +193,12 @@ def design(
     """
     vary = taken("vary", vary, dict[str, Any])
     designs = Designs.of(scene_of(scene), vary)
+    if not callable(model) and model is not None:
+        model = model_of(model)
     known = model.domain if isinstance(model, Response) else None
     reach_mm = taken("reach_mm", reach_mm, float | None)
     force_range_N = taken("force_range_N", force_range_N, tuple[float, float])
+    tolerance = taken("tolerance", tolerance, float)
     if reach_mm is None:
         of_each = (touched.default_reach_mm(first) for first, _ in designs.models)
         reach_mm = known.reach_mm if known else min(of_each)
@@ -203,7 +207,7 @@ def design(
     if wrong := [*designs.mistakes(domain, step_mm, tolerance, noise, noise_pC)]:
         raise ValueError("\n".join(dict.fromkeys(wrong)))
 
-    def model_of(first: Scene) -> Response:
+    def model_for(first: Scene) -> Response:
         if isinstance(model, Response) and mechanics_of(model.scene) == mechanics_of(first):
             return model
         if callable(model):
@@ -211,7 +215,7 @@ def design(
         wanted = domain.reach_mm, domain.force_N, tolerance, processes
         return build_response(touched.centred(first), *wanted, progress=progress)
 
-    models = [model_of(first) for first, _ in designs.models]
+    models = [model_for(first) for first, _ in designs.models]
     steps = int(reach_mm / step_mm + 1e-9)
     x, y = np.meshgrid(*[step_mm * np.arange(-steps, steps + 1)] * 2)
     inside = np.hypot(x, y) <= reach_mm

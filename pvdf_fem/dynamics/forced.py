@@ -158,11 +158,12 @@ def respond(
     >>> abs(answer.charges_pC_N["A"])
     """
     frequencies = numbers("frequencies_Hz", frequencies_Hz, (0.0, MOST_HZ), "Hz").ravel()
+    refined = taken("refined", refined, bool)
     solution, read = _loaded(solution)
     with shown("vectors at most", progress) as show:
         both = [oscillation.reduced(frequencies, show) for oscillation in oscillations(solution)]
     resonances = both[0].resonances(frequencies.max())
-    if refined:
+    if taken("refined", refined, bool):
         frequencies = _refined(frequencies, resonances)
     charges, better = (oscillation.charges(frequencies).T for oscillation in both)
     pairs = zip(read, charges, strict=False)  # no channels without a readout

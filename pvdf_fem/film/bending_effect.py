@@ -120,19 +120,17 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
             made = part_by_force(film, force, r) / (1.0 + at_rim + at_probe)
             changes.append((made * at_rim, made * at_probe))
     rim, at_probe = max(changes, key=sum)
-    by_patch = [_by_patch(scene, layer, force, probe) for layer in film.layers.values()]
+    one_sided = (layer for layer in film.layers.values() if not layer.patch.both_sides)
+    by_patch = [_by_patch(scene, layer, force, probe) for layer in one_sided]
     lengths = rest_length, rim_length, probe_length
     return BendingEffect(*tensions[1:], *lengths, rim, at_probe, max(by_patch, default=0.0))
 
 
 def _laminate(film: Film, layer: Layer) -> tuple[float, float, float]:
-    """Of film and layer: plate stiffness in N m, stiffness in N/m, and how far the film's middle is
-    from where a tension does not bend them, in m."""
+    """Of film and layer on one side: plate stiffness in N m, stiffness in N/m, and how far the
+    film's middle is from where a tension does not bend them, in m."""
     h, h_p = film.thickness, layer.patch.thickness
     A, A_p = (t * float(C[:2, :2].max()) for t, C in ((h, film.stiffness), (h_p, layer.stiffness)))
-    if layer.patch.both_sides:
-        bent = A_p * (h_p**2 / 48.0 + (0.5 * h + 0.25 * h_p) ** 2)
-        return A * h**2 / 12.0 + bent, A + A_p, 0.0
     apart = 0.5 * (h + h_p)
     D = (A * h**2 + A_p * h_p**2) / 12.0 + A * A_p / (A + A_p) * apart**2
     return D, A + A_p, A_p / (A + A_p) * apart

@@ -48,7 +48,7 @@ def require_rendering() -> None:
 def film_view(data: FilmData, name: str, scale: float | None, html: str | Path | None) -> Any:
     """`Solution.view`."""
     shown, scene = require_map(name, data.scene), data.scene
-    scale = taken("scale", scale, float | None)
+    scale, html = taken("scale", scale, float | None), taken("html", html, Path | None)
     pyvista = _imported("pyvista")
     require_rendering()
     if scale is None:

@@ -169,7 +169,7 @@ def build_response(
         raise ValueError("\n".join(wrong))
     options = options_for(scene, tolerance) if options is None else options
     if file is not None:
-        require_writable(Path(file))
+        require_writable(taken("file", file, Path))
     processes = taken("processes", processes, int | None)
     with shown("s of one core", progress) as show:
         made = _best(scene, domain, tolerance, options, Work(processes, show))
@@ -200,7 +200,7 @@ def _best(
         stress = ProbeCharges.of(places, raster, means, 1e-3 * options.error)
         axes = table_axes(scene, domain, options.cell_mm(scene, domain), options.step)
         spline = tabulated(stress, scene, domain, axes, work)
-        made = Response(scene, domain, 0.0, 0.0, spline, tolerance, (), stress, held_out)
+        made = Response(scene, domain, 0.0, spline, tolerance, (), stress, held_out)
         made = made.measured()
         best = made if best is None or made.error_bound < best.error_bound else best
         if best.status is Status.CONVERGED:

@@ -66,6 +66,7 @@ def refuse_other_mechanics(known: Scene, other: Scene) -> None:
             if name != "electrodes"
             for key, value in tables[0].items()
         }
+        | {"film.density_kg_m3": scene.film.density_kg_m3 * bool(scene.film.weight)}
         for scene in (known, other)
     )
     texts = [
@@ -107,9 +108,8 @@ class Response(Told):
     scene: FileScene
     domain: Domain
     #: Bound on the error of a charge over |d31 X| + |d32 Y|: five times the largest error at the
-    #: random touches whose full solves it was compared with; and the root mean square there.
+    #: random touches whose full solves it was compared with.
     error_bound: float
-    error_rms: float
     #: Over x in mm, y in mm and rotation in degrees: coefficients in pC of powers of the scaled
     #: force, ordered by power, then by electrode, (powers electrodes,).
     spline: UniformSpline
@@ -208,16 +208,16 @@ class Response(Told):
         assert self.held_out is not None
         touches = self.held_out.touches
         errors, stated = self.held_out.relative_errors(self.scene.film, self.evaluate(touches)[0])
-        bounds, rms = safety * errors.max(axis=1) + stated, float(np.sqrt((errors**2).mean()))
+        bounds = safety * errors.max(axis=1) + stated
         bound, rest = float(bounds.max()), rest_of(self.scene)
         at_rest: AtRest = (tuple(rest[0].tolist()), tuple(rest[1].tolist()))
         known = at_rest if np.isfinite(rest).all() else None
-        made = replace(self, error_bound=bound, error_rms=rms, remarks=(), at_rest_pC=known)
+        made = replace(self, error_bound=bound, remarks=(), at_rest_pC=known)
         if made.status is Status.CONVERGED:
             return made
         met = np.hypot(touches[:, 0], touches[:, 1])[bounds > self.tolerance].min()
         remark = (
-            f"tolerance: {self.tolerance:g} is missed, the error bound is {bounds.max():.2g}; raise"
+            f"tolerance: {self.tolerance:g} is missed, the error bound is {bound:.2g}; raise"
             f" the tolerance to it, or lower the reach: touches meet it up to {met:.3g} mm"
         )
         return replace(made, remarks=(remark,))

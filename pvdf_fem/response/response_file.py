@@ -22,7 +22,7 @@ from pvdf_fem.response.model import Domain, centred
 from pvdf_fem.scene.quantity import affecting
 from pvdf_fem.scene.scene import Numerics, Scene
 
-FORMAT = b"pvdf_fem response 6, SHA-256 "
+FORMAT = b"pvdf_fem response 7, SHA-256 "
 
 Kept = TypeVar("Kept")
 
@@ -57,7 +57,8 @@ def mechanics_of(scene: Scene) -> str:
     scene.require_plain_charges("a response")
     observable = scene.numerics.observable
     pressed = centred(scene).model_copy(update={"numerics": Numerics(observable=observable)})
-    return f"{affecting(pressed, *MECHANICS)} {film_model(pressed).bends} {observable}"
+    weight, bends = scene.film.weight, film_model(pressed).bends
+    return f"{affecting(pressed, *MECHANICS)} {weight} {bends} {observable}"
 
 
 def response_key(scene: Scene, domain: Domain, tolerance: float) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.progress import Work
-from pvdf_fem.response.model import Domain
+from pvdf_fem.response.model import Domain, centred
 from pvdf_fem.response.probe_charges import ProbeCharges
 from pvdf_fem.response.uniform_spline import BEYOND, UniformAxis, UniformSpline
 from pvdf_fem.scene.outlines.outline import Outline
@@ -39,11 +39,10 @@ def force_powers(domain: Domain, force_N: Array, count: int) -> Array:
 
 def pressed_outline(scene: Scene, force_N: float) -> Outline:
     """Outline of a scene's probe at the film's centre, or of the contact that a force makes."""
-    from pvdf_fem.film.loads.contact_guess import first_contacts  # with scikit-fem
+    from pvdf_fem.film.loads.contact_guess import guessed_press  # with scikit-fem
 
-    centred = scene.with_(**{"probe.x_mm": 0.0, "probe.y_mm": 0.0, "load.force_N": force_N})
-    (touch,) = centred.loaded_probes
-    return first_contacts(centred).get(touch.patch, touch.outline)
+    pressed = centred(scene).with_(**{"load.force_N": force_N})
+    return guessed_press(pressed, pressed.loaded_probes[0])[0]
 
 
 def table_axes(

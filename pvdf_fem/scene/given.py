@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
-from pydantic import BeforeValidator, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.change import plain
@@ -32,8 +32,12 @@ class HasScene(Protocol):
 
 
 SceneLike: TypeAlias = Scene | str | Path | Mapping[str, Any] | HasScene
-#: Names; a single name may stand alone.
-Names = Annotated[tuple[str, ...], BeforeValidator(lambda v: (v,) if isinstance(v, str) else v)]
+#: One name or more; a single name may stand alone.
+Names = Annotated[
+    tuple[str, ...],
+    Field(min_length=1),
+    BeforeValidator(lambda v: (v,) if isinstance(v, str) else v),
+]
 
 
 class Named(dict[str, Value]):
@@ -62,15 +66,15 @@ def scene_of(given: SceneLike) -> Scene:
         return Scene().with_(given)
     if isinstance(found := getattr(given, "scene", None), Scene):
         return found
-    told = f"scene = {given!r:.60}: is no scene"
-    raise TypeError(f"{told}; give a Scene, the path of a scene file, a dict of its tables")
+    reason = "is no scene; give a Scene, the path of a scene file, a dict of its tables"
+    raise TypeError(f"scene = {given!r:.60}: {reason}")
 
 
 def model_of(given: T) -> T:
     """A model of the charges, from `build_response`; TypeError for anything else."""
     if hasattr(given, "evaluate"):
         return given
-    raise TypeError(problem("model", given, "is no model; give that of build_response(scene)"))
+    raise TypeError(problem("model", given, "is no model; give build_response(scene)"))
 
 
 def taken(

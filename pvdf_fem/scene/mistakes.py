@@ -59,11 +59,11 @@ def mistakes(error: ValidationError, data: Mapping[str, Any], model: type[BaseMo
     return shown
 
 
-def told(error: ValidationError, where: str, model: type[BaseModel]) -> list[str]:
+def told(error: ValidationError, where: str, model: type[BaseModel]) -> Iterator[str]:
     """Lines for mistakes in the table at a key, from pydantic's `error`. Union tags begin with
     ``<`` and are no keys."""
     errors = error.errors(include_url=False)
-    return [_line(d, where, model) for d in errors if not _is_shortened(d)]
+    return (_line(d, where, model) for d in errors if not _is_shortened(d))
 
 
 def spelled_key(where: str, steps: Sequence[int | str]) -> str:

@@ -6,7 +6,6 @@ A further one is a class in a file of its own and its line here. Classes are giv
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 from pydantic import (
@@ -16,7 +15,6 @@ from pydantic import (
     create_model,
     field_validator,
     model_serializer,
-    model_validator,
 )
 
 from pvdf_fem.scene.quantity import Affects, Key, Section, refusal
@@ -122,14 +120,6 @@ class Load(Section):
     ] = None
     """Where a gaussian is 1/e² of its largest value; by default the radius of a disc of the same
     area."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _without_friction(cls, given: Any) -> Any:
-        """Scenes with ``friction = 0`` slide freely like every scene."""
-        if isinstance(given, Mapping) and given.get("friction") == 0.0:
-            return {key: value for key, value in given.items() if key != "friction"}
-        return given
 
     @field_validator("contact")
     @classmethod

@@ -39,7 +39,7 @@ from pvdf_fem.scene.scene_file import (
 )
 from pvdf_fem.scene.shapes import LAYOUTS, Electrode, Electrodes, Layout, Probe, Probes
 from pvdf_fem.scene.stage import Stage, WantedModel
-from pvdf_fem.told import Grid, Parts, Told
+from pvdf_fem.told import Grid, Parts, Told, with_named_arguments
 
 __all__ = [
     "Air",
@@ -183,14 +183,15 @@ class Scene(Told, Section):
     def doubts(self) -> tuple[str, ...]:
         """Doubtful but valid parts of a scene: a load on nothing, and values in wrong units."""
         found, tables = [], {"film": self.film, "load": self.load}
+        tables |= {f"film.patches[{i}]": patch for i, patch in enumerate(self.film.patches or ())}
         if self.probe is None and self.load != Load():
             found.append("load: nothing presses, since there is no probe; add [probe]")
             del tables["load"]
         for key in self.unheeded(f"load.{k}" for k in self.load.model_dump(exclude_defaults=True)):
             found.append(f"{key}: no probe has it, since each says its own; remove one of the two")
         for name, table in tables.items():
-            for key, value in table:
-                said = table.key_of(key)
+            for key in type(table).model_fields:
+                value, said = getattr(table, key), table.key_of(key)
                 if isinstance(value, float) and (meant := said.meant(value)):
                     told = problem(f"{name}.{key}", value, f"is in {said.unit}")
                     found.append(f"{told}; {meant}")
@@ -237,9 +238,8 @@ class Scene(Told, Section):
             (touch,) = touches
             return self.model_copy(update={"probe": touch.probe, "load": touch.load})
         own = [OwnLoad.model_construct(**touch.load.model_dump()) for touch in touches]
-        alone = dict.fromkeys(FORCES)  # all is in the probe's own load
         probes = tuple(
-            touch.probe.model_copy(update={**alone, "load": load})
+            touch.probe.model_copy(update={**dict.fromkeys(FORCES), "load": load})
             for touch, load in zip(touches, own, strict=True)
         )
         return self.model_copy(update={"probe": probes, "load": Load()})
@@ -279,11 +279,6 @@ class Scene(Told, Section):
     def parse(cls, text: str, source: str = "<text>") -> Scene:
         """Scene from the text of a scene file; `source` names it in a `SceneError`."""
         return cls._from_tables(parse_toml(text, source), source)
-
-    @classmethod
-    def _read(cls, path: Path | str) -> Scene:
-        """Scene from a scene file; raises `SceneError` for mistakes."""
-        return cls.parse(read_scene_text(path), str(path))
 
     @classmethod
     def example(cls, name: str) -> Scene:
@@ -346,5 +341,10 @@ class Scene(Told, Section):
         return scene
 
 
+def load(path: Path | str) -> Scene:
+    """Scene from a scene file; raises `SceneError` for mistakes."""
+    return Scene.parse(read_scene_text(path), str(path))
+
+
 # The class alone has this attribute: an instance's dictionary, which comes first, has its load.
-setattr(Scene, "load", Scene._read)  # noqa: B010
+setattr(Scene, "load", staticmethod(with_named_arguments(load)))  # noqa: B010

@@ -30,7 +30,7 @@ from pvdf_fem.scene.quantity import Affects, Key, Section, refusal
 from pvdf_fem.scene.registry import DEPTH, FORCE, FORCES, RIVALS, TANGENTIAL, Load, OwnLoad, put
 
 #: Material keys for the film and its patches.
-MODULUS = Key("GPa", (1e-6, 1e4), usual=(1e-6, 1500.0), mistaken={"Pa": 1e-9, "MPa": 1e-3})
+MODULUS = Key("GPa", (1e-6, 1e4), usual=(1e-6, 1500.0), mistaken={"MPa": 1e-3, "Pa": 1e-9})
 EXPANSION = Key("1/K", (-0.1, 0.1), Affects.STRAIN_AT_REST)
 #: Shapes of probes and electrodes. A new shape is named here.
 _SHAPES: list[type[Shape]] = [RectangleShape, CircleShape, EllipseShape, PolygonShape]

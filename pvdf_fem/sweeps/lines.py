@@ -54,11 +54,6 @@ class MappingScheme:
         """Probe places by line, (n, 2)."""
         return tuple(self._on_line(angle, self.distances_on(angle)) for angle in self.angles_deg)
 
-    @property
-    def scenes(self) -> list[Scene]:
-        """The scenes line by line, ordered outwards along a line."""
-        return placed(self.scene, np.concatenate(self.positions_mm))
-
     def distances_on(self, angle_deg: float) -> Array:
         """Distances in mm from the electrode's centre, (n,), of the places on a line."""
         distances = np.array(self.distances_mm)
@@ -74,9 +69,3 @@ def direction(angle_deg: float) -> Array:
     """Unit vector, shape (2,), at an angle counter-clockwise from +x."""
     angle = np.radians(angle_deg)
     return np.array([np.cos(angle), np.sin(angle)])
-
-
-def placed(scene: Scene, positions_mm: Array) -> list[Scene]:
-    """Scenes with the probe at positions (n, 2)."""
-    places = ({"probe.x_mm": x, "probe.y_mm": y} for x, y in positions_mm.tolist())
-    return [scene.with_(**place) for place in places]

@@ -110,12 +110,11 @@ class Record:
 
 class Store:
     """Records by scene, in a file made on demand. Several processes may use one
-    file. A file that cannot be written is read. `code` is a hash of code outside this package that
-    makes the records, if present. Raises `StoreError` if the file is damaged, or is no store of
-    this version."""
+    file. A file that cannot be written is read. Raises `StoreError` if the file is damaged, or is
+    no store of this version."""
 
-    def __init__(self, path: Path, code: str = "") -> None:
-        self._path, self._code = path, code
+    def __init__(self, path: Path) -> None:
+        self._path = path
         with self._told():
             name = os.path.abspath(path)
             self._rows = sqlite3.connect(name, timeout=LONGEST_WAIT, isolation_level=None)
@@ -146,7 +145,7 @@ class Store:
 
     def get(self, scene: Scene) -> Record | None:
         """The record of a scene; None if missing, or if its row is damaged."""
-        fields = self.kept(self._code + key(scene))
+        fields = self.kept(key(scene))
         if fields is None:
             return None
         return Record(**fields | {name: tuple(fields[name]) for name in ("electrodes", "warnings")})
@@ -165,7 +164,7 @@ class Store:
 
     def put(self, records: Iterable[tuple[Scene, Record]]) -> None:
         """Add the records of scenes in a single transaction."""
-        self.keep({self._code + key(scene): vars(record) for scene, record in records})
+        self.keep({key(scene): vars(record) for scene, record in records})
 
     def keep(self, values: Mapping[str, Any]) -> None:
         """Add values for JSON, by key, in a single transaction."""

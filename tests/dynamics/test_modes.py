@@ -52,20 +52,12 @@ CANCELLING = Scene().with_(
     | {"x_mm": -10.9077, "y_mm": -4.4821, "rotation_deg": 139.597},
     load={"kind": "rigid", "contact": "stuck", "force_N": 2.2131},
 )
-PLATE = {"film.bending": True, "film.thickness_um": 110.0}
 
 
-@pytest.mark.parametrize(
-    ("scene", "tolerance"),
-    [
-        (CANCELLING, 1e-2),
-        *(
-            (random_scene(np.random.default_rng(seed), **changes), 2e-2)
-            for seed, changes in enumerate(({}, LOADS["sliding"], LOADS["stuck"]))
-        ),
-        (random_scene(np.random.default_rng(3), **PLATE), 6e-2),  # films that bend take longer
-    ],
-)
+SLIDING = random_scene(np.random.default_rng(1), **LOADS["sliding"])
+
+
+@pytest.mark.parametrize(("scene", "tolerance"), [(CANCELLING, 1e-2), (SLIDING, 2e-2)])
 def test_errors_are_of_the_right_size(scene, tolerance):
     coarse, fine = (
         modes(scene.with_(**{"numerics.tolerance": t}), 3, loaded=True)
@@ -141,12 +133,20 @@ def test_only_rigid_probes_bind_the_flat_film_and_none_presses_or_warms_it():
     dead = {"shape": "circle", "radius_mm": 2.0, "y_mm": 12.0}
     alone, beside = (modes(Scene(probe=p), 2) for p in ([rigid], [rigid, tip, dead]))
     assert beside.frequencies_Hz == pytest.approx(alone.frequencies_Hz, rel=1e-12)
-    moved = {"load.kind": "rigid", "film.rim_displacement_um": [0.1], "numerics.tolerance": 1e-2}
-    touches = ({}, {"load.force_N": 5.0, "probe.temperature_K": 3.0})
+    moved = {"film.rim_displacement_um": [0.1], "numerics.tolerance": 1e-2}
+    pushed = {**LOADS["stuck"], "load.tangential_N": [1.0, 0.0], "probe.temperature_K": 3.0}
+    touches = (LOADS["stuck"], {**pushed, "load.force_N": 5.0})
     found = [modes(TRIANGLE.with_(**moved, **touch), 1).frequencies_Hz[0] for touch in touches]
-    assert found[0] == found[1]
+    assert found[0] == pytest.approx(found[1], rel=1e-12)
     follower = TRIANGLE.with_(**LOADS["follower"], **{"load.force_N": 5.0})
     np.testing.assert_allclose(modes(follower, 3).frequencies_Hz, exact(follower, 3), rtol=1e-3)
+
+
+def test_a_film_that_wrinkles_has_modes_about_its_load():
+    wrinkling = {"film.temperature_change_K": 10.0, "film.compression": "tension-field"}
+    found = modes(TRIANGLE.with_(**wrinkling, **{"numerics.tolerance": 0.05}), loaded=True)
+    assert (found.frequencies_Hz > 0.0).all()
+    assert (found.frequency_errors_Hz <= 0.05 * found.frequencies_Hz).all()
 
 
 @pytest.mark.parametrize("load", LOADS)

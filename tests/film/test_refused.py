@@ -6,8 +6,10 @@ import re
 
 import pytest
 
-from pvdf_fem import build_response, respond
+from pvdf_fem import build_response, gradients, respond
+from pvdf_fem.response.response_file import mechanics_of
 from pvdf_fem.sweeps.equivalence import mechanics
+from pvdf_fem.sweeps.plan import plan
 from tests.helpers.discs import TRIANGLE
 from tests.helpers.refusals import refused
 
@@ -34,7 +36,6 @@ PRESSURE, WEIGHT = {"film.pressure_Pa": 5.0}, {"film.gravity_m_s2": 5.0}
         ({**WIRED, "film.d31_pC_N": 200.0, "film.permittivity": 1.0}, "film.coupling"),
         ({"film.coupling": "yes"}, "film.coupling"),
         ({"film.bending": "yes"}, "film.bending"),
-        ({"film.bending": 1}, "film.bending"),
         ({**D33, **TAPED}, "film.d33_pC_N"),
         ({**RUBBER, "film.youngs_modulus_GPa": [1.0, 2.0]}, "film.law"),
         ({**RUBBER, "film.shear_modulus_GPa": 1.0}, "film.law"),
@@ -56,7 +57,6 @@ PRESSURE, WEIGHT = {"film.pressure_Pa": 5.0}, {"film.gravity_m_s2": 5.0}
         ({"film.rim_displacement_um": [0.0, 1.0]}, "film.rim_displacement_um"),
         ({"film.pressure_follows": True}, "film.pressure_follows"),
         ({**SPHERE, **PRESSURE}, "load.kind"),
-        ({**SPHERE, **WEIGHT}, "load.kind"),
     ],
 )
 def test_combinations_without_a_model_are_refused(changes, key):
@@ -70,8 +70,11 @@ def test_combinations_without_a_model_are_refused(changes, key):
         *((serves, WARM, "probe.temperature_K") for serves in (build_response, mechanics)),
         (build_response, PRESSURE, "film.pressure_Pa"),
         (build_response, WEIGHT, "film.gravity_m_s2"),
+        (mechanics_of, WIRED, "film.coupling"),
         (lambda scene: respond(scene, 20.0), WIRED, "film.coupling"),
         (lambda scene: respond(scene, 20.0), D33, "film.d33_pC_N"),
+        (lambda scene: plan([scene]), D33, "film.d33_pC_N"),
+        *((serves, D33, "film.d33_pC_N") for serves in (mechanics_of, gradients)),
     ],
 )
 def test_what_serves_fewer_films_refuses_the_others(refuses, changes, key):

@@ -4,22 +4,15 @@ overlap, by the boxes that the browser gives them."""
 from __future__ import annotations
 
 import shutil
-import subprocess
-import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
 #: Names of the browser's program.
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "chrome")
-PATIENCE_S = 120.0  #: Time in which a browser starts on any machine.
-TRIAL = "from tests.helpers.browsers import browser\nwith browser(): pass"
 #: Widths in pixels at which a page is looked at: a screen's, a phone's, and that of printed A4.
 WIDTHS = {"screen": 1400, "phone": 390, "print": 703}
 
@@ -29,63 +22,43 @@ WIDTHS = {"screen": 1400, "phone": 390, "print": 703}
 # What one can scroll to is not cut, except in print.
 _BOXES = """
 isPrint => {
-  const root = document.documentElement, boxes = [];
-  const isFigure = root.tagName === 'svg';
-  const page = isFigure ? root.getBoundingClientRect()
-    : {left: 0, top: -1e9, right: root.clientWidth, bottom: 1e9};
-  const limits = element => {
-    for (let e = element; e && e !== root && e !== document.body; e = e.parentElement) {
-      const style = getComputedStyle(e);
-      if (['auto', 'scroll'].includes(style.overflowX) && !isPrint)
-        return {scrolls: e.getBoundingClientRect()};
-      if (style.overflowX !== 'visible' || style.overflowY !== 'visible')
-        return e.getBoundingClientRect();
-    }
-    return page;
-  };
-  const add = (text, rect, inside, parent) => {
+  const root = document.documentElement, boxes = [], parents = [];
+  const sides = rect => [rect.left, rect.top, rect.right, rect.bottom];
+  const add = (text, rect, room, parent) => {
     if (!text.trim() || rect.width < 0.5 || rect.height < 0.5) return;
-    const port = inside.scrolls;
-    if (port && (rect.right > port.right || rect.bottom > port.bottom)) return;
-    const room = port ? null : [inside.left, inside.top, inside.right, inside.bottom];
-    const box = [rect.left, rect.top, rect.right, rect.bottom];
-    boxes.push({text: text.trim().replace(/\\s+/g, ' ').slice(0, 80), box, room, parent});
+    if (!parents.includes(parent)) parents.push(parent);
+    boxes.push({text: text.trim(), box: sides(rect), room, parent: parents.indexOf(parent)});
   };
-  const parents = new Map();
-  const numberOf = element => {
-    if (!parents.has(element)) parents.set(element, parents.size);
-    return parents.get(element);
-  };
-  if (isFigure) {
+  if (root.tagName === 'svg') {
     for (const group of root.querySelectorAll('g[id^="text_"]')) {
       const comment = [...group.childNodes].find(node => node.nodeType === Node.COMMENT_NODE);
       const turn = /rotate\\((-?[\\d.]+)/.exec(group.innerHTML);
       if (turn && parseFloat(turn[1]) % 90) continue;
-      add(comment ? comment.data : group.textContent, group.getBoundingClientRect(), page,
-          numberOf(group));
+      const text = comment ? comment.data : group.textContent;
+      add(text, group.getBoundingClientRect(), sides(root.getBoundingClientRect()), group);
     }
     return boxes;
   }
+  const hides = element => {
+    const style = getComputedStyle(element);
+    return [style.overflowX, style.overflowY];
+  };
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   for (let node; (node = walker.nextNode());) {
-    const parent = node.parentElement;
+    const parent = node.parentElement, range = document.createRange();
     if (!node.data.trim() || !parent.checkVisibility({visibilityProperty: true})) continue;
-    const range = document.createRange();
-    range.selectNodeContents(node);
-    const inside = limits(parent);
+    let port = parent;
+    while (port && hides(port).every(way => way === 'visible')) port = port.parentElement;
+    const isScrolled = port && hides(port).includes('auto') && !isPrint;
+    const room = port ? sides(port.getBoundingClientRect()) : [0, -1e9, root.clientWidth, 1e9];
     const block = parent.closest('p, li, td, th, figcaption, dt, dd, h1, h2, h3, pre') || parent;
-    for (const rect of range.getClientRects()) add(node.data, rect, inside, numberOf(block));
+    range.selectNodeContents(node);
+    for (const rect of range.getClientRects()) {
+      const isSeen = rect.right <= room[2] && rect.bottom <= room[3];
+      if (isSeen || !isScrolled) add(node.data, rect, isScrolled ? null : room, block);
+    }
   }
   return boxes;
-}
-"""
-# Whether each picture of a page can be shown, by its address.
-_PICTURES = """
-async () => {
-  const load = image => { image.loading = 'eager'; return image.decode().then(() => 1, () => 0); };
-  const pictures = [...document.images];
-  await Promise.all(pictures.map(load));
-  return Object.fromEntries(pictures.map(image => [image.src, image.naturalWidth > 0]));
 }
 """
 
@@ -93,66 +66,30 @@ async () => {
 class Fault(NamedTuple):
     """A text that cannot be read as it should be."""
 
-    kind: str  #: ``cut``, ``overlap``, or ``missing`` of a picture.
+    kind: str  #: ``cut`` or ``overlap``.
     text: str
     where: str  #: Name of the page or figure, and how it was looked at.
 
 
 @contextmanager
-def browser() -> Iterator[Any]:
-    """A browser without a window."""
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        arguments = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-        opened = playwright.chromium.launch(executable_path=chromium(), args=arguments)
-        try:
-            yield opened
-        finally:
-            opened.close()
-
-
-@contextmanager
 def browser_or_skip() -> Iterator[Any]:
-    """A browser without a window; skips the test that asks for it where there is none."""
-    if reason := refusal():
-        pytest.skip(reason)
-    with browser() as started:
-        yield started
-
-
-def chromium() -> str | None:
-    """Path of the browser's program; None without one."""
-    return next(filter(None, map(shutil.which, PROGRAMS)), None)
-
-
-@cache
-def refusal() -> str:
-    """Why no browser starts here; empty where one does.
-
-    The first start is in another process: a driver that misses a library of the system would take
-    the tests with it, or leave them waiting.
-    """
-    pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    if not chromium():
-        return "there is no Chromium on the path"
-    with tempfile.TemporaryFile() as told:
-        quiet: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": told, "stderr": told}
+    """A browser without a window; skips the test that asks for it where none starts."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if not (chromium := next(filter(None, map(shutil.which, PROGRAMS)), None)):
+        pytest.skip("there is no Chromium on the path")
+    arguments = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+    with playwright.sync_playwright() as driver:
         try:
-            command = [sys.executable, "-c", TRIAL]
-            code = subprocess.run(command, cwd=ROOT, timeout=PATIENCE_S, **quiet).returncode
-        except subprocess.TimeoutExpired:
-            return f"no browser started within {PATIENCE_S:g} s"
-        told.seek(0)
-        lines = told.read().decode(errors="replace").split("\n")
-    causes = [line for line in lines if "error while loading shared libraries" in line]
-    last = (causes or [line for line in lines if line.strip()] or [f"exit code {code}"])[-1]
-    return f"no browser starts here: {last.strip()}" if code else ""
+            opened = driver.chromium.launch(executable_path=chromium, args=arguments)
+        except playwright.Error as error:
+            pytest.skip(f"no browser starts here: {error}")
+        with opened:
+            yield opened
 
 
 def faults_of(path: Path, browser: Any, *, slack_px: float = 0.7) -> list[Fault]:
-    """Faults of a page at all widths, without scripts of its own, and of the SVG figures that it
-    shows, or that are in the folder ``figures`` beside it.
+    """Faults of a page at all widths, without scripts of its own, and of the SVG figures in the
+    folder ``figures`` beside it.
 
     Texts may stick out of their box, or into each other, by `slack_px`: fonts have rims.
     """
@@ -164,14 +101,9 @@ def faults_of(path: Path, browser: Any, *, slack_px: float = 0.7) -> list[Fault]
         boxes = page.evaluate(_BOXES, medium == "print")
         assert boxes, f"{path} has no texts"
         faults += _checked(boxes, f"{path.name} ({medium})", slack_px)
-    pictures: dict[str, bool] = page.evaluate(_PICTURES)
-    absent = [picture for picture, is_there in pictures.items() if not is_there]
-    faults += [Fault("missing", picture, path.name) for picture in absent]
-    shown = [name for name, is_there in pictures.items() if is_there and name.endswith(".svg")]
-    beside = [file.as_uri() for file in sorted(path.resolve().parent.glob("figures/*.svg"))]
-    for picture in (*shown, *beside):
-        page.goto(picture)
-        faults += _checked(page.evaluate(_BOXES, False), picture.rpartition("/")[2], slack_px)
+    for picture in sorted(path.resolve().parent.glob("figures/*.svg")):
+        page.goto(picture.as_uri())
+        faults += _checked(page.evaluate(_BOXES, False), picture.name, slack_px)
     page.close()
     return faults
 

@@ -1,4 +1,4 @@
-"""Accidents to files: bytes are lost, repeated, shuffled or flipped, or nasty ones inserted."""
+"""Accidents to files: pieces are lost, moved, repeated or flipped, or nasty ones put there."""
 
 from __future__ import annotations
 
@@ -26,14 +26,26 @@ _NASTY = [
     *(b"\xe2\x80\xae", b'"', b"'''", b'"""', b"[", b"]]", b"{", b"=", b".", b",", b"#", b"\n"),
     *(b"9" * 5000, b"[" * 2000, b"a." * 200, b"[[electrodes]]\n", b"[probe]\n", b"\nfilm.x = 1\n"),
     *(b"\\u0000", b"\n[film.radius_mm]\n", b"\nshape = 'circle'\n", b'\n"a\\nb" = 1\n'),
+    *(b"9", b"-", b"e9", b"_"),
 ]
 
 
 def damaged(rng: random.Random, data: bytes) -> bytes:
     """Bytes after one to three accidents."""
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
-        data = rng.choice(_ACCIDENTS)(rng, data)
-    return data[:2_000_000]
+        begin = rng.randrange(len(data) + 1)
+        end = rng.choice((begin, begin + int(2 ** rng.uniform(0, 8)), len(data)))
+        before, piece, after = data[:begin], data[begin:end], data[end:]
+        there = rng.randrange(len(after) + 1)
+        results = (
+            before + after,
+            before + after[:there] + piece + after[there:],
+            before + piece * rng.choice((2, 50, 1000)) + after,
+            before + rng.choice(_NASTY) + after,
+            before + _flipped(rng, piece) + after,
+        )
+        data = rng.choice(results)[:2_000_000]
+    return data
 
 
 def decayed(rng: random.Random, data: bytes) -> bytes:
@@ -41,62 +53,15 @@ def decayed(rng: random.Random, data: bytes) -> bytes:
     if rng.random() < 0.3:
         return damaged(rng, data)
     for _ in range(rng.choice((1, 10, 100))):
-        data = _flip(rng, data)
+        data = _flipped(rng, data)
     return data
 
 
-def _span(rng: random.Random, data: bytes) -> tuple[int, int]:
-    begin = rng.randrange(len(data) + 1)
-    return begin, min(len(data), begin + int(2 ** rng.uniform(0, 8)))
-
-
-def _truncate(rng: random.Random, data: bytes) -> bytes:
-    return data[: rng.randrange(len(data) + 1)]
-
-
-def _delete(rng: random.Random, data: bytes) -> bytes:
-    i, j = _span(rng, data)
-    return data[:i] + data[j:]
-
-
-def _repeat(rng: random.Random, data: bytes) -> bytes:
-    i, j = _span(rng, data)
-    return data[:j] + data[i:j] * rng.choice((1, 2, 50, 1000)) + data[j:]
-
-
-def _insert(rng: random.Random, data: bytes) -> bytes:
-    i = rng.randrange(len(data) + 1)
-    return data[:i] + rng.choice(_NASTY) + data[i:]
-
-
-def _overwrite(rng: random.Random, data: bytes) -> bytes:
-    i, j = _span(rng, data)
-    return data[:i] + rng.choice(_NASTY) + data[j:]
-
-
-def _flip(rng: random.Random, data: bytes) -> bytes:
-    if not data:
-        return data
-    i = rng.randrange(len(data))
-    return data[:i] + bytes([data[i] ^ 1 << rng.randrange(8)]) + data[i + 1 :]
-
-
-def _shuffle_lines(rng: random.Random, data: bytes) -> bytes:
-    lines = data.split(b"\n")
-    i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
-    lines[i], lines[j] = lines[j], lines[i]
-    return b"\n".join(lines)
-
-
-def _digits(rng: random.Random, data: bytes) -> bytes:
-    places = [i for i, byte in enumerate(data) if byte in b"0123456789"]
-    if not places:
-        return data
-    i = rng.choice(places)
-    return data[:i] + rng.choice((b"-", b".", b"e", b"9", b"_", b"e9", b"-1")) + data[i:]
-
-
-_ACCIDENTS = (_truncate, _delete, _repeat, _insert, _overwrite, _flip, _shuffle_lines, _digits)
+def _flipped(rng: random.Random, data: bytes) -> bytes:
+    """Bytes with a bit flipped, if there are any."""
+    place = rng.randrange(max(len(data), 1))
+    flipped = bytes(byte ^ 1 << rng.randrange(8) for byte in data[place : place + 1])
+    return data[:place] + flipped + data[place + 1 :]
 
 
 def damages(data: bytes, how: Accident = damaged) -> st.SearchStrategy[bytes]:

@@ -8,18 +8,12 @@ import time
 from pathlib import Path
 
 
-def die_once(task: tuple[Path, int]) -> int:
-    """Ten times the task's number; kills its process at the first task of number 3."""
+def die(task: tuple[Path | None, int]) -> int:
+    """Ten times the task's number. Number 3 kills its process, once where it can leave a marker."""
     marker, number = task
-    if number == 3 and not marker.exists():
-        marker.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return 10 * number
-
-
-def die(number: int) -> int:
-    """Ten times a number; kills its process for number 3."""
-    if number == 3:
+    if number == 3 and not (marker and marker.exists()):
+        if marker:
+            marker.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return 10 * number
 

@@ -5,13 +5,12 @@ A feature is a change of a scene by key. A combination that a scene refuses is t
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
+import numpy as np
 from hypothesis import strategies as st
 
 from pvdf_fem import Scene, SceneError
-from pvdf_fem.scene.outlines.outline import turn
 
 Changes = dict[str, Any]
 
@@ -36,6 +35,7 @@ LAYOUTS = (
         | {"height_mm": 2.0, "rotation_deg": 20.0},
     ],
 )
+PATCH = {"thickness_um": 30.0, "youngs_modulus_GPa": 1.5}
 SENSORS: tuple[Changes, ...] = tuple({"electrodes": layout} for layout in LAYOUTS)
 FILMS: tuple[Changes, ...] = (
     {"film.youngs_modulus_GPa": [3.0, 1.8], "film.poisson_ratio": 0.3},
@@ -49,8 +49,8 @@ FILMS: tuple[Changes, ...] = (
     {"film.d33_pC_N": -25.0},
     {"film.pyroelectric_uC_m2K": 25.0, "film.warming_K": 0.5},
     {"film.rim_displacement_um": [4.0, 0.0, 1.0, 3.0, -2.0]},
-    {"film.patches": [{"shape": "circle", "x_mm": -20.0, "y_mm": 5.0, "radius_mm": 6.0}]},
-    {"film.patches": [{"shape": "square", "x_mm": 9.0, "y_mm": 14.0, "side_mm": 8.0}]},
+    {"film.patches": [{**PATCH, "shape": "circle", "x_mm": -20.0, "y_mm": 5.0, "radius_mm": 6.0}]},
+    {"film.patches": [{**PATCH, "x_mm": 9.0, "y_mm": 14.0, "side_mm": 8.0}]},
     {"film.pressure_Pa": 150.0, "film.gravity_m_s2": -40.0},
     {"film.pressure_Pa": -80.0, "film.pressure_follows": True},
     {"film.coupling": True, "readout": {"kind": "voltage"}},
@@ -74,7 +74,6 @@ READING: tuple[Changes, ...] = (
     {"air": {"density_kg_m3": 1.2}},
 )
 SECOND_PROBE = {"shape": "circle", "radius_mm": 2.0, "x_mm": -12.0, "y_mm": -9.0}
-PATCH = {"thickness_um": 30.0, "youngs_modulus_GPa": 1.5}
 
 
 @st.composite
@@ -97,73 +96,56 @@ def combined(changes: list[Changes]) -> Scene | tuple[str, ...]:
     scene = Scene().with_(**{"numerics.tolerance": TOLERANCE})
     try:
         for change in changes:
-            scene = scene.with_(**_of_patches(change))
+            scene = scene.with_(**change)
     except SceneError as error:
         return tuple(error.problems)
     return scene
 
 
-def _of_patches(change: Changes) -> Changes:
-    key = "film.patches"
-    return {key: [patch | PATCH for patch in change[key]]} if key in change else change
+#: Maps of the plane, as matrices: a quarter turn, and the mirror image in the y axis.
+QUARTER_TURN, MIRROR = ((0.0, -1.0), (1.0, 0.0)), ((-1.0, 0.0), (0.0, 1.0))
 
 
-def quarter_turned(scene: Scene) -> Scene:
-    """The scene turned by 90 degrees about its centre."""
-
-    def placed(shape: Changes) -> Changes:
-        x, y = turn([shape["x_mm"], shape["y_mm"]], 90.0)
-        square = shape["shape"] in ("square", "circle", "sphere") and not shape["rotation_deg"]
-        rotation = shape["rotation_deg"] + 90.0 * (not square)
-        turned = shape | {"x_mm": x, "y_mm": y, "rotation_deg": rotation}
-        return turned | _pushed(shape, lambda x, y: [-y, x])
-
-    def harmonics(c: float, s: float, n: int) -> tuple[float, float]:
-        cosine, sine = round(math.cos(0.5 * math.pi * n)), round(math.sin(0.5 * math.pi * n))
-        return c * cosine - s * sine, c * sine + s * cosine
-
-    tables = _imaged(scene, placed, harmonics, lambda x, y: [-y, x])
-    film = tables["film"]
-    film["d31_pC_N"], film["d32_pC_N"] = film["d32_pC_N"], film["d31_pC_N"]
-    if isinstance(modulus := film["youngs_modulus_GPa"], list):
-        film["poisson_ratio"] *= modulus[1] / modulus[0]
-    for key in ("youngs_modulus_GPa", "pretension_N_m"):
-        if isinstance(film.get(key), list):
-            film[key] = film[key][::-1]
-    return Scene(**tables)
-
-
-def mirrored(scene: Scene) -> Scene:
-    """The mirror image of the scene in the y axis."""
-
-    def placed(shape: Changes) -> Changes:
-        image = shape | {"x_mm": -shape["x_mm"], "rotation_deg": -shape["rotation_deg"]}
-        if "vertices_mm" in shape:
-            image["vertices_mm"] = [[-x, y] for x, y in shape["vertices_mm"]]
-        return image | _pushed(shape, lambda x, y: [-x, y])
-
-    def harmonics(c: float, s: float, n: int) -> tuple[float, float]:
-        return c * (-1) ** n, s * (-1) ** (n + 1)
-
-    return Scene(**_imaged(scene, placed, harmonics, lambda x, y: [-x, y]))
-
-
-def _pushed(table: Changes, image: Any) -> Changes:
-    pushed = table.get("tangential_N")
-    return {"tangential_N": image(*pushed)} if pushed else {}
-
-
-def _imaged(scene: Scene, placed: Any, harmonics: Any, image: Any) -> Changes:
+def image(scene: Scene, frame: tuple[tuple[float, float], ...]) -> Scene:
+    """The scene after a map of the plane that brings its axes onto each other."""
     tables = scene.model_dump(mode="json", exclude_none=True)
+    film, probe, matrix = tables["film"], tables["probe"], np.array(frame)
+    mirrors, swaps = np.linalg.det(matrix) < 0.0, matrix[0, 0] == 0.0
+
+    def mapped(vector: list[float]) -> list[float]:
+        return (matrix @ vector + 0.0).tolist()
+
+    def pushed(table: Changes) -> Changes:
+        force = table.get("tangential_N")
+        return {"tangential_N": mapped(force)} if force else {}
+
+    def placed(shape: Changes) -> Changes:
+        x, y = mapped([shape["x_mm"], shape["y_mm"]])
+        turned = -shape["rotation_deg"] if mirrors else shape["rotation_deg"] + 90.0
+        if shape["shape"] in ("square", "circle", "sphere") and not shape["rotation_deg"]:
+            turned = 0.0  # the thesis's means are of upright squares
+        found = shape | {"x_mm": x, "y_mm": y, "rotation_deg": turned} | pushed(shape)
+        if mirrors and "vertices_mm" in shape:
+            found["vertices_mm"] = [mapped(corner) for corner in shape["vertices_mm"]]
+        return found
+
     electrodes = [e.model_dump(mode="json", exclude_none=True) for e in scene.electrode_list]
     tables["electrodes"] = [placed(electrode) for electrode in electrodes]
-    probe, film = tables["probe"], tables["film"]
     tables["probe"] = [placed(p) for p in probe] if isinstance(probe, list) else placed(probe)
-    tables["load"] |= _pushed(tables["load"], image)
+    tables["load"] |= pushed(tables["load"])
     if patches := film.get("patches"):
         film["patches"] = [placed(patch) for patch in patches]
     if moved := film.get("rim_displacement_um"):
-        pairs = zip(moved[1::2], moved[2::2], strict=True)
-        turned = [harmonics(c, s, n) for n, (c, s) in enumerate(pairs, start=1)]
-        film["rim_displacement_um"] = [moved[0], *(value for pair in turned for value in pair)]
-    return tables
+        # Re C z^n of the angle's z = exp(it), with C = c - i s
+        waves = [complex(c, -s) for c, s in zip(moved[1::2], moved[2::2], strict=True)]
+        at = complex(*matrix[:, 0])
+        images = [(w.conjugate() if mirrors else w) * at**-n for n, w in enumerate(waves, 1)]
+        film["rim_displacement_um"] = [moved[0], *(x for w in images for x in (w.real, -w.imag))]
+    if swaps:
+        film["d31_pC_N"], film["d32_pC_N"] = film["d32_pC_N"], film["d31_pC_N"]
+        if isinstance(modulus := film["youngs_modulus_GPa"], list):
+            film["poisson_ratio"] *= modulus[1] / modulus[0]
+        for key in ("youngs_modulus_GPa", "pretension_N_m"):
+            if isinstance(film.get(key), list):
+                film[key] = film[key][::-1]
+    return Scene(**tables)

@@ -25,3 +25,11 @@ def refused_text(text: str) -> list[str]:
 def keys(complaints: list[str]) -> list[str]:
     """The keys alone."""
     return [complaint.partition(" = ")[0] for complaint in complaints]
+
+
+def scene_or_mistakes(tables: dict[str, Any]) -> Scene | tuple[str, ...]:
+    """The scene of some tables, or the complaints of its refusal."""
+    try:
+        return Scene(**tables)
+    except SceneError as error:
+        return error.problems

@@ -18,26 +18,20 @@ STEPS = 40
 
 @dataclass(frozen=True)
 class Tap:
-    """A touch with a force like half a sine."""
+    """A touch with a force like a power of half a sine: the power 0 is held from jump to jump."""
 
     begin_s: float
     duration_s: float
     place_mm: tuple[float, float]
     force_N: float
     rotation_deg: float = 0.0
+    power: int = 1
 
     def force(self, t):
-        phase = np.clip((t - self.begin_s) / self.duration_s, 0.0, 1.0)
-        return self.force_N * np.sin(np.pi * phase)
-
-
-@dataclass(frozen=True)
-class Hold(Tap):
-    """A touch that begins and ends with a jump of its force."""
-
-    def force(self, t):
-        held = (t >= self.begin_s) & (t < self.begin_s + self.duration_s)
-        return np.where(held, self.force_N, 0.0)
+        phase = (t - self.begin_s) / self.duration_s
+        pressed = (phase >= 0.0) & (phase < 1.0)
+        course = np.sin(np.pi * np.where(pressed, phase, 0.5)) ** self.power
+        return self.force_N * pressed * course
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,19 +76,15 @@ def stream(
 ):
     """Times and readings in V, (n,) and (n, electrodes)."""
     t = np.arange(round(seconds * rate_Hz)) / rate_Hz
-    fine = np.linspace(t[0], t[-1], (len(t) - 1) * STEPS + 1)
-    charges = sum(charges_of(model, tap, tap.force(fine)) for tap in taps) + np.zeros(
-        (1, len(model.names))
-    )
-    charges = np.broadcast_to(charges, (len(fine), len(model.names)))
-    voltages = np.zeros_like(charges)
-    for e, channel in enumerate(channels(model.scene)):
+    fine, readings = np.linspace(t[0], t[-1], (len(t) - 1) * STEPS + 1), []
+    courses = np.zeros((len(fine), len(model.names)))
+    for tap in taps:
+        courses += charges_of(model, tap, tap.force(fine))
+    for channel, course in zip(channels(model.scene), courses.T, strict=True):
         step = fine[1] / channel.time_constant
         kept, spread = np.exp(-step), -np.expm1(-step) / step if step else 1.0
-        jumps = 1e-12 * spread * np.diff(charges[:, e], prepend=0.0) / channel.capacitance
-        voltages[:, e] = lfilter([1.0], [1.0, -kept], jumps)
-    readings = np.array([c.gain for c in channels(model.scene)]) * voltages[::STEPS]
-    readings = (
-        readings + [c.offset for c in channels(model.scene)] + offset_V + drift_V_s * t[:, None]
-    )
-    return t, readings + noise_V * np.random.default_rng(seed).standard_normal(readings.shape)
+        jumps = 1e-12 * spread * np.diff(course, prepend=0.0) / channel.capacitance
+        voltages = lfilter([1.0], [1.0, -kept], jumps)[::STEPS]
+        readings.append(channel.gain * voltages + channel.offset)
+    noise = noise_V * np.random.default_rng(seed).standard_normal((len(t), len(readings)))
+    return t, np.transpose(readings) + offset_V + drift_V_s * t[:, None] + noise

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from unittest import mock
 
 import xarray
 
 from pvdf_fem import Scene
 from pvdf_fem.sweeps import sweep
-from pvdf_fem.sweeps.store import Record, Store, key
+from pvdf_fem.sweeps.store import Record, key
 
 BASE = Scene().with_(**{"probe.shape": "triangle", "numerics.tolerance": 0.05})
 AXES = [
@@ -39,6 +40,5 @@ def run(store: Path, log: Path | None = None, pause: float = 0.0) -> xarray.Data
                 file.write(" ".join(map(key, scenes)) + "\n")
         return made_up(scenes, frames)
 
-    sweep.records_of = solved
-    with Store(store) as opened:
-        return sweep.sweep(BASE, AXES, opened, processes=1)
+    with mock.patch.object(sweep, "records_of", solved):
+        return sweep.sweep(BASE, AXES, store, processes=1)

@@ -84,3 +84,9 @@ def random_touches(count: int, seed: int, reach_mm: float = 12.0) -> np.ndarray:
     r, a = reach_mm * np.sqrt(draw.random(count)), 2.0 * np.pi * draw.random(count)
     turns, forces = 360.0 * draw.random(count), 0.1 * 50.0 ** draw.random(count)
     return np.stack([r * np.cos(a), r * np.sin(a), turns, forces], axis=1)
+
+
+def read(model, touch, factors=1.0) -> dict[str, float]:
+    """Charges of a touch (4,), times some factors, by electrode."""
+    charges = factors * model.evaluate(np.atleast_2d(touch))[0][0]
+    return dict(zip(model.names, charges.tolist(), strict=True))

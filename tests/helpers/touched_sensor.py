@@ -6,13 +6,13 @@ and are known at once. `made_up` puts them in the place of solves.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 
 from pvdf_fem import Scene
 from pvdf_fem.calibration import model
+from pvdf_fem.calibration.touches import TOUCH_KEYS
 from pvdf_fem.calibration.unknowns import value_of
 from pvdf_fem.derivatives.parameters import COEFFICIENTS
 from pvdf_fem.scene.outlines.outline import turn
@@ -20,8 +20,9 @@ from pvdf_fem.scene.outlines.polygon import triangle
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solvers.status import Status
 
-FILM = {"film.pretension_N_m": 8.0}
-SCENE = Scene.parse('[probe]\nshape = "triangle"\nside_mm = 7.0\n').with_(**FILM)
+SCENE = Scene.parse('[probe]\nshape = "triangle"\nside_mm = 7.0\n').with_(
+    **{"film.pretension_N_m": 8.0}
+)
 NAMES = ("A", "B", "C", "D")
 TRUE = {
     "film.pretension_N_m": 9.5,
@@ -35,53 +36,51 @@ TRUE = {
 }
 UNKNOWN = ("film.pretension_N_m", "gains", "shift", "turn")
 PLACES_MM = np.array([turn([10.0, 0.0], 90.0 * k) for k in range(4)])
+#: What forces of the electrodes depend on.
+KEYS = (*TOUCH_KEYS, "film.pretension_N_m")
 
 
-def rest(scene):
-    """Forces (electrodes, 2) of the untouched film in N: they grow with its tension."""
-    return np.full((4, 2), 0.5 * scene.film.pretension_N_m)
+def forces(at):
+    """Forces X, Y (electrodes, 2) in N under the probe at the values of `KEYS`. Those of the
+    untouched film are half its tension."""
+    x, y, rotation, force, tension = at
+    apart = turn(triangle(7.0), rotation) + np.array([x, y]) - PLACES_MM[:, None]
+    widths = np.array([[81.0, 49.0], [36.0, 81.0]])
+    shares = 1.0 / (1.0 + np.square(apart) @ (1.0 / widths).T)
+    return 0.5 * tension + 60.0 * force / (0.1 * tension + force) ** 0.5 * shares.mean(axis=1)
 
 
-def forces(scene):
-    """Forces X, Y (electrodes, 2) in N under the probe."""
-    probe, tension = scene.single_probe, scene.film.pretension_N_m
-    points = np.array([turn(point, probe.rotation_deg) for point in triangle(7.0)])
-    apart = points + np.array([probe.x_mm, probe.y_mm]) - PLACES_MM[:, None]
-    along = 1.0 / (1.0 + apart[..., 0] ** 2 / 81.0 + apart[..., 1] ** 2 / 49.0)
-    across = 1.0 / (1.0 + apart[..., 0] ** 2 / 36.0 + apart[..., 1] ** 2 / 81.0)
-    size = 60.0 * scene.load.force_N / (0.1 * tension + scene.load.force_N) ** 0.5
-    return rest(scene) + size * np.stack([along.mean(axis=1), across.mean(axis=1)], axis=1)
-
-
-@dataclass
-class Solved:
+def solved(scene, goals):
     """What a calibration asks of a solution."""
-
-    scene: Scene
-
-    def __post_init__(self):
-        self.status, self.reason = Status.CONVERGED, ""
-        self.fields = SimpleNamespace(forces=SimpleNamespace(values=forces(self.scene)))
-        self.charge_errors_pC = dict.fromkeys(NAMES, 0.0)
-        self.charges_pC = dict.fromkeys(NAMES, 1.0)
+    at = np.array([value_of(scene, key) for key in KEYS])
+    return SimpleNamespace(
+        at=at,
+        status=Status.CONVERGED,
+        reason="",
+        fields=SimpleNamespace(forces=SimpleNamespace(values=forces(at))),
+        charge_errors_pC=dict.fromkeys(NAMES, 0.0),
+        charges_pC=dict.fromkeys(NAMES, 1.0),
+    )
 
 
 def rates(solution, keys):
     """Derivatives (keys, electrodes, 2) of the forces."""
+    steps = [1e-5 * (np.array(KEYS) == key) for key in keys]
+    ends = [(forces(solution.at + step), forces(solution.at - step)) for step in steps]
+    return np.array([(ahead - back) / 2e-5 for ahead, back in ends])
 
-    def moved(key, step):
-        value = value_of(solution.scene, key)
-        return forces(solution.scene.with_(**{key: value + step}))
 
-    return np.array([(moved(key, 1e-5) - moved(key, -1e-5)) / 2e-5 for key in keys])
+def rest(scene, needed):
+    """Forces of the untouched film."""
+    return SimpleNamespace(values=np.full((4, 2), 0.5 * scene.film.pretension_N_m))
 
 
 def made_up(patch):
     """Let calibrations solve the made-up sensor."""
     patch.setattr(model, "goals_of", lambda scene: None)
-    patch.setattr(model, "solve_goals", lambda scene, goals: Solved(scene))
+    patch.setattr(model, "solve_goals", solved)
     patch.setattr(model, "force_rates", rates)
-    patch.setattr(model, "rest_forces", lambda scene, needed: SimpleNamespace(values=rest(scene)))
+    patch.setattr(model, "rest_forces", rest)
 
 
 def drawn(count, place_sd, seed):
@@ -93,20 +92,15 @@ def drawn(count, place_sd, seed):
     return places, places + place_sd * rng.standard_normal((count, 2)), rotations, forces_N, rng
 
 
-def made(count=24, sigma=0.0, place_sd=0.0, seed=1, true=TRUE, **changes):
-    """Columns of touches with readings of the changes in pC; some columns may be replaced."""
+def made(count=24, sigma=0.0, place_sd=0.0, seed=1, true=TRUE):
+    """Columns of touches with readings of the changes in pC."""
     places, moved, rotations, forces_N, rng = drawn(count, place_sd, seed)
     stage = Stage(**{key[6:]: value for key, value in true.items() if key.startswith("stage.")})
     on_film, turned = stage.to_film(moved, rotations)
-    film = {key: value for key, value in true.items() if key.startswith("film.")}
-    scene, rows = SCENE.with_(**film), []
-    d = np.array([value_of(scene, key) for key in COEFFICIENTS])
-    for (x, y), rotation, force in zip(on_film, turned, forces_N, strict=True):
-        probe = {"probe.x_mm": x, "probe.y_mm": y, "probe.rotation_deg": rotation}
-        touched = scene.with_(**probe, **{"load.force_N": force})
-        rows.append((forces(touched) - rest(touched)) @ d)
+    tension, d = true["film.pretension_N_m"], [value_of(SCENE, key) for key in COEFFICIENTS]
+    touches = np.column_stack([on_film, turned, forces_N, np.full(count, tension)])
+    charges = np.array([(forces(at) - 0.5 * tension) @ d for at in touches])
     gains = np.array([true.get(f"gain.{name}", 1.0) for name in NAMES])
-    readings = gains * np.array(rows) * (1.0 + sigma * rng.standard_normal((count, 4)))
+    readings = gains * charges * (1.0 + sigma * rng.standard_normal((count, 4)))
     columns = {"x_mm": places[:, 0], "y_mm": places[:, 1], "rotation_deg": rotations}
-    columns |= {"force_N": forces_N, **dict(zip(NAMES, readings.T, strict=True))}
-    return {**columns, **changes}
+    return {**columns, "force_N": forces_N, **dict(zip(NAMES, readings.T, strict=True))}

@@ -6,14 +6,17 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+import time
+from multiprocessing import get_all_start_methods, get_context
 from pathlib import Path
 
 import gmsh
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.mesh.gmsh_mesh import GmshInUseError, MeshError
+from pvdf_fem.mesh.gmsh_mesh import GmshInUseError
+from pvdf_fem.solution.history import Stop
+from pvdf_fem.solvers.status import Status
 from tests.helpers.discs import RECTANGLE, graded_mesh
 
 ROOT = Path(__file__).parents[2]
@@ -49,17 +52,41 @@ def test_threads_mesh_alike_one_after_another_and_leave_no_session() -> None:
     assert not gmsh.isInitialized()
 
 
-def test_no_session_is_left_by_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_is_named_and_leaves_no_session(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(_: int) -> None:
         raise Exception("no elements in surface 7")
 
     monkeypatch.setattr(gmsh.model.mesh, "generate", fail)
-    with pytest.raises(MeshError, match="no elements in surface 7"):
-        graded_mesh(RECTANGLE, 1.0, 6.0)
+    solution = solve(RECTANGLE)
+    assert (solution.status, solution.stop) == (Status.MESH_FAILED, Stop.NO_MESH)
+    assert "no elements in surface 7" in solution.reason
     assert not gmsh.isInitialized()
 
 
-# ------------------------------------------------------------------------- gmsh cannot be loaded
+@pytest.mark.skipif("fork" not in get_all_start_methods(), reason="the system does not fork")
+@pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
+def test_a_forked_process_meshes_though_another_thread_was_meshing() -> None:
+    stopped = threading.Event()
+
+    def work() -> None:
+        while not stopped.is_set():
+            graded_mesh(RECTANGLE, 3.0, 12.0)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    try:
+        for _ in range(5):
+            time.sleep(0.03)
+            child = get_context("fork").Process(target=graded_mesh, args=(RECTANGLE, 3.0, 12.0))
+            child.start()
+            child.join(20.0)
+            ended = child.exitcode
+            child.kill()
+            assert ended == 0
+    finally:
+        stopped.set()
+        thread.join()
+
 
 # Imported by Python at start: plays a machine on which a library that gmsh loads is missing.
 NO_GLU = """
@@ -72,56 +99,24 @@ class Library(ctypes.CDLL):
         super().__init__(name, *args, **kwargs)
 ctypes.CDLL = Library
 """
-SCENE = '[probe]\nshape = "circle"\n'
-Run = Callable[..., subprocess.CompletedProcess[str]]
+SWEEP = """
+scene.probe.shape = "circle"
+axes = [{ load.force_N = [1, 2] }, { probe.x_mm = [0, 1] }]
+"""
 
 
-@pytest.fixture
-def without_glu(tmp_path: Path) -> Run:
-    """Runs Python without libGLU, in a folder with a scene and a sweep of it."""
+def test_without_a_library_only_meshing_fails_and_names_the_package_once(tmp_path: Path) -> None:
+    """Also where several processes mesh."""
     (tmp_path / "sitecustomize.py").write_text(NO_GLU)
-    (tmp_path / "scene.toml").write_text(SCENE)
-    sweep = 'scene = "scene.toml"\n[[axes]]\nload.force_N = [1, 2]\n[[axes]]\nprobe.x_mm = [0, 1]\n'
-    (tmp_path / "sweep.toml").write_text(sweep)
-
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, *arguments],
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}"},
-            capture_output=True,
-            text=True,
-            timeout=100,
-        )
-
-    return run
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        "solve scene.toml --json",
-        "locate scene.toml --charges A=1,B=2,C=3",
-        "sweep sweep.toml --processes 2",
-    ],
-)
-def test_a_command_names_the_missing_package_once(without_glu: Run, command: str) -> None:
-    done = without_glu("-m", "pvdf_fem", *command.split())
+    (tmp_path / "sweep.toml").write_text(SWEEP)
+    done = subprocess.run(
+        [sys.executable, "-m", "pvdf_fem", "sweep", "sweep.toml", "--processes", "2"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}"},
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
     assert done.returncode == 2
-    # before it, `locate` says which model it builds
     assert done.stderr.splitlines()[-1].endswith("apt-get install libglu1-mesa")
     assert done.stderr.count("libglu1-mesa") == 1
-
-
-def test_only_meshing_needs_gmsh(without_glu: Run) -> None:
-    script = f"""
-from pvdf_fem import *
-scene = Scene.parse({SCENE!r})
-try:
-    solve(scene)
-except ImportError as error:
-    print(error)
-"""
-    done = without_glu("-c", script)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "libGLU.so.1" in done.stdout

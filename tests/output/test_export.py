@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,27 +17,33 @@ from pvdf_fem import Scene, Solution, solve
 from pvdf_fem.files import FileError
 from pvdf_fem.output.export import FORMATS, ExportError, write_mesh
 from pvdf_fem.solvers.status import NotConvergedError, Status
-from tests.helpers.discs import LOADS, TRIANGLE, uniform_mesh
+from tests.helpers.discs import uniform_mesh
 
-# The probe presses on half of electrode A.
-OVERLAPPING = Scene.parse('[probe]\nshape = "rectangle"\nx_mm = 3.0')
+NAME = "<é & b>"
+# The probe presses on half of the first electrode.
+SCENE = Scene(
+    electrodes=[{"name": NAME, "x_mm": 10.0, "y_mm": 0.0}, {"name": "C", "x_mm": -10.0, "y_mm": 0}],
+    probe={"shape": "rectangle", "x_mm": 3.0},
+    load={"kind": "follower"},
+)
 STRESSES = ("S11_Pa", "S22_Pa", "S12_Pa")
 
 
 @pytest.fixture(scope="module")
 def solution() -> Solution:
-    return solve(OVERLAPPING.with_(**LOADS["follower"]))
+    return solve(SCENE)
 
 
 def areas(points: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.float64]:
     """Signed areas of curved six-node triangles: each side's parabola adds 2/3 of its chord's."""
-    x, y = points[triangles, :2].swapaxes(0, 2).swapaxes(1, 2)
-    total = np.zeros(len(triangles))
-    for a, middle, b in ((0, 3, 1), (1, 4, 2), (2, 5, 0)):
-        total += 0.5 * (x[:, a] * y[:, b] - x[:, b] * y[:, a])
-        dx, dy = x[:, b] - x[:, a], y[:, b] - y[:, a]
-        total += 2.0 / 3.0 * ((x[:, middle] - x[:, a]) * dy - (y[:, middle] - y[:, a]) * dx)
-    return total
+
+    def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+        return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+    corners, middles = points[triangles[:, :3]], points[triangles[:, 3:]]
+    after = np.roll(corners, -1, axis=1)
+    bulges = cross(middles - corners, after - corners)
+    return (0.5 * cross(corners, after) + 2.0 / 3.0 * bulges).sum(axis=1)
 
 
 def read_vtu(solution: Solution, path: Path) -> tuple[meshio.Mesh, dict[str, Any]]:
@@ -47,27 +52,21 @@ def read_vtu(solution: Solution, path: Path) -> tuple[meshio.Mesh, dict[str, Any
     return grid, {name: values[0] for name, values in grid.cell_data.items()}
 
 
-def test_charges_follow_from_the_vtu_file(solution: Solution, tmp_path: Path) -> None:
+def test_charges_follow_from_the_vtu_file(solution, tmp_path):
     grid, cells = read_vtu(solution, tmp_path / "a.vtu")
     area = areas(grid.points, grid.cells[0].data)
     assert area.min() > 0.0
     assert area.sum() == pytest.approx(np.pi * 0.045**2, rel=1e-4)
     for name, charge in solution.charges_pC.items():
         inside = cells[f"electrode {name}"] == 1
-        assert area[inside].sum() == pytest.approx(9e-6, rel=1e-10)
         forces = ((cells["S11_Pa"] + cells["S22_Pa"]) * area)[inside].sum()
         assert 8.0 * forces == pytest.approx(charge, rel=1e-9)
-    assert area[cells["probe"] == 1].sum() == pytest.approx(98e-6, rel=1e-10)
 
 
-def test_vtu_displacement_is_that_of_the_solution(solution: Solution, tmp_path: Path) -> None:
+def test_vtu_displacement_is_that_of_the_solution(solution, tmp_path):
+    """Also in the middles of sides, which are no nodes of an order-3 solution."""
     grid, _ = read_vtu(solution, tmp_path / "a.vtu")
     found = grid.point_data["displacement_m"]
-    distance, node = cKDTree(grid.points[:, :2]).query(solution.basis.doflocs.T)
-    shared = distance < 1e-12
-    assert shared.sum() == solution.mesh.nvertices
-    np.testing.assert_allclose(found[node[shared]], solution.displacement[shared], rtol=1e-14)
-    # the middles of sides are no nodes of an order-3 solution
     for component in range(3):
         halved, values = solution.basis.refinterp(solution.displacement[:, component], nrefs=1)
         distance, node = cKDTree(grid.points[:, :2]).query(halved.p.T)
@@ -76,36 +75,29 @@ def test_vtu_displacement_is_that_of_the_solution(solution: Solution, tmp_path: 
     assert np.all(found[np.hypot(*grid.points[:, :2].T) > 0.045 * (1 - 1e-6)] == 0.0)
 
 
-def test_files_have_names_charges_and_the_scene(tmp_path: Path) -> None:
+def test_a_vtu_file_has_charges_and_the_scene(solution, tmp_path):
     """For meshio, and for VTK as ParaView reads it."""
-    square = {"name": "<é & b>", "x_mm": 3.0, "y_mm": 0.0, "side_mm": 4.0}
-    scene = OVERLAPPING.with_(electrodes=[square], **{"numerics.tolerance": 0.05})
-    solution, path = solve(scene), tmp_path / "a.vtu"
-    grid, _ = read_vtu(solution, path)
-    fields, name = grid.field_data, "<é & b>"
-    assert fields[f"charge_pC {name}"].tolist() == [solution.charges_pC[name]]
-    assert fields[f"charge_error_pC {name}"].tolist() == [solution.charge_errors_pC[name]]
-    assert Scene.parse(fields["scene_toml"].tobytes().decode()) == scene
-    for extension in (".msh", ".inp", ".vtu", ".vtk"):
-        write_mesh(solution.mesh, tmp_path / f"mesh{extension}")
-        mesh = meshio.read(tmp_path / f"mesh{extension}")
-        assert _patch(mesh, FORMATS[extension].patches, f"electrode {name}").any()
-    vtk = pytest.importorskip("pyvista", reason="VTK reads what ParaView reads").read(path)
-    assert {*vtk.field_data.keys()} >= {*fields}
-    assert vtk.field_data[f"charge_pC {name}"].tolist() == [solution.charges_pC[name]]
+    grid, _ = read_vtu(solution, tmp_path / "a.vtu")
+    charges = {f"charge_pC {name}": [charge] for name, charge in solution.charges_pC.items()}
+    charges |= {f"charge_error_pC {name}": [e] for name, e in solution.charge_errors_pC.items()}
+    assert {name: grid.field_data[name].tolist() for name in charges} == charges
+    assert Scene.parse(grid.field_data["scene_toml"].tobytes().decode()) == SCENE
+    pyvista = pytest.importorskip("pyvista", reason="VTK reads what ParaView reads")
+    vtk = pyvista.read(tmp_path / "a.vtu")
+    assert {name: vtk.field_data[name].tolist() for name in charges} == charges
     np.testing.assert_array_equal(vtk.point_data["deflection_m"], grid.point_data["deflection_m"])
 
 
-def test_vtu_nodal_stress_is_the_mean_around_a_node(tmp_path: Path) -> None:
+def test_vtu_nodal_stress_is_the_mean_around_a_node(tmp_path):
     """Linear elements have one stress each, so that the mean can be taken from the file."""
-    mesh = uniform_mesh(OVERLAPPING, 4.0)
-    grid, cells = read_vtu(solve(OVERLAPPING, mesh=mesh, order=1), tmp_path / "a.vtu")
-    triangles = grid.cells[0].data
+    mesh = uniform_mesh(SCENE, 4.0)
+    grid, cells = read_vtu(solve(SCENE, mesh=mesh, order=1), tmp_path / "a.vtu")
+    triangles, points = grid.cells[0].data, grid.points
+    corner, area = triangles[:, :3], areas(points, triangles)
+    middles = 0.5 * (points[corner] + points[np.roll(corner, -1, axis=1)])
+    curved = np.abs(middles - points[triangles[:, 3:]]).max(axis=(1, 2)) > 1e-9
     # curved elements, on the rim, have no single stress
-    corner = triangles[:, :3]
-    rim = np.isin(np.arange(len(grid.points)), np.unique(triangles[_is_curved(grid)]))
-    area = areas(grid.points, triangles)
-    for node in np.flatnonzero(~rim):
+    for node in np.setdiff1d(np.arange(len(points)), triangles[curved]):
         around = (triangles == node).any(axis=1)
         mean = [np.average(cells[c][around], weights=area[around]) for c in STRESSES]
         found = [grid.point_data[c][node] for c in STRESSES]
@@ -117,23 +109,8 @@ def test_vtu_nodal_stress_is_the_mean_around_a_node(tmp_path: Path) -> None:
     np.testing.assert_allclose(u[triangles[:, 3]], u[corner[:, :2]].mean(axis=1), atol=1e-15)
 
 
-def _is_curved(grid: meshio.Mesh) -> NDArray[np.bool_]:
-    p = grid.points[grid.cells[0].data]
-    middles = 0.5 * (p[:, :3] + np.roll(p[:, :3], -1, axis=1))
-    return np.abs(middles - p[:, 3:]).max(axis=(1, 2)) > 1e-9
-
-
-def test_no_file_of_a_failed_solve(tmp_path: Path) -> None:
-    failed = Solution(TRIANGLE, Status.UNSTABLE, "lower the load")
-    with pytest.raises(NotConvergedError, match="unstable"):
-        failed.to_vtu(tmp_path / "a.vtu")
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize("extension", FORMATS)
-def test_patches_survive_in_every_format(
-    solution: Solution, tmp_path: Path, extension: str
-) -> None:
+def test_patches_survive_in_every_format(solution, tmp_path, extension):
     path = tmp_path / f"mesh{extension}"
     if extension == ".xdmf" and not importlib.util.find_spec("h5py"):
         with pytest.raises(ExportError, match="h5py"):
@@ -146,7 +123,7 @@ def test_patches_survive_in_every_format(
     area = areas(grid.points, triangles)
     assert triangles.shape == (solution.mesh.nelements, 6)
     assert area.min() > 0.0
-    for name, expected in (("electrode A", 9e-6), ("electrode C", 9e-6), ("probe", 98e-6)):
+    for name, expected in ((f"electrode {NAME}", 9e-6), ("electrode C", 9e-6), ("probe", 98e-6)):
         inside = _patch(grid, FORMATS[extension].patches, name)
         assert area[inside].sum() == pytest.approx(expected, rel=1e-10)
 
@@ -167,54 +144,45 @@ def _patch(grid: meshio.Mesh, patches: str, name: str) -> NDArray[np.bool_]:
     return inside
 
 
-def test_rim_of_the_mesh_files(solution: Solution, tmp_path: Path) -> None:
-    write_mesh(solution.mesh, tmp_path / "a.inp")
-    grid = meshio.read(tmp_path / "a.inp")
-    on_rim = np.hypot(*grid.points[:, :2].T) > 0.045 * (1 - 1e-6)
-    np.testing.assert_array_equal(np.sort(grid.point_sets["rim"]), np.flatnonzero(on_rim))
-
-    write_mesh(solution.mesh, tmp_path / "a.msh")
-    grid = meshio.read(tmp_path / "a.msh")
-    lines = grid.cells_dict["line3"]
-    assert set(np.unique(lines)) == set(np.flatnonzero(on_rim))
-    points = grid.points[lines[:, [0, 2, 1]]]
-    length = sum(np.linalg.norm(b - a, axis=-1).sum() for a, b in pairwise(points.swapaxes(0, 1)))
+def test_rim_of_the_mesh_files(solution, tmp_path):
+    for name in ("a.inp", "a.msh"):
+        write_mesh(solution.mesh, tmp_path / name)
+    grid, lines = meshio.read(tmp_path / "a.inp"), meshio.read(tmp_path / "a.msh").cells[1].data
+    on_rim = np.flatnonzero(np.hypot(*grid.points[:, :2].T) > 0.045 * (1 - 1e-6))
+    np.testing.assert_array_equal(np.sort(grid.point_sets["rim"]), on_rim)
+    assert set(lines.ravel()) == set(on_rim)
+    start, end, middle = np.moveaxis(grid.points[lines], 1, 0)
+    length = np.linalg.norm([middle - start, end - middle], axis=-1).sum()
     assert length == pytest.approx(2 * np.pi * 0.045, rel=1e-2)
 
 
-def test_gmsh_reads_sound_elements_and_named_groups(solution: Solution, tmp_path: Path) -> None:
+def test_gmsh_reads_sound_elements_and_named_groups(solution, tmp_path):
     write_mesh(solution.mesh, tmp_path / "a.msh")
     gmsh.initialize(["", "-v", "1"], readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.open(str(tmp_path / "a.msh"))
         _, elements, _ = gmsh.model.mesh.getElements(2)
-        quality = gmsh.model.mesh.getElementQualities(elements[0], "minSJ")
+        assert gmsh.model.mesh.getElementQualities(elements[0], "minSJ").min() > 0.1
         names = {gmsh.model.getPhysicalName(*group) for group in gmsh.model.getPhysicalGroups()}
     finally:
         gmsh.finalize()
-    assert quality.min() > 0.1
-    electrodes = {f"electrode {name}" for name in "ABCD"}
-    assert names == electrodes | {"film", "probe", "electrode A + probe", "rim"}
+    electrodes = {f"electrode {NAME}", f"electrode {NAME} + probe", "electrode C"}
+    assert names == electrodes | {"film", "probe", "rim"}
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["mesh.stl", "mesh", ".vtu", "directory.vtu", "none/a.vtu", "file/a.vtu", f"{300 * 'a'}.vtu"],
-)
-def test_places_and_formats_that_cannot_be_written_are_named(
-    solution: Solution, tmp_path: Path, name: str
-) -> None:
+@pytest.mark.parametrize("name", ["mesh.stl", "mesh", ".vtu", "directory.vtu", "none/a.vtu"])
+def test_places_and_formats_that_cannot_be_written_are_named(solution, tmp_path, name):
     (tmp_path / "directory.vtu").mkdir()
-    (tmp_path / "file").touch()
+    with pytest.raises(NotConvergedError):
+        Solution(SCENE, Status.UNSTABLE, "lower the load").to_vtu(tmp_path / "a.vtu")
     for write in (solution.to_vtu, lambda path: write_mesh(solution.mesh, path)):
-        with pytest.raises((ExportError, FileError)) as caught:
+        with pytest.raises(FileError, match=name):
             write(tmp_path / name)
-        assert name in str(caught.value)
-    assert {file.name for file in tmp_path.iterdir()} == {"directory.vtu", "file"}
+    assert [file.name for file in tmp_path.iterdir()] == ["directory.vtu"]
 
 
-def test_names_that_become_equal_are_refused(tmp_path: Path) -> None:
+def test_names_that_become_equal_are_refused(tmp_path):
     squares = [{"name": name, "x_mm": x, "y_mm": 0.0} for name, x in (("a b", 0), ("a_b", 9))]
     mesh = uniform_mesh(Scene().with_(electrodes=squares), 9.0)
     with pytest.raises(ExportError):

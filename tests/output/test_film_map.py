@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -12,8 +9,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 
 from pvdf_fem import NotConvergedError, Scene, Solution, solve
 from pvdf_fem.charges.goals import goals_of
-from pvdf_fem.charges.point_values import values_in_elements
-from pvdf_fem.output.figures import new_figure, save, style
+from pvdf_fem.output.figures import content_of, new_figure, style
 from pvdf_fem.output.film_map import MAPS, sampled
 from pvdf_fem.solution.next_order import error_shares
 from pvdf_fem.solvers.status import Status
@@ -39,7 +35,7 @@ def labels(ax: Axes) -> list[str]:
     return [text.get_text() for text in ax.texts]
 
 
-def test_deflection_map_shows_deflection_charges_and_outlines(solution: Solution) -> None:
+def test_deflection_map_shows_deflection_charges_and_outlines(solution):
     ax = axes()
     assert solution.plot(ax=ax) is ax.figure
     for name, charge in solution.charges_pC.items():
@@ -55,52 +51,33 @@ def test_deflection_map_shows_deflection_charges_and_outlines(solution: Solution
     assert "(mm)" in ax.get_ylabel()
 
 
-def test_a_film_that_is_pulled_is_palest_where_it_stays(monkeypatch: pytest.MonkeyPatch) -> None:
-    pressed, pulled = axes(), axes()
-    flat = solve(Scene.example("triangle").with_(**{"numerics.tolerance": 0.02}))
-    flat.plot(ax=pressed)
-    deflection = MAPS["deflection"]
-    upwards = replace(deflection, values=lambda at: -at.deflection_mm)
-    monkeypatch.setitem(MAPS, "deflection", upwards)
-    flat.plot(ax=pulled)
-    down, up = (ax.collections[0] for ax in (pressed, pulled))
-    np.testing.assert_allclose(down.levels, -up.levels[::-1], atol=1e-12)
-    shades = down.to_rgba(down.levels[:-1]), up.to_rgba(up.levels[:0:-1])
-    np.testing.assert_allclose(*shades, atol=0.01)
-
-
-def test_maps_of_a_flat_film(tmp_path: Path) -> None:
-    ax, flat = axes(), solve(Scene())
-    flat.plot(ax=ax)
+def test_maps_of_a_flat_film():
+    flat = solve(Scene())
+    flat.plot(ax=(ax := axes()))
     assert all("48 ± " in text for text in labels(ax))
     for name in ("stress", "principal directions", "error"):
-        save(flat.plot(name), tmp_path / "flat.png")
+        assert content_of(flat.plot(name), ".png")
 
 
-def test_values_in_elements_are_those_at_their_places(solution: Solution) -> None:
-    """Inside of elements, where the stress has one value."""
-    local, fields = np.array([[0.3, 0.1, 0.5], [0.3, 0.7, 0.2]]), solution.fields
-    inside = values_in_elements(fields.equilibrium, fields.state, local)
+@pytest.mark.parametrize("name", [name for name, shown in MAPS.items() if shown.values])
+def test_fields_have_the_values_at_their_places(solution, name):
+    """Inside of elements, where the stress has one value; colours but those of levels go from the
+    least value to the largest one."""
+    shown, film = MAPS[name], solution.film_data()
+    inside = film.in_elements(np.array([[0.3, 0.1, 0.5], [0.3, 0.7, 0.2]]))
     at = solution.at(inside.x_mm, inside.y_mm)
     np.testing.assert_allclose(inside.displacement_mm, at.displacement_mm, atol=1e-12)
-    np.testing.assert_allclose(inside.stress_MPa, at.stress_MPa, rtol=1e-9, atol=1e-9)
-    density = MAPS["charge density"].values
-    assert density is not None
-    np.testing.assert_allclose(density(inside), at.charge_density_pC_mm2, rtol=1e-9)
+    np.testing.assert_allclose(shown.values(inside), shown.values(at), rtol=1e-9, atol=1e-9)
+    *_, values = sampled(film, shown)
+    figure = solution.plot(name)
+    assert figure.axes[-1].get_ylabel() == shown.label
+    if name != "deflection":
+        drawn = figure.axes[0].collections[0]
+        np.testing.assert_array_equal(drawn.get_array(), values.ravel())
+        assert drawn.get_clim() == (values.min(), values.max())
 
 
-@pytest.mark.parametrize("name", ["stress", "charge density", "principal directions"])
-def test_colours_go_from_the_least_to_the_largest_value(solution: Solution, name: str) -> None:
-    ax, quantity = axes(), MAPS[name]
-    figure = solution.plot(name, ax=ax)
-    _, _, values = sampled(solution.film_data(), quantity)
-    drawn = ax.collections[0]
-    np.testing.assert_array_equal(drawn.get_array(), values.ravel())
-    assert drawn.get_clim() == (values.min(), values.max())
-    assert figure.axes[-1].get_ylabel() == quantity.label
-
-
-def test_the_rim_is_drawn_round(solution: Solution) -> None:
+def test_the_rim_is_drawn_round(solution):
     """Straight sides between the nodes on the rim would be far inside of it."""
     at, *_ = sampled(solution.film_data(), MAPS["stress"])
     angle, radius = np.arctan2(at.y_mm, at.x_mm), np.hypot(at.x_mm, at.y_mm)
@@ -108,7 +85,7 @@ def test_the_rim_is_drawn_round(solution: Solution) -> None:
     assert min(outermost) > 0.9995 * solution.scene.film.radius_mm
 
 
-def test_strokes_are_along_the_larger_principal_stress(solution: Solution) -> None:
+def test_strokes_are_along_the_larger_principal_stress(solution):
     ax = axes()
     solution.plot("principal directions", ax=ax, reach_mm=20.0)
     [strokes] = [c for c in ax.collections if isinstance(c, LineCollection)]
@@ -120,7 +97,7 @@ def test_strokes_are_along_the_larger_principal_stress(solution: Solution) -> No
         assert abs(vectors[:, 1] @ way) == pytest.approx(np.linalg.norm(way), rel=1e-6)
 
 
-def test_mesh_and_error_shares_are_of_all_elements(solution: Solution) -> None:
+def test_mesh_and_error_shares_are_of_all_elements(solution):
     mesh, errors = axes(), axes()
     solution.plot("mesh", ax=mesh)
     solution.plot("error", ax=errors)
@@ -138,55 +115,43 @@ def test_mesh_and_error_shares_are_of_all_elements(solution: Solution) -> None:
         assert 0.1 * error < sums[name] < 1e3 * error
 
 
-def test_contact_has_the_limits_and_the_edge_of_the_touch(touched: Solution) -> None:
-    ax = axes()
-    touched.plot("contact", ax=ax)
-    [contact] = touched.contacts.values()
-    limits = contact.least_pressure_MPa, contact.largest_pressure_MPa
-    assert ax.collections[0].get_clim() == pytest.approx(limits)
-    assert any(np.array_equal(line.get_xydata(), contact.edge_mm) for line in ax.lines)
-
-
-def test_a_quantity_that_there_is_not_is_refused(solution: Solution) -> None:
-    with pytest.raises(ValueError, match="strain") as caught:
-        solution.plot("strain")
-    assert all(name in str(caught.value) for name in MAPS)
-    with pytest.raises(ValueError, match=r"load\.kind"):
-        solution.plot("contact")
-    with pytest.raises(NotConvergedError):
-        Solution(Scene(), Status.MAX_ITERATIONS, "no").plot()
-
-
-def test_charges_as_a_table_of_pandas(solution: Solution) -> None:
-    table = solution.to_dataframe()
-    assert table.index.tolist() == list("ABCD")
-    assert table.charges_pC.to_dict() == solution.charges_pC
-    assert table.charge_changes_pC["A"] == solution.charge_changes_pC["A"]
-
-
-def test_a_contact_is_enlarged_unless_a_reach_is_given(touched: Solution) -> None:
+def test_a_contact_has_limits_and_an_edge_and_is_enlarged(touched):
     own, given = axes(), axes()
     touched.plot("contact", ax=own)
     touched.plot("contact", ax=given, reach_mm=15.0)
-    edge = touched.contacts["probe"].edge_mm
-    assert np.ptp(edge, axis=0).max() < np.ptp(own.get_xlim()) < 2.0 * np.ptp(edge, axis=0).max()
+    [contact] = touched.contacts.values()
+    limits = contact.least_pressure_MPa, contact.largest_pressure_MPa
+    assert own.collections[0].get_clim() == pytest.approx(limits)
+    assert any(np.array_equal(line.get_xydata(), contact.edge_mm) for line in own.lines)
+    extent = np.ptp(contact.edge_mm, axis=0).max()
+    assert extent < np.ptp(own.get_xlim()) < 2.0 * extent
     [inset] = own.child_axes
     np.testing.assert_allclose(inset.lines[-1].get_xydata()[0], [5.0, 1.0], atol=0.1)
     assert np.ptp(given.get_xlim()) == pytest.approx(30.0, rel=0.05)
     assert not given.child_axes
 
 
-@pytest.mark.parametrize("reach_mm", [0.0, -5.0, float("nan")])
-def test_a_reach_is_positive(solution: Solution, reach_mm: float) -> None:
-    with pytest.raises(ValueError, match="reach_mm"):
-        solution.plot(reach_mm=reach_mm)
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [(["strain"], "strain"), (["contact"], r"load\.kind")]
+    + [(["stress", None, reach], "reach_mm") for reach in (0.0, -5.0, float("nan"))],
+)
+def test_what_cannot_be_drawn_is_refused(solution, arguments, told):
+    with pytest.raises(ValueError, match=told):
+        solution.plot(*arguments)
+    with pytest.raises(NotConvergedError):
+        Solution(Scene(), Status.MAX_ITERATIONS, "no").plot(*arguments)
 
 
-def test_the_title_says_what_presses_and_many_electrodes_have_names_only(
-    solution: Solution,
-) -> None:
-    ax = axes()
-    solution.plot(ax=ax)
+def test_charges_as_a_table_of_pandas(solution):
+    table = solution.to_dataframe()
+    assert table.index.tolist() == list("ABCD")
+    assert table.charges_pC.to_dict() == solution.charges_pC
+    assert table.charge_changes_pC["A"] == solution.charge_changes_pC["A"]
+
+
+def test_the_title_says_what_presses_and_many_electrodes_have_names_only(solution):
+    solution.plot(ax=(ax := axes()))
     assert "1 N" in ax.get_title()
     ring = {"layout": "ring", "count": 16, "shape": "circle", "radius_mm": 1.0}
     many = solve(solution.scene.with_(electrodes=ring))

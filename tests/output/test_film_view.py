@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pvdf_fem import Scene, Solution, solve
+from pvdf_fem import Scene, solve
+from pvdf_fem.output.film_map import MAPS
+from pvdf_fem.output.film_view import NoRenderingError, film_mesh, require_rendering
+
+pytest.importorskip("pyvista", reason="views in 3-D need pyvista")
 
 
 @pytest.fixture(scope="module")
-def solution() -> Solution:
+def solution():
     return solve(Scene.example("triangle").with_(**{"numerics.tolerance": 0.05}))
 
 
-def test_the_surface_is_the_deflected_film(solution: Solution) -> None:
-    pytest.importorskip("pyvista", reason="views in 3-D need pyvista")
-    from pvdf_fem.output.film_map import MAPS
-    from pvdf_fem.output.film_view import film_mesh
-
+def test_the_surface_is_the_deflected_film(solution):
     film = film_mesh(solution.film_data(), MAPS["stress"], scale=2.0)
     low_x, high_x, low_y, high_y, low_z, high_z = film.bounds
     assert (low_y, high_y) == pytest.approx((-45.0, 45.0), rel=1e-3)
@@ -31,11 +30,8 @@ def test_the_surface_is_the_deflected_film(solution: Solution) -> None:
     assert values.max() == pytest.approx(solution.at(5.0, 0.0).stress_MPa[:2].sum(), rel=0.5)
 
 
-def test_a_page_needs_nothing_else(solution: Solution, tmp_path: Path) -> None:
-    pytest.importorskip("pyvista", reason="views in 3-D need pyvista")
+def test_a_page_needs_nothing_else(solution, tmp_path):
     pytest.importorskip("trame_vtk", reason="pages in 3-D need trame-vtk")
-    from pvdf_fem.output.film_view import NoRenderingError, require_rendering
-
     try:
         require_rendering()
     except NoRenderingError as error:
@@ -48,18 +44,13 @@ def test_a_page_needs_nothing_else(solution: Solution, tmp_path: Path) -> None:
         solution.view("mesh")
 
 
-def test_what_is_missing_is_named(
-    solution: Solution, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_what_is_missing_is_named(solution, monkeypatch, tmp_path):
     """A package, or a way to render: a stand-in for Python ends as VTK does without EGL, OSMesa
     and a display, and Python goes on."""
     with monkeypatch.context() as patch:
         patch.setitem(sys.modules, "pyvista", None)
         with pytest.raises(ImportError, match=r"pvdf-fem\[view\]"):
             solution.view()
-    pytest.importorskip("pyvista", reason="views in 3-D need pyvista")
-    from pvdf_fem.output.film_view import NoRenderingError, require_rendering
-
     crashes, page = tmp_path / "python", tmp_path / "film.html"
     crashes.write_text("#!/bin/sh\nkill -SEGV $$\n")
     crashes.chmod(0o755)

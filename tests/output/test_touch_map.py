@@ -17,7 +17,7 @@ TOUCH = np.array([[3.0, -4.0, 25.0, 0.7]])
 
 
 def located(*unknown: str, sigma: float = 0.01, **changes: object) -> Location:
-    model = bumps(**changes)  # type: ignore[arg-type]
+    model = bumps(**changes)
     charges = dict(zip(model.names, model.evaluate(TOUCH)[0][0], strict=True))
     known = dict(zip(("x_mm", "y_mm", "rotation_deg", "force_N"), TOUCH[0], strict=True))
     known = {name: value for name, value in known.items() if name not in unknown}
@@ -29,7 +29,7 @@ def found() -> Location:
     return located("x_mm", "y_mm", "force_N")
 
 
-def test_isocharge_lines_are_where_the_model_has_their_charge() -> None:
+def test_isocharge_lines_are_where_the_model_has_their_charge():
     model = bumps()
 
     def charge(places: np.ndarray) -> np.ndarray:
@@ -43,7 +43,7 @@ def test_isocharge_lines_are_where_the_model_has_their_charge() -> None:
     assert np.hypot(*filled.get_paths()[0].vertices.T).max() <= 12.0 + 1e-9
 
 
-def test_the_ellipse_is_that_of_the_covariance(found: Location) -> None:
+def test_the_ellipse_is_that_of_the_covariance(found):
     near = found.plot().axes[1]
     [drawn] = [line.get_xydata() for line in near.lines if len(line.get_xdata()) > 1]
     apart = drawn - found.best.values[:2]
@@ -53,7 +53,7 @@ def test_the_ellipse_is_that_of_the_covariance(found: Location) -> None:
     np.testing.assert_allclose(apart.max(axis=0), deviations, rtol=1e-2)
 
 
-def test_the_likelihood_is_that_of_the_likeliest_force() -> None:
+def test_the_likelihood_is_that_of_the_likeliest_force():
     """With small errors its logarithm falls by a half on the ellipse of the curvature."""
     found = located("x_mm", "y_mm", "force_N", sigma=1e-3)
     root, angles = np.linalg.cholesky(found.best.covariance[:2, :2]), np.linspace(0.0, 6.0, 9)
@@ -65,7 +65,7 @@ def test_the_likelihood_is_that_of_the_likeliest_force() -> None:
     np.testing.assert_allclose(around, 1.0, rtol=0.02)
 
 
-def test_rivals_are_marked_with_their_shares() -> None:
+def test_rivals_are_marked_with_their_shares():
     found = located("x_mm", "y_mm", electrodes=2)
     assert len(found.touches) > 1
     film = found.plot().axes[0]
@@ -74,12 +74,12 @@ def test_rivals_are_marked_with_their_shares() -> None:
     assert f"{100 * found.touches[1].weight:.2g} %" in [text.get_text() for text in film.texts]
 
 
-def test_places_have_to_be_sought() -> None:
+def test_places_have_to_be_sought():
     with pytest.raises(ValueError, match="x and y"):
         located("x_mm", "force_N").plot()
 
 
-def test_places_are_those_of_the_stage() -> None:
+def test_places_are_those_of_the_stage():
     """A touch in the middle of electrode A is drawn in the middle of what is drawn of A."""
     model = bumps()
     stage = {"x_mm": 100.0, "y_mm": 50.0, "rotation_deg": 30.0}

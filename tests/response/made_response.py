@@ -23,7 +23,7 @@ def response() -> Response:
     axes = axis, axis, UniformAxis(0.0, 30.0, 4, periodic=True)
     values = np.random.default_rng(2).normal(size=(6, 6, 4, 4 * 4))
     spline = UniformSpline.through(axes, values, np.float32)
-    return Response(Scene.load(SCENE), Domain(8.0, (0.1, 5.0)), 1e-4, 1e-5, spline)
+    return Response(Scene.load(SCENE), Domain(8.0, (0.1, 5.0)), 1e-4, spline)
 
 
 @cache

@@ -1,24 +1,35 @@
-"""Keys of a scene: all is said of each, and its range is kept."""
+"""Every key of every table of a scene, from the registry: what is said of it, what it refuses, and
+what scenes of any keys have in common."""
 
 from __future__ import annotations
 
+import itertools
+import math
+import pickle
 import re
-from typing import Annotated, Literal
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from pvdf_fem import Scene
-from pvdf_fem.scene.quantity import Affects, Key, Section, in_words
+from pvdf_fem.scene.quantity import in_words
+from pvdf_fem.scene.registry import FORCES
+from pvdf_fem.scene.scene_file import flattened
 from pvdf_fem.scene.shapes import MODELS
-from reports.guide.scene_keys import TABLES, meaning
-from tests.helpers.refusals import refused
+from reports.guide.scene_keys import TABLES as TOLD
+from reports.guide.scene_keys import meaning
+from tests.helpers.damage import drawn
+from tests.helpers.refusals import keys, refused, scene_or_mistakes
+from tests.helpers.strategies import TABLES, example, placed, table_of, tables
 
-MODELS_OF_SCENES = {Scene, *MODELS.values(), *(m for models in TABLES.values() for m in models)}
+each_table = pytest.mark.parametrize(("where", "model"), TABLES)
 
 
 def test_each_key_says_its_meaning_unit_and_range():
-    for model in MODELS_OF_SCENES:
+    for model in {Scene, *MODELS.values(), *itertools.chain(*TOLD.values())}:
         for name, field in model.model_fields.items():
             key = model.key_of(name)
             assert meaning(model, name), (model, name)
@@ -28,56 +39,131 @@ def test_each_key_says_its_meaning_unit_and_range():
             assert field.default is not None or key.example is not None or not is_number
 
 
-class Tile(Section):
-    """A table with keys of all sorts."""
-
-    kind: Literal["thin", "thick"] = "thin"
-    width_mm: Annotated[float, Key("mm", (0.1, 1e3), usual=(1.0, 50.0), mistaken={"m": 1e3})] = 2.0
-    sides_mm: Annotated[tuple[float, ...] | None, Key("mm", (0.1, 1e3))] = None
-    count: Annotated[int, Key("tiles", (1, 9), Affects.READING)] = 3
-    glued: Annotated[bool, Key(needs=("kind", "thick"))] = False
-    glue: Annotated[str, Key(needs=("glued", None), idle="none")] = "none"
+def told_at(where, name):
+    """The key in complaints: the forces of a listed probe are told beside its shape."""
+    return f"probe[0].{name}" if where == "probe[0].load" and name in FORCES else f"{where}.{name}"
 
 
-@pytest.mark.parametrize(
-    ("table", "where"),
-    [
-        ({"width_mm": 0.05}, "width_mm"),
-        ({"width_mm": "2"}, "width_mm"),
-        ({"width_mm": float("nan")}, "width_mm"),
-        ({"width_mm": True}, "width_mm"),
-        ({"sides_mm": [1.0, 2e3]}, "sides_mm.1"),
-        ({"count": 10}, "count"),
-        ({"count": 2.0}, "count"),
-        ({"glued": 1}, "glued"),
-        ({"glued": True}, "glued"),
-        ({"kind": "thin", "glued": True}, "glued"),
-    ],
-)
-def test_a_value_that_a_key_does_not_take_is_refused_where_it_stands(table, where):
-    with pytest.raises(ValidationError) as caught:
-        Tile(**table)
-    assert [".".join(map(str, found["loc"])) for found in caught.value.errors()] == [where]
+def wrong_values(value, key):
+    """Values that a key does not take."""
+    if isinstance(value, list):
+        return [3, *([wrong, *value[1:]] for wrong in wrong_values(value[0], key))]
+    if isinstance(value, bool):
+        return [1, "yes"]
+    if not isinstance(value, int | float):
+        return [3] if value is None else [3, "", -2]
+    wrong = ["2", True, math.nan, math.inf, 10**400]
+    wrong += [value + 0.5] if isinstance(value, int) else []
+    for end, outwards in zip(key.within, (-1, 1), strict=True):
+        wrong.append(
+            end + outwards if isinstance(value, int) else math.nextafter(end, outwards * math.inf)
+        )
+    return wrong
 
 
-@pytest.mark.parametrize(
-    "table",
-    [
-        {"width_mm": 0.1, "count": 9, "sides_mm": [0.1, 1e3]},
-        {"sides_mm": None},
-        {"kind": "thin", "glued": False},
-        {"kind": "thick", "glued": True, "glue": "epoxy"},
-    ],
-)
-def test_the_ends_of_a_range_and_idle_values_are_taken(table):
-    found = Tile(**table).model_dump(mode="json")
-    assert {key: found[key] for key in table} == table
+@each_table
+def test_a_value_that_a_key_does_not_take_is_refused_there(where, model):
+    for name in model.model_fields:
+        for wrong in wrong_values(example(model, name), model.key_of(name)):
+            found = keys(refused(Scene, **placed(where, {**table_of(model, name), name: wrong})))
+            assert [re.sub(r"(\[\d+\])+$", "", key) for key in found] == [told_at(where, name)], (
+                wrong
+            )
 
 
-def test_a_number_in_another_unit_is_doubted_or_refused():
-    width = Tile.key_of("width_mm")
-    assert width.meant(0.02)
-    # 500 mm is as unusual, and 20 mm is usual
-    assert [width.meant(0.5), width.meant(20.0), Tile.key_of("count").meant(20.0)] == [""] * 3
-    told = refused(Scene().with_, {"film.youngs_modulus_GPa": [2e9, 3.0]})
-    assert told == ["film.youngs_modulus_GPa[0] = 2000000000.0"]
+def mistaken(model, table):
+    """The keys of a table that are refused."""
+    try:
+        model(**table)
+    except ValidationError as error:
+        return {found["loc"][0] for found in error.errors()}
+    return set()
+
+
+#: Keys whose validators refuse the ends of the range.
+NARROWER = ("poisson_ratio", "vertices_mm", "force_range_N", "edge_radius_mm")
+
+
+@each_table
+def test_the_ends_of_a_range_are_taken(where, model):
+    for name in model.model_fields:
+        value, key = example(model, name), model.key_of(name)
+        if key.within is None or name in NARROWER:
+            continue
+        for end in key.within:
+            end = int(end) if isinstance(value, int) else end
+            given = [end] * len(value) if isinstance(value, list) else end
+            table = {**table_of(model, name), name: given}
+            assert name not in mistaken(model, table), end
+
+
+#: Keys and another value than the one that further keys need.
+OTHERS = {"charge": "voltage", "voltage": "charge", "ring": "four", "gaussian": "uniform"}
+OTHERS |= {
+    "before stretching": "at rest",
+    **dict.fromkeys(("dead", "rigid", "contact"), "follower"),
+}
+#: Values that need something, where the default needs nothing.
+NEEDY = {"tilt": "free", "profile": "hertz", "centre": True, "pressure_follows": True}
+NEEDY["cable_capacitance_pF"] = 30.0
+
+
+@each_table
+def test_a_key_without_the_one_that_it_needs_is_refused(where, model):
+    for name in model.model_fields:
+        decider, needed = model.key_of(name).needs or ("", None)
+        if decider not in model.model_fields or example(model, name) == "square":
+            continue
+        table = {**table_of(model, name), name: NEEDY.get(name, example(model, name))}
+        table.pop(decider)
+        table |= {decider: OTHERS[needed]} if needed else {}
+        assert keys(refused(Scene, **placed(where, table)))[0] == told_at(where, name)
+
+
+@each_table
+def test_a_misspelt_key_is_refused_there(where, model):
+    for name in model.model_fields:
+        told = refused(Scene, **placed(where, table_of(model) | {f"{name}x": 1}))
+        assert told == [f"{where}.{name}x = 1"]
+
+
+@each_table
+def test_a_number_in_another_unit_is_doubted_or_refused_with_the_number_that_was_meant(
+    where, model
+):
+    for name in model.model_fields if where in ("film", "load", "film.patches[0]") else ():
+        value, key = example(model, name), model.key_of(name)
+        for size in key.mistaken.values():
+            if abs(value / size) <= key.usual[1] and abs(value / size) >= key.usual[0]:
+                continue
+            wrong = placed(where, {**table_of(model, name), name: value / size})
+            scene = scene_or_mistakes(wrong | ({"probe": {}} if where == "load" else {}))
+            told = scene.doubts if isinstance(scene, Scene) else scene
+            assert any(f" {value:.3g} {key.unit} " in line for line in told), name
+
+
+SECTIONS = re.compile(rf"({'|'.join(Scene.model_fields)})\b")
+
+
+@given(tables=tables(), data=st.data())
+@drawn(1.0)
+def test_a_scene_comes_back_or_is_refused_by_key(tables, data):
+    """From its file, as JSON, from another process, and by its keys set in any order."""
+    scene = scene_or_mistakes(tables)
+    if not isinstance(scene, Scene):
+        assert all(SECTIONS.match(problem) for problem in scene)
+        return
+    pairs = flattened(scene.to_json())
+    shuffled = dict(data.draw(st.permutations([*pairs.items()])))
+    again = [Scene.parse(scene.to_toml()), Scene.model_validate_json(scene.model_dump_json())]
+    again += [scene.with_(), pickle.loads(pickle.dumps(scene)), Scene().with_(shuffled)]
+    for other in again:
+        assert (other, hash(other)) == (scene, hash(scene))
+        assert other.loaded_probes == scene.loaded_probes
+        assert other.model_dump_json() == scene.model_dump_json()
+    assert np.linalg.eigvalsh(scene.film.stiffness).min() > 0
+    outlines = [e.outline for e in scene.electrode_list]
+    assert max(o.reach for o in outlines) <= scene.film.radius * (1.0 + 1e-8)
+    for a, b in itertools.combinations(outlines, 2):
+        # shapely's discs are inscribed polygons, so they do not overlap either
+        assert a.shape.intersection(b.shape).area <= 1e-9 * min(a.area, b.area)

@@ -1,6 +1,4 @@
-"""Rigid tips that the film touches where it must: one-dimensional solutions, balance, symmetry."""
-
-from itertools import pairwise
+"""Rigid tips that the film touches where it must: one-dimensional solutions, balance, limits."""
 
 import numpy as np
 import pytest
@@ -10,22 +8,16 @@ from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_guess import tip_outlines
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.solution.first_sizes import first_sizes
+from tests.helpers.discs import charges, values
 from tests.helpers.refusals import keys, refused
 
-#: The film of physics' table of spheres: E 2 GPa, nu 0.34, d31 = d32 = 8 pC/N.
-FILM = {
-    "film.youngs_modulus_GPa": 2.0,
-    "film.poisson_ratio": 0.34,
-    "film.d31_pC_N": 8.0,
-    "film.d32_pC_N": 8.0,
-}
 #: By radius in mm and force in N: contact radius before and after deforming, depth in mm, charges
-#: of centred discs of 1.5 and 10 mm radius in pC; 1-D shooting to 1e-9 of the force.
+#: of centred discs of 1.5 and 10 mm radius in pC; E 2 GPa, nu 0.34, d31 = d32 = 8 pC/N; 1-D
+#: shooting to 1e-9 of the force.
 SPHERES = {
-    (2.0, 1.0): (0.50248, 0.50640, 3.21814, 3054.640, 39044.47),
-    (5.0, 0.1): (0.57189, 0.57271, 1.37935, 654.809, 8719.557),
-    (5.0, 1.0): (1.00736, 1.01223, 3.16383, 2919.264, 39014.18),
-    (20.0, 3.0): (3.75490, 3.77057, 4.31656, 3480.146, 79565.67),
+    (2.0, 1.0): (0.50248, 0.50640, 3.21814, {1.5: 3054.640, 10.0: 39044.47}),
+    (5.0, 0.1): (0.57189, 0.57271, 1.37935, {1.5: 654.809}),
+    (20.0, 3.0): (3.75490, 3.77057, 4.31656, {1.5: 3480.146, 10.0: 79565.67}),
 }
 
 
@@ -40,11 +32,10 @@ def sphere(radius_mm, force_N, x_mm=0.0, y_mm=0.0, **changes):
 
 @pytest.mark.parametrize("case", SPHERES)
 def test_spheres_of_one_dimensional_solutions(case):
-    before, after, depth, near, far = SPHERES[case]
-    for radius, charge in ((1.5, near), (10.0, far)):
+    before, after, depth, by_radius = SPHERES[case]
+    for radius, charge in by_radius.items():
         disc = [{"name": "A", "shape": "circle", "x_mm": 0, "y_mm": 0, "radius_mm": radius}]
-        changes = {**FILM, "electrodes": disc, "numerics.tolerance": 1e-4}
-        solution = solve(sphere(*case, **changes))
+        solution = solve(sphere(*case, electrodes=disc, **{"numerics.tolerance": 1e-4}))
         contact = solution.contacts["probe"]
         assert solution.charges_pC["A"] == pytest.approx(charge, rel=1e-4)
         assert contact.depth_mm == pytest.approx(depth, rel=1e-4)
@@ -60,33 +51,17 @@ def aside():
     return solve(sphere(5.0, 1.0, 14.0, 6.0))
 
 
-def test_the_film_leaves_the_tip_where_nothing_holds_it(aside):
+def test_a_tip_aside_presses_where_the_film_holds_it(aside):
     contact = aside.contacts["probe"]
+    assert contact.force_N == pytest.approx(1.0, rel=1e-9)
+    assert aside.force_balance < 1e-9
     assert contact.overlap_mm < 1e-4 * contact.depth_mm
     assert contact.least_pressure_MPa > 0.0
     pressed_N = contact.mean_pressure_MPa * contact.projected_area_mm2
     assert pressed_N == pytest.approx(1.0, rel=1e-2)
-
-
-def test_the_edge_is_found_where_the_film_wraps_up_a_steep_tip():
-    soft = sphere(0.466, 0.8, 4.4, **{"film.youngs_modulus_GPa": 0.1})
-    rough, fine = (solve(soft.with_(**{"numerics.tolerance": t})) for t in (1e-3, 1e-4))
-    for name, charge in fine.charges_pC.items():
-        assert rough.charges_pC[name] == pytest.approx(charge, rel=1e-3)
-    contact, finer = rough.contacts["probe"], fine.contacts["probe"]
-    for found in (contact, finer):
-        wrong = abs(found.area_mm2 - 0.25085)  # of meshes that follow the edge
-        assert wrong < 3.0 * found.area_error_mm2 < 0.11 * found.area_mm2
-    assert finer.overlap_mm < 0.2 * contact.overlap_mm < 1e-4 * contact.depth_mm
-
-
-def test_action_is_reaction(aside):
-    contact = aside.contacts["probe"]
-    assert contact.force_N == pytest.approx(1.0, rel=1e-9)
-    assert aside.force_balance < 1e-9
     # a tip without friction is pushed along the line to the film's centre, towards the steeper side
-    along = contact.lateral_N @ [14.0, 6.0] / np.hypot(14.0, 6.0)
-    across = contact.lateral_N @ [-6.0, 14.0] / np.hypot(14.0, 6.0)
+    along = contact.lateral_N @ [14.0, 6.0]
+    across = contact.lateral_N @ [-6.0, 14.0]
     assert abs(across) < 1e-2 * abs(along)
 
 
@@ -95,8 +70,7 @@ def test_the_depth_gives_the_force_back(aside):
     by_depth = solve(aside.scene.with_(**{"load.depth_mm": depth}))
     assert by_depth.contacts["probe"].force_N == pytest.approx(1.0, rel=1e-3)
     assert by_depth.contacts["probe"].depth_mm == pytest.approx(depth, rel=1e-12)
-    for name, charge in aside.charges_pC.items():
-        assert by_depth.charges_pC[name] == pytest.approx(charge, rel=1e-3)
+    assert by_depth.charges_pC == pytest.approx(aside.charges_pC, rel=1e-3)
 
 
 def test_the_force_is_the_derivative_of_the_energy_by_the_depth():
@@ -112,31 +86,31 @@ def test_the_force_is_the_derivative_of_the_energy_by_the_depth():
     assert by_difference == pytest.approx(forces[1], rel=3e-3)
 
 
-def test_turning_sphere_and_electrodes_swaps_charges():
-    one, other = solve(sphere(3.0, 0.5, 6.0, 2.0)), solve(sphere(3.0, 0.5, -2.0, 6.0))
-    for a, b in pairwise("ABCDA"):
-        assert other.charges_pC[b] == pytest.approx(one.charges_pC[a], rel=1e-3)
+def test_the_edge_is_found_where_the_film_wraps_up_a_steep_tip():
+    soft = sphere(0.466, 0.8, 4.4, **{"film.youngs_modulus_GPa": 0.1})
+    rough, fine = (solve(soft.with_(**{"numerics.tolerance": t})) for t in (1e-3, 1e-4))
+    assert rough.charges_pC == pytest.approx(fine.charges_pC, rel=1e-3)
+    contact, finer = rough.contacts["probe"], fine.contacts["probe"]
+    for found in (contact, finer):
+        wrong = abs(found.area_mm2 - 0.25085)  # of meshes that follow the edge
+        assert wrong < 3.0 * found.area_error_mm2 < 0.11 * found.area_mm2
+    assert finer.overlap_mm < 0.2 * contact.overlap_mm < 1e-4 * contact.depth_mm
 
 
 def test_a_small_edge_is_that_of_a_flat_punch():
     circle = {"shape": "circle", "radius_mm": 3.0, "x_mm": 5.0}
-    punch = solve(pressed(circle, {"kind": "rigid"}))
-    apart = []
-    for edge in (1.0, 0.25):
-        tip = solve(pressed(circle | {"edge_radius_mm": edge}, {"kind": "contact"}))
-        apart.append(max(abs(tip.charges_pC[n] / q - 1.0) for n, q in punch.charges_pC.items()))
-    assert apart[1] < 0.6 * apart[0]
-    assert apart[1] < 0.03
+    punch = charges(pressed(circle, {"kind": "rigid"}))
+    tips = [pressed(circle | {"edge_radius_mm": e}, {"kind": "contact"}) for e in (1.0, 0.25)]
+    apart = [np.abs(charges(tip) / punch - 1.0).max() for tip in tips]
+    assert apart[1] < min(0.6 * apart[0], 0.03)
 
 
 def test_two_tips_have_depths_of_their_own():
     small = {"shape": "sphere", "radius_mm": 2.0, "x_mm": -8.0}
     large = {"shape": "sphere", "radius_mm": 6.0, "x_mm": 8.0, "force_N": 0.4}
-    scene = pressed([small, large], {"kind": "contact", "force_N": 0.8})
-    solution = solve(scene)
-    forces = [contact.force_N for contact in solution.contacts.values()]
-    assert list(solution.contacts) == ["probe 1", "probe 2"]
-    assert forces == pytest.approx([0.8, 0.4], rel=1e-9)
+    solution = solve(pressed([small, large], {"kind": "contact", "force_N": 0.8}))
+    forces = {patch: contact.force_N for patch, contact in solution.contacts.items()}
+    assert forces == pytest.approx({"probe 1": 0.8, "probe 2": 0.4}, rel=1e-9)
 
 
 def test_the_tangent_is_the_residuals_derivative():
@@ -170,7 +144,6 @@ def test_a_rounded_rectangle_settles_on_coarse_meshes_too(tolerance):
     probe |= {"x_mm": -6.82, "y_mm": -15.3, "rotation_deg": 34.4}
     load = {"kind": "contact", "force_N": 0.82}
     solution = solve(pressed(probe, load, **{"numerics.tolerance": tolerance}))
-    assert solution.status == "converged"
     assert len(solution.history) <= 3
-    known = {"A": 370.346, "B": 349.895, "C": 493.699, "D": 698.784}  # at 1e-4
-    assert solution.charges_pC == pytest.approx(known, rel=1e-3)
+    known = [370.346, 349.895, 493.699, 698.784]  # at 1e-4
+    assert values(solution.charges_pC) == pytest.approx(known, rel=1e-3)

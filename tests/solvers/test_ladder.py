@@ -5,21 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvdf_fem import solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.newton import NewtonOptions, Step
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import PredictedStress, barely_loaded
-from tests.helpers.discs import LOADS, TRIANGLE, free_disc, graded_mesh
+from tests.helpers.discs import LOADS, TRIANGLE, graded_mesh
 
 WRINKLING = {"film.compression": "tension-field", "film.temperature_change_K": 10.0}
 
 
 @pytest.fixture(scope="module")
 def mesh():
-    return graded_mesh(TRIANGLE, 2.5, 12.0)
+    return graded_mesh(TRIANGLE, 6.0, 14.0)
 
 
 def test_a_start_near_by_saves_iterations(mesh):
@@ -54,21 +53,6 @@ def test_a_pressure_that_follows_a_film_that_wrinkles_is_reached_from_a_dead_one
     assert (dead.solver, dead.status) == ("dead pressure", "converged")
     # each tangent counts once
     assert result.fresh_count == dead.tangents + len(result.iterations)
-
-
-def test_a_pressure_that_turns_its_patch_over_has_no_equilibrium():
-    """By the rim, under 2.9 E h a."""
-    loaded = free_disc(
-        2.87,
-        poisson_ratio=0.179,
-        patch_radius=0.078,
-        centre=(0.2068, 0.7046),
-        **{"load.kind": "follower", "film.compression": "tension-field"},
-    )
-    solution = solve(loaded)
-    assert solution.status is Status.MAX_ITERATIONS
-    assert "load.kind" in solution.reason
-    assert not solution.to_json().get("charges_pC")
 
 
 def test_a_film_that_wrinkles_is_found_from_afar(mesh):
@@ -119,7 +103,7 @@ def test_a_finer_tolerance_may_cost_more():
     )
     assert fine.max_unknowns == pytest.approx(10 * usual.max_unknowns, abs=1)
     assert fine.max_seconds == pytest.approx(10.0 * usual.max_seconds)
-    assert (rough.max_unknowns, rough.max_seconds) == (usual.max_unknowns, usual.max_seconds)
+    assert rough == usual
 
 
 def test_work_counts_iterations_with_a_new_tangent(mesh):
@@ -132,7 +116,7 @@ def test_work_counts_iterations_with_a_new_tangent(mesh):
     assert budget.left_seconds == pytest.approx(1.0 - 2.0 * once)
     budget.spend(fine, 3)
     assert budget.spent_seconds > 4.0 * once
-    assert budget.iterations(coarse) > budget.iterations(fine) > 0
+    assert budget.iterations(coarse) == pytest.approx(0.4 / (once / 3), abs=1)
     budget.spend(fine, 10**6)
     assert budget.left_seconds == 0.0
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 
 from pvdf_fem import Replaced, Scene, solve
-from pvdf_fem.film.models import FilmModel
 from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.solution.solution import Solution
+from pvdf_fem.solution.solve import solve_goals
+from pvdf_fem.solvers.status import Status
 from pvdf_fem.sweeps.plan import plan
 from pvdf_fem.sweeps.sweep import planned, solve_all
 
@@ -20,10 +22,12 @@ TRIANGLE = Scene().with_(
 )
 L_SHAPE = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 1.0], [1.0, 2.0], [0.0, 2.0]]
 L_SHAPED = Replaced(shape="polygon", vertices_mm=L_SHAPE)
+CENTRED = Replaced(shape="rectangle")
 MIRRORED = {"probe.x_mm": -3.0, "probe.rotation_deg": -200.0}
 TURNED = {"probe.x_mm": 7.5, "probe.y_mm": 3.0, "probe.rotation_deg": 290.0}
 X, Y = turn([3.0, -7.5], 37.0).tolist()
 ASKEW = {"probe.x_mm": X, "probe.y_mm": Y, "probe.rotation_deg": 237.0}
+COUPLED = {"film.coupling": True, "readout": {"kind": "voltage"}}
 STIFFER_ALONG_X = {"film.youngs_modulus_GPa": [3.0, 2.0]}
 
 
@@ -59,18 +63,17 @@ def solves(*scenes: Scene) -> int:
         ({"film.shear_modulus_GPa": 1.0}, TURNED, 1),
         ({"film.shear_modulus_GPa": 1.0}, ASKEW, 2),
         ({"probe": L_SHAPED}, {"probe.rotation_deg": 45.0}, 1),
+        ({"probe": CENTRED}, {"probe.rotation_deg": 33.0}, 1),
+        ({"probe": CENTRED}, {"probe.rotation_deg": 201.0}, 1),
         ({"probe": None}, {"load.force_N": 3.0, "film.thickness_um": 9.0}, 1),
+        (COUPLED, {"film.d31_pC_N": 1.0}, 2),
+        (COUPLED, {"electrodes.ring_radius_mm": 14.0}, 2),
+        (COUPLED, MIRRORED, 2),
     ],
 )
 def test_scenes_join_when_their_films_deform_alike(base, change, count):
     scene = TRIANGLE.with_(**base)
     assert solves(scene, scene.with_(**change)) == count
-
-
-def test_a_probe_on_the_centre_may_be_turned_at_will():
-    scene = TRIANGLE.with_(probe=Replaced(shape="rectangle"))
-    turned = [scene.with_(**{"probe.rotation_deg": angle}) for angle in (0.0, 33.0, 90.0, 201.0)]
-    assert solves(*turned) == 1
 
 
 def test_the_plan_tells_how_many_solves_there_are():
@@ -80,13 +83,6 @@ def test_the_plan_tells_how_many_solves_there_are():
     shared = plan([*scenes, scenes[0]])
     assert (shared.missing, len(shared.blocks)) == (8, 1)
     assert [line.split()[0] for line in str(shared).splitlines()] == ["9", "8", "1"]
-
-
-def test_electrodes_that_act_on_the_film_share_no_solve(monkeypatch):
-    monkeypatch.setattr(FilmModel, "electrodes_only_read", False)
-    changes = [{}, {"film.d31_pC_N": 1.0}, {"electrodes.ring_radius_mm": 14.0}, MIRRORED]
-    scenes = [TRIANGLE.with_(**change) for change in changes]
-    assert solves(*scenes, scenes[0]) == 4
 
 
 @pytest.mark.parametrize("observable", ["material", "thesis-edge"])
@@ -129,21 +125,16 @@ def test_images_of_a_scene_share_its_mesh():
 
 
 def test_scenes_that_miss_the_tolerance_together_are_solved_alone(monkeypatch):
-    from pvdf_fem.solution.solution import Solution
-    from pvdf_fem.solution.solve import solve_goals
-    from pvdf_fem.solvers.status import Status
-    from pvdf_fem.sweeps import records
-
-    electrode_counts = []
+    counts = []
 
     def solved(scene, goals):
-        electrode_counts.append(len(scene.electrode_list))
+        counts.append(len(scene.electrode_list))
         if not scene.electrode_list:
             return Solution(scene, Status.TOLERANCE, "", seconds={"total": 0.0})
         return solve_goals(scene, goals)
 
-    monkeypatch.setattr(records, "solve_goals", solved)
+    monkeypatch.setattr("pvdf_fem.sweeps.records.solve_goals", solved)
     scene = TRIANGLE.with_(**{"numerics.tolerance": 0.05})
     alone = solve_all([scene, scene.with_(**{"electrodes.layout": "three"})], processes=1)
-    assert electrode_counts == [0, 4, 3]
+    assert counts == [0, 4, 3]
     assert [record.status for record in alone] == ["converged"] * 2

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem import Scene, Solution, solve
-from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.mesh.size_field import Sizes
@@ -26,65 +25,42 @@ SLOPE = SMALL ** (1 / 3)
 TENSION = SMALL ** (2 / 3)
 
 
-@dataclass(frozen=True)
-class RoundFilm:
-    """A film solved on one mesh to the last digits."""
+def solved(scene: Scene, mesh: MeshTri2) -> SimpleNamespace:
+    """A film on one mesh to the last digits: places `nodes` (2, nodes) and `deflection` (nodes,) of
+    all nodes over a, `centre_deflection`, and `edge_tension` over E h.
 
-    equilibrium: Equilibrium
-    displacement: Array  # (dofs, 3), m
-
-    @classmethod
-    def solved(cls, scene: Scene, mesh: MeshTri2) -> RoundFilm:
-        equilibrium = Equilibrium(scene, mesh)
-        result = newton_result(equilibrium)
-        assert result.status is Status.CONVERGED
-        return cls(equilibrium, equilibrium.unknowns.expand(result.q).reshape(-1, 3))
-
-    @property
-    def radius(self) -> float:
-        return self.equilibrium.film.radius
-
-    @property
-    def nodes(self) -> Array:
-        """Places of all nodes over a, (2, nodes)."""
-        return self.equilibrium.space.basis.doflocs / self.radius
-
-    @property
-    def deflection(self) -> Array:
-        """Deflections of all nodes."""
-        return self.displacement[:, 2] / self.radius
-
-    @property
-    def centre_deflection(self) -> float:
-        """Deflection of the node on the centre."""
-        distance = np.hypot(*self.nodes)
-        assert distance.min() < 1e-12
-        return float(self.deflection[distance.argmin()])
-
-    @property
-    def edge_tension(self) -> float:
-        """Mean radial tension at the rim, from the reaction of the clamp in the plane.
-
-        The reaction is that of the first Piola-Kirchhoff stress: the tension for small slopes.
-        """
-        membrane = self.equilibrium.membrane
-        forces = membrane.internal_forces(membrane.state(self.displacement.ravel()))
-        rim = membrane.space.basis.get_dofs("rim").all()
-        pull = (forces.reshape(-1, 3)[rim, :2] * self.nodes[:, rim].T).sum()
-        film = membrane.film
-        stiffness = film.youngs_modulus_GPa * 1e9 * film.thickness
-        return float(pull / (2 * math.pi * self.radius * stiffness))
+    The tension at the rim is the mean of the clamp's reaction in the plane, by the first
+    Piola-Kirchhoff stress, which is the radial tension for small slopes.
+    """
+    equilibrium = Equilibrium(scene, mesh)
+    result = newton_result(equilibrium)
+    assert result.status is Status.CONVERGED
+    dofs, film, membrane = equilibrium.dofs(result.q), scene.film, equilibrium.membrane
+    nodes = membrane.space.basis.doflocs / film.radius
+    deflection = dofs.reshape(-1, 3)[:, 2] / film.radius
+    distance = np.hypot(*nodes)
+    assert distance.min() < 1e-12
+    forces = membrane.internal_forces(membrane.state(dofs)).reshape(-1, 3)
+    rim = membrane.space.basis.get_dofs("rim").all()
+    pull = (forces[rim, :2] * nodes[:, rim].T).sum()
+    stiffness = film.youngs_modulus_GPa * 1e9 * film.thickness
+    return SimpleNamespace(
+        nodes=nodes,
+        deflection=deflection,
+        centre_deflection=deflection[distance.argmin()],
+        edge_tension=pull / (2 * math.pi * film.radius * stiffness),
+    )
 
 
-def disc(force: float, size: float = 4.0, **shape: Any) -> RoundFilm:
+def disc(force: float, size: float = 4.0, **shape: Any) -> SimpleNamespace:
     """The film of `free_disc`, solved on elements of a size in mm, or, under a patch, on a mesh
     graded to the outlines whose sizes are in proportion to the patch times `size`."""
     scene = free_disc(force, **shape)
     if "patch_radius" not in shape:
-        return RoundFilm.solved(scene, uniform_mesh(scene, size))
+        return solved(scene, uniform_mesh(scene, size))
     outline, a = scene.probe.outline, scene.film.radius
     sizes = Sizes({"probe": 0.4 * outline.radius, "electrode A": 0.08 * a}, 0.3, 0.16 * a)
-    return RoundFilm.solved(scene, mesh_scene(scene, sizes.scaled(size)))
+    return solved(scene, mesh_scene(scene, sizes.scaled(size)))
 
 
 def compared(

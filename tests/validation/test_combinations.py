@@ -21,12 +21,13 @@ from pvdf_fem.solvers.status import Status
 from tests.helpers.damage import drawn
 from tests.helpers.discs import values
 from tests.helpers.features import (
+    MIRROR,
+    QUARTER_TURN,
     SENSORS,
     TOLERANCE,
     combinations,
     combined,
-    mirrored,
-    quarter_turned,
+    image,
 )
 
 #: A response of a few seconds.
@@ -58,12 +59,12 @@ def assert_alike(found, expected, most: float = 2.0 * TOLERANCE) -> None:
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=most * size)
 
 
-@given(changes=combinations(), image=st.sampled_from([quarter_turned, mirrored]))
+@given(changes=combinations(), frame=st.sampled_from([QUARTER_TURN, MIRROR]))
 @drawn(0.2)
-def test_images_have_the_charges_of_the_scene(changes, image):
+def test_images_have_the_charges_of_the_scene(changes, frame):
     scene = scene_of(changes)
     try:
-        other = image(scene)
+        other = image(scene, frame)
     except SceneError:  # the thesis's means are of squares along the axes
         assume(False)
     first, second = solve(scene), solve(other)
@@ -74,39 +75,30 @@ def test_images_have_the_charges_of_the_scene(changes, image):
     assert_alike(*changed, most=4.0 * TOLERANCE)
 
 
-@st.composite
-def axes(draw, scene: Scene):
-    """One or two axes of a scene with two values each."""
-    force = "probe[1].force_N" if isinstance(scene.probe, tuple) else "load.force_N"
-    place = "probe[0].x_mm" if isinstance(scene.probe, tuple) else "probe.x_mm"
-    stretch = "temperature_change_K" if scene.film.pretension_N_m is None else "pretension_N_m"
-    choices = {
-        force: [0.3, 1.1],
-        "load.force_N": [0.2, 0.9],
-        place: [2.0, -3.5],
-        "film.thickness_um": [20.0, 40.0],
-        f"film.{stretch}": [-2.0, -1.0] if stretch == "temperature_change_K" else [7.0, 4.0],
-        "film.poisson_ratio": [0.3, 0.4],
-        "film.d31_pC_N": [5.0, 15.0],
-        "film.d33_pC_N": [-10.0, -30.0],
-        "film.permittivity": [9.0, 13.0],
-        "film.density_kg_m3": [1000.0, 1800.0],
-        "film.warming_K": [0.2, 0.6],
-        "film.compression": ["refuse", "tension-field"],
-        "load.kind": ["dead", "follower"],
-        "load.profile": ["uniform", "gaussian"],
-        "electrodes": [SENSORS[0]["electrodes"], SENSORS[1]["electrodes"]],
-        "numerics.observable": ["material", "thesis-edge"],
-    }
-    keys = draw(st.lists(st.sampled_from(list(choices)), min_size=1, max_size=2, unique=True))
-    return [{key: choices[key]} for key in keys]
+#: Axes of sweeps.
+AXES = [
+    {"load.force_N": [0.2, 0.9]},
+    {"load.kind": ["dead", "follower"]},
+    {"load.profile": ["uniform", "gaussian"]},
+    {"probe.x_mm": [2.0, -3.5]},
+    {"film.thickness_um": [20.0, 40.0]},
+    {"film.poisson_ratio": [0.3, 0.4]},
+    {"film.d31_pC_N": [5.0, 15.0]},
+    {"film.d33_pC_N": [-10.0, -30.0]},
+    {"film.permittivity": [9.0, 13.0]},
+    {"film.density_kg_m3": [1000.0, 1800.0]},
+    {"film.warming_K": [0.2, 0.6]},
+    {"film.compression": ["refuse", "tension-field"]},
+    {"electrodes": [SENSORS[0]["electrodes"], SENSORS[1]["electrodes"]]},
+    {"numerics.observable": ["material", "thesis-edge"]},
+]
 
 
-@given(changes=combinations(), data=st.data())
+@given(changes=combinations(), grid=st.lists(st.sampled_from(AXES), min_size=1, max_size=2))
 @drawn(0.05)
-def test_sweeps_have_the_charges_of_fresh_solves(changes, data):
+def test_sweeps_have_the_charges_of_fresh_solves(changes, grid):
     scene = scene_of(changes)
-    grid = data.draw(axes(scene))
+    assume(grid[0] is not grid[-1] or len(grid) == 1)
     try:
         found = sweep(scene, grid, processes=1)
     except SceneError as error:
@@ -169,9 +161,4 @@ def test_responses_have_the_charges_of_fresh_solves(changes):
     assume(fresh.status is Status.CONVERGED)
     assert_alike(
         response.evaluate(touch)[0][0], values(fresh.charges_pC), most=2.0 * bound + TOLERANCE
-    )
-    for_other = response.for_scene(scene.with_(**{"film.d31_pC_N": 3.0}), 1)
-    other = solve(for_other.scene.with_(**dict(zip(keys, touch, strict=True))))
-    assert_alike(
-        for_other.evaluate(touch)[0][0], values(other.charges_pC), most=2.0 * bound + TOLERANCE
     )

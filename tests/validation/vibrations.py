@@ -51,6 +51,22 @@ def vm55() -> Iterator[Number]:
 
 
 @proof(
+    "VM152 and VM153: a membrane that cooling stretches",
+    source="ANSYS Mechanical APDL Verification Manual, input listings vm152.dat and vm153.dat:"
+    " a = 3 in, h = 5e-5 in, E = 3e7 psi, ν = 0, α = 1e-5/K, ΔT = −20/3 K, ρ = 0.00073 lb s²/in⁴",
+    why="the targets have zeros of Bessel functions to three or four digits",
+)
+def vm152() -> Iterator[Number]:
+    inch, pound = 25.4e-3, 4.4482216152605
+    film = {"radius_mm": 3e3 * inch, "thickness_um": 50.0 * inch, "poisson_ratio": 0.0}
+    film |= {"youngs_modulus_GPa": 3e-2 * pound / inch**2, "thermal_expansion_per_K": 1e-5}
+    film |= {"temperature_change_K": -20.0 / 3.0, "density_kg_m3": 0.00073 * pound / inch**4}
+    known = {0: ("(0, 1)", 211.1), 1: ("(1, 1)", 336.5), 3: ("(2, 1)", 450.9)}
+    known |= {5: ("(0, 2)", 484.7), 8: ("(1, 2)", 616.1)}
+    yield from compared(Scene().with_(film=film), known, 1e-4, 8e-4)
+
+
+@proof(
     "COMSOL's vibrating membrane",
     source="COMSOL Multiphysics, model library: a = 0.25 m, 20 kN/m, ρ = 7850 kg/m³, h = 0.2 mm",
     why="four digits are printed",

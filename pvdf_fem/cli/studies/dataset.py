@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -36,7 +35,7 @@ exit codes: 0 written, 2 bad input, 3 a film without a model"""
 
 
 def add_to(commands: Any) -> None:
-    """Add the command to those of an argument parser."""
+    """Add the command to the commands of an argument parser."""
     about = "random touches with readings", _DESCRIPTION, _EPILOG
     parser = add_scene_command(commands, "dataset", run, *about, as_json="")
     add_texts(
@@ -69,19 +68,12 @@ def run(options: argparse.Namespace) -> int:
         wrong.append(f"{options.output}: needs pyarrow; install pvdf-fem[parquet], or give .nc")
     scene = scene_of(options, *wrong)
     from pvdf_fem.designs.dataset import dataset, mistakes, write
-    from pvdf_fem.solvers.status import NotConvergedError
 
     count, seed = (int(n) if n.isdecimal() else n for n in (options.touches, options.seed))
     wrong = [*mistakes(scene, count, seed, sigma, noise, options.reading)]
     if wrong := [*wrong, *choice.mistakes(scene, options.scene)]:
         raise InputError(*wrong)
-    try:
-        model = model_of(scene, options.scene, choice)
-    except ValueError as error:
-        raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
-    except NotConvergedError as error:
-        print(error, file=sys.stderr)
-        return ExitCode.NOT_CONVERGED
+    model = model_of(scene, options.scene, choice)
     how: dict[str, Any] = {"noise_pC": noise, "reading": options.reading, "model": model}
     write(dataset(scene, count, seed, sigma, **how), options.output)
     print(f"{options.output}: {count} touches, readings of {', '.join(model.names)}")

@@ -51,7 +51,7 @@ _ASKED = ("noise", "noise_pC", "reach_mm", "step_mm")
 
 
 def add_to(commands: Any) -> None:
-    """Add the command to those of an argument parser."""
+    """Add the command to the commands of an argument parser."""
     about = "how well designs tell touches", _DESCRIPTION, _EPILOG
     parser = add_scene_command(commands, "design", run, *about)
     parser.add_argument(
@@ -89,12 +89,11 @@ def run(options: argparse.Namespace) -> int:
     wrong += program.plot_mistakes(options, options.scene, options.output)
     scene = scene_of(options, *wrong)
     from pvdf_fem.designs.design import Designs, design
-    from pvdf_fem.solvers.status import NotConvergedError
 
-    try:
+    with program.refusing():
         designs = Designs.of(scene, vary)
         asked["reach_mm"] = choice.reach_mm or (scene.model and scene.model.reach_mm)
-        asked["force_range_N"] = choice.domain(scene).force_N
+        asked["force_range_N"] = choice.wanted(scene)[0].force_N
         films = [first for first, _ in designs.models]
         wrong = [text for film in films for text in choice.mistakes(film, options.scene)]
         if options.model and len(films) > 1:
@@ -109,11 +108,6 @@ def run(options: argparse.Namespace) -> int:
 
         asked["model"] = models
         data = design(scene, vary, progress=options.progress, **asked)
-    except ValueError as error:
-        raise InputError(*getattr(error, "problems", str(error).splitlines())) from error
-    except NotConvergedError as error:
-        print(error, file=sys.stderr)
-        return ExitCode.NOT_CONVERGED
     _write(data, options)
     return ExitCode.CONVERGED
 

@@ -59,10 +59,6 @@ class DeadPressure(Load):
         self.components = np.array(touch.load.components)
         self.components[:2] = part.frame @ self.components[:2]
 
-    def with_force(self, force: float) -> Self:
-        """The same load with another force in N, along z only."""
-        return self.with_components(force * UP)
-
     def with_components(self, components: Array) -> Self:
         """The same load with another force in N, (3,)."""
         other = copy(self)

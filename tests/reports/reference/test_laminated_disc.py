@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from reports.reference.axisymmetric import axisymmetric_membrane
 from reports.reference.circular_plate import clamped_plate_deflection
 from reports.reference.laminated_disc import LaminatedDisc, Ply
-from tests.helpers.layered_disc import LayeredDisc
 
 PLANE = np.array([[1.0, 0.34], [0.34, 1.0]]) / (1.0 - 0.34**2)
 FILM = Ply(2e9 * PLANE, 25e-6, 0.0, 110e-6, 45e-3)
@@ -15,11 +15,15 @@ TAPE = Ply(3e9 * PLANE, 50e-6, 37.5e-6, 0.0, 6e-3)
 CENTRED = np.array([[0.0, 0.0, 4e-3], [0.0, 0.0, 9e-3]])
 
 
-def test_without_bending_it_is_the_layered_membrane() -> None:
-    found = LaminatedDisc((FILM, TAPE), 3e-3, 0.01, CENTRED).as_membrane().charges(8.0, 8.0)
-    tension = 2e9 * 25e-6 * 110e-6 / 0.66
-    expected = LayeredDisc(45e-3, 6e-3, (50e3, 150e3), 0.34, (tension, 0.0), 3e-3, 0.01)
-    np.testing.assert_allclose(found, 8.0 / 25e-6 * expected.sums([4e-3, 9e-3])[:2], rtol=1e-4)
+def test_a_film_alone_is_the_axisymmetric_membrane() -> None:
+    """By balance in the plane an electrode of radius b has the charge 2 pi b^2 N_r(b) d31/h."""
+    found = LaminatedDisc((FILM,), 3e-3, 0.01, CENTRED).as_membrane()
+    force, rest, b = 0.01 / (2e9 * 25e-6 * 45e-3), 110e-6 / 0.66, CENTRED[:, 2]
+    film = {"poisson_ratio": 0.34, "patch_radius": 3 / 45, "pretension": rest}
+    known = axisymmetric_membrane(force, **film, strain="foeppl-von-karman")
+    assert found.deflections[0] == pytest.approx(45e-3 * known.centre_deflection, rel=1e-5)
+    tension = 2e9 * known.radial_tension(b / 45e-3)
+    np.testing.assert_allclose(found.charges(8.0, 8.0), 16 * np.pi * b**2 * tension, rtol=1e-4)
 
 
 def test_a_small_load_bends_it_as_a_clamped_plate() -> None:

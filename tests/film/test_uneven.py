@@ -1,4 +1,4 @@
-"""What strains a film unevenly: heat, against its equation, and the rim, by plane elasticity."""
+"""What strains a film unevenly: heat, the rim's displacement, and layers bonded to it."""
 
 from __future__ import annotations
 
@@ -7,17 +7,25 @@ import pytest
 from scipy.linalg import expm
 
 from pvdf_fem import Scene, solve
+from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.heat import AddedStrain, heat_remarks, warmed
 from pvdf_fem.mesh.symmetry import WHOLE, part_of
+from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.scene import Replaced
 from pvdf_fem.solution import solve as solving
 from pvdf_fem.solution.solve import rest_charges
-from tests.helpers.discs import TRIANGLE, charges
+from tests.helpers.discs import charges, graded_mesh
+from tests.helpers.laminated import laminated
 
 WARM = {"temperature_K": 10.0, "contact_time_s": 1.0}
 FAR = {"electrodes.ring_radius_mm": 30.0, "numerics.tolerance": 1e-4}
 PYROELECTRIC = {"film.pyroelectric_uC_m2K": 25.0}
-ROUND = {"shape": "circle", "radius_mm": 1.5}
+TAPE = {"side_mm": 3.0, "thickness_um": 50.0, "youngs_modulus_GPa": 3.0, "poisson_ratio": 0.3}
+TAPES = [{**TAPE, "x_mm": x, "y_mm": y} for x, y in ((10.0, 0.0), (0.0, 10.0), (-10.0, 0.0))]
+CENTRE = {"shape": "circle", "x_mm": 0.0, "y_mm": 0.0}
+
+
+# heat
 
 
 @pytest.mark.parametrize("fourier", [0.002, 0.0499, 0.0501, 0.3, 2.0])
@@ -56,28 +64,13 @@ def test_heat_beside_other_outlines_is_off_as_stated(shape, excess):
     assert 0.6 * excess < told / 100.0 < 2.0 * excess
 
 
-def test_a_film_that_is_warm_all_over_is_one_that_was_cooled_less():
-    disc = {"shape": "circle", "radius_mm": 45.0}
-    probe = {**disc, "temperature_K": 0.5, "contact_time_s": 1e3}
-    warm = Scene().with_(probe=probe, **{"load.force_N": 20.0, "film.bending": False})
-    cooled = solve(warm.with_(probe=Replaced(disc), **{"film.temperature_change_K": -0.5}))
-    for coefficient, added in ((0.0, 0.0), (25.0, 25.0 * 9.0 * 0.5)):  # pC on 9 mm2
-        found = solve(warm.with_(**{"film.pyroelectric_uC_m2K": coefficient}))
-        expected = {name: charge + added for name, charge in cooled.charges_pC.items()}
-        assert found.charges_pC == pytest.approx(expected, rel=1e-6)
-    found, expected = (solution.at(3.0, 4.0).stress_MPa for solution in (found, cooled))
-    assert found == pytest.approx(expected, rel=1e-6, abs=1e-9)
-
-
 def test_a_tape_under_a_warm_probe_expands_by_its_own_coefficient():
     """Film and tape share a small load F as a membrane of their tensions' sum N: w = F/(4 pi N)."""
     tape = {"shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": 45.0, "thickness_um": 40.0}
     tape |= {"youngs_modulus_GPa": 3.0, "poisson_ratio": 0.3, "thermal_expansion_per_K": 2e-5}
     probe = {"shape": "circle", "radius_mm": 45.0, "temperature_K": 5.0, "contact_time_s": 1e3}
-    film = {
-        "film.temperature_change_K": -20.0,
-        "film.patches": [{**tape, "bonded": "before stretching"}],
-    }
+    tape |= {"bonded": "before stretching"}
+    film = {"film.temperature_change_K": -20.0, "film.patches": [tape]}
     found = solve(Scene().with_(probe=probe, **film, **{"load.force_N": 1e-3}))
     film_tension = 25e-6 * 2e9 / (1 - 0.34) * 110e-6 * (20.0 - 5.0)
     tape_tension = 40e-6 * 3e9 / (1 - 0.3) * 2e-5 * (20.0 - 5.0)
@@ -95,44 +88,12 @@ def test_heat_on_an_electrode_is_its_area_times_the_pyroelectric_coefficient():
     assert 0.0 < clamped[0] < 480.0
 
 
-def test_a_part_of_a_symmetric_film_has_the_heat_of_all_of_it(monkeypatch):
-    finger = {"shape": "circle", "x_mm": 9.0, "radius_mm": 2.0, **WARM}
-    scene = Scene().with_(probe=finger, **PYROELECTRIC)
-    assert part_of(scene).mirrored == (1,)
-    on_part = charges(scene)
-    monkeypatch.setattr(solving, "part_of", lambda scene: WHOLE)
-    assert on_part == pytest.approx(charges(scene), rel=1e-3)
-    # about a line at 35°, to which the part's axes are turned
-    oblique = {"x_mm": 9.0 * np.cos(np.radians(35.0)), "y_mm": 9.0 * np.sin(np.radians(35.0))}
-    single = scene.with_(
-        probe=Replaced({**finger, **oblique}), electrodes=[{"name": "A", **ROUND, **oblique}]
-    )
-    whole = charges(single)
-    monkeypatch.undo()
-    assert not np.allclose(part_of(single).frame, np.eye(2))
-    assert charges(single) == pytest.approx(whole, rel=1e-3)
-    cold = {**finger, "x_mm": -9.0, "temperature_K": 5.0}
-    unlike = scene.with_(probe=[{**finger, "force_N": 1.0}, {**cold, "force_N": 1.0}])
-    assert part_of(unlike).mirrored == (1,)
-
-
 # the rim
-
-
-def test_a_rim_that_moves_evenly_stretches_the_film():
-    moved = TRIANGLE.with_(**{"film.rim_displacement_um": [45e3 * 110e-6]})
-    cooled = TRIANGLE.with_(**{"film.temperature_change_K": -2.0})
-    assert rest_charges(moved) == pytest.approx(rest_charges(cooled), rel=1e-3)
-    assert charges(moved) == pytest.approx(charges(cooled), rel=1e-3)
 
 
 @pytest.mark.parametrize(
     ("coefficients", "n", "phase"),
-    [
-        ([0.0, 0.0, 0.0, 0.5, 0.0], 2, 0.0),
-        ([0.0, 0.0, 0.0, 0.0, 0.5], 2, np.pi / 4),
-        ([0.0, 0.5, 0.0], 1, 0.0),
-    ],
+    [([0.0, 0.0, 0.0, 0.5, 0.0], 2, 0.0), ([0.0, 0.0, 0.5], 1, np.pi / 2)],
 )
 def test_an_uneven_rim_is_that_of_plane_elasticity(coefficients, n, phase):
     """Muskhelishvili's potential A z^(n+1) of u_r = c cos n(θ - phase), u_θ = 0 on the rim."""
@@ -147,9 +108,67 @@ def test_an_uneven_rim_is_that_of_plane_elasticity(coefficients, n, phase):
     assert changes == pytest.approx(9e-6 * 8e-12 * stresses, rel=5e-3, abs=1e-14)
 
 
-def test_the_stress_anywhere_is_the_one_that_makes_the_charge():
-    scene = TRIANGLE.with_(**FAR, **{"film.rim_displacement_um": [0.0, 0.0, 0.0, 0.5, 0.0]})
+# layers
+
+
+@pytest.mark.parametrize(("bonded", "disc_mm"), [("at rest", 9.0), ("before stretching", 4.0)])
+def test_a_stiff_disc_at_the_centre_is_that_of_the_axisymmetric_film(bonded, disc_mm):
+    """Of von Kármán's strains, under a small load; untouched, only a stretched layer moves."""
+    layer = {**CENTRE, "radius_mm": 6.0, "thickness_um": 50.0, "youngs_modulus_GPa": 3.0}
+    scene = Scene().with_(
+        film={"patches": [{**layer, "bonded": bonded}]},
+        probe={"shape": "circle", "radius_mm": 3.0},
+        electrodes=[{**CENTRE, "name": "A", "radius_mm": disc_mm}],
+        **{"numerics.tolerance": 3e-5, "load.force_N": 0.02},
+    )
+    touched, untouched = (laminated(scene, 1.0, force).as_membrane() for force in (0.02, 0.0))
     solution = solve(scene)
-    density = solution.at(30.0, 0.0).charge_density_pC_mm2
-    assert 9.0 * density == pytest.approx(solution.charges_pC["A"], rel=2e-3)
-    assert part_of(scene) is WHOLE
+    assert solution.charges_pC["A"] == pytest.approx(touched.charges(8.0, 8.0)[0], rel=2e-4)
+    assert solution.deflection_max_mm == pytest.approx(1e3 * touched.deflections[0], rel=2e-4)
+    assert solution.rest_charges_pC["A"] == pytest.approx(untouched.charges(8.0, 8.0)[0], rel=2e-4)
+
+
+def test_a_patch_may_end_beyond_the_rim():
+    strip = {"shape": "rectangle", "x_mm": 30.0, "y_mm": 0.0, "width_mm": 37.0, "height_mm": 5.0}
+    scene = Scene().with_(**{"film.patches": [{**strip, "thickness_um": 50.0}]})
+    space = Equilibrium(scene, graded_mesh(scene, 2.0, 10.0)).space
+    covered = space.weights[space.mesh.subdomains["film patch 1"]].sum()
+    assert covered == pytest.approx(5e-3 * (45e-3 - 11.5e-3), rel=1e-3)
+
+
+# parts of symmetric films
+
+
+def oblique():
+    """A warm probe and three electrodes about a mirror line that makes 35° with x."""
+
+    def disc(radius_mm, distance, angle=35.0):
+        x, y = turn([distance, 0.0], angle)
+        return {"shape": "circle", "radius_mm": radius_mm, "x_mm": x, "y_mm": y}
+
+    electrodes = [{"name": f"E{a}", **disc(1.5, 10.0, a)} for a in (35.0, 105.0, -35.0)]
+    return Scene().with_(probe={**disc(2.0, 9.0), **WARM}, electrodes=electrodes, **PYROELECTRIC)
+
+
+RECTANGLE = {"shape": "rectangle", "width_mm": 14.0, "height_mm": 7.0}
+TAPED = Scene().with_(film={"patches": TAPES}, probe=RECTANGLE, numerics={"tolerance": 3e-3})
+
+
+@pytest.mark.parametrize(("scene", "most"), [(oblique(), 1e-3), (TAPED, 5e-3)])
+def test_a_part_of_a_symmetric_film_has_all_of_it(monkeypatch, scene, most):
+    assert len(part_of(scene).mirrored) == 1
+    on_part = solve(scene)
+    for name in scene.film.layers:
+        patch = on_part.mesh.subdomains[name]
+        assert on_part.fields.equilibrium.space.weights[patch].sum() == pytest.approx(9e-6)
+    monkeypatch.setattr(solving, "part_of", lambda scene: WHOLE)
+    assert [*on_part.charges_pC.values()] == pytest.approx(charges(scene), rel=most)
+
+
+def test_what_is_unlike_is_no_mirror_image():
+    finger = {"shape": "circle", "x_mm": 9.0, "radius_mm": 2.0, "force_N": 1.0, **WARM}
+    pairs = ([finger, {**finger, "x_mm": -9.0, "temperature_K": t}] for t in (10.0, 5.0))
+    assert [part_of(Scene().with_(probe=pair)).mirrored for pair in pairs] == [(0, 1), (1,)]
+    lopsided = [{**TAPES[0], "thickness_um": 40.0}, *TAPES[1:]]
+    assert part_of(TAPED.with_(film={"patches": lopsided})) is WHOLE
+    assert part_of(Scene().with_(**{"film.rim_displacement_um": [1.0, 0.5, 0.0]})) is WHOLE

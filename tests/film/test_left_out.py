@@ -1,0 +1,135 @@
+"""What a film model leaves out: how much that is, when "auto" includes it, and what is told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pvdf_fem import Scene, solve
+from pvdf_fem.film.bending_effect import bending_effect
+from pvdf_fem.film.electric.coupling import coupling_effect
+from pvdf_fem.film.loads.everywhere.weight import weight_effect
+from pvdf_fem.film.models import film_model
+from pvdf_fem.film.remarks import two_digits
+from reports.accuracy.drawn import random_scene
+from tests.helpers.discs import LOADS, RECTANGLE, values
+from tests.helpers.laminated import laminated
+
+WIRED = {"readout.kind": "voltage"}
+
+
+def stiff(random):
+    film = {"film.thickness_um": 10 ** random.uniform(0.5, 2.5)}
+    film |= {"film.temperature_change_K": -(10 ** random.uniform(-2.0, 1.5))}
+    return film | LOADS[random.choice(list(LOADS))]
+
+
+def wired(random):
+    d31, d32 = random.uniform(3.0, 30.0, 2)
+    return {"film.d31_pC_N": d31, "film.d32_pC_N": d32, **WIRED}
+
+
+def light(random):
+    return {"load.force_N": 10 ** random.uniform(-2.0, -1.0), "load.kind": "dead"}
+
+
+#: By key: how scenes are drawn, what includes the effect, its estimate, and seeds: other scenes
+#: than those that factors of estimates were fitted to.
+EFFECTS = {
+    "film.bending": (stiff, True, lambda scene: bending_effect(scene).change, range(100, 112)),
+    "film.coupling": (wired, True, coupling_effect, range(200, 203)),
+    "film.gravity_m_s2": (light, -9.81, weight_effect, range(300, 303)),
+}
+DRAWN = [(key, seed) for key, (*_, seeds) in EFFECTS.items() for seed in seeds]
+
+
+@pytest.mark.parametrize(("key", "seed"), DRAWN)
+def test_estimates_are_between_a_third_and_thirty_times_the_effect(key, seed):
+    draw, included, effect, _ = EFFECTS[key]
+    random = np.random.default_rng(seed)
+    drawn = {**draw(random), "numerics.tolerance": 2e-3, "numerics.observable": "material"}
+    scene = random_scene(random, **drawn)
+    whole = solve(scene.with_(**{key: included}))
+    without = solve(scene, mesh=whole.mesh, order=3)
+    charges = (values(solution.charges_pC) for solution in (whole, without))
+    change = np.abs(np.divide(*charges) - 1.0).max()
+    assert change <= 3.0 * effect(scene)
+    assert change < 1e-4 or effect(scene) <= 30.0 * change
+
+
+@pytest.mark.parametrize("bonded", ["at rest", "before stretching"])
+@pytest.mark.parametrize("side_mm", [2.0, 6.0])
+@pytest.mark.parametrize(("thickness_um", "modulus_GPa"), [(8.0, 0.3), (25.0, 3.0), (60.0, 8.0)])
+def test_layers_on_one_side_bend_as_much_as_is_stated(bonded, side_mm, thickness_um, modulus_GPa):
+    """A third to thirty times what a laminated disc says, of the layer on either side."""
+    layer = {"shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": side_mm, "bonded": bonded}
+    layer |= {"thickness_um": thickness_um, "youngs_modulus_GPa": modulus_GPa}
+    scene = Scene().with_(
+        probe={"shape": "circle", "radius_mm": 3.0},
+        electrodes=[{"name": "A", "shape": "circle", "x_mm": 4.0, "y_mm": 0.0, "radius_mm": 1.5}],
+        **{"film.patches": [layer]},
+    )
+    charges = [laminated(scene, side).charges(8.0, 8.0)[0] for side in (1.0, -1.0)]
+    flat = laminated(scene).as_membrane().charges(8.0, 8.0)[0]
+    change = max(abs(charge / flat - 1.0) for charge in charges)
+    assert change > 1e-4
+    assert change / 3.0 <= bending_effect(scene).change <= 30.0 * change
+    both = scene.with_(**{"film.patches": [{**layer, "both_sides": True}]})
+    assert bending_effect(both).patches == 0.0
+
+
+@given(
+    temperature_change_K=st.sampled_from([-150.0, -1e-12, 0.0, 50.0]),
+    force_N=st.one_of(st.just(0.0), st.floats(1e-9, 100.0)),
+    thickness_um=st.floats(0.5, 1000.0),
+    load=st.sampled_from(list(LOADS)),
+)
+def test_bending_changes_a_part(temperature_change_K, force_N, thickness_um, load):
+    film = {"temperature_change_K": temperature_change_K, "thickness_um": thickness_um}
+    scene = RECTANGLE.with_(film=film, load={"force_N": force_N}, **LOADS[load])
+    change = bending_effect(scene).change
+    assert 0.0 <= change <= 1.0
+    assert force_N or change == 0.0
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "others", "joins"),
+    [
+        ("film.bending", False, {}, False),
+        ("film.bending", True, {}, True),
+        ("film.bending", "auto", {}, False),
+        ("film.bending", "auto", {"numerics.tolerance": 2e-3}, True),
+        ("film.coupling", False, WIRED, False),
+        ("film.coupling", True, WIRED, True),
+        ("film.coupling", "auto", WIRED, False),
+        ("film.coupling", "auto", {**WIRED, "numerics.tolerance": 4e-4}, True),
+        ("film.gravity_m_s2", None, {"load.force_N": 0.02}, False),
+        ("film.gravity_m_s2", -9.81, {"load.force_N": 0.02}, True),
+    ],
+)
+def test_what_was_decided_is_said(key, value, others, joins):
+    """The weight, which told in every scene would be noise, only where it matters."""
+    scene = RECTANGLE.with_(**{"numerics.tolerance": 1e-2, key: value, **others})
+    solution = solve(scene)
+    told, untold = (solution.included, solution.left_out)[:: 1 if joins else -1]
+    (said,) = (text for text in told if key in text)
+    assert not any(key in text for text in untold)
+    assert ("gravity" in " ".join(solution.left_out)) == (key == "film.gravity_m_s2" and not joins)
+    assert not solution.warnings
+    if value != -9.81:  # the weight tells its pressure
+        assert f"{two_digits(100.0 * EFFECTS[key][2](scene))} %" in said
+
+
+def test_a_thick_film_bends_or_has_a_warning_and_a_tip_leaves_bending_out():
+    thick = RECTANGLE.with_(**{"film.thickness_um": 1000.0})
+    without, auto = (solve(thick.with_(**{"film.bending": b})) for b in (False, "auto"))
+    (warning,) = without.warnings
+    assert "film.bending" in warning
+    assert not auto.warnings
+    assert auto.deflection_max_mm < 0.3 * without.deflection_max_mm
+    sphere = {"probe": {"shape": "sphere", "radius_mm": 5.0}, "load.kind": "contact"}
+    tip = thick.with_(**sphere, **{"film.bending": "auto"})
+    assert bending_effect(tip).change > tip.numerics.tolerance
+    assert not film_model(tip).bends

@@ -1,0 +1,134 @@
+"""Loads by probes and on the whole film: their sums, moments and files, and what moves a film."""
+
+import numpy as np
+import pytest
+import xarray
+
+from pvdf_fem import Scene, solve
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.loads.posed import Posed
+from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.solvers.status import Status
+from tests.helpers.discs import graded_mesh
+from tests.helpers.refusals import keys, refused
+
+# profiles
+
+DISC = {"shape": "circle", "radius_mm": 4.0, "x_mm": 5.0, "y_mm": 1.0}
+ELLIPSE = {"shape": "ellipse", "semi_axes_mm": [4.0, 2.0], "x_mm": 5.0, "y_mm": 1.0}
+SCENE = Scene().with_(probe=DISC)
+
+
+def moments(scene, pressure=None):
+    """Total force in N, its centre and its mean square distance from there in mm, mm²."""
+    mesh = graded_mesh(scene, 0.5, 10.0)
+    equilibrium = Equilibrium(scene, mesh, 2, posed=Posed.under(scene, pressure))
+    (load,) = equilibrium.loads
+    x = equilibrium.space.basis.doflocs * 1e3
+    forces = load.forces(equilibrium.state(np.zeros(equilibrium.unknowns.count)))[2::3]
+    centre = x @ forces / forces.sum()
+    square = ((x - centre[:, None]) ** 2).sum(axis=0)
+    return forces.sum(), centre, square @ forces / forces.sum()
+
+
+@pytest.mark.parametrize(
+    ("probe", "profile", "square"),
+    [
+        (DISC, "uniform", 16.0 / 2.0),
+        (DISC, "hertz", 16.0 * 2.0 / 5.0),
+        ({**ELLIPSE, "rotation_deg": 30.0}, "hertz", (16.0 + 4.0) / 5.0),
+        (DISC, "gaussian", 16.0 * (0.5 - np.exp(-2.0) / (1.0 - np.exp(-2.0)))),
+    ],
+)
+def test_moments_are_the_exact_ones(probe, profile, square):
+    force, centre, found = moments(SCENE.with_(probe=probe, **{"load.profile": profile}))
+    assert force == pytest.approx(1.0, rel=1e-12)
+    assert centre == pytest.approx([5.0, 1.0], rel=1e-4)
+    assert found == pytest.approx(square, rel=1e-4)
+
+
+def bilinear(x_mm, y_mm):
+    """A pressure that a grid of any size holds exactly."""
+    return (1.0 + 0.15 * x_mm) * (1.0 - 0.1 * y_mm)
+
+
+@pytest.mark.parametrize("kind", ["csv", "nc"])
+def test_a_table_and_a_function_turn_with_their_probe(tmp_path, kind):
+    """The centre of `bilinear` on a disc of radius 4 mm is at 16/4 (0.15, -0.1) mm."""
+    path, x, y = tmp_path / f"p.{kind}", np.array([-6.0, -1.0, 6.0]), np.array([-5.0, 5.0])
+    values = bilinear(x[:, None], y)
+    if kind == "nc":
+        data = xarray.Dataset({"pressure": (("y_mm", "x_mm"), values.T)}, {"x_mm": x, "y_mm": y})
+        data.to_netcdf(path, engine="scipy")
+    else:
+        rows = [f"{y[j]},{value},{x[i]}" for (i, j), value in np.ndenumerate(values)]
+        path.write_text("\n".join(["y_mm,pressure,x_mm", *rows]))
+    turned = SCENE.with_(**{"probe.rotation_deg": 40.0})
+    expected = moments(turned, pressure=lambda x, y: 3.0 * bilinear(x, y))
+    found = moments(turned.with_(**{"load.profile": str(path)}))
+    assert np.hstack(found) == pytest.approx(np.hstack(expected), rel=1e-9)
+    assert found[1] == pytest.approx(np.add(turn([0.6, -0.4], 40.0), [5.0, 1.0]), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("table.csv", "x_mm,y_mm\n0,0"),
+        ("table.csv", "x_mm,y_mm,pressure\n0,0,1\n1,0,1\n0,1,1"),
+        ("table.csv", "x_mm,y_mm,pressure\n0,0,a"),
+        ("table.csv", ""),
+        ("table.csv", "x_mm,y_mm,pressure\n8,8,1\n9,8,1\n8,9,1\n9,9,1"),  # zero under the probe
+        ("table.nc", "x_mm,y_mm,pressure\n0,0,1"),
+        ("none.csv", None),
+    ],
+)
+def test_files_that_hold_no_pressure_are_refused(tmp_path, name, text):
+    path = tmp_path / name
+    if text is not None:
+        path.write_text(text)
+    assert keys(refused(solve, SCENE.with_(**{"load.profile": str(path)}))) == ["load.profile"]
+
+
+# weight and the rim
+
+TIGHT, NONE = {"film.pretension_N_m": 1e3}, {"film.temperature_change_K": 0.0}
+SLACK = {"film.temperature_change_K": 0.5, "film.compression": "tension-field"}
+
+
+@pytest.mark.parametrize(("film", "gravity_m_s2"), [(TIGHT, 981.0), (NONE, -9.81), (SLACK, 9.81)])
+def test_a_film_bears_its_weight_at_rest(film, gravity_m_s2):
+    """A tight one is a paraboloid of the height q a²/(4 N0) by the weight q."""
+    heavy = solve(Scene().with_(**film, **{"film.gravity_m_s2": gravity_m_s2}))
+    assert heavy.rest_charges_pC == pytest.approx(heavy.charges_pC, rel=1e-9)
+    sag = heavy.at([0.0, 20.0], [0.0, 0.0]).deflection_mm / np.sign(gravity_m_s2)
+    assert sag[0] > 0.02
+    if film is TIGHT:
+        tip = 1e3 * 1760.0 * 25e-6 * 981.0 * 45e-3**2 / 4e3
+        assert sag == pytest.approx([tip, tip * (1.0 - (20.0 / 45.0) ** 2)], rel=1e-3)
+
+
+def test_a_rim_that_moves_inwards_leaves_no_stable_film():
+    assert solve(Scene().with_(**{"film.rim_displacement_um": [-10.0]})).status is Status.UNSTABLE
+
+
+# tips
+
+
+def felt(**probe):
+    """What a tip does that presses with 1 N."""
+    load = {"kind": "contact", "force_N": 1.0}
+    scene = Scene().with_(probe=probe, load=load, **{"numerics.tolerance": 1e-2})
+    return solve(scene).contacts["probe"]
+
+
+def test_tractions_on_a_sphere_pass_through_its_centre():
+    sphere = felt(shape="sphere", radius_mm=5.0, x_mm=14.0, y_mm=6.0)
+    x, y = sphere.lateral_N
+    assert x < y < -1e-3
+    assert sphere.moments_N_mm == pytest.approx([5.0 * y, -5.0 * x], rel=1e-2)
+
+
+def test_a_pressure_turns_with_its_tip():
+    long = {"shape": "rectangle", "width_mm": 12.0, "height_mm": 4.0, "edge_radius_mm": 1.0}
+    along, oblique = (felt(**long, rotation_deg=rotation) for rotation in (0.0, 45.0))
+    assert along.mean_pressure_MPa == pytest.approx(oblique.mean_pressure_MPa, rel=0.06)

@@ -1,0 +1,202 @@
+"""Public functions take a path, tables or a result for a scene, and tell mistakes by name."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import pickle
+import re
+from functools import reduce
+
+import pytest
+
+import pvdf_fem
+from pvdf_fem import Scene, gradients, modes, respond, solve, sweep
+from pvdf_fem.scene.given import scene_of
+from tests.helpers.refusals import refused
+from tests.helpers.touch_models import bumps
+
+TABLES = {
+    "film": {"radius_mm": 12.0, "density_kg_m3": 1780.0},
+    "electrodes": {"ring_radius_mm": 6.0},
+    "probe": {"shape": "circle"},
+    "numerics": {"tolerance": 0.05},
+}
+SCENE = Scene().with_(TABLES)
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return solve(SCENE)
+
+
+def test_a_path_tables_a_scene_and_a_solution_are_scenes(tmp_path, solution):
+    path = tmp_path / "mine.toml"
+    path.write_text(SCENE.to_toml(), encoding="utf-8")
+    for given in (path, str(path), TABLES, SCENE, solution):
+        assert scene_of(given) == SCENE
+    for wrong in (tmp_path / "none.toml", {"film": {"radius": 2}}):
+        assert refused(scene_of, wrong)
+
+
+def test_studies_take_a_solution_or_tables(solution):
+    assert solve(solution).charges_pC == solve(TABLES).charges_pC == solution.charges_pC
+    assert modes(solution, 1).frequencies_Hz == modes(SCENE, 1).frequencies_Hz
+    keys = ["load.force_N"]
+    assert gradients(TABLES, keys) == gradients(solution, keys)
+    swept = sweep(solution, [{"load.force_N": [1.0]}], processes=1)
+    assert swept.charge_pC.sel(force_N=1.0).values == pytest.approx(
+        list(solution.charges_pC.values()), rel=0.05
+    )
+    ours, theirs = (respond(given, [10.0]).charges_pC_N for given in (TABLES, solution))
+    assert ours == theirs
+
+
+#: Public functions and methods, with arguments that they take. `s` is a solution, `S` a scene, `m`
+#: a model.
+CALLS = {
+    "solve": "S",
+    "modes": "S",
+    "gradients": "s",
+    "uncertainty": "s, {'film.thickness_um': '5 %'}",
+    "respond": "s, [10.0]",
+    "transient": "s, pf.step(0.1), [0.0]",
+    "step": "0.1",
+    "half_sine": "0.1, 0.1",
+    "sweep": "S, [{'load.force_N': [1.0]}]",
+    "calibrate": "s, 'none.csv'",
+    "build_response": "S",
+    "locate": "m, dict.fromkeys('ABCD', 700.0)",
+    "locate_many": "m, [[9.0, 7.0, 6.0, 6.0]]",
+    "design": "S, {'load.force_N': [1.0]}",
+    "dataset": "S",
+    "Tracker": "m",
+    "Solution.at": "s, 0.0, 0.0",
+    "Solution.along": "s, [(0.0, 0.0), (1.0, 1.0)]",
+    "Solution.to_xarray": "s",
+    "Solution.to_vtu": "s, 'none.vtu'",
+    "Solution.plot": "s",
+    "Solution.view": "s",
+    "Solution.charges_by": "s, 8.0, 8.0",
+}
+#: What only developers give, and what is a callable or a truth value.
+UNCHECKED = ("self", "options", "progress")
+#: Arguments that go by another name in complaints.
+ALIASES = {"solution": "scene", "model": "(model|scene)", "response": "model"}
+ALIASES |= {"charges_pC": "charges(_pC)?", "d31_pC_N": ".*", "d32_pC_N": ".*"}
+
+
+def function_of(name):
+    return reduce(getattr, name.split("."), pvdf_fem)
+
+
+def parameters():
+    """Each public function with each argument."""
+    for name in CALLS:
+        taken = inspect.signature(function_of(name)).parameters
+        yield from ((name, key) for key in taken if key not in UNCHECKED)
+
+
+GIVEN = {"pf": pvdf_fem, "math": math, "TABLES": TABLES, "S": SCENE, "m": bumps("circle")}
+
+
+@pytest.mark.parametrize(("name", "argument"), [*parameters()])
+def test_an_argument_that_is_nothing_of_use_is_told_by_its_name(name, argument, solution):
+    function = function_of(name)
+    given = eval(f"({CALLS[name]},)", {**GIVEN, "s": solution})
+    arguments = inspect.signature(function).bind(*given).arguments
+    with pytest.raises((ValueError, TypeError)) as mistake:
+        function(**{**arguments, argument: object()})
+    assert begins(mistake.value, ALIASES.get(argument, argument))
+    if inspect.isfunction(function):
+        with pytest.raises(TypeError) as mistake:
+            function(**arguments, nothing=1)
+        assert begins(mistake.value, function.__name__)
+
+
+def begins(error, name):
+    """Whether the first complaint of an error begins with a name."""
+    told = getattr(error, "problems", [str(error)])[0]
+    return re.match(rf"{name}( = | has |: )", told)
+
+
+def test_every_public_function_is_called_here():
+    public = {name for name in pvdf_fem.__all__ if inspect.isfunction(function_of(name))}
+    assert public <= CALLS.keys()
+
+
+#: Mistakes in values, with the name that the complaint begins with.
+MISTAKES = {
+    "pf.solve(S, 'a.msh')": "solve",
+    "pf.solve(S, order=7)": "order",
+    "pf.solve(S, pressure='hertz')": "pressure",
+    "pf.solve(S, uncertain={'bad': '5 %'})": "uncertain.bad",
+    "pf.solve({3: 2})": "3",
+    "pf.modes(S, 0)": "count",
+    "pf.modes(S, 201)": "count",
+    "pf.modes(S, 2.5)": "count",
+    "pf.modes(S, True)": "count",
+    "pf.respond(s, [-1])": "frequencies_Hz",
+    "pf.respond(s, [])": "frequencies_Hz",
+    "pf.respond(s, 20, 30)": "refined",
+    "pf.transient(s, ((1, 2),), [0, 1])": "touch",
+    "pf.transient(s, pf.step(0.1), [0, math.nan])": "times_s",
+    "pf.transient(s, pf.step(0.1), [0], highest_Hz=-3)": "highest_Hz",
+    "pf.half_sine(0.1, 0)": "duration_s",
+    "pf.gradients(s, ['bad'])": "parameters",
+    "pf.gradients(s, [3])": "parameters[0]",
+    "pf.gradients(s, [])": "parameters",
+    "pf.uncertainty(s, ['film.thickness_um'])": "uncertain",
+    "pf.sweep(S, {'load.force_N': [1]})": "axes",
+    "S.with_('load.force_N=3')": "changes",
+    "S.with_(load=3)": "load",
+    "S.with_({'load.force_N': None})": "load.force_N",
+    "pf.Scene.load(3)": "path",
+    "pf.Scene.load()": "load",
+    "pf.Scene.example()": "example",
+    "pf.Scene.parse(3)": "text",
+    "pf.Scene('mine.toml')": "Scene",
+    "pf.Response.load(None)": "path",
+    "pf.Report.load(3)": "path",
+    "s.at([0, 1], [0, 1, 2])": "x_mm",
+    "s.along([(0, 0)])": "line_mm",
+    "s.along([(0, 0), (1, 1)], points=1)": "points",
+    "s.to_xarray(-1)": "step_mm",
+    "s.plot(reach_mm=-3)": "reach_mm",
+    "s.plot(['stress'])": "quantity",
+    "s.readings_V": "readout",
+    "pf.locate(S, [1, 2, 3])": "charges",
+    "pf.locate_many(m, [[1, 2, 3, 'a']])": "charges_pC",
+    "pf.locate_many(S, [[1, 2, 3, 4]])": "model",
+    "pf.Tracker(m).update(0, {'Z': 1})": "readings.Z",
+    "pf.Tracker(m).update(0, ['a', 2, 3, 4])": "readings",
+    "pf.design(s, ['electrodes.count'])": "vary",
+    "pf.dataset(TABLES, touches=0)": "touches",
+    "pf.Tracker()": "Tracker",
+    "pf.design(s, {'load.force_N': [1]}, model=3)": "model",
+    "pf.dataset(TABLES, model=3)": "model",
+}
+
+
+@pytest.mark.parametrize("call", MISTAKES)
+def test_a_mistake_is_told_by_its_name(call, solution):
+    with pytest.raises((ValueError, TypeError)) as mistake:
+        eval(call, {**GIVEN, "s": solution})
+    assert begins(mistake.value, re.escape(MISTAKES[call]))
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        *(("S.film.radius_mm = 3", "radius_mm"), ("S.load = 3", "load")),
+        *(("S.probe.width", "width"), ("s.charges['A']", "charges_pC")),
+        *(("s.at(0, 0).stress", "stress_MPa"), ("pf.solv", "did you mean solve")),
+    ],
+)
+def test_attributes_are_told_by_name(call, name, solution):
+    with pytest.raises(AttributeError, match=name):
+        exec(call, {**GIVEN, "s": solution})
+
+
+def test_public_functions_can_be_sent_to_other_processes():
+    assert pickle.loads(pickle.dumps(solve)) is solve
