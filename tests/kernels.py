@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -42,19 +41,17 @@ def main() -> int:
     parser.add_argument("--kernels", default=KERNELS, help="separated by commas")
     parser.add_argument("--threads", default="1,2", help="numbers of threads")
     options, asked = parser.parse_known_args()
-    failed: dict[str, list[str]] = {}
+    failed = False
     for kernel in options.kernels.split(","):
         if (used := run(kernel, 1, "-c", USED).strip()) != kernel:
             print(f"{kernel}: left out, NumPy uses {used or 'no OpenBLAS'}")
             continue
         for threads in map(int, options.threads.split(",")):
-            printed = run(kernel, threads, "-m", "pytest", "-q", "-n", "auto", *asked)
-            print(f"{kernel}, {threads} threads: {printed.splitlines()[-1]}", flush=True)
-            for test in re.findall(r"^(?:FAILED|ERROR) (\S+)", printed, re.MULTILINE):
-                failed.setdefault(test, []).append(f"{kernel} {threads}")
-    for test, where in failed.items():
-        print(f"{test}: fails with {', '.join(where)}")
-    return bool(failed)
+            printed = run(kernel, threads, "-m", "pytest", "-q", "-n", "auto", *asked).splitlines()
+            failures = [line for line in printed if line.startswith(("FAILED", "ERROR"))]
+            print(f"{kernel}, {threads} threads:", *failures, printed[-1], sep="\n", flush=True)
+            failed |= bool(failures)
+    return failed
 
 
 if __name__ == "__main__":

@@ -97,11 +97,8 @@ def killed(mutant: Mutant, checkout: Path, only_own: bool) -> bool:
     limits = {"cwd": checkout, "env": environment, "timeout": PATIENCE_S}
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     # modules at the root are tested by the modules at the root
-    own = (
-        [f"tests/{folder}"]
-        if "." not in folder
-        else [str(path.relative_to(ROOT)) for path in ROOT.glob("tests/test_*.py")]
-    )
+    at_root = [str(path.relative_to(ROOT)) for path in ROOT.glob("tests/test_*.py")]
+    own = at_root if "." in folder else [f"tests/{folder}"]
     runs = [own] if only_own else [own, ["tests"]]
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "auto"]
     try:

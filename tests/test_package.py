@@ -88,39 +88,22 @@ def programs(built):
     return Path(sysconfig.get_path("scripts", vars={"base": str(root)}))
 
 
-def snippets(language: str) -> str:
-    """The snippets of README in a language, one after the other, that are run here."""
-    text = ROOT.joinpath("README.md").read_text("utf-8")
-    found = [code for left, name, code in SNIPPET.findall(text) if name == language and not left]
-    assert found
-    return "\n".join(found)
-
-
-def test_readme_s_shell_runs_from_the_wheel(programs, tmp_path):
-    run("sh", "-euc", snippets("sh"), folder=tmp_path, path=programs)
-    assert tmp_path.joinpath("triangle.png").stat().st_size > 10_000
-
-
-def test_readme_s_python_runs_from_the_wheel(programs, tmp_path):
-    code = snippets("python") + "\nimport pvdf_fem\nprint(pvdf_fem.__file__)"
-    printed = run(programs / "python", "-W", "error", "-c", code, folder=tmp_path)
-    assert printed.startswith("converged: every result is within the tolerance")
-    assert Path(printed.splitlines()[-1]).is_relative_to(programs.parent)
-
-
 #: Pages of seconds; the others are slow.
-QUICK = ("verify", "extend")
+QUICK = ("README", "verify", "extend")
 
 
 def pages() -> dict[str, list[str]]:
-    """The cells of the guide's pages that need no checkout."""
+    """The cells of README and of the guide's pages that need no checkout."""
     texts = {path.stem: path.read_text("utf-8") for path in ROOT.glob("reports/guide/*.md")}
     cells = {n: CELL.findall(text) for n, text in texts.items() if NEEDS_CHECKOUT not in text}
+    snippets = SNIPPET.findall(ROOT.joinpath("README.md").read_text("utf-8"))
+    marks = {"sh": "%%sh\n", "python": ""}
+    cells["README"] = [marks[name] + code for left, name, code in snippets if not left]
     return {name: found for name, found in cells.items() if found}
 
 
 @pytest.mark.parametrize("of", [QUICK, pytest.param(None, marks=pytest.mark.slow)])
-def test_pages_of_the_guide_run_from_the_wheel(programs, tmp_path, of):
+def test_pages_run_from_the_wheel(programs, tmp_path, of):
     cells = {name: found for name, found in pages().items() if of is None or name in of}
     assert cells.keys() >= set(QUICK)
     # plt.show() has no window here; xarray's HTML is not asked for
@@ -134,10 +117,8 @@ def test_pages_of_the_guide_run_from_the_wheel(programs, tmp_path, of):
 def test_the_archive_of_sources_has_every_file(built):
     if not ROOT.joinpath(".git").exists() or shutil.which("git") is None:
         pytest.skip("what belongs to the sources is known to git only")
-    listed = subprocess.run(
-        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    expected = {path for path in listed.stdout.splitlines() if ROOT.joinpath(path).is_file()}
+    listed = run("git", "ls-files", folder=ROOT).splitlines()
+    expected = {path for path in listed if ROOT.joinpath(path).is_file()}
     examples = {f"pvdf_fem/examples/{path.name}" for path in ROOT.glob("geometry/*.toml")}
     [archive] = built.glob("*.tar.gz")
     with tarfile.open(archive) as files:

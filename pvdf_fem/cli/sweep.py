@@ -44,7 +44,7 @@ Optional there: name, reach_mm (from the film's centre).
 
 examples:
   pvdf-fem sweep thickness_spacing.toml --plan
-  pvdf-fem sweep thickness_spacing.toml --output charges.nc --plot charges.png
+  pvdf-fem sweep sweep.toml --output charges.nc --plot charges.png
   dask scheduler & dask worker tcp://localhost:8786 --nworkers 8 --nthreads 1 &
   pvdf-fem sweep sweep.toml --scheduler tcp://localhost:8786
 

@@ -82,7 +82,6 @@ def coloured(image: Array, quantity: str) -> dict[str, Any]:
     """An image as a PNG in a URL, palest at zero and transparent where it is NaN, and its scale:
     label, least and largest value, and colours between them."""
     low, high = min(0.0, float(np.nanmin(image))), max(0.0, float(np.nanmax(image)))
-    high = max(high, low + 1e-9)
     label, palette, _ = QUANTITIES[quantity]
     palette = f"{palette}_r" if -low > high else palette
     imsave(png := BytesIO(), image, vmin=low, vmax=high, cmap=palette, origin="lower", format="png")

@@ -9,7 +9,6 @@ Symmetric tensors are in Voigt order (11, 22, 12), strains with engineering shea
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -50,8 +49,6 @@ class Membrane(Laminate, Term):
 
     def moduli(self, state: State) -> Array:
         """dS/dE in Pa, (3, 3), or (elements, points, 3, 3) where it is not the same everywhere."""
-        if state.moduli is not None:
-            return state.moduli
         if self._last_moduli is None or self._last_moduli[0] is not state:
             self._last_moduli = state, self.resultant_moduli(state.strain)
         return self._last_moduli[1]
@@ -215,10 +212,6 @@ class Membrane(Laminate, Term):
         mean = 0.5 * state.stress[..., :2].sum(axis=-1)
         average = float((mean * self.volumes).sum() / self.volumes.sum())
         return self.film.thickness * max(average, least_strain * self.law.stiffness[0, 0])
-
-    def predicted(self, state: State, stress: Array, damping: float) -> State:
-        """The state with another stress in its tangent, and moduli of its own strain."""
-        return replace(state, stress=stress, moduli=self.moduli(state), damping=damping)
 
 
 def strain_of(gradient: Array) -> Array:

@@ -28,8 +28,6 @@ class State:
     dofs: Array
     #: Stress added by terms to the strain's stress, if present, (elements, 1, 3).
     added: Array | None = field(default=None, kw_only=True)
-    #: Moduli in Pa that replace the strain's moduli in a tangent.
-    moduli: Array | None = field(default=None, kw_only=True)
     #: Tension that a tangent has everywhere, over the film's mean tension.
     damping: float = field(default=0.0, kw_only=True)
 

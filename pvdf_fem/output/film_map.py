@@ -54,7 +54,7 @@ def sampled(
         fields = ", ".join(name for name, other in MAPS.items() if other.values)
         raise ValueError(f"quantity: is no field of the film; choose from {fields}")
     count = film.mesh.nelements
-    times = int(np.clip(np.log(most / count) / np.log(4.0), 1, 4))
+    times = max(1, int(np.log(most / count) / np.log(4.0)))
     element = MeshTri1.init_refdom().refined(times)
     at = film.in_elements(element.p)
     first = element.p.shape[1] * np.arange(count)

@@ -7,7 +7,6 @@ only a part is meshed; the whole film is put together when it is asked for.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -231,8 +230,8 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
     remarks += [*heat_remarks(scene, charges_pC), *weight_remarks(scene)]
     reason = status.advice
     if status is Status.TOLERANCE:
-        enough = _rounded_up(attempt.bound)
-        reason = f"{reason}, to at least {enough}, which can be reached ({stop.value})"
+        enough = 1.05 * attempt.bound  # no smaller in two digits
+        reason = f"{reason}, to at least {enough:.1e}, which can be reached ({stop.value})"
     elif status is Status.CONVERGED and (change or 0.0) > problem.scene.numerics.tolerance:
         reason = f"{reason}, but for {change:.1e} of a charge that wrinkles would change"
     return Solution(
@@ -248,12 +247,6 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         problem.clock.seconds(),
         _fields=fields,
     )
-
-
-def _rounded_up(value: float) -> str:
-    """A number with two digits that is no smaller."""
-    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return f"{math.ceil(value / unit) * unit:.1e}"
 
 
 def _status(attempt: Attempt, stop: Stop, change: float | None) -> Status:

@@ -28,7 +28,7 @@ from pvdf_fem.solvers.newton import (
 )
 from pvdf_fem.solvers.seed import seed
 from pvdf_fem.solvers.status import Status
-from pvdf_fem.solvers.wrinkling import PredictedStress, from_larger_loads
+from pvdf_fem.solvers.wrinkling import DampedNewton, from_larger_loads
 
 #: Last Newton step for a wrinkling film, over the charges' tolerance: where the film's
 #: state changes from point to point steps shrink only linearly, and rounding in a stiff film ends
@@ -120,7 +120,7 @@ class LineSearchNewton(Rung):
 class NearNewton(Rung):
     """Newton's method for a film that wrinkles, from a near start."""
 
-    name = "Newton with predicted stress"
+    name = "damped Newton"
 
     def applies(self, task: Task) -> bool:
         """With a start."""
@@ -129,7 +129,7 @@ class NearNewton(Rung):
     def solve(self, task: Task) -> NewtonResult:
         """From the start."""
         assert task.start is not None
-        return newton(PredictedStress(task.equilibrium, task.last_step), task.start)
+        return newton(DampedNewton(task.equilibrium, task.last_step), task.start)
 
 
 class FallingLoad(Rung):
@@ -147,7 +147,7 @@ class FallingLoad(Rung):
         result = from_larger_loads(film, task.last_step, task.iterations)
         if task.equilibrium.conservative or not result.converged:
             return result
-        last = newton(PredictedStress(task.equilibrium, task.last_step), result.q)
+        last = newton(DampedNewton(task.equilibrium, task.last_step), result.q)
         return replace(last, tried=result.as_tried("dead pressure"))
 
 

@@ -1,11 +1,9 @@
 """Newton's method for a film that wrinkles, and continuation in the load where no start is near.
 
 The energy of the tension field is convex, but its second derivative jumps where the film begins to
-wrinkle, and against a small load the film is so stiff that stresses of trial strains mean little.
-The geometric stiffness therefore takes the stress predicted by the last step, not the strain's
-stress (Magisano, Leonetti, Garcea, Comput. Methods Appl. Mech. Eng. 313 (2017) 496-514). Larger
-loads pull a slack film taut: an unloading film has stress and therefore stiffness wherever the next
-equilibrium needs them.
+wrinkle: a tension everywhere, which goes with the steps, damps them, and a line search shortens
+them. Larger loads pull a slack film taut: an unloading film has stress and therefore stiffness
+wherever the next equilibrium needs them.
 """
 
 from __future__ import annotations
@@ -17,7 +15,6 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import strain_rate
 from pvdf_fem.film.term import State
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solvers.newton import (
@@ -65,9 +62,9 @@ class WrinklingOptions:
     line_search_trials: int = 6
 
 
-class PredictedStress(Variant):
-    """Newton's method for the exact law with predicted stresses, of a film that wrinkles. It ends
-    with a step below `tolerance` in the energy norm."""
+class DampedNewton(Variant):
+    """Newton's method for the exact law of a film that wrinkles. It ends with a step below
+    `tolerance` in the energy norm."""
 
     def __init__(
         self, equilibrium: Equilibrium, tolerance: float, options: WrinklingOptions | None = None
@@ -75,14 +72,11 @@ class PredictedStress(Variant):
         super().__init__(equilibrium)
         self.options = WrinklingOptions() if options is None else options
         self.tolerance, self.max_iterations = tolerance, self.options.max_iterations
-        self._predicted: Array | None = None
         self._size = self.options.damping
 
     def tangent(self, state: State, table: Sequence[Iteration]) -> tuple[Tangent, bool]:
-        predicted = state.stress if self._predicted is None else self._predicted
-        damping = self.options.damping * min(self._size, 1.0)
-        mixed = self.equilibrium.membrane.predicted(state, predicted, damping)
-        return Tangent(factorise(self.equilibrium.tangent(mixed))), True
+        damped = replace(state, damping=self.options.damping * min(self._size, 1.0))
+        return Tangent(factorise(self.equilibrium.tangent(damped))), True
 
     def size(self, q: Array, state: State, slope: float) -> float:
         """Energy norm of a step over the smaller of the load's work and twice the energy."""
@@ -116,17 +110,10 @@ class PredictedStress(Variant):
         return length
 
     def ended(self, step: Step, state: State, table: Sequence[Iteration]) -> Status | None:
-        self._predict(step)
         if not step.size < self.tolerance:
             return None
         self.factors = factorise(self.equilibrium.tangent(state))
         return Status.CONVERGED
-
-    def _predict(self, step: Step) -> None:
-        """The stress of the strain that the step would have in a linear film."""
-        gradient = self.equilibrium.space.gradient(self.equilibrium.unknowns.expand(step.change))
-        rate = strain_rate(step.state.deformation_gradient, gradient)
-        self._predicted = self.equilibrium.membrane.resultant(step.state.strain + rate)
 
 
 def from_larger_loads(
@@ -150,9 +137,9 @@ def from_larger_loads(
     table: list[Iteration] = []
     while True:
         loaded, left = equilibrium.under(factor), most - len(table)
-        variant = PredictedStress(loaded, passing)
+        variant = DampedNewton(loaded, passing)
         if factor == 1.0:
-            variant = PredictedStress(loaded, tolerance, WrinklingOptions(max_iterations=left))
+            variant = DampedNewton(loaded, tolerance, WrinklingOptions(max_iterations=left))
         result = newton(variant, seed(loaded) if q is None else q)
         table.extend(result.iterations)
         if (result.converged and factor == 1.0) or len(table) >= most:

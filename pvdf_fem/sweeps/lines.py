@@ -26,8 +26,8 @@ class MappingScheme:
     #: Line directions, counter-clockwise from +x, in order around the electrode.
     angles_deg: tuple[float, ...]
     #: Distances from the electrode's centre, growing.
-    distances_mm: tuple[float, ...] = tuple(4.0 * i for i in range(8))
-    reach_mm: float = 20.0  #: Places farther than this from the film's centre are left out.
+    distances_mm: tuple[float, ...]
+    reach_mm: float  #: Places farther than this from the film's centre are left out.
 
     def __post_init__(self) -> None:
         names = [electrode.name for electrode in self.scene.electrode_list]

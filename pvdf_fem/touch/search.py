@@ -1,4 +1,4 @@
-"""Searches for a touch: from everywhere, about the best end, and what they found."""
+"""Searches for a touch from everywhere, and what they found."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.response.model import ROTATION, X, Y
-from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, joined, repeated
+from pvdf_fem.touch.least_squares import Descent, SearchOptions, descend, repeated
 from pvdf_fem.touch.location import Location
 from pvdf_fem.touch.problem import Problem, extents, rows_of
 from pvdf_fem.touch.starts import starts
@@ -36,13 +36,6 @@ class LocateOptions:
     close: tuple[float, ...] = (0.2, 0.2, 1e-9, 0.05)
     neglected: float = 0.01
     retries: int = 8  #: Starts of the second search for a row of `locate_many`.
-    #: Further starts are about the best end, in longest steps along what the charges determine
-    #: least, where such a step changes the charges by less than the share `weak` of themselves, if
-    #: this share is `resolved` deviations; again about a better end, for some rounds at most.
-    weak: float = 0.02
-    resolved: float = 10.0
-    aside: tuple[float, ...] = (-0.5, 0.5)
-    rounds: int = 3
 
     # ---- by full solves
 
@@ -61,6 +54,10 @@ class LocateOptions:
     #: charges, as a larger chi-square is less probable than `significance`.
     followed: int = 5
     significance: float = 0.05
+    #: Further starts are about the best end, in longest steps along what the charges determine
+    #: least; again about a better end, for some rounds at most.
+    aside: tuple[float, ...] = (-0.5, 0.5)
+    rounds: int = 3
     solve_search: SearchOptions = field(
         default_factory=lambda: SearchOptions(40, arrived=0.02, short=0.04, relief=0.3)
     )
@@ -82,36 +79,7 @@ def search(problem: Problem, known: Mapping[int, float], options: LocateOptions)
     without_rotation = problem.unknown[problem.unknown != ROTATION]
     if 0 < len(without_rotation) < len(problem.unknown):
         at = descend(replace(problem, unknown=without_rotation), at, options=options.search).at
-    ends = descend(problem, at, hopeless=options.listed, options=options.search)
-    return probed(problem, ends, options, options.search, options.weak)
-
-
-def probed(
-    problem: Problem, ends: Descent, options: LocateOptions, how: SearchOptions, weak: float
-) -> Descent:
-    """The ends of searches, and ends of others about the best along what the charges determine
-    least, if a longest step changes the charges by less than the share `weak` of themselves.
-
-    At a fold of the charges two touches close together have almost the same charges, and a search
-    on one side of the fold does not see the touch on the other side. Along a valley a search may
-    end before its bottom.
-    """
-    most = weak * np.linalg.norm(problem.charges_pC / problem.deviations_pC)
-    moving, longest = problem.moving, problem.longest[problem.moving]
-    for _ in range(options.rounds if most >= options.resolved else 0):
-        best = ends.take(ends.ranking.argsort()[:1])
-        slopes = best.slopes[0][:, moving] * longest
-        _, changes, directions = np.linalg.svd(slopes)
-        if not best.arrived.any() or changes[-1] > most:
-            break
-        step = longest * directions[-1] / np.abs(directions[-1]).max()
-        at = np.repeat(best.at, len(options.aside), axis=0)
-        at[:, moving] += np.outer(options.aside, step)
-        more = descend(problem, at, options=how)
-        ends = joined([ends, more])
-        if more.ranking.min() > best.chi_square[0] - how.arrived:
-            break
-    return ends
+    return descend(problem, at, hopeless=options.listed, options=options.search)
 
 
 def best_ends(

@@ -161,7 +161,7 @@ def table_of(
     q, s = system[..., 0].swapaxes(1, 2), system[..., 3].swapaxes(1, 2)
     sizes, falls = (np.concatenate(of, axis=1) for of in ([q * q, -2.0 * q], [-q * s, s]))
     neighbours = cKDTree(grid).query(grid, 9)[1].T
-    half = 0.5 * math.log(forces[-1] / forces[0]) / max(len(forces) - 1, 1)
+    half = 0.5 * math.log(forces[1] / forces[0])
     return Table(at, neighbours, half, period, system, sizes, falls, s * s, lattice)
 
 

@@ -19,7 +19,7 @@ from pvdf_fem.solvers.status import NotConvergedError
 from pvdf_fem.sweeps.sweep import solve_all
 from pvdf_fem.touch.least_squares import Descent, descend, joined
 from pvdf_fem.touch.problem import Problem, kind_of
-from pvdf_fem.touch.search import LocateOptions, distinct, probed
+from pvdf_fem.touch.search import LocateOptions, distinct
 from pvdf_fem.touch.solves import UNSOLVED_PC, Solves, pressed_alone
 from pvdf_fem.touch.touch import explains
 
@@ -36,12 +36,36 @@ def search_by_solves(problem: Problem, model: Solves, options: LocateOptions) ->
     for part in (slice(options.followed), slice(options.followed, None)):
         starts = np.concatenate([likely[part] for likely in begun])
         ends = descend(coarse, starts, options=how)
-        ends = _ordered(coarse, probed(coarse, ends, options, how, np.inf), other, options)
+        ends = _ordered(coarse, probed(coarse, ends, options), other, options)
         if ends.at.size:
             found.append(descend(problem, ends.at, options=how))
         if found and explains(found[-1].ranking.min()[None], freedom, options.significance).any():
             break
     return _ordered(problem, joined(found), other, options) if found else ends
+
+
+def probed(problem: Problem, ends: Descent, options: LocateOptions) -> Descent:
+    """The ends of searches, and ends of others about the best along what the charges determine
+    least.
+
+    At a fold of the charges two touches close together have almost the same charges, and a search
+    on one side of the fold does not see the touch on the other side. Along a valley a search may
+    end before its bottom.
+    """
+    moving, longest = problem.moving, problem.longest[problem.moving]
+    for _ in range(options.rounds):
+        best = ends.take(ends.ranking.argsort()[:1])
+        if not best.arrived.any():
+            break
+        *_, directions = np.linalg.svd(best.slopes[0][:, moving] * longest)
+        step = longest * directions[-1] / np.abs(directions[-1]).max()
+        at = np.repeat(best.at, len(options.aside), axis=0)
+        at[:, moving] += np.outer(options.aside, step)
+        more = descend(problem, at, options=options.solve_search)
+        ends = joined([ends, more])
+        if more.ranking.min() > best.chi_square[0] - options.solve_search.arrived:
+            break
+    return ends
 
 
 def _cold(problem: Problem) -> Iterator[Problem]:

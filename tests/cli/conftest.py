@@ -1,24 +1,30 @@
-"""A folder with scenes and tables in which commands run, and made-up models of charges."""
+"""A folder with scenes and tables in which commands run, and what stands in place of long work."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from importlib import import_module
+
 import pytest
 
+from tests.helpers.streams import sensor
 from tests.helpers.touch_models import bumps
 
 TOLERANCE = "[numerics]\ntolerance = 0.05\n"
 READOUT = "[readout]\nfeedback_capacitance_pF = 500\n"
+RESISTIVE = '[readout]\nkind = "voltage"\ninput_resistance_MOhm = 1.0\ncable_capacitance_pF = 100\n'
 FILES = {
     "scene.toml": f'[probe]\nshape = "rectangle"\nx_mm = 3.0\n{TOLERANCE}',
     "disc.toml": f'[probe]\nshape = "circle"\n[readout]\n{TOLERANCE}',
     "wired.toml": f"[probe]\n{READOUT}",
+    "sensor.toml": f'[probe]\nshape = "circle"\n{RESISTIVE}',
     "bare.toml": "",
     "two.toml": "[[probe]]\n[[probe]]\nx_mm = 12.0\n",
     "list.toml": '[[electrodes]]\nname = "A"\nx_mm = 9\ny_mm = 0\n',
     "wrong.toml": "[film]\nradius_mm = -45.0\n[load]\nforce = 2\n[numerics]\ntolerance = nan\n",
     "sweep.toml": 'scene = "disc.toml"\n[[axes]]\nload.force_N = [1.0, 2.0]\n',
-    "cells.csv": "A,B,C,D\n905,731,600,640\n",
-    "known.csv": "x_mm,y_mm,rotation_deg,force_N,A,B,C,D\n1,1,0,1,905,731,600,640\n",
+    "readings.csv": "A,B,C,D\n905,731,600,640\n",
+    "touches.csv": "x_mm,y_mm,rotation_deg,force_N,A,B,C,D\n1,1,0,1,905,731,600,640\n",
     "signals.csv": "t_s,A,B,C,D\n0,1,2,3,4\n",
 }
 
@@ -35,7 +41,7 @@ def folder(tmp_path, monkeypatch):
 @pytest.fixture
 def models(monkeypatch):
     """Made-up models in the place of built ones; the list has the scene of each."""
-    asked = []
+    asked, rested = [], sensor()
 
     def model_of(scene, *_, **__):
         asked.append(scene)
@@ -43,4 +49,34 @@ def models(monkeypatch):
 
     for place in ("locate", "locate_rows", "studies.dataset", "studies.design"):
         monkeypatch.setattr(f"pvdf_fem.cli.{place}.model_of", model_of)
+    place = "pvdf_fem.cli.track.model_of"
+    monkeypatch.setattr(place, lambda scene, *_: replace(rested, scene=scene))
     return asked
+
+
+class Begun(BaseException):
+    """Raised where the work on accepted input begins, with what the work is given."""
+
+
+#: Functions with which work begins.
+WORK = ("derivatives.uncertainty.solve", "mesh.gmsh_mesh.mesh_scene", "dynamics.modes.modes")
+WORK += ("dynamics.forced.solve", "sweeps.sweep.planned", "calibration.calibrate.TouchModel")
+WORK += ("response.build.build_response", "touch.locate.locate", "explore.server.serve")
+
+#: Modules that hold such functions from their import on.
+HOLDERS = ("designs.dataset", "designs.design", "reporting.kinds.positions", "reporting.report")
+HOLDERS += ("response.probe_stress",)
+
+
+@pytest.fixture
+def begun(monkeypatch):
+    """The exception that all work raises."""
+    for name in HOLDERS:
+        import_module(f"pvdf_fem.{name}")
+
+    def begin(*given, **_):
+        raise Begun(*given)
+
+    for place in WORK:
+        monkeypatch.setattr(f"pvdf_fem.{place}", begin)
+    return Begun

@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import gmsh
@@ -18,65 +17,49 @@ from pvdf_fem.mesh.gmsh_libraries import PACKAGES
 ROOT = Path(__file__).resolve().parents[2]
 
 # Imported by Python at start: plays an interpreter on a machine where something is missing.
-NO_GLU_AND_GOMP = (
-    f"NAMES = {list(PACKAGES)}"
-    + """
+NO_GLU_AND_GOMP = f"""
 import ctypes
 load = ctypes.CDLL
 def refuse(name, *args, **kwargs):
     if name in ("libGLU.so.1", "libgomp.so.1"):
         raise OSError(name + ": cannot open shared object file")
-    if name in NAMES:
-        return None
-    return load(name, *args, **kwargs)
+    return None if name in {list(PACKAGES)} else load(name, *args, **kwargs)
 ctypes.CDLL = refuse
 """
-)
 NO_ENSUREPIP = "import sys; sys.modules['ensurepip'] = None"
 OLD_PYTHON = "import sys; sys.version_info = (3, 9, 2, 'final', 0)"
+#: Programs of a Debian machine for a user without root, their names with underscores.
+TOOLS = {
+    "id": "echo 1000",
+    "sudo": "echo called sudo; exit 1",
+    "apt_get": "echo called apt-get; exit 1",
+    "uname": "echo Linux",
+    "python3": f'exec "{sys.executable}" "$@"',
+}
 
-Run = Callable[..., subprocess.CompletedProcess[str]]
 
-
-def executable(path: Path, text: str) -> None:
-    path.write_text("#!/bin/sh\n" + text)
+def executable(path, text):
+    path.write_text(f"#!/bin/sh\n{text}\n")
     path.chmod(0o755)
 
 
 @pytest.fixture
-def checkout(tmp_path: Path) -> Path:
-    """A checkout with a space in its path that holds the scripts and nothing to install."""
-    folder = tmp_path / "a checkout"
-    libraries = Path("pvdf_fem", "mesh", "gmsh_libraries.py")
-    (folder / libraries).parent.mkdir(parents=True)
-    shutil.copy(ROOT / "run", folder)
-    shutil.copy(ROOT / libraries, folder / libraries)
-    return folder
+def run(tmp_path):
+    """Call `run` in a checkout with a space in its path that holds nothing to install."""
+    library = Path("pvdf_fem", "mesh", "gmsh_libraries.py")
+    (tmp_path / "a checkout" / library).parent.mkdir(parents=True)
+    for name in ("run", library):
+        shutil.copy(ROOT / name, tmp_path / "a checkout" / name)
 
-
-@pytest.fixture
-def run(checkout: Path, tmp_path: Path) -> Run:
-    """Call `run` as a user without root on a Debian machine with the given Python defect."""
-    tools = tmp_path / "bin"
-    tools.mkdir()
-    executable(tools / "id", "echo 1000\n")
-    executable(tools / "sudo", "echo called sudo; exit 1\n")
-    executable(tools / "apt-get", "echo called apt-get; exit 1\n")
-    executable(tools / "uname", "echo Linux\n")
-    executable(tools / "python3", f'exec "{sys.executable}" "$@"\n')
-
-    def call(*arguments: str, defect: str = "") -> subprocess.CompletedProcess[str]:
+    def call(*arguments, defect="", **tools):
+        (tmp_path / "bin").mkdir(exist_ok=True)
+        for name, text in (TOOLS | tools).items():
+            executable(tmp_path / "bin" / name.replace("_", "-"), text)
         (tmp_path / "sitecustomize.py").write_text(defect)
-        environment = {"PATH": f"{tools}:{os.environ['PATH']}", "PYTHONPATH": str(tmp_path)}
-        return subprocess.run(
-            [str(checkout / "run"), *arguments],
-            cwd=tmp_path,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            timeout=60,
-        )
+        path = f"{tmp_path / 'bin'}:{os.environ['PATH']}"
+        how = {"stdin": subprocess.DEVNULL, "capture_output": True, "text": True, "timeout": 60}
+        how |= {"cwd": tmp_path, "env": {"PATH": path, "PYTHONPATH": str(tmp_path)}}
+        return subprocess.run([str(tmp_path / "a checkout" / "run"), *arguments], **how)
 
     return call
 
@@ -97,30 +80,31 @@ def run(checkout: Path, tmp_path: Path) -> Run:
     ],
 )
 def test_what_is_missing_is_told_and_nothing_is_installed(
-    run: Run, checkout: Path, command: str, defect: str, code: int, told: str
-) -> None:
+    run, tmp_path, command, defect, code, told
+):
     """By the line to type, where there is one."""
     done = run(command, defect=defect)
     assert done.returncode == code
     assert re.search(told, done.stderr, re.MULTILINE)
     assert "called" not in done.stdout + done.stderr
-    assert not (checkout / ".venv").exists()
+    assert not (tmp_path / "a checkout" / ".venv").exists()
 
 
 @pytest.fixture
-def environment(checkout: Path) -> Path:
+def environment(run, tmp_path):
     """The `.venv` of a checkout where reports run, with a Python that prints its arguments."""
+    checkout = tmp_path / "a checkout"
     for name in ("pyproject.toml", "constraints.txt"):
         (checkout / name).touch()
     (checkout / ".venv" / "bin").mkdir(parents=True)
-    executable(checkout / ".venv" / "bin" / "python", 'echo "$@"\n')
-    version = subprocess.run([sys.executable, "-VV"], capture_output=True, text=True).stdout
+    executable(checkout / ".venv" / "bin" / "python", 'echo "$@"')
+    version = subprocess.check_output([sys.executable, "-VV"], text=True)
     (checkout / ".venv" / "made-from").write_text(f"{checkout}\n{version}")
     return checkout / ".venv"
 
 
 @pytest.mark.usefixtures("environment")
-def test_a_report_installs_no_tests_and_tests_only_add_to_it(run: Run) -> None:
+def test_a_report_installs_no_tests_and_tests_only_add_to_it(run):
     assert run("report", "--quick").stdout == "-m reports --quick\n"
     first, second = (run("check").stdout for _ in range(2))
     assert "--editable .[test]\n" in first
@@ -131,16 +115,11 @@ def test_a_report_installs_no_tests_and_tests_only_add_to_it(run: Run) -> None:
 
 
 @pytest.mark.parametrize("installed", ["chromium", ""])
-def test_root_installs_what_the_tests_need(
-    run: Run, environment: Path, tmp_path: Path, installed: str
-) -> None:
+def test_root_installs_what_the_tests_need(run, environment, installed):
     """And goes on without where that fails."""
-    tools = tmp_path / "bin"
-    executable(tools / "id", "echo 0\n")
-    executable(tools / "apt-get", 'echo "$@" >&2; exit 1\n')
-    executable(tools / "dpkg-query", f'[ "$4" != "{installed}" ] || echo installed\n')
     environment.joinpath("has-test").touch()
-    done = run("test", "tests/cli")
+    query = f'[ "$4" != "{installed}" ] || echo installed'
+    done = run("test", "tests/cli", id="echo 0", apt_get='echo "$@" >&2; exit 1', dpkg_query=query)
     assert done.returncode == 0
     assert done.stdout == "-m pytest -n auto --dist worksteal tests/cli\n"
     packages = ["chromium", "libatomic1", "libegl1"]
@@ -148,12 +127,12 @@ def test_root_installs_what_the_tests_need(
     assert f"-qq install -y --no-install-recommends {wanted}\n" in done.stderr
 
 
-def test_table_of_libraries_covers_what_gmsh_loads() -> None:
+def test_table_of_libraries_covers_what_gmsh_loads():
     """A new gmsh wheel that needs another library must not surprise a bare machine."""
     # The names that the dynamic loader reads stand in the file as null-terminated strings.
     named = re.findall(rb"\0(lib[\w+-]+\.so\.\d+)(?=\0)", Path(gmsh.libpath).read_bytes())
-    loaded = {name.decode() for name in named}
     python_has = {"libc.so.6", "libdl.so.2", "libm.so.6", "libpthread.so.0", "librt.so.1"}
     with_libstdc = {"libgcc_s.so.1"}
     only_for_windows_on_screen = {"libgtk-3.so.0", "libXrandr.so.2"}  # opened late, if there
-    assert loaded - python_has - with_libstdc - only_for_windows_on_screen == set(PACKAGES)
+    others = python_has | with_libstdc | only_for_windows_on_screen
+    assert {name.decode() for name in named} - others == set(PACKAGES)

@@ -1,90 +1,49 @@
-"""Tables that commands read: refused as a whole, by row, or answered as their rows come."""
+"""Tables that `locate` and `track` read: refused as a whole, or answered as their rows come."""
 
 from __future__ import annotations
 
+import csv
 import io
+import json
 import sys
-import tracemalloc
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from pvdf_fem.cli import table as cli_table
 from pvdf_fem.cli.main import main
-from tests.helpers.streams import sensor
+from tests.helpers.streams import Tap, sensor, stream
 
-WIRED = '[readout]\nkind = "voltage"\ninput_resistance_MOhm = 1.0\ncable_capacitance_pF = 100.0\n'
-#: Rows of readings, by what answers them.
-ROWS = {
-    "locate scene.toml --output touches.csv --csv {}": "A,B,C,D\n905,731,600,640\n",
-    "track sensor.toml {}": "t_s,A,B,C,D\n0,0.1,0.1,0.1,0.1\n0.001,0.1,0.1,0.1,0.1\n",
-    "calibrate sensor.toml {}": "x_mm,y_mm,rotation_deg,force_N,A,B,C,D\n1,1,0,1,905,731,600,640\n",
-}
+LOCATE, TRACK = "locate scene.toml --output touches.csv --csv", "track sensor.toml"
+SAMPLES = "t_s,A,B,C,D\n0,0.1,0.1,0.1,0.1\n0.001,0.1,0.1,0.1,0.1\n"
+UNUSABLE = [b"", b"905,731\n600,640\n", b"A;B\tC,D;E\n1\n", b"t_s,A,B,A\n0,1,2,3\n"]
+UNUSABLE += [b"t_s,A,B\n" + b"1" * (1 << 21), SAMPLES.encode("utf-16"), b"t_s,A,B\r0,1,2\r"]
 
-
-@pytest.fixture(autouse=True)
-def made_up(folder, models, monkeypatch):
-    place, model = "pvdf_fem.cli.track.model_of", sensor()
-    monkeypatch.setattr(place, lambda scene, *_: replace(model, scene=scene))
-    folder.joinpath("sensor.toml").write_text(f'[probe]\nshape = "circle"\n{WIRED}')
-
-
-@pytest.mark.parametrize("line", [line for line in ROWS if "calibrate" not in line])
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "905,731\n600,640\n",
-        "A;B\tC,D;E\n1\n",
-        "t_s,A,B,A\n0,1,2,3\n",
-        "t_s,A,B\n" + "1" * (1 << 21),
-    ],
-)
-def test_a_table_that_cannot_be_used_is_refused(line, text, folder, command):
-    Path("a.csv").write_text(text)
-    before = {*folder.iterdir()}
-    run = command(*line.format("a.csv").split())
-    assert (run.code, run.told[-1]) == (2, "a.csv")
-    assert {*folder.iterdir()} == before
+pytestmark = pytest.mark.usefixtures("folder", "models")
 
 
 @pytest.mark.parametrize(
     ("line", "text"),
     [
-        ("locate scene.toml --output touches.csv --csv a.csv", "A,B,x_mm\n1,2,3\n"),
-        ("locate scene.toml --output touches.csv --csv a.json", "[1, 2"),
-        ("locate scene.toml --output touches.csv --csv a.json", '{"A": 1}\n{"A": oops}\n'),
-        ("locate scene.toml --output touches.csv --csv a.json", "[" * 100000),
-        ("track sensor.toml a.csv", "t,A,B\n"),
-        ("track sensor.toml a.csv", "A,B,C,D\n0,1,2,3\n"),
-        ("track sensor.toml a.csv", "t_s;A;B;C;D\n0;1;2;3;1,2,3\n"),
-        ("track sensor.toml a.csv", "t_s,A,B,C,D\n,1,2,3,4\n1,1,2,3,x\n"),
+        *((line, text) for line in (f"{LOCATE} a.csv", f"{TRACK} a.csv") for text in UNUSABLE),
+        (f"{LOCATE} a.csv", b"A,B,x_mm\n1,2,3\n"),
+        (f"{LOCATE} a.json", b"[1, 2"),
+        (f"{LOCATE} a.json", b'{"A": 1}\n{"A": oops}\n'),
+        (f"{LOCATE} a.json", b"[" * 100000),
+        (f"{TRACK} a.csv", b"t,A,B\n"),
+        (f"{TRACK} a.csv", b"A,B,C,D\n0,1,2,3\n"),
+        (f"{TRACK} a.csv", b"t_s;A;B;C;D\n0;1;2;3;1,2,3\n"),
+        (f"{TRACK} a.csv", b"t_s,A,B,C,D\n,1,2,3,4\n1,1,2,3,x\n"),
     ],
 )
-def test_a_table_without_what_a_command_needs_is_refused(line, text, command):
+def test_a_table_that_cannot_be_used_is_refused(line, text, command):
     name = line.split()[-1]
-    Path(name).write_text(text)
+    Path(name).write_bytes(text)
     Path("touches.csv").write_text("as it was")
+    before = {*Path().iterdir()}
     run = command(*line.split())
     assert (run.code, run.told[-1]) == (2, name)
     assert Path("touches.csv").read_text() == "as it was"
-
-
-@pytest.mark.parametrize("ending", ["utf-16", "utf-16-le", "CR"])
-def test_a_text_in_utf_16_or_with_carriage_returns_alone_is_named(ending, command):
-    """As scene, sweep and table: by what to save it as, not by what it is no ... of."""
-    scenes = {
-        "solve {}": "[probe]\nx_mm = 3\n",
-        "sweep {}": "scene = {}\n[[axes]]\nload.force_N = [1]\n",
-    }
-    for line, text in (scenes | ROWS).items():
-        codec = "utf-8" if ending == "CR" else ending
-        saved = text.replace("\n", "\r") if ending == "CR" else text
-        Path("file").write_bytes(saved.encode(codec))
-        run = command(*line.format("file").split())
-        assert run.mistakes == ["file"]
-        assert ending.upper()[:6] in run.err
+    assert {*Path().iterdir()} == before
 
 
 class Live(io.RawIOBase):
@@ -103,7 +62,7 @@ class Live(io.RawIOBase):
     [
         ("locate scene.toml --csv -", "A,B,C,D\n" + 6 * "905,731,600,640\n", ",unexplained,"),
         ("locate scene.toml --csv - --json", 6 * '{"A": 905, "B": 731, "C": 600}\n', '"x_mm"'),
-        ("track sensor.toml -", ROWS["track sensor.toml {}"], ",settling,"),
+        ("track sensor.toml -", SAMPLES, ",settling,"),
     ],
 )
 def test_a_live_pipe_is_answered_row_by_row(line, text, word, monkeypatch, capsys):
@@ -117,23 +76,82 @@ def test_a_live_pipe_is_answered_row_by_row(line, text, word, monkeypatch, capsy
     live = Live(lines, count)
     monkeypatch.setattr(sys, "stdin", type("Stdin", (), {"buffer": live}))
     assert main(line.split()) in (0, 3)
-    rows = len(lines) - ("--json" not in line)
-    expected = [0, *range(rows + 1)] if len(lines) > rows else [*range(rows + 1)]
-    assert live.seen == expected
+    heads = [] if "--json" in line else [0]
+    assert live.seen == [*heads, *range(len(lines) - len(heads) + 1)]
     monkeypatch.setattr(sys, "stdin", None)
     assert main(line.split()) == 2
 
 
-def test_memory_does_not_grow_with_the_rows(monkeypatch, command):
-    monkeypatch.setattr(cli_table, "CHUNK", 1 << 12)
-    header, line = ROWS["locate scene.toml --output touches.csv --csv {}"].split()
-    asked = ["locate", "scene.toml", "--csv", "a.csv", "--quick", "--output", "touches.csv"]
-    command(*asked)  # what is imported once does not count
-    peaks = []
-    for count in (300, 1500):
-        Path("a.csv").write_text("\n".join([header, *[line] * count]))
-        tracemalloc.start()
-        assert command(*asked).code in (0, 3)
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[1] < 1.2 * peaks[0]
+# ---------------------------------------------------------------------------- the rows of `track`
+
+
+@pytest.fixture(scope="module")
+def table():
+    """Rows of signals with one tap at 0.6 s."""
+    t, readings = stream(sensor(), [Tap(0.6, 0.1, (3.0, -2.0), 0.8)], 0.8, noise_V=2e-4)
+    return [(a, *b) for a, b in zip(t, readings, strict=True)]
+
+
+@pytest.fixture
+def track(command):
+    """Follows the touches in lines of a table, or in the text of a file."""
+
+    def run(lines, header="t_s,A,B,C,D"):
+        text = lines if isinstance(lines, str) else "\n".join([header, *map(line_of, lines), ""])
+        Path("taps.csv").write_text(text)
+        return command("track", "sensor.toml", "taps.csv")
+
+    return run
+
+
+def line_of(row):
+    return row if isinstance(row, str) else ",".join(f"{value:.12g}" for value in row)
+
+
+def rows_of(run):
+    assert run.code == 0
+    return list(csv.DictReader(io.StringIO(run.out)))
+
+
+def test_a_row_in_is_a_row_out_and_touches_are_told(track, table, monkeypatch, command):
+    run = track(table)
+    rows = rows_of(run)
+    assert len(rows) == len(table)
+    names = ["t_s", "status", "touch", "x_mm", "y_mm", "force_N", "rotation_deg"]
+    assert list(rows[0])[:7] == names
+    assert {row["status"] for row in rows} >= {"settling", "touch"}
+    settling, touch = run.told
+    assert settling.startswith("settling until t_s = 0.3")
+    assert touch == "touch 1"
+    assert track([(1e3 * t, *row) for t, *row in table], header="t_ms,A,B,C,D").err == run.err
+    text = "\n".join(["t_s,A,B,C,D", *map(line_of, table)])
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
+    lines = command("track", "sensor.toml", "-", "--json").out.splitlines()
+    answers = [json.loads(line) for line in lines]
+    (summary,) = [answer["summary"] for answer in answers if "summary" in answer]
+    assert summary["force_N"] == pytest.approx(0.8, rel=0.03)
+    assert (answers[0]["status"], answers[0]["x_mm"]) == ("settling", None)
+
+
+@pytest.mark.parametrize("garbled", ["0.6,1,2", "0.6,1,2,3,x", ",1,2,3,4", '"0.6,1,2,3,4', "\0"])
+def test_a_garbled_row_is_marked_and_the_others_are_followed(track, table, garbled):
+    run = track([*table[:10], garbled, *table[10:30]])
+    wrong = [i for i, row in enumerate(rows_of(run)) if row["status"] == "malformed"]
+    assert wrong == [10]
+    assert run.told[1:] == 3 * ["taps.csv"]  # the row, the number of such rows, and no touch
+
+
+def test_missing_cells_are_missing_readings_and_other_columns_are_left_out(track):
+    rows = rows_of(track("t_s,A,C,D,note\n0,1,,nan,warm\n0.001,1,2,3,\n"))
+    assert [row["missing"] for row in rows] == ["B C D", "B"]
+    rows = rows_of(track("t_s;A;B;C;D\n0,5;1,25;2;3;\n0,501;-1e-3;,5;3;4\n"))  # decimal commas
+    assert [(row["t_s"], row["missing"]) for row in rows] == [("0.5", "D"), ("0.501", "")]
+
+
+@pytest.mark.parametrize(("factor", "unexplained"), [(1e3, True), (1e-9, False)])
+def test_a_wrong_unit_is_asked_for(track, table, factor, unexplained):
+    run = track([(t, *(factor * value for value in row)) for t, *row in table])
+    found = rows_of(run)
+    assert "--unit" in run.err
+    assert ("unexplained" in {row["status"] for row in found}) is unexplained
+    assert all(float(row["force_N"]) < 100.0 for row in found if row["force_N"])

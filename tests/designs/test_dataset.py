@@ -27,11 +27,10 @@ def rows_of(data):
 
 
 def test_a_seed_draws_the_same_again():
-    xarray.testing.assert_identical(drawn(seed=3), drawn(seed=3))
-    other = drawn(seed=4)
-    assert not np.isin(drawn(seed=3).x_mm, other.x_mm).any()
-    noise = [(of.reading_pC / of.charge_pC).values for of in (drawn(seed=3), other)]
-    assert not np.isin(*noise).any()
+    data, other = drawn(seed=3), drawn(seed=4)
+    xarray.testing.assert_identical(data, drawn(seed=3))
+    noise = [(of.reading_pC / of.charge_pC).values for of in (data, other)]
+    assert not np.isin(data.x_mm, other.x_mm).any() | np.isin(*noise).any()
 
 
 def test_touches_are_even_over_the_domain():

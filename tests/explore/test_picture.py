@@ -39,6 +39,7 @@ def test_the_film_is_palest_where_it_stays(sign):
     assert pixels[..., 3].tolist() == [[1.0, 1.0], [1.0, 0.0]]  # the film is not where it is NaN
     still, half, most = pixels[0, 0, :3].sum(), pixels[1, 0, :3].sum(), pixels[0, 1, :3].sum()
     assert still > half > most
+    assert coloured(np.zeros((2, 2)), "deflection")["high"] == "0"
 
 
 def test_bars_reach_from_zero_to_the_numbers():

@@ -63,7 +63,7 @@ def test_estimates_are_between_a_third_and_thirty_times_the_effect(key, seed):
 @pytest.mark.parametrize("side_mm", [2.0, 6.0])
 @pytest.mark.parametrize(("thickness_um", "modulus_GPa"), [(8.0, 0.3), (25.0, 3.0), (60.0, 8.0)])
 def test_layers_on_one_side_bend_as_much_as_is_stated(bonded, side_mm, thickness_um, modulus_GPa):
-    """A third to thirty times what a laminated disc says, of the layer on either side."""
+    """Up to six times what a laminated disc says, of the layer on either side."""
     layer = {"shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": side_mm, "bonded": bonded}
     layer |= {"thickness_um": thickness_um, "youngs_modulus_GPa": modulus_GPa}
     scene = Scene().with_(
@@ -75,7 +75,7 @@ def test_layers_on_one_side_bend_as_much_as_is_stated(bonded, side_mm, thickness
     flat = laminated(scene).as_membrane().charges(8.0, 8.0)[0]
     change = max(abs(charge / flat - 1.0) for charge in charges)
     assert change > 1e-4
-    assert change / 3.0 <= bending_effect(scene).change <= 30.0 * change
+    assert change <= bending_effect(scene).change <= 6.0 * change
     both = scene.with_(**{"film.patches": [{**layer, "both_sides": True}]})
     assert bending_effect(both).patches == 0.0
 

@@ -223,15 +223,15 @@ def test_kernel_is_the_derivative_that_jax_makes_of_the_energy(sample):
     assert close(tangent, free.assembly.matrix(membrane.tangent_matrices(state)), 1e-12)
 
 
-@of_cases("sliding", "stuck")
+@of_cases("sliding", "stuck", "sideways")
 def test_punch_moves_as_one_and_sticks_only_when_told(sample):
-    equations = sample.equations
-    space, unknowns = equations.space, equations.unknowns
-    x = unknowns.expand(sample.q).reshape(-1, 3)
-    nodes = np.unique(space.basis.element_dofs[:, space.mesh.subdomains["probe"]])
-    assert np.ptp(x[nodes, 2]) == 0
-    assert x[nodes, 2].max() == sample.q[-1]
-    assert bool(x[nodes, :2].any()) is (equations.scene.load.contact == "sliding")
+    space, unknowns = sample.equations.space, sample.equations.unknowns
+    load, x = sample.equations.scene.load, unknowns.expand(sample.q).reshape(-1, 3)
+    moves = x[np.unique(space.basis.element_dofs[:, space.mesh.subdomains["probe"]])]
+    sticks = load.contact == "stuck"
+    assert list(np.ptp(moves, axis=0) == 0.0) == [sticks, sticks, True]
+    assert list(moves.any(axis=0)) == [not sticks or load.tangential_N is not None] * 2 + [True]
+    assert moves[:, 2].max() == sample.q[-1]
     assert not x[space.basis.get_dofs("rim").all()].any()
     assert len(np.unique(x)) == unknowns.count + 1  # and nothing else is tied
     assert unknowns.restrict(x.ravel()) == pytest.approx(sample.q, rel=1e-13)

@@ -6,7 +6,6 @@ import pytest
 from pvdf_fem import Scene, solve
 from pvdf_fem.charges.forces import goal_forces, goal_gradients
 from pvdf_fem.charges.goals import Goal, goals_of
-from pvdf_fem.derivatives.gradients import gradients
 from pvdf_fem.mesh.gmsh_mesh import RIM, mesh_scene
 from pvdf_fem.mesh.symmetry import WHOLE, part_of
 from pvdf_fem.scene.outlines.circle import Circle
@@ -179,16 +178,3 @@ def test_gradients_of_charges_on_a_part(name):
 
     slopes = goal_gradients(goals, membrane, x, part).T @ step
     assert 0.5 * (values(x + step) - values(x - step)) == pytest.approx(slopes, rel=1e-6)
-
-
-@pytest.mark.parametrize("name", ["disc on the diagonal", "rectangle at 45 degrees", "follower"])
-def test_derivatives_are_those_of_the_whole_film(name):
-    scene = SYMMETRIC[name]
-    solved = solve(scene)
-    other = solve(scene, mesh=solved.mesh)
-    assert other.fields.solved.part is WHOLE
-    assert solved.charges_pC == pytest.approx(other.charges_pC, rel=1e-9)
-    found, expected = gradients(solved), gradients(other)
-    for key, rates in expected.items():
-        scale = max(1e-3, *map(abs, rates.values()))  # 0 by symmetry of some
-        assert found[key] == pytest.approx(rates, abs=1e-6 * scale)

@@ -54,6 +54,7 @@ def test_a_map_of_two_axes_for_each_electrode(monkeypatch):
         assert corners[0, 0].tolist() == [0.0, 1.0]  # nothing is drawn beyond the first and last
         assert corners[-1, -1].tolist() == [5.0, 3.0]
         assert ax.lines[0].get_xydata().tolist() == [[0.0, 2.0]]
+        assert (ax.get_xscale(), ax.get_yscale()) == ("linear", "linear")
     assert len({ax.collections[0].colorbar for ax in figure.axes[:4]}) == 4  # a scale for each
 
 

@@ -13,17 +13,15 @@ from pvdf_fem.response.response import Response
 from pvdf_fem.response.uniform_spline import UniformAxis, UniformSpline
 from pvdf_fem.scene.scene import Scene
 
-SCENE = Path(__file__).resolve().parents[2] / "geometry" / "triangle.toml"
-
 
 @cache
 def response() -> Response:
-    """A response for `SCENE`."""
+    """A response to the triangle."""
     axis = UniformAxis(-10.0, 4.0, 6)
     axes = axis, axis, UniformAxis(0.0, 30.0, 4, periodic=True)
     values = np.random.default_rng(2).normal(size=(6, 6, 4, 4 * 4))
     spline = UniformSpline.through(axes, values, np.float32)
-    return Response(Scene.load(SCENE), Domain(8.0, (0.1, 5.0)), 1e-4, spline)
+    return Response(Scene.example("triangle"), Domain(8.0, (0.1, 5.0)), 1e-4, spline)
 
 
 @cache

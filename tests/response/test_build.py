@@ -121,14 +121,6 @@ def test_other_coefficients_and_electrodes_are_read_from_the_same_stress(
         unchecked.for_scene(DISC, 1)
 
 
-def test_what_only_names_or_places_is_taken_over(built):
-    named = [{**e.model_dump(), "name": f"{e.name}2"} for e in DISC.electrode_list]
-    scene = DISC.with_(**{"electrodes": named, "probe.x_mm": 1.0, "load.force_N": 2.0})
-    found = built.for_scene(scene)
-    assert found.names == ("A2", "B2", "C2", "D2")
-    assert found.spline is built.spline
-
-
 def test_options_become_finer_until_the_tolerance_is_met(tmp_path, monkeypatch):
     """One attempt misses the tolerance, and has its true bound by the touches with a solution."""
 

@@ -52,23 +52,22 @@ def wrong_values(value, key):
         return [1, "yes"]
     if not isinstance(value, int | float):
         return [3] if value is None else [3, "", -2]
-    wrong = ["2", True, math.nan, math.inf, 10**400]
-    wrong += [value + 0.5] if isinstance(value, int) else []
-    for end, outwards in zip(key.within, (-1, 1), strict=True):
-        wrong.append(
-            end + outwards if isinstance(value, int) else math.nextafter(end, outwards * math.inf)
-        )
-    return wrong
+    low, high = key.within
+    if isinstance(value, int):
+        return ["2", True, value + 0.5, low - 1, high + 1, 10**400]
+    ends = [math.nextafter(low, -math.inf), math.nextafter(high, math.inf)]
+    return ["2", True, math.nan, math.inf, 10**400, *ends]
 
 
 @each_table
-def test_a_value_that_a_key_does_not_take_is_refused_there(where, model):
+def test_a_wrong_value_and_a_misspelt_key_are_refused_where_they_stand(where, model):
     for name in model.model_fields:
+        table = table_of(model, name)
         for wrong in wrong_values(example(model, name), model.key_of(name)):
-            found = keys(refused(Scene, **placed(where, {**table_of(model, name), name: wrong})))
-            assert [re.sub(r"(\[\d+\])+$", "", key) for key in found] == [told_at(where, name)], (
-                wrong
-            )
+            [told] = keys(refused(Scene, **placed(where, {**table, name: wrong})))
+            assert re.sub(r"(\[\d+\])+$", "", told) == told_at(where, name), wrong
+        told = refused(Scene, **placed(where, {**table_of(model), f"{name}x": 1}))
+        assert told == [f"{where}.{name}x = 1"]
 
 
 def mistaken(model, table):
@@ -97,12 +96,10 @@ def test_the_ends_of_a_range_are_taken(where, model):
             assert name not in mistaken(model, table), end
 
 
-#: Keys and another value than the one that further keys need.
+#: Values that further keys need, and another value.
 OTHERS = {"charge": "voltage", "voltage": "charge", "ring": "four", "gaussian": "uniform"}
-OTHERS |= {
-    "before stretching": "at rest",
-    **dict.fromkeys(("dead", "rigid", "contact"), "follower"),
-}
+OTHERS |= dict.fromkeys(["dead", "rigid", "contact"], "follower")
+OTHERS["before stretching"] = "at rest"
 #: Values that need something, where the default needs nothing.
 NEEDY = {"tilt": "free", "profile": "hertz", "centre": True, "pressure_follows": True}
 NEEDY["cable_capacitance_pF"] = 30.0
@@ -120,24 +117,16 @@ def test_a_key_without_the_one_that_it_needs_is_refused(where, model):
         assert keys(refused(Scene, **placed(where, table)))[0] == told_at(where, name)
 
 
-@each_table
-def test_a_misspelt_key_is_refused_there(where, model):
+@pytest.mark.parametrize("where", ["film", "load", "film.patches[0]"])
+def test_a_number_in_another_unit_is_doubted_or_refused_with_what_was_meant(where):
+    model = next(model for place, model in TABLES if place == where)
     for name in model.model_fields:
-        told = refused(Scene, **placed(where, table_of(model) | {f"{name}x": 1}))
-        assert told == [f"{where}.{name}x = 1"]
-
-
-@each_table
-def test_a_number_in_another_unit_is_doubted_or_refused_with_the_number_that_was_meant(
-    where, model
-):
-    for name in model.model_fields if where in ("film", "load", "film.patches[0]") else ():
         value, key = example(model, name), model.key_of(name)
-        for size in key.mistaken.values():
-            if abs(value / size) <= key.usual[1] and abs(value / size) >= key.usual[0]:
+        for number in (value / size for size in key.mistaken.values()):
+            if key.usual[0] <= abs(number) <= key.usual[1]:
                 continue
-            wrong = placed(where, {**table_of(model, name), name: value / size})
-            scene = scene_or_mistakes(wrong | ({"probe": {}} if where == "load" else {}))
+            tables = {"probe": {}, **placed(where, {**table_of(model, name), name: number})}
+            scene = scene_or_mistakes(tables)
             told = scene.doubts if isinstance(scene, Scene) else scene
             assert any(f" {value:.3g} {key.unit} " in line for line in told), name
 

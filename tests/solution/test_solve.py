@@ -230,9 +230,9 @@ def test_narrow_bending_layers_take_a_limited_number_of_elements():
 
 def test_what_was_tried_before_stays_in_the_history_which_is_plain_data():
     """From the lowest order a pressure that follows starts under a dead load."""
-    wrinkling = {"film.compression": "tension-field", "film.temperature_change_K": 10.0}
-    scene = TRIANGLE.with_(**LOADS["follower"], **wrinkling, **{"numerics.tolerance": 0.1})
-    solution = solve(scene, order=2)
+    wrinkling = {"film.compression": "tension-field", "film.temperature_change_K": 2.0}
+    scene = TRIANGLE.with_(**LOADS["follower"], **wrinkling, **{"numerics.tolerance": 0.4})
+    solution = solve(scene, order=1)
     record = solution.history[0]
     [(solver, status, iterations)] = record.tried
     assert (solver, status) == ("dead pressure", "converged")
@@ -244,31 +244,19 @@ def test_what_was_tried_before_stays_in_the_history_which_is_plain_data():
     assert printed[0]["tried"] == [{"solver": solver, "status": status, "iterations": iterations}]
 
 
-def test_a_solution_prints_its_charges_and_its_meshes():
-    solution = solve(SLOW.with_(**{"numerics.tolerance": 1e-5}))
-    lines = [line.split() for line in str(solution).splitlines()]
-    errors = solution.charge_errors_pC
-    rows = [row for row in lines if row and row[0] in solution.charges_pC]
-    assert [name for name, *_ in rows] == list(solution.charges_pC)
-    for name, charge, error, rest, _, change, _ in rows:
-        assert float(rest) == 48.0
-        assert float(change) == pytest.approx(float(charge) - 48.0, abs=errors[name])
-        assert float(charge) == pytest.approx(solution.charges_pC[name], abs=errors[name])
-        assert float(error) == pytest.approx(errors[name], rel=0.05)
-    meshes = [[str(m.elements), str(m.unknowns), str(m.iterations)] for m in solution.history]
-    assert [row[1:4] for row in lines if row[1:4] in meshes] == meshes
-
-
-def test_a_notebook_shows_well_formed_tables():
-    """Text of a scene is escaped."""
-    named = [{"name": "<b>&", "x_mm": 10.0, "y_mm": 4.0}]
-    solution = solve(RECTANGLE.with_(electrodes=named))
+def test_a_solution_shows_its_charges_and_its_meshes():
+    """In a notebook text of a scene is escaped."""
+    solution = solve(RECTANGLE.with_(electrodes=[{"name": "<b>&", "x_mm": 10.0, "y_mm": 4.0}]))
+    [charge], [error] = values(solution.charges_pC), values(solution.charge_errors_pC)
+    [row] = [line.split() for line in str(solution).splitlines() if line.startswith("<b>&")]
+    expected = [charge, error, 48.0, 0.0, charge - 48.0, error]
+    assert [float(cell) for cell in row[1:]] == pytest.approx(expected, rel=0.05, abs=error)
     page = ElementTree.fromstring(f"<div>{solution._repr_html_()}</div>")
     of_charges, of_meshes = page.findall("table")
-    assert of_charges.find("tbody/tr/td").text == "<b>&"
-    assert len(of_meshes.findall("tbody/tr")) == len(solution.history)
-    for table in (of_charges, of_meshes):
-        assert len({len(row) for row in table.iter("tr")}) == 1
+    assert [cell.text for cell in of_charges.findall("tbody/tr/td")] == row
+    meshes = [[cell.text for cell in line][1:4] for line in of_meshes.findall("tbody/tr")]
+    told = [[str(m.elements), str(m.unknowns), str(m.iterations)] for m in solution.history]
+    assert meshes == told
 
 
 @pytest.mark.parametrize(

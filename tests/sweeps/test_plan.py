@@ -86,32 +86,25 @@ def test_the_plan_tells_how_many_solves_there_are():
 
 
 @pytest.mark.parametrize("observable", ["material", "thesis-edge"])
-def test_joined_scenes_have_the_charges_of_separate_solves(observable):
-    """Turned by an odd angle, mirrored, another spacing, thicker, tightened instead of cooled."""
+def test_joined_scenes_have_the_charges_and_warnings_of_separate_solves(observable):
+    """Thick, turned by an odd angle, mirrored, another spacing, tightened instead of cooled."""
     scene = TRIANGLE.with_(**{"numerics.observable": observable})
     changes = [
-        {},
+        {"film.thickness_um": 500.0, "load.force_N": 20.0},
         {**ASKEW, "film.thickness_um": 50.0, "load.force_N": 2.0},
         {**MIRRORED, "electrodes.ring_radius_mm": 6.0},
         {"film.pretension_N_m": 50.0 / 3.0, "film.thickness_um": 50.0, "load.force_N": 2.0},
     ]
     scenes = [scene.with_(**change) for change in changes]
     assert len(planned(scenes).blocks) == 1
-    for alone, record in zip(map(solve, scenes), solve_all(scenes, processes=1), strict=True):
-        for name, charge in alone.charges_pC.items():
+    alone = [solve(scene) for scene in scenes]
+    for solution, record in zip(alone, solve_all(scenes, processes=1), strict=True):
+        for name, charge in solution.charges_pC.items():
             assert record.charge_errors_pC(18.0, 2.0, observable)[name] <= 2e-3 * charge
             shared = record.charges_pC(18.0, 2.0, observable)[name]
             assert shared == pytest.approx(charge, rel=2e-3)
-
-
-def test_scenes_that_share_a_solve_have_their_own_warnings():
-    thin = TRIANGLE.with_(**{"numerics.tolerance": 0.05})
-    thick = thin.with_(**{"film.thickness_um": 500.0, "load.force_N": 20.0})
-    for scenes in ([thin, thick], [thick, thin]):
-        assert len(planned(scenes).blocks) == 1
-        for scene, record in zip(scenes, solve_all(scenes, processes=1), strict=True):
-            assert record.warnings == solve(scene).warnings
-    assert solve(thick).warnings != solve(thin).warnings
+        assert record.warnings == solution.warnings
+    assert alone[0].warnings != alone[1].warnings
 
 
 def test_images_of_a_scene_share_its_mesh():

@@ -13,6 +13,8 @@ from pvdf_fem.touch.least_squares import descend
 from pvdf_fem.touch.problem import Problem
 from pvdf_fem.touch.search import LocateOptions, location
 from pvdf_fem.touch.solves import Solves
+from pvdf_fem.touch.superposed import probed
+from tests.helpers.touch_models import bumps
 
 DISC = {"shape": "circle", "radius_mm": 2.0}
 EIGHT = Scene().with_(
@@ -75,6 +77,18 @@ def test_two_touches_are_found_and_told_as_one_is():
     ]
     assert "<table" in two._repr_html_()
     assert len(two.plot().axes) > 0
+
+
+def test_both_sides_of_a_fold_are_searched():
+    """Places mirror each other at a line of electrodes, near which charges hardly change across."""
+    line = np.column_stack([[10.0, 5.0, -5.0, -10.0], np.zeros(4)])
+    model, touch = replace(bumps("circle"), electrodes_mm=line), np.array([[3.0, 0.4, 0.0, 1.0]])
+    charges = model.evaluate(touch)[0]
+    problem = Problem(model, np.arange(4), charges, 1e-4 * charges, np.array([0, 1, 3]))
+    ends = descend(problem, np.array([[3.2, -0.6, 0.0, 0.1]]), options=FEW.solve_search)
+    assert ends.at[:, 1] == pytest.approx(-0.4, abs=0.02)
+    ends = probed(problem, ends, LocateOptions()).at
+    assert [np.abs(ends[:, 1] - y).min() < 0.02 for y in (-0.4, 0.4)] == [True, True]
 
 
 def test_touches_are_sought_where_the_scenes_model_says():

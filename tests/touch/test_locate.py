@@ -83,27 +83,6 @@ def test_all_touches_with_an_unknown_rotation_are_listed(shape):
     assert several > 10
 
 
-@dataclass(frozen=True, eq=False)
-class Folded(Bumps):
-    """Charges that are nearly even in x."""
-
-    def evaluate(self, touches):
-        x, y, _, F = touches.T
-        none, one = np.zeros_like(x), np.ones_like(x)
-        by_place = [10.0 + y, 10.0 - y, 10.0 + 0.1 * x**2, 10.0 + 2e-4 * x]
-        by_x, by_y = [none, none, 0.2 * x, 2e-4 * one], [one, -one, none, none]
-        slopes = [[F * a, F * b, none, Q] for Q, a, b in zip(by_place, by_x, by_y, strict=True)]
-        return (F * by_place).T, np.moveaxis(np.array(slopes), -1, 0)
-
-
-@pytest.mark.parametrize("x", [-0.2, -0.05, 0.05, 0.2])
-def test_both_sides_of_a_fold_are_searched(x):
-    """From either side alone the search ends there, chi-square being a little larger or not."""
-    model, touch = Folded(**vars(bumps("circle"))), np.array([x, 1.3, 0.0, 1.0])
-    found = locate(model, read(model, touch), 1e-5, known={"rotation_deg": 0.0})
-    assert found.best.values == pytest.approx(touch, abs=1e-3)
-
-
 def test_mirror_images_are_both_listed():
     """Two electrodes on a line, the force known: places mirror each other at it."""
     model = bumps("circle", 2)

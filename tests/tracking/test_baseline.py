@@ -34,18 +34,15 @@ def test_noise_and_error_of_the_baseline_are_stated(count, memory):
 @pytest.mark.parametrize("more", [0, 30])
 def test_what_a_touch_leaves_is_known_from_few_samples(time_constant_s, more):
     baseline, draw = quiet(300, time_constant_s=time_constant_s)
-    t = 0.4 + 1e-3 * np.arange(1, 7)
-    left = 0.5 * np.exp(-(t - 0.4) / time_constant_s)
-    noise = NOISE * draw.standard_normal((6, 400))
-    drift = 0.1 + 0.02 * t
-    over = drift[:, None] + left[:, None] + noise - np.array([baseline.at(time) for time in t])
-    baseline.keep(0.4, t[-1], over)
-    for k in range(more):
-        time = t[-1] + 1e-3 * (k + 1)
-        level = 0.1 + 0.02 * time + 0.5 * np.exp(-(time - 0.4) / time_constant_s)
-        baseline.follow(time, level + NOISE * draw.standard_normal(400))
-    time = t[-1] + 1e-3 * more
-    true = 0.1 + 0.02 * time + 0.5 * np.exp(-(time - 0.4) / time_constant_s)
-    errors = (baseline.at(time) - true) / NOISE
+
+    def level(t):
+        return 0.1 + 0.02 * t + 0.5 * np.exp(-(t - 0.4) / time_constant_s)
+
+    t = 0.4 + 1e-3 * np.arange(1, 7 + more)
+    read = level(t)[:, None] + NOISE * draw.standard_normal((len(t), 400))
+    baseline.keep(0.4, t[5], read[:6] - np.array([baseline.at(time) for time in t[:6]]))
+    for time, voltages in zip(t[6:], read[6:], strict=True):
+        baseline.follow(time, voltages)
+    errors = (baseline.at(t[-1]) - level(t[-1])) / NOISE
     assert abs(errors.mean()) < 0.1
-    assert errors.std() == pytest.approx(baseline.relative_error(time)[0], rel=0.3)
+    assert errors.std() == pytest.approx(baseline.relative_error(t[-1])[0], rel=0.3)

@@ -79,7 +79,7 @@ def test_missed_samples_uneven_sampling_and_a_lost_channel_are_borne():
     kept = np.random.default_rng(1).random(len(t)) > 0.1
     tracker, rows = followed(SENSOR, t[kept], readings[kept])
     (touch,) = tracker.touches
-    assert_found(touch, tap, mm=0.6, force=0.06)
+    assert_found(touch, tap, force=0.03)
     assert {row.missing for row in rows if 0.641 < row.t_s < 0.659} == {"B"}
     assert touch.missing == "B"
 

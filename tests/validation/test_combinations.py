@@ -119,7 +119,7 @@ def test_sweeps_have_the_charges_of_fresh_solves(changes, grid):
 
 
 @given(changes=combinations(), data=st.data())
-@drawn(0.12)
+@drawn(0.06)
 def test_gradients_are_those_of_fresh_solves(changes, data):
     scene = scene_of(changes)
     try:
