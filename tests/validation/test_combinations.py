@@ -60,7 +60,7 @@ def assert_alike(found, expected, most: float = 2.0 * TOLERANCE) -> None:
 
 
 @given(changes=combinations(), frame=st.sampled_from([QUARTER_TURN, MIRROR]))
-@drawn(0.2)
+@drawn(0.1)
 def test_images_have_the_charges_of_the_scene(changes, frame):
     scene = scene_of(changes)
     try:
