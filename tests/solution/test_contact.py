@@ -56,9 +56,8 @@ def test_a_tip_aside_presses_where_the_film_holds_it(aside):
     assert contact.force_N == pytest.approx(1.0, rel=1e-9)
     assert aside.force_balance < 1e-9
     assert contact.overlap_mm < 1e-4 * contact.depth_mm
-    assert contact.least_pressure_MPa > 0.0
-    pressed_N = contact.mean_pressure_MPa * contact.projected_area_mm2
-    assert pressed_N == pytest.approx(1.0, rel=1e-2)
+    least, mean = contact.least_pressure_MPa, contact.mean_pressure_MPa
+    assert 0.0 < least < mean < contact.largest_pressure_MPa < 1.2 * mean
     # a tip without friction is pushed along the line to the film's centre, towards the steeper side
     along = contact.lateral_N @ [14.0, 6.0]
     across = contact.lateral_N @ [-6.0, 14.0]

@@ -30,7 +30,7 @@ class Touchdown:
     projected_area_mm2: float  #: Deformed, seen along z.
     #: Points on the undeformed film along the contact's edge, (n, 2).
     edge_mm: Array = field(repr=False)
-    mean_pressure_MPa: float
+    mean_pressure_MPa: float  #: The force over the projected area.
     least_pressure_MPa: float
     largest_pressure_MPa: float
     overlap_mm: float  #: Largest overlap of film and tip at a quadrature point, by the penalty.
@@ -62,6 +62,7 @@ class Touchdown:
         area = tip.tip.fitted(edge).area
         # the points that touch cover the area only roughly
         share = area / float((weights * touching).sum())
+        seen = share * float(projected.sum())
         return cls(
             1e3 * overlap.depth,
             float(fz),
@@ -70,9 +71,9 @@ class Touchdown:
             1e6 * area,
             1e6 * abs(tip.tip.fitted(poorer).area - area),
             1e6 * share * float(deformed.sum()),
-            1e6 * share * float(projected.sum()),
+            1e6 * seen,
             1e3 * edge,
-            1e-6 * float((pressure * deformed).sum() / deformed.sum()),
+            1e-6 * float(fz) / seen,
             1e-6 * float(pressure[touching].min()),
             1e-6 * float(pressure.max()),
             1e3 * float(overlap.value.max()),
