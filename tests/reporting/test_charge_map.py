@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from pvdf_fem import Scene, locate, solve
-from pvdf_fem.reporting.charge_map import ChargeMap, MapPlaces, places_on_rings
+from pvdf_fem.reporting.charge_map import ChargeMap, MapPlaces
 from pvdf_fem.reporting.crossings import Contours
 from pvdf_fem.sweeps.sweep import planned, solve_all
 
@@ -93,12 +93,6 @@ def test_rings_share_solves_by_the_symmetry_of_the_probe():
     disc, turned = (MapPlaces(scene, 8.0, 2.0).scenes for scene in (SCENE, triangle))
     assert len(planned(disc).blocks) == 6  # the centre, and a solve for each ring
     assert len(planned(turned).blocks) < len(turned) / 4
-
-
-def test_rings_reach_the_edge_and_are_denser_there():
-    places = places_on_rings(8.0, 2.0, 0.0)
-    radii = np.unique(np.linalg.norm(places, axis=1).round(6))
-    np.testing.assert_allclose(radii, [0.0, 2.0, 4.0, 6.0, 7.0, 8.0], atol=1e-6)
 
 
 def test_a_map_without_enough_charges_is_refused():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,6 @@ from pvdf_fem import Scene, solve
 from pvdf_fem.readout.channel import channels
 from pvdf_fem.reporting.data import DataSource, read_data
 from pvdf_fem.reporting.solved import Solved
-from pvdf_fem.reporting.task import Task, key
 from pvdf_fem.solution.solve import rest_charges
 from pvdf_fem.sweeps.sweep import solve_all
 
@@ -81,21 +78,3 @@ def test_changes_are_of_the_rest_that_was_solved_with_a_record():
         expected = [[charges[name] for name in names]]
         np.testing.assert_allclose(solved.charges([scene], names, reading), expected, rtol=1e-9)
     assert fresh.charges_pC["A"] - fresh.charge_changes_pC["A"] > 1.0
-
-
-@dataclass(frozen=True)
-class Two(Task):
-    """Scenes and numbers, as tasks of reports hold them."""
-
-    scene: Scene
-    more: tuple[object, ...] = ()
-
-    def run(self):
-        return []
-
-
-def test_the_key_of_a_task_has_all_that_it_holds():
-    moved = SCENE.with_(**{"probe.x_mm": 1.0})
-    tasks = [Two(SCENE), Two(moved), Two(SCENE, (moved,)), Two(SCENE, (SCENE,)), Two(SCENE, (0.1,))]
-    assert len({key(task) for task in tasks}) == len(tasks)
-    assert key(Two(SCENE.with_(**{"probe.x_mm": 0.0}))) == key(Two(SCENE))

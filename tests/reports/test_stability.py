@@ -28,21 +28,14 @@ def test_every_law_holds_to_rounding():
         assert task.run()[0]["ratio"] == pytest.approx(law.ratio, rel=3e-7)
 
 
-def test_a_value_that_no_scene_has_is_an_ending():
-    scene = Scene.parse('[probe]\nshape = "circle"')
-    (row,) = OnStrip(scene, "film.poisson_ratio", 0.5, "finer").run()
-    assert row["status"] == "refused"
-    assert row["reason"].startswith("film.poisson_ratio = 0.5: ")
-
-
-def test_an_exception_is_an_ending(monkeypatch):
-    def fail(_: Scene) -> None:
-        raise ZeroDivisionError("of all things")
-
-    monkeypatch.setattr(endings, "solve", fail)
-    (row,) = Extreme(1, SEED, 1e-2).run()
-    assert row["status"] == "crashed"
-    assert "of all things" in row["reason"]
+def test_a_refused_value_and_an_exception_are_endings(monkeypatch):
+    scene = Scene().with_(**{"probe.shape": "circle"})
+    (refused,) = OnStrip(scene, "film.poisson_ratio", 0.5, "finer").run()
+    monkeypatch.setattr(endings, "solve", lambda _: 1 / 0)
+    (crashed,) = Extreme(1, SEED, 1e-2).run()
+    assert (refused["status"], crashed["status"]) == ("refused", "crashed")
+    assert refused["reason"].startswith("film.poisson_ratio = 0.5: ")
+    assert "ZeroDivisionError" in crashed["reason"]
 
 
 def test_an_extreme_scene_is_compared_with_two_others():

@@ -105,14 +105,3 @@ def test_reports_are_made_by_their_names(tmp_path, monkeypatch):
         assert re.findall(r">(?:: )?(\w+)\.</", landing.read_text()) == verdicts
     for wrong in (["stability"], ["thesys"], ["--processes", "0"]):  # the first has no script there
         assert reports.main(wrong) == 2
-
-
-def test_the_landing_page_names_every_other_report(report):
-    pages = [Path(other.page) for other in report.plan.others]
-    assert [(page.parent.name, page.name) for page in pages] == [
-        (name, "index.html") for name in reports.REPORTS if name != reports.DEFAULT
-    ]
-
-
-def test_the_special_part_stays_small():
-    assert len((THESIS / "special.py").read_text("utf-8").splitlines()) <= 250
