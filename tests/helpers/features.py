@@ -1,4 +1,4 @@
-"""Scenes that combine features of films, electrodes, probes and loads, and their images.
+"""Scenes that combine features of films, electrodes, probes and loads.
 
 A feature is a change of a scene by key. A combination that a scene refuses is told by keys.
 """
@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from hypothesis import strategies as st
 
 from pvdf_fem import Scene, SceneError
@@ -100,52 +99,3 @@ def combined(changes: list[Changes]) -> Scene | tuple[str, ...]:
     except SceneError as error:
         return tuple(error.problems)
     return scene
-
-
-#: Maps of the plane, as matrices: a quarter turn, and the mirror image in the y axis.
-QUARTER_TURN, MIRROR = ((0.0, -1.0), (1.0, 0.0)), ((-1.0, 0.0), (0.0, 1.0))
-
-
-def image(scene: Scene, frame: tuple[tuple[float, float], ...]) -> Scene:
-    """The scene after a map of the plane that brings its axes onto each other."""
-    tables = scene.model_dump(mode="json", exclude_none=True)
-    film, probe, matrix = tables["film"], tables["probe"], np.array(frame)
-    mirrors, swaps = np.linalg.det(matrix) < 0.0, matrix[0, 0] == 0.0
-
-    def mapped(vector: list[float]) -> list[float]:
-        return (matrix @ vector + 0.0).tolist()
-
-    def pushed(table: Changes) -> Changes:
-        force = table.get("tangential_N")
-        return {"tangential_N": mapped(force)} if force else {}
-
-    def placed(shape: Changes) -> Changes:
-        x, y = mapped([shape["x_mm"], shape["y_mm"]])
-        turned = -shape["rotation_deg"] if mirrors else shape["rotation_deg"] + 90.0
-        if shape["shape"] in ("square", "circle", "sphere") and not shape["rotation_deg"]:
-            turned = 0.0  # the thesis's means are of upright squares
-        found = shape | {"x_mm": x, "y_mm": y, "rotation_deg": turned} | pushed(shape)
-        if mirrors and "vertices_mm" in shape:
-            found["vertices_mm"] = [mapped(corner) for corner in shape["vertices_mm"]]
-        return found
-
-    electrodes = [e.model_dump(mode="json", exclude_none=True) for e in scene.electrode_list]
-    tables["electrodes"] = [placed(electrode) for electrode in electrodes]
-    tables["probe"] = [placed(p) for p in probe] if isinstance(probe, list) else placed(probe)
-    tables["load"] |= pushed(tables["load"])
-    if patches := film.get("patches"):
-        film["patches"] = [placed(patch) for patch in patches]
-    if moved := film.get("rim_displacement_um"):
-        # Re C z^n of the angle's z = exp(it), with C = c - i s
-        waves = [complex(c, -s) for c, s in zip(moved[1::2], moved[2::2], strict=True)]
-        at = complex(*matrix[:, 0])
-        images = [(w.conjugate() if mirrors else w) * at**-n for n, w in enumerate(waves, 1)]
-        film["rim_displacement_um"] = [moved[0], *(x for w in images for x in (w.real, -w.imag))]
-    if swaps:
-        film["d31_pC_N"], film["d32_pC_N"] = film["d32_pC_N"], film["d31_pC_N"]
-        if isinstance(modulus := film["youngs_modulus_GPa"], list):
-            film["poisson_ratio"] *= modulus[1] / modulus[0]
-        for key in ("youngs_modulus_GPa", "pretension_N_m"):
-            if isinstance(film.get(key), list):
-                film[key] = film[key][::-1]
-    return Scene(**tables)

@@ -12,23 +12,13 @@ import numpy as np
 from hypothesis import assume, given, reject
 from hypothesis import strategies as st
 
-from pvdf_fem import Response, Scene, SceneError, build_response, gradients, solve, sweep
-from pvdf_fem.derivatives.parameters import PLACE_NAMES, parameters_of
+from pvdf_fem import Response, Scene, SceneError, build_response, solve, sweep
 from pvdf_fem.progress import silent
 from pvdf_fem.response.build import ResponseOptions
-from pvdf_fem.scene.change import number_at
 from pvdf_fem.solvers.status import Status
 from tests.helpers.damage import drawn
 from tests.helpers.discs import values
-from tests.helpers.features import (
-    MIRROR,
-    QUARTER_TURN,
-    SENSORS,
-    TOLERANCE,
-    combinations,
-    combined,
-    image,
-)
+from tests.helpers.features import SENSORS, TOLERANCE, combinations, combined
 
 #: A response of a few seconds.
 COARSE = ResponseOptions(error=1e-2, held_out=3, attempts=1)
@@ -57,22 +47,6 @@ def assert_alike(found, expected, most: float = 2.0 * TOLERANCE) -> None:
     assert np.array_equal(np.isnan(found), np.isnan(expected))
     size = np.nanmax(np.abs(expected), initial=1e-3)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=most * size)
-
-
-@given(changes=combinations(), frame=st.sampled_from([QUARTER_TURN, MIRROR]))
-@drawn(0.2)
-def test_images_have_the_charges_of_the_scene(changes, frame):
-    scene = scene_of(changes)
-    try:
-        other = image(scene, frame)
-    except SceneError:  # the thesis's means are of squares along the axes
-        assume(False)
-    first, second = solve(scene), solve(other)
-    assert (first.status is Status.CONVERGED) == (second.status is Status.CONVERGED)
-    assume(first.status is Status.CONVERGED)
-    assert_alike(values(second.charges_pC), values(first.charges_pC))
-    changed = [values(s.charge_changes_pC) for s in (second, first)]
-    assert_alike(*changed, most=4.0 * TOLERANCE)
 
 
 #: Axes of sweeps.
@@ -116,31 +90,6 @@ def test_sweeps_have_the_charges_of_fresh_solves(changes, grid):
             assert_alike(there["charge_pC"].values, values(fresh.charges_pC))
             rest = list(fresh.rest_charges_pC.values())
             assert_alike(there["rest_charge_pC"].values, rest, most=4.0 * TOLERANCE)
-
-
-@given(changes=combinations(), data=st.data())
-@drawn(0.06)
-def test_gradients_are_those_of_fresh_solves(changes, data):
-    scene = scene_of(changes)
-    try:
-        known = parameters_of(scene)
-    except SceneError:
-        assume(False)
-    assume(known)
-    key = data.draw(st.sampled_from(known))
-    solution = solve(scene)
-    assume(solution.status is Status.CONVERGED)
-    step = 0.4 if key.endswith(PLACE_NAMES[:2]) else 8.0 if key.endswith("deg") else 0.0
-    step = step or 0.1 * (abs(number_at(scene, key)) or 0.5)
-    at = number_at(scene, key)
-    ends = [solve(scene.with_(**{key: at + s})) for s in (-step, step)]
-    assume(all(end.status is Status.CONVERGED for end in ends))
-    low, high = (np.array(values(end.charges_pC)) for end in ends)
-    found = np.array(list(gradients(solution, [key])[key].values()))
-    secant = (high - low) / (2.0 * step)
-    # two charges with their errors, and the curvature over the step
-    slack = 2.0 * TOLERANCE * np.abs(high).max() / step + 0.05 * np.abs(secant).max()
-    np.testing.assert_allclose(found, secant, rtol=0.0, atol=slack)
 
 
 @given(changes=combinations())
