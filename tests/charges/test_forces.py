@@ -6,13 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from skfem import MeshTri, MeshTri2
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.charges.forces import (
     CANCELLED,
     Forces,
-    area_defects,
     charge_sizes,
     charges_of,
     force_errors,
@@ -24,7 +22,6 @@ from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene, outlines
 from pvdf_fem.mesh.size_field import Sizes
-from pvdf_fem.mesh.symmetry import part_of
 from pvdf_fem.scene.outlines.circle import Circle
 from tests.helpers.discs import RECTANGLE, graded_mesh
 
@@ -73,22 +70,6 @@ def test_sizes_do_not_sink_below_what_the_mean_stress_makes_negligible():
         sizes, least = (charge_sizes(goals, state, f * forces, membrane.space) for f in (1.0, 0.0))
         assert sizes == pytest.approx(CANCELLED * parts if change_K else np.ones(4))
         assert least == pytest.approx(1e-6 * parts if change_K else np.ones(4))
-
-
-def test_elements_that_miss_the_arc_lack_area_of_a_round_electrode_only():
-    circle = {"name": "circle", "shape": "circle", "radius_mm": 5.0, "x_mm": 0.0, "y_mm": 0.0}
-    square = {"name": "square", "side_mm": 4.0, "x_mm": 0.0, "y_mm": 20.0}
-    scene = Scene().with_(electrodes=[circle, square], probe={"shape": "circle", "radius_mm": 8.0})
-    goals, part = goals_of(scene), part_of(scene)
-    assert len(part.signs) == 2
-    mesh = mesh_scene(scene, Sizes(dict.fromkeys(outlines(scene), 2e-3), 0.4, 12e-3), part)
-    straight = MeshTri2.from_mesh(MeshTri(mesh.p[:, : mesh.t.max() + 1], mesh.t))
-    straight = straight.with_subdomains(mesh.subdomains)
-    right, wrong = (area_defects(goals, Space(m, 1), part) for m in (mesh, straight))
-    assert right == pytest.approx([0.0, 0.0], abs=1e-12)
-    assert 1e-3 < wrong[0] < 0.1
-    assert wrong[1] < 1e-12
-    assert area_defects([replace(goals[0], patch=None)], Space(mesh, 1)) == 0.0
 
 
 @pytest.mark.parametrize(("d31", "d32"), [(8.0, 8.0), (-8.0, -8.0), (8.0, -8.0)])

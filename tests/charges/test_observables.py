@@ -83,25 +83,6 @@ def test_charge_gradients_are_the_derivatives_of_the_charges(membrane, observabl
     assert step @ goal_gradients(goals, membrane, x) == pytest.approx(expected, rel=1e-6)
 
 
-TRAPEZIUM = [[-3.0, -1.0], [3.0, -1.0], [2.0, 1.0], [-2.0, 1.0]]
-
-
-@pytest.mark.parametrize(
-    "electrode",
-    [
-        {"side_mm": 3.3, "rotation_deg": 30.0},
-        {"shape": "circle", "radius_mm": 3.0},
-        {"shape": "polygon", "vertices_mm": TRAPEZIUM},
-    ],
-)
-def test_only_electrodes_with_edges_along_the_axes_have_charges_along_edges(membrane, electrode):
-    scene = Scene().with_(electrodes=[{"name": "wide", "x_mm": 9.0, "y_mm": -3.0, **electrode}])
-    for patch in (None, "electrode wide"):
-        goal = replace(goals_of(scene)[0], patch=patch, observable="thesis-edge")
-        with pytest.raises(ValueError, match="thesis-edge"):
-            goal_forces([goal], membrane, np.zeros(membrane.space.dof_count))
-
-
 # outlines that a mesh does not follow; the probe's round edge runs through the electrodes, so that
 # curved elements are cut too
 

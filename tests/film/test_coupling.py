@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.constants import epsilon_0
 
-from pvdf_fem import Scene, modes, solve
+from pvdf_fem import Scene, solve
 from pvdf_fem.film.electric.coupling import Coupling
 from pvdf_fem.film.equilibrium import Equilibrium
 from tests.helpers.discs import TRIANGLE, uniform_mesh
@@ -48,11 +48,3 @@ def test_reading_is_the_voltage_of_the_equations():
     assert solution.electrode_voltages_V == pytest.approx(expected, rel=1e-9)
     assert {name: solution.readings_V[name] for name in "AB"} == pytest.approx(voltages, rel=1e-9)
     assert solution.to_json()["electrode_voltages_V"] == solution.electrode_voltages_V
-
-
-def test_modes_are_stiffened():
-    coarse = WIRED.with_(**{"numerics.tolerance": 0.02})
-    short, wired = (
-        modes(coarse.with_(**{"film.coupling": joins}), 1, loaded=True) for joins in (False, True)
-    )
-    assert 1.0 < wired.frequencies_Hz[0] / short.frequencies_Hz[0] < 1.01

@@ -18,7 +18,6 @@ STRONG = Scene().with_(probe=WHOLE, **{"load.force_N": 20.0, "film.bending": Fal
 SLACK = {"film.temperature_change_K": 5.0, "film.compression": "tension-field"}
 COUPLED = {"film.d31_pC_N": 60.0, "film.d32_pC_N": -20.0, "film.coupling": True}
 COUPLED |= {"readout.kind": "voltage"}
-SPHERE = {"probe": {"shape": "sphere", "radius_mm": 5.0}, "load.kind": "contact"}
 BEFORE = {**WHOLE, "bonded": "before stretching"}
 LAYERS = {"film.patches": [{**BEFORE, "thickness_um": thickness} for thickness in (10.0, 15.0)]}
 NOTHING = {"x_mm": 10.0, "y_mm": 0.0, "side_mm": 3.0, "thickness_um": 1e-3, "density_kg_m3": 0.0}
@@ -73,7 +72,6 @@ PAIRS = {
     "taut film that may wrinkle": pair(TAUT, {"film.compression": "tension-field"}, {}, 1e-3),
     "coupling to charge amplifiers": pair(QUICK, {"film.coupling": True}, {}, 0.0),
     "patch of nothing, coupled": pair(QUICK.with_(**COUPLED), NOTHING, {}, 3e-3),
-    "patch of nothing under a tip": pair(QUICK.with_(**SPHERE), NOTHING, {}, 3e-3),
 }
 
 

@@ -57,11 +57,3 @@ def test_the_harmonic_response_is_the_transform_of_the_step():
     step = (TAP.step(1.0, t) - TAP.offset) * np.exp(-2j * np.pi * frequency * t)
     transform = 2j * np.pi * frequency * np.trapezoid(step, t)
     assert complex(TAP.harmonic(frequency)) == pytest.approx(transform, rel=1e-6)
-
-
-def test_values_by_channel():
-    readout = {"kind": {"B": "voltage"}, "gain": {"A": 1.1, "D": -0.5}, "noise_V": 1e-3}
-    a, b, c, d = channels(Scene().with_(readout=readout))
-    assert [x.gain for x in (a, b, c, d)] == [1.1, 1.0, 1.0, -0.5]
-    assert [x.capacitance for x in (a, b, c)] == pytest.approx([1e-9, 35.062e-12, 1e-9], rel=1e-4)
-    assert {x.noise for x in (a, b, c, d)} == {1e-3}
