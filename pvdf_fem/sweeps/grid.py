@@ -113,22 +113,7 @@ class Grid:
         ``distances_mm`` and ``reach_mm`` as in `MappingScheme`. Raises `SceneError` with every
         mistake and `source` as file name.
         """
-        if not isinstance(axes, list | tuple) or not all(isinstance(a, Mapping) for a in axes):
-            reason = 'must be a list of tables, [{"load.force_N": [1, 2]}]; in a file of [[axes]]'
-            raise SceneError([problem("axes", axes, reason)], source)
-        if not axes:
-            raise SceneError(["axes = (nothing): is required; add a table [[axes]]"], source)
-        if len(axes) > MOST_AXES:
-            reason = f"is the number of axes; at most {MOST_AXES} are allowed, put keys together"
-            raise SceneError([problem("axes", len(axes), reason)], source)
-        problems: list[str] = []
-        read = [_axis(f"axes[{i}]", table, scene, problems) for i, table in enumerate(axes)]
-        valid = [axis for axis in read if axis]
-        if not problems:
-            problems += list(_clashes(valid)) or _overridden(valid)
-        if problems:
-            raise SceneError(problems[:MOST_MISTAKES], source)
-        return cls(scene, tuple(axis.expanded for axis in valid))
+        return cls(scene, _axes(axes, scene, source))
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
@@ -143,25 +128,26 @@ class Grid:
             problem(key, value, f"is no key of a sweep file; {choose(key, ['scene', 'axes'])}")
             for key, value in table.items()
         ]
-        scene, files = Scene(), [path]
+        scene: Scene | None = None
+        files = [path]
         try:
             if isinstance(given, str):
                 files.append(path.parent / given)
                 scene = Scene.load(files[-1])
             elif isinstance(given, Mapping):
-                scene = scene.with_(**given)
+                scene = Scene().with_(**given)
             else:
                 reason = "must be the path of a scene file or a table; give one"
                 problems.append(problem("scene", "(nothing)" if given is None else given, reason))
         except SceneError as error:
             problems += error.problems
         try:
-            grid = cls.of(scene, axes, str(path))
+            read = _axes(axes, scene, str(path))
         except SceneError as error:
             problems += error.problems
-        if problems:
+        if problems or scene is None:
             raise SceneError(problems[:MOST_MISTAKES], str(path))
-        return replace(grid, files=tuple(files))
+        return cls(scene, read, tuple(files))
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -203,8 +189,31 @@ class Grid:
         return scenes
 
 
+def _axes(
+    axes: Sequence[Mapping[str, Any]], scene: Scene | None, source: str
+) -> tuple[SweepAxis, ...]:
+    """The axes described by tables. Without a scene, whose own mistakes are told, the lines of a
+    mapping are not placed."""
+    if not isinstance(axes, list | tuple) or not all(isinstance(a, Mapping) for a in axes):
+        reason = 'must be a list of tables, [{"load.force_N": [1, 2]}]; in a file of [[axes]]'
+        raise SceneError([problem("axes", axes, reason)], source)
+    if not axes:
+        raise SceneError(["axes = (nothing): is required; add a table [[axes]]"], source)
+    if len(axes) > MOST_AXES:
+        reason = f"is the number of axes; at most {MOST_AXES} are allowed, put keys together"
+        raise SceneError([problem("axes", len(axes), reason)], source)
+    problems: list[str] = []
+    read = [_axis(f"axes[{i}]", table, scene, problems) for i, table in enumerate(axes)]
+    valid = [axis for axis in read if axis]
+    if not problems:
+        problems += list(_clashes(valid)) or _overridden(valid)
+    if problems:
+        raise SceneError(problems[:MOST_MISTAKES], source)
+    return tuple(axis.expanded for axis in valid)
+
+
 def _axis(
-    where: str, table: Mapping[str, Any], scene: Scene, problems: list[str]
+    where: str, table: Mapping[str, Any], scene: Scene | None, problems: list[str]
 ) -> SweepAxis | None:
     """The axis described by a table; None after mistakes, which join `problems`."""
     count = len(problems)
@@ -273,12 +282,14 @@ def _values(where: str, value: Any, problems: list[str]) -> tuple[Any, ...] | Ra
 
 
 def _mapping_axis(
-    where: str, value: Any, scene: Scene, name: str, problems: list[str]
+    where: str, value: Any, scene: Scene | None, name: str, problems: list[str]
 ) -> SweepAxis | None:
     try:
         lines = Lines.model_validate(value)
         if (count := len(lines.angles_deg) * len(lines.distances_mm)) > MOST_SCENES:
             raise ValueError(f"angles_deg: make {count} places; {_TOO_MANY}")
+        if scene is None:
+            return None
         scheme = MappingScheme(scene, **lines.model_dump())
     except ValidationError as error:
         problems += told(error, where, Lines)

@@ -2,25 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import subprocess
 import sys
 
 import pytest
 from matplotlib.axes import Axes
 
-from pvdf_fem import Scene
-from pvdf_fem.output.figures import (
-    DIVERGING,
-    colours_of,
-    draw_electrode,
-    draw_rim,
-    figure_of,
-    map_axes,
-    new_figure,
-    save,
-    style,
-)
+from pvdf_fem.output.figures import DIVERGING, colours_of, figure_of, new_figure, save, style
 
 
 def axes() -> Axes:
@@ -45,28 +33,6 @@ def test_files_are_reproducible(tmp_path, extension):
 def test_no_window_system_is_touched():
     program = "import sys, pvdf_fem.output.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
-
-
-@pytest.mark.parametrize("reach_mm", [15.0, 11.0, 6.0])
-@pytest.mark.parametrize("electrodes", [{"layout": "three"}, {"layout": "ring", "count": 8}])
-def test_labels_are_in_the_axes_and_no_line_crosses_them(electrodes, reach_mm):
-    film = {"film.radius_mm": 15.0, "electrodes": {**electrodes, "ring_radius_mm": 11.5}}
-    with style():
-        ax = map_axes()
-    draw_rim(ax, 15.0, reach_mm)
-    shown = Scene().with_(**film).electrode_list
-    for electrode in shown:
-        draw_electrode(ax, electrode.outline, [electrode.name, "1234 pC"])
-    ax.figure.savefig(io.BytesIO())
-    boxes = [text.get_window_extent() for text in ax.texts if sum(text.get_position())]
-    assert len(boxes) == (len(shown) if reach_mm > 8.0 else 0)  # those in sight
-    drawn = (*ax.lines, *ax.patches)
-    paths = [artist.get_path().transformed(artist.get_transform()) for artist in drawn]
-    for box in boxes:
-        assert ax.bbox.contains(*box.p0)
-        assert ax.bbox.contains(*box.p1)
-        assert not any(path.intersects_bbox(box, filled=False) for path in paths)
-        assert box.count_overlaps([*boxes]) == 1
 
 
 def test_colours_are_palest_at_zero_or_spread_over_one_sign():

@@ -1,4 +1,4 @@
-"""Maps over places of a touch: charges of a model, likelihood with its ellipse and rivals."""
+"""Maps over places of a touch: charges of a model, likelihood with its ellipse."""
 
 from __future__ import annotations
 
@@ -16,17 +16,10 @@ from tests.helpers.touch_models import bumps
 TOUCH = np.array([[3.0, -4.0, 25.0, 0.7]])
 
 
-def located(*unknown: str, sigma: float = 0.01, **changes: object) -> Location:
-    model = bumps(**changes)
+def located(sigma: float) -> Location:
+    model, unknown = bumps(), ("x_mm", "y_mm", "force_N")
     charges = dict(zip(model.names, model.evaluate(TOUCH)[0][0], strict=True))
-    known = dict(zip(("x_mm", "y_mm", "rotation_deg", "force_N"), TOUCH[0], strict=True))
-    known = {name: value for name, value in known.items() if name not in unknown}
-    return locate(model, charges, unknown=unknown, known=known, sigma=sigma)
-
-
-@pytest.fixture(scope="module")
-def found() -> Location:
-    return located("x_mm", "y_mm", "force_N")
+    return locate(model, charges, unknown=unknown, known={"rotation_deg": 25.0}, sigma=sigma)
 
 
 def test_isocharge_lines_are_where_the_model_has_their_charge():
@@ -43,7 +36,8 @@ def test_isocharge_lines_are_where_the_model_has_their_charge():
     assert np.hypot(*filled.get_paths()[0].vertices.T).max() <= 12.0 + 1e-9
 
 
-def test_the_ellipse_is_that_of_the_covariance(found):
+def test_the_ellipse_is_that_of_the_covariance():
+    found = located(sigma=0.01)
     near = found.plot().axes[1]
     [drawn] = [line.get_xydata() for line in near.lines if len(line.get_xdata()) > 1]
     apart = drawn - found.best.values[:2]
@@ -55,7 +49,7 @@ def test_the_ellipse_is_that_of_the_covariance(found):
 
 def test_the_likelihood_is_that_of_the_likeliest_force():
     """With small errors its logarithm falls by a half on the ellipse of the curvature."""
-    found = located("x_mm", "y_mm", "force_N", sigma=1e-3)
+    found = located(sigma=1e-3)
     root, angles = np.linalg.cholesky(found.best.covariance[:2, :2]), np.linspace(0.0, 6.0, 9)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ root.T
     places = found.best.values[:2] + np.vstack([ring, np.zeros(2)])
@@ -63,20 +57,6 @@ def test_the_likelihood_is_that_of_the_likeliest_force():
     *around, middle = least - found.best.chi_square
     assert middle == pytest.approx(0.0, abs=1e-6)
     np.testing.assert_allclose(around, 1.0, rtol=0.02)
-
-
-def test_rivals_are_marked_with_their_shares():
-    found = located("x_mm", "y_mm", electrodes=2)
-    assert len(found.touches) > 1
-    film = found.plot().axes[0]
-    marked = np.array([line.get_xydata()[0] for line in film.lines if len(line.get_xdata()) == 1])
-    np.testing.assert_allclose(marked, [(t.x_mm, t.y_mm) for t in found.touches])
-    assert f"{100 * found.touches[1].weight:.2g} %" in [text.get_text() for text in film.texts]
-
-
-def test_places_have_to_be_sought():
-    with pytest.raises(ValueError, match="x and y"):
-        located("x_mm", "force_N").plot()
 
 
 def test_places_are_those_of_the_stage():

@@ -5,19 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from functools import cache
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pvdf_fem import Scene, SceneError, Solution, solve
-from pvdf_fem.mesh.symmetry import part_of
 from pvdf_fem.response.response import refuse_other_mechanics
 from pvdf_fem.scene.change import steps_of
-from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.quantity import Affects, Key, Section
+from pvdf_fem.scene.quantity import Section
 from pvdf_fem.scene.registry import PROFILE_ENTRIES
-from pvdf_fem.scene.shapes import ELECTRODES, LISTED_PROBES, MODELS, PROBES
+from pvdf_fem.scene.shapes import ELECTRODES, MODELS, PROBES
 from pvdf_fem.sweeps.plan import plan
 from pvdf_fem.sweeps.store import key
 from reports.guide.scene_keys import TABLES
@@ -171,34 +169,3 @@ def test_every_key_is_changed_in_some_scene():
     changed = {name for case in SCENES for name, _ in changed_alone(*case)}
     by_their_keys = {"film", "electrodes", "probe", "load", "numerics", "patches"}
     assert {name for model in models for name in model.model_fields} - changed == by_their_keys
-
-
-class CoatedFilm(Film):
-    """A film with keys that are new."""
-
-    coating_um: float = 0.0
-    shade: Annotated[float, Key(affects=Affects.READING)] = 0.0
-
-
-class CoatedProbe(LISTED_PROBES["circle"]):
-    """A probe with a key that is new."""
-
-    coating_um: float = 0.0
-
-
-def test_a_new_key_counts_unless_it_says_what_it_affects():
-    def of(um: float = 0.0, probe_um: float = 0.0, shade: float = 0.0) -> Scene:
-        film, probe = CoatedFilm(coating_um=um, shade=shade), CoatedProbe(**DISC)
-        probe = probe.model_copy(update={"coating_um": probe_um})
-        return BASE.model_copy(update={"film": film, "probe": probe})
-
-    for changed, solves in ((of(um=1.0), 2), (of(probe_um=1.0), 2), (of(shade=1.0), 1)):
-        assert len(plan([of(), changed]).blocks) == solves
-        assert key(of()) != key(changed)
-
-
-def test_a_new_key_of_probes_counts_for_the_symmetry_of_a_scene():
-    left, right = (CoatedProbe(x_mm=x, radius_mm=2.5) for x in (-5.0, 5.0))
-    for coating_um, mirrored in ((0.0, 2), (1.0, 1)):
-        probes = left, right.model_copy(update={"coating_um": coating_um})
-        assert len(part_of(BASE.model_copy(update={"probe": probes})).mirrored) == mirrored

@@ -67,14 +67,6 @@ def test_a_store_sees_that_a_file_has_changed_or_is_another_one(processes, tmp_p
     assert len(set(known)) == 6
 
 
-@pytest.mark.parametrize("content", [None, "x_mm,y_mm,pressure\n0,0,a"])
-def test_a_file_that_holds_no_profile_is_refused_before_any_solve(content, monkeypatch, tmp_path):
-    monkeypatch.setattr("pvdf_fem.mesh.gmsh_mesh.gmsh", None)
-    if content:
-        tmp_path.joinpath(PROFILE).write_text(content)
-    assert keys(refused(solve_all, [SCENE.with_(probe=None), SCENE])) == ["load.profile"]
-
-
 def test_what_reads_another_file_than_was_planned_is_no_record(tmp_path):
     """As a process on another machine would, whose file of this name holds something else."""
     write(0.15)
