@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.output.figures import new_figure
 from reports.gallery import pictures
 
 STALE = "README's pictures or sample are stale: run python -m reports.gallery, and look at them"
@@ -27,10 +26,3 @@ def test_readme_s_sample_output_is_printed_now():
         [x for x in t.splitlines() if not x[:1].isdigit()] for t in (written, pictures.sample())
     )
     assert told == now, STALE
-
-
-def test_a_picture_keeps_what_it_shows(tmp_path, monkeypatch):
-    content = {"scenes": ["[film]"], "charges_pC": [{"A": 1.0}]}
-    figure = new_figure(20.0, 20.0)
-    monkeypatch.setitem(pictures.PICTURES, "small", lambda: (figure, content))
-    assert pictures.read(pictures.write("small", tmp_path)) == content

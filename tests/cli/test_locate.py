@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import re
-from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,6 @@ import pytest
 from pvdf_fem import Scene
 from pvdf_fem.response import build
 from pvdf_fem.response.model import Domain
-from pvdf_fem.response.response import Response
 from pvdf_fem.solvers.status import NotConvergedError
 from tests.helpers.touch_models import bumps, random_touches
 from tests.response import made_response
@@ -104,21 +102,6 @@ def test_a_model_is_built_once_and_kept(built, command):
     assert built[1:] == [(12.0, (0.1, 5.0), pytest.approx(5e-3))]  # a tenth of the noise
     other = command(*LOCATE, "--model", "a.response", "--set", "probe.side_mm=9")
     assert other.mistakes == ["--model a.response"]
-
-
-def test_a_model_that_is_read_for_other_electrodes_is_kept_unless_it_is_named(
-    built, command, monkeypatch
-):
-    saved, named = [], ["--model", "a.response"]
-    command(*LOCATE, *named)
-    command(*LOCATE)
-    monkeypatch.setattr(Response, "save", lambda _, path: saved.append(path.name[:9]))
-    monkeypatch.setattr(
-        Response, "for_scene", lambda s, *_, **__: replace(s, spline=copy(s.spline))
-    )
-    for how in (named, []):
-        command(*LOCATE, "--set", "electrodes.side_mm=2", *how)
-    assert saved == ["triangle-"]
 
 
 #: What a model is asked for, and whether a model of the scene serves.
