@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import math
-import pickle
 import re
 from functools import reduce
 
@@ -180,7 +179,3 @@ def test_a_mistake_is_told_by_its_name(call, solution):
 def test_attributes_are_told_by_name(call, name, solution):
     with pytest.raises(AttributeError, match=name):
         exec(call, {**GIVEN, "s": solution})
-
-
-def test_public_functions_can_be_sent_to_other_processes():
-    assert pickle.loads(pickle.dumps(solve)) is solve

@@ -114,19 +114,6 @@ def test_a_report_installs_no_tests_and_tests_only_add_to_it(run):
     assert run("setup", "tests").returncode == 2
 
 
-@pytest.mark.parametrize("installed", ["chromium", ""])
-def test_root_installs_what_the_tests_need(run, environment, installed):
-    """And goes on without where that fails."""
-    environment.joinpath("has-test").touch()
-    query = f'[ "$4" != "{installed}" ] || echo installed'
-    done = run("test", "tests/cli", id="echo 0", apt_get='echo "$@" >&2; exit 1', dpkg_query=query)
-    assert done.returncode == 0
-    assert done.stdout == "-m pytest -n auto --dist worksteal tests/cli\n"
-    packages = ["chromium", "libatomic1", "libegl1"]
-    wanted = " ".join(package for package in packages if package != installed)
-    assert f"-qq install -y --no-install-recommends {wanted}\n" in done.stderr
-
-
 def test_table_of_libraries_covers_what_gmsh_loads():
     """A new gmsh wheel that needs another library must not surprise a bare machine."""
     # The names that the dynamic loader reads stand in the file as null-terminated strings.

@@ -7,7 +7,7 @@ from urllib.parse import parse_qs
 
 import pytest
 
-from pvdf_fem.explore.controls import controls_of, outlines_of
+from pvdf_fem.explore.controls import controls_of
 from pvdf_fem.explore.state import WORDS, View
 from pvdf_fem.scene.scene import Scene, SceneError
 
@@ -101,12 +101,3 @@ def test_controls_are_those_of_the_scene_and_reach_its_values():
     assert {key for key in of(Scene()) if key.startswith("probe")} == {"probe.shape"}
     assert WORDS.keys() <= found.keys()
     assert all(control["about"] and "_" not in control["title"] for control in found.values())
-
-
-def test_outlines_are_drawn_where_the_scene_says():
-    drawn = outlines_of(TRIANGLE.with_(**{"probe.rotation_deg": 10.0}))
-    (probe,), electrodes = drawn["probes"], drawn["electrodes"]
-    assert (probe["x"], probe["y"], probe["rotation"]) == (5.0714, 0.8757, 10.0)
-    assert [(e["name"], e["x"], e["y"]) for e in electrodes[:2]] == [("A", 10, 0), ("B", 0, 10)]
-    assert min(electrodes[0]["points"]) == [8.5, -1.5]
-    assert len({electrode["colour"] for electrode in electrodes}) == 4

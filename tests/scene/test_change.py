@@ -150,15 +150,6 @@ def test_pretension_and_temperature_take_each_others_place():
     assert pair.film.pretension_N_m == (9.0, -4.0)
 
 
-def test_layouts_change_into_rings_and_back():
-    changes = {"electrodes.radius_mm": 1.5, "electrodes.shape": "circle", "electrodes.count": 3}
-    circles = Scene().with_(**changes, **{"electrodes.layout": "ring"})
-    squares = circles.with_(**{"electrodes.shape": "square", "electrodes.centre": True})
-    assert squares == Scene(electrodes={"layout": "ring", "count": 3, "centre": True})
-    for scene in (circles, squares):
-        assert scene.with_(**{"electrodes.layout": "four"}) == Scene()
-
-
 @pytest.mark.parametrize(
     ("one", "other", "named"),
     [

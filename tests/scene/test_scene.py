@@ -16,7 +16,7 @@ from pvdf_fem.scene.stage import Stage
 from pvdf_fem.sweeps.equivalence import MECHANICS
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.store import key
-from tests.helpers.refusals import keys, refused
+from tests.helpers.refusals import refused
 
 GEOMETRY = Path(__file__).parents[2] / "geometry"
 
@@ -129,13 +129,6 @@ def test_files_of_the_geometry_folder():
     assert Scene.example("four_electrodes") == Scene()
     for name in others:
         assert refused(Scene.example, name) == [f'"{name}"']
-
-
-def test_scenes_built_directly_are_checked_too():
-    assert keys(refused(Scene, film=Film(radius_mm=11.0))) == ["electrodes.ring_radius_mm"]
-    wrong = {"film": {"thickness_um": -1, "thicknes": 2}, "probe": Scene().electrode_list[0]}
-    told = ["film.thickness_um = -1", "film.thicknes = 2", 'probe.shape = "square"']
-    assert refused(Scene, **wrong) == told
 
 
 def test_a_load_on_nothing_is_doubted():

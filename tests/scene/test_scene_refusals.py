@@ -45,10 +45,8 @@ REFUSALS = [
     (POLYGON + "vertices_mm = [[0, 0], [1, 0]]", "probe.vertices_mm = [[0, 0], "),
     (POLYGON + CROSSED, "probe.vertices_mm = [[0, 0], "),
     (POLYGON + f"vertices_mm = [{1001 * '[0, 0],'}]", "probe.vertices_mm = [[0, 0], "),
-    (ELLIPSE + "semi_axes_mm = [0.004, 5]", "probe.semi_axes_mm = [0.004, 5]"),
     # names
     (electrode("a/b"), 'electrodes[0].name = "a/b"'),
-    (electrode(" a"), 'electrodes[0].name = " a"'),
     (electrode(41 * "a"), 'electrodes[0].name = "aaa'),
     (electrode() + electrode(x_mm=9), 'electrodes[1].name = "A"'),
     # overlaps
@@ -60,11 +58,9 @@ REFUSALS = [
     (RING + "ring_radius_mm = 44", "electrodes.ring_radius_mm = 44.0"),
     (electrode(x_mm=-44), "electrodes[0].x_mm = -44.0"),
     ("[probe]\ny_mm = 42", "probe.y_mm = 42.0"),
-    ("[[probe]]\nx_mm = 50.0", "probe[0].x_mm = 50.0"),
     ('[probe]\nshape = "circle"\nradius_mm = 46', "probe.radius_mm = 46.0"),
     (ELLIPSE + "semi_axes_mm = [3, 46]", "probe.semi_axes_mm = [3.0, 46.0]"),
     ("[probe]\nshape = 'sphere'\nx_mm = 50\n" + CONTACT, "probe.x_mm = 50.0"),
-    ("[probe]\nshape = 'sphere'\nradius_mm = 50\n" + CONTACT, "probe.radius_mm = 50.0"),
     (TAPE.replace("x_mm = 3", "x_mm = 60"), "film.patches = [a table]"),
     # the thesis's means need upright rectangles
     (electrode(shape="circle", radius_mm=1) + BY_EDGES, 'electrodes[0].shape = "circle"'),
@@ -93,7 +89,6 @@ REFUSALS = [
     # amplifiers
     ("[readout]\nkind = { A = 3 }", "readout.kind.A = 3"),
     ("[readout]\ngain = { E = 1 }", "readout.gain.E = 1.0"),
-    ("[readout]\ngain = { A = 0 }", "readout.gain.A = 0"),
     ("[readout]\nfeedback_resistance_MOhm = { A = nan }", "readout.feedback_resistance_MOhm.A"),
     # deviations
     *(
@@ -176,21 +171,6 @@ def test_two_effects_are_combined_or_refused_by_key(one, other):
         Scene().with_(changes)
 
 
-def test_three_parts_are_combined_or_refused_by_key():
-    rubber = {**EFFECTS["rubber"], **EFFECTS["stretched tape"]}
-    two = [{"x_mm": 9.0}, {"shape": "sphere", "load": {"kind": "contact"}}]
-    for allowed in (
-        rubber,
-        {"film.d33_pC_N": 9.0, "film.patches": [{**LAYER, "x_mm": 9.0}], "probe": {}},
-    ):
-        Scene().with_(allowed)
-    for changes, key in (
-        ({**rubber, "film.pretension_N_m": 9.0}, "film.pretension_N_m"),
-        ({"film.pressure_Pa": 5.0, "probe": two}, "probe[1].load.kind"),
-    ):
-        assert keys(refused(Scene().with_, changes)) == [key]
-
-
 def test_all_mistakes_of_a_file_are_reported_at_once():
     text = "bogus = 1\n[film]\nthicknes_um = 30\npoisson_ratio = 0.7\n[load]\nkind = 'ded'\n"
     text += electrode(y_mm=44) + electrode("B", x_mm="1") + electrode(x_mm=1, y_mm=44)
@@ -227,7 +207,6 @@ def test_touching_is_allowed(text):
         (b"[film]\nradius_mm == 45", "line 2"),
         (b"[film]\n# \xb5m", "line 2"),
         ("[film]".encode("utf-16"), "UTF-16"),
-        ("[film]".encode("utf-16-le"), "UTF-16"),
         (b"[film]\rradius_mm = 45", "CR"),
         (b"#" * 1_000_001, "1000000"),
         (None, ""),
