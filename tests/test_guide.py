@@ -1,13 +1,17 @@
-"""The guide's reference pages have everything."""
+"""The guide's reference pages have everything, and README shows what the package computes now."""
 
 from __future__ import annotations
 
 import itertools
 import re
 
+import pytest
+
 import pvdf_fem
+from pvdf_fem import Scene, solve
 from pvdf_fem.reporting.registry import FIGURES, TABLES
 from pvdf_fem.scene.shapes import MODELS
+from reports.gallery import pictures
 from reports.guide import references, scene_keys
 
 
@@ -39,3 +43,24 @@ def test_every_command_and_public_name_is_told():
         assert f"usage: pvdf-fem {name}" in commands
     api = references.api_page()
     assert not [name for name in pvdf_fem.__all__ if f":: pvdf_fem.{name}" not in api]
+
+
+STALE = "README's pictures or sample are stale: run python -m reports.gallery, and look at them"
+
+
+@pytest.mark.parametrize("name", ["deflection", pytest.param("rotation", marks=pytest.mark.slow)])
+def test_a_picture_is_of_today_s_charges(name):
+    """Its first solve is repeated; those of the thesis's scenes take long."""
+    shown = pictures.read(pictures.Path(pictures.__file__).with_name(f"{name}.png"))
+    expected = Scene.example("triangle") if name == "deflection" else pictures.turned()[1].scenes[0]
+    assert Scene.parse(shown["scenes"][0]) == expected, STALE
+    assert solve(expected).charges_pC == pytest.approx(shown["charges_pC"][0], rel=1e-6), STALE
+
+
+def test_readme_s_sample_output_is_printed_now():
+    """All but the times, which every machine has of its own."""
+    [written] = pictures.SAMPLE.findall(pictures.README.read_text("utf-8"))
+    told, now = (
+        [x for x in t.splitlines() if not x[:1].isdigit()] for t in (written, pictures.sample())
+    )
+    assert told == now, STALE

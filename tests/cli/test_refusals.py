@@ -24,8 +24,6 @@ REFUSED = [
     ("solve wrong.toml --set probe.shape", ["--set probe.shape", *WRONG]),
     ("modes wrong.toml --count 0", ["--count 0", *WRONG]),
     ("solve scene.toml --set =2 --set 'probe.x_mm=1\ny'", ["--set =2", r"--set probe.x_mm=1\ny"]),
-    # words that no option takes
-    ("solve scene.toml --force 2", ["--force"]),
     # numbers of options
     *((f"modes scene.toml --count {n}", [f"--count {n}"]) for n in ("201", "2.0", "1_0")),
     *(

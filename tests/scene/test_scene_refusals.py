@@ -8,11 +8,16 @@ from __future__ import annotations
 import itertools
 import math
 import pickle
+import re
 
 import numpy as np
 import pytest
 
+from pvdf_fem import build_response, gradients, respond
+from pvdf_fem.response.response_file import mechanics_of
 from pvdf_fem.scene.scene import Scene, SceneError
+from pvdf_fem.sweeps.equivalence import mechanics
+from pvdf_fem.sweeps.plan import plan
 from tests.helpers.refusals import keys, refused, refused_text
 from tests.helpers.strategies import electrode
 
@@ -169,6 +174,25 @@ def test_two_effects_are_combined_or_refused_by_key(one, other):
         assert keys(refused(Scene().with_, changes)) == [key]
     else:
         Scene().with_(changes)
+
+
+@pytest.mark.parametrize(
+    ("refuses", "effect", "key"),
+    [
+        (build_response, "tape", "film: patches"),
+        *((serves, "warm", "probe.temperature_K") for serves in (build_response, mechanics)),
+        (build_response, "pressure", "film.pressure_Pa"),
+        (build_response, "weight", "film.gravity_m_s2"),
+        (mechanics_of, "coupled", "film.coupling"),
+        (lambda scene: respond(scene, 20.0), "coupled", "film.coupling"),
+        (lambda scene: respond(scene, 20.0), "d33", "film.d33_pC_N"),
+        (lambda scene: plan([scene]), "d33", "film.d33_pC_N"),
+        *((serves, "d33", "film.d33_pC_N") for serves in (mechanics_of, gradients)),
+    ],
+)
+def test_what_serves_fewer_films_refuses_the_others(refuses, effect, key):
+    with pytest.raises(ValueError, match=re.escape(key)):
+        refuses(Scene.example("triangle").with_(EFFECTS[effect]))
 
 
 def test_all_mistakes_of_a_file_are_reported_at_once():
