@@ -44,7 +44,6 @@ OBJECTS = {
     "scene": (lambda s: s.scene, "film.radius_mm 12.0 probe.x_mm 2.5"),
     "solution": (lambda s: s, "total, change readings A B C D"),
     "points": (lambda s: s.at([0.0, 3.0], 1.0), "x_mm 3 w_mm S11_MPa"),
-    "line": (lambda s: s.along([(0, 0), (9, 0)], 40), "distance_mm ... 9"),
     "gradients": (lambda s: pf.gradients(s, "load.force_N"), "load.force_N ±"),
     "uncertainty": (lambda s: pf.uncertainty(s), "film.thickness_um 1.25 100"),
     "modes": (lambda s: pf.modes(s, 2), "Hz 1 2"),
@@ -55,7 +54,6 @@ OBJECTS = {
     ),
     "model": (lambda _: made_response.response(), "A, B, C, D 8"),
     "location": (located, "touch x_mm known"),
-    "touch": (lambda s: located(s).best, "x_mm 2 force_N 1.5"),
     "rows": (
         lambda _: pf.locate_many(bumps(), bumps().evaluate(random_touches(40, 1))[0]),
         "x_mm force_N ...",

@@ -150,7 +150,6 @@ def test_pretension_and_temperature_take_each_others_place():
     [
         ({"load.force_N": 0.5}, {"load.depth_mm": 2.0}, "load.force_N"),
         ({"load.force_N": 0.5}, {"load": {"force_N": 0.6}}, "load.force_N"),
-        ({"film.radius_mm": 40.0}, {"film": {"radius_mm": 30.0}}, "film.radius_mm"),
         ({"film": {"pretension_N_m": 9}}, {COOLING: -2}, COOLING),
     ],
 )

@@ -71,12 +71,6 @@ def test_the_boundary_has_the_area_the_perimeter_and_no_distance(name):
     assert outline.perimeter == pytest.approx(around.sum(), rel=1e-8)
 
 
-def test_distances_from_a_disc_are_exact_anywhere():
-    places = np.array([[3.0, 4.0], [3.0, 4.5], [9.0, 4.0], [-2.0, 1.0]])
-    found = Circle(np.array([3.0, 4.0]), 2.0).signed_distance(places)
-    assert found == pytest.approx(np.linalg.norm(places - [3.0, 4.0], axis=1) - 2.0)
-
-
 def test_means_over_shapes_are_those_of_their_points():
     square = Polygon(SQUARE + 3.0).shape
     assert mean_over(square, lambda at: at[:, 0]) == pytest.approx(3.0)

@@ -61,8 +61,6 @@ def test_entries_change_by_index():
     assert loads(changed)[0].force_N == 1.5
     merged = scene.with_(**{"probe[1]": {"load": {"force_N": 0.2}, "y_mm": 1.0}})
     assert merged == scene.with_(**{"probe[1].force_N": 0.2, "probe[1].y_mm": 1.0})
-    grid = Grid.of(scene, [{"probe[1].x_mm": [8.0, 9.0], "probe[0].force_N": [1.0, 2.0]}])
-    assert [loads(s)[0].force_N for s in grid.scenes()] == [1.0, 2.0]
     single = Scene().with_(**{"probe.shape": "circle"})
     assert keys(refused(single.with_, {"probe[0].x_mm": 1.0})) == ["probe[0].x_mm"]
 

@@ -214,7 +214,6 @@ def test_a_broken_radius_hides_the_rim_but_not_the_overlaps():
 @pytest.mark.parametrize(
     "text",
     [
-        '[probe]\nshape = "circle"\nradius_mm = 45',  # the whole film
         '[probe]\nshape = "rectangle"\nwidth_mm = 54\nheight_mm = 72',  # corners on the rim
         ELLIPSE + "semi_axes_mm = [45, 20]\nrotation_deg = 30",
         electrode() + electrode("B", x_mm=0.3 + 2.7, y_mm=3),
