@@ -146,7 +146,6 @@ MISTAKES = {
     "pf.Scene('mine.toml')": "Scene",
     "s.at([0, 1], [0, 1, 2])": "x_mm",
     "s.along([(0, 0)])": "line_mm",
-    "s.along([(0, 0), (1, 1)], points=1)": "points",
     "s.to_xarray(-1)": "step_mm",
     "s.plot(['stress'])": "quantity",
     "s.readings_V": "readout",

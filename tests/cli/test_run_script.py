@@ -51,9 +51,9 @@ def run(tmp_path):
     for name in ("run", library):
         shutil.copy(ROOT / name, tmp_path / "a checkout" / name)
 
-    def call(*arguments, defect="", **tools):
+    def call(*arguments, defect=""):
         (tmp_path / "bin").mkdir(exist_ok=True)
-        for name, text in (TOOLS | tools).items():
+        for name, text in TOOLS.items():
             executable(tmp_path / "bin" / name.replace("_", "-"), text)
         (tmp_path / "sitecustomize.py").write_text(defect)
         path = f"{tmp_path / 'bin'}:{os.environ['PATH']}"
