@@ -18,7 +18,6 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ["film", "charges", "solvers", "solution", "scene", "sweeps"]
@@ -33,21 +32,8 @@ OPPOSITES = {"argmin": "argmax", "min": "max", "minimum": "maximum", "sin": "cos
 OPPOSITES |= {there: here for here, there in OPPOSITES.items()}
 
 
-class Mutant(NamedTuple):
-    """A change of the text of a module, by offsets in bytes of its line."""
-
-    path: Path
-    line: int
-    begin: int
-    end: int
-    text: str
-
-    def applied(self, source: str) -> str:
-        lines = source.split("\n")
-        line = lines[self.line - 1].encode()
-        changed = line[: self.begin] + self.text.encode() + line[self.end :]
-        lines[self.line - 1] = changed.decode()
-        return "\n".join(lines)
+#: A module, an expression on one of its lines, and a text for the expression's place.
+Mutant = tuple[Path, ast.expr, str]
 
 
 def changes(node: ast.AST) -> Iterator[str]:
@@ -84,29 +70,29 @@ def mutants_of(path: Path) -> Iterator[Mutant]:
         if node in left_out or not isinstance(node, ast.expr):
             continue
         if node.lineno == node.end_lineno:
-            for text in changes(node):
-                yield Mutant(path, node.lineno, node.col_offset, node.end_col_offset or 0, text)
+            yield from ((path, node, text) for text in changes(node))
 
 
 def killed(mutant: Mutant, checkout: Path, only_own: bool) -> bool:
     """Whether a test fails in a checkout with the mutant; the checkout is left as it was."""
-    there = checkout / mutant.path.relative_to(ROOT)
-    source, folder = there.read_text("utf-8"), there.relative_to(checkout).parts[1]
-    there.write_text(mutant.applied(source), "utf-8")
+    path, node, text = mutant
+    there, source = checkout / path.relative_to(ROOT), path.read_bytes()
+    lines = source.split(b"\n")
+    line = lines[node.lineno - 1]
+    changed = line[: node.col_offset] + text.encode() + line[node.end_col_offset :]
+    there.write_bytes(b"\n".join([*lines[: node.lineno - 1], changed, *lines[node.lineno :]]))
     environment = {**os.environ, "PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
     limits = {"cwd": checkout, "env": environment, "timeout": PATIENCE_S}
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    # modules at the root are tested by the modules at the root
-    at_root = [str(path.relative_to(ROOT)) for path in ROOT.glob("tests/test_*.py")]
-    own = at_root if "." in folder else [f"tests/{folder}"]
-    runs = [own] if only_own else [own, ["tests"]]
+    own = f"tests/{path.relative_to(ROOT).parts[1]}"
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "auto"]
+    runs = [[*command, own]] if only_own else [[*command, own], [*command, "tests"]]
     try:
-        return any(subprocess.run([*command, *of], **quiet, **limits).returncode for of in runs)
+        return any(subprocess.run(run, **quiet, **limits).returncode for run in runs)
     except subprocess.TimeoutExpired:
         return True
     finally:
-        there.write_text(source, "utf-8")
+        there.write_bytes(source)
 
 
 def main() -> None:
@@ -116,23 +102,21 @@ def main() -> None:
     parser.add_argument("--folders", nargs="*", default=FOLDERS)
     parser.add_argument("--own", action="store_true", help="only the tests of a mutant's folder")
     options = parser.parse_args()
-    patterns = ["*.py" if name == "." else f"{name}/**/*.py" for name in options.folders]
-    paths = [p for pattern in patterns for p in sorted(ROOT.glob(f"pvdf_fem/{pattern}"))]
+    paths = [p for of in options.folders for p in sorted(ROOT.glob(f"pvdf_fem/{of}/**/*.py"))]
     every = [mutant for path in paths for mutant in mutants_of(path)]
-    drawn, dead = random.Random(options.seed).sample(every, options.count), Counter()
+    drawn, ends = random.Random(options.seed).sample(every, options.count), Counter()
     with TemporaryDirectory() as folder:
         copy = Path(folder, "checkout")
         shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*NOT_COPIED))
-        for mutant in drawn:
-            where = mutant.path.relative_to(ROOT / "pvdf_fem")
-            end = killed(mutant, copy, options.own)
-            dead[where.parts[0]] += end
-            told = mutant.path.read_text("utf-8").split("\n")[mutant.line - 1].strip()
-            print("killed" if end else "SURVIVED", f"{where}:{mutant.line}", told, flush=True)
-            print(f"    {mutant.text}", flush=True)
-    asked = Counter(mutant.path.relative_to(ROOT / "pvdf_fem").parts[0] for mutant in drawn)
-    for name, count in asked.items():
-        print(f"{name}: {dead[name]} of {count} killed")
+        for path, node, text in drawn:
+            where, end = path.relative_to(ROOT / "pvdf_fem"), "SURVIVED"
+            if killed((path, node, text), copy, options.own):
+                end = "killed"
+            ends[where.parts[0], end] += 1
+            told = path.read_text("utf-8").split("\n")[node.lineno - 1].strip()
+            print(f"{end} {where}:{node.lineno} {told}\n    {text}", flush=True)
+    for (name, end), count in sorted(ends.items()):
+        print(f"{name}: {count} {end}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The guide's reference pages have everything, and its equations are drawings."""
+"""The guide's reference pages have everything, and README shows what the package computes now."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ import re
 import pytest
 
 import pvdf_fem
+from pvdf_fem import Scene, solve
 from pvdf_fem.reporting.registry import FIGURES, TABLES
 from pvdf_fem.scene.shapes import MODELS
+from reports.gallery import pictures
 from reports.guide import references, scene_keys
 
 
@@ -43,21 +45,22 @@ def test_every_command_and_public_name_is_told():
     assert not [name for name in pvdf_fem.__all__ if f":: pvdf_fem.{name}" not in api]
 
 
-def test_pages_are_written_once(tmp_path):
-    times = []
-    for _ in range(2):
-        references.write_references(tmp_path)
-        times.append({path: path.stat().st_mtime_ns for path in tmp_path.iterdir()})
-    assert len(times[0]) == 5
-    assert times[0] == times[1]
+STALE = "README's pictures or sample are stale: run python -m reports.gallery, and look at them"
 
 
-def test_equations_have_identifiers_of_their_own():
-    pytest.importorskip("docutils")
-    from reports.guide.mathematics import equation
+@pytest.mark.parametrize("name", ["deflection", pytest.param("rotation", marks=pytest.mark.slow)])
+def test_a_picture_is_of_today_s_charges(name):
+    """Its first solve is repeated; those of the thesis's scenes take long."""
+    shown = pictures.read(pictures.Path(pictures.__file__).with_name(f"{name}.png"))
+    expected = Scene.example("triangle") if name == "deflection" else pictures.turned()[1].scenes[0]
+    assert Scene.parse(shown["scenes"][0]) == expected, STALE
+    assert solve(expected).charges_pC == pytest.approx(shown["charges_pC"][0], rel=1e-6), STALE
 
-    drawn = [equation(tex) for tex in (r"\frac{a}{b}", r"\frac{b}{a} < 1")]
-    ids = [set(re.findall(r'id="([^"]+)"', svg)) for svg in drawn]
-    assert ids[0]
-    assert not ids[0] & ids[1]
-    assert 'aria-label="\\frac{b}{a} &lt; 1"' in drawn[1]
+
+def test_readme_s_sample_output_is_printed_now():
+    """All but the times, which every machine has of its own."""
+    [written] = pictures.SAMPLE.findall(pictures.README.read_text("utf-8"))
+    told, now = (
+        [x for x in t.splitlines() if not x[:1].isdigit()] for t in (written, pictures.sample())
+    )
+    assert told == now, STALE

@@ -26,10 +26,10 @@ NOT_COPIED = (".git", ".venv", ".*cache", ".hypothesis", "__pycache__", "out", "
 
 #: Runs the cells of pages, each page in an empty folder of its own, as a notebook does.
 NOTEBOOK = """
-import json, os, subprocess, sys, tempfile, time
+import json, os, subprocess, sys, tempfile
 import pvdf_fem
 for name, cells in json.load(sys.stdin).items():
-    names, began = {"__name__": name}, time.process_time()
+    names = {"__name__": name}
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         for cell in cells:
@@ -42,7 +42,6 @@ for name, cells in json.load(sys.stdin).items():
             else:
                 exec(compile(cell, f"{name}: {first}", "exec"), names)
         os.chdir("/")
-    print(f"{name}: {len(cells)} cells, {time.process_time() - began:.1f} s")
 print(pvdf_fem.__file__)
 """
 
@@ -110,7 +109,6 @@ def test_pages_run_from_the_wheel(programs, tmp_path, of):
     warn = "-W", "error", "-W", "ignore:FigureCanvasAgg"
     code = programs / "python", *warn, "-c", NOTEBOOK
     printed = run(*code, folder=tmp_path, path=programs, given=json.dumps(cells)).splitlines()
-    print("\n".join(line for line in printed if " cells, " in line))
     assert Path(printed[-1]).is_relative_to(programs.parent)
 
 

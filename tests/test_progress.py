@@ -32,11 +32,6 @@ def test_it_is_shown_on_terminals_and_where_it_is_asked_for(monkeypatch, termina
     assert told(monkeypatch, terminal, asked, after_s=2.0) == ""  # a short job is silent
 
 
-def test_times_are_told_in_seconds_and_from_two_minutes_on_in_minutes():
-    assert remaining(40.0).split()[1:] == ["40", "s"]
-    assert remaining(300.0).split()[1:] == ["5", "min"]
-
-
 def test_a_callable_is_told_everything(monkeypatch):
     calls = []
     assert told(monkeypatch, True, lambda *at: calls.append(at)) == ""

@@ -3,7 +3,7 @@
     python -m reports.gallery [FOLDER]
 
 Each picture holds, in a text of its PNG file, the scenes and charges that it shows, so that
-`tests/test_gallery.py` notices when it is stale.
+`tests/test_guide.py` notices when it is stale.
 """
 
 from __future__ import annotations

@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import re
-from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +15,6 @@ import pytest
 from pvdf_fem import Scene
 from pvdf_fem.response import build
 from pvdf_fem.response.model import Domain
-from pvdf_fem.response.response import Response
 from pvdf_fem.solvers.status import NotConvergedError
 from tests.helpers.touch_models import bumps, random_touches
 from tests.response import made_response
@@ -106,21 +104,6 @@ def test_a_model_is_built_once_and_kept(built, command):
     assert other.mistakes == ["--model a.response"]
 
 
-def test_a_model_that_is_read_for_other_electrodes_is_kept_unless_it_is_named(
-    built, command, monkeypatch
-):
-    saved, named = [], ["--model", "a.response"]
-    command(*LOCATE, *named)
-    command(*LOCATE)
-    monkeypatch.setattr(Response, "save", lambda _, path: saved.append(path.name[:9]))
-    monkeypatch.setattr(
-        Response, "for_scene", lambda s, *_, **__: replace(s, spline=copy(s.spline))
-    )
-    for how in (named, []):
-        command(*LOCATE, "--set", "electrodes.side_mm=2", *how)
-    assert saved == ["triangle-"]
-
-
 #: What a model is asked for, and whether a model of the scene serves.
 ASKED = {
     "--set electrodes.side_mm=2 --set film.d31_pC_N=20": True,
@@ -160,14 +143,6 @@ def test_a_model_that_cannot_be_built_or_serve_is_told(built, monkeypatch, comma
     monkeypatch.setattr(build, "build_response", fail)
     run = command(*LOCATE, "--reach", 13)
     assert (run.code, run.out, "max_iterations" in run.err) == (3, "", True)
-
-
-def test_reach_and_forces_are_those_of_full_solves_too(folder, begun, command):
-    asked = f"--charges {options()} --touches 2 --reach 9 --force-range 0.2,3"
-    with pytest.raises(begun) as caught:
-        command("locate", "scene.toml", *asked.split())
-    model = caught.value.args[0].model
-    assert (model.reach_mm, model.force_range_N) == (9.0, (0.2, 3.0))
 
 
 # ----------------------------------------------------------------------------------- single touches
@@ -221,11 +196,6 @@ def test_a_row_in_is_a_row_out(run):
     assert [row["id"] for row in rows] == [*"012345"]
     assert all((row["status"], row["alternatives"]) == ("located", "0") for row in rows)
     assert all(float(row["x_deviation_mm"]) > 0.0 for row in rows)
-    assert list(rows[0]) == [
-        *("id", "x_mm", "y_mm", "rotation_deg", "force_N", "x_deviation_mm", "y_deviation_mm"),
-        *("rotation_deviation_deg", "force_deviation_N", "chi_square", "p_value"),
-        *("alternatives", "status", "remark"),
-    ]
 
 
 def test_bad_rows_are_named_and_change_no_other(run):
@@ -248,14 +218,6 @@ def test_bad_rows_are_named_and_change_no_other(run):
     assert all(row["x_mm"] == row["chi_square"] == "" for row in rows[:9])
     assert all(row["alternatives"] == "" for row in rows)
     assert [row["id"] for row in rows[:2]] == ["a", "b"]
-
-
-def test_columns_that_are_missing_are_told(run):
-    done = run("A,B,C,D [pC]\nnan,1,1,1\n")
-    assert (done.code, done.told[0]) == (3, "readings.csv")  # no row has a touch
-    assert "'D [pC]'" in done.err
-    done = run("A,B\n")
-    assert (done.code, rows_of(done.out)) == (0, [])
 
 
 @pytest.mark.parametrize("ending", [".json", ".jsonl"])
@@ -287,21 +249,17 @@ def test_rows_that_no_touch_explains_have_a_status(how, count, run):
     assert all(float(row["chi_square"]) > 100.0 for row in rows[:6])
 
 
-VOLTS = "readout={kind='charge', reading='change', feedback_capacitance_pF=500, gain={A=1.1}}"
 OF_SCENE = f"--set probe.rotation_deg={TOUCHES[0, 2]} --set load.force_N={TOUCHES[0, 3]}"
-READ = (CHARGES - 48.0) / 500.0 * [1.1, 1.0, 1.0, 1.0]
 
 
 @pytest.mark.parametrize(
-    ("text", "asked", "known"),
+    ("text", "asked"),
     [
-        (table(also=NAMES[2:]), [], True),
-        (table(CHARGES[:1], also=()), [*OF_SCENE.split(), "--unknown", "x,y"], True),
-        (table(READ), ["--set", VOLTS, "--unit", "V"], False),
+        (table(also=NAMES[2:]), []),
+        (table(CHARGES[:1], also=()), [*OF_SCENE.split(), "--unknown", "x,y"]),
     ],
 )
-def test_what_is_known_of_a_row_is_in_its_columns_or_the_scene(run, text, asked, known):
+def test_what_is_known_of_a_row_is_in_its_columns_or_the_scene(run, text, asked):
     rows = rows_of(run(text, "--quick", *asked).out)
     assert_touches(rows, TOUCHES[: len(rows)])
-    assert all((row["remark"], row["rotation_deviation_deg"]) == ("", "") for row in rows)
-    assert all((row["force_deviation_N"] == "") is known for row in rows)
+    assert {row["rotation_deviation_deg"] + row["force_deviation_N"] for row in rows} == {""}

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from pvdf_fem.cli.program import InputError, run_program
-from pvdf_fem.files import FileError, replacing, require_writable
+from pvdf_fem.files import FileError, replacing
 from pvdf_fem.solvers.status import NotConvergedError
 
 ROOT = Path(__file__).parents[2]
@@ -36,9 +36,7 @@ def small_disk():
     "line",
     [
         "mesh scene.toml a.msh",
-        "mesh scene.toml a.vtu",
         "solve scene.toml --json --plot a.png",
-        "solve scene.toml --json --vtu a.vtu",
         "locate scene.toml --quick --csv many.csv --output a.csv",
         "dataset disc.toml --touches 20 --output a.csv",
         "design disc.toml --step 12 --output a.nc",
@@ -75,17 +73,6 @@ def test_a_file_is_replaced_where_a_link_leads_with_its_permissions_and_owner(tm
     status = target.stat()
     assert (status.st_mode & 0o777, status.st_uid, target.read_text()) == (mode, owner, "new")
     assert (link.is_symlink(), len(list(tmp_path.rglob("*")))) == (True, 3)
-
-
-def test_a_new_file_has_the_usual_permissions_and_may_have_a_long_name(tmp_path):
-    path, before = tmp_path / f"{250 * 'a'}.txt", os.umask(0o027)
-    try:
-        require_writable(path)
-        with replacing(path) as part:
-            part.write_text("new")
-    finally:
-        os.umask(before)
-    assert (path.stat().st_mode & 0o777, path.read_text()) == (0o640, "new")
 
 
 # ------------------------------------------------------------------------------------------- ends

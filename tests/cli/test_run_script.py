@@ -51,9 +51,9 @@ def run(tmp_path):
     for name in ("run", library):
         shutil.copy(ROOT / name, tmp_path / "a checkout" / name)
 
-    def call(*arguments, defect="", **tools):
+    def call(*arguments, defect=""):
         (tmp_path / "bin").mkdir(exist_ok=True)
-        for name, text in (TOOLS | tools).items():
+        for name, text in TOOLS.items():
             executable(tmp_path / "bin" / name.replace("_", "-"), text)
         (tmp_path / "sitecustomize.py").write_text(defect)
         path = f"{tmp_path / 'bin'}:{os.environ['PATH']}"
@@ -112,19 +112,6 @@ def test_a_report_installs_no_tests_and_tests_only_add_to_it(run):
     assert "install" not in second
     assert run("setup", "guide").stdout.count("--editable .[guide]\n") == 1
     assert run("setup", "tests").returncode == 2
-
-
-@pytest.mark.parametrize("installed", ["chromium", ""])
-def test_root_installs_what_the_tests_need(run, environment, installed):
-    """And goes on without where that fails."""
-    environment.joinpath("has-test").touch()
-    query = f'[ "$4" != "{installed}" ] || echo installed'
-    done = run("test", "tests/cli", id="echo 0", apt_get='echo "$@" >&2; exit 1', dpkg_query=query)
-    assert done.returncode == 0
-    assert done.stdout == "-m pytest -n auto --dist worksteal tests/cli\n"
-    packages = ["chromium", "libatomic1", "libegl1"]
-    wanted = " ".join(package for package in packages if package != installed)
-    assert f"-qq install -y --no-install-recommends {wanted}\n" in done.stderr
 
 
 def test_table_of_libraries_covers_what_gmsh_loads():

