@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import scipy.linalg
@@ -76,15 +74,6 @@ def test_only_stretching_has_losses() -> None:
     np.testing.assert_allclose(full.elastic @ step, expected, atol=1e-9 * np.abs(expected).max())
     deflections = np.where(equilibrium.unknowns.deflections(), step, 0.0)
     assert np.abs(full.elastic @ deflections).max() < 1e-9 * np.abs(laplace @ step).max()
-
-
-def test_damping_takes_energy() -> None:
-    """The force's own place lags behind the force at every frequency, in air and by losses."""
-    reduced = oscillations(on_mesh(DAMPED))[0].reduced(np.array([1.0, 600.0]))
-    at_force = replace(reduced, rates=reduced.force[:, None])
-    compliance = at_force.charges(np.linspace(1.0, 600.0, 100))[:, 0]
-    phase = np.angle(compliance / (1.0 + 1j * reduced.loss_tangent))
-    assert np.all((phase < 0.0) & (phase > -np.pi))
 
 
 def test_errors_are_of_the_right_size() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import gmsh
 import numpy as np
 import pytest
 import shapely
@@ -12,12 +11,12 @@ from skfem import Basis, ElementTriP2
 
 from pvdf_fem import Scene
 from pvdf_fem.film.space import Space
-from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene, outlines
+from pvdf_fem.mesh.gmsh_mesh import mesh_scene, outlines
 from pvdf_fem.mesh.six_node import compression
 from pvdf_fem.mesh.size_field import SizeField, Sizes, element_sizes
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.solution.first_sizes import first_sizes
-from tests.helpers.discs import RECTANGLE, graded_mesh, uniform_mesh
+from tests.helpers.discs import RECTANGLE, graded_mesh
 
 ON_A = "x_mm = 10\nwidth_mm = 3\nheight_mm = 3"
 ELLIPSE = '[probe]\nshape = "ellipse"\n'
@@ -97,21 +96,6 @@ def test_elements_are_not_inverted_and_end_at_the_rim(placed):
     assert np.linalg.norm(rim, axis=0) == pytest.approx(scene.film.radius, rel=1e-12)
 
 
-def test_circular_patches_converge_with_the_order_of_the_curve():
-    """With the area right, the polar moment is wrong by the arcs' sixth power, not the fourth."""
-    scene = Scene.parse('[probe]\nshape = "circle"\nradius_mm = 6\nx_mm = 20\ny_mm = 5')
-    counts, errors, centre = [], [], scene.probe.outline.centre
-    for size_mm in (3.0, 1.5, 0.75):
-        mesh = uniform_mesh(scene, size_mm)
-        basis, patch = area_basis(mesh), mesh.subdomains["probe"]
-        from_centre = np.asarray(basis.global_coordinates())[:, patch] - centre[:, None, None]
-        moment = ((from_centre**2).sum(axis=0) * basis.dx[patch]).sum()
-        errors.append(abs(moment / (math.pi * 6e-3**4 / 2) - 1))
-        counts.append(len(outline_edges(mesh, "probe")))
-    orders = np.diff(np.log(errors)) / -np.diff(np.log(counts))
-    assert orders == pytest.approx([6, 6], abs=0.2)
-
-
 def outline_edges(mesh, name):
     """Edges that belong to one element of a patch."""
     edges, times = np.unique(mesh.t2f[:, mesh.subdomains[name]], return_counts=True)
@@ -136,21 +120,6 @@ def test_sizes_are_obeyed_along_outlines_and_grow_with_the_distance(electrode_mm
     ratio = lengths / asked
     assert ratio.max() < 1.8
     assert np.mean(ratio) == pytest.approx(0.95, abs=0.15)
-
-
-def test_lost_patches_are_named(monkeypatch):
-    get_elements = gmsh.model.mesh.getElements
-    lost = []
-
-    def lose_one(dimension, surface):
-        if not lost or surface in lost:
-            lost.append(surface)
-            return [], [], []
-        return get_elements(dimension, surface)
-
-    monkeypatch.setattr(gmsh.model.mesh, "getElements", lose_one)
-    with pytest.raises(MeshError, match=r"'electrode A'.*'electrode B'"):
-        graded_mesh(Scene(), 1.0, 6.0)
 
 
 FAR = math.sqrt(268.5**2 - 0.0514**2 / 4) - 0.0514 / 2

@@ -73,19 +73,6 @@ def test_the_depth_gives_the_force_back(aside):
     assert by_depth.charges_pC == pytest.approx(aside.charges_pC, rel=1e-3)
 
 
-def test_the_force_is_the_derivative_of_the_energy_by_the_depth():
-    """Under depth control the work of the tip is stored."""
-    energies, forces, depths = [], [], np.array([1.9, 2.0, 2.1])
-    for depth in depths:
-        load = {"kind": "contact", "depth_mm": float(depth)}
-        solution = solve(pressed({"shape": "sphere", "radius_mm": 5.0}, load))
-        fields = solution.fields
-        energies.append(fields.solved.membrane.energy(fields.solved_state))
-        forces.append(solution.contacts["probe"].force_N)
-    by_difference = (energies[2] - energies[0]) / (1e-3 * (depths[2] - depths[0]))
-    assert by_difference == pytest.approx(forces[1], rel=3e-3)
-
-
 def test_the_edge_is_found_where_the_film_wraps_up_a_steep_tip():
     soft = sphere(0.466, 0.8, 4.4, **{"film.youngs_modulus_GPa": 0.1})
     rough, fine = (solve(soft.with_(**{"numerics.tolerance": t})) for t in (1e-3, 1e-4))

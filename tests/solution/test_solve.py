@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import time
 from dataclasses import replace
@@ -151,13 +150,6 @@ def test_no_charge_is_accepted_whose_likely_error_exceeds_the_tolerance(monkeypa
     assert (given.status, given.stop) == ends[excess > 1.0]
 
 
-def test_a_given_mesh_is_the_only_one_whatever_its_error():
-    coarse = solve(SLOW.with_(**{"numerics.tolerance": 1e-2}))
-    solution = solve(SLOW, mesh=coarse.mesh)
-    assert (solution.status, solution.stop) == (Status.CONVERGED, Stop.GIVEN_MESH)
-    assert [mesh.worst_error > 1e-6 for mesh in solution.history] == [True]
-
-
 # the budget
 
 
@@ -226,22 +218,6 @@ def test_narrow_bending_layers_take_a_limited_number_of_elements():
 
 
 # what a solution tells
-
-
-def test_what_was_tried_before_stays_in_the_history_which_is_plain_data():
-    """From the lowest order a pressure that follows starts under a dead load."""
-    wrinkling = {"film.compression": "tension-field", "film.temperature_change_K": 2.0}
-    scene = TRIANGLE.with_(**LOADS["follower"], **wrinkling, **{"numerics.tolerance": 0.4})
-    solution = solve(scene, order=1)
-    record = solution.history[0]
-    [(solver, status, iterations)] = record.tried
-    assert (solver, status) == ("dead pressure", "converged")
-    assert iterations > 0
-    assert solver in str(solution)
-    printed = json.loads(json.dumps(solution.to_json()))["history"]
-    assert len(printed) == len(solution.history)
-    assert printed[0]["worst_error"] == record.worst_error
-    assert printed[0]["tried"] == [{"solver": solver, "status": status, "iterations": iterations}]
 
 
 def test_a_solution_shows_its_charges_and_its_meshes():

@@ -140,10 +140,3 @@ def test_film_without_tension_is_singular_when_flat(mesh):
     problem = Equilibrium(scene_of(1.0, 0.0), mesh)
     result = newton_result(problem, np.zeros(problem.unknowns.count))
     assert result.status is Status.SINGULAR
-
-
-def test_the_most_iterations_are_named(mesh):
-    problem = Equilibrium(scene_of(1.0, -1.0), mesh)
-    result = newton_result(problem, options=NewtonOptions(max_iterations=2))
-    assert (result.status, len(result.iterations)) == (Status.MAX_ITERATIONS, 2)
-    assert "load.force_N" in result.status.advice
