@@ -42,9 +42,6 @@ HALVES = {
     "pushed": DISC.with_(**{"probe.x_mm": -7.0}, **PUSHED),
     "pushed pair": Scene(probe=PAIR, load={"tangential_N": [0.0, 0.6]}),
     "uneven pair": Scene(probe=PAIR).with_(**{"probe[0].force_N": 0.6}),
-    "stiff along x": TRIANGLE.with_(
-        **{"probe.x_mm": 0.0, "film.youngs_modulus_GPa": [3.0, 2.0], **EDGES}
-    ),
 }
 QUARTERS = {
     "rectangle": RECTANGLE,
