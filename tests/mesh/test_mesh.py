@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import gmsh
 import numpy as np
 import pytest
 import shapely
@@ -11,7 +12,7 @@ from skfem import Basis, ElementTriP2
 
 from pvdf_fem import Scene
 from pvdf_fem.film.space import Space
-from pvdf_fem.mesh.gmsh_mesh import mesh_scene, outlines
+from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene, outlines
 from pvdf_fem.mesh.six_node import compression
 from pvdf_fem.mesh.size_field import SizeField, Sizes, element_sizes
 from pvdf_fem.scene.outlines.ellipse import Ellipse
@@ -114,6 +115,18 @@ def test_sizes_are_obeyed_along_outlines_and_grow_with_the_distance(electrode_mm
     ratio = lengths / asked
     assert ratio.max() < 1.8
     assert np.mean(ratio) == pytest.approx(0.95, abs=0.15)
+
+
+def test_lost_patches_are_named(monkeypatch):
+    get_elements, asked = gmsh.model.mesh.getElements, []
+
+    def lose_one(dimension, surface):
+        asked.append(surface)
+        return ([], [], []) if surface == asked[0] else get_elements(dimension, surface)
+
+    monkeypatch.setattr(gmsh.model.mesh, "getElements", lose_one)
+    with pytest.raises(MeshError, match=r"'electrode A'.*'electrode B'"):
+        graded_mesh(Scene(), 1.0, 6.0)
 
 
 FAR = math.sqrt(268.5**2 - 0.0514**2 / 4) - 0.0514 / 2

@@ -6,6 +6,7 @@ import re
 import time
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.solution import attempt as attempt_module
+from pvdf_fem.solution import history, refinement
 from pvdf_fem.solution import solve as solving
 from pvdf_fem.solution.attempt import SAFETY
 from pvdf_fem.solution.history import Stop
@@ -148,6 +150,17 @@ def test_no_charge_is_accepted_whose_likely_error_exceeds_the_tolerance(monkeypa
 
 
 # the budget
+
+
+def test_counted_work_does_not_depend_on_the_clock(monkeypatch):
+    """On a clock of a second for each call, the same meshes are made for the same work."""
+    usual, clock = within(SLOW, max_seconds=1.0), iter(range(10**9))
+    for module in (history, refinement):
+        monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=clock.__next__))
+    slow = within(SLOW, max_seconds=1.0)
+    assert slow.stop is usual.stop
+    assert [m.unknowns for m in slow.history] == [m.unknowns for m in usual.history]
+    assert sum(m.seconds for m in slow.history) > 1.0
 
 
 @pytest.mark.parametrize(

@@ -20,17 +20,6 @@ def mesh():
     return graded_mesh(TRIANGLE, 6.0, 14.0)
 
 
-def test_a_start_near_by_saves_iterations(mesh):
-    equilibrium = Equilibrium(TRIANGLE, mesh)
-    first = equilibrate(equilibrium)
-    again = equilibrate(equilibrium, 1.001 * first.q)
-    assert first.tried == ()
-    assert first.fresh_count == sum(row.fresh for row in first.iterations)
-    assert again.status is Status.CONVERGED
-    assert len(again.iterations) < len(first.iterations)
-    assert again.q == pytest.approx(first.q, abs=1e-9 * np.abs(first.q).max())
-
-
 @pytest.mark.parametrize("changes", [{}, WRINKLING])
 @pytest.mark.parametrize("kind", LOADS)
 def test_a_film_that_nothing_presses_is_flat(mesh, changes, kind):
