@@ -80,8 +80,7 @@ import ctypes
 class Library(ctypes.CDLL):
     def __init__(self, name, *args, **kwargs):
         if "libgmsh" in str(name) or name == "libGLU.so.1":
-            text = "libGLU.so.1: cannot open shared object file: No such file or directory"
-            raise OSError(text)
+            raise OSError("libGLU.so.1: cannot open shared object file")
         super().__init__(name, *args, **kwargs)
 ctypes.CDLL = Library
 """

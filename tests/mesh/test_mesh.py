@@ -14,7 +14,7 @@ from pvdf_fem import Scene
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene, outlines
 from pvdf_fem.mesh.six_node import compression
-from pvdf_fem.mesh.size_field import SizeField, Sizes, element_sizes
+from pvdf_fem.mesh.size_field import SizeField, Sizes, element_sizes, refined_sizes
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.solution.first_sizes import first_sizes
 from tests.helpers.discs import RECTANGLE, graded_mesh
@@ -115,6 +115,14 @@ def test_sizes_are_obeyed_along_outlines_and_grow_with_the_distance(electrode_mm
     ratio = lengths / asked
     assert ratio.max() < 1.8
     assert np.mean(ratio) == pytest.approx(0.95, abs=0.15)
+
+
+def test_an_error_an_eighth_as_large_takes_sizes_half_as_large():
+    """Equal shares e h^3: a reduction by 8 halves all sizes."""
+    mesh = graded_mesh(RECTANGLE, 1.5, 8.0)
+    even = np.ones(mesh.nelements)
+    whole, halved = (refined_sizes(mesh, even, reduction).sizes for reduction in (1.0, 0.125))
+    assert halved == pytest.approx(0.5 * whole, rel=0.05)
 
 
 def test_lost_patches_are_named(monkeypatch):

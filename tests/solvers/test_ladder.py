@@ -8,6 +8,7 @@ import pytest
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
+from pvdf_fem.solvers.newton import NewtonOptions
 from pvdf_fem.solvers.status import Status
 from pvdf_fem.solvers.wrinkling import barely_loaded
 from tests.helpers.discs import LOADS, TRIANGLE, graded_mesh
@@ -90,3 +91,11 @@ def test_work_counts_iterations_with_a_new_tangent(mesh):
     assert budget.iterations(coarse) == pytest.approx(0.4 / (once / 3), abs=1)
     budget.spend(fine, 10**6)
     assert budget.left_seconds == 0.0
+
+
+def test_a_film_in_compression_is_given_up(mesh):
+    """The search for a minimum that is not there ends before the most iterations."""
+    scene = TRIANGLE.with_(**{"film.temperature_change_K": 10.0, "load.force_N": 1e-2})
+    result = equilibrate(Equilibrium(scene, mesh, 3))
+    assert result.status is Status.UNSTABLE
+    assert len(result.iterations) <= NewtonOptions().patience < NewtonOptions().max_iterations
