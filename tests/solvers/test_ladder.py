@@ -8,9 +8,9 @@ import pytest
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.solvers.budget import Budget
 from pvdf_fem.solvers.ladder import equilibrate
-from pvdf_fem.solvers.newton import NewtonOptions
+from pvdf_fem.solvers.newton import NewtonOptions, Step
 from pvdf_fem.solvers.status import Status
-from pvdf_fem.solvers.wrinkling import barely_loaded
+from pvdf_fem.solvers.wrinkling import PredictedStress, barely_loaded
 from tests.helpers.discs import LOADS, TRIANGLE, graded_mesh
 
 WRINKLING = {"film.compression": "tension-field", "film.temperature_change_K": 10.0}
@@ -63,6 +63,17 @@ def test_a_load_is_small_against_a_films_excess(mesh, factor):
     stiffness = film.thickness * film.stiffness[:2, :2].mean()
     force = stiffness * film.radius * (0.1 * 110e-6 * 10.0) ** 1.5
     assert barely_loaded(scene.with_(**{"load.force_N": factor * force})) == (factor < 1.0)
+
+
+@pytest.mark.parametrize(("stretch", "length"), [(0.5, 1.0), (1.6, 0.625), (4.0, 0.25)])
+def test_a_step_ends_where_the_energy_has_nearly_stopped_falling(mesh, stretch, length):
+    equilibrium = Equilibrium(TRIANGLE.with_(**WRINKLING), mesh)
+    solution = equilibrate(equilibrium).q
+    q, change = 0.8 * solution, 0.2 * stretch * solution
+    state = equilibrium.state(q)
+    step = Step(q, state, change, float(equilibrium.residual(state) @ change), 1.0)
+    found = PredictedStress(equilibrium, 1e-6).length(step)
+    assert found == pytest.approx(length, rel=0.25 if length < 1.0 else 0.0)
 
 
 # the budget
