@@ -59,7 +59,6 @@ def along(found, direction):
         ({**ORTHOTROPIC, "film.shear_modulus_GPa": 1.1}, {"film.youngs_modulus_GPa.1"}),
         (TIGHT, {"film.pretension_N_m"}),
         (UNEQUAL, {"film.pretension_N_m.0", "film.pretension_N_m.1"}),
-        ({**UNEQUAL, **EDGES}, {"film.pretension_N_m.1"}),
         (RUBBER, {"film.pretension_N_m", "film.youngs_modulus_GPa"}),
         ({"film.patches": [TAPE]}, {"film.poisson_ratio"}),
         ({**RUBBER, "film.patches": [TAPE]}, {"film.thickness_um"}),

@@ -79,7 +79,6 @@ def test_charges_at_rest_that_a_solve_tells_have_deviations_too():
     ("uncertain", "key"),
     [
         ({"film.radius_mm": "5 %"}, "uncertain.film.radius_mm"),
-        ({"film.thickness": "5 %"}, "uncertain.film.thickness"),
         ({"film.thickness_um": "5"}, "uncertain"),
         ({"film.thickness_um": -1.0}, "uncertain"),
         ({}, "uncertain"),

@@ -89,8 +89,3 @@ def test_a_punch_under_which_air_moves_along() -> None:
     assert air.volume @ vector == pytest.approx(expected, rel=1e-9)
     assert found.frequencies_in_air_Hz is not None
     assert found.frequencies_in_air_Hz[0] < 0.8 * found.frequencies_Hz[0]
-
-
-def test_air_of_no_density_is_a_vacuum() -> None:
-    found = modes(Scene().with_(air={"density_kg_m3": 0.0}), 3)
-    np.testing.assert_allclose(found.frequencies_in_air_Hz, found.frequencies_Hz, rtol=1e-9)

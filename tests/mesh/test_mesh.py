@@ -14,10 +14,10 @@ from pvdf_fem import Scene
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene, outlines
 from pvdf_fem.mesh.six_node import compression
-from pvdf_fem.mesh.size_field import SizeField, Sizes, element_sizes
+from pvdf_fem.mesh.size_field import SizeField, Sizes, element_sizes, refined_sizes
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.solution.first_sizes import first_sizes
-from tests.helpers.discs import RECTANGLE, graded_mesh, uniform_mesh
+from tests.helpers.discs import RECTANGLE, graded_mesh
 
 ON_A = "x_mm = 10\nwidth_mm = 3\nheight_mm = 3"
 ELLIPSE = '[probe]\nshape = "ellipse"\n'
@@ -25,11 +25,9 @@ PLACES = {
     "no probe": "",
     "edges coincide in part": '[probe]\nshape = "rectangle"\nx_mm = 7\nwidth_mm = 3\nheight_mm = 6',
     "corner touches corner": '[probe]\nshape = "polygon"\nvertices_mm = [[0,0],[8.5,1.5],[0,3]]',
-    "corner touches edge": '[probe]\nshape = "polygon"\nvertices_mm = [[0,-3],[8.5,0.3],[0,3]]',
     "overlap of a nanometre": '[probe]\nshape = "rectangle"\nx_mm = 1.500001',
     "probe is nearly an electrode": f'[probe]\nshape = "rectangle"\n{ON_A}\nrotation_deg = 1e-6',
     "probe covers two": '[probe]\nshape = "triangle"\nside_mm = 30\ny_mm = 3',
-    "circle through electrodes": '[probe]\nshape = "circle"\nradius_mm = 10',
     "ellipse across an electrode": ELLIPSE + "semi_axes_mm = [12, 5]\nx_mm = 4\nrotation_deg = 20",
     "needle": ELLIPSE + "semi_axes_mm = [0.02, 20]\nx_mm = 4\nrotation_deg = 20",
     "circle through corners": f'[probe]\nshape = "circle"\nradius_mm = {math.hypot(8.5, 1.5)!r}',
@@ -47,10 +45,6 @@ PLACES = {
         '[[electrodes]]\nname = "name of 4 words"\nx_mm = 13\ny_mm = 0\n[probe]\nx_mm = 11'
     ),
 }
-#: A polygon with many short sides.
-_ANGLES = np.linspace(0.0, 2.0 * np.pi, 300, endpoint=False)
-_RAYS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=-1) * np.tile([8.0, 20.0], 150)[:, None]
-STAR = f'[probe]\nshape = "polygon"\nvertices_mm = {_RAYS.tolist()}'
 
 
 def area_basis(mesh):
@@ -97,21 +91,6 @@ def test_elements_are_not_inverted_and_end_at_the_rim(placed):
     assert np.linalg.norm(rim, axis=0) == pytest.approx(scene.film.radius, rel=1e-12)
 
 
-def test_circular_patches_converge_with_the_order_of_the_curve():
-    """With the area right, the polar moment is wrong by the arcs' sixth power, not the fourth."""
-    scene = Scene.parse('[probe]\nshape = "circle"\nradius_mm = 6\nx_mm = 20\ny_mm = 5')
-    counts, errors, centre = [], [], scene.probe.outline.centre
-    for size_mm in (3.0, 1.5, 0.75):
-        mesh = uniform_mesh(scene, size_mm)
-        basis, patch = area_basis(mesh), mesh.subdomains["probe"]
-        from_centre = np.asarray(basis.global_coordinates())[:, patch] - centre[:, None, None]
-        moment = ((from_centre**2).sum(axis=0) * basis.dx[patch]).sum()
-        errors.append(abs(moment / (math.pi * 6e-3**4 / 2) - 1))
-        counts.append(len(outline_edges(mesh, "probe")))
-    orders = np.diff(np.log(errors)) / -np.diff(np.log(counts))
-    assert orders == pytest.approx([6, 6], abs=0.2)
-
-
 def outline_edges(mesh, name):
     """Edges that belong to one element of a patch."""
     edges, times = np.unique(mesh.t2f[:, mesh.subdomains[name]], return_counts=True)
@@ -138,15 +117,20 @@ def test_sizes_are_obeyed_along_outlines_and_grow_with_the_distance(electrode_mm
     assert np.mean(ratio) == pytest.approx(0.95, abs=0.15)
 
 
+def test_an_error_an_eighth_as_large_takes_sizes_half_as_large():
+    """Equal shares e h^3: a reduction by 8 halves all sizes."""
+    mesh = graded_mesh(RECTANGLE, 1.5, 8.0)
+    even = np.ones(mesh.nelements)
+    whole, halved = (refined_sizes(mesh, even, reduction).sizes for reduction in (1.0, 0.125))
+    assert halved == pytest.approx(0.5 * whole, rel=0.05)
+
+
 def test_lost_patches_are_named(monkeypatch):
-    get_elements = gmsh.model.mesh.getElements
-    lost = []
+    get_elements, asked = gmsh.model.mesh.getElements, []
 
     def lose_one(dimension, surface):
-        if not lost or surface in lost:
-            lost.append(surface)
-            return [], [], []
-        return get_elements(dimension, surface)
+        asked.append(surface)
+        return ([], [], []) if surface == asked[0] else get_elements(dimension, surface)
 
     monkeypatch.setattr(gmsh.model.mesh, "getElements", lose_one)
     with pytest.raises(MeshError, match=r"'electrode A'.*'electrode B'"):
@@ -191,18 +175,12 @@ DISC = '[probe]\nshape = "circle"\n'
 #: Outlines that nearly touch, as functions of the gap in mm.
 NEARLY = {
     "probe and rim": lambda gap: f"{DISC}radius_mm = {45 - gap!r}",
-    "probe in an electrode": lambda gap: (
-        f"{DISC_A}x_mm = 4\nradius_mm = 6\n{DISC}x_mm = {4 + 0.6 * gap!r}\nradius_mm = {6 - gap!r}"
-    ),
     "two ellipses": lambda gap: (
         '[[electrodes]]\nname = "A"\nshape = "ellipse"\nsemi_axes_mm = [12, 5]\nx_mm = 0\n'
         f'y_mm = 0\n[probe]\nshape = "ellipse"\nsemi_axes_mm = [{12 - gap!r}, {5 - gap!r}]'
     ),
     "discs side by side": lambda gap: (
         f"{DISC_A}x_mm = 10\nradius_mm = 5\n{DISC}x_mm = {18 + gap!r}\nradius_mm = 3"
-    ),
-    "corners and rim": lambda gap: (
-        f'[probe]\nshape = "rectangle"\nwidth_mm = {54 - gap!r}\nheight_mm = 72'
     ),
     "disc by an edge": lambda gap: f"{DISC}radius_mm = 4\nx_mm = {15.5 + gap!r}",
 }
@@ -224,7 +202,7 @@ def test_a_thin_gap_takes_no_more_elements_than_a_wide_one(pair):
     assert max(counts[1:]) < 2.2 * counts[0]
 
 
-@pytest.mark.parametrize("text", [PLACES["no probe"], PLACES["probe covers two"], DISC, STAR])
+@pytest.mark.parametrize("text", [PLACES["no probe"], PLACES["probe covers two"], DISC])
 def test_the_number_of_elements_is_known_before_gmsh_runs(text):
     told = []
     scene = Scene.parse(text)

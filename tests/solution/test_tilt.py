@@ -20,14 +20,6 @@ def energy(solution):
     return sum(term.energy(fields.state) for term in fields.equilibrium.terms)
 
 
-@pytest.mark.parametrize("contact", ["sliding", "stuck"])
-def test_a_punch_at_the_centre_does_not_tilt(contact):
-    (held, straight), (free, punch) = tilting(**{"load.contact": contact})
-    assert np.abs(punch.tilt_deg).max() < 1e-3
-    assert np.abs([*punch.moments_N_mm, *straight.moments_N_mm]).max() < 1e-6
-    assert free.charges_pC == pytest.approx(held.charges_pC, rel=1e-3)
-
-
 @pytest.mark.parametrize("bending", [False, True])
 def test_a_punch_off_the_centre_leans_towards_it(bending):
     at = {"probe.x_mm": 6.0, "load.contact": "stuck", "film.bending": bending}

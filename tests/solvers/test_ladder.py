@@ -21,17 +21,6 @@ def mesh():
     return graded_mesh(TRIANGLE, 6.0, 14.0)
 
 
-def test_a_start_near_by_saves_iterations(mesh):
-    equilibrium = Equilibrium(TRIANGLE, mesh)
-    first = equilibrate(equilibrium)
-    again = equilibrate(equilibrium, 1.001 * first.q)
-    assert first.tried == ()
-    assert first.fresh_count == sum(row.fresh for row in first.iterations)
-    assert again.status is Status.CONVERGED
-    assert len(again.iterations) < len(first.iterations)
-    assert again.q == pytest.approx(first.q, abs=1e-9 * np.abs(first.q).max())
-
-
 @pytest.mark.parametrize("changes", [{}, WRINKLING])
 @pytest.mark.parametrize("kind", LOADS)
 def test_a_film_that_nothing_presses_is_flat(mesh, changes, kind):
@@ -76,22 +65,15 @@ def test_a_load_is_small_against_a_films_excess(mesh, factor):
     assert barely_loaded(scene.with_(**{"load.force_N": factor * force})) == (factor < 1.0)
 
 
-@pytest.mark.parametrize("stretch", [0.5, 1.6, 4.0])
-def test_a_step_ends_where_the_energy_of_a_wrinkled_film_has_nearly_stopped_falling(mesh, stretch):
+@pytest.mark.parametrize(("stretch", "length"), [(0.5, 1.0), (1.6, 0.625), (4.0, 0.25)])
+def test_a_step_ends_where_the_energy_has_nearly_stopped_falling(mesh, stretch, length):
     equilibrium = Equilibrium(TRIANGLE.with_(**WRINKLING), mesh)
     solution = equilibrate(equilibrium).q
     q, change = 0.8 * solution, 0.2 * stretch * solution
     state = equilibrium.state(q)
-    slope = float(equilibrium.residual(state) @ change)
-    step = Step(q, state, change, slope, 1.0)
-    length = PredictedStress(equilibrium, 1e-6).length(step)
-    left = float(equilibrium.residual(equilibrium.state(q + length * change)) @ change)
-    assert slope < 0.0
-    if stretch < 1.0:
-        assert length == 1.0
-    else:
-        assert abs(left) < 0.5 * abs(slope)
-        assert length == pytest.approx(1.0 / stretch, rel=0.25)
+    step = Step(q, state, change, float(equilibrium.residual(state) @ change), 1.0)
+    found = PredictedStress(equilibrium, 1e-6).length(step)
+    assert found == pytest.approx(length, rel=0.25 if length < 1.0 else 0.0)
 
 
 # the budget
