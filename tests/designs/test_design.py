@@ -119,12 +119,6 @@ def test_gains_by_electrode_are_of_the_electrodes_of_the_scene():
     assert Scene.parse(moved.scene.values[1]).readout.gain == {"F": 0.9}
 
 
-def test_equal_ends_of_keys_have_dimensions_of_their_own():
-    first, second = "electrodes[0].x_mm", "electrodes[1].x_mm"
-    scene = RING.with_(electrodes=[square("A", 9, 0), square("B", -5, 8), square("C", -4, -7)])
-    assert studied({first: [8.0, 9.0], second: [-5.0]}, scene=scene).scene.dims == (first, second)
-
-
 @pytest.mark.parametrize(
     ("vary", "how", "key"),
     [
@@ -133,7 +127,6 @@ def test_equal_ends_of_keys_have_dimensions_of_their_own():
         ({"probe.x_mm": [1.0]}, {}, "probe.x_mm"),
         ({"load.force_N": [1.0, 50.0]}, {}, "load.force_N = 50"),
         ({"load.kind": ["dead", "rigid"]}, {}, "load.kind"),
-        ({}, {"noise": 0.0}, "noise = 0"),
         ({}, {"noise": -0.1, "noise_pC": math.nan}, "noise_pC = nan"),
         ({}, {"reach_mm": 60.0, "step_mm": 5.0}, "reach_mm"),
         ({}, {"scene": Scene()}, "probe"),

@@ -13,7 +13,6 @@ from pvdf_fem.response.held_out import random_touches
 from pvdf_fem.response.model import Domain, default_reach_mm, wanted_model
 from pvdf_fem.response.places import Places
 from pvdf_fem.response.probe_charges import PolarRaster, ProbeCharges
-from pvdf_fem.response.table import force_nodes_N
 from pvdf_fem.response.uniform_spline import UniformSpline
 from pvdf_fem.solvers.ladder import equilibrate
 from pvdf_fem.solvers.status import Status
@@ -66,10 +65,7 @@ def test_charges_of_a_polynomial_stress(shape):
 
 @pytest.mark.parametrize(
     ("shape", "film_rotations", "unique"),
-    [
-        *(("circle", 0, 1), ("triangle", 0, 3), ("rectangle", 0, 4), ("polygon", 0, 14)),
-        *(("circle", 6, 4), ("triangle", 6, 18), ("rectangle", 6, 22)),
-    ],
+    [("circle", 0, 1), ("triangle", 0, 3), ("polygon", 0, 14), ("rectangle", 6, 22)],
 )
 def test_symmetry_saves_places(shape, film_rotations, unique):
     places = Places.of(PROBES[shape].probe, 10.0, 4, film_rotations)
@@ -168,17 +164,10 @@ def test_the_probe_stress_of_a_film_that_wrinkles():
     assert np.linalg.eigvalsh(stress[..., [[0, 2], [2, 1]]]).min() > -1e-3 * np.abs(stress).max()
 
 
-def test_forces_fall_from_each_to_the_next_within_the_domain():
-    forces = force_nodes_N(Domain(8.0, (0.1, 5.0)), 5)
-    assert 5.0 > forces[0] > 4.0 > 0.12 > forces[-1] > 0.1
-    assert (np.diff(forces) < 0.0).all()
-
-
 @pytest.mark.parametrize(
     ("film_mm", "probe", "reach_mm"),
     [
         (45.0, {"shape": "circle", "radius_mm": 2.0}, 12.0),
-        (15.0, {"shape": "circle", "radius_mm": 4.0}, 7.0),
         (15.0, {"shape": "circle", "radius_mm": 14.0}, 3.0),
         (15.0, {"shape": "triangle", "side_mm": 9.0}, 6.4056),
     ],

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pvdf_fem import NotConvergedError, Scene, locate, solve
+from pvdf_fem import Scene, locate, solve
 from pvdf_fem.response.model import Domain
 from pvdf_fem.touch.least_squares import descend
 from pvdf_fem.touch.problem import Problem
@@ -75,7 +75,6 @@ def test_two_touches_are_found_and_told_as_one_is():
     assert [*told["standard_deviations"]] == [
         f"probe[{i}].{name}" for i in (0, 1) for name in USUAL
     ]
-    assert "<table" in two._repr_html_()
     assert len(two.plot().axes) > 0
 
 
@@ -110,8 +109,6 @@ def test_equal_probes_are_one_pair_in_either_order():
     ("scene", "how", "key"),
     [
         (EIGHT, {"touches": 3}, "touches = 3"),
-        (EIGHT, {"unknown": ("z_mm",)}, "z_mm"),
-        (EIGHT, {"unknown": ()}, "unknown"),
         (PAIR, {}, "probe"),
         (EIGHT, {"touches": 2, "unknown": ("force_N",)}, "unknown"),
         (EIGHT.with_(**{"load.kind": "rigid"}), {}, "unknown"),
@@ -134,11 +131,3 @@ def test_more_unknowns_than_charges_are_undetermined_without_any_solve():
     how = {"touches": 2, "progress": lambda *n: solves.append(n)}
     found = locate(scene, dict.fromkeys("ABCD", 900.0), **how)
     assert (found.status, found.touches, solves) == ("undetermined", (), [])
-
-
-@pytest.mark.slow
-def test_a_film_that_bears_no_touch_is_told():
-    slack = PAIR.with_(**{"film.temperature_change_K": 20.0, "film.bending": False})
-    charges = dict.fromkeys("ABCDEFGH", 500.0)
-    with pytest.raises(NotConvergedError, match="one touch alone"):
-        locate(slack, charges, 1e-3, touches=2, options=replace(FEW, pitch_mm=50.0))

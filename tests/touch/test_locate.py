@@ -30,13 +30,6 @@ class Watched(Bumps):
         return super().evaluate(touches)
 
 
-def apart(found, touch, period=360.0):
-    """Distances (touches, 4) of what is listed from a touch."""
-    differences = np.array([one.values for one in found.touches]) - touch
-    differences[:, 2] -= period * np.round(differences[:, 2] / period)
-    return np.abs(differences)
-
-
 @pytest.mark.parametrize("shape", ["triangle", "rectangle", "circle"])
 @pytest.mark.parametrize("electrodes", [3, 4, 6])
 def test_the_touch_is_found_from_exact_charges_by_few_evaluations(shape, electrodes):
@@ -72,7 +65,9 @@ def test_all_touches_with_an_unknown_rotation_are_listed(shape):
         assert all(0.0 <= one.rotation_deg < period for one in inside)
         fits = [one for one in inside if one.chi_square < 1e-6]
         assert all(read(model, one.values) == pytest.approx(charges, rel=1e-4) for one in fits)
-        assert (apart(found, touch, period) < near).all(axis=1).any()
+        apart = np.array([one.values for one in found.touches]) - touch
+        apart[:, 2] -= period * np.round(apart[:, 2] / period)
+        assert (np.abs(apart) < near).all(axis=1).any()
         # chi-square is zero but for where the searches stop, and weights are those of widths
         ranks = [(one.explained, one.weight) for one in found.touches]
         assert ranks == sorted(ranks, reverse=True)

@@ -45,11 +45,3 @@ def test_what_comes_at_any_time_is_missed_within_its_deviation(resistance):
     errors = np.array(sums) - q
     assert abs(errors.mean()) <= 3.0 * errors.std() / 500**0.5
     assert np.mean(variances) == pytest.approx(np.mean(np.square(errors)), rel=0.1, abs=1e-6)
-
-
-def test_a_gap_is_bridged_and_adds_to_the_variance():
-    t = np.linspace(0.0, 0.05, 51)
-    v = np.sin(np.pi * t / 0.05)
-    whole = summed(t, v)[-1]
-    v[20:25] = np.nan
-    assert summed(t, v)[-1] == pytest.approx(whole, rel=0.01)

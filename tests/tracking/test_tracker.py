@@ -133,19 +133,6 @@ def test_a_charge_that_is_left_at_the_end_was_an_error():
     assert forces[0] == pytest.approx(forces[1], rel=0.04)  # 0.084 without what the end tells
 
 
-def test_what_sampling_misses_is_told_by_what_is_left_at_the_end():
-    """Jumps between two samples are summed up wrongly by up to a quarter of the charge, here both
-    by a part with one sign."""
-    model, forces = sensor(**{**RESISTIVE, "cable_capacitance_pF": 2000.0}), []
-    for late in (1e-4, 9e-4):
-        tap = Tap(0.4 + late, 0.101 - 2.0 * late, (3.0, -2.0), 0.8, power=0)
-        touch = only_tap(tap, 0.65, model, noise_V=1e-4)
-        assert np.abs(pulls_of(touch, tap)).max() < 3.0
-        forces.append(touch.force_N)
-    assert np.mean(forces) == pytest.approx(0.8, rel=0.05)
-    assert np.ptp(forces) < 0.25  # 0.4 without what the end tells
-
-
 def test_a_held_touch_is_told_within_its_deviations_and_leaves_nothing_behind():
     """A jump is seen at the next sample only, and half of its charge is left after the touch."""
     model = sensor(**AMPLIFIER, feedback_resistance_MOhm=1000.0)  # 1 s
@@ -168,13 +155,6 @@ def test_a_fit_within_the_models_error_is_no_unexplained_touch(bound, status):
     assert [touch.status for touch in tracker.touches] == [status]
     rising = {row.status for row in rows if 0.43 < row.t_s < 0.45 and row.alternatives}
     assert rising == {status}
-
-
-def test_a_light_touch_says_so():
-    tap = Tap(0.6, 0.1, (3.0, -2.0), 0.01)
-    tracker, rows = followed(SENSOR, *stream(SENSOR, [tap], 1.0, noise_V=5e-5))
-    assert "touch" not in {row.status for row in rows}
-    assert {touch.status for touch in tracker.touches} == {"starting"}
 
 
 @pytest.mark.parametrize("seed", range(4, 8))
@@ -202,16 +182,9 @@ def test_a_clock_that_goes_back_and_a_pause_end_the_touch():
     assert tracker.update(np.nan, readings[0]).status == "clock"
 
 
-@pytest.mark.parametrize(
-    ("options", "readings", "key"),
-    [
-        ({"unit": "mV"}, [0.0] * 4, "unit = mV"),
-        ({"unknown": ("x_mm",)}, [0.0] * 4, "unknown"),
-        ({"unknown": ("mass", "force_N")}, [0.0] * 4, "mass"),
-        ({}, [1.0, 2.0, 3.0], "readings"),
-        ({}, {"A": 1.0, "E": 2.0}, r"readings\.E"),
-    ],
-)
-def test_wrong_options_and_readings_are_refused(options, readings, key):
-    with pytest.raises(ValueError, match=f"^{key}"):
-        Tracker(SENSOR, **options).update(0.0, readings)
+def test_wrong_options_and_readings_are_refused():
+    for options, key in (({"unit": "mV"}, "unit = mV"), ({"unknown": ("x_mm",)}, "unknown")):
+        with pytest.raises(ValueError, match=f"^{key}"):
+            Tracker(SENSOR, **options)
+    with pytest.raises(ValueError, match=r"^readings"):
+        Tracker(SENSOR).update(0.0, [1.0, 2.0, 3.0])
