@@ -43,13 +43,9 @@ def test_shear_of_a_touch_is_found_with_its_place_on_the_stage():
     truth = {"probe.x_mm": 5.0, "probe.y_mm": 3.0, "load.tangential_N": [0.4, -0.2]}
     charges = solve(EIGHT.with_(**truth)).charges_pC
     staged = EIGHT.with_(stage={"x_mm": 20.0, "y_mm": -5.0, "rotation_deg": 90.0})
-    asked, unknown = [], (*USUAL, "tangential_N")
-    how = {"unknown": unknown, "options": FEW, "progress": lambda *n: asked.append(n)}
-    found = locate(staged, charges, 1e-3, **how)
+    found = locate(staged, charges, 1e-3, unknown=(*USUAL, "tangential_N"), options=FEW)
     assert found.best.values == pytest.approx([17.0, 0.0, 90.0, 1.0, 0.4, -0.2], abs=0.03)
     assert found.deviations["force_N"] < 0.01
-    assert [done for done, _ in asked] == [*range(1, len(asked) + 1)]
-    assert all(done <= total for done, total in asked)
 
 
 @pytest.mark.slow
@@ -75,7 +71,6 @@ def test_two_touches_are_found_and_told_as_one_is():
     assert [*told["standard_deviations"]] == [
         f"probe[{i}].{name}" for i in (0, 1) for name in USUAL
     ]
-    assert len(two.plot().axes) > 0
 
 
 def test_both_sides_of_a_fold_are_searched():
@@ -112,11 +107,7 @@ def test_equal_probes_are_one_pair_in_either_order():
         (PAIR, {}, "probe"),
         (EIGHT, {"touches": 2, "unknown": ("force_N",)}, "unknown"),
         (EIGHT.with_(**{"load.kind": "rigid"}), {}, "unknown"),
-        (
-            FINGER.with_(**{"film.pyroelectric_uC_m2K": None, "probe.contact_time_s": None}),
-            {"unknown": ("temperature_K",)},
-            r"film\.pyroelectric_uC_m2K: .*\nprobe\.contact_time_s",
-        ),
+        (EIGHT, {"unknown": ("temperature_K",)}, r"film\.pyroelectric_uC_m2K"),
         (EIGHT, {"known": {"x_mm": 1.0}}, "known"),
     ],
 )

@@ -77,12 +77,10 @@ def test_charges_that_undo_each_other_name_the_free_direction():
 def test_a_disc_has_no_rotation():
     model = bumps("circle")
     found = locate(model, read(model, PLACE_MM), unknown=QUANTITIES)
-    best, known = found.best, locate(model, read(model, PLACE_MM)).best
+    best = found.best
     assert best.values[[0, 1, 3]] == pytest.approx(PLACE_MM[[0, 1, 3]], abs=1e-5)
     assert not best.determined
     assert best.null_directions[0][[0, 1, 3]] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
-    expected = {**known.deviations, "rotation_deg": 180.0}
-    assert best.deviations == pytest.approx(expected, rel=1e-2)
     assert (found.status, len(found.remarks)) == ("located", 1)
     # any rotation is as likely
     assert found.deviations["rotation_deg"] == pytest.approx(ONE_SIGMA * 180.0, rel=0.08)
@@ -111,7 +109,6 @@ def test_rows_have_what_a_location_has():
     model, touches = bumps("circle", width_mm=4.0), random_touches(12, seed=5)
     errors = 0.01 * np.random.default_rng(6).standard_normal((12, 4))
     charges, known = model.evaluate(touches)[0] * (1.0 + errors), {"rotations_deg": np.zeros(12)}
-    quick = locate_many(model, charges, **known)
     found = locate_many(model, charges, **known, calibrated=True)
     for k, row in enumerate(charges.tolist()):
         one = locate(model, dict(zip(model.names, row, strict=True)))
@@ -126,5 +123,3 @@ def test_rows_have_what_a_location_has():
         assert found.deviations[k] == pytest.approx([*one.deviations_of(same).values()], rel=0.15)
         assert found.alternatives[k] == one.alternatives
     assert (found.alternatives > 0).any()
-    assert np.isnan(quick.alternatives).all()
-    assert quick.deviations == pytest.approx(np.sqrt(np.einsum("nuu->nu", quick.covariances)))

@@ -98,13 +98,6 @@ def test_the_mistake_in_readings_is_told(word, how, changed):
     assert word in many.to_table()["remark"][0]
 
 
-def test_units_that_are_alike_are_told_together():
-    """1 V on 1000 pF is 1 nC: nobody can tell which of them was read."""
-    model = model_with(readout={"feedback_capacitance_pF": 1000.0, "reading": "total"})
-    found = locate(model, by_name(1e-3 * charges_of(model)), 0.002, known=KNOWN)
-    assert [text for text, _ in found.explanations] == ["readings are in nC or V, not in pC"]
-
-
 @pytest.mark.parametrize(
     "unknown",
     [("force_N",), ("x_mm",), ("rotation_deg",), ("y_mm", "force_N"), USUAL, QUANTITIES],
@@ -129,14 +122,12 @@ TWO = {"A": 700.0, "B": 600.0}
     ("charges", "options", "keys"),
     [
         ({}, {}, ["charges"]),
-        ([700.0, 600.0], {}, ["charges"]),
         ({"A": "12", "B": None, "C": 1e13, "D": 0.0}, {}, [f"charges.{n}" for n in "ABCD"]),
         ({"A": 700.0, "E": 1.0, "B": np.nan}, {"sigma": -0.1}, ["charges.E", "charges.B", "sigma"]),
         (TWO, {"sigma": {"A": 0.1}}, ["sigma.B"]),
         (TWO, {"noise_pC": -1.0, "reading": "both"}, ["noise_pC", "reading"]),
-        (TWO, {"unit": "nV"}, ["unit"]),
         (TWO, {"unit": "V"}, ["unit"]),
-        (TWO, {"touches": 2, "unknown": ()}, ["touches", "unknown"]),
+        (TWO, {"touches": 2, "unknown": ("mass",)}, ["touches", "mass"]),
         (TWO, {"unknown": ("x_mm", "mass"), "known": {"x_mm": 3.0}}, ["x_mm", "mass"]),
         (
             TWO,
