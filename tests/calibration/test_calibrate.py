@@ -234,7 +234,6 @@ def test_too_few_touches_and_touches_of_another_sensor_have_a_status():
     ("changes", "arguments", "key"),
     [
         ({}, {"unknown": ["gain"]}, "unknown gain"),
-        ({}, {"reading": "changes"}, "reading = 'changes'"),
         ({}, {"sigma": -1.0}, "sigma = -1"),
         ({}, {"place_sd": float("nan")}, "place_sd = nan"),
         ({}, {"priors": {"gains": 0.0}}, "prior gains = 0"),

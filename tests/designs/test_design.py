@@ -105,7 +105,6 @@ def test_gains_by_electrode_are_of_the_electrodes_of_the_scene():
 @pytest.mark.parametrize(
     ("vary", "how", "key"),
     [
-        ({"electrodes.counts": [4]}, {}, "electrodes.counts"),
         ({"electrodes.ring_radius_mm": [10.0, 60.0]}, {}, "electrodes"),
         ({"probe.x_mm": [1.0]}, {}, "probe.x_mm"),
         ({"load.force_N": [1.0, 50.0]}, {}, "load.force_N = 50"),

@@ -88,7 +88,6 @@ def test_columns_in_any_order_are_as_good_as_rows():
         (np.ones((2, 3)), {}, r"charges_pC of shape \(2, 3\)"),
         (np.ones((2, 4)), {"forces_N": [1.0]}, r"forces_N of shape \(1,\)"),
         (np.ones((2, 4)), {"sigma": -1.0}, "sigma = -1"),
-        (np.ones((2, 4)), {"unit": "V"}, "unit = V"),
     ],
 )
 def test_a_table_that_cannot_be_used_is_refused(charges, options, key):

@@ -133,6 +133,19 @@ def test_a_charge_that_is_left_at_the_end_was_an_error():
     assert forces[0] == pytest.approx(forces[1], rel=0.04)  # 0.084 without what the end tells
 
 
+def test_what_sampling_misses_is_told_by_what_is_left_at_the_end():
+    """Jumps between two samples are summed up wrongly by up to a quarter of the charge, here both
+    by a part with one sign."""
+    model, forces = sensor(**{**RESISTIVE, "cable_capacitance_pF": 2000.0}), []
+    for late in (1e-4, 9e-4):
+        tap = Tap(0.4 + late, 0.101 - 2.0 * late, (3.0, -2.0), 0.8, power=0)
+        touch = only_tap(tap, 0.65, model, noise_V=1e-4)
+        assert np.abs(pulls_of(touch, tap)).max() < 3.0
+        forces.append(touch.force_N)
+    assert np.mean(forces) == pytest.approx(0.8, rel=0.05)
+    assert np.ptp(forces) < 0.25  # 0.4 without what the end tells
+
+
 def test_a_held_touch_is_told_within_its_deviations_and_leaves_nothing_behind():
     """A jump is seen at the next sample only, and half of its charge is left after the touch."""
     model = sensor(**AMPLIFIER, feedback_resistance_MOhm=1000.0)  # 1 s
