@@ -1,7 +1,6 @@
 """A made-up sensor with known parameters, and readings of its touches, for tests of calibrations.
 
-Forces of the electrodes depend on place, rotation, force and pretension about as those of solves,
-and are known at once. `made_up` puts them in the place of solves.
+`made_up` puts it in the place of solves.
 """
 
 from __future__ import annotations

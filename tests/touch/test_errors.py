@@ -24,11 +24,6 @@ def slopes_of(model, touch):
     return ((ahead - back) / (2.0 * np.diag(steps)[:, None])).T
 
 
-def effective_draws(location):
-    """Number of independent draws that would tell as much as the posterior's (Kong 1992)."""
-    return 1.0 / np.square(location.posterior.weights).sum()
-
-
 def test_the_covariance_is_the_inverse_information_where_charges_are_linear():
     """Against the Fisher information with slopes by differences; the posterior is normal."""
     model, touch = bumps("rectangle", 6), np.array([3.0, -4.0, 25.0, 0.7])
@@ -41,27 +36,20 @@ def test_the_covariance_is_the_inverse_information_where_charges_are_linear():
     slopes = slopes_of(model, touch)
     expected = np.linalg.inv(slopes.T @ (slopes / variance[:, None]))
     assert found.best.covariance == pytest.approx(expected, rel=1e-4)
-    assert effective_draws(found) > 300.0
     sizes = np.sqrt(np.diag(expected))
     assert [*found.deviations.values()] == pytest.approx(sizes, rel=0.1)
     square = np.outer(sizes, sizes)
     assert found.covariance / square == pytest.approx(expected / square, abs=0.2)
 
 
-@pytest.fixture(scope="module")
-def noisy():
-    """Touches of a rectangle, their charges with errors of 1 %, and what is found of them."""
+def test_errors_deviations_and_p_values_are_those_of_the_noise():
+    """68.3 % within one standard deviation, of 4000 ±2.5 % are more than three of its own; places
+    as good as the bound of Cramér and Rao; p-values evenly distributed."""
     model, touches = bumps("rectangle"), random_touches(4000, seed=3, reach_mm=11.0)
     touches[:, 3] = np.clip(touches[:, 3], 0.13, 4.0)
     errors = 0.01 * np.random.default_rng(4).standard_normal((4000, 4))
     charges = model.evaluate(touches)[0] * (1.0 + errors)
-    return model, touches, locate_many(model, charges, 0.01, rotations_deg=touches[:, 2]), charges
-
-
-def test_errors_deviations_and_p_values_are_those_of_the_noise(noisy):
-    """68.3 % within one standard deviation, of 4000 ±2.5 % are more than three of its own; places
-    as good as the bound of Cramér and Rao; p-values evenly distributed."""
-    model, touches, found, charges = noisy
+    found = locate_many(model, charges, 0.01, rotations_deg=touches[:, 2])
     errors = (found.values - touches)[:, [0, 1, 3]]
     within = np.abs(errors) < found.deviations
     assert within.mean(axis=0) == pytest.approx(ONE_SIGMA, abs=0.025)
@@ -89,20 +77,18 @@ def test_charges_that_undo_each_other_name_the_free_direction():
 def test_a_disc_has_no_rotation():
     model = bumps("circle")
     found = locate(model, read(model, PLACE_MM), unknown=QUANTITIES)
-    best, known = found.best, locate(model, read(model, PLACE_MM)).best
+    best = found.best
     assert best.values[[0, 1, 3]] == pytest.approx(PLACE_MM[[0, 1, 3]], abs=1e-5)
     assert not best.determined
     assert best.null_directions[0][[0, 1, 3]] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
-    expected = {**known.deviations, "rotation_deg": 180.0}
-    assert best.deviations == pytest.approx(expected, rel=1e-2)
     assert (found.status, len(found.remarks)) == ("located", 1)
     # any rotation is as likely
     assert found.deviations["rotation_deg"] == pytest.approx(ONE_SIGMA * 180.0, rel=0.08)
 
 
-@pytest.fixture(scope="module")
-def folded():
-    """Touches of a disc 9 to 12 mm from the centre, where charges' rise turns, and locations."""
+def test_errors_that_are_told_are_calibrated_along_folds():
+    """Of a disc 9 to 12 mm from the centre, where charges' rise turns: by the curvature alone a
+    third is within them near the edge; ±12 % are two of 56's own."""
     count, draw = 300, np.random.default_rng(1)
     r, a = np.sqrt(81.0 + 63.0 * draw.random(count)), 2.0 * np.pi * draw.random(count)
     forces = 0.1 * 50.0 ** draw.random(count)
@@ -110,29 +96,19 @@ def folded():
     model = bumps("circle", width_mm=4.0)
     charges = model.evaluate(touches)[0] * (1.0 + 0.01 * draw.standard_normal((count, 4)))
     rows = (dict(zip("ABCD", row, strict=True)) for row in charges.tolist())
-    return touches, [locate(model, row) for row in rows]
-
-
-def test_errors_that_are_told_are_calibrated_along_folds(folded):
-    """By the curvature alone a third is within them near the edge; ±12 % are two of 56's own."""
-    touches, locations = folded
+    locations = [locate(model, row) for row in rows]
     best = np.array([found.best.values for found in locations])
     outer = np.flatnonzero(np.hypot(best[:, 0], best[:, 1]) > 11.5)
     told = [locations[k].to_json()["touches"][0]["standard_deviations"] for k in outer]
     errors = np.abs(best - touches)[outer][:, [0, 1, 3]]
     within = errors < [[*sizes.values()] for sizes in told]
     assert within.mean(axis=0) == pytest.approx(ONE_SIGMA, abs=0.12)
-    # from the maxima alone a tenth of the posteriors had fewer than 30 effective draws
-    effective = [effective_draws(found) for found in locations]
-    assert np.percentile(effective, 10) > 60.0
-    assert np.median(effective) > 250.0
 
 
 def test_rows_have_what_a_location_has():
     model, touches = bumps("circle", width_mm=4.0), random_touches(12, seed=5)
     errors = 0.01 * np.random.default_rng(6).standard_normal((12, 4))
     charges, known = model.evaluate(touches)[0] * (1.0 + errors), {"rotations_deg": np.zeros(12)}
-    quick = locate_many(model, charges, **known)
     found = locate_many(model, charges, **known, calibrated=True)
     for k, row in enumerate(charges.tolist()):
         one = locate(model, dict(zip(model.names, row, strict=True)))
@@ -147,5 +123,3 @@ def test_rows_have_what_a_location_has():
         assert found.deviations[k] == pytest.approx([*one.deviations_of(same).values()], rel=0.15)
         assert found.alternatives[k] == one.alternatives
     assert (found.alternatives > 0).any()
-    assert np.isnan(quick.alternatives).all()
-    assert quick.deviations == pytest.approx(np.sqrt(np.einsum("nuu->nu", quick.covariances)))
