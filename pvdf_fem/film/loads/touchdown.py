@@ -9,7 +9,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact_edge import FITS, contact_edge
+from pvdf_fem.film.loads.contact_edge import DEGREES, contact_edge
 from pvdf_fem.film.loads.rigid_tip import RigidTip
 from pvdf_fem.film.term import State
 
@@ -58,7 +58,7 @@ class Touchdown:
         F, touching = state.deformation_gradient, overlap.touching
         deformed = weights * touching * np.linalg.norm(np.cross(F[..., 0], F[..., 1]), axis=-1)
         projected = weights * touching * np.linalg.det(F[..., :2, :])
-        edge, poorer = (contact_edge(tip, state, fit) for fit in FITS)
+        edge, poorer = (contact_edge(tip, state, degree) for degree in DEGREES)
         area = tip.tip.fitted(edge).area
         # the points that touch cover the area only roughly
         share = area / float((weights * touching).sum())
