@@ -163,15 +163,15 @@ def test_public_names_are_documented_early_and_functions_whatever_was_imported_b
     assert late.splitlines() == expected
 
 
-#: Most lines of folders together. The numbers are what the house has come down to; where it should
-#: end is 9,800, 750, 4,600, 1,000, 21,700 and 15,000 lines.
+#: Most lines of folders together. The numbers of the package are what the house has come down to;
+#: where they should end is 9,800, 750, 4,600, 1,000 and 21,700 lines.
 MOST_LINES = {
-    "scene mesh film charges solvers solution derivatives readout": 13_160,
+    "scene mesh film charges solvers solution derivatives readout": 13_135,
     "dynamics": 970,
-    "response touch tracking calibration": 6_240,
-    "sweeps": 1_465,
-    ".": 30_225,
-    "../tests": 20_560,
+    "response touch tracking calibration": 6_230,
+    "sweeps": 1_455,
+    ".": 30_170,
+    "../tests": 15_000,
 }
 MOST_LINES_OF_A_MODULE = 350
 MOST_CONSTANTS = 5.0  #: Numbers that stand for themselves in capitals, per 1,000 lines of code.

@@ -33,8 +33,8 @@ def contact_edge(
 
     The film leaves tangentially: where the smooth film beside the contact, continued along a ray
     from the core, is nearest to the tip. There the deflection is about a logarithm of the distance:
-    a polynomial in this logarithm is fitted from `begin` to `end` sizes of elements beyond the points
-    that touch.
+    a polynomial in this logarithm is fitted from `begin` to `end` sizes of elements beyond the
+    points that touch.
     """
     assert tip.touch.contact is not None
     width = tip.touch.contact.width
