@@ -163,7 +163,7 @@ def respond(
     with shown("vectors at most", progress) as show:
         both = [oscillation.reduced(frequencies, show) for oscillation in oscillations(solution)]
     resonances = both[0].resonances(frequencies.max())
-    if taken("refined", refined, bool):
+    if refined:
         frequencies = _refined(frequencies, resonances)
     charges, better = (oscillation.charges(frequencies).T for oscillation in both)
     pairs = zip(read, charges, strict=False)  # no channels without a readout

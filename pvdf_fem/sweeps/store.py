@@ -125,16 +125,18 @@ class Store:
             raise
 
     def _open(self) -> None:
-        with self._writing():
-            if self._is_empty():
-                self._execute("CREATE TABLE records (key PRIMARY KEY, record) WITHOUT ROWID")
-                self._execute(_SIGN)
+        if self._is_empty():
+            with self._writing():
+                if self._is_empty():  # and no other process has made the store meanwhile
+                    self._execute("CREATE TABLE records (key PRIMARY KEY, record) WITHOUT ROWID")
+                    self._execute(_SIGN)
         state = self._execute("PRAGMA quick_check(1)")
         if state != ("ok",):
             raise StoreError(f"{self._path}: damaged: {state[0]}; {_REMOVE}")
 
     def _is_empty(self) -> bool:
         """Whether the file has no tables; raises `StoreError` for tables of another kind."""
+        # in this order, because another process may make the store between the two
         (tables,) = self._execute("SELECT count(*) FROM sqlite_master")
         (kind,) = self._execute("PRAGMA application_id")
         if kind != APPLICATION_ID and (kind or tables):
