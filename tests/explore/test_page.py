@@ -4,6 +4,7 @@ import signal
 import socket
 import subprocess
 import sys
+from functools import partial
 from http.client import HTTPConnection
 from pathlib import Path
 from urllib.parse import urlparse
@@ -36,12 +37,15 @@ def address(tmp_path_factory):
     file = tmp_path_factory.mktemp("explore") / "scene.toml"
     file.write_text(SCENE.to_toml(), encoding="utf-8")
     command = [sys.executable, "-m", "pvdf_fem", "explore", str(file), "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+    heeding = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # in the background, too
+    how = {"stdout": subprocess.PIPE, "text": True, "preexec_fn": heeding}
+    with subprocess.Popen(command, **how) as server:
         try:
             yield server.stdout.readline().split()[0]
-        finally:
             server.send_signal(signal.SIGINT)
             assert server.wait(30) == 0
+        finally:
+            server.kill()
 
 
 @pytest.fixture(scope="module")
