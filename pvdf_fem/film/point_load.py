@@ -44,7 +44,10 @@ def _tension(rest: float, cube: float) -> float:
     if cube == 0.0:  # squares of the least tensions vanish, too
         return max(rest, 0.0)
     N = max(rest, 0.0) + math.cbrt(cube)
-    while (lower := N - (N * N * (N - rest) - cube) / (N * (3.0 * N - 2.0 * rest))) < N:
+    while N > 0.0:
+        lower = N - (N * N * (N - rest) - cube) / (N * (3.0 * N - 2.0 * rest))
+        if lower >= N * (1.0 - 1e-9):
+            break
         N = lower
     return N
 
