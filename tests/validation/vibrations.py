@@ -22,6 +22,10 @@ def compared(
         yield Number(f"frequency {mode} (Hz)", float(found[place]), theirs, allowed)
 
 
+#: The manuals' units, in m and N.
+INCH, POUND = 25.4e-3, 4.4482216152605
+
+
 @proof(
     "A stretched disc",
     source="Lord Rayleigh, Theory of Sound, chapter IX: zeros of Bessel functions",
@@ -43,9 +47,8 @@ def drum() -> Iterator[Number]:
     why="the manual's target numbers have zeros of Bessel functions to four digits",
 )
 def vm55() -> Iterator[Number]:
-    inch, pound = 25.4e-3, 4.4482216152605
-    film = {"radius_mm": 15e3 * inch, "thickness_um": 0.01e6 * inch}
-    film |= {"pretension_N_m": 100.0 * pound / inch, "density_kg_m3": 0.00073 * pound / inch**4}
+    film = {"radius_mm": 15e3 * INCH, "thickness_um": 0.01e6 * INCH}
+    film |= {"pretension_N_m": 100.0 * POUND / INCH, "density_kg_m3": 0.00073 * POUND / INCH**4}
     known = {0: ("(0, 1)", 94.406), 5: ("(0, 2)", 216.77), 14: ("(0, 3)", 339.85)}
     yield from compared(Scene().with_(film=film), known, 1e-4, 8e-4)
 
@@ -57,10 +60,9 @@ def vm55() -> Iterator[Number]:
     why="the targets have zeros of Bessel functions to three or four digits",
 )
 def vm152() -> Iterator[Number]:
-    inch, pound = 25.4e-3, 4.4482216152605
-    film = {"radius_mm": 3e3 * inch, "thickness_um": 50.0 * inch, "poisson_ratio": 0.0}
-    film |= {"youngs_modulus_GPa": 3e-2 * pound / inch**2, "thermal_expansion_per_K": 1e-5}
-    film |= {"temperature_change_K": -20.0 / 3.0, "density_kg_m3": 0.00073 * pound / inch**4}
+    film = {"radius_mm": 3e3 * INCH, "thickness_um": 50.0 * INCH, "poisson_ratio": 0.0}
+    film |= {"youngs_modulus_GPa": 3e-2 * POUND / INCH**2, "thermal_expansion_per_K": 1e-5}
+    film |= {"temperature_change_K": -20.0 / 3.0, "density_kg_m3": 0.00073 * POUND / INCH**4}
     known = {0: ("(0, 1)", 211.1), 1: ("(1, 1)", 336.5), 3: ("(2, 1)", 450.9)}
     known |= {5: ("(0, 2)", 484.7), 8: ("(1, 2)", 616.1)}
     yield from compared(Scene().with_(film=film), known, 1e-4, 8e-4)
