@@ -213,7 +213,7 @@ def newton(variant: Variant, q: Array) -> NewtonResult:
             if status := variant.ended(replace(step, change=length * change), state, table):
                 factors = variant.factors if status is Status.CONVERGED else None
                 return NewtonResult(q, status, tuple(table), factors)
-    except FloatingPointError:  # the steps lead to infinity
+    except (FloatingPointError, ZeroDivisionError):  # the steps lead to infinity, or off all tips
         return NewtonResult(q, Status.MAX_ITERATIONS, tuple(table), None)
     except RuntimeError:  # SuperLU: exactly singular
         return NewtonResult(q, Status.SINGULAR, tuple(table), None)

@@ -130,7 +130,7 @@ class Store:
                 if self._is_empty():  # and no other process has made the store meanwhile
                     self._execute("CREATE TABLE records (key PRIMARY KEY, record) WITHOUT ROWID")
                     self._execute(_SIGN)
-        state = self._execute("PRAGMA quick_check(1)")
+        state = self._execute("PRAGMA integrity_check(1)")
         if state != ("ok",):
             raise StoreError(f"{self._path}: damaged: {state[0]}; {_REMOVE}")
 

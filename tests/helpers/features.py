@@ -66,6 +66,8 @@ LOADS: tuple[Changes, ...] = (
     {"load.profile": "gaussian", "load.profile_width_mm": 1.5},
     {"probe.temperature_K": 3.0},
     {"load.kind": "contact", "probe": {"shape": "sphere", "radius_mm": 6.0, "x_mm": 4.0}},
+    {"load.kind": "contact", "probe": {"shape": "sphere", "radius_mm": 5.0, "x_mm": 5.0}}
+    | {"load.depth_mm": 0.3},
 )
 READING: tuple[Changes, ...] = (
     {"numerics.observable": "thesis-edge"},

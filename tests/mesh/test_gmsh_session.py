@@ -67,7 +67,7 @@ def test_a_forked_process_meshes_though_another_thread_was_meshing() -> None:
     time.sleep(0.05)
     child = get_context("fork").Process(target=graded_mesh, args=(RECTANGLE, 3.0, 12.0))
     child.start()
-    child.join(20.0)
+    child.join(100.0)
     ended = child.exitcode
     child.kill()
     meshing.join()

@@ -14,8 +14,6 @@ from pvdf_fem.scene.outlines.outline import Outline
 
 #: Rays from the core along which the contact's edge is sought.
 RAYS = 72
-
-
 #: Degree of the polynomial that finds an edge, and a poorer one that tells how well; measured on 10
 #: tips at two tolerances, the area of contacts is within 0.4 % of the truth, and 1 and 3 % in two
 #: cases.
@@ -23,11 +21,7 @@ DEGREES = 4, 3
 
 
 def contact_edge(
-    tip: RigidTip,
-    state: State,
-    degree: int = DEGREES[0],
-    begin: float = 0.2,
-    end: float = 2.5,
+    tip: RigidTip, state: State, degree: int = DEGREES[0], begin: float = 0.2, end: float = 2.5
 ) -> Array:
     """Points (`RAYS`, 2) in m on the undeformed film where the film leaves the tip.
 

@@ -64,8 +64,6 @@ class RigidTip(DeadPressure):
         # a mirror image presses where the tip does not
         if touch.own_node is not None and len(self.patch):
             self.own_dofs = 3 * (space.basis.N + touch.own_node) + np.array([2])
-        #: Elements on the flat face, on which film without a load bears no pressure.
-        self.flat = self.tip.face is not None
         self._last: tuple[Array, Overlap] | None = None
 
     def with_components(self, components: Array) -> Self:
@@ -86,7 +84,9 @@ class RigidTip(DeadPressure):
 
     def started(self, x: Array) -> Array:
         """The tip at the depth at which its overlap with a film balances the force."""
-        if not len(self.own_dofs) or x[self.own_dofs[0]]:
+        if not len(self.own_dofs):
+            return self._met(x)
+        if x[self.own_dofs[0]]:
             return x
         risen = -self._overlap(x).value
         order = np.argsort(risen, axis=None)[: np.isfinite(risen).sum()]
@@ -97,6 +97,15 @@ class RigidTip(DeadPressure):
         x = x.copy()
         x[self.own_dofs] = (needed + moments[last]) / areas[last]
         return x
+
+    def _met(self, x: Array) -> Array:
+        """The film, less deflected where it is below a tip of a given depth."""
+        overlap = self._overlap(x)
+        at = np.unravel_index(overlap.value.argmax(), overlap.value.shape)
+        if not np.isfinite(overlap.depth) or overlap.touching[at]:
+            return x
+        lifted = self.softness * overlap.depth - overlap.value[at]
+        return x * max(1.0 - lifted / self.displaced(x)[at][2], 0.0)
 
     @property
     def penalty(self) -> float:
@@ -113,18 +122,18 @@ class RigidTip(DeadPressure):
         return self._last[1]
 
     def _overlap(self, x: Array) -> Overlap:
-        moves = np.matmul(self.space.values, x.reshape(-1, 3)[self.space.nodes])
-        shape, frame = moves.shape[:2], self.part.frame
-        places = self.space.places + moves[..., :2]
-        height = self.tip.height(places.reshape(-1, 2) @ frame)
+        places, frame = self.displaced(x), self.part.frame
+        shape = places.shape[:2]
+        height = self.tip.height(places[..., :2].reshape(-1, 2) @ frame)
         depth = -np.inf
         if len(self.patch):
             depth = float(x[self.own_dofs][0]) if len(self.own_dofs) else self.depth or 0.0
         rates = -np.ones((*shape, 3))
         rates[..., :2] = -(height.slope @ frame.T).reshape(*shape, 2)
         hessian = (frame @ height.hessian @ frame.T).reshape(*shape, 2, 2)
-        value = depth - height.value.reshape(shape) - moves[..., 2]
-        value[(height.value.reshape(shape) == 0.0) & self.flat] = -np.inf
+        value = depth - height.value.reshape(shape) - places[..., 2]
+        if self.tip.face is not None:  # film without a load bears no pressure under a flat face
+            value[height.value.reshape(shape) == 0.0] = -np.inf
         return Overlap(depth, value, rates, hessian)
 
     @property
@@ -135,11 +144,11 @@ class RigidTip(DeadPressure):
         weights = self.space.weights[self.patch]
         return float(self.components[2] * weights.sum() / self.area(weights))
 
-    def displaced(self, state: State) -> Array:
-        """The displaced quadrature points, (elements, points, 3) in m."""
-        moves = np.matmul(self.space.values, state.dofs.reshape(-1, 3)[self.space.nodes])
-        moves[..., :2] += self.space.places
-        return moves
+    def displaced(self, x: Array) -> Array:
+        """The quadrature points displaced by the dofs `x`, (elements, points, 3) in m."""
+        places = np.matmul(self.space.values, x.reshape(-1, 3)[self.space.nodes])
+        places[..., :2] += self.space.places
+        return places
 
     # --- the term
 

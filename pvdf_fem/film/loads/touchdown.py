@@ -26,7 +26,6 @@ class Touchdown:
     moments_N_mm: Array  #: About axes along x and y, (2,).
     area_mm2: float  #: Before the film deforms.
     area_error_mm2: float  #: Estimated.
-    deformed_area_mm2: float
     projected_area_mm2: float  #: Deformed, seen along z.
     #: Points on the undeformed film along the contact's edge, (n, 2).
     edge_mm: Array = field(repr=False)
@@ -45,19 +44,18 @@ class Touchdown:
     def of(cls, equilibrium: Equilibrium, tip: RigidTip, state: State) -> Self:
         """The touchdown of a tip."""
         overlap, weights = tip.overlap(state), tip.space.weights
-        traction = tip.tractions(state)
-        forces = -(overlap.rates * traction[..., None])
+        forces = -overlap.rates * tip.tractions(state)[..., None]
         fx, fy, fz = forces.sum(axis=(0, 1))
-        arms = tip.displaced(state)[..., :2] - tip.touch.outline.centroid
-        risen = tip.displaced(state)[..., 2] - overlap.depth
+        places = tip.displaced(state.dofs)
+        arms = places[..., :2] - tip.touch.outline.centroid
+        risen = places[..., 2] - overlap.depth
         moments = [
             (arms[..., 1] * forces[..., 2] - risen * forces[..., 1]).sum(),
             (risen * forces[..., 0] - arms[..., 0] * forces[..., 2]).sum(),
         ]
         pressure = tip.pressure_on(state, equilibrium.film.thickness)
-        F, touching = state.deformation_gradient, overlap.touching
-        deformed = weights * touching * np.linalg.norm(np.cross(F[..., 0], F[..., 1]), axis=-1)
-        projected = weights * touching * np.linalg.det(F[..., :2, :])
+        touching = overlap.touching
+        projected = weights * touching * np.linalg.det(state.deformation_gradient[..., :2, :])
         edge, poorer = (contact_edge(tip, state, degree) for degree in DEGREES)
         area = tip.tip.fitted(edge).area
         # the points that touch cover the area only roughly
@@ -70,7 +68,6 @@ class Touchdown:
             -1e3 * np.array(moments),
             1e6 * area,
             1e6 * abs(tip.tip.fitted(poorer).area - area),
-            1e6 * share * float(deformed.sum()),
             1e6 * seen,
             1e3 * edge,
             1e-6 * float(fz) / seen,
