@@ -32,8 +32,10 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(config, items):
-    slow = [item for item in items if "slow" in item.keywords]
-    if slow and not config.getoption("--all"):
+    if config.getoption("--all"):  # the longest first, so that no process waits for another
+        items.sort(key=lambda item: not {"slow", "hypothesis"} & {*item.keywords})
+        return
+    if slow := [item for item in items if "slow" in item.keywords]:
         config.hook.pytest_deselected(items=slow)
         items[:] = [item for item in items if item not in slow]
 

@@ -16,7 +16,7 @@ from skfem import MeshTri2
 from pvdf_fem.arrays import COMPLEX_STEP, Array, Selection
 from pvdf_fem.charges.goals import Goal, areas_of, coefficients_of, images_of
 from pvdf_fem.charges.observables import OBSERVABLES, Observable
-from pvdf_fem.charges.sampling import Sampling, area_quadrature
+from pvdf_fem.charges.sampling import Sampling, area_points
 from pvdf_fem.film.laws.laminate import Laminate
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
@@ -88,11 +88,10 @@ def area_integrals(
     """Integrals over electrodes, (goals, n), of a field (..., n) at places (..., 2) in the scene's
     axes; exact for polynomials of this degree in every element."""
     images, owners = images_of(goals, part)
-    rule = area_quadrature(mesh, [image.placed for image in images], degree)
-    places = np.moveaxis(mesh.mapping().F(rule.points, rule.elements), 0, -1) @ part.frame
-    by_row = (rule.weights[..., None] * field(places)).sum(axis=1)
+    rows, _, points, weights = area_points(mesh, [image.placed for image in images], degree)
+    by_row = (weights[..., None] * field(points @ part.frame)).sum(axis=1)
     total = np.zeros((len(goals), by_row.shape[-1]))
-    np.add.at(total, owners[rule.owners], by_row)
+    np.add.at(total, owners[rows], by_row)
     return total
 
 

@@ -66,10 +66,12 @@ def area_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
         local = np.broadcast_to(points, (2, len(elements), points.shape[-1]))
         yield Sampling(owners, (0, 1), elements, gradients, weights, local)
     if len(others):
-        cut = area_quadrature(space.mesh, [goals[i].placed for i in others.tolist()])
-        gradients = space.gradients_at(cut.elements, cut.points)
-        owners = others[cut.owners]
-        yield Sampling(owners, (0, 1), cut.elements, gradients, cut.weights, cut.points)
+        # a stress of St. Venant and Kirchhoff has degree 2 (order - 1), 6 for the highest order
+        outlines = [goals[i].placed for i in others.tolist()]
+        owners, elements, points, weights = area_points(space.mesh, outlines, degree=6)
+        local = local_coordinates(space.mesh, elements, points)
+        gradients = space.gradients_at(elements, local)
+        yield Sampling(others[owners], (0, 1), elements, gradients, weights, local)
 
 
 def edge_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
@@ -94,12 +96,11 @@ def _edge_lines(goal: Goal, axis: int) -> Array:
     return goal.place(lines[lines[:, 0, axis] == lines[:, 1, axis]])
 
 
-def area_quadrature(
-    mesh: MeshTri2, outlines: Sequence[Outline], degree: int = 6
-) -> PlacedQuadrature:
-    """Quadrature over outline areas, exact for polynomials of a `degree`. A stress of
-    St. Venant and Kirchhoff is one of degree 2 (order - 1) on a straight-sided element, which is 6
-    for the highest order."""
+def area_points(
+    mesh: MeshTri2, outlines: Sequence[Outline], degree: int
+) -> tuple[Indices, Indices, Array, Array]:
+    """Quadrature over outline areas, exact for polynomials of a `degree` in every element: outline
+    and element of each row of points, (n,), points in m, (n, points, 2), and weights in m^2."""
     owners, elements, pieces = _pieces(mesh, [outline.polygon for outline in outlines])
     rings = shapely.get_exterior_ring(shapely.orient_polygons(pieces))
     corners, ring = shapely.get_coordinates(rings, return_index=True)
@@ -111,10 +112,7 @@ def area_quadrature(
     (s, t), weights = get_quadrature(mesh.elem.refdom, degree)
     points = first[used, None] + a[used, None] * s[:, None] + b[used, None] * t[:, None]
     piece = ring[used]
-    local = local_coordinates(mesh, elements[piece], points)
-    return PlacedQuadrature(
-        owners[piece], elements[piece], local, 2.0 * np.outer(areas[used], weights)
-    )
+    return owners[piece], elements[piece], points, 2.0 * np.outer(areas[used], weights)
 
 
 def line_quadrature(

@@ -131,7 +131,8 @@ def read_data(name: str, source: DataSource, scene: Scene, folder: Path) -> Read
     known, problems = [*electrodes, *SHORT, *source.labels, *source.where, ERROR_MM], []
     for column in frame.columns:
         if column in (*electrodes, ERROR_MM):
-            numbers = pd.to_numeric(frame[column], errors="coerce")
+            # as text, because an integer may be too large for a float
+            numbers = pd.to_numeric(frame[column].astype(str), errors="coerce")
             for row in frame.index[frame[column].notna() & ~np.isfinite(numbers)]:
                 reason = f"is no finite number, in row {row + 1}; correct the cell"
                 problems.append(problem(f"{where}.{column}", frame[column][row], reason))

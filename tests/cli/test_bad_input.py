@@ -62,7 +62,7 @@ INPUTS = {
     ),
     "readings": (
         "locate scene.toml --quick --csv {}",
-        ["id,A,B,C,D,rotation_deg\n" + 4 * "1,905,731,600,640,0\n"],
+        ["id,A,B,C,D,rotation_deg\n" + 2 * "1,905,731,600,640,0\n"],
         has_a_status_in_each_row,
     ),
     "touches": ("calibrate wired.toml {}", [TOUCHES], lambda scene, *_: are_scenes(scene)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.signal import lfilter
@@ -41,11 +42,15 @@ class Rested(Bumps):
     The total T and the charge at rest T0 of an electrode have T² (T - T0) in proportion to F².
     """
 
+    @cached_property
+    def film_rest_pC(self):
+        return 1e12 * rest_charges(self.scene)
+
     def evaluate(self, touches):
         force = touches[:, 3, None]
         at_one = np.column_stack([touches[:, :3], np.ones(len(touches))])
         charges, slopes = super().evaluate(at_one)
-        rest, change = 1e12 * rest_charges(self.scene), charges - 40.0
+        rest, change = self.film_rest_pC, charges - 40.0
         square = (rest + change) ** 2 * change * force**2
         total = rest + np.cbrt(square)
         for _ in range(12):
@@ -68,7 +73,7 @@ def charges_of(model, tap, force):
     rows = np.column_stack(
         [np.tile([*tap.place_mm, tap.rotation_deg], (len(force), 1)), np.maximum(force, 1e-12)]
     )
-    return model.evaluate(rows)[0] - 1e12 * rest_charges(model.scene)
+    return model.evaluate(rows)[0] - model.film_rest_pC
 
 
 def stream(
