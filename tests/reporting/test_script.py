@@ -90,6 +90,7 @@ TABLE = "section/1/table"
         (f"{FIGURE}/2/values", {"start": 1.0, "stop": 2.0}, "section[0].figure[2].values.count"),
         (f"{FIGURE}/2/x", "film.d31", "section[0].figure[2].x, values, family: film.d31"),
         (f"{FIGURE}/2/full", {"name": "other"}, "section[0].figure[2].full.name"),
+        (f"{FIGURE}/2/family", {"film.thickness_um": []}, "section[0].figure[2].family"),
         (f"{FIGURE}/3/set", {"probe": {"x_mm": 19.0}}, "section[0].figure[3].set: probe"),
         (f"{FIGURE}/3/name", "charges", "section[1].table[0].name"),
         (f"{TABLE}/0/data", None, "section[1].table[0].data"),

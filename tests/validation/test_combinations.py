@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from hypothesis import assume, given, reject
+from hypothesis import HealthCheck, assume, given, reject, settings
 from hypothesis import strategies as st
 
 from pvdf_fem import Response, Scene, SceneError, build_response, gradients, solve, sweep
@@ -144,7 +144,7 @@ def test_gradients_are_those_of_fresh_solves(changes, data):
 
 
 @given(changes=combinations())
-@drawn(0.01)
+@settings(drawn(0.01), suppress_health_check=[HealthCheck.filter_too_much])
 def test_responses_have_the_charges_of_fresh_solves(changes):
     scene = scene_of(changes)
     how = {"reach_mm": 1.5, "force_N": (0.5, 1.5), "tolerance": 0.1, "processes": 1}

@@ -38,6 +38,8 @@ Values = Annotated[
     | Annotated[Range, AfterValidator(_drawable), Tag("<range>")],
     Discriminator(_list_or_range),
 ]
+#: Values of a family.
+Several = Annotated[tuple[Any, ...], Field(min_length=1)]
 
 
 class Curve(Along):
@@ -52,7 +54,7 @@ class Curve(Along):
     kind: Literal["curve"]
     x: Name
     values: Values
-    family: Annotated[dict[str, tuple[Any, ...]], Field(max_length=1)] = Field(default_factory=dict)
+    family: Annotated[dict[str, Several], Field(max_length=1)] = Field(default_factory=dict)
 
     stem: ClassVar[str] = "curve"
     rank: ClassVar[int] = 4
