@@ -75,7 +75,7 @@ def test_the_largest_deflection_may_be_between_nodes():
     solution = on_mesh(TRIANGLE)
     x_mm, y_mm = np.meshgrid(np.linspace(4.5, 5.5, 51), np.linspace(0.4, 1.4, 51))
     found = solution.at(x_mm, y_mm).deflection_mm.max()
-    assert solution.deflection_max_mm == pytest.approx(found, rel=1e-5)
+    assert solution.deflection_max_mm == pytest.approx(found, rel=2e-5)  # its parabola: 8e-6
     assert found > 1.005e3 * solution.displacement[:, 2].max()
 
 
