@@ -35,14 +35,14 @@ PLATE = {"film.bending": True}
 LOAD = 1e-2
 
 
-def plate(thickness_um, patch_radius=1.0, tension=0.0, **changes):
-    """A film that bends, with `tension` N0 a^2/D, under so small a force that it is linear."""
+def plate(thickness_um, patch_radius=1.0, tension=0.0, force=LOAD, **changes):
+    """A film that bends, with `tension` N0 a^2/D, under so small a `force` that it is linear."""
     scene = free_disc(1.0, poisson_ratio=0.3, patch_radius=patch_radius)
     scene = scene.with_(**{"film.thickness_um": thickness_um, "numerics.tolerance": 1e-4, **PLATE})
     film = scene.film
     D = plate_stiffness(film)[0, 0]
     strain = tension * D / film.radius**2 / (film.thickness * film.stiffness[:2, :2].sum() / 2)
-    load = {"load.force_N": LOAD * D * film.thickness / film.radius**2}
+    load = {"load.force_N": force * D * film.thickness / film.radius**2}
     cooling = {"film.temperature_change_K": -strain / film.thermal_expansion_per_K}
     return scene.with_(**load, **cooling, **changes)
 
@@ -93,10 +93,10 @@ def test_a_plate_has_the_deflection_of_its_closed_form(exact, patch_radius, tens
 def stretched(widths):
     """Solution in elements of so many bending lengths at the rim; deflection lost by bending, m."""
     length = 0.05 / widths
-    scene = plate(1.0, 0.5, length**-2)
+    scene = plate(1.0, 0.5, length**-2, LOAD * length**-2)
     radius = scene.film.radius
     sizes = Sizes({FILM: 0.05 * radius, PROBE: 0.15 * radius}, 0.5, 0.15 * radius)
-    scale = LOAD * scene.film.thickness * length**2
+    scale = LOAD * scene.film.thickness
     membrane = scale * (np.log(2.0) + 0.5) / (2.0 * np.pi)
     bent = scale * stretched_plate_deflection(0.0, patch_radius=0.5, bending_length=length)
     return solve(scene, mesh=model_mesh(scene, sizes), order=3), membrane, membrane - bent
