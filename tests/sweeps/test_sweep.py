@@ -80,6 +80,8 @@ def test_a_dataset_has_the_charges_of_each_scene_in_its_place():
         assert float(swept.charge_pC) == pytest.approx(charge, rel=0.05)
         assert 0.0 < float(swept.charge_error_pC) < 0.05 * charge
         assert float(swept.rest_charge_pC) == pytest.approx(alone.rest_charges_pC[name])
+        change = float(swept.charge_pC - swept.rest_charge_pC)
+        assert float(swept.charge_change_pC) == pytest.approx(change)
     depth = float(data.deflection_max_mm.sel(layout="three")[1])
     assert depth == pytest.approx(alone.deflection_max_mm, rel=1e-2)
 
