@@ -33,23 +33,23 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from pvdf_fem.calibration.calibrate import calibrate
-    from pvdf_fem.derivatives.gradients import gradients
-    from pvdf_fem.derivatives.uncertainty import solve, uncertainty
-    from pvdf_fem.designs.dataset import dataset
-    from pvdf_fem.designs.design import design
     from pvdf_fem.dynamics.forced import half_sine, respond, step, transient
     from pvdf_fem.dynamics.modes import modes
-    from pvdf_fem.reporting.report import Report
-    from pvdf_fem.response.build import build_response
-    from pvdf_fem.response.response import Response
+    from pvdf_fem.inverse.calibration.calibrate import calibrate
+    from pvdf_fem.inverse.touch.locate import locate
+    from pvdf_fem.inverse.touch.locate_many import locate_many
+    from pvdf_fem.inverse.tracking.tracker import Tracker
+    from pvdf_fem.report.report import Report
     from pvdf_fem.scene.scene import Replaced, Scene, SceneError
-    from pvdf_fem.solution.solution import Solution
-    from pvdf_fem.solvers.status import NotConvergedError, Status
-    from pvdf_fem.sweeps.sweep import sweep
-    from pvdf_fem.touch.locate import locate
-    from pvdf_fem.touch.locate_many import locate_many
-    from pvdf_fem.tracking.tracker import Tracker
+    from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
+    from pvdf_fem.solver.sensitivity.gradients import gradients
+    from pvdf_fem.solver.sensitivity.uncertainty import solve, uncertainty
+    from pvdf_fem.solver.solution import Solution
+    from pvdf_fem.studies.dataset import dataset
+    from pvdf_fem.studies.design import design
+    from pvdf_fem.studies.sweep import sweep
+    from pvdf_fem.surrogate.build import build_response
+    from pvdf_fem.surrogate.response import Response
 
 __all__ = [
     "NotConvergedError",
@@ -81,30 +81,30 @@ __version__ = "0.1.0"
 
 # Where the public names are defined.
 _MODULES = {
-    "NotConvergedError": "solvers.status",
-    "Report": "reporting.report",
+    "NotConvergedError": "solver.nonlinear.status",
+    "Report": "report.report",
     "Replaced": "scene.scene",
-    "Response": "response.response",
+    "Response": "surrogate.response",
     "Scene": "scene.scene",
     "SceneError": "scene.scene",
-    "Solution": "solution.solution",
-    "Status": "solvers.status",
-    "Tracker": "tracking.tracker",
-    "build_response": "response.build",
-    "calibrate": "calibration.calibrate",
-    "dataset": "designs.dataset",
-    "design": "designs.design",
-    "gradients": "derivatives.gradients",
+    "Solution": "solver.solution",
+    "Status": "solver.nonlinear.status",
+    "Tracker": "inverse.tracking.tracker",
+    "build_response": "surrogate.build",
+    "calibrate": "inverse.calibration.calibrate",
+    "dataset": "studies.dataset",
+    "design": "studies.design",
+    "gradients": "solver.sensitivity.gradients",
     "half_sine": "dynamics.forced",
-    "locate": "touch.locate",
-    "locate_many": "touch.locate_many",
+    "locate": "inverse.touch.locate",
+    "locate_many": "inverse.touch.locate_many",
     "modes": "dynamics.modes",
     "respond": "dynamics.forced",
-    "solve": "derivatives.uncertainty",
+    "solve": "solver.sensitivity.uncertainty",
     "step": "dynamics.forced",
-    "sweep": "sweeps.sweep",
+    "sweep": "studies.sweep",
     "transient": "dynamics.forced",
-    "uncertainty": "derivatives.uncertainty",
+    "uncertainty": "solver.sensitivity.uncertainty",
 }
 
 

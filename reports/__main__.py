@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pvdf_fem.cli import main as cli
-from pvdf_fem.reporting.registry import kinds_of
-from pvdf_fem.reporting.report import PAGE, Report
+from pvdf_fem.report.registry import kinds_of
+from pvdf_fem.report.report import PAGE, Report
 
 HERE = Path(__file__).parent
 OUT = HERE / "out"

@@ -20,8 +20,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = ["film", "charges", "solvers", "solution", "scene", "sweeps"]
-FOLDERS += ["response", "touch", "tracking", "calibration"]
+FOLDERS = ["film", "electrodes", "solver", "scene", "batch"]
+FOLDERS += ["surrogate", "inverse"]
 NOT_COPIED = (".git", ".venv", ".*cache", ".hypothesis", "__pycache__", "out")
 #: Seconds after which a run of tests counts as killed.
 PATIENCE_S = 1800.0

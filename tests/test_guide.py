@@ -9,7 +9,7 @@ import pytest
 
 import pvdf_fem
 from pvdf_fem import Scene, solve
-from pvdf_fem.reporting.registry import FIGURES, TABLES
+from pvdf_fem.report.registry import FIGURES, TABLES
 from pvdf_fem.scene.shapes import MODELS
 from reports.gallery import pictures
 from reports.guide import references, scene_keys

@@ -125,9 +125,9 @@ def test_the_archive_of_sources_has_every_file(built):
 
 
 #: Tests that need every package of users, and the packages that only developers need.
-NEED_PACKAGES = ["scene", "mesh", "output", "reporting", "solution/test_solve.py"]
-NEED_PACKAGES += ["film/test_terms.py", "response/test_response_file.py"]
-NEED_PACKAGES += ["sweeps/test_sweep.py", "explore/test_state.py"]
+NEED_PACKAGES = ["scene", "mesh", "view", "report", "solver/test_solve.py"]
+NEED_PACKAGES += ["film/test_terms.py", "surrogate/test_response_file.py"]
+NEED_PACKAGES += ["batch/test_sweep.py", "explore/test_state.py"]
 FOR_DEVELOPERS = ("mypy", "ngsolve", "playwright", "ruff", "furo", "myst-nb", "sphinx")
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import pvdf_fem as pf
+from pvdf_fem.inverse.touch.locate_many import Touches
+from pvdf_fem.inverse.tracking.rows import Row, TouchSummary
 from pvdf_fem.told import Told
-from pvdf_fem.touch.locate_many import Touches
-from pvdf_fem.tracking.rows import Row, TouchSummary
 from tests.helpers.touch_models import bumps, random_touches
-from tests.response import made_response
+from tests.surrogate import made_response
 
 SCENE = pf.Scene().with_(
     {

@@ -96,8 +96,8 @@ def run(options: argparse.Namespace) -> int:
     values = {option: positive(option, text, mistakes, zero=True) for option, text in given.items()}
     if mistakes:
         raise InputError(*mistakes)
-    from pvdf_fem.calibration.calibrate import calibrate
-    from pvdf_fem.calibration.diagnosis import CalibrationStatus
+    from pvdf_fem.inverse.calibration.calibrate import calibrate
+    from pvdf_fem.inverse.calibration.diagnosis import CalibrationStatus
 
     deviations: dict[str, Any] = {
         n.replace("-", "_"): values[f"--{n}"] for n in DEVIATIONS if f"--{n}" in values

@@ -13,8 +13,8 @@ from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_te
 from pvdf_fem.cli.response_model import model_of
 
 if TYPE_CHECKING:
+    from pvdf_fem.inverse.touch.locate import ProbeMatch
     from pvdf_fem.scene.scene import Scene
-    from pvdf_fem.touch.locate import ProbeMatch
 
 DESCRIPTION = """\
 The touch that gave some charges: position, force and rotation of the scene's
@@ -156,7 +156,7 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
 
     What is not sought is known from the first. Raises `ValueError` with all mistakes.
     """
-    from pvdf_fem.touch.locate import locate, match, staged_touch
+    from pvdf_fem.inverse.touch.locate import locate, match, staged_touch
 
     file, sensor = next(iter(scenes.items()))
     errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(sensor)}

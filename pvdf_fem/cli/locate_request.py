@@ -26,7 +26,7 @@ class Request:
 
     readings: dict[str, float]  #: By electrode in the unit; none for a table.
     unit: str  #: ``pC`` or ``V``.
-    reading: str | None  #: Of `pvdf_fem.touch.measurement.READINGS`; None is the scene's.
+    reading: str | None  #: Of `pvdf_fem.inverse.touch.measurement.READINGS`; None is the scene's.
     sigma: float
     noise: float | None  #: In the unit; None is the scene's.
     unknown: tuple[str, ...]  #: Of the quantities of a touch.
@@ -68,14 +68,14 @@ class Request:
 
     def readings_pC(self, scene: Scene) -> dict[str, float]:
         """The readings in nominal pC, by electrode."""
-        from pvdf_fem.touch.measurement import units_of
+        from pvdf_fem.inverse.touch.measurement import units_of
 
         units = units_of(scene, self.unit)
         return {name: units.get(name, 1.0) * value for name, value in self.readings.items()}
 
     def noise_pC(self, scene: Scene) -> dict[str, float] | None:
         """The noise in nominal pC, by electrode; None is the noise of the readout."""
-        from pvdf_fem.touch.measurement import units_of
+        from pvdf_fem.inverse.touch.measurement import units_of
 
         if self.noise is None:
             return None
@@ -134,7 +134,7 @@ def require(
     known: Mapping[str, float],
 ) -> None:
     """Refuse before anything is built what cannot be located with the scenes."""
-    from pvdf_fem.touch.measurement import centre_mm, charge_mistakes, known_mistakes
+    from pvdf_fem.inverse.touch.measurement import centre_mm, charge_mistakes, known_mistakes
 
     mistakes: list[str] = []
     for name, scene in scenes.items():

@@ -35,7 +35,7 @@ def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> 
 
     Raises `InputError` or `ValueError` with all mistakes in the options and the table's header.
     """
-    from pvdf_fem.touch.locate_many import Touches
+    from pvdf_fem.inverse.touch.locate_many import Touches
 
     source, target = (None if p == "-" else Path(p) for p in (options.csv, options.output))
     wrong = output_mistakes(target, ENDINGS, Path(options.scene), source, options.model)
@@ -84,7 +84,7 @@ def _told(counts: Counter[str], mistakes: Counter[str]) -> int:
     """Tell on standard error what became of rows, and which mistakes explain rows that no touch
     explains; the exit code. Single rows with a mistake may fit a touch by chance: nothing is
     located where a mistake explains more rows than fit as they are given."""
-    from pvdf_fem.touch.touch import EXPLAINED
+    from pvdf_fem.inverse.touch.touch import EXPLAINED
 
     for text, count in mistakes.most_common(MOST_MISTAKES):
         print(f"{count} of {counts['unexplained']} unexplained rows: {text}", file=sys.stderr)
@@ -105,9 +105,9 @@ def _locator(
     scene: Scene, request: Request, options: argparse.Namespace, columns: list[str]
 ) -> Callable[[Sequence[Row]], list[dict[str, Any]]]:
     """What makes touches, by column, of rows; raises `ValueError` before a model is built."""
-    from pvdf_fem.touch.locate import staged_touch
-    from pvdf_fem.touch.locate_many import locate_many
-    from pvdf_fem.touch.touch import TouchStatus
+    from pvdf_fem.inverse.touch.locate import staged_touch
+    from pvdf_fem.inverse.touch.locate_many import locate_many
+    from pvdf_fem.inverse.touch.touch import TouchStatus
 
     names = [e.name for e in scene.electrode_list if e.name in columns]
     passed = [c for c in columns if c not in names and c not in KNOWN]

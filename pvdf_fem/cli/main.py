@@ -231,14 +231,14 @@ def _solve(options: argparse.Namespace) -> int:
         mistakes.append("--quantity: is what --plot shows; give --plot FILE, or leave it out")
     scene = scene_of(options, *mistakes)
     if options.plot:
-        from pvdf_fem.output.film_map import require_map
+        from pvdf_fem.view.film_map import require_map
 
         try:
             require_map(quantity, scene)
         except ValueError as error:
             raise InputError(f"--quantity: {error}") from error
-    from pvdf_fem.derivatives.uncertainty import solve
-    from pvdf_fem.solvers.status import Status
+    from pvdf_fem.solver.nonlinear.status import Status
+    from pvdf_fem.solver.sensitivity.uncertainty import solve
 
     solution = solve(scene, mesh=options.mesh)
     converged = solution.status is Status.CONVERGED
@@ -253,13 +253,13 @@ def _solve(options: argparse.Namespace) -> int:
 
 
 def _mesh(options: argparse.Namespace) -> int:
-    from pvdf_fem.output.export import FORMATS, write_mesh
+    from pvdf_fem.view.export import FORMATS, write_mesh
 
     scene = scene_of(options, *output_mistakes(options.file, list(FORMATS), options.scene))
     from pvdf_fem.film.loads.contact_guess import tip_outlines
     from pvdf_fem.film.models import film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
-    from pvdf_fem.solution.first_sizes import ORDER, first_sizes
+    from pvdf_fem.solver.first_sizes import ORDER, first_sizes
 
     try:
         sizes, jacobian = first_sizes(scene, ORDER), film_model(scene).least_jacobian
@@ -277,7 +277,7 @@ def _mesh(options: argparse.Namespace) -> int:
 
 def _modes(options: argparse.Namespace) -> int:
     from pvdf_fem.dynamics.modes import MOST_MODES, modes
-    from pvdf_fem.solvers.status import Status
+    from pvdf_fem.solver.nonlinear.status import Status
 
     count, mistakes = options.count, []
     if not re.fullmatch("[0-9]{1,9}", count) or not 1 <= int(count) <= MOST_MODES:

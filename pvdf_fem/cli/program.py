@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from pvdf_fem.files import FileError, printable, require_writable
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.scene.scene_file import SceneError, choose, key_texts, parse_change, quote
-from pvdf_fem.solvers.status import NotConvergedError
+from pvdf_fem.solver.nonlinear.status import NotConvergedError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -196,7 +196,7 @@ def add_plot(parser: argparse.ArgumentParser, about: str) -> None:
 
 def save_plot(figure: Figure, options: argparse.Namespace) -> None:
     """Write what ``--plot`` draws."""
-    from pvdf_fem.output.figures import save
+    from pvdf_fem.view.figures import save
 
     save(figure, options.plot)
 

@@ -24,12 +24,12 @@ from pvdf_fem.cli.program import (
 )
 from pvdf_fem.files import FileError, require_writable
 from pvdf_fem.progress import Progress, remaining, shown
-from pvdf_fem.solvers.status import NotConvergedError
+from pvdf_fem.solver.nonlinear.status import NotConvergedError
 
 if TYPE_CHECKING:
-    from pvdf_fem.response.model import Domain
-    from pvdf_fem.response.response import Response
     from pvdf_fem.scene.scene import Scene
+    from pvdf_fem.surrogate.model import Domain
+    from pvdf_fem.surrogate.response import Response
 
 
 DESCRIPTION = """\
@@ -144,7 +144,7 @@ class ModelChoice:
 
     def wanted(self, scene: Scene) -> tuple[Domain, float]:
         """Touches that a scene's model has to hold for, and its tolerance."""
-        from pvdf_fem.response.model import wanted_model
+        from pvdf_fem.surrogate.model import wanted_model
 
         domain, tolerance = wanted_model(scene, self.sigma)
         reach_mm = domain.reach_mm if self.reach_mm is None else self.reach_mm
@@ -153,7 +153,7 @@ class ModelChoice:
 
     def path(self, scene: Scene, scene_file: str) -> Path:
         """The file of a scene's model: the one that was named, or the default one."""
-        from pvdf_fem.response.response_file import response_key
+        from pvdf_fem.surrogate.response_file import response_key
 
         if self.file:
             return self.file
@@ -165,8 +165,8 @@ class ModelChoice:
 
     def present(self, scene: Scene, scene_file: str) -> Iterator[tuple[Path, str]]:
         """The models beside a scene's file, and why each of them does not serve, if it does not."""
-        from pvdf_fem.response.response import Response
-        from pvdf_fem.response.response_file import mechanics_of, response_key
+        from pvdf_fem.surrogate.response import Response
+        from pvdf_fem.surrogate.response_file import mechanics_of, response_key
 
         domain, tolerance = self.wanted(scene)
         for path in sorted(Path(scene_file).parent.glob(f"{Path(scene_file).stem}-*.response")):
@@ -204,9 +204,9 @@ def model_of(
 ) -> Response:
     """The model of a scene, from its file or built and written there; `as_kept` may have other
     electrodes. Raises `InputError` for a file of a film or a probe that deforms otherwise."""
-    from pvdf_fem.response.build import build_response
-    from pvdf_fem.response.model import centred
-    from pvdf_fem.response.response import Response, reads_alike, refuse_other_mechanics
+    from pvdf_fem.surrogate.build import build_response
+    from pvdf_fem.surrogate.model import centred
+    from pvdf_fem.surrogate.response import Response, reads_alike, refuse_other_mechanics
 
     path = choice.path(scene, scene_file)
     if not path.exists():

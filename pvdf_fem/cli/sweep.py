@@ -13,9 +13,9 @@ from pvdf_fem.cli.program import ExitCode, InputError, add_command, output_mista
 from pvdf_fem.files import require_distinct
 
 if TYPE_CHECKING:
-    from pvdf_fem.sweeps.grid import Grid
-    from pvdf_fem.sweeps.plan import SweepPlan
-    from pvdf_fem.sweeps.store import Store
+    from pvdf_fem.batch.plan import SweepPlan
+    from pvdf_fem.batch.store import Store
+    from pvdf_fem.studies.grid import Grid
 
 _DESCRIPTION = """\
 Charges over a grid of scenes, as a NetCDF file with a dimension for each axis.
@@ -142,7 +142,7 @@ def _sweep(options: argparse.Namespace) -> int:
     mistakes = [] if unused else output_mistakes(output, [".nc"], options.sweep)
     mistakes += program.plot_mistakes(options, options.sweep, output)
     mistakes += _process_mistakes(options)
-    from pvdf_fem.sweeps.grid import Grid
+    from pvdf_fem.studies.grid import Grid
 
     try:
         grid = Grid.load(options.sweep)
@@ -153,9 +153,9 @@ def _sweep(options: argparse.Namespace) -> int:
         mistakes.append(f"--plot: draws one or two axes, not {count}; leave it out")
     if mistakes:
         raise InputError(*mistakes)
-    from pvdf_fem.sweeps.store import Store, StoreError
-    from pvdf_fem.sweeps.sweep import planned
-    from pvdf_fem.sweeps.workers import ClusterError, ClusterLostError
+    from pvdf_fem.batch.batch import planned
+    from pvdf_fem.batch.store import Store, StoreError
+    from pvdf_fem.batch.workers import ClusterError, ClusterLostError
 
     path = options.store or output.with_suffix(".db")
     require_distinct(path, output, *grid.files)
@@ -181,9 +181,9 @@ def _sweep(options: argparse.Namespace) -> int:
 def _run(
     grid: Grid, plan: SweepPlan, store: Store, output: Path, options: argparse.Namespace
 ) -> int:
+    from pvdf_fem.batch.batch import records
     from pvdf_fem.progress import shown
-    from pvdf_fem.sweeps.dataset import dataset, write_netcdf
-    from pvdf_fem.sweeps.sweep import records
+    from pvdf_fem.studies.grid_dataset import dataset, write_netcdf
 
     where: dict[str, Any] = {"processes": options.processes, "scheduler": options.scheduler}
     with shown("scenes", False if options.quiet else options.progress) as progress:
@@ -191,7 +191,7 @@ def _run(
         data = dataset(grid, plan, solved)
     write_netcdf(data, output)
     if options.plot:
-        from pvdf_fem.output.charts import sweep_chart
+        from pvdf_fem.view.charts import sweep_chart
 
         program.save_plot(sweep_chart(data), options)
     if not options.quiet:
@@ -204,8 +204,8 @@ def _run(
 
 
 def _report(options: argparse.Namespace) -> int:
-    from pvdf_fem.reporting.registry import kinds_of
-    from pvdf_fem.reporting.report import Report
+    from pvdf_fem.report.registry import kinds_of
+    from pvdf_fem.report.report import Report
     from pvdf_fem.scene.scene_file import SceneError
 
     mistakes = _process_mistakes(options)

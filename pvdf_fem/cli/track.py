@@ -19,7 +19,7 @@ from pvdf_fem.cli.table import number, plain, rows_of, writer
 from pvdf_fem.files import printable
 
 if TYPE_CHECKING:
-    from pvdf_fem.tracking.rows import Row
+    from pvdf_fem.inverse.tracking.rows import Row
 
 TIMES = {"t_s": 1.0, "t_ms": 1e-3}  #: Columns of times, and their units in s.
 CALM = ("", "quiet", "settling")  #: Statuses of rows without a touch.
@@ -76,10 +76,10 @@ def add_to(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command; returns its exit code."""
     scene = scene_of(options)
-    from pvdf_fem.solution.solve import rest_charges
-    from pvdf_fem.touch.touch import TouchStatus
-    from pvdf_fem.tracking.rows import Row
-    from pvdf_fem.tracking.tracker import Tracker
+    from pvdf_fem.inverse.touch.touch import TouchStatus
+    from pvdf_fem.inverse.tracking.rows import Row
+    from pvdf_fem.inverse.tracking.tracker import Tracker
+    from pvdf_fem.solver.adaptive import rest_charges
 
     mistakes: list[str] = []
     unknown, choice = sought(options.unknown, mistakes), ModelChoice.of(options, mistakes)

@@ -20,12 +20,12 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.air import SOUND_SPEED
 from pvdf_fem.dynamics.modes import air_remark
 from pvdf_fem.dynamics.oscillation import ComplexArray, Oscillation, oscillations
+from pvdf_fem.electrodes.channel import Channel, channels
 from pvdf_fem.progress import Progress, shown
-from pvdf_fem.readout.channel import Channel, channels
 from pvdf_fem.scene.given import SceneLike, numbers, scene_of, taken
 from pvdf_fem.scene.scene_file import SceneError, problem
-from pvdf_fem.solution.solution import Solution
-from pvdf_fem.solution.solve import solve
+from pvdf_fem.solver.adaptive import solve
+from pvdf_fem.solver.solution import Solution
 from pvdf_fem.told import Columns, Grid, Parts
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class FrequencyResponse(Course):
 
     def plot(self) -> Figure:
         """Draw amplitudes with the resonances marked, and phases if something damps the film."""
-        from pvdf_fem.output.charts import frequency_response
+        from pvdf_fem.view.charts import frequency_response
 
         about = self.charges_pC_N, self.resonances_Hz, self.solution.scene
         return frequency_response(self.frequencies_Hz, *about)

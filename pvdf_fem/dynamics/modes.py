@@ -32,14 +32,14 @@ from pvdf_fem.progress import Counted, Progress, shown
 from pvdf_fem.scene.film import Air
 from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.attempt import UNKNOWNS_PER_ELEMENT
-from pvdf_fem.solution.estimate import corrected
-from pvdf_fem.solution.history import Clock
-from pvdf_fem.solution.refinement import MeshLoop, TooManyUnknownsError
-from pvdf_fem.solvers.budget import Budget
-from pvdf_fem.solvers.ladder import equilibrate
-from pvdf_fem.solvers.newton import NewtonResult, Tried
-from pvdf_fem.solvers.status import NotConvergedError, Status
+from pvdf_fem.solver.estimate import corrected
+from pvdf_fem.solver.history import Clock
+from pvdf_fem.solver.mesh_level import UNKNOWNS_PER_ELEMENT
+from pvdf_fem.solver.nonlinear.budget import Budget
+from pvdf_fem.solver.nonlinear.fallback import equilibrate
+from pvdf_fem.solver.nonlinear.newton import NewtonResult, Tried
+from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
+from pvdf_fem.solver.refinement import MeshLoop, TooManyUnknownsError
 from pvdf_fem.told import Grid, Parts, Told, rounded
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ class Modes(Told):
 
     def plot(self) -> Figure:
         """Draw the shapes of the modes with their frequencies, with the scene's air if any."""
-        from pvdf_fem.output.charts import mode_shapes
+        from pvdf_fem.view.charts import mode_shapes
 
         where, spectrum = [*self.spectra.items()][-1]
         shapes = [

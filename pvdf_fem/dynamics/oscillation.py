@@ -23,19 +23,19 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.charges.forces import goal_gradients
-from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.dynamics.spectrum import pencil_of
+from pvdf_fem.electrodes.outputs import goals_of
+from pvdf_fem.electrodes.stress_integrals import goal_gradients
 from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.pressure import UP
 from pvdf_fem.film.term import State
 from pvdf_fem.progress import Progress, silent
-from pvdf_fem.solution.next_order import factorised, next_order
-from pvdf_fem.solution.solution import Solution
-from pvdf_fem.solvers.newton import factorise
-from pvdf_fem.solvers.status import NotConvergedError, Status
+from pvdf_fem.solver.next_order import factorised, next_order
+from pvdf_fem.solver.nonlinear.newton import factorise
+from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
+from pvdf_fem.solver.solution import Solution
 
 TINY = np.finfo(float).tiny
 ComplexArray = NDArray[np.complex128]

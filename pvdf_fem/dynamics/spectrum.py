@@ -15,8 +15,8 @@ from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.unknowns import prolongation
-from pvdf_fem.solvers.newton import factorise
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solver.nonlinear.newton import factorise
+from pvdf_fem.solver.nonlinear.status import Status
 
 VACUUM, AIR = "in vacuum", "in air"
 Pencil = tuple[sp.csc_matrix, Any]  #: Stiffness and mass; that of air is a `Raised`.

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.derivatives.gradients import gradients
-from pvdf_fem.derivatives.parameters import touched
+from pvdf_fem.electrodes.channel import channels
 from pvdf_fem.explore.controls import pairs, section_of, title_of
 from pvdf_fem.explore.picture import solution_of
-from pvdf_fem.output.touch_map import deviation_ellipse
-from pvdf_fem.readout.channel import channels
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.solution import Solution
-from pvdf_fem.solvers.status import NotConvergedError
+from pvdf_fem.solver.nonlinear.status import NotConvergedError
+from pvdf_fem.solver.sensitivity.gradients import gradients
+from pvdf_fem.solver.sensitivity.parameters import touched
+from pvdf_fem.solver.solution import Solution
 from pvdf_fem.told import Grid
+from pvdf_fem.view.touch_map import deviation_ellipse
 
 #: Smaller ellipses, over the film's radius, are drawn this many times as large.
 LEAST_SIZE, MAGNIFIED = 0.02, 10

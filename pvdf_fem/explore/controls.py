@@ -11,13 +11,13 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.explore.state import WORDS, View, generic, said
-from pvdf_fem.output.figures import COLOURS
 from pvdf_fem.scene.change import plain, steps_of
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.quantity import Key, Section
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import toml_value
+from pvdf_fem.view.figures import COLOURS
 
 #: Numbers that have a slider: its limits and its step, by key.
 SLIDERS = tomllib.loads(Path(__file__).with_name("controls.toml").read_text("utf-8"))

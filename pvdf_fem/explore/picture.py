@@ -15,13 +15,13 @@ from matplotlib.image import imsave
 from matplotlib.tri import Triangulation
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.charges.point_values import values_in_elements
+from pvdf_fem.electrodes.point_values import values_in_elements
 from pvdf_fem.film.space import shape_values
 from pvdf_fem.mesh.points import local_coordinates
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.solution import Solution
-from pvdf_fem.solution.solve import solve
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solver.adaptive import solve
+from pvdf_fem.solver.nonlinear.status import Status
+from pvdf_fem.solver.solution import Solution
 
 TOLERANCE = 1e-2  #: Least relative error of charges that pictures are solved to.
 MOST_SECONDS = 5.0  #: Work of one core for a picture, unless the scene says how much.

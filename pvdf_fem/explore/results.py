@@ -8,7 +8,7 @@ from typing import Any
 
 from pvdf_fem.explore.controls import colour_of
 from pvdf_fem.explore.picture import coloured, picture_of
-from pvdf_fem.solution.summary import solution_html
+from pvdf_fem.solver.summary import solution_html
 from pvdf_fem.told import rounded
 
 

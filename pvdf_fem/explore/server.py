@@ -17,12 +17,12 @@ from urllib.parse import parse_qs, urlsplit
 
 from joblib.externals.loky import get_reusable_executor
 
+from pvdf_fem.batch.workers import ONE_THREAD, end_with
 from pvdf_fem.explore.certainty import certainty_of
 from pvdf_fem.explore.controls import controls_of, outlines_of
 from pvdf_fem.explore.results import results_of
 from pvdf_fem.explore.state import View
 from pvdf_fem.scene.scene import Scene, SceneError
-from pvdf_fem.sweeps.workers import ONE_THREAD, end_with
 
 ADDRESS = "127.0.0.1"  #: The page is served on this machine only.
 HOSTS = (ADDRESS, "localhost")  #: What the page may be called; another site's name may lead here.

@@ -70,8 +70,8 @@ class ObservableEntry(NamedTuple):
 
 #: Each ``numerics.observable``.
 OBSERVABLE_ENTRIES = {
-    "material": ObservableEntry("pvdf_fem.charges.observables:Material"),
-    "thesis-edge": ObservableEntry("pvdf_fem.charges.observables:ThesisEdge", needs_edges=True),
+    "material": ObservableEntry("pvdf_fem.electrodes.observables:Material"),
+    "thesis-edge": ObservableEntry("pvdf_fem.electrodes.observables:ThesisEdge", needs_edges=True),
 }
 
 #: Pairs of keys of a table; a key with a value removes its rival.

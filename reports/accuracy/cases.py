@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 
 from pvdf_fem import Scene
 from pvdf_fem.arrays import Array
-from pvdf_fem.reporting.data import Changes
+from pvdf_fem.report.data import Changes
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.quantity import Section

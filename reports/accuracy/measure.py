@@ -12,11 +12,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.reporting.task import Rows, Task
-from pvdf_fem.solution.first_sizes import first_sizes
-from pvdf_fem.solvers.status import Status
-from pvdf_fem.sweeps.grid import Grid
-from pvdf_fem.sweeps.sweep import planned, records
+from pvdf_fem.batch.batch import planned, records
+from pvdf_fem.report.task import Rows, Task
+from pvdf_fem.solver.first_sizes import first_sizes
+from pvdf_fem.solver.nonlinear.status import Status
+from pvdf_fem.studies.grid import Grid
 from reports.accuracy.cases import known_charges
 
 LONGEST = 2.0  #: Processor seconds after which a solve is not repeated.

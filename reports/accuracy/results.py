@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pvdf_fem.reporting.data import Name
-from pvdf_fem.reporting.kind import Inputs, Kind
-from pvdf_fem.reporting.solved import NothingToShow, Solved
-from pvdf_fem.reporting.task import Rows, Task
+from pvdf_fem.report.data import Name
+from pvdf_fem.report.kind import Inputs, Kind
+from pvdf_fem.report.solved import NothingToShow, Solved
+from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.scene import Scene
 from reports.accuracy.cases import Case, cases
 from reports.accuracy.drawn import finer

@@ -12,8 +12,8 @@ from typing import ClassVar, Literal
 import numpy as np
 import pandas as pd
 
-from pvdf_fem.reporting.kind import Content, Inputs, Kind
-from pvdf_fem.reporting.solved import Solved
+from pvdf_fem.report.kind import Content, Inputs, Kind
+from pvdf_fem.report.solved import Solved
 from pvdf_fem.scene.scene import Scene
 from reports.accuracy.cases import FINER, SOURCES, Case
 from reports.accuracy.drawn import KINDS, drawn_scenes, finer

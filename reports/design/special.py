@@ -18,15 +18,15 @@ import numpy as np
 from pydantic import Field
 
 from pvdf_fem import Response, Scene, build_response, design
-from pvdf_fem.designs.design import Designs, best, table
-from pvdf_fem.output.charts import draw_design
-from pvdf_fem.output.figures import look_of, new_figure
-from pvdf_fem.reporting.drawing import WIDTH_MM, axis_label
-from pvdf_fem.reporting.kind import Content, Inputs, Kind, blamed
-from pvdf_fem.reporting.solved import Solved
-from pvdf_fem.reporting.task import Rows, Task
-from pvdf_fem.response.model import Domain, centred
+from pvdf_fem.report.kind import Content, Inputs, Kind, blamed
+from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.scene_file import SceneError
+from pvdf_fem.studies.design import Designs, best, table
+from pvdf_fem.surrogate.model import Domain, centred
+from pvdf_fem.view.charts import draw_design
+from pvdf_fem.view.drawing import WIDTH_MM, axis_label
+from pvdf_fem.view.figures import look_of, new_figure
 
 if TYPE_CHECKING:
     import xarray

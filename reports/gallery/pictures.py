@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 from PIL import Image, PngImagePlugin
 
 from pvdf_fem import Scene, Solution, solve
-from pvdf_fem.output.figures import save, style
-from pvdf_fem.reporting.kind import Inputs
-from pvdf_fem.reporting.registry import kinds_of
-from pvdf_fem.reporting.report import Report
-from pvdf_fem.reporting.script import Need
-from pvdf_fem.reporting.solved import Solved
-from pvdf_fem.sweeps.sweep import solve_all
+from pvdf_fem.batch.batch import solve_all
+from pvdf_fem.report.kind import Inputs
+from pvdf_fem.report.registry import kinds_of
+from pvdf_fem.report.report import Report
+from pvdf_fem.report.script import Need
+from pvdf_fem.report.solved import Solved
+from pvdf_fem.view.figures import save, style
 
 #: Key of the text in a PNG file.
 KEY = "pvdf_fem"

@@ -12,12 +12,12 @@ from typing import NamedTuple
 import pandas as pd
 
 from pvdf_fem import solve
-from pvdf_fem.reporting.registry import kinds_of
-from pvdf_fem.reporting.report import STORE, Report
-from pvdf_fem.reporting.solved import Solved
-from pvdf_fem.solvers.status import Status
-from pvdf_fem.sweeps.store import Store
-from pvdf_fem.sweeps.sweep import planned, solve_all
+from pvdf_fem.batch.batch import planned, solve_all
+from pvdf_fem.batch.store import Store
+from pvdf_fem.report.registry import kinds_of
+from pvdf_fem.report.report import STORE, Report
+from pvdf_fem.report.solved import Solved
+from pvdf_fem.solver.nonlinear.status import Status
 from reports.accuracy.drawn import drawn_scenes
 
 ROOT = Path(__file__).parents[2]

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pvdf_fem
 from pvdf_fem.cli.main import _parser as parser
-from pvdf_fem.reporting.data import DataSource
-from pvdf_fem.reporting.kind import Kind
-from pvdf_fem.reporting.registry import FIGURES
-from pvdf_fem.reporting.registry import TABLES as REPORT_TABLES
-from pvdf_fem.reporting.script import Other, Script, ScriptSection
+from pvdf_fem.report.data import DataSource
+from pvdf_fem.report.kind import Kind
+from pvdf_fem.report.registry import FIGURES
+from pvdf_fem.report.registry import TABLES as REPORT_TABLES
+from pvdf_fem.report.script import Other, Script, ScriptSection
 from pvdf_fem.scene.quantity import Section
 from pvdf_fem.scene.scene_file import example_text, examples
 from reports.guide.scene_keys import cleaned, scene_page, table_of

@@ -13,13 +13,13 @@ from scipy.signal import lfilter
 
 from pvdf_fem import Response, Scene, Tracker, build_response, calibrate, solve
 from pvdf_fem.arrays import Array
+from pvdf_fem.electrodes.channel import channels
 from pvdf_fem.progress import silent
-from pvdf_fem.readout.channel import channels
-from pvdf_fem.reporting.task import Rows, Task
-from pvdf_fem.response.held_out import random_touches
-from pvdf_fem.response.model import QUANTITIES, Domain, scene_of_touch
+from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.stage import Stage
+from pvdf_fem.surrogate.held_out import random_touches
+from pvdf_fem.surrogate.model import QUANTITIES, Domain, scene_of_touch
 
 SEED = 20261123
 #: What is sought: all of it can be told, as d31 is known. A factor of d31 and d32 is one of gains.

@@ -20,10 +20,10 @@ from scipy.stats import norm
 
 from pvdf_fem import Replaced, Scene
 from pvdf_fem.arrays import Array
-from pvdf_fem.output.figures import COLOURS, GREY, draw_film, new_figure
-from pvdf_fem.reporting.drawing import RING, WIDTH_MM
-from pvdf_fem.reporting.kind import Content, Inputs, Kind
-from pvdf_fem.reporting.solved import NothingToShow, Solved
+from pvdf_fem.report.kind import Content, Inputs, Kind
+from pvdf_fem.report.solved import NothingToShow, Solved
+from pvdf_fem.view.drawing import RING, WIDTH_MM
+from pvdf_fem.view.figures import COLOURS, GREY, draw_film, new_figure
 from reports.locating.signals import Sensor, Taps
 from reports.locating.touches import LAYOUTS, NOISE, PLACE_AND_FORCE, Located, Pair
 

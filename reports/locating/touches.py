@@ -13,14 +13,14 @@ import pandas as pd
 
 from pvdf_fem import Replaced, Response, Scene, build_response, locate, locate_many, solve
 from pvdf_fem.arrays import Array
+from pvdf_fem.batch.batch import solve_all
 from pvdf_fem.progress import silent
-from pvdf_fem.reporting.charge_map import places_on_rings
-from pvdf_fem.reporting.solved import Solved
-from pvdf_fem.reporting.task import Rows, Task
-from pvdf_fem.response.build import ResponseOptions
-from pvdf_fem.response.held_out import random_touches
-from pvdf_fem.response.model import FORCE, QUANTITIES, ROTATION, Domain, X, Y, scene_of_touch
-from pvdf_fem.sweeps.sweep import solve_all
+from pvdf_fem.report.charge_map import places_on_rings
+from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.task import Rows, Task
+from pvdf_fem.surrogate.build import ResponseOptions
+from pvdf_fem.surrogate.held_out import random_touches
+from pvdf_fem.surrogate.model import FORCE, QUANTITIES, ROTATION, Domain, X, Y, scene_of_touch
 
 SEED = 20261124
 #: Electrodes that the touches of a probe are located with.

@@ -11,9 +11,9 @@ import numpy as np
 from pvdf_fem import Scene, SceneError, Solution, solve
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.models import film_model
-from pvdf_fem.reporting.task import Rows, Task
-from pvdf_fem.solvers.status import Status
-from pvdf_fem.solvers.wrinkling import load_strain
+from pvdf_fem.report.task import Rows, Task
+from pvdf_fem.solver.nonlinear.status import Status
+from pvdf_fem.solver.nonlinear.wrinkling import load_strain
 from reports.accuracy.cases import known_charges
 from reports.reference.laminated_disc import LaminatedDisc, Ply
 from reports.stability.scenes import enlarged, extreme_scene

@@ -13,14 +13,14 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 from pydantic import Field
 
-from pvdf_fem.output.figures import COLOURS, GREY, MARKERS, figure_of, new_figure
-from pvdf_fem.reporting.data import Changes
-from pvdf_fem.reporting.drawing import WIDTH_MM, axis_label
-from pvdf_fem.reporting.kind import QUICK_TOLERANCE, Content, Inputs, Kind, blamed
-from pvdf_fem.reporting.kinds.curve import Values
-from pvdf_fem.reporting.solved import NothingToShow, Solved
+from pvdf_fem.report.data import Changes
+from pvdf_fem.report.kind import QUICK_TOLERANCE, Content, Inputs, Kind, blamed
+from pvdf_fem.report.kinds.curve import Values
+from pvdf_fem.report.solved import NothingToShow, Solved
 from pvdf_fem.scene.quantity import Section
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solver.nonlinear.status import Status
+from pvdf_fem.view.drawing import WIDTH_MM, axis_label
+from pvdf_fem.view.figures import COLOURS, GREY, MARKERS, figure_of, new_figure
 from reports.stability.endings import CRASHED, Extreme, Law, OnStrip
 
 CONVERGED = str(Status.CONVERGED)

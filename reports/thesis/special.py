@@ -19,15 +19,15 @@ from markupsafe import Markup, escape
 from pydantic import Field
 
 from pvdf_fem import Scene, modes, respond, solve
-from pvdf_fem.derivatives.rates import force_rates
-from pvdf_fem.output.figures import COLOURS, GREY, new_figure
-from pvdf_fem.reporting.data import Changes
-from pvdf_fem.reporting.drawing import RING, WIDTH_MM, signed
-from pvdf_fem.reporting.kind import PLACE, Content, Inputs, Kind
-from pvdf_fem.reporting.solved import Solved
-from pvdf_fem.reporting.task import Rows, Task
+from pvdf_fem.report.data import Changes
+from pvdf_fem.report.kind import PLACE, Content, Inputs, Kind
+from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.quantity import Section
 from pvdf_fem.scene.scene import Replaced
+from pvdf_fem.solver.sensitivity.rates import force_rates
+from pvdf_fem.view.drawing import RING, WIDTH_MM, signed
+from pvdf_fem.view.figures import COLOURS, GREY, new_figure
 
 HERE = Path(__file__).parent
 #: Places of section 3.1.2, beside electrode A, on a part and on the whole of A, and of 3.4.3.

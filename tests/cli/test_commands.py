@@ -20,7 +20,7 @@ import xarray
 from pvdf_fem import Scene, __version__, calibrate, dataset, modes, respond, solve
 from pvdf_fem.cli.program import scene_of
 from pvdf_fem.scene.scene_file import examples, key_texts
-from pvdf_fem.solvers.newton import NewtonOptions
+from pvdf_fem.solver.nonlinear.newton import NewtonOptions
 from tests.helpers.touch_models import bumps
 from tests.helpers.touched_sensor import SCENE as TOUCHED
 from tests.helpers.touched_sensor import TRUE, made, made_up
@@ -76,7 +76,7 @@ def test_what_has_not_converged_has_a_status_and_no_result(
     folder, command, monkeypatch, line, status
 ):
     few = partial(NewtonOptions, max_iterations=2)
-    monkeypatch.setattr("pvdf_fem.solvers.ladder.NewtonOptions", few)
+    monkeypatch.setattr("pvdf_fem.solver.nonlinear.fallback.NewtonOptions", few)
     run = command(*line.split())
     assert (run.code, run.out, status in run.err) == (3, "", True)
     assert ("film.d31_pC_N = 2.3e-11" in run.told) == ("solve" in line)  # a doubt

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene
-from pvdf_fem.response import build
-from pvdf_fem.response.model import Domain
-from pvdf_fem.solvers.status import NotConvergedError
+from pvdf_fem.solver.nonlinear.status import NotConvergedError
+from pvdf_fem.surrogate import build
+from pvdf_fem.surrogate.model import Domain
 from tests.helpers.touch_models import bumps, random_touches
-from tests.response import made_response
+from tests.surrogate import made_response
 
 NAMES = ("x_mm", "y_mm", "rotation_deg", "force_N")
 TOUCHES = random_touches(6, seed=2, reach_mm=9.0)

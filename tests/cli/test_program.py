@@ -13,7 +13,7 @@ import pytest
 
 from pvdf_fem.cli.program import InputError, run_program
 from pvdf_fem.files import FileError, replacing
-from pvdf_fem.solvers.status import NotConvergedError
+from pvdf_fem.solver.nonlinear.status import NotConvergedError
 
 ROOT = Path(__file__).parents[2]
 

@@ -15,7 +15,7 @@ from pvdf_fem import NotConvergedError, Scene
 from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.dynamics.spectrum import VACUUM
 from pvdf_fem.film.weak_form import vector_basis
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solver.nonlinear.status import Status
 from reports.accuracy.drawn import random_scene
 from reports.reference.closed_form import disc_frequencies
 from tests.helpers.discs import LOADS, TRIANGLE

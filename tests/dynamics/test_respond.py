@@ -10,8 +10,8 @@ from pvdf_fem import Scene, gradients, respond
 from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.dynamics.oscillation import Oscillation, oscillations
 from pvdf_fem.dynamics.spectrum import pencil_of
-from pvdf_fem.readout.channel import channels
-from pvdf_fem.solution.next_order import factorised
+from pvdf_fem.electrodes.channel import channels
+from pvdf_fem.solver.next_order import factorised
 from tests.helpers.discs import LOADS, TRIANGLE, on_mesh
 from tests.helpers.refusals import keys, refused
 

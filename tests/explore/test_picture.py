@@ -12,7 +12,7 @@ from matplotlib.image import imread
 from pvdf_fem.explore.certainty import certainty_of
 from pvdf_fem.explore.picture import PIXELS, QUANTITIES, coloured, image_of
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solution.solve import solve
+from pvdf_fem.solver.adaptive import solve
 
 SCENE = Scene.example("triangle").with_(**{"numerics.tolerance": 1e-2})
 

@@ -8,7 +8,7 @@ from pvdf_fem import Scene, solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.posed import Posed
 from pvdf_fem.scene.outlines.outline import turn
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solver.nonlinear.status import Status
 from tests.helpers.discs import graded_mesh
 from tests.helpers.refusals import keys, refused
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.scene.film import Film
-from pvdf_fem.solution.solve import rest_charges, rest_forces
-from pvdf_fem.solvers.status import Status
-from pvdf_fem.solvers.wrinkling import barely_loaded
+from pvdf_fem.solver.adaptive import rest_charges, rest_forces
+from pvdf_fem.solver.nonlinear.status import Status
+from pvdf_fem.solver.nonlinear.wrinkling import barely_loaded
 from reports.reference.neo_hookean_inflation import inflated
 from tests.helpers.discs import LOADS, TRIANGLE
 

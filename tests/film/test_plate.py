@@ -8,17 +8,17 @@ from scipy.optimize import brentq
 from scipy.special import iv, jv, kv
 
 from pvdf_fem import solve
-from pvdf_fem.charges.forces import charges_of, goal_forces
-from pvdf_fem.charges.goals import goals_of
 from pvdf_fem.dynamics.modes import modes
+from pvdf_fem.electrodes.outputs import goals_of
+from pvdf_fem.electrodes.stress_integrals import charges_of, goal_forces
 from pvdf_fem.film.layers import Layers, remaining_part, uncertain_part
 from pvdf_fem.film.plate import Plate, plate_stiffness
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import FILM, PROBE, RIM
 from pvdf_fem.mesh.six_node import compression
 from pvdf_fem.mesh.size_field import Sizes
-from pvdf_fem.solution.first_sizes import first_sizes
-from pvdf_fem.solvers.newton import factorise, negative_pivots
+from pvdf_fem.solver.first_sizes import first_sizes
+from pvdf_fem.solver.nonlinear.newton import factorise, negative_pivots
 from reports.reference.circular_plate import stretched_plate_deflection
 from tests.helpers.discs import (
     LOADS,

@@ -18,7 +18,7 @@ from pvdf_fem.film.membrane import tensile_part
 from pvdf_fem.film.term import State
 from pvdf_fem.film.unknowns import Assembly, Unknowns
 from pvdf_fem.film.weak_form import residual_form, tangent_form, vector_basis
-from pvdf_fem.solvers.newton import factorise
+from pvdf_fem.solver.nonlinear.newton import factorise
 from tests.helpers.discs import LOADS, graded_mesh
 
 # A curved outline and the corners of four electrodes in few elements; loads as large as the film's.

@@ -12,8 +12,8 @@ from pvdf_fem.film.loads.heat import AddedStrain, heat_remarks, warmed
 from pvdf_fem.mesh.symmetry import WHOLE, part_of
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.scene import Replaced
-from pvdf_fem.solution import solve as solving
-from pvdf_fem.solution.solve import rest_charges
+from pvdf_fem.solver import adaptive as solving
+from pvdf_fem.solver.adaptive import rest_charges
 from tests.helpers.discs import charges, graded_mesh
 from tests.helpers.laminated import laminated
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.solvers.newton import DeferredNewton, NewtonOptions, NewtonResult, newton
-from pvdf_fem.solvers.seed import seed
+from pvdf_fem.solver.nonlinear.initial_guess import seed
+from pvdf_fem.solver.nonlinear.newton import DeferredNewton, NewtonOptions, NewtonResult, newton
 
 
 def newton_result(

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from scipy.signal import lfilter
 
-from pvdf_fem.readout.channel import channels
-from pvdf_fem.solution.solve import rest_charges
+from pvdf_fem.electrodes.channel import channels
+from pvdf_fem.solver.adaptive import rest_charges
 from tests.helpers.touch_models import Bumps, bumps
 
 RESISTIVE = {"kind": "voltage", "input_resistance_MOhm": 1.0, "cable_capacitance_pF": 100.0}

@@ -9,8 +9,8 @@ from unittest import mock
 import xarray
 
 from pvdf_fem import Scene
-from pvdf_fem.sweeps import sweep
-from pvdf_fem.sweeps.store import Record, key
+from pvdf_fem.batch import batch as sweep
+from pvdf_fem.batch.store import Record, key
 
 BASE = Scene().with_(**{"probe.shape": "triangle", "numerics.tolerance": 0.05})
 AXES = [

@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.response.model import QUANTITIES, Domain
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.outlines.polygon import rectangle, triangle
+from pvdf_fem.surrogate.model import QUANTITIES, Domain
 
 DOMAIN = Domain(12.0, (0.1, 5.0))
 

@@ -10,14 +10,14 @@ from types import SimpleNamespace
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.calibration import model
-from pvdf_fem.calibration.touches import TOUCH_KEYS
-from pvdf_fem.calibration.unknowns import value_of
-from pvdf_fem.derivatives.parameters import COEFFICIENTS
+from pvdf_fem.inverse.calibration import model
+from pvdf_fem.inverse.calibration.touches import TOUCH_KEYS
+from pvdf_fem.inverse.calibration.unknowns import value_of
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.outlines.polygon import triangle
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solver.nonlinear.status import Status
+from pvdf_fem.solver.sensitivity.parameters import COEFFICIENTS
 
 SCENE = Scene.parse('[probe]\nshape = "triangle"\nside_mm = 7.0\n').with_(
     **{"film.pretension_N_m": 8.0}

@@ -17,8 +17,8 @@ import pytest
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.mesh.gmsh_mesh import GmshInUseError
-from pvdf_fem.solution.history import Stop
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solver.history import Stop
+from pvdf_fem.solver.nonlinear.status import Status
 from tests.helpers.discs import RECTANGLE, graded_mesh
 
 ROOT = Path(__file__).parents[2]

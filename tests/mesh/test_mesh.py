@@ -16,7 +16,7 @@ from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene, outlines
 from pvdf_fem.mesh.six_node import compression
 from pvdf_fem.mesh.size_field import SizeField, Sizes, element_sizes, refined_sizes
 from pvdf_fem.scene.outlines.ellipse import Ellipse
-from pvdf_fem.solution.first_sizes import first_sizes
+from pvdf_fem.solver.first_sizes import first_sizes
 from tests.helpers.discs import RECTANGLE, graded_mesh
 
 ON_A = "x_mm = 10\nwidth_mm = 3\nheight_mm = 3"

@@ -15,9 +15,9 @@ from pvdf_fem.files import FileError
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch, outlines
 from pvdf_fem.mesh.mesh_file import READERS, MeshFileError, read_mesh
-from pvdf_fem.output.export import write_mesh
-from pvdf_fem.solution.history import Stop
-from pvdf_fem.solution.solution import Solution
+from pvdf_fem.solver.history import Stop
+from pvdf_fem.solver.solution import Solution
+from pvdf_fem.view.export import write_mesh
 from tests.helpers.discs import graded_mesh
 
 # The probe presses on a third of electrode A.

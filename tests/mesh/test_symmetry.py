@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.charges.forces import goal_forces, goal_gradients
-from pvdf_fem.charges.goals import Goal, goals_of
+from pvdf_fem.electrodes.outputs import Goal, goals_of
+from pvdf_fem.electrodes.stress_integrals import goal_forces, goal_gradients
 from pvdf_fem.mesh.gmsh_mesh import RIM, mesh_scene
 from pvdf_fem.mesh.symmetry import WHOLE, part_of
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.polygon import Polygon
-from pvdf_fem.solution.attempt import Problem, solve_on
-from pvdf_fem.solution.first_sizes import first_sizes
-from pvdf_fem.solution.history import Clock
-from pvdf_fem.solvers.budget import Budget
+from pvdf_fem.solver.first_sizes import first_sizes
+from pvdf_fem.solver.history import Clock
+from pvdf_fem.solver.mesh_level import Problem, solve_on
+from pvdf_fem.solver.nonlinear.budget import Budget
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE
 
 EDGES = {"numerics.observable": "thesis-edge"}

@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 
 from pvdf_fem import Scene
-from pvdf_fem.reporting.kind import Inputs
-from pvdf_fem.reporting.registry import kinds_of
-from pvdf_fem.reporting.solved import Solved
-from pvdf_fem.reporting.task import key
-from pvdf_fem.sweeps.sweep import solve_all
+from pvdf_fem.batch.batch import solve_all
+from pvdf_fem.report.kind import Inputs
+from pvdf_fem.report.registry import kinds_of
+from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.task import key
 from reports.__main__ import kinds_file
 from reports.accuracy import results
 from reports.accuracy.cases import RoundFilm, cases

@@ -7,9 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-from pvdf_fem.reporting.kind import Inputs
-from pvdf_fem.reporting.solved import Solved
-from pvdf_fem.reporting.task import key
+from pvdf_fem.report.kind import Inputs
+from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.task import key
 from reports.__main__ import script
 from tests.helpers.touch_models import bumps
 

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from pvdf_fem import Scene
-from pvdf_fem.solution.solve import rest_charges
-from pvdf_fem.sweeps.store import Record
+from pvdf_fem.batch.store import Record
+from pvdf_fem.solver.adaptive import rest_charges
 from reports.__main__ import script
 from reports.locating import signals, touches
 from reports.locating.signals import Taps

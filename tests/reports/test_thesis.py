@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from pvdf_fem import Report, solve
-from pvdf_fem.reporting.solved import Solved
-from pvdf_fem.reporting.task import key
+from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.task import key
 from reports import __main__ as reports
 
 THESIS = Path(reports.__file__).parent / "thesis"
@@ -78,7 +78,7 @@ def test_what_is_special_is_made_in_a_preview(report):
 FOUND = """
 from typing import Literal
 import pandas as pd
-from pvdf_fem.reporting.kind import Content, Kind
+from pvdf_fem.report.kind import Content, Kind
 
 class Found(Kind):
     kind: Literal["found"]

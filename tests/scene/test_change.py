@@ -12,7 +12,7 @@ from pvdf_fem.scene.change import spelled
 from pvdf_fem.scene.scene import Film, Replaced
 from pvdf_fem.scene.scene_file import parse_change
 from pvdf_fem.scene.shapes import PROBES, SIZES
-from pvdf_fem.sweeps.grid import Grid
+from pvdf_fem.studies.grid import Grid
 from tests.helpers.refusals import keys, refused
 from tests.helpers.strategies import TABLES, placed, table_of
 

@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given
 
 from pvdf_fem import Scene
-from pvdf_fem.derivatives.parameters import touched
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.registry import Load, OwnLoad
-from pvdf_fem.sweeps.grid import Grid
+from pvdf_fem.solver.sensitivity.parameters import touched
+from pvdf_fem.studies.grid import Grid
 from tests.helpers.damage import drawn
 from tests.helpers.refusals import keys, refused, refused_text, scene_or_mistakes
 from tests.helpers.strategies import rows

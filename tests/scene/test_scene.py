@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pvdf_fem.batch.equivalence import MECHANICS
+from pvdf_fem.batch.store import key
 from pvdf_fem.scene.quantity import affecting
 from pvdf_fem.scene.scene import Film, Scene
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.sweeps.equivalence import MECHANICS
-from pvdf_fem.sweeps.grid import Grid
-from pvdf_fem.sweeps.store import key
+from pvdf_fem.studies.grid import Grid
 from tests.helpers.refusals import refused
 
 GEOMETRY = Path(__file__).parents[2] / "geometry"

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from pvdf_fem import build_response, gradients, respond
-from pvdf_fem.response.response_file import mechanics_of
+from pvdf_fem.batch.equivalence import mechanics
+from pvdf_fem.batch.plan import plan
 from pvdf_fem.scene.scene import Scene, SceneError
-from pvdf_fem.sweeps.equivalence import mechanics
-from pvdf_fem.sweeps.plan import plan
+from pvdf_fem.surrogate.response_file import mechanics_of
 from tests.helpers.refusals import keys, refused, refused_text
 from tests.helpers.strategies import electrode
 

@@ -14,7 +14,7 @@ from pvdf_fem import Scene, Solution, solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.mesh.size_field import Sizes
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solver.nonlinear.status import Status
 from tests.helpers.discs import free_disc, uniform_mesh
 from tests.helpers.solvers import newton_result
 from tests.validation.proof import Number

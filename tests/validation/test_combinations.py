@@ -13,11 +13,11 @@ from hypothesis import HealthCheck, assume, given, reject, settings
 from hypothesis import strategies as st
 
 from pvdf_fem import Response, Scene, SceneError, build_response, gradients, solve, sweep
-from pvdf_fem.derivatives.parameters import PLACE_NAMES, parameters_of
 from pvdf_fem.progress import silent
-from pvdf_fem.response.build import ResponseOptions
 from pvdf_fem.scene.change import number_at
-from pvdf_fem.solvers.status import Status
+from pvdf_fem.solver.nonlinear.status import Status
+from pvdf_fem.solver.sensitivity.parameters import PLACE_NAMES, parameters_of
+from pvdf_fem.surrogate.build import ResponseOptions
 from tests.helpers.damage import drawn
 from tests.helpers.discs import values
 from tests.helpers.features import (

@@ -10,7 +10,7 @@ from pvdf_fem import Scene
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import IDENTITY, strain_of, strain_rate
 from pvdf_fem.film.space import ELEMENTS
-from pvdf_fem.solvers.newton import factorise
+from pvdf_fem.solver.nonlinear.newton import factorise
 from tests.helpers.discs import uniform_mesh
 
 RADIUS = 45e-3

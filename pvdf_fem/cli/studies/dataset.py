@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
     if options.output.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
         wrong.append(f"{options.output}: needs pyarrow; install pvdf-fem[parquet], or give .nc")
     scene = scene_of(options, *wrong)
-    from pvdf_fem.designs.dataset import dataset, mistakes, write
+    from pvdf_fem.studies.dataset import dataset, mistakes, write
 
     count, seed = (int(n) if n.isdecimal() else n for n in (options.touches, options.seed))
     wrong = [*mistakes(scene, count, seed, sigma, noise, options.reading)]

@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
     wrong += program.output_mistakes(options.output, [".nc", ".csv"], options.scene)
     wrong += program.plot_mistakes(options, options.scene, options.output)
     scene = scene_of(options, *wrong)
-    from pvdf_fem.designs.design import Designs, design
+    from pvdf_fem.studies.design import Designs, design
 
     with program.refusing():
         designs = Designs.of(scene, vary)
@@ -114,9 +114,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _write(data: xarray.Dataset, options: argparse.Namespace) -> None:
     """Print the designs, and write the files that are asked for."""
-    from pvdf_fem.designs.design import best, table
-    from pvdf_fem.output.charts import design_chart
-    from pvdf_fem.sweeps.dataset import write_netcdf
+    from pvdf_fem.studies.design import best, table
+    from pvdf_fem.studies.grid_dataset import write_netcdf
+    from pvdf_fem.view.charts import design_chart
 
     rows = table(data)
     if options.json:

@@ -1,0 +1,113 @@
+"""Observables: how the charge of an electrode follows from the film's stress.
+
+A charge is d31 X + d32 Y with two forces X, Y by electrode: a single solution serves every pair of
+piezoelectric coefficients. An observable chooses the stress for the forces and the places where an
+electrode samples the stress. A further one is a class and its line in `pvdf_fem.scene.registry`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from pkgutil import resolve_name
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.electrodes.outputs import Goal
+from pvdf_fem.electrodes.sampling import Sampling, area_samplings, edge_samplings
+from pvdf_fem.film.laws.laminate import Laminate
+from pvdf_fem.film.membrane import IDENTITY, strain_of
+from pvdf_fem.film.space import Space
+from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
+
+
+class ElementShares(NamedTuple):
+    """Size of the first mesh's elements at an electrode and at the probe, over area/perimeter."""
+
+    electrode: float
+    probe: float
+
+
+class Observable(ABC):
+    """An electrode's forces from the film's stress."""
+
+    name: ClassVar[str]  #: Value of the scene's key ``numerics.observable``.
+    #: Whether electrodes have to be rectangles along the axes of their scene.
+    needs_edges: ClassVar[bool] = False
+    #: Element sizes with which charges reach the usual tolerance in most scenes.
+    element_shares: ClassVar[ElementShares]
+
+    @abstractmethod
+    def stress(self, film: Laminate, gradient: Array) -> Array:
+        """Stress in Pa, (..., 3): 11, 22, 12. `gradient` (..., 3, 2) is the displacement gradient.
+        Of a complex gradient, whose imaginary part is a step, the imaginary part of the stress is
+        its derivative times the step."""
+
+    @abstractmethod
+    def samplings(self, goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
+        """Points at which the electrodes sample the stress. Raises `ValueError` for an electrode
+        that the observable is not defined for."""
+
+    def defined_for(self, goal: Goal) -> bool:
+        """Whether the electrode has a charge by this observable."""
+        # an edge has the voltage's stress on one side
+        return not self.needs_edges or (goal.has_edges and goal.floating is None)
+
+    def require(self, goals: Sequence[Goal]) -> None:
+        """Raise ValueError for an electrode that the observable is not defined for."""
+        if not all(self.defined_for(goal) for goal in goals):
+            reason = (
+                "needs electrodes that are rectangles along x and y at no voltage; use material"
+            )
+            raise ValueError(f"observable {self.name!r}: {reason}")
+
+
+class Material(Observable):
+    """X, Y = integrals of S11, S22 over the electrode's reference area."""
+
+    name = "material"
+    element_shares = ElementShares(electrode=5.0, probe=2.0)
+
+    def stress(self, film: Laminate, gradient: Array) -> Array:
+        """Second Piola-Kirchhoff stress S in Pa, film axes."""
+        return film.stress(strain_of(gradient))
+
+    def samplings(self, goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
+        return area_samplings(goals, space)
+
+
+class ThesisEdge(Observable):
+    """Observable in the post-processor of Mirbagheri's thesis (sections 2.1.6, App. 3) computes. X
+    = A mean of sigma_xx over the left and the right edge, Y = A mean of sigma_yy over the upper and
+    the lower edge, with the Cauchy stress sigma = F S F^T / J in global axes and A the electrode's
+    area. The stress on an edge is the mean of its traces from both sides."""
+
+    name = "thesis-edge"
+    needs_edges = True
+    #: Edge means of a stress need smaller elements; integrals over areas are content with larger
+    #: elements.
+    element_shares = ElementShares(electrode=1.7, probe=1.4)
+
+    def stress(self, film: Laminate, gradient: Array) -> Array:
+        """Cauchy stress F S F^T / J in Pa, global axes. J is the ratio of deformed to reference
+        area, J^2 = det F^T F = det (1 + 2 E)."""
+        strain = strain_of(gradient)
+        e11, e22, e12 = np.moveaxis(strain, -1, 0)
+        s11, s22, s12 = np.moveaxis(film.stress(strain), -1, 0)
+        (x1, x2), (y1, y2), _ = np.moveaxis(gradient + IDENTITY, (-2, -1), (0, 1))
+        xx = s11 * x1 * x1 + s22 * x2 * x2 + 2.0 * s12 * x1 * x2
+        yy = s11 * y1 * y1 + s22 * y2 * y2 + 2.0 * s12 * y1 * y2
+        xy = s11 * x1 * y1 + s22 * x2 * y2 + s12 * (x1 * y2 + x2 * y1)
+        J = np.sqrt((1.0 + 2.0 * e11) * (1.0 + 2.0 * e22) - e12 * e12)
+        return np.stack([xx, yy, xy], axis=-1) / J[..., None]
+
+    def samplings(self, goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
+        self.require(goals)
+        return edge_samplings(goals, space)
+
+
+OBSERVABLES: dict[str, Observable] = {
+    name: resolve_name(entry.path)() for name, entry in OBSERVABLE_ENTRIES.items()
+}

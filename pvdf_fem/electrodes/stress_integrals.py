@@ -1,0 +1,198 @@
+"""From a displacement to the two forces of each electrode, and from forces to charges.
+
+A charge is d31 X + d32 Y with the forces X, Y that the electrode's observable makes of the film's
+stress; see `pvdf_fem.electrodes.observables`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from skfem import MeshTri2
+
+from pvdf_fem.arrays import COMPLEX_STEP, Array, Selection
+from pvdf_fem.electrodes.observables import OBSERVABLES, Observable
+from pvdf_fem.electrodes.outputs import Goal, areas_of, coefficients_of, images_of
+from pvdf_fem.electrodes.sampling import Sampling, area_points
+from pvdf_fem.film.laws.laminate import Laminate
+from pvdf_fem.film.membrane import Membrane
+from pvdf_fem.film.space import Space
+from pvdf_fem.film.term import State
+from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+
+#: The tolerance of a charge is relative to the charge, or to this share of its parts if larger
+#: |d31 X| + |d32 Y|, where they cancel.
+CANCELLED = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """Forces of a solution's electrodes, with their estimated errors."""
+
+    values: Array  #: X and Y of each electrode in N, (goals, 2).
+    errors: Array  #: Their estimated errors in N, with signs, (goals, 2).
+
+    @classmethod
+    def unknown(cls, goals: int) -> Forces:
+        """NaN for forces and errors at `goals` electrodes."""
+        return cls(np.full((goals, 2), np.nan), np.full((goals, 2), np.nan))
+
+    def of(self, rows: Selection | Sequence[int]) -> Forces:
+        """The forces of some electrodes."""
+        return Forces(self.values[rows], self.errors[rows])
+
+    def charges(self, d: ArrayLike) -> Array:
+        """Charges d31 X + d32 Y, (goals,), in the units of `d` = d31, d32 times N."""
+        return _charges(self.values, d)
+
+    def charge_errors(self, d: ArrayLike, chance: float = 0.5) -> Array:
+        """Estimated absolute errors of `charges`, (goals,). The charges share a displacement and
+        its error, and an estimate may vanish by chance. So a relative error is at least the part
+        `chance` of the mean relative error."""
+        errors, parts = np.abs(_charges(self.errors, d)), _charges(np.abs(self.values), np.abs(d))
+        total = parts.sum()
+        mean = errors.sum() / total if total > 0.0 else 0.0
+        return np.asarray(np.maximum(errors, chance * mean * parts))
+
+
+def goal_forces(
+    goals: Sequence[Goal], membrane: Membrane, x: Array, part: MirroredPart = WHOLE
+) -> Array:
+    """The forces X, Y for every electrode in N, (goals, 2), by a displacement `x` in m."""
+    forces = np.zeros((len(goals), 2))
+    for observable, sampling, directions in _samplings(goals, membrane.space, part):
+        film = _sampled(membrane, sampling, part)
+        stress = observable.stress(film, sampling.gradient(membrane.space, x))
+        integrals = (sampling.weights[..., None] * stress).sum(axis=1)
+        for axis in sampling.axes:
+            along = (integrals * directions[:, axis]).sum(axis=1)
+            forces[:, axis] += np.bincount(sampling.goals, along, len(goals))
+    if membrane.added is not None:
+        forces += area_integrals(goals, membrane.added.stress, membrane.space.mesh, part)[:, :2]
+    for i, goal in enumerate(goals):
+        if goal.floating is not None:
+            forces[i] = goal.floating.with_voltage(forces[i])
+    return forces
+
+
+def area_integrals(
+    goals: Sequence[Goal],
+    field: Callable[[Array], Array],
+    mesh: MeshTri2,
+    part: MirroredPart = WHOLE,
+    degree: int = 19,
+) -> Array:
+    """Integrals over electrodes, (goals, n), of a field (..., n) at places (..., 2) in the scene's
+    axes; exact for polynomials of this degree in every element."""
+    images, owners = images_of(goals, part)
+    rows, _, points, weights = area_points(mesh, [image.placed for image in images], degree)
+    by_row = (weights[..., None] * field(points @ part.frame)).sum(axis=1)
+    total = np.zeros((len(goals), by_row.shape[-1]))
+    np.add.at(total, owners[rows], by_row)
+    return total
+
+
+def goal_gradients(
+    goals: Sequence[Goal], membrane: Membrane, x: Array, part: MirroredPart = WHOLE
+) -> Array:
+    """Derivatives of the electrode charges by the dofs in C/m, (dofs, goals). The parameters are
+    those of `goal_forces`."""
+    space, d = membrane.space, np.reshape([goal.sensitivity for goal in goals], (-1, 2))
+    result = np.zeros((space.dof_count, len(goals)))
+    for observable, sampling, directions in _samplings(goals, space, part):
+        axes = list(sampling.axes)
+        weights = (d[sampling.goals][:, axes, None] * directions[:, axes]).sum(axis=1)
+        film = _sampled(membrane, sampling, part)
+        gradient = sampling.gradient(space, x)
+        slopes = np.empty_like(gradient)
+        for entry in np.ndindex(3, 2):
+            moved = gradient.astype(complex)
+            moved[..., *entry] += 1j * COMPLEX_STEP
+            slope = observable.stress(film, moved).imag / COMPLEX_STEP
+            slopes[..., *entry] = (slope * weights[:, None]).sum(axis=-1)
+        slopes *= sampling.weights[..., None, None]
+        local = np.matmul(sampling.gradients, slopes.swapaxes(2, 3)).sum(axis=1)
+        dofs = space.element_dofs[sampling.elements]
+        np.add.at(result, (dofs, sampling.goals[:, None]), local.reshape(dofs.shape))
+    return result
+
+
+def charges_of(goals: Sequence[Goal], forces: Array) -> Array:
+    """Charge of each electrode in C, (goals,), from its forces in N, (goals, 2)."""
+    return _charges(forces, coefficients_of(goals))
+
+
+def larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:
+    """The estimate of the force errors (goals, 2) that makes the larger charge error, by goal."""
+    first, second = (np.abs(charges_of(goals, estimate)) for estimate in (errors, others))
+    return np.where((first >= second)[:, None], errors, others)
+
+
+def force_errors(errors: Array, forces: Array, goals: Sequence[Goal]) -> Array:
+    """Errors of forces (goals, 2) that add up to the charge errors in C, (goals,)."""
+    d = coefficients_of(goals)
+    parts = np.abs(d * forces)
+    total = parts.sum(axis=1, keepdims=True)
+    relative = errors[:, None] / np.where(total > 0.0, total, np.inf)
+    return np.asarray(relative * np.abs(forces) * np.sign(d))
+
+
+def charge_sizes(
+    goals: Sequence[Goal], state: State, forces: Array, space: Space, negligible: float = 1e-6
+) -> Array:
+    """Reference sizes in C for relative charge errors, (goals,), from the `forces` X, Y in N. This
+    is the charge itself, but at least the part `CANCELLED` of |d31 X| + |d32 Y|. An electrode on
+    slack film, or held under a probe, has next to no charge, and a relative error has no meaning
+    there. A size is therefore at least the part `negligible` of the charge by the film's mean
+    stress."""
+    stress = np.abs(state.stress[..., :2]) * space.weights[..., None]
+    mean = stress.sum(axis=(0, 1)) / space.weights.sum()
+    charges, d = charges_of(goals, forces), np.abs(coefficients_of(goals))
+    least = np.maximum(
+        CANCELLED * _charges(np.abs(forces), d), negligible * areas_of(goals) * (d @ mean)
+    )
+    sizes = np.maximum(np.abs(charges), least)
+    return np.where(sizes > 0.0, sizes, 1.0)
+
+
+def area_defects(goals: Sequence[Goal], space: Space, part: MirroredPart = WHOLE) -> Array:
+    """Missing or excess area of the electrodes' curved elements over the electrode areas,
+    (goals,)."""
+    areas = areas_of(goals)
+    meshed = areas.copy()
+    for i, goal in enumerate(goals):
+        if goal.patch is not None:
+            images = goal.images(part)
+            meshed[i] = sum(space.weights[image.elements(space.mesh)].sum() for image in images)
+    return np.abs(meshed / areas - 1.0)
+
+
+def _charges(forces: Array, d: ArrayLike) -> Array:
+    """d31 X + d32 Y for forces (goals, 2), with `d` (2,) for every goal or (goals, 2)."""
+    return np.asarray((forces * np.asarray(d)).sum(axis=1))
+
+
+def _sampled(membrane: Membrane, sampling: Sampling, part: MirroredPart) -> Laminate:
+    """The film at the points; a linear law has one `stress` everywhere."""
+    if membrane.added is None or membrane.law.linear:
+        return membrane
+    return membrane.at(sampling.places(membrane.space.mesh) @ part.frame)
+
+
+def _samplings(
+    goals: Sequence[Goal], space: Space, part: MirroredPart
+) -> Iterator[tuple[Observable, Sampling, Array]]:
+    """Observables, their sampling points for the stress, and `directions` of their goals."""
+    images, owners = images_of(goals, part)
+    for name, observable in OBSERVABLES.items():
+        indices = np.array([i for i, image in enumerate(images) if image.observable == name], int)
+        if not len(indices):
+            continue
+        chosen = [images[i] for i in indices]
+        directions = np.stack([image.directions for image in chosen])
+        for sampling in observable.samplings(chosen, space):
+            of_goals = replace(sampling, goals=owners[indices[sampling.goals]])
+            yield observable, of_goals, directions[sampling.goals]

@@ -1,0 +1,258 @@
+"""What was measured: readings of electrodes, which stand for charges and have errors of their own;
+and what is wrong with readings and quantities that a touch is to be located from, in sentences.
+
+A reading in nominal pC is gain x charge + offset, its gain and offset being those of the channel in
+the scene's readout, and the charge either all of it (`total`) or what the touch adds to that of the
+stretched film (`change`), as an amplifier sees it that was zeroed before the touch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.electrodes.channel import READINGS, channels, units_pC
+from pvdf_fem.electrodes.misread import misreadings
+from pvdf_fem.inverse.touch.location_problem import Problem
+from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.stage import Stage
+from pvdf_fem.surrogate.model import QUANTITIES, AtRest, Domain, Model, rest_of
+
+LARGEST_PC = 1e12  #: Readings beyond this many pC are in another unit, or none.
+LEAST_PC = 1e-12  #: Charges or changes below this many pC count as zero.
+UNITS = ("pC", "V")  #: Of readings.
+#: Standard deviations, one for all electrodes or one by electrode.
+Deviations = float | Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """How charges follow from readings of some electrodes, and with which errors. Arrays are
+    (electrodes,)."""
+
+    model: Model
+    electrodes: Indices  #: Of the electrodes in the model.
+    reading: str  #: Of `READINGS`.
+    unit: str  #: Of `units_pC`, in which readings were given.
+    gains: Array
+    offsets_pC: Array
+    rest_pC: Array  #: Charges of the film without a touch; NaN where it has none.
+    rest_errors_pC: Array  #: Their estimated errors.
+    sigma: Array  #: Standard deviation over the charge or the change, whichever is read.
+    noise_pC: Array  #: Standard deviation of a reading besides.
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        names: Sequence[str],
+        sigma: Deviations,
+        noise_pC: Deviations | None,
+        reading: str | None,
+        unit: str = "pC",
+    ) -> Measurement:
+        """Measurement of named electrodes; `noise_pC` and `reading` are by default the readout's.
+        Raises `RestError` for changes of a film without charges at rest."""
+        electrodes = np.array([model.names.index(name) for name in names])
+        by_name = electrode_columns(model.scene)
+        gains, offsets, noise = np.array([by_name[name] for name in names]).T
+        if noise_pC is not None:
+            noise = _by_name(noise_pC, names)
+        relative = _by_name(sigma, names)
+        if not (model.error_bound or (relative + noise).all()):
+            raise ValueError("sigma = 0: the model has no error of its own; give a positive one")
+        if reading is None:
+            reading = reading_of(model.scene)
+        rest = at_rest(model, reading)[:, electrodes]
+        columns = gains, offsets, *rest, relative, noise
+        return cls(model, electrodes, reading, unit, *columns)
+
+    def meant_otherwise(self) -> Iterator[tuple[str, Measurement, Callable[[Array], Array]]]:
+        """Mistakes in readings: a text, what readings are without it, and what undoes it."""
+        if not np.isnan(self.rest_pC).any():
+            (reading,) = READINGS.keys() - {self.reading}
+            yield f"readings are {READINGS[reading]}", replace(self, reading=reading), np.asarray
+        given = [channels(self.model.scene)[i] for i in self.electrodes]
+        for mistake in misreadings(given, self.unit):
+            if mistake.exchanged <= 2:
+                yield mistake.text, self, mistake.undone
+
+    def problem(self, readings_pC: Array, unknown: Indices) -> Problem:
+        """The problem of the touches that gave readings (n, electrodes)."""
+        charges = self.signals(readings_pC) + self.zero_pC
+        # an error evenly distributed within the bound
+        model_error = self.model.error_bound / math.sqrt(3.0)
+        variance = np.square(self.noise(charges)) + np.square(model_error * charges)
+        if self.reading == "change":
+            variance += np.square(self.rest_errors_pC)
+        stage = self.model.scene.stage or Stage()
+        given = self.model, self.electrodes, charges, np.sqrt(variance)
+        return Problem(*given, unknown, stage, self.reading)
+
+    @property
+    def zero_pC(self) -> Array:
+        """Charges (electrodes,) that the channels read as zero."""
+        return self.rest_pC if self.reading == "change" else np.zeros(len(self.rest_pC))
+
+    def signals(self, readings_pC: Array) -> Array:
+        """The charges or changes that readings stand for, in pC."""
+        return np.asarray((readings_pC - self.offsets_pC) / self.gains)
+
+    def readings(self, charges_pC: Array) -> Array:
+        """Readings in nominal pC of charges (n, electrodes)."""
+        return np.asarray(self.offsets_pC + self.gains * (charges_pC - self.zero_pC))
+
+    def noise(self, charges_pC: Array) -> Array:
+        """Standard deviations in pC, over the gain, of readings of charges (n, electrodes)."""
+        signals = charges_pC - self.zero_pC
+        return np.asarray(np.hypot(self.sigma * signals, self.noise_pC / self.gains))
+
+
+@lru_cache(maxsize=8)
+def electrode_columns(scene: Scene) -> dict[str, tuple[float, float, float]]:
+    """Gain, and offset and noise in nominal pC, of each electrode."""
+    units = {c: 1e12 * c.capacitance for c in channels(scene)}
+    return {c.name: (c.gain, unit * c.offset, unit * c.noise) for c, unit in units.items()}
+
+
+def units_of(scene: Scene, unit: str) -> dict[str, float]:
+    """A unit of readings in nominal pC, by electrode; 1 for what is none."""
+    wired = channels(scene)
+    units = units_pC(wired)
+    return {c.name: of for c, of in zip(wired, units.get(unit, units["pC"]).tolist(), strict=True)}
+
+
+def reading_of(scene: Scene) -> str:
+    """What readings of a scene are, of `READINGS`: what its readout says, or else charges."""
+    return scene.readout.reading if scene.readout else "total"
+
+
+def at_rest(model: Model, reading: str) -> Array:
+    """Charges of the untouched film and their errors as `rest_of` has them, (2, electrodes), by the
+    model where it knows them."""
+    return rest_of(model.scene, reading) if model.at_rest_pC is None else np.array(model.at_rest_pC)
+
+
+def _by_name(values: Deviations, names: Sequence[str]) -> Array:
+    given = [values[n] for n in names] if isinstance(values, Mapping) else [values] * len(names)
+    return np.array(given, dtype=float)
+
+
+def centre_mm(scene: Scene) -> tuple[float, float]:
+    """Place of the film's centre in the frame of the scene's stage."""
+    return (scene.stage.x_mm, scene.stage.y_mm) if scene.stage else (0.0, 0.0)
+
+
+def number(value: Any) -> float:
+    """A value as a float; NaN for a text and what else is no number."""
+    try:
+        return math.nan if isinstance(value, str | bytes) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+
+
+def charge_mistakes(
+    scene: Scene,
+    charges_pC: Mapping[str, Any],
+    sigma: Deviations,
+    noise_pC: Deviations | None = None,
+    reading: str | None = None,
+    known_at_rest: AtRest | None = None,
+    unit: str = "pC",
+) -> Iterator[str]:
+    """What is wrong with readings, their unit and their deviations. Whether there are charges at
+    rest is asked unless they are known."""
+    by_name = electrode_columns(scene)
+    if unit not in UNITS:
+        yield f"unit = {unit}: choose from {', '.join(UNITS)}"
+    elif unit == "V" and scene.readout is None:
+        yield "unit = V: the scene has no [readout]; add one, or give pC"
+    if not isinstance(charges_pC, Mapping):
+        name = next(iter(by_name))
+        yield f"charges = {charges_pC!r:.60}: give a dict by electrode, {{{name!r}: 700.0}}"
+        return
+    if not charges_pC:
+        yield f"charges: none given; give some of {', '.join(by_name)}"
+    for name, charge in charges_pC.items():
+        if name not in by_name:
+            yield f"charges.{name}: no such electrode; choose from {', '.join(by_name)}"
+        elif not abs(number(charge)) <= LARGEST_PC:
+            yield f"charges.{name} = {_shown(charge)}: give a charge in pC"
+        elif abs(number(charge) - by_name[name][1]) < LEAST_PC:
+            noise = noise_pC.get(name) if isinstance(noise_pC, Mapping) else noise_pC
+            if not (by_name[name][2] if noise is None else noise):
+                reason = "a charge of 0 has no deviation without noise_pC"
+                yield f"charges.{name} = {charge:g}: {reason}; give that of the amplifier"
+    yield from _deviation_mistakes("sigma", sigma, charges_pC, 1.0, "a share of the charge, 0 to 1")
+    if noise_pC is not None:
+        what = "a standard deviation in pC, not negative"
+        yield from _deviation_mistakes("noise_pC", noise_pC, charges_pC, math.inf, what)
+    if reading not in (None, *READINGS):
+        yield f"reading = {reading}: choose from {', '.join(READINGS)}"
+    if known_at_rest is None:
+        yield from _rest_mistakes(scene, reading or reading_of(scene))
+
+
+def _rest_mistakes(scene: Scene, reading: str) -> Iterator[str]:
+    from pvdf_fem.solver.adaptive import RestError  # with gmsh
+
+    try:
+        rest_of(scene, reading)
+    except RestError as error:
+        yield from error.problems
+
+
+def _deviation_mistakes(
+    what: str, given: Deviations, charges_pC: Mapping[str, Any], most: float, wanted: str
+) -> Iterator[str]:
+    by_name = given if isinstance(given, Mapping) else {"": given}
+    for name in charges_pC if isinstance(given, Mapping) else ():
+        if name not in by_name:
+            yield f"{what}.{name}: missing; give one for each charge, or one number for all"
+    for name, value in by_name.items():
+        if not (0.0 <= number(value) <= most and number(value) < math.inf):
+            yield f"{what}{'.' * bool(name)}{name} = {_shown(value)}: give {wanted}"
+
+
+def _shown(value: Any) -> str:
+    return repr(value) if isinstance(value, str | bytes) else str(value)
+
+
+def known_mistakes(
+    domain: Domain,
+    unknown: Sequence[str],
+    known: Mapping[str, float],
+    default: Mapping[str, float],
+    centre_mm: Sequence[float] = (0.0, 0.0),
+) -> Iterator[str]:
+    """What is wrong with the quantities sought and known. `default` has the scene's values of what
+    is neither sought nor in `known`; `centre_mm` is the place of the film's centre in the same
+    frame."""
+    names = ", ".join(QUANTITIES)
+    if not unknown:
+        yield f"unknown: nothing is sought; choose from {names}"
+    for name in dict.fromkeys([*unknown, *known]):
+        if name not in QUANTITIES:
+            yield f"{name}: no quantity of a touch; choose from {names}"
+        elif name in unknown and name in known:
+            yield f"{name}: both sought and known; remove one"
+        elif name in known and not math.isfinite(number(known[name])):
+            yield f"known.{name} = {_shown(known[name])}: give a finite number"
+    fixed = {n: number(v) for n, v in {**default, **known}.items() if n not in unknown}
+    reach, (lowest, highest) = domain.reach_mm, domain.force_N
+    places = {n: fixed[n] for n in QUANTITIES[:2] if n in fixed}
+    centre = {"x_mm": centre_mm[0], "y_mm": centre_mm[1]}
+    if math.hypot(*(value - centre[n] for n, value in places.items())) > reach:
+        place = ", ".join(f"{n} = {value:g}" for n, value in places.items())
+        yield f"known {place}: beyond the {reach:g} mm that the model reaches; build a larger one"
+    if not lowest <= fixed.get("force_N", lowest) <= highest:
+        yield (
+            f"known force_N = {fixed['force_N']:g}: out of the model's {lowest:g} to {highest:g} "
+            "N; build one for it"
+        )

@@ -1,0 +1,173 @@
+"""Sweep files: the scenes they mean, and all their mistakes at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pvdf_fem import Scene
+from pvdf_fem.scene.scene_file import quote
+from pvdf_fem.studies.grid import OWN_NAMES, Grid
+from tests.helpers.refusals import refused
+
+GEOMETRY = Path(__file__).parents[2] / "geometry"
+LINES = {"electrode": "A", "angles_deg": list(range(2000))}
+BASE = Scene().with_(**{"probe.shape": "triangle"})
+THREE = BASE.with_(**{"electrodes.layout": "three"})
+
+
+def refused_axes(axes) -> list[str]:
+    """Keys and values of the complaints about axes."""
+    return refused(lambda: Grid.of(BASE, axes).scenes())
+
+
+def test_axes_are_lists_and_ranges_and_the_last_is_fastest():
+    steps = {"start": 0.1, "stop": 10.0, "count": 3, "spacing": "log"}
+    grid = Grid.of(
+        BASE,
+        [
+            {"film.thickness_um": [9, 110.0]},
+            {"load": {"force_N": steps}, "name": "F"},
+            {"probe.x_mm": {"start": 0, "stop": 1, "count": 5}, "probe.y_mm": np.arange(5.0)},
+        ],
+    )
+    assert grid.shape == (2, 3, 5)
+    assert [axis.name for axis in grid.axes] == ["thickness_um", "F", "x_mm"]
+    scenes = grid.scenes()
+    assert len(scenes) == 30
+    assert [s.film.thickness_um for s in scenes[::15]] == [9.0, 110.0]
+    assert [s.load.force_N for s in scenes[:15:5]] == pytest.approx([0.1, 1.0, 10.0])
+    places = [(s.probe.x_mm, s.probe.y_mm) for s in scenes[:5]]
+    assert places == [(0.0, 0.0), (0.25, 1.0), (0.5, 2.0), (0.75, 3.0), (1.0, 4.0)]
+
+
+def test_a_mapping_scheme_is_an_axis_of_places_on_lines_from_an_electrode():
+    lines = {"electrode": "A", "angles_deg": [90, 35], "distances_mm": [0, 4, 8], "reach_mm": 10}
+    (axis,) = Grid.of(THREE, [{"mapping": lines}]).axes
+    c, s = np.cos(np.radians(35.0)), np.sin(np.radians(35.0))
+    # the last place on the slanting line is 10.03 mm from the film's centre
+    expected = [[0, -10], [0, -6], [0, -2], [0, -10], [4 * c, -10 + 4 * s], [8 * c, -10 + 8 * s]]
+    places = np.transpose([axis.values["probe.x_mm"], axis.values["probe.y_mm"]])
+    assert places == pytest.approx(np.array(expected), abs=1e-9)
+    assert axis.beside["angle_deg"] == (90.0,) * 3 + (35.0,) * 3
+    assert axis.beside["distance_mm"] == pytest.approx([0.0, 4.0, 8.0] * 2)
+    near = Grid.of(THREE, [{"mapping": {**lines, "angles_deg": [0, 90]}}]).axes[0]
+    # sideways every place but the electrode is beyond the reach
+    assert near.beside["angle_deg"] == (0.0, 90.0, 90.0, 90.0)
+    assert Grid.load(GEOMETRY / "mapping_lines.toml").shape == (21, 2, 2)
+
+
+def test_a_sweep_file_finds_its_scene_beside_it(tmp_path):
+    (tmp_path / "scene.toml").write_text("[load]\nforce_N = 3.0\n[probe]\n")
+    text = 'scene = "scene.toml"\n[[axes]]\nfilm.thickness_um = [9, 25]\n'
+    (tmp_path / "sweep.toml").write_text(text)
+    scenes = Grid.load(tmp_path / "sweep.toml").scenes()
+    assert [(s.load.force_N, s.film.thickness_um) for s in scenes] == [(3.0, 9.0), (3.0, 25.0)]
+
+
+WRONG = """
+scen = 3
+[[axes]]
+load.force_N = { start = 0, stop = 1, count = 3, spacing = "log" }
+[[axes]]
+load.force_N = { start = 1, stop = 2, cuont = 3 }
+[[axes]]
+probe.x_mm = 3
+[[axes]]
+probe = { x_mm = [1, 2], y_mm = [1, 2, 3] }
+[[axes]]
+mapping = { electrode = "Z", angles_deg = [0] }
+[[axes]]
+mapping = { electrode = "A", angles = [0] }
+[[axes]]
+mapping = { electrode = "A", angles_deg = [0] }
+[[axes]]
+name = "empty"
+"""
+
+
+#: Scenes, with what is told beside the other mistakes: a wrong scene may have a probe or not.
+PLACED = {
+    "{}": ["axes[4].mapping.electrode 'Z'", "axes[6].mapping.scene"],
+    "{ film = { radius_mm = -1 } }": ["film.radius_mm = -1"],
+}
+
+
+@pytest.mark.parametrize("scene", PLACED)
+def test_all_mistakes_of_a_file_are_told_at_once(scene, tmp_path):
+    (path := tmp_path / "sweep.toml").write_text(f"scene = {scene}{WRONG}")
+    told = [
+        *PLACED[scene],
+        "scen = 3",
+        "axes[0].load.force_N.start = 0.0",
+        "axes[1].load.force_N.count = (nothing)",
+        "axes[1].load.force_N.cuont = 3",
+        "axes[2].probe.x_mm = 3",
+        "axes[3]",
+        "axes[5].mapping.angles_deg = (nothing)",
+        "axes[5].mapping.angles = [0]",
+        "axes[7] = (nothing)",
+    ]
+    assert sorted(refused(Grid.load, path)) == sorted(told)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("[[axes]]\nload.force_N = [1]", "scene"),
+        ('scene = "none.toml"\n[[axes]]\nload.force_N = [1]', "none.toml"),
+        ("scene = {}\n[axes]\nload.force_N = [1]", "axes"),
+        ("x =", "sweep.toml"),
+    ],
+)
+def test_a_file_without_a_scene_or_a_list_of_axes_is_refused(text, told, tmp_path):
+    (path := tmp_path / "sweep.toml").write_text(text)
+    [complaint] = refused(Grid.load, path)
+    assert told in complaint
+
+
+FORCE = {"load.force_N": [1]}
+
+
+@pytest.mark.parametrize(
+    ("axes", "key"),
+    [
+        ([], "axes"),
+        ([FORCE, {"load.force_N": [2]}], 'axes[1] = "load.force_N"'),
+        ([{"load.force_N": list(range(2000))}, {"film.d31_pC_N": list(range(2000))}], "axes"),
+        ([{**FORCE, "name": "x_mm"}, {"load.kind": ["dead"], "name": "x_mm"}], "axes"),
+        ([{**FORCE, "name": "angle_deg"}, {"mapping": LINES}], 'axes[0].name = "angle_deg"'),
+        ([{"electrodes[0].x_mm": [9], "electrodes.0.x_mm": [8]}], "axes[0].electrodes.0.x_mm"),
+        ([{"electrodes[0].x_mm": [9]}, {"electrodes.00.x_mm": [8], "name": "b"}], "axes[1]"),
+        ([{"probe": [{"x_mm": 1}]}, {"probe.x_mm": [2]}], 'axes[1] = "probe.x_mm"'),
+        ([{"probe": [{}], "probe.x_mm": [1]}, {"probe": [{}], "name": "b"}], "axes[1]"),
+        ([{"mapping": {**LINES, "distances_mm": list(range(500_000))}}], "axes[0].mapping"),
+        ([{"mapping": {"electrode": "A", "angles_deg": [0]}, **FORCE}], "axes[0].load.force_N"),
+        ([{"mapping": {**LINES, "distances_mm": [4, 4]}}], "axes[0].mapping.distances_mm"),
+        ([{"mapping": {**LINES, "distances_mm": [12]}}], "axes[0].mapping.angles_deg 0"),
+        ([{**FORCE, "name": f"n{i}"} for i in range(64)], "axes = 64"),
+    ],
+)
+def test_axes_that_clash_are_refused(axes, key):
+    assert any(told.startswith(key) for told in refused_axes(axes))
+
+
+@pytest.mark.parametrize(
+    "name", [*sorted(OWN_NAMES), "a/b", "it's", "int", "string7", "-a", "a ", "e\u0301", 61 * "a"]
+)
+def test_names_that_a_file_cannot_hold_are_refused(name):
+    axes = [{"load.force_N": [1.0]}, {"film.d31_pC_N": [8.0], "name": name}]
+    assert refused_axes(axes) == [f"axes[1].name = {quote(name)}"]
+
+
+def test_tables_may_vary_beside_keys_that_they_leave_alone():
+    probes = [{"shape": "triangle"}, {"shape": "circle", "radius_mm": 2.0}]
+    scenes = Grid.of(BASE, [{"probe": probes}, {"probe.x_mm": [0.0, 3.0]}]).scenes()
+    assert [(s.probe.shape, s.probe.x_mm) for s in scenes[1:3]] == [("triangle", 3), ("circle", 0)]
+
+
+def test_mistakes_of_scenes_are_told_once_each():
+    axes = [{"electrodes.ring_radius_mm": [1, 10, 50]}, {"load.force_N": [1, 2]}]
+    assert len(refused_axes(axes)) == 2

@@ -1,0 +1,135 @@
+"""Newton's method: few iterations from threads of force to tons, decreasing energy, named ends."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from pvdf_fem import NotConvergedError, solve
+from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.solver.nonlinear.newton import (
+    NewtonOptions,
+    Tangent,
+    balanced,
+    beyond_limit,
+    factorise,
+    least_energy,
+    negative_pivots,
+)
+from pvdf_fem.solver.nonlinear.status import Status
+from tests.helpers.discs import LOADS, TRIANGLE, graded_mesh
+from tests.helpers.solvers import newton_result
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return graded_mesh(TRIANGLE, 6.0, 14.0)
+
+
+def scene_of(force_N, temperature_change_K, kind="dead"):
+    return TRIANGLE.with_(
+        **{"load.force_N": force_N, "film.temperature_change_K": temperature_change_K},
+        **LOADS[kind],
+    )
+
+
+@pytest.mark.parametrize("kind", LOADS)
+@pytest.mark.parametrize("temperature_change_K", [-100.0, -1e-9, 0.0])
+@pytest.mark.parametrize("force_N", [1e-4, 1.0, 100.0])
+def test_few_iterations_for_any_load(mesh, force_N, temperature_change_K, kind):
+    problem = Equilibrium(scene_of(force_N, temperature_change_K, kind), mesh)
+    result = newton_result(problem)
+    assert result.status is Status.CONVERGED
+    assert len(result.iterations) <= 40
+    assert negative_pivots(result.factors) == 0
+    assert np.linalg.norm(problem.residual(problem.state(result.q))) < 1e-8 * force_N
+
+
+def test_steps_end_quadratically_or_an_older_tangent_serves_as_long_as_they_shrink(mesh):
+    problem, usual = Equilibrium(scene_of(1.0, -1.0), mesh), NewtonOptions()
+    fresh = newton_result(problem, options=NewtonOptions(defer_size=0.0)).iterations
+    assert fresh[-1].step < min(1e-7, 100 * fresh[-2].step ** 2)
+    table = newton_result(problem).iterations
+    assert [row.fresh for row in table[-3:]] == [False] * 3
+    assert table[-1].step < 1e-9
+    for earlier, before, row in zip(table, table[1:], table[2:], strict=False):
+        slow = not before.fresh and before.step > usual.contraction * earlier.step
+        assert row.fresh or not slow
+
+
+def test_the_line_search_takes_the_lowest_of_two_minima():
+    """(s - 1)² (s - 3)² falls to 0 at 1 and 3; the linear part makes the farther one lower."""
+    product = np.polynomial.polynomial.polyfromroots([1.0, 1.0, 3.0, 3.0])
+    for slope, lowest in ((-0.1, 3.0), (0.1, 1.0)):
+        energy = np.add(product, [0.0, slope, 0.0, 0.0, 0.0])
+        assert least_energy(energy) == pytest.approx(lowest, abs=0.05)
+    assert least_energy(np.array([0.0, -1.0, 0.0, 0.0, 0.0])) == 1.0
+
+
+def test_balance_is_lacking_by_energy_or_by_the_rims_reaction(mesh):
+    """A displacement d lacks d·K d = 2 ΔE; a part e of a deflection that goes with the third root
+    of the force lacks 3 e of the force at the rim."""
+    problem = Equilibrium(scene_of(3.0, 0.0), mesh)
+    result = newton_result(problem)
+
+    def energy(q):
+        state = problem.state(q)
+        return problem.membrane.energy(state) - problem.work(state, q)
+
+    random = 1e-3 * np.abs(result.q).max() * np.random.default_rng(2).normal(size=len(result.q))
+    deflections = problem.unknowns.deflections()
+    in_plane = np.where(deflections, 0.0, 1e-4 * random)
+    work = problem.work(problem.state(result.q), result.q)
+    by_energy = np.sqrt(2.0 * (energy(result.q + in_plane) - energy(result.q)) / work)
+    part = 1e-4 * np.where(deflections, 1.0, 2.0) * result.q
+    for moved, lacking in ((in_plane, by_energy), (part, 3e-4)):
+        state = problem.state(result.q + moved)
+        assert balanced(problem, state, result.factors, 1.2 * lacking)
+        assert not balanced(problem, state, result.factors, 0.8 * lacking)
+
+
+def test_pivots_count_negative_eigenvalues():
+    for signs, odd in (((1, 1, 1), False), ((1, -1, 1), True), ((-1, -1, 1), False)):
+        factors = factorise(sp.diags_array(np.array(signs, dtype=float)).tocsc())
+        assert negative_pivots(factors) == signs.count(-1)
+        assert beyond_limit(factors) is odd
+    assert not beyond_limit(None)
+
+
+def test_quasi_newton_steps_find_what_the_tangent_lacks():
+    """A linear problem whose tangent misses one mode: the rank-two updates take it in."""
+    random = np.random.default_rng(1)
+    mode, right = random.standard_normal((2, 30))
+    matrix = np.diag(random.uniform(1.0, 5.0, 30))
+    tangent = Tangent(factorise(sp.csc_matrix(matrix)))
+    matrix += 0.03 * np.outer(mode, mode)
+    x, residuals, plain = np.zeros(30), [], np.zeros(30)
+    for _ in range(6):
+        residual = matrix @ x - right
+        step = tangent.step(residual)
+        tangent.remember(residual, step)
+        x = x + step
+        plain = plain - tangent.factors.solve(matrix @ plain - right)
+        residuals.append(np.linalg.norm(matrix @ x - right))
+    assert residuals[-1] < 1e-10 * residuals[0]
+    assert np.linalg.norm(matrix @ plain - right) > 1e-4 * residuals[0]
+
+
+# named ends
+
+
+def test_a_film_that_is_pulled_taut_has_a_result_and_a_slack_one_a_reason(mesh):
+    slack, taut = (solve(scene_of(force, 10.0), mesh=mesh) for force in (0.0, 100.0))
+    assert (slack.status, taut.status) == (Status.UNSTABLE, Status.CONVERGED)
+    assert not any(warning.startswith("compression") for warning in taut.warnings)
+    assert "film.temperature_change_K" in slack.reason
+    for ask in ("charges_pC", "charge_errors_pC", "deflection_max_mm", "displacement", "mesh"):
+        with pytest.raises(NotConvergedError, match="unstable"):
+            getattr(slack, ask)
+
+
+def test_film_without_tension_is_singular_when_flat(mesh):
+    problem = Equilibrium(scene_of(1.0, 0.0), mesh)
+    result = newton_result(problem, np.zeros(problem.unknowns.count))
+    assert result.status is Status.SINGULAR

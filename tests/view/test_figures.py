@@ -1,0 +1,43 @@
+"""Figures: what is drawn is what was given, files are reproducible."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from matplotlib.axes import Axes
+
+from pvdf_fem.view.figures import DIVERGING, colours_of, figure_of, new_figure, save, style
+
+
+def axes() -> Axes:
+    with style():
+        return new_figure().add_subplot()
+
+
+@pytest.mark.parametrize("extension", ["svg", "png", "pdf"])
+def test_files_are_reproducible(tmp_path, extension):
+    contents = []
+    for name in ("one", "two"):
+        (ax := axes()).plot([0.0, 4.0, 8.0], [900.0, 800.0, 600.0], "o-", label="35°")
+        ax.legend()
+        save(figure_of(ax), path := tmp_path / f"{name}.{extension}")
+        contents.append(path.read_bytes())
+    assert contents[0] == contents[1]
+    assert len(contents[0]) > 1000
+    with pytest.raises(ValueError, match="svg"):
+        save(figure_of(ax), tmp_path / "figure.docx")
+
+
+def test_no_window_system_is_touched():
+    program = "import sys, pvdf_fem.view.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+def test_colours_are_palest_at_zero_or_spread_over_one_sign():
+    assert colours_of([2.0, 5.0], "Blues") == ("Blues", 2.0, 5.0)
+    assert colours_of([-5.0, -2.0], "Blues") == ("Blues_r", -5.0, -2.0)
+    assert colours_of([-2.0, 5.0], "Blues") == (DIVERGING, -5.0, 5.0)
+    assert colours_of([-1e-3, 5.0]) == ("viridis", -1e-3, 5.0)
+    assert colours_of([0.0, -2.0], "Blues") == ("Blues_r", -2.0, 0.0)

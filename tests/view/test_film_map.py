@@ -1,0 +1,126 @@
+"""Maps of a solution: what is drawn is what the solution has at those places."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+
+from pvdf_fem import NotConvergedError, Scene, Solution, solve
+from pvdf_fem.electrodes.outputs import goals_of
+from pvdf_fem.solver.next_order import error_shares
+from pvdf_fem.solver.nonlinear.status import Status
+from pvdf_fem.view.figures import content_of, new_figure, style
+from pvdf_fem.view.film_map import MAPS, sampled
+
+
+@pytest.fixture(scope="module")
+def solution() -> Solution:
+    probe = {"shape": "rectangle", "x_mm": 5.0}
+    return solve(Scene().with_(**{"probe": probe, "numerics.tolerance": 0.02}))
+
+
+@pytest.fixture(scope="module")
+def touched() -> Solution:
+    return solve(Scene.example("sphere").with_(**{"numerics.tolerance": 0.02}))
+
+
+def axes() -> Axes:
+    with style():
+        return new_figure().add_subplot()
+
+
+def labels(ax: Axes) -> list[str]:
+    return [text.get_text() for text in ax.texts]
+
+
+def test_deflection_map_shows_deflection_charges_and_outlines(solution):
+    ax = axes()
+    assert solution.plot(ax=ax) is ax.figure
+    for name, charge in solution.charges_pC.items():
+        assert any(name in text and f"{charge:.4g} ± " in text for text in labels(ax))
+    levels = ax.collections[0].levels
+    assert levels[0] <= 0.0
+    assert solution.deflection_max_mm <= levels[-1] <= 1.2 * solution.deflection_max_mm
+    corners = [line.get_xydata()[:-1] for line in ax.lines]
+    [probe] = [c for c in corners if np.ptp(c[:, 0]) == pytest.approx(14.0)]
+    np.testing.assert_allclose(probe.mean(axis=0), [5.0, 0.0], atol=1e-9)
+
+
+def test_maps_of_a_flat_film():
+    flat = solve(Scene())
+    flat.plot(ax=(ax := axes()))
+    assert all("48 ± " in text for text in labels(ax))
+    for name in ("stress", "principal directions", "error"):
+        assert content_of(flat.plot(name), ".png")
+    with pytest.raises(NotConvergedError):
+        Solution(Scene(), Status.MAX_ITERATIONS, "no").plot()
+
+
+@pytest.mark.parametrize("name", [name for name, shown in MAPS.items() if shown.values])
+def test_fields_have_the_values_at_their_places(solution, name):
+    """Inside of elements, where the stress has one value; colours but those of levels go from the
+    least value to the largest one."""
+    shown, film = MAPS[name], solution.film_data()
+    inside = film.in_elements(np.array([[0.3, 0.1, 0.5], [0.3, 0.7, 0.2]]))
+    at = solution.at(inside.x_mm, inside.y_mm)
+    np.testing.assert_allclose(inside.displacement_mm, at.displacement_mm, atol=1e-12)
+    np.testing.assert_allclose(shown.values(inside), shown.values(at), rtol=1e-9, atol=1e-9)
+    *_, values = sampled(film, shown)
+    figure = solution.plot(name)
+    assert figure.axes[-1].get_ylabel() == shown.label
+    if name != "deflection":
+        drawn = figure.axes[0].collections[0]
+        np.testing.assert_array_equal(drawn.get_array(), values.ravel())
+        assert drawn.get_clim() == (values.min(), values.max())
+
+
+def test_strokes_are_along_the_larger_principal_stress(solution):
+    ax = axes()
+    solution.plot("principal directions", ax=ax, reach_mm=20.0)
+    [strokes] = [c for c in ax.collections if isinstance(c, LineCollection)]
+    ends = np.array(strokes.get_segments())
+    middles, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
+    for place, way in zip(middles[::50], along[::50], strict=True):
+        s11, s22, s12 = solution.at(*place).stress_MPa
+        _, vectors = np.linalg.eigh([[s11, s12], [s12, s22]])
+        assert abs(vectors[:, 1] @ way) == pytest.approx(np.linalg.norm(way), rel=1e-6)
+
+
+def test_mesh_and_error_shares_are_of_all_elements(solution):
+    mesh, errors = axes(), axes()
+    solution.plot("mesh", ax=mesh)
+    solution.plot("error", ax=errors)
+    count, shares = solution.mesh.nelements, error_shares(solution.fields, goals_of(solution.scene))
+    assert f"{count} triangles" in mesh.get_title()
+    lines, drawn = mesh.collections[-1], errors.collections[-1]
+    assert isinstance(lines, LineCollection)
+    assert isinstance(drawn, PolyCollection)
+    assert len(lines.get_paths()) == len(drawn.get_paths()) == count
+    np.testing.assert_allclose(drawn.get_array(), 1e12 * shares.max(axis=1))
+    # B and D are mirror images, and so is the mesh
+    sums = dict(zip(solution.charges_pC, 1e12 * shares.sum(axis=0), strict=True))
+    assert sums["B"] == pytest.approx(sums["D"], rel=1e-6)
+    for name, error in solution.charge_errors_pC.items():
+        assert 0.1 * error < sums[name] < 1e3 * error
+
+
+def test_a_contact_has_limits_and_an_edge_and_is_enlarged(touched):
+    own, given = axes(), axes()
+    touched.plot("contact", ax=own)
+    touched.plot("contact", ax=given, reach_mm=15.0)
+    [contact] = touched.contacts.values()
+    limits = contact.least_pressure_MPa, contact.largest_pressure_MPa
+    assert own.collections[0].get_clim() == pytest.approx(limits)
+    assert any(np.array_equal(line.get_xydata(), contact.edge_mm) for line in own.lines)
+    extent = np.ptp(contact.edge_mm, axis=0).max()
+    assert extent < np.ptp(own.get_xlim()) < 2.0 * extent
+    assert np.ptp(given.get_xlim()) == pytest.approx(30.0, rel=0.05)
+
+
+def test_charges_as_a_table_of_pandas(solution):
+    table = solution.to_dataframe()
+    assert table.index.tolist() == list("ABCD")
+    assert table.charges_pC.to_dict() == solution.charges_pC
+    assert table.charge_changes_pC["A"] == solution.charge_changes_pC["A"]
