@@ -16,11 +16,12 @@ import pytest
 import xarray
 
 from pvdf_fem import solve
-from pvdf_fem.batch import batch as sweep
+from pvdf_fem.batch import batch
 from pvdf_fem.batch.store import Record, Store, key
 from pvdf_fem.batch.workers import ClusterLostError, Died, on_processes
-from pvdf_fem.studies.grid import OWN_NAMES
+from pvdf_fem.studies.grid import OWN_NAMES, Grid
 from pvdf_fem.studies.grid_dataset import write_netcdf
+from pvdf_fem.studies.sweep import sweep
 from tests.conftest import Run
 from tests.helpers import deaths
 from tests.helpers.sweep_cases import AXES, BASE, made_up, run
@@ -33,7 +34,7 @@ AGAIN.set_forkserver_preload(["tests.helpers.sweep_cases", "pvdf_fem.studies.gri
 
 @pytest.fixture
 def invented(monkeypatch):
-    monkeypatch.setattr(sweep, "records_of", made_up)
+    monkeypatch.setattr(batch, "records_of", made_up)
 
 
 def test_every_key_along_an_axis_is_a_coordinate(invented, tmp_path):
@@ -43,7 +44,7 @@ def test_every_key_along_an_axis_is_a_coordinate(invented, tmp_path):
     axes += [{"load.force_N": [1.0, 2.0], "name": "y_mm"}]
     varied = {key: values for axis in axes for key, values in axis.items()}
     for given in (axes, axes[::-1]):
-        data = sweep.sweep(BASE, given, processes=1)
+        data = sweep(BASE, given, processes=1)
         assert {*data.coords} == {*expected, "electrode"}
         for name, scene_key in expected.items():
             text, _, unit = scene_key.rpartition("_")
@@ -56,7 +57,7 @@ def test_every_key_along_an_axis_is_a_coordinate(invented, tmp_path):
 
 
 def test_the_dataset_s_own_names_are_those_that_axes_may_not_have(invented):
-    data = sweep.sweep(BASE.with_(readout={}), [{"load.force_N": [1.0]}], processes=1)
+    data = sweep(BASE.with_(readout={}), [{"load.force_N": [1.0]}], processes=1)
     assert {*data.variables, *data.dims} - {"force_N"} == OWN_NAMES
 
 
@@ -66,7 +67,7 @@ def test_a_dataset_has_the_charges_of_each_scene_in_its_place():
         {"film.thickness_um": [25, 50], "load.force_N": [1, 2], "name": "pressed"},
         {"electrodes.layout": ["four", "three"]},
     ]
-    data = sweep.sweep(BASE, axes, processes=1)
+    data = sweep(BASE, axes, processes=1)
     assert dict(data.sizes) == {"pressed": 2, "layout": 2, "electrode": 4}
     assert set(data.status.values.ravel()) == {"converged"}
     assert np.isnan(data.charge_pC.sel(layout="three", electrode="D")).all()
@@ -89,22 +90,22 @@ def test_a_dataset_has_the_charges_of_each_scene_in_its_place():
 def test_a_scene_that_fails_is_stored_and_one_that_crashes_is_tried_again(tmp_path, monkeypatch):
     """The rest goes on; a store may be a path."""
     axes = [{"film.temperature_change_K": [-1.0, 10.0, -2.0], "load.force_N": [1.0, 0.0, 2.0]}]
-    records_of = sweep.records_of
+    records_of = batch.records_of
 
     def broken(scenes, frames):
         if scenes[0].load.force_N == 2.0:
             raise MemoryError
         return records_of(scenes, frames)
 
-    monkeypatch.setattr(sweep, "records_of", broken)
+    monkeypatch.setattr(batch, "records_of", broken)
     path = tmp_path / "s.db"
-    data = sweep.sweep(BASE, axes, str(path), processes=1)
+    data = sweep(BASE, axes, str(path), processes=1)
     assert data.status.values.tolist() == ["converged", "unstable", "crashed"]
     assert data.charge_pC.notnull().all(axis=1).values.tolist() == [True, False, False]
     with Store(path) as store:
-        assert [scene in store for scene in sweep.Grid.of(BASE, axes).scenes()] == [True, True, 0]
-    monkeypatch.setattr(sweep, "records_of", lambda scenes, frames: made_up(scenes, frames))
-    again = sweep.sweep(BASE, axes, path, processes=1)
+        assert [scene in store for scene in Grid.of(BASE, axes).scenes()] == [True, True, 0]
+    monkeypatch.setattr(batch, "records_of", lambda scenes, frames: made_up(scenes, frames))
+    again = sweep(BASE, axes, path, processes=1)
     assert again.status.values.tolist() == ["converged", "unstable", "converged"]
     assert again.charge_pC[0].identical(data.charge_pC[0])
 
@@ -132,7 +133,7 @@ def test_killed_at_any_moment_it_goes_on_where_it_was(tmp_path):
 
 def _stored(path):
     with Store(path) as store:
-        return {key(scene) for scene in sweep.Grid.of(BASE, AXES).scenes() if scene in store}
+        return {key(scene) for scene in Grid.of(BASE, AXES).scenes() if scene in store}
 
 
 def test_what_another_program_has_solved_meanwhile_is_not_solved_again(tmp_path, monkeypatch):
@@ -145,8 +146,8 @@ def test_what_another_program_has_solved_meanwhile_is_not_solved_again(tmp_path,
             run(path)
         return made_up(scenes, frames)
 
-    monkeypatch.setattr(sweep, "records_of", watched)
-    data = sweep.sweep(BASE, AXES, path, processes=1)
+    monkeypatch.setattr(batch, "records_of", watched)
+    data = sweep(BASE, AXES, path, processes=1)
     assert len(solves) == 2
     assert data.identical(run(tmp_path / "alone.db"))
 
@@ -197,11 +198,11 @@ def test_a_cluster_gives_the_same_dataset_until_it_stops(monkeypatch, tmp_path):
 
     with distributed.LocalCluster(**inside, dashboard_address=None) as cluster:
         where = {"scheduler": cluster.scheduler_address}
-        monkeypatch.setattr(sweep, "records_of", made_up)
-        assert sweep.sweep(BASE, AXES, **where).identical(run(tmp_path / "here.db"))
-        monkeypatch.setattr(sweep, "records_of", stopping)
+        monkeypatch.setattr(batch, "records_of", made_up)
+        assert sweep(BASE, AXES, **where).identical(run(tmp_path / "here.db"))
+        monkeypatch.setattr(batch, "records_of", stopping)
         with pytest.raises(ClusterLostError):
-            sweep.sweep(BASE, AXES, path, **where)
+            sweep(BASE, AXES, path, **where)
     assert len(_stored(path)) >= 2
 
 
@@ -219,7 +220,7 @@ def test_the_command_prints_its_plan_and_writes_the_dataset(
     with xarray.open_dataset("s.nc") as data:
         assert data.charge_pC.sel(force_N=2.0, ring_radius_mm=8.0, electrode="A") == 6.0
     failed = Record("unstable", "no", tuple("ABCD"))
-    monkeypatch.setattr(sweep, "records_of", lambda scenes, frames: [failed] * len(scenes))
+    monkeypatch.setattr(batch, "records_of", lambda scenes, frames: [failed] * len(scenes))
     done = command(*line, "--store", "other.db")
     assert (done.code, done.told) == (3, ["no charges in 4 scenes"])
     (tmp_path / "s.toml").write_text(

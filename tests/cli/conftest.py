@@ -59,13 +59,13 @@ class Begun(BaseException):
 
 
 #: Functions with which work begins.
-WORK = ("derivatives.uncertainty.solve", "mesh.gmsh_mesh.mesh_scene", "dynamics.modes.modes")
-WORK += ("dynamics.forced.solve", "sweeps.sweep.planned", "calibration.calibrate.TouchModel")
-WORK += ("response.build.build_response", "touch.locate.locate", "explore.server.serve")
+WORK = ("solver.sensitivity.uncertainty.solve", "mesh.gmsh_mesh.mesh_scene", "dynamics.modes.modes")
+WORK += ("dynamics.forced.solve", "batch.batch.planned", "inverse.calibration.calibrate.TouchModel")
+WORK += ("surrogate.build.build_response", "inverse.touch.locate.locate", "explore.server.serve")
 
 #: Modules that hold such functions from their import on.
-HOLDERS = ("designs.dataset", "designs.design", "reporting.kinds.positions", "reporting.report")
-HOLDERS += ("response.probe_stress",)
+HOLDERS = ("studies.dataset", "studies.design", "report.kinds.positions", "report.report")
+HOLDERS += ("surrogate.probe_stress",)
 
 
 @pytest.fixture

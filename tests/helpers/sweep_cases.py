@@ -9,8 +9,9 @@ from unittest import mock
 import xarray
 
 from pvdf_fem import Scene
-from pvdf_fem.batch import batch as sweep
+from pvdf_fem.batch import batch
 from pvdf_fem.batch.store import Record, key
+from pvdf_fem.studies.sweep import sweep
 
 BASE = Scene().with_(**{"probe.shape": "triangle", "numerics.tolerance": 0.05})
 AXES = [
@@ -40,5 +41,5 @@ def run(store: Path, log: Path | None = None, pause: float = 0.0) -> xarray.Data
                 file.write(" ".join(map(key, scenes)) + "\n")
         return made_up(scenes, frames)
 
-    with mock.patch.object(sweep, "records_of", solved):
-        return sweep.sweep(BASE, AXES, store, processes=1)
+    with mock.patch.object(batch, "records_of", solved):
+        return sweep(BASE, AXES, store, processes=1)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene
-from pvdf_fem.batch import batch as sweep
+from pvdf_fem.batch import batch
 from pvdf_fem.batch.store import Record
 from pvdf_fem.studies.design import best, design
+from pvdf_fem.studies.sweep import sweep
 from pvdf_fem.view import charts
 from pvdf_fem.view.charts import design_chart, frequency_response, sweep_chart
 from tests.helpers.sweep_cases import BASE, made_up
@@ -25,8 +26,8 @@ def swept(monkeypatch: pytest.MonkeyPatch, *axes: dict) -> object:
         records = zip(made_up(scenes, frames), failed, strict=True)
         return [Record("unstable", "", tuple("ABCD")) if no else r for r, no in records]
 
-    monkeypatch.setattr(sweep, "records_of", solved)
-    return sweep.sweep(BASE, axes, processes=1)
+    monkeypatch.setattr(batch, "records_of", solved)
+    return sweep(BASE, axes, processes=1)
 
 
 def test_curves_of_one_axis_with_the_failed_scene_marked(monkeypatch):
