@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli import program, response_model
 from pvdf_fem.cli.locate_request import SOUGHT, Request, require
-from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
+from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, read_scene
 from pvdf_fem.cli.response_model import model_of
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def run(options: argparse.Namespace) -> int:
     mistakes, scenes = list(request.mistakes), {}
     for file in dict.fromkeys([options.scene, *options.others]):
         try:
-            scenes[file] = scene_of(argparse.Namespace(scene=file, settings=options.settings))
+            scenes[file] = read_scene(argparse.Namespace(scene=file, settings=options.settings))
         except InputError as error:
             mistakes += error.args
     probes = {
@@ -139,7 +139,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(*mistakes)
     from pvdf_fem.cli.locate_rows import locate_rows
 
-    with program.refusing():
+    with program.convert_value_errors():
         if options.csv is not None:
             return locate_rows(scenes[options.scene], request, options)
         choices = located(scenes, request)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli.program import plot_mistakes
+from pvdf_fem.cli.program import find_plot_errors
 from pvdf_fem.cli.response_model import ModelChoice, number_of, positive
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class Request:
             table = options.csv is not None  # which is not for single touches' options either
             used = {"--csv": True} if table else _singles(options)
             wrong += [f"{name}: {solves}" for name, given in used.items() if given]
-        wrong += plot_mistakes(options, options.scene)
+        wrong += find_plot_errors(options, options.scene)
         if options.plot and not {"x_mm", "y_mm"} <= set(unknown):
             wrong.append("--plot: draws places; have x and y among --unknown")
         model = ModelChoice.of(options, wrong)

@@ -14,10 +14,10 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.cli.locate_request import Request, require
-from pvdf_fem.cli.program import ExitCode, InputError, output_mistakes
+from pvdf_fem.cli.program import ExitCode, InputError, find_output_errors
 from pvdf_fem.cli.response_model import model_of
 from pvdf_fem.cli.table import ENDINGS, Row, form, number, plain, rows_of, writer
-from pvdf_fem.progress import shown
+from pvdf_fem.progress import show_progress
 
 if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
@@ -38,7 +38,7 @@ def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> 
     from pvdf_fem.inverse.touch.locate_many import Touches
 
     source, target = (None if p == "-" else Path(p) for p in (options.csv, options.output))
-    wrong = output_mistakes(target, ENDINGS, Path(options.scene), source, options.model)
+    wrong = find_output_errors(target, ENDINGS, Path(options.scene), source, options.model)
     if not {"x_mm", "y_mm"} <= set(request.unknown):
         wrong.append("--unknown: x and y of a table are always sought; name them")
     if wrong:
@@ -59,7 +59,9 @@ def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> 
         counts, mistakes = Counter[str](), Counter[str]()
         total = _line_count(source)
         # neither beside rows on a terminal, nor of a pipe, whose rows nobody has counted
-        show = stack.enter_context(shown("rows", options.progress if target and total else False))
+        show = stack.enter_context(
+            show_progress("rows", options.progress if target and total else False)
+        )
         for batch in batches:
             step = len(batch) if options.quick else CALIBRATED_ROWS
             for first in range(0, len(batch), step):

@@ -14,7 +14,7 @@ import numpy as np
 
 from pvdf_fem import __version__
 from pvdf_fem.arrays import Array
-from pvdf_fem.files import replacing
+from pvdf_fem.files import replace_file
 from pvdf_fem.inverse.touch.locate_many import CHUNK
 from pvdf_fem.inverse.touch.measurement import Measurement
 from pvdf_fem.progress import Progress
@@ -179,7 +179,7 @@ def write(data: xarray.Dataset, path: Path) -> None:
         write_netcdf(data, path)
         return
     rows = table(data)
-    with replacing(path) as part:
+    with replace_file(path) as part:
         if path.suffix.lower() == ".parquet":
             rows.to_parquet(part, engine="pyarrow", index=False)
             return

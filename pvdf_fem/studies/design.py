@@ -21,7 +21,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.touch.locate import locate
 from pvdf_fem.inverse.touch.location import Location
 from pvdf_fem.inverse.touch.measurement import Measurement, number
-from pvdf_fem.progress import Progress, shown
+from pvdf_fem.progress import Progress, show_progress
 from pvdf_fem.scene.change import spelled, steps_of
 from pvdf_fem.scene.given import SceneLike, model_of, scene_of, taken
 from pvdf_fem.scene.scene import Scene
@@ -221,7 +221,7 @@ def design(
     inside = np.hypot(x, y) <= reach_mm
     bounds = np.full((len(MAPS), len(designs.scenes), *inside.shape), np.nan)
     error_bounds, done = np.empty(len(designs.scenes)), 0
-    with shown("designs", progress) as show:
+    with show_progress("designs", progress) as show:
         for (_, indices), films in zip(designs.models, models, strict=True):
             for index in indices:
                 made = films.for_scene(designs.scenes[index], processes, check=False)

@@ -28,7 +28,7 @@ from pvdf_fem.inverse.touch.measurement import (
     units_of,
 )
 from pvdf_fem.inverse.touch.search import DEFAULTS, LocateOptions, location, search
-from pvdf_fem.progress import Counted, Progress, shown
+from pvdf_fem.progress import Progress, SolveCounter, show_progress
 from pvdf_fem.scene.given import Names, SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.surrogate.model import FORCE, QUANTITIES, Model, touch_of
@@ -76,7 +76,7 @@ def locate(
         Of the readings; nominal pC are readings in V times the channel's capacitance in pF.
     progress : callable or bool, optional
         Called with the numbers of finished and of expected solves, if there are any; or whether
-        these are shown, see `pvdf_fem.progress.shown`.
+        these are shown, see `pvdf_fem.progress.show_progress`.
 
     Raises
     ------
@@ -156,8 +156,8 @@ def _by_solves(
     if wrong := [*charge_mistakes(scene, charges_pC, *noise, unit=unit)]:
         raise ValueError("\n".join(wrong))
     expected = options.starts * (1 + options.first_steps) + 10 * options.followed
-    with shown("solves", progress) as show:
-        solves = Solves.of(scene, touches, unknown, options.tolerance, Counted(show, expected))
+    with show_progress("solves", progress) as show:
+        solves = Solves.of(scene, touches, unknown, options.tolerance, SolveCounter(show, expected))
         measurement = Measurement.of(solves, tuple(charges_pC), *noise, unit)
         readings = np.array([[*charges_pC.values()]], dtype=float)
         problem = measurement.problem(readings, solves.unknown)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
-from pvdf_fem.arrays import Array, Mask, finite
+from pvdf_fem.arrays import Array, Mask, finite_or_none
 from pvdf_fem.told import Parts, Told
 
 #: Charges count as unexplained if a right model gives such charges less often than this.
@@ -169,7 +169,7 @@ class Touch(Told):
         return {
             **self.by_name,
             "chi_square": float(self.chi_square),
-            "p_value": finite(self.p_value),
+            "p_value": finite_or_none(self.p_value),
             "explained": bool(self.explained),
             "weight": self.weight,
             "determined": self.determined,
