@@ -33,8 +33,10 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from pvdf_fem.dynamics.forced import half_sine, respond, step, transient
+    from pvdf_fem.dynamics.force_history import half_sine, step
+    from pvdf_fem.dynamics.frequency_response import respond
     from pvdf_fem.dynamics.modes import modes
+    from pvdf_fem.dynamics.transient import transient
     from pvdf_fem.inverse.calibration.calibrate import calibrate
     from pvdf_fem.inverse.touch.locate import locate
     from pvdf_fem.inverse.touch.locate_many import locate_many
@@ -48,8 +50,8 @@ if TYPE_CHECKING:
     from pvdf_fem.studies.dataset import dataset
     from pvdf_fem.studies.design import design
     from pvdf_fem.studies.sweep import sweep
-    from pvdf_fem.surrogate.build import build_response
     from pvdf_fem.surrogate.response import Response
+    from pvdf_fem.surrogate.response_builder import build_response
 
 __all__ = [
     "NotConvergedError",
@@ -90,20 +92,20 @@ _MODULES = {
     "Solution": "solver.solution",
     "Status": "solver.nonlinear.status",
     "Tracker": "inverse.tracking.tracker",
-    "build_response": "surrogate.build",
+    "build_response": "surrogate.response_builder",
     "calibrate": "inverse.calibration.calibrate",
     "dataset": "studies.dataset",
     "design": "studies.design",
     "gradients": "solver.sensitivity.gradients",
-    "half_sine": "dynamics.forced",
+    "half_sine": "dynamics.force_history",
     "locate": "inverse.touch.locate",
     "locate_many": "inverse.touch.locate_many",
     "modes": "dynamics.modes",
-    "respond": "dynamics.forced",
+    "respond": "dynamics.frequency_response",
     "solve": "solver.sensitivity.uncertainty",
-    "step": "dynamics.forced",
+    "step": "dynamics.force_history",
     "sweep": "studies.sweep",
-    "transient": "dynamics.forced",
+    "transient": "dynamics.transient",
     "uncertainty": "solver.sensitivity.uncertainty",
 }
 

@@ -11,7 +11,7 @@ from pvdf_fem.inverse.touch.locate_many import Touches
 from pvdf_fem.inverse.tracking.rows import Row, TouchSummary
 from pvdf_fem.told import Told
 from tests.helpers.touch_models import bumps, random_touches
-from tests.surrogate import made_response
+from tests.surrogate import random_response
 
 SCENE = pf.Scene().with_(
     {
@@ -52,7 +52,7 @@ OBJECTS = {
         lambda s: pf.transient(s, pf.half_sine(0.01, 0.02), [0.01]),
         "0.01 A_change_pC A_reading_V",
     ),
-    "model": (lambda _: made_response.response(), "A, B, C, D 8"),
+    "model": (lambda _: random_response.response(), "A, B, C, D 8"),
     "location": (located, "touch x_mm known"),
     "rows": (
         lambda _: pf.locate_many(bumps(), bumps().evaluate(random_touches(40, 1))[0]),

@@ -278,12 +278,12 @@ def _mesh(options: argparse.Namespace) -> int:
 
 
 def _modes(options: argparse.Namespace) -> int:
-    from pvdf_fem.dynamics.modes import MOST_MODES, modes
+    from pvdf_fem.dynamics.modes import MAX_MODES, modes
     from pvdf_fem.solver.nonlinear.status import Status
 
     count, mistakes = options.count, []
-    if not re.fullmatch("[0-9]{1,9}", count) or not 1 <= int(count) <= MOST_MODES:
-        mistakes = [f"--count {count[:60]}: is out of range; give 1 to {MOST_MODES}"]
+    if not re.fullmatch("[0-9]{1,9}", count) or not 1 <= int(count) <= MAX_MODES:
+        mistakes = [f"--count {count[:60]}: is out of range; give 1 to {MAX_MODES}"]
     mistakes += find_plot_errors(options, options.scene)
     result = modes(read_scene(options, *mistakes), int(count), options.loaded)
     converged = result.status is Status.CONVERGED

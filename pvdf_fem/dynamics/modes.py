@@ -20,7 +20,7 @@ import numpy as np
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.dynamics.spectrum import AIR, VACUUM, Spectrum, spectra_of
+from pvdf_fem.dynamics.spectrum import AIR, VACUUM, Spectrum, compute_spectra
 from pvdf_fem.film.bending_effect import bending_effect, layer_size
 from pvdf_fem.film.electric.coupling import coupling_remarks
 from pvdf_fem.film.equilibrium import Equilibrium
@@ -45,7 +45,7 @@ from pvdf_fem.told import Grid, Parts, Told, rounded
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MOST_MODES = 200  #: Largest number of modes that may be asked for.
+MAX_MODES = 200  #: Largest number of modes that may be asked for.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -169,7 +169,7 @@ def modes(
     >>> found.frequencies_Hz, found.frequencies_in_air_Hz
     """
     scene = scene_of(scene)
-    count, bare = taken("count", count, int, (1, MOST_MODES)), scene
+    count, bare = taken("count", count, int, (1, MAX_MODES)), scene
     if taken("loaded", loaded, bool):
         scene.require_no_tips("frequencies about the load")
     else:  # on the flat film only rigid probes matter, by the unknowns that they bind together
@@ -288,7 +288,7 @@ class _ModalProblem:
         elif not coarse.model.bends and (least == 0.0 or (coarse.model.wrinkles and least < 0.0)):
             return _Attempt(coarse, Status.SINGULAR)  # slack in a direction: no mode is the lowest
         with self.clock("modes"):
-            found = spectra_of(coarse, rich, (q, q_rich), self.count, self.step)
+            found = compute_spectra(coarse, rich, (q, q_rich), self.count, self.step)
         for equilibrium in (coarse, rich):
             self.budget.spend(equilibrium, self.eigen_iterations)
         if isinstance(found, Status):
@@ -322,11 +322,11 @@ def _left_out(scene: Scene, share: float, joins: bool) -> tuple[str, ...]:
     bending = f"{raised}; to include it give film.bending = true"
     if share > 0.3:
         bending = 'bending: the film vibrates as a plate; give film.bending = "auto" or true'
-    air = () if scene.air else (air_remark(scene),)
+    air = () if scene.air else (format_air_note(scene),)
     return air if joins else (bending, *air)
 
 
-def air_remark(scene: Scene, baffled: float = 1.5) -> str:
+def format_air_note(scene: Scene, baffled: float = 1.5) -> str:
     """What a vacuum leaves out: in the lowest mode, per area, about the density of air times the
     radius, and `baffled` times as much in a baffle."""
     film = scene.film

@@ -25,13 +25,13 @@ from pvdf_fem.scene.quantity import Section
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, choose, flattened, problem
 from pvdf_fem.solver.adaptive import rest_forces
-from pvdf_fem.surrogate.model import QUANTITIES, SCENE_KEYS
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TOUCH_SCENE_KEYS
 
 MOST_BYTES = 5_000_000  #: Largest table in bytes.
 PREVIEW_ROWS = 8  #: About the number of rows in a preview.
 ERROR_MM = "error_mm"  #: Column with errors of places that others found.
 #: Short names for a touch's keys.
-SHORT = dict(zip(QUANTITIES, SCENE_KEYS, strict=True))
+SHORT = dict(zip(TOUCH_QUANTITIES, TOUCH_SCENE_KEYS, strict=True))
 
 
 #: Changes of a scene by dotted key.

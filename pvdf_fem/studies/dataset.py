@@ -22,10 +22,16 @@ from pvdf_fem.scene.given import SceneLike, model_of, scene_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.studies.design_options import asked_mistakes
-from pvdf_fem.surrogate.build import build_response
-from pvdf_fem.surrogate.held_out import random_touches
-from pvdf_fem.surrogate.model import QUANTITIES, ROTATION, centred, period_deg, wanted_model
+from pvdf_fem.surrogate.charge_function import find_rotation_period_deg
 from pvdf_fem.surrogate.response import Response
+from pvdf_fem.surrogate.response_builder import build_response
+from pvdf_fem.surrogate.touch_domain import (
+    TOUCH_QUANTITIES,
+    TouchColumn,
+    centre_probe,
+    draw_touches,
+    resolve_response_settings,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -90,19 +96,21 @@ def dataset(
     if wrong := [*mistakes(scene, touches, seed, sigma, noise_pC, reading)]:
         raise ValueError("\n".join(wrong))
     if model is None:
-        domain, tolerance = wanted_model(scene, sigma or 0.01)
+        domain, tolerance = resolve_response_settings(scene, sigma or 0.01)
         wanted = domain.reach_mm, domain.force_N, tolerance, processes
-        model = build_response(centred(scene), *wanted, progress=progress)
+        model = build_response(centre_probe(scene), *wanted, progress=progress)
     model = model_of(model).for_scene(scene, processes, progress=progress)
     measured = Measurement.of(model, model.names, sigma, noise_pC, reading)
-    at = random_touches(model.domain, touches, seed)
+    at = draw_touches(model.domain, touches, seed)
     parts = np.array_split(at, 1 + touches // CHUNK)
     charges = np.concatenate([model.evaluate(part)[0] for part in parts])
     # the touches use the seed's random numbers alone
     normal = np.random.default_rng([seed, 1]).standard_normal(charges.shape)
     signals = charges + measured.noise(charges) * normal
-    at[:, :ROTATION], turned = (scene.stage or Stage()).to_stage(at[:, :ROTATION], at[:, ROTATION])
-    at[:, ROTATION] = turned % period_deg(model)
+    at[:, : TouchColumn.ROTATION], turned = (scene.stage or Stage()).to_stage(
+        at[:, : TouchColumn.ROTATION], at[:, TouchColumn.ROTATION]
+    )
+    at[:, TouchColumn.ROTATION] = turned % find_rotation_period_deg(model)
     of_electrodes = charges, model.error_bound * np.abs(charges), measured.readings(signals)
     told = {
         "seed": seed,
@@ -127,7 +135,7 @@ def mistakes(
     for name, (value, least, most) in limits.items():
         if not (isinstance(value, int) and least <= value <= most):
             yield f"{name} = {value}: give a whole number from {least} to {most}"
-    yield from asked_mistakes(scene, *wanted_model(scene), sigma, noise_pC, reading)
+    yield from asked_mistakes(scene, *resolve_response_settings(scene), sigma, noise_pC, reading)
 
 
 def _dataset(
@@ -138,7 +146,7 @@ def _dataset(
 
     from pvdf_fem.studies.grid_dataset import about, named
 
-    columns = zip(QUANTITIES, at.T, strict=True)
+    columns = zip(TOUCH_QUANTITIES, at.T, strict=True)
     data = xarray.Dataset(
         {name: ("touch", values, about(name)) for name, values in columns},
         {"electrode": ("electrode", [*model.names], {"long_name": "electrode"})},
@@ -160,7 +168,7 @@ def table(data: xarray.Dataset) -> pd.DataFrame:
     of the dataset are `attrs` of the table."""
     import pandas as pd  # slow to import
 
-    columns = {name: data[name].values for name in QUANTITIES}
+    columns = {name: data[name].values for name in TOUCH_QUANTITIES}
     for name in OF_ELECTRODES:
         by_electrode = zip(data.electrode.values, data[name].values.T, strict=True)
         columns |= {f"{name}.{electrode}": values for electrode, values in by_electrode}

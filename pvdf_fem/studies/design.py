@@ -28,18 +28,18 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.studies.design_options import asked_mistakes
 from pvdf_fem.studies.grid import Grid
-from pvdf_fem.surrogate import model as touched
-from pvdf_fem.surrogate.build import build_response
-from pvdf_fem.surrogate.model import FORCE, ROTATION, Domain
+from pvdf_fem.surrogate import touch_domain
 from pvdf_fem.surrogate.response import Response
-from pvdf_fem.surrogate.response_file import mechanics_of
+from pvdf_fem.surrogate.response_builder import build_response
+from pvdf_fem.surrogate.response_key import make_mechanical_key
+from pvdf_fem.surrogate.touch_domain import Domain, TouchColumn
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray
 
 STEPS = 12  #: Steps of the lattice of places from the centre to the reach, by default.
-PLACE = touched.SCENE_KEYS[:ROTATION]
+PLACE = touch_domain.TOUCH_SCENE_KEYS[: TouchColumn.ROTATION]
 OVER_PLACES = ("y_mm", "x_mm")
 #: Variables over places, with meanings and units.
 MAPS = {
@@ -77,9 +77,9 @@ class Designs:
         grid = _grid(scene, axes)
         scenes, alike = grid.scenes(), dict[str, list[int]]()
         try:
-            own = mechanics_of(scene)
+            own = make_mechanical_key(scene)
             for index, varied in enumerate(scenes):
-                alike.setdefault(mechanics_of(varied), []).append(index)
+                alike.setdefault(make_mechanical_key(varied), []).append(index)
         except ValueError as error:
             raise SceneError([str(error)]) from None
         # a model of the scene itself serves further purposes
@@ -200,7 +200,7 @@ def design(
     force_range_N = taken("force_range_N", force_range_N, tuple[float, float])
     tolerance = taken("tolerance", tolerance, float)
     if reach_mm is None:
-        of_each = (touched.default_reach_mm(first) for first, _ in designs.models)
+        of_each = (touch_domain.choose_default_reach_mm(first) for first, _ in designs.models)
         reach_mm = known.reach_mm if known else min(of_each)
     domain = Domain(reach_mm, known.force_N if known else force_range_N)
     step_mm = reach_mm / STEPS if step_mm is None else step_mm
@@ -208,12 +208,14 @@ def design(
         raise ValueError("\n".join(dict.fromkeys(wrong)))
 
     def model_for(first: Scene) -> Response:
-        if isinstance(model, Response) and mechanics_of(model.scene) == mechanics_of(first):
+        if isinstance(model, Response) and make_mechanical_key(model.scene) == make_mechanical_key(
+            first
+        ):
             return model
         if callable(model):
             return model(first)
         wanted = domain.reach_mm, domain.force_N, tolerance, processes
-        return build_response(touched.centred(first), *wanted, progress=progress)
+        return build_response(touch_domain.centre_probe(first), *wanted, progress=progress)
 
     models = [model_for(first) for first, _ in designs.models]
     steps = int(reach_mm / step_mm + 1e-9)
@@ -238,8 +240,8 @@ def _bounds(
 ) -> Array:
     """Values for `MAPS` at probe places (n,), (maps, n)."""
     exact, scene = replace(model, error_bound=0.0), model.scene
-    touches = np.tile([*touched.touch_of(scene).values()], (len(x_mm), 1))
-    touches[:, :ROTATION] = np.stack([x_mm, y_mm], axis=-1)
+    touches = np.tile([*touch_domain.extract_touch(scene).values()], (len(x_mm), 1))
+    touches[:, : TouchColumn.ROTATION] = np.stack([x_mm, y_mm], axis=-1)
     measured = Measurement.of(exact, exact.names, noise, noise_pC, None)
     readings = measured.readings(exact.evaluate(touches)[0])
     rows = (dict(zip(exact.names, row, strict=True)) for row in readings)
@@ -249,10 +251,16 @@ def _bounds(
 
 def _bound(found: Location, touch: Array) -> tuple[float, ...]:
     """Values for `MAPS` at a touch (4,), from locating its charges."""
-    apart_mm = [math.dist(other.values[:ROTATION], touch[:ROTATION]) for other in found.touches]
+    apart_mm = [
+        math.dist(other.values[: TouchColumn.ROTATION], touch[: TouchColumn.ROTATION])
+        for other in found.touches
+    ]
     if apart_mm:
         C = found.touches[int(np.argmin(apart_mm))].covariance
-        place_mm, force = math.sqrt(C[0, 0] + C[1, 1]), math.sqrt(C[2, 2]) / touch[FORCE]
+        place_mm, force = (
+            math.sqrt(C[0, 0] + C[1, 1]),
+            math.sqrt(C[2, 2]) / touch[TouchColumn.FORCE],
+        )
         if min(apart_mm) < place_mm:
             return place_mm, force, float(found.ambiguous)
     return (math.nan,) * len(MAPS)  # no search ended at the touch

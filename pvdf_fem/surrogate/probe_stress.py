@@ -26,12 +26,12 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.fallback import equilibrate
 from pvdf_fem.solver.nonlinear.newton import factorise
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
-from pvdf_fem.surrogate.probe_charges import PolarRaster
+from pvdf_fem.surrogate.polar_grid import PolarGrid
 
 INSIDE = 0.999  #: Share of the film's radius within which the stress is evaluated.
 
 
-def probe_mesh(
+def mesh_probe(
     scene: Scene,
     ratio: float = 1.0,
     edge_size: float = 1 / 8,
@@ -54,10 +54,10 @@ def probe_mesh(
     return mesh_scene(scene, sizes, contacts=tip_outlines(scene))
 
 
-def mean_stress_about_probe(
-    scene: Scene, place: Array, forces: Sequence[float], raster: PolarRaster, ratio: float
+def solve_mean_stress(
+    scene: Scene, place: Array, forces: Sequence[float], raster: PolarGrid, ratio: float
 ) -> Array:
-    """`PolarRaster.means` (forces, 3, ρ, θ) of the stress 11, 22, 12 in Pa about a probe.
+    """`PolarGrid.means` (forces, 3, ρ, θ) of the stress 11, 22, 12 in Pa about a probe.
 
     The stress is the second Piola-Kirchhoff stress in the axes of the scene's probe, which is put
     at `place`: x, y in mm and the rotation in degrees. Electrodes only make the mesh finer, whose
@@ -76,7 +76,7 @@ def mean_stress_about_probe(
         return lambda stress: np.asarray(sample @ project(stress))
 
     try:
-        fields = [reading(space)(stress) for space, stress in stresses(scene, forces, ratio)]
+        fields = [reading(space)(stress) for space, stress in solve_stresses(scene, forces, ratio)]
     except NotConvergedError as error:
         raise NotConvergedError(f"probe at ({x:g}, {y:g}) mm with {error}") from None
     shape = (3, *points.shape[:2])
@@ -92,7 +92,7 @@ def _turned(rotation_deg: float) -> Array:
     return np.array([[cc, ss, -cs], [ss, cc, cs], [2 * cs, -2 * cs, cc - ss]])
 
 
-def stresses(
+def solve_stresses(
     scene: Scene, forces: Sequence[float], ratio: float, order: int = 3
 ) -> Iterator[tuple[Space, Array]]:
     """Stress 11, 22, 12 in Pa under each force in N, (elements, points, 3), and its space.
@@ -105,7 +105,7 @@ def stresses(
     for force in forces:
         loaded = scene.with_(**{"load.force_N": force})
         if equilibrium is None or scene.tips:
-            last, equilibrium = equilibrium, Equilibrium(loaded, probe_mesh(loaded, ratio), order)
+            last, equilibrium = equilibrium, Equilibrium(loaded, mesh_probe(loaded, ratio), order)
             space = equilibrium.space
             known = [(at, transferred(last.space, x, space)) for at, x in known[-1:] if last]
         else:

@@ -23,7 +23,7 @@ from pvdf_fem.report.solved import Solved
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.scene_file import SceneError
 from pvdf_fem.studies.design import Designs, best, table
-from pvdf_fem.surrogate.model import Domain, centred
+from pvdf_fem.surrogate.touch_domain import Domain, centre_probe
 from pvdf_fem.view.charts import draw_design
 from pvdf_fem.view.drawing import WIDTH_MM, axis_label
 from pvdf_fem.view.figures import look_of, new_figure
@@ -84,7 +84,7 @@ class Bounds(Task):
     def _model(self, scene: Scene) -> Response:
         """The model of a scene, for any electrodes, d31 and d32."""
         film = scene.film.model_copy(update={"d31_pC_N": 8.0, "d32_pC_N": 8.0})
-        alone = centred(Scene(film=film, probe=scene.probe, load=scene.load))
+        alone = centre_probe(Scene(film=film, probe=scene.probe, load=scene.load))
         return model_of(alone, self.reach_mm, self.forces_N, self.tolerance)
 
 

@@ -31,8 +31,8 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "derivatives.gradients.Gradients",
         "derivatives.uncertainty.Uncertainty",
         "dynamics.modes.Modes",
-        "dynamics.forced.FrequencyResponse",
-        "dynamics.forced.Transient",
+        "dynamics.frequency_response.FrequencyResponse",
+        "dynamics.transient.Transient",
         "calibration.calibration.Calibration",
         "touch.location.Location",
         "touch.touch.Touch",
@@ -57,7 +57,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
 INTERNAL = (
     *("model_config", "model_post_init", "parts", "film_data", "fields", "at_rest", "table"),
     *("loaded", "loaded_probes", "single_probe", "tips", "unheeded", "warm_probes"),
-    *("require_no_tips", "require_plain_charges", "measured", "plan", "cheap", "quantities"),
+    *("require_no_tips", "require_plain_charges", "measured", "plan", "is_fast", "quantities"),
 )
 
 

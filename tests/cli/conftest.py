@@ -59,9 +59,17 @@ class Begun(BaseException):
 
 
 #: Functions with which work begins.
-WORK = ("solver.sensitivity.uncertainty.solve", "mesh.gmsh_mesh.mesh_scene", "dynamics.modes.modes")
-WORK += ("dynamics.forced.solve", "batch.batch.planned", "inverse.calibration.calibrate.TouchModel")
-WORK += ("surrogate.build.build_response", "inverse.touch.locate.locate", "explore.server.serve")
+WORK = (
+    "solver.sensitivity.uncertainty.solve",
+    "mesh.gmsh_mesh.mesh_scene",
+    "dynamics.modes.modes",
+    "dynamics.charge_changes.solve",
+    "batch.batch.planned",
+    "inverse.calibration.calibrate.TouchModel",
+    "surrogate.response_builder.build_response",
+    "inverse.touch.locate.locate",
+    "explore.server.serve",
+)
 
 #: Modules that hold such functions from their import on.
 HOLDERS = ("studies.dataset", "studies.design", "report.kinds.positions", "report.report")

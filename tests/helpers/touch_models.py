@@ -10,7 +10,7 @@ import numpy as np
 from pvdf_fem import Scene
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.outlines.polygon import rectangle, triangle
-from pvdf_fem.surrogate.model import QUANTITIES, Domain
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain
 
 DOMAIN = Domain(12.0, (0.1, 5.0))
 
@@ -22,9 +22,9 @@ class Bumps:
     They fall off about the electrodes' centres e (n, 2), and have the probe's symmetries.
     """
 
-    quantities: ClassVar = QUANTITIES
-    cheap: ClassVar = True
-    at_rest_pC: ClassVar = None
+    quantities: ClassVar = TOUCH_QUANTITIES
+    is_fast: ClassVar = True
+    unloaded_charges_pC: ClassVar = None
     scene: Scene
     points_mm: np.ndarray
     electrodes_mm: np.ndarray

@@ -17,7 +17,7 @@ from pvdf_fem.progress import ignore_progress
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.sensitivity.parameters import PLACE_NAMES, parameters_of
-from pvdf_fem.surrogate.build import ResponseOptions
+from pvdf_fem.surrogate.response_options import ResponseOptions
 from tests.helpers.damage import drawn
 from tests.helpers.discs import values
 from tests.helpers.features import (
@@ -31,7 +31,7 @@ from tests.helpers.features import (
 )
 
 #: A response of a few seconds.
-COARSE = ResponseOptions(error=1e-2, held_out=3, attempts=1)
+COARSE = ResponseOptions(error=1e-2, validation_touches=3, max_builds=1)
 KEY = re.compile(r"(film|electrodes|probe|load|numerics|readout|stage|air|scene|axes|reach_mm)\b")
 
 

@@ -32,7 +32,8 @@ from pvdf_fem.inverse.touch.search import (
 )
 from pvdf_fem.inverse.touch.touch import TouchStatus, status_of
 from pvdf_fem.scene.given import model_of, taken
-from pvdf_fem.surrogate.model import FORCE, QUANTITIES, ROTATION, Model
+from pvdf_fem.surrogate.charge_function import ChargeFunction
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 from pvdf_fem.told import Columns, Grid, Parts
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
@@ -108,8 +109,8 @@ class Touches(Columns):
         ``at edge``.
         """
         deviations = np.full(self.values.shape, np.nan)
-        deviations[:, [QUANTITIES.index(name) for name in self.unknown]] = self.deviations
-        columns = ["_deviation_".join(name.rsplit("_", 1)) for name in QUANTITIES]
+        deviations[:, [TOUCH_QUANTITIES.index(name) for name in self.unknown]] = self.deviations
+        columns = ["_deviation_".join(name.rsplit("_", 1)) for name in TOUCH_QUANTITIES]
         found = np.isfinite(self.chi_square)
         remarks = self.explanations.copy()
         for word, rows in {"undetermined": ~self.determined, "at edge": self.at_edge}.items():
@@ -118,7 +119,7 @@ class Touches(Columns):
         remarks[few & ~found] += "; fewer channels than unknown quantities"
         counts = [None if np.isnan(count) else int(count) for count in self.alternatives]
         return {
-            **dict(zip(QUANTITIES, self.values.T, strict=True)),
+            **dict(zip(TOUCH_QUANTITIES, self.values.T, strict=True)),
             **dict(zip(columns, deviations.T, strict=True)),
             "chi_square": self.chi_square,
             "p_value": self.p_value,
@@ -131,7 +132,7 @@ class Touches(Columns):
 
 
 def locate_many(
-    model: Model,
+    model: ChargeFunction,
     charges_pC: ArrayLike | Mapping[str, ArrayLike],
     sigma: Deviations = 0.01,
     *,
@@ -175,9 +176,12 @@ def locate_many(
     names, charges = _table(model_of(model), charges_pC)
     calibrated = taken("calibrated", calibrated, bool)
     any_charges, noise = dict.fromkeys(names, math.pi), (sigma, noise_pC, reading)
-    mistakes = [*charge_mistakes(model.scene, any_charges, *noise, model.at_rest_pC, unit)]
-    known = {}
-    given = {"rotations_deg": (ROTATION, rotations_deg), "forces_N": (FORCE, forces_N)}
+    mistakes = [*charge_mistakes(model.scene, any_charges, *noise, model.unloaded_charges_pC, unit)]
+    known: dict[int, Array] = {}
+    given = {
+        "rotations_deg": (TouchColumn.ROTATION, rotations_deg),
+        "forces_N": (TouchColumn.FORCE, forces_N),
+    }
     for name, (i, values) in given.items():
         if values is not None:
             known[i] = _numbers(values, name)
@@ -188,9 +192,9 @@ def locate_many(
     measurement = Measurement.of(model, names, *noise, unit)
     units = units_of(model.scene, unit)
     charges = charges * [units[name] for name in names]
-    sought = np.array([i for i in range(len(QUANTITIES)) if i not in known])
+    sought = np.array([i for i in range(len(TOUCH_QUANTITIES)) if i not in known])
     status = _status(measurement, charges, known, sought)
-    found = Touches.empty(status, tuple(QUANTITIES[i] for i in sought), measurement.reading)
+    found = Touches.empty(status, tuple(TOUCH_QUANTITIES[i] for i in sought), measurement.reading)
     usable = np.flatnonzero(status == TouchStatus.LOCATED)
     for first in range(0, len(usable), CHUNK):
         rows = usable[first : first + CHUNK]
@@ -217,7 +221,7 @@ def locate_many(
 
 def _held(known: Mapping[int, Array], rows: Indices) -> dict[int, Array]:
     """Coordinates that some rows know, from quantities of all rows."""
-    return {i: np.log(of[rows]) if i == FORCE else of[rows] for i, of in known.items()}
+    return {i: np.log(of[rows]) if i == TouchColumn.FORCE else of[rows] for i, of in known.items()}
 
 
 def explanations(
@@ -243,7 +247,7 @@ def _everywhere(problem: Problem, ends: Descent, held: Mapping[int, Array], k: i
 
 
 def _table(
-    model: Model, charges_pC: ArrayLike | Mapping[str, ArrayLike]
+    model: ChargeFunction, charges_pC: ArrayLike | Mapping[str, ArrayLike]
 ) -> tuple[tuple[str, ...], Array]:
     """Names of electrodes, and their charges (n, electrodes)."""
     if not hasattr(charges_pC, "keys"):
@@ -275,7 +279,7 @@ def _status(
     usual = np.clip(readings, -LARGEST_PC, LARGEST_PC)  # numbers of any size are told, not squared
     small = np.abs(measurement.signals(usual)) < LEAST_PC
     lowest, highest = measurement.model.domain.force_N
-    forces = known.get(FORCE, np.full(len(readings), lowest))
+    forces = known.get(TouchColumn.FORCE, np.full(len(readings), lowest))
     # the last reasons win
     reasons = {
         TouchStatus.UNDETERMINED: np.full(len(readings), not determinable),

@@ -107,7 +107,7 @@ class Location(Told):
 
         As much as it is off, or less, with a probability of 68.3 %: one standard deviation if the
         errors are normal. All touches count, those on a ridge of the likelihood and about its
-        other maxima, too. A model by full solves (not `cheap`) gives `Touch.deviations` instead.
+        other maxima, too. A model by full solves (not `is_fast`) gives `Touch.deviations` instead.
         """
         return self.deviations_of(self.best)
 
@@ -123,7 +123,7 @@ class Location(Told):
 
     def covariance_of(self, touch: Touch) -> Array:
         """Covariance (unknown, unknown) about another touch."""
-        if not self.problem.model.cheap:
+        if not self.problem.model.is_fast:
             return touch.covariance
         return self.posterior.covariance(touch.values[self.problem.unknown])
 
@@ -216,7 +216,7 @@ class Location(Told):
         if not self.touches or not keys:
             raise ValueError("a map of the likelihood needs a touch of which x and y were sought")
         model, touches = self.problem.model, self.to_json()["touches"]
-        if not model.cheap:
+        if not model.is_fast:
             return ellipses_map(model.scene, model.domain.reach_mm, touches, keys)
         about = model.scene, model.domain.reach_mm, touches
         return likelihood_map(*about, self._apart, self.remarks)

@@ -14,7 +14,7 @@ from pvdf_fem.inverse.touch.initial_candidates import starts
 from pvdf_fem.inverse.touch.location import Location
 from pvdf_fem.inverse.touch.location_problem import Problem, extents, rows_of
 from pvdf_fem.inverse.touch.touch import Touch, explains, p_values, roots_of
-from pvdf_fem.surrogate.model import ROTATION, X, Y
+from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def search(problem: Problem, known: Mapping[int, float], options: LocateOptions)
     excess = options.listed**0.5 + options.neglected * size
     likely = ~(np.sqrt(misfit) > np.sqrt(misfit.min(axis=1, keepdims=True)) + excess)
     at = at[likely][~repeated(at[likely], misfit[likely], np.array(options.close))]
-    without_rotation = problem.unknown[problem.unknown != ROTATION]
+    without_rotation = problem.unknown[problem.unknown != TouchColumn.ROTATION]
     if 0 < len(without_rotation) < len(problem.unknown):
         at = descend(replace(problem, unknown=without_rotation), at, options=options.search).at
     return descend(problem, at, hopeless=options.listed, options=options.search)
@@ -90,7 +90,7 @@ def best_ends(
     at = starts(problem, known, few, each=False)[0][:, 0]
     rows, at = np.repeat(np.arange(len(at)), at.shape[1]), at.reshape(-1, at.shape[2])
     # neighbouring touches in sequence share the coefficients that the model reads
-    order = np.lexsort((at[:, Y], at[:, X]))
+    order = np.lexsort((at[:, TouchColumn.Y], at[:, TouchColumn.X]))
     ends = descend(problem, at[order], rows[order], options=how).take(np.argsort(order))
     best = ends.ranking.reshape(len(problem.charges_pC), -1).argmin(axis=1)
     return ends.take(np.searchsorted(rows, np.arange(len(best))) + best)
@@ -135,7 +135,7 @@ def described(problem: Problem, ends: Descent) -> tuple[Array, Array, Mask, Arra
 
 def distinct(problem: Problem, ends: Descent, options: LocateOptions) -> Indices:
     """The likely ends of searches that do not repeat a better one, the best first."""
-    ranking, turns = ends.ranking, rows_of(problem.model, ROTATION)
+    ranking, turns = ends.ranking, rows_of(problem.model, TouchColumn.ROTATION)
     order = ranking.argsort(kind="stable")
     rows = order[ranking[order] <= ranking.min() + options.listed]
     rows = rows[ends.arrived[rows]]

@@ -25,14 +25,13 @@ from pvdf_fem.solver.adaptive import solve_goals
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
 from pvdf_fem.solver.sensitivity.parameters import parameters_of
 from pvdf_fem.solver.sensitivity.rates import charge_rates
-from pvdf_fem.surrogate.model import (
-    FORCE,
-    QUANTITIES,
-    ROTATION,
+from pvdf_fem.surrogate.charge_function import count_probes
+from pvdf_fem.surrogate.touch_domain import (
+    TOUCH_QUANTITIES,
     Domain,
-    probes_of,
-    room_mm,
-    wanted_model,
+    TouchColumn,
+    compute_clear_reach_mm,
+    resolve_response_settings,
 )
 
 UNSOLVED_PC = 1e15  #: Charges of a scene that cannot be solved.
@@ -48,8 +47,8 @@ class Solves:
     domain: Domain
     error_bound: float  #: Tolerance of the solves.
     count: Callable[[], None]  #: Called before each solve.
-    cheap: ClassVar[bool] = False
-    at_rest_pC: ClassVar[None] = None
+    is_fast: ClassVar[bool] = False
+    unloaded_charges_pC: ClassVar[None] = None
 
     @classmethod
     def of(
@@ -67,12 +66,12 @@ class Solves:
             raise ValueError("\n".join(mistakes))
         listed = _listed(scene, touches, unknown)
         probes = [f"probe[{i}]." if touches > 1 else "" for i in range(touches)]
-        names = [probe + name for probe in probes for name in QUANTITIES]
+        names = [probe + name for probe in probes for name in TOUCH_QUANTITIES]
         for name, ends in (("tangential_N", ("[0]", "[1]")), ("temperature_K", ("",))):
             if name in unknown:
                 names += [probe + name + end for probe in probes for end in ends]
-        wanted = [wanted_model(pressed_alone(listed, i))[0] for i in range(touches)]
-        reach_mm = min(room_mm(listed), *(domain.reach_mm for domain in wanted))
+        wanted = [resolve_response_settings(pressed_alone(listed, i))[0] for i in range(touches)]
+        reach_mm = min(compute_clear_reach_mm(listed), *(domain.reach_mm for domain in wanted))
         domain = Domain(reach_mm, wanted[0].force_N)
         periods = [touch.probe.period_deg for touch in listed.loaded_probes]
         sought = tuple(
@@ -107,15 +106,17 @@ class Solves:
         """The scene's touch (k,) in the frame of its stage."""
         touch = np.array([number_at(self.scene, self.key(name)) for name in self.quantities])
         stage = self.scene.stage or Stage()
-        for x in range(0, len(QUANTITIES) * probes_of(self), len(QUANTITIES)):
-            place, turned = stage.to_stage(touch[x : x + ROTATION], touch[x + ROTATION])
-            touch[x : x + FORCE] = [*place, turned]
+        for x in range(0, len(TOUCH_QUANTITIES) * count_probes(self), len(TOUCH_QUANTITIES)):
+            place, turned = stage.to_stage(
+                touch[x : x + TouchColumn.ROTATION], touch[x + TouchColumn.ROTATION]
+            )
+            touch[x : x + TouchColumn.FORCE] = [*place, turned]
         return touch
 
     @property
     def other_probe(self) -> Indices:
         """Index of each quantity at the other probe of two equal probes; empty for other probes."""
-        if probes_of(self) < 2 or pressed_alone(self.scene, 0) != pressed_alone(self.scene, 1):
+        if count_probes(self) < 2 or pressed_alone(self.scene, 0) != pressed_alone(self.scene, 1):
             return np.array([], dtype=int)
         swapped = [f"probe[{1 - _probe(n)}]{n[len('probe[0]') :]}" for n in self.quantities]
         return np.array([self.quantities.index(name) for name in swapped])

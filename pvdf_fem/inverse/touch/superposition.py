@@ -21,7 +21,8 @@ from pvdf_fem.inverse.touch.touch import explains
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
-from pvdf_fem.surrogate.model import FORCE, QUANTITIES, ROTATION, probes_of, rest_of
+from pvdf_fem.surrogate.charge_function import compute_unloaded_charges_pC, count_probes
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
 
 def search_by_solves(problem: Problem, model: Solves, options: LocateOptions) -> Descent:
@@ -92,7 +93,7 @@ def _ordered(problem: Problem, ends: Descent, other: Indices, options: LocateOpt
     """The distinct ends; equal probes are in the order of their first coordinates. `other` is
     `Solves.other_probe`."""
     if other.size:
-        swap = ends.at[:, 0] > ends.at[:, len(QUANTITIES)]
+        swap = ends.at[:, 0] > ends.at[:, len(TOUCH_QUANTITIES)]
         ends.at[swap], ends.slopes[swap] = ends.at[swap][:, other], ends.slopes[swap][..., other]
     solved = ends.chi_square < 1e-6 * np.square(UNSOLVED_PC / problem.deviations_pC).min()
     ends = ends.take(np.flatnonzero(solved))
@@ -107,8 +108,8 @@ def superposed(
     the sum of shares: the common tension stiffens the film."""
     model, reach_mm = problem.model, problem.model.domain.reach_mm
     electrodes, spread = problem.electrodes, problem.deviations_pC[0]
-    rest = np.nan_to_num(rest_of(model.scene)[0, electrodes])
-    singles = pinned(pressed_alone(model.scene, i) for i in range(probes_of(model)))
+    rest = np.nan_to_num(compute_unloaded_charges_pC(model.scene)[0, electrodes])
+    singles = pinned(pressed_alone(model.scene, i) for i in range(count_probes(model)))
     tables = [_single(one, reach_mm, options.pitch_mm, options.fine_mm) for one in singles]
     changes = np.concatenate([(c[:, electrodes] - rest) for _, c in tables]) / spread
     places = np.concatenate([p for p, _ in tables])
@@ -133,8 +134,8 @@ def superposed(
     of_probes, share = problem.of_probes(at), shares[kept]
     starts = of_probes.copy()
     stage = model.scene.stage or Stage()
-    starts[..., :ROTATION] = places[chosen[kept]] @ stage.turn.T
-    starts[..., FORCE] = np.log(share) + stiffening * np.log(share.sum(axis=1))[:, None]
+    starts[..., : TouchColumn.ROTATION] = places[chosen[kept]] @ stage.turn.T
+    starts[..., TouchColumn.FORCE] = np.log(share) + stiffening * np.log(share.sum(axis=1))[:, None]
     sought = np.isin(np.arange(at.shape[1]), problem.unknown)
     of_probes[...] = np.where(problem.of_probes(np.tile(sought, (len(at), 1))), starts, of_probes)
     return at

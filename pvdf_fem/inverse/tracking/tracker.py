@@ -24,7 +24,8 @@ from pvdf_fem.inverse.tracking.place import ChangeModel, Places
 from pvdf_fem.inverse.tracking.rows import Row, TouchSummary
 from pvdf_fem.scene.given import Names, model_of, numbers, taken
 from pvdf_fem.scene.scene_file import choose
-from pvdf_fem.surrogate.model import FORCE, QUANTITIES, Model, period_deg
+from pvdf_fem.surrogate.charge_function import ChargeFunction, find_rotation_period_deg
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 from pvdf_fem.told import with_named_arguments
 
 
@@ -59,7 +60,7 @@ class Tracker:
     @with_named_arguments
     def __init__(
         self,
-        response: Model,
+        response: ChargeFunction,
         *,
         unknown: Sequence[str] = PLACE_AND_FORCE,
         unit: str = "V",
@@ -75,7 +76,9 @@ class Tracker:
             mistakes.append(f"unit = {unit}: choose from V, pC")
         if mistakes:
             raise ValueError("\n".join(mistakes))
-        fixed = {i: known[n] - origin[i] for i, n in enumerate(QUANTITIES) if n not in unknown}
+        fixed = {
+            i: known[n] - origin[i] for i, n in enumerate(TOUCH_QUANTITIES) if n not in unknown
+        }
         self.touches: list[TouchSummary] = []
         self._names, self._unit, self._circuit = response.names, unit, Circuit.of(channels(scene))
         self._model = ChangeModel.of(response, fixed, options)
@@ -217,8 +220,17 @@ class Tracker:
         low, high = model.model.domain.force_N
         status = "too_light" if force < low else "too_strong" if force > high else "touch"
         status = status if places.explained else "unexplained"
-        force = force if at[FORCE] < model.log_forces[1] else math.nan
+        force = force if at[TouchColumn.FORCE] < model.log_forces[1] else math.nan
         dx, dy, turn, relative = places.deviations.tolist()
-        numbers = x, y, force, rotation % period_deg(model.model), dx, dy, relative * force, turn
+        numbers = (
+            x,
+            y,
+            force,
+            rotation % find_rotation_period_deg(model.model),
+            dx,
+            dy,
+            relative * force,
+            turn,
+        )
         count = len(places.at)
         return Row(t, status, len(self.touches) + 1, *numbers, chi_square, count)

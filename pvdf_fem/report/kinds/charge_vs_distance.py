@@ -18,7 +18,7 @@ from pvdf_fem.scene.quantity import Length, Number, Section
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.studies.mapping_lines import MappingScheme, direction
-from pvdf_fem.surrogate.model import default_reach_mm
+from pvdf_fem.surrogate.touch_domain import choose_default_reach_mm
 from pvdf_fem.view.drawing import sure
 
 #: Distance in mm from a line within which data are drawn on it: places are printed to 0.1 mm.
@@ -68,7 +68,7 @@ class ChargeVsDistance(Along):
         return found
 
     def _scheme(self, scene: Scene, name: str, step: float) -> MappingScheme:
-        reach = default_reach_mm(scene) if self.reach_mm is None else self.reach_mm
+        reach = choose_default_reach_mm(scene) if self.reach_mm is None else self.reach_mm
         count = math.floor(2.0 * scene.film.radius_mm / step) + 1
         if count > MOST_STEPS:
             reason = f"makes {count} places on a line; give a longer one"

@@ -13,7 +13,7 @@ from pvdf_fem.inverse.touch.location_problem import Problem
 from pvdf_fem.inverse.touch.search import LocateOptions, location
 from pvdf_fem.inverse.touch.solved_charges import Solves
 from pvdf_fem.inverse.touch.superposition import probed
-from pvdf_fem.surrogate.model import Domain
+from pvdf_fem.surrogate.touch_domain import Domain
 from tests.helpers.touch_models import bumps
 
 DISC = {"shape": "circle", "radius_mm": 2.0}

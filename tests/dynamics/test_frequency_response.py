@@ -8,8 +8,8 @@ import scipy.linalg
 
 from pvdf_fem import Scene, gradients, respond
 from pvdf_fem.dynamics.air import AirLoad
-from pvdf_fem.dynamics.oscillation import Oscillation, oscillations
-from pvdf_fem.dynamics.spectrum import pencil_of
+from pvdf_fem.dynamics.motion_equations import MotionEquations, linearize_about
+from pvdf_fem.dynamics.spectrum import assemble_pencil
 from pvdf_fem.electrodes.channel import channels
 from pvdf_fem.solver.next_order import factorised
 from tests.helpers.discs import LOADS, TRIANGLE, on_mesh
@@ -34,8 +34,8 @@ def test_ritz_vectors_find_what_direct_solves_find(scene: Scene) -> None:
     """(K + i d K_e - omega^2 M + i omega^3 r v v^T) q = f with dense matrices."""
     solution = on_mesh(scene)
     equilibrium, q, _ = factorised(solution.fields)
-    full = oscillations(solution)[0]
-    air, (stiffness, mass) = AirLoad.of(equilibrium), pencil_of(equilibrium, q)
+    full = linearize_about(solution)[0]
+    air, (stiffness, mass) = AirLoad.of(equilibrium), assemble_pencil(equilibrium, q)
     frequencies = np.array([90.0, 480.0])
     found = respond(solution, frequencies)
     for i, omega in enumerate(2.0 * np.pi * frequencies):
@@ -50,7 +50,7 @@ def test_ritz_vectors_find_what_direct_solves_find(scene: Scene) -> None:
 def test_resonances_are_frequencies_of_the_loaded_film() -> None:
     solution = on_mesh(TRIANGLE)
     equilibrium, q, _ = factorised(solution.fields)
-    stiffness, mass = (matrix.toarray() for matrix in pencil_of(equilibrium, q))
+    stiffness, mass = (matrix.toarray() for matrix in assemble_pencil(equilibrium, q))
     all_of = np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)) / (2.0 * np.pi)
     found = respond(solution, [300.0, 700.0], refined=True)
     assert 1 <= found.resonances_Hz.size <= (all_of <= 700.0).sum()
@@ -66,7 +66,7 @@ def test_only_stretching_has_losses() -> None:
     resist: K_e x = 0 of deflections, and K_e x = K x - N laplace x of the others."""
     solution = on_mesh(TRIANGLE.with_(**{"load.force_N": 0.0, "film.loss_tangent": 0.1}))
     equilibrium, q, _ = factorised(solution.fields)
-    full, space = Oscillation.of(equilibrium, q), equilibrium.space
+    full, space = MotionEquations.of(equilibrium, q), equilibrium.space
     tension = equilibrium.film.stress_at_rest[0] * equilibrium.film.thickness
     laplace = tension * equilibrium.assembly.matrix(space.laplace())
     step = np.random.default_rng(1).standard_normal(len(q))
