@@ -8,7 +8,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.progress import TaskRunner
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.surrogate.stress_modes import StressModes
+from pvdf_fem.surrogate.stress.stress_modes import StressModes
 from pvdf_fem.surrogate.touch_domain import Domain, centre_probe
 from pvdf_fem.surrogate.uniform_spline import PADDING_STEPS, UniformAxis, UniformSpline
 

@@ -28,7 +28,7 @@ from pvdf_fem.surrogate.response_key import (
     has_same_readout,
     require_same_mechanics,
 )
-from pvdf_fem.surrogate.stress_modes import StressModes
+from pvdf_fem.surrogate.stress.stress_modes import StressModes
 from pvdf_fem.surrogate.touch_domain import (
     TOUCH_QUANTITIES,
     Domain,

@@ -15,7 +15,6 @@ from pvdf_fem.surrogate.charge_spline import (
     make_axes,
     tabulate_charges,
 )
-from pvdf_fem.surrogate.probe_stress import solve_mean_stress
 from pvdf_fem.surrogate.response import Response
 from pvdf_fem.surrogate.response_key import make_mechanical_key
 from pvdf_fem.surrogate.response_options import (
@@ -23,7 +22,8 @@ from pvdf_fem.surrogate.response_options import (
     choose_options,
     find_validation_errors,
 )
-from pvdf_fem.surrogate.stress_modes import StressModes
+from pvdf_fem.surrogate.stress.probe_stress import solve_mean_stress
+from pvdf_fem.surrogate.stress.stress_modes import StressModes
 from pvdf_fem.surrogate.touch_domain import Domain, draw_touches, resolve_response_settings
 from pvdf_fem.surrogate.validation_solves import ValidationSolves, make_solve_tasks
 

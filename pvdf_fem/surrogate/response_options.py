@@ -12,13 +12,13 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.mesh.symmetry import isotropy
 from pvdf_fem.scene.registry import SPREAD_CLASSES
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.surrogate.centre_grid import CentreGrid
 from pvdf_fem.surrogate.charge_spline import (
     compute_force_nodes_N,
     estimate_pressed_outline,
 )
-from pvdf_fem.surrogate.polar_grid import PolarGrid
 from pvdf_fem.surrogate.response_key import make_mechanical_key
+from pvdf_fem.surrogate.stress.centre_grid import CentreGrid
+from pvdf_fem.surrogate.stress.polar_grid import PolarGrid
 from pvdf_fem.surrogate.touch_domain import Domain
 from pvdf_fem.surrogate.uniform_spline import PADDING_STEPS
 

@@ -73,7 +73,7 @@ WORK = (
 
 #: Modules that hold such functions from their import on.
 HOLDERS = ("studies.dataset", "studies.design", "report.kinds.positions", "report.report")
-HOLDERS += ("surrogate.probe_stress",)
+HOLDERS += ("surrogate.stress.probe_stress",)
 
 
 @pytest.fixture

@@ -11,10 +11,10 @@ from scipy.interpolate import CubicSpline
 from pvdf_fem import NotConvergedError, Scene, build_response
 from pvdf_fem.solver.nonlinear.fallback import equilibrate
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.surrogate import probe_stress
-from pvdf_fem.surrogate.centre_grid import CentreGrid
-from pvdf_fem.surrogate.polar_grid import PolarGrid
-from pvdf_fem.surrogate.stress_modes import StressModes
+from pvdf_fem.surrogate.stress import probe_stress
+from pvdf_fem.surrogate.stress.centre_grid import CentreGrid
+from pvdf_fem.surrogate.stress.polar_grid import PolarGrid
+from pvdf_fem.surrogate.stress.stress_modes import StressModes
 from pvdf_fem.surrogate.touch_domain import Domain, choose_default_reach_mm, draw_touches
 from pvdf_fem.surrogate.uniform_spline import UniformAxis, UniformSpline
 from tests.surrogate import random_response

@@ -15,9 +15,9 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.surrogate.centre_grid import CentreGrid
-from pvdf_fem.surrogate.polar_grid import PolarGrid
 from pvdf_fem.surrogate.response_file import FileArray
+from pvdf_fem.surrogate.stress.centre_grid import CentreGrid
+from pvdf_fem.surrogate.stress.polar_grid import PolarGrid
 from pvdf_fem.surrogate.uniform_spline import UniformSpline
 
 

@@ -26,7 +26,7 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.fallback import equilibrate
 from pvdf_fem.solver.nonlinear.newton import factorise
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
-from pvdf_fem.surrogate.polar_grid import PolarGrid
+from pvdf_fem.surrogate.stress.polar_grid import PolarGrid
 
 INSIDE = 0.999  #: Share of the film's radius within which the stress is evaluated.
 
