@@ -29,12 +29,7 @@ from pvdf_fem.surrogate.response_key import (
     require_same_mechanics,
 )
 from pvdf_fem.surrogate.stress.stress_modes import StressModes
-from pvdf_fem.surrogate.touch_domain import (
-    TOUCH_QUANTITIES,
-    Domain,
-    TouchColumn,
-    require_within,
-)
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain, TouchColumn, require_within
 from pvdf_fem.surrogate.uniform_spline import UniformSpline
 from pvdf_fem.surrogate.validation_solves import ValidationSolves, make_solve_tasks
 from pvdf_fem.told import Parts, Told

@@ -119,7 +119,7 @@ def test_other_coefficients_and_electrodes_are_read_from_the_same_stress(
     found = built.for_scene(scene, 1)
     assert found.scene == scene
     assert_true(found, 1e-2)
-    monkeypatch.setattr(response, "solves_of", None)
+    monkeypatch.setattr(response, "make_solve_tasks", None)
     unchecked = built.for_scene(scene, 1, check=False)
     assert np.array_equal(unchecked.spline.coefficients, found.spline.coefficients)
     assert unchecked.error_bound == built.error_bound
