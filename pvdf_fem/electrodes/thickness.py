@@ -45,7 +45,7 @@ def thickness_remarks(
     given, electrodes = scene.film.d33_pC_N, scene.electrode_list
     polygons = np.array([electrode.outline.polygon for electrode in electrodes])
     spread = (scene.film.pressure_Pa or 0.0) * shapely.area(polygons)
-    on = sum((_about(scene, touch, polygons) for touch in posed.touches(scene)), spread)
+    on = sum((_about(scene, touch, polygons) for touch in posed.load_specs(scene)), spread)
     if on.any():
         most = int(on.argmax())
         about = "thickness direction, pressed by a probe", "film.d33_pC_N"

@@ -44,7 +44,7 @@ class Equilibrium:
     ) -> None:
         self.scene, self.film, self.part, self.posed = scene, scene.film, part, posed
         self.model = film_model(scene)
-        self.space = space or Space(mesh, order, posed.own_nodes(scene))
+        self.space = space or Space(mesh, order, posed.count_auxiliary_nodes(scene))
         self.membrane = self.model.membrane(self.space, part)
         #: The membrane, first, the loads, coupling and, where the film bends, the plate.
         self.terms: list[Term] = [self.membrane, *self.model.others(self.space, part, posed)]
@@ -70,13 +70,13 @@ class Equilibrium:
         other.terms = list(terms)
         return other
 
-    def each(self, change: Callable[[Term], Term]) -> Equilibrium:
+    def map_terms(self, change: Callable[[Term], Term]) -> Equilibrium:
         """The equations with every term changed."""
         return self.with_terms(map(change, self.terms))
 
-    def under(self, factor: float) -> Equilibrium:
+    def with_scaled_loads(self, factor: float) -> Equilibrium:
         """The film under its loads times a factor."""
-        return self.each(lambda term: term.scaled(factor))
+        return self.map_terms(lambda term: term.scaled(factor))
 
     @property
     def loads(self) -> list[ProbeLoad]:
@@ -179,7 +179,7 @@ class Equilibrium:
         `slope` is residual . step. Follower forces stay fixed.
         """
         x = self.unknowns.expand(step)
-        energy: Array = reduce(add, (term.along(state, x) for term in self.terms))
+        energy: Array = reduce(add, (term.energy_along(state, x) for term in self.terms))
         energy[1] = slope
         return energy
 

@@ -177,7 +177,7 @@ class Membrane(Laminate, Term):
             d22 = d22 + c23 * (a1 * b2 + a2 * b1)
         return weight * d11, weight * d12, weight * d21, weight * d22
 
-    def along(self, state: State, x: Array) -> Array:
+    def energy_along(self, state: State, x: Array) -> Array:
         """Coefficients (5,) of the stored energy along `x`, with the moduli of the state.
 
         They are exact where the law is linear: the strain is quadratic in s and the energy

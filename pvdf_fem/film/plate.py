@@ -112,7 +112,7 @@ class Plate(Term):
     def diagonal(self, state: State) -> Array:
         return self._of_dofs(self.matrix.diagonal())
 
-    def along(self, state: State, x: Array) -> Array:
+    def energy_along(self, state: State, x: Array) -> Array:
         slope = float(x[2::3] @ self.form.forces(state.dofs[2::3]))
         return np.array([self.energy(state), slope, self._energy(x), 0.0, 0.0])
 

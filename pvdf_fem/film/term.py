@@ -143,7 +143,7 @@ class Term(ABC):
         return None
 
     @abstractmethod
-    def along(self, state: State, x: Array) -> Array:
+    def energy_along(self, state: State, x: Array) -> Array:
         """Coefficients (5,), lowest power first, of the energy in s at the dofs moved by s `x`.
 
         They do not hold for a wrinkling film: its energy is no polynomial.
@@ -165,7 +165,7 @@ class Load(Term):
         """The forces in N, (dofs,), with a minus sign."""
         return -self.forces(state)
 
-    def along(self, state: State, x: Array) -> Array:
+    def energy_along(self, state: State, x: Array) -> Array:
         """Coefficients (5,) of the load's potential along `x`, with fixed forces."""
         forces = self.forces(state)
         return np.array([-forces @ state.dofs, -forces @ x, 0.0, 0.0, 0.0])

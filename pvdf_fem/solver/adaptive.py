@@ -85,7 +85,7 @@ def solve(
 ) -> Solution:
     """`pvdf_fem.solve`, without deviations by the scene's uncertain numbers."""
     scene = scene_of(scene)
-    posed = Posed.under(scene, pressure)
+    posed = Posed.for_pressure(scene, pressure)
     order = taken("order", order, int, (1, max(UNKNOWNS_PER_ELEMENT)))
     budget = taken("budget", budget or Budget.of(scene), Budget)
     if mesh is not None:
@@ -147,7 +147,7 @@ def solve_goals(
     The goals' charges meet the tolerance, and `forces` in the solution's `fields` are the goals'
     forces; a solution's charges by electrode have no meaning here.
     """
-    for touch in posed.touches(scene):  # before any mesh, files and functions are refused
+    for touch in posed.load_specs(scene):  # before any mesh, files and functions are refused
         profile_of(touch).mean(touch.outline.polygon)
     (scene,) = pinned([scene])
     if mesh is not None:
@@ -155,7 +155,7 @@ def solve_goals(
     budget = Budget.of(scene) if budget is None else budget
 
     solution = _solved(Problem(scene, goals, order, budget, Clock(), posed), mesh)
-    included = (*posed.remarks, *solution.included)
+    included = (*posed.notes, *solution.included)
     return replace(solution, scene=scene, pressure=posed.pressure, included=included)
 
 

@@ -227,7 +227,7 @@ def _from_below(
         return None
     if equilibrium.model.wrinkles and barely_loaded(equilibrium.scene):
         return None  # the solution of another order is far away
-    lower = equilibrium.with_(order=order - 1).each(lambda term: term.softer())
+    lower = equilibrium.with_(order=order - 1).map_terms(lambda term: term.softer())
     start = _from_below(lower, budget)
     if isinstance(start, Status):
         return start

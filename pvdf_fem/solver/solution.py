@@ -195,7 +195,7 @@ class Solution(Told):
         """How rigid punches lean and are held, by patch: ``probe``, or ``probe 1``, ``probe 2``."""
         film, state = self.fields.equilibrium, self.fields.state
         forces = film.film_forces(state)
-        told = {load.touch.patch: load.leaning(state, forces) for load in film.loads}
+        told = {load.spec.patch: load.leaning(state, forces) for load in film.loads}
         return {patch: leaning for patch, leaning in told.items() if leaning}
 
     def at(

@@ -22,7 +22,7 @@ SCENE = Scene().with_(probe=DISC)
 def moments(scene, pressure=None):
     """Total force in N, its centre and its mean square distance from there in mm, mm²."""
     mesh = graded_mesh(scene, 0.5, 10.0)
-    equilibrium = Equilibrium(scene, mesh, 2, posed=Posed.under(scene, pressure))
+    equilibrium = Equilibrium(scene, mesh, 2, posed=Posed.for_pressure(scene, pressure))
     (load,) = equilibrium.loads
     x = equilibrium.space.basis.doflocs * 1e3
     forces = load.forces(equilibrium.state(np.zeros(equilibrium.unknowns.count)))[2::3]

@@ -118,7 +118,7 @@ class Coupling(Term):
         column = self.tangent_column(state)
         return column * (column @ x)
 
-    def along(self, state: State, x: Array) -> Array:
+    def energy_along(self, state: State, x: Array) -> Array:
         step = self.space.gradient(x)
         first = strain_rate(state.deformation_gradient, step)
         second = strain_of(step) - strain_rate(IDENTITY, step)

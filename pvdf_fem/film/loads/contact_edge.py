@@ -30,8 +30,8 @@ def contact_edge(
     a polynomial in this logarithm is fitted from `begin` to `end` sizes of elements beyond the
     points that touch.
     """
-    assert tip.touch.contact is not None
-    width = tip.touch.contact.width
+    assert tip.spec.contact is not None
+    width = tip.spec.contact.width
     start, outwards = _rays(tip, width)
     start = start - _moves(tip, state, start)[:, :2]
     along = width * np.linspace(0.02, 3.0, 60)
@@ -57,11 +57,11 @@ def contact_edge(
 
 def outlines_found(tip: RigidTip, state: State) -> dict[str, Outline]:
     """Outlines of the film, before it deforms, on a tip and on its flat face, by patch name."""
-    outlines = {tip.touch.patch: tip.tip.fitted(contact_edge(tip, state))}
+    outlines = {tip.spec.patch: tip.tip.fitted(contact_edge(tip, state))}
     if tip.tip.face is not None:
         points = np.array(tip.tip.face.shape.exterior.coords)[:-1]
         carried = points - _moves(tip, state, points)[:, :2]
-        outlines[face_patch(tip.touch)] = tip.tip.fitted(carried)
+        outlines[face_patch(tip.spec)] = tip.tip.fitted(carried)
     return outlines
 
 

@@ -29,7 +29,7 @@ SPREAD: dict[str, type[Spread]] = {k: resolve_name(path) for k, path in SPREAD_C
 
 def loads_on(scene: Scene, space: Space, part: MirroredPart, posed: Posed) -> Iterator[Load]:
     """The loads in a scene: by probes, and on the whole film."""
-    for touch in posed.touches(scene):
+    for touch in posed.load_specs(scene):
         yield LOADS[touch.load.kind](touch, space, part)
     for key, kind in SPREAD.items():
         if getattr(scene.film, key):

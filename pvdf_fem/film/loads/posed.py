@@ -34,7 +34,7 @@ class Posed:
     pressure: Pressure | None = None  #: On the single probe.
 
     @classmethod
-    def under(cls, scene: Scene, pressure: Pressure | None) -> Self:
+    def for_pressure(cls, scene: Scene, pressure: Pressure | None) -> Self:
         """An optional pressure on a scene's probe; SceneError where there is none to spread."""
         if pressure is None:
             return cls()
@@ -50,7 +50,7 @@ class Posed:
             raise SceneError(found)
         return cls(pressure)
 
-    def touches(self, scene: Scene) -> list[PosedProbe]:
+    def load_specs(self, scene: Scene) -> list[PosedProbe]:
         """The probes in a scene with everything for their loads."""
         touches, own_nodes = [], 0
         for touch in scene.loaded_probes:
@@ -63,12 +63,12 @@ class Posed:
         return touches
 
     @staticmethod
-    def own_nodes(scene: Scene) -> int:
+    def count_auxiliary_nodes(scene: Scene) -> int:
         """Number of nodes beside the film, for tips that move under a force."""
         return sum(map(_moves, scene.loaded_probes))
 
     @property
-    def remarks(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[str, ...]:
         """What a result tells of the pressure."""
         told = f"pressure: the function {name_of(self.pressure)} in place of load.profile"
         return (told,) if self.pressure else ()

@@ -53,7 +53,7 @@ class DeadPressure(Load):
     edge_share = 0.0
 
     def __init__(self, touch: PosedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
-        self.touch, self.space, self.part = touch, space, part
+        self.spec, self.space, self.part = touch, space, part
         self.patch: Indices = space.mesh.subdomains[touch.patch]
         self.rigid_patch = self.patch[: len(self.patch) * self.rigid]
         self.components = np.array(touch.load.components)
@@ -81,7 +81,7 @@ class DeadPressure(Load):
         The images are the patch itself or patches of further probes.
         """
         covered = float(self.space.weights[self.patch].sum()) * len(self.part.signs)
-        others = max(round(covered / self.touch.outline.area), 1) if self.part.mirrored else 1
+        others = max(round(covered / self.spec.outline.area), 1) if self.part.mirrored else 1
         return float(weights.sum()) * len(self.part.signs) / others
 
     @property
@@ -110,7 +110,7 @@ class DeadPressure(Load):
     @property
     def _spread(self) -> tuple[Array, Array]:
         """Values of the functions, and weights times profile, at points of the patch's elements."""
-        profile = profile_of(self.touch)
+        profile = profile_of(self.spec)
         if profile.order is None:
             values, weights = self.space.values[self.patch], self.space.weights[self.patch]
         else:
@@ -137,7 +137,7 @@ class FollowerPressure(DeadPressure):
 
     def held(self) -> DeadPressure:
         """The dead pressure of the same size."""
-        return DeadPressure(self.touch, self.space, self.part).with_components(self.components)
+        return DeadPressure(self.spec, self.space, self.part).with_components(self.components)
 
     def direction(self, deformation_gradient: Array) -> Array:
         """Traction per reference area over the pressure, (..., 3)."""

@@ -35,7 +35,7 @@ class Profile(ABC):
     order: int | None = 16
 
     def __init__(self, touch: PosedProbe) -> None:
-        self.touch = touch
+        self.spec = touch
         #: What a refusal names, and its value.
         self.source = "load.profile", touch.load.profile
 
@@ -65,7 +65,7 @@ class Hertz(Profile):
     """An ellipsoid over a disc or an ellipse, as under a sphere on a soft half-space."""
 
     def __call__(self, points: Array) -> Array:
-        outline = self.touch.outline
+        outline = self.spec.outline
         assert isinstance(outline, Ellipse)  # the scene refuses others
         z = (points - outline.centre) @ np.linalg.inv(outline.axes).T
         return np.sqrt(np.maximum(1.0 - (z**2).sum(axis=-1), 0.0))
@@ -75,7 +75,7 @@ class Gaussian(Profile):
     """exp(-2 r²/w²) about the centroid, cut off by the outline."""
 
     def __call__(self, points: Array) -> Array:
-        outline, width_mm = self.touch.outline, self.touch.load.profile_width_mm
+        outline, width_mm = self.spec.outline, self.spec.load.profile_width_mm
         width = width_mm / 1e3 if width_mm else np.sqrt(outline.area / np.pi)
         return np.exp(-2.0 * ((points - outline.centroid) ** 2).sum(axis=-1) / width**2)
 
@@ -90,7 +90,7 @@ class Given(Profile):
             self.source = "pressure", name_of(pressure)
 
     def __call__(self, points: Array) -> Array:
-        probe, places = self.touch.probe, 1e3 * points.reshape(-1, 2)
+        probe, places = self.spec.probe, 1e3 * points.reshape(-1, 2)
         x, y = turn(places - [probe.x_mm, probe.y_mm], -probe.rotation_deg).T.copy()
         try:
             values = np.asarray(self.pressure(x, y))

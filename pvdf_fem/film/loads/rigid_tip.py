@@ -77,7 +77,7 @@ class RigidTip(DeadPressure):
     def softer(self) -> DeadPressure:
         """A tip into which the film reaches farther; at last a pressure on the guessed contact."""
         if self.softness > 0.1 * SOFTEST:
-            return DeadPressure(self.touch, self.space, self.part).with_components(self.components)
+            return DeadPressure(self.spec, self.space, self.part).with_components(self.components)
         other = copy(self)
         other.softness, other._last = SOFTER * self.softness, None
         return other
@@ -110,8 +110,8 @@ class RigidTip(DeadPressure):
     @property
     def penalty(self) -> float:
         """Traction over overlap in Pa/m."""
-        assert self.touch.contact is not None
-        return self.touch.contact.stiffness / self.softness
+        assert self.spec.contact is not None
+        return self.spec.contact.stiffness / self.softness
 
     # --- the overlap
 
@@ -249,7 +249,7 @@ class RigidTip(DeadPressure):
         diagonal[self.own_dofs] = self.by_depth(state)[1]
         return diagonal
 
-    def along(self, state: State, x: Array) -> Array:
+    def energy_along(self, state: State, x: Array) -> Array:
         """Coefficients (5,) of the energy along `x` while the same points touch."""
         slope, curvature = self.residual(state) @ x, self.action(state, x) @ x
         return np.array([self.energy(state), slope, 0.5 * curvature, 0.0, 0.0])

@@ -47,7 +47,7 @@ class Touchdown:
         forces = -overlap.rates * tip.tractions(state)[..., None]
         fx, fy, fz = forces.sum(axis=(0, 1))
         places = tip.displaced(state.dofs)
-        arms = places[..., :2] - tip.touch.outline.centroid
+        arms = places[..., :2] - tip.spec.outline.centroid
         risen = places[..., 2] - overlap.depth
         moments = [
             (arms[..., 1] * forces[..., 2] - risen * forces[..., 1]).sum(),
@@ -85,7 +85,7 @@ def tips_of(equilibrium: Equilibrium) -> list[RigidTip]:
 def touchdowns(equilibrium: Equilibrium, state: State) -> dict[str, Touchdown]:
     """Contacts by the names of the tips' patches."""
     tips = tips_of(equilibrium)
-    return {tip.touch.patch: Touchdown.of(equilibrium, tip, state) for tip in tips}
+    return {tip.spec.patch: Touchdown.of(equilibrium, tip, state) for tip in tips}
 
 
 def contact_pressure(equilibrium: Equilibrium, state: State) -> Array:

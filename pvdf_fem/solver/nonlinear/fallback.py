@@ -92,7 +92,7 @@ class OnTips(Rung):
             near = newton(FullSteps(equilibrium, task.tolerance), task.start)
             if near.converged:
                 return near
-        softer = equilibrium.each(lambda term: term.softer())
+        softer = equilibrium.map_terms(lambda term: term.softer())
         result = climb(Task(softer, task.budget, tolerance=task.tolerance))
         if not result.converged:
             return result
@@ -143,7 +143,7 @@ class FallingLoad(Rung):
 
     def solve(self, task: Task) -> NewtonResult:
         """Under dead loads; a pressure that follows the film starts from their equilibrium."""
-        film = task.equilibrium.each(lambda term: term.held())
+        film = task.equilibrium.map_terms(lambda term: term.held())
         result = from_larger_loads(film, task.last_step, task.iterations)
         if task.equilibrium.conservative or not result.converged:
             return result

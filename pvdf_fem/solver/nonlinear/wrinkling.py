@@ -149,7 +149,7 @@ def from_larger_loads(
     most = min(affordable_iterations, most_iterations)
     table: list[Iteration] = []
     while True:
-        loaded, left = equilibrium.under(factor), most - len(table)
+        loaded, left = equilibrium.with_scaled_loads(factor), most - len(table)
         variant = PredictedStress(loaded, passing)
         if factor == 1.0:
             variant = PredictedStress(loaded, tolerance, WrinklingOptions(max_iterations=left))

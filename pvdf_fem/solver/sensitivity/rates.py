@@ -144,7 +144,7 @@ def _swept(adjoint: Adjoint, load: DeadPressure, name: str, gauss_points: int = 
     The mean of the traces from both sides. Along the clamped rim λ is zero, nothing is swept.
     """
     space = adjoint.equilibrium.space
-    probe, mesh, x = load.touch.probe, space.mesh, adjoint.state.dofs
+    probe, mesh, x = load.spec.probe, space.mesh, adjoint.state.dofs
     facets, count = np.unique(mesh.t2f[:, load.patch], return_counts=True)
     facets = facets[(count == 1) & (mesh.f2t[1, facets] >= 0)]
     if not len(facets):
