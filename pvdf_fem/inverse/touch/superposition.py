@@ -130,7 +130,9 @@ def find_superposed_candidates(
     model, reach_mm = problem.response, problem.response.domain.reach_mm
     electrodes, spread = problem.electrodes, problem.deviations_pC[0]
     rest = np.nan_to_num(rest_of(model.scene)[0, electrodes])
-    singles = pin_profile_files(make_single_probe_scene(model.scene, i) for i in range(probes_of(model)))
+    singles = pin_profile_files(
+        make_single_probe_scene(model.scene, i) for i in range(probes_of(model))
+    )
     tables = [_single(one, reach_mm, options.pitch_mm, options.fine_mm) for one in singles]
     changes = np.concatenate([(c[:, electrodes] - rest) for _, c in tables]) / spread
     places = np.concatenate([p for p, _ in tables])
