@@ -21,7 +21,7 @@ from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.spectrum import AIR, VACUUM, Spectrum, spectra_of
-from pvdf_fem.film.bending_effect import choose_layer_size, estimate_bending_effect
+from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_effect
 from pvdf_fem.film.electric.coupling import describe_coupling
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS

@@ -13,8 +13,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.bending_effect import BendingEffect, estimate_bending_effect
-from pvdf_fem.film.bending_layers import BendingLayers
+from pvdf_fem.film.bending.effect import BendingEffect, estimate_bending_effect
+from pvdf_fem.film.bending.layers import BendingLayers
+from pvdf_fem.film.bending.plate import Plate
 from pvdf_fem.film.effects import format_two_digits
 from pvdf_fem.film.electric.coupling import Coupling, FloatingElectrode, find_coupled_electrodes
 from pvdf_fem.film.laws.laminate import LAWS
@@ -24,7 +25,6 @@ from pvdf_fem.film.loads.load_classes import find_rigid_elements, has_rigid_prob
 from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, SolveOptions
 from pvdf_fem.film.loads.uneven_strain import UnevenStrain
 from pvdf_fem.film.membrane import Membrane
-from pvdf_fem.film.plate import Plate
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart

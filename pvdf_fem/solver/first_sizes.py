@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pvdf_fem.electrodes.observables import OBSERVABLES
-from pvdf_fem.film.bending_effect import choose_layer_size, estimate_bending_effect
+from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_effect
 from pvdf_fem.film.loads.contact_estimate import estimate_contact_outlines
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.film.models import resolve_film_model

@@ -22,7 +22,7 @@ from pvdf_fem.electrodes.stress_integrals import (
     goal_gradients,
     larger,
 )
-from pvdf_fem.film.bending_layers import BendingLayers, estimate_missing_fraction
+from pvdf_fem.film.bending.layers import BendingLayers, estimate_missing_fraction
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.load_classes import find_rigid_elements
 from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, SolveOptions

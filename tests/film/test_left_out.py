@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.film.bending_effect import estimate_bending_effect
+from pvdf_fem.film.bending.effect import estimate_bending_effect
 from pvdf_fem.film.effects import format_two_digits
 from pvdf_fem.film.electric.coupling import estimate_coupling_effect
 from pvdf_fem.film.loads.weight import estimate_weight_effect

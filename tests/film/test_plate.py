@@ -11,12 +11,12 @@ from pvdf_fem import solve
 from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.electrodes.outputs import goals_of
 from pvdf_fem.electrodes.stress_integrals import charges_of, goal_forces
-from pvdf_fem.film.bending_layers import (
+from pvdf_fem.film.bending.layers import (
     BendingLayers,
     estimate_missing_fraction,
     estimate_uncertain_fraction,
 )
-from pvdf_fem.film.plate import Plate, compute_plate_stiffness
+from pvdf_fem.film.bending.plate import Plate, compute_plate_stiffness
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import FILM, PROBE, RIM
 from pvdf_fem.mesh.six_node import compression
