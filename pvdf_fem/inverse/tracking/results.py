@@ -10,7 +10,7 @@ from pvdf_fem.told import Parts, Told, rounded
 
 
 @dataclass(frozen=True, repr=False)
-class Row(Told):
+class TrackRow(Told):
     """What is known at a sample. Numbers that are not are NaN.
 
     The status is one of: ``settling`` (the baseline is not known yet), ``quiet``, ``starting`` (a
@@ -69,7 +69,7 @@ class Row(Told):
 
 
 @dataclass(frozen=True, repr=False)
-class TouchSummary(Row):
+class TouchSummary(TrackRow):
     """A touch that has ended: its row at the peak of its charges, by the whole course.
 
     The status is ``starting`` if no place was found; `missing` are channels that had no reading for
