@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.electrodes.channel import READINGS, channels, units_pC
-from pvdf_fem.film.loads.kinds import LOADS
+from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.inverse.calibration.calibration import Calibration
 from pvdf_fem.inverse.calibration.diagnosis import (
     CalibrationStatus,
@@ -123,7 +123,7 @@ def _mistakes(scene: Scene, words: Mapping[str, str], deviations: Mapping[str, f
     mistakes = []
     if scene.single_probe is None:
         mistakes.append("probe: the scene has none; add the [probe] that touched the film")
-    elif LOADS[scene.load.kind].rigid:
+    elif PROBE_LOADS[scene.load.kind].rigid:
         reason = "has no derivatives by the place; take dead or follower"
         mistakes.append(f'load.kind = "{scene.load.kind}": {reason}')
     for name, word in words.items():
