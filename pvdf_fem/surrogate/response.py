@@ -21,13 +21,13 @@ from pvdf_fem.scene.given import numbers, taken
 from pvdf_fem.scene.quantity import Affects, affecting
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import Status
+from pvdf_fem.summary import Result, Summary
 from pvdf_fem.surrogate.held_out import HeldOut, solves_of
 from pvdf_fem.surrogate.model import FORCE, QUANTITIES, AtRest, Domain, all_within, centred, rest_of
 from pvdf_fem.surrogate.probe_charges import ProbeCharges
 from pvdf_fem.surrogate.response_file import FileScene, mechanics_of, read, write
 from pvdf_fem.surrogate.table import force_powers, tabulated
 from pvdf_fem.surrogate.uniform_spline import UniformSpline
-from pvdf_fem.told import Parts, Told
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -92,7 +92,7 @@ def _outlines(scene: Scene) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Response(Told):
+class Response(Result):
     """Charges of the electrodes by the touch.
 
     Examples
@@ -121,11 +121,11 @@ class Response(Told):
     held_out: HeldOut | None = None
     at_rest_pC: AtRest | None = None
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """Electrodes and domain, the error bound, and remarks."""
         about = f"charges of {', '.join(self.names)} for {self.domain}"
         notes = [f"errors: up to {self.error_bound:.2g} of a charge", *self.remarks]
-        return self.status, [about], [], notes
+        return Summary(self.status, [about], notes=notes)
 
     def to_json(self) -> dict[str, Any]:
         """What `pvdf-fem model --json` prints besides the file."""

@@ -32,8 +32,8 @@ from pvdf_fem.inverse.touch.search import (
 )
 from pvdf_fem.inverse.touch.touch import TouchStatus, status_of
 from pvdf_fem.scene.given import model_of, taken
+from pvdf_fem.summary import Summary, TabularResult, TextTable
 from pvdf_fem.surrogate.model import FORCE, QUANTITIES, ROTATION, Model
-from pvdf_fem.told import Columns, Grid, Parts
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
 CHUNK = 32768
@@ -41,7 +41,7 @@ SHORT = SearchOptions(max_steps=12)  #: Of searches with mistakes undone, few of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Touches(Columns):
+class Touches(TabularResult):
     """The likeliest touch found for each row of charges; other touches may be as likely."""
 
     #: x and y in mm, rotation in degrees, force in N, (n, 4); NaN, as all other numbers, unless
@@ -96,10 +96,10 @@ class Touches(Columns):
         reasons = explained, self.alternatives[rows] > 0, self.at_edge[rows]
         self.status[rows] = [*map(status_of, *(of.tolist() for of in reasons))]
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """How many rows are located and explained, and the first and the last touches."""
         about = f"{int(self.explained.sum())} of {len(self.status)} rows are explained"
-        return "touches", [about], [Grid.of(self.columns())], []
+        return Summary("touches", [about], [TextTable.from_columns(self.columns())])
 
     def to_table(self) -> dict[str, NDArray[Any]]:
         """Columns (n,): touches, deviations (NaN where known), fit, alternatives, status, remark.

@@ -14,7 +14,7 @@ from pvdf_fem.electrodes.channel import READINGS
 from pvdf_fem.inverse.posterior import Posterior, least_chi_square, posterior
 from pvdf_fem.inverse.touch.location_problem import Problem, extents, kind_of
 from pvdf_fem.inverse.touch.touch import DETERMINED, Touch, TouchStatus, status_of
-from pvdf_fem.told import Grid, Parts, Told, rounded
+from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,7 +31,7 @@ class Explanation(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Location(Told):
+class Location(Result):
     """Candidate touches for measured charges; a touch is by a single probe or by two at once."""
 
     touches: tuple[Touch, ...]  #: The likeliest first; empty when no search ended.
@@ -43,7 +43,7 @@ class Location(Told):
     #: Mistakes in readings that would explain them, where no touch does.
     explanations: tuple[Explanation, ...] = ()
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """Status, number of touches with remarks, a table per touch, and footnotes."""
         grids = [self._grid(number, touch) for number, touch in enumerate(self.touches, 1)]
         how = f"{len(self.touches)} {'touch' if len(self.touches) == 1 else 'touches'} listed"
@@ -51,21 +51,22 @@ class Location(Told):
             notes = ["the nearest touch does not fit the readings, so ± tells nothing of the truth"]
         else:
             notes = ["± : the true value is within, with a probability of 68 %"] if grids else []
-        return self.status, [f"{how}, from {READINGS[self.reading]}", *self.remarks], grids, notes
+        sentences = [f"{how}, from {READINGS[self.reading]}", *self.remarks]
+        return Summary(self.status, sentences, tables=grids, notes=notes)
 
-    def _grid(self, number: int, touch: Touch) -> Grid:
+    def _grid(self, number: int, touch: Touch) -> TextTable:
         deviations, rows = self.deviations_of(touch), []
         for name, value in touch.by_name.items():
             if name in deviations:
                 error = deviations[name]
                 finest = min(error, touch.deviations[name])
-                rows.append((name, rounded(value, finest)[0], f"{error:.2g}"))
+                rows.append((name, format_with_error(value, finest)[0], f"{error:.2g}"))
             else:
                 rows.append((name, f"{value:.6g}", "known"))
         rows.append(("chi-square", f"{touch.chi_square:.3g}", ""))
         rows.append(("degrees of freedom", f"{self.degrees_of_freedom}", ""))
         rows.append(("share of likelihood", f"{touch.weight:.3g}", ""))
-        return Grid((f"touch {number}", "", "±"), tuple(rows))
+        return TextTable((f"touch {number}", "", "±"), tuple(rows))
 
     @property
     def status(self) -> TouchStatus:

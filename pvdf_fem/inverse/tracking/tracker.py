@@ -25,7 +25,6 @@ from pvdf_fem.inverse.tracking.rows import Row, TouchSummary
 from pvdf_fem.scene.given import Names, model_of, numbers, taken
 from pvdf_fem.scene.scene_file import choose
 from pvdf_fem.surrogate.model import FORCE, QUANTITIES, Model, period_deg
-from pvdf_fem.told import with_named_arguments
 
 
 class Tracker:
@@ -56,7 +55,6 @@ class Tracker:
     >>> tracker.settled_s, tracker.touches
     """
 
-    @with_named_arguments
     def __init__(
         self,
         response: Model,
