@@ -18,14 +18,14 @@ class FileError(ValueError):
     """A file cannot be read or written; the text names the file and says what to change."""
 
 
-def printable(text: str) -> str:
+def escape_unprintable(text: str) -> str:
     """A text in a line, with unprintable characters escaped."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def read_text(path: Path, most_bytes: int, what: str) -> str:
-    """Text of a regular UTF-8 file, without a byte order mark; see `read_bytes`, `decoded`."""
-    return decoded(path, read_bytes(path, most_bytes, what))
+    """Text of a regular UTF-8 file, without a byte order mark; see `read_bytes`, `decode_text`."""
+    return decode_text(path, read_bytes(path, most_bytes, what))
 
 
 def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
@@ -35,7 +35,7 @@ def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
     file in error texts: ``a scene file``. Raises `FileError` when the file cannot be read, or has
     more than `most_bytes`.
     """
-    with reading(path, what) as file, _as_unreadable(path, what):
+    with open_regular_file(path, what) as file, _as_unreadable(path, what):
         raw = file.read(most_bytes + 1)
         size = max(len(raw), os.fstat(file.fileno()).st_size)
     if size > most_bytes:
@@ -45,9 +45,9 @@ def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
     return raw
 
 
-def decoded(path: Path, raw: bytes) -> str:
+def decode_text(path: Path, raw: bytes) -> str:
     """The text of a file's content, without a byte order mark; `FileError` if it is not UTF-8."""
-    require_lines(raw, str(path))
+    require_utf8_lines(raw, str(path))
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -56,7 +56,7 @@ def decoded(path: Path, raw: bytes) -> str:
         raise FileError(text) from None
 
 
-def require_lines(raw: bytes, name: str) -> None:
+def require_utf8_lines(raw: bytes, name: str) -> None:
     """Raise `FileError` for a text, or a first line, in UTF-16, or whose lines end in CR alone."""
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")) or raw[:2].count(0) == 1:
         raise FileError(f"{name}: is UTF-16 text; save the file as UTF-8")
@@ -64,7 +64,7 @@ def require_lines(raw: bytes, name: str) -> None:
         raise FileError(f"{name}: has lines that end in CR alone; save the file with LF or CR LF")
 
 
-def csv_rows(lines: Iterable[str], header: str) -> Iterator[list[str]]:
+def read_csv_rows(lines: Iterable[str], header: str) -> Iterator[list[str]]:
     """Rows in a CSV file with this first line. Where the line has semicolons and no comma
     (spreadsheets with decimal commas), commas become points."""
     semicolons = ";" in header and "," not in header
@@ -73,7 +73,7 @@ def csv_rows(lines: Iterable[str], header: str) -> Iterator[list[str]]:
 
 
 @contextmanager
-def reading(path: Path, what: str) -> Iterator[BinaryIO]:
+def open_regular_file(path: Path, what: str) -> Iterator[BinaryIO]:
     """A context with a regular file that is open for reading; `read_text` has the details."""
     with _as_unreadable(path, what):
         # without O_NONBLOCK, opening a pipe waits for a writer
@@ -98,7 +98,7 @@ def _as_unreadable(path: Path, what: str) -> Iterator[None]:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replace_file(path: Path) -> Iterator[Path]:
     """A context with the path of a temporary file, which replaces `path` at the end.
 
     A file that is replaced leaves its permissions and, where possible, its owner to the new one.
@@ -110,14 +110,14 @@ def replacing(path: Path) -> Iterator[Path]:
         try:
             yield temporary
             with suppress(FileNotFoundError):
-                give_permissions(path, temporary)
+                copy_permissions(path, temporary)
             temporary.replace(os.path.realpath(path))  # a symbolic link stays one
         finally:
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
 
 
-def give_permissions(path: Path, other: Path) -> None:
+def copy_permissions(path: Path, other: Path) -> None:
     """Give a file the permissions of a second file and, if the system permits, its owner."""
     status = path.stat()
     if hasattr(os, "chown"):
@@ -128,7 +128,7 @@ def give_permissions(path: Path, other: Path) -> None:
 
 
 def require_writable(path: Path, *others: Path | None) -> None:
-    """Raise `FileError` for a path that `replacing` could not write, or a path in `others`."""
+    """Raise `FileError` for a path that `replace_file` could not write, or a path in `others`."""
     require_distinct(path, *others)
     with _as_file_error(path):
         temporary = _beside(path)
@@ -139,13 +139,13 @@ def require_writable(path: Path, *others: Path | None) -> None:
 def require_distinct(path: Path, *others: Path | None) -> None:
     """Raise `FileError` for a path that would overwrite a file in `others`, under every name."""
     for other in others:
-        if other is not None and same_file(path, other):
+        if other is not None and is_same_file(path, other):
             raise FileError(
                 f"{path}: would overwrite {other}, which is the same file; name another"
             )
 
 
-def same_file(path: Path, other: Path) -> bool:
+def is_same_file(path: Path, other: Path) -> bool:
     """Whether two paths lead to the same file or directory, also through links."""
     try:
         return os.path.samefile(path, other)
@@ -160,7 +160,7 @@ def make_directory(path: Path, first: str, *others: Path) -> None:
     file named `first` could not be written.
     """
     for other in others:
-        if same_file(path, other.parent):
+        if is_same_file(path, other.parent):
             raise FileError(f"{path}: holds {other.name}, which is read; name another directory")
     try:
         path.mkdir(parents=True, exist_ok=True)

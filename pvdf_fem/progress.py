@@ -15,12 +15,12 @@ from typing import Any
 Progress = Callable[[float, float], None]
 
 
-def silent(done: float, total: float) -> None:
+def ignore_progress(done: float, total: float) -> None:
     """A `Progress` that shows nothing."""
 
 
 @contextmanager
-def shown(
+def show_progress(
     unit: str, asked: Progress | bool | None = None, after_s: float = 2.0
 ) -> Iterator[Progress]:
     """The progress of a job.
@@ -40,7 +40,7 @@ def shown(
         return
     terminal = sys.stderr is not None and sys.stderr.isatty()
     if sys.stderr is None or asked is False or not (asked or terminal):
-        yield silent
+        yield ignore_progress
         return
     begun, told_at = time.monotonic(), -math.inf
 
@@ -50,7 +50,7 @@ def shown(
         pause_s = 0.1 if terminal else after_s
         if not 0 < done < total or now - begun < after_s or now - told_at < pause_s:
             return
-        told_at, left = now, remaining((now - begun) * (total - done) / done)
+        told_at, left = now, format_remaining_time((now - begun) * (total - done) / done)
         text = f"{done:.0f} of {total:.0f} {unit}, {left} left"
         # a terminal has a single line, rewritten
         sys.stderr.write(f"\r{text}\x1b[K" if terminal else f"{text}\n")
@@ -64,12 +64,12 @@ def shown(
             sys.stderr.flush()
 
 
-def remaining(seconds: float) -> str:
+def format_remaining_time(seconds: float) -> str:
     """A time as a person says it: to a second, from two minutes on in minutes."""
     return f"about {seconds:.0f} s" if seconds < 120.0 else f"about {seconds / 60.0:.0f} min"
 
 
-class Counted:
+class SolveCounter:
     """Tells a `Progress` about solves with an expected number."""
 
     def __init__(self, progress: Progress, expected: int) -> None:
@@ -81,13 +81,13 @@ class Counted:
         self.progress(self.done, max(self.expected, self.done))
 
 
-class Work:
+class TaskRunner:
     """Runs tasks on processes, and tells a `Progress` in seconds on a core.
 
     The rest is estimated from earlier tasks with the same function.
     """
 
-    def __init__(self, processes: int | None = None, progress: Progress = silent) -> None:
+    def __init__(self, processes: int | None = None, progress: Progress = ignore_progress) -> None:
         self.processes, self.progress = processes or -1, progress
         self.seconds: dict[str, list[float]] = {}  #: Of each task that is done, by function.
 

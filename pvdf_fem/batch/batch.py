@@ -15,7 +15,7 @@ from pvdf_fem.batch.workers import Died, on_cluster, on_processes
 from pvdf_fem.electrodes.unloaded import known_at_rest, untouched
 from pvdf_fem.film.loads.profiles import pinned
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
-from pvdf_fem.progress import Progress, silent
+from pvdf_fem.progress import Progress, ignore_progress
 from pvdf_fem.scene.scene import Scene
 
 #: Status of a scene after an exception or a dead process in its solve. Such
@@ -46,7 +46,7 @@ def records(
     *,
     processes: int = -1,
     scheduler: str | None = None,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> Iterator[tuple[int, Record]]:
     """Indices of a plan's distinct scenes with their records, in order of completion; see
     `sweep`."""

@@ -16,11 +16,11 @@ from pvdf_fem.cli.program import (
     add_progress,
     add_scene_command,
     add_texts,
-    output_mistakes,
-    scene_of,
+    find_output_errors,
+    read_scene,
 )
 from pvdf_fem.cli.response_model import positive
-from pvdf_fem.files import replacing
+from pvdf_fem.files import replace_file
 from pvdf_fem.scene.scene_file import SceneError
 
 DESCRIPTION = """\
@@ -87,9 +87,9 @@ def add_to(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command; returns its exit code."""
     inputs = Path(options.scene), Path(options.touches)
-    mistakes = output_mistakes(options.output, [".toml"], *inputs)
-    mistakes += output_mistakes(options.page, [".html"], *inputs, options.output)
-    scene = scene_of(options, *mistakes)
+    mistakes = find_output_errors(options.output, [".toml"], *inputs)
+    mistakes += find_output_errors(options.page, [".html"], *inputs, options.output)
+    scene = read_scene(options, *mistakes)
     given = {f"--{name}": getattr(options, name.replace("-", "_")) for name in DEVIATIONS}
     given = {option: text for option, text in given.items() if text is not None}
     given |= {f"--prior {n.strip()}": v for n, _, v in (t.partition("=") for t in options.prior)}
@@ -120,7 +120,7 @@ def run(options: argparse.Namespace) -> int:
     calibrated = found.status is CalibrationStatus.CALIBRATED
     try:
         if calibrated and options.output:
-            with replacing(options.output) as unfinished:
+            with replace_file(options.output) as unfinished:
                 unfinished.write_text(found.scene.to_toml(), encoding="utf-8")
         if options.page:
             about = {

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
+from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, read_scene
 from pvdf_fem.cli.response_model import number_of
 
 DESCRIPTION = """\
@@ -36,7 +36,7 @@ def run(options: argparse.Namespace) -> int:
     """Run the command until it is interrupted."""
     port, taken = number_of(options.port), f"--port {options.port[:60]}"
     mistakes = [] if port in range(65536) else [f"{taken}: is no port; give 0 to 65535"]
-    scene = scene_of(options, *mistakes)
+    scene = read_scene(options, *mistakes)
     from pvdf_fem.explore.server import serve
 
     try:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli import program, response_model
 from pvdf_fem.cli.locate_request import SOUGHT, Request, require
-from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
+from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, read_scene
 from pvdf_fem.cli.response_model import model_of
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def run(options: argparse.Namespace) -> int:
     mistakes, scenes = list(request.mistakes), {}
     for file in dict.fromkeys([options.scene, *options.others]):
         try:
-            scenes[file] = scene_of(argparse.Namespace(scene=file, settings=options.settings))
+            scenes[file] = read_scene(argparse.Namespace(scene=file, settings=options.settings))
         except InputError as error:
             mistakes += error.args
     probes = {
@@ -139,7 +139,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(*mistakes)
     from pvdf_fem.cli.locate_rows import locate_rows
 
-    with program.refusing():
+    with program.convert_value_errors():
         if options.csv is not None:
             return locate_rows(scenes[options.scene], request, options)
         choices = located(scenes, request)
@@ -156,7 +156,7 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
 
     What is not sought is known from the first. Raises `ValueError` with all mistakes.
     """
-    from pvdf_fem.inverse.touch.locate import locate, match, staged_touch
+    from pvdf_fem.inverse.touch.locate import get_scene_quantities, locate, rank_probes
 
     file, sensor = next(iter(scenes.items()))
     errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(sensor)}
@@ -170,14 +170,14 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
         domain = {"reach_mm": request.model.reach_mm, "force_range_N": request.model.force_N}
         if given := {key: value for key, value in domain.items() if value}:
             sensor = sensor.with_(model=given)
-        return match({file: locate(sensor, request.readings, **asked, **errors)})
-    touch = staged_touch(sensor)
+        return rank_probes({file: locate(sensor, request.readings, **asked, **errors)})
+    touch = get_scene_quantities(sensor)
     known = {name: value for name, value in touch.items() if name not in request.unknown}
     require(scenes, request, request.readings_pC(sensor), known)
     models = {name: model_of(scenes[name], name, request.model) for name in scenes}
     asked |= {"known": known, **errors}
     readings = request.readings
-    return match({name: locate(model, readings, **asked) for name, model in models.items()})
+    return rank_probes({name: locate(model, readings, **asked) for name, model in models.items()})
 
 
 def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:

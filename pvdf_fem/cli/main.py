@@ -25,12 +25,12 @@ from pvdf_fem.cli.program import (
     add_plot,
     add_scene_command,
     add_texts,
-    output_mistakes,
-    plot_mistakes,
+    describe_unknown_argument,
+    find_output_errors,
+    find_plot_errors,
+    read_scene,
     run_program,
     save_plot,
-    scene_of,
-    stray,
 )
 from pvdf_fem.cli.studies import dataset, design
 from pvdf_fem.scene.scene_file import choose, example_text, examples, key_texts
@@ -131,10 +131,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    parser = _parser()
+    parser = make_parser()
     options, further = parser.parse_known_args(arguments)
     if further:
-        raise InputError(stray(further, options.parser if "run" in options else parser))
+        raise InputError(
+            describe_unknown_argument(further, options.parser if "run" in options else parser)
+        )
     if "run" not in options:
         parser.print_help()
         return ExitCode.BAD_INPUT
@@ -152,7 +154,7 @@ def _key_names() -> str:
     return "\n".join(map(wrapper.fill, lines))
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
     parser = ArgumentParser(
         "pvdf-fem",
         description=_DESCRIPTION,
@@ -224,12 +226,12 @@ def _keys(options: argparse.Namespace) -> int:
 
 
 def _solve(options: argparse.Namespace) -> int:
-    mistakes = output_mistakes(options.vtu, [".vtu"], options.scene, options.mesh)
-    mistakes += plot_mistakes(options, options.scene, options.mesh, options.vtu)
+    mistakes = find_output_errors(options.vtu, [".vtu"], options.scene, options.mesh)
+    mistakes += find_plot_errors(options, options.scene, options.mesh, options.vtu)
     quantity = "deflection" if options.quantity is None else options.quantity
     if options.quantity is not None and not options.plot:
         mistakes.append("--quantity: is what --plot shows; give --plot FILE, or leave it out")
-    scene = scene_of(options, *mistakes)
+    scene = read_scene(options, *mistakes)
     if options.plot:
         from pvdf_fem.view.film_map import require_map
 
@@ -255,7 +257,7 @@ def _solve(options: argparse.Namespace) -> int:
 def _mesh(options: argparse.Namespace) -> int:
     from pvdf_fem.view.export import FORMATS, write_mesh
 
-    scene = scene_of(options, *output_mistakes(options.file, list(FORMATS), options.scene))
+    scene = read_scene(options, *find_output_errors(options.file, list(FORMATS), options.scene))
     from pvdf_fem.film.loads.contact_guess import tip_outlines
     from pvdf_fem.film.models import film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
@@ -282,8 +284,8 @@ def _modes(options: argparse.Namespace) -> int:
     count, mistakes = options.count, []
     if not re.fullmatch("[0-9]{1,9}", count) or not 1 <= int(count) <= MOST_MODES:
         mistakes = [f"--count {count[:60]}: is out of range; give 1 to {MOST_MODES}"]
-    mistakes += plot_mistakes(options, options.scene)
-    result = modes(scene_of(options, *mistakes), int(count), options.loaded)
+    mistakes += find_plot_errors(options, options.scene)
+    result = modes(read_scene(options, *mistakes), int(count), options.loaded)
     converged = result.status is Status.CONVERGED
     try:
         if options.plot and converged:

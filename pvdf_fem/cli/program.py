@@ -14,7 +14,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from pvdf_fem.files import FileError, printable, require_writable
+from pvdf_fem.files import FileError, escape_unprintable, require_writable
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.scene.scene_file import SceneError, choose, key_texts, parse_change, quote
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from pvdf_fem.scene.scene import Scene
 
-LONGEST_LINE = 400  #: Largest number of characters in a line of complaint; longer lines are cut.
-MOST_LINES = 120  #: Largest number of mistakes that are told, a line each.
+MAX_LINE_LENGTH = 400  #: Largest number of characters in a line of complaint; longer lines are cut.
+MAX_LINES = 120  #: Largest number of mistakes that are told, a line each.
 
 
 class ExitCode(IntEnum):
@@ -43,7 +43,7 @@ class InputError(Exception):
 
 
 @contextmanager
-def refusing() -> Iterator[None]:
+def convert_value_errors() -> Iterator[None]:
     """A context in which a `ValueError` is about the input, a line for each mistake."""
     try:
         yield
@@ -84,7 +84,7 @@ def add_command(
     return parser
 
 
-def stray(words: Sequence[str], parser: argparse.ArgumentParser) -> str:
+def describe_unknown_argument(words: Sequence[str], parser: argparse.ArgumentParser) -> str:
     """What is wrong with words on the command line that no option of a command takes."""
     name, _, value = (words[0] if "=" in words[0] else "=".join(words[:2])).partition("=")
     if not name.startswith("-"):
@@ -117,7 +117,7 @@ def add_scene_command(
     return parser
 
 
-def scene_of(options: argparse.Namespace, *mistakes: str) -> Scene:
+def read_scene(options: argparse.Namespace, *mistakes: str) -> Scene:
     """The scene with its changes; raises `InputError` with the given mistakes and its own."""
     from pvdf_fem.scene.change import spelled
     from pvdf_fem.scene.scene import Scene
@@ -172,7 +172,7 @@ def add_progress(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--progress", action="store_true", default=None, help=about)
 
 
-def output_mistakes(
+def find_output_errors(
     path: Path | None, extensions: Sequence[str], *others: Path | None
 ) -> list[str]:
     """Reasons for which a file could not be written. `extensions` are the extensions of known
@@ -201,14 +201,14 @@ def save_plot(figure: Figure, options: argparse.Namespace) -> None:
     save(figure, options.plot)
 
 
-def plot_mistakes(options: argparse.Namespace, *others: Path | None) -> list[str]:
+def find_plot_errors(options: argparse.Namespace, *others: Path | None) -> list[str]:
     """Reasons for which the file of ``--plot``, if it is given, could not be written."""
     if options.plot is None:
         return []
     from matplotlib.backend_bases import FigureCanvasBase
 
     extensions = [f".{extension}" for extension in FigureCanvasBase.get_supported_filetypes()]
-    return output_mistakes(options.plot, extensions, *others)
+    return find_output_errors(options.plot, extensions, *others)
 
 
 def run_program(name: str, job: Callable[[], int]) -> int:
@@ -266,9 +266,9 @@ def _drop_output() -> None:
 
 
 def _tell(*lines: str) -> None:
-    """Print lines on standard error, shortened, and no more than `MOST_LINES`."""
-    shown = [_line(line) for line in lines[:MOST_LINES]]
-    if len(lines) > MOST_LINES:
+    """Print lines on standard error, shortened, and no more than `MAX_LINES`."""
+    shown = [_line(line) for line in lines[:MAX_LINES]]
+    if len(lines) > MAX_LINES:
         shown.append("there are more mistakes; correct these first")
     try:
         print(*shown, sep="\n", file=sys.stderr, flush=True)
@@ -277,5 +277,5 @@ def _tell(*lines: str) -> None:
 
 
 def _line(text: str) -> str:
-    line = printable(text)
-    return line if len(line) <= LONGEST_LINE else line[: LONGEST_LINE - 3] + "..."
+    line = escape_unprintable(text)
+    return line if len(line) <= MAX_LINE_LENGTH else line[: MAX_LINE_LENGTH - 3] + "..."

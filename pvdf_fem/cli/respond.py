@@ -12,9 +12,9 @@ from pvdf_fem.cli.program import (
     add_plot,
     add_scene_command,
     add_texts,
-    plot_mistakes,
+    find_plot_errors,
+    read_scene,
     save_plot,
-    scene_of,
 )
 from pvdf_fem.cli.response_model import number_of
 
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     frequencies = _frequencies(options.frequencies)
     told = f"--frequencies {options.frequencies[:60]}: is out of range; give {SPAN}"
     mistakes = [told] if frequencies is None else []
-    scene = scene_of(options, *mistakes, *plot_mistakes(options, options.scene))
+    scene = read_scene(options, *mistakes, *find_plot_errors(options, options.scene))
     from pvdf_fem.dynamics.forced import respond
 
     response = respond(scene, frequencies, refined=options.frequencies.count(":") == 1)

@@ -19,11 +19,11 @@ from pvdf_fem.cli.program import (
     add_progress,
     add_scene_command,
     add_texts,
-    refusing,
-    scene_of,
+    convert_value_errors,
+    read_scene,
 )
 from pvdf_fem.files import FileError, require_writable
-from pvdf_fem.progress import Progress, remaining, shown
+from pvdf_fem.progress import Progress, format_remaining_time, show_progress
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def add_to(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command; returns its exit code."""
-    scene, mistakes = scene_of(options), list[str]()
+    scene, mistakes = read_scene(options), list[str]()
     choice = ModelChoice.of(options, mistakes)
     if scene.single_probe is None:
         mistakes.append(f"{options.scene}: has no [probe]; add one")
@@ -198,7 +198,7 @@ class ModelChoice:
         return [beyond] if reach > rim else []
 
 
-@refusing()
+@convert_value_errors()
 def model_of(
     scene: Scene, scene_file: str, choice: ModelChoice, *, as_kept: bool = False
 ) -> Response:
@@ -217,7 +217,7 @@ def model_of(
             print(f"  {other.name} does not serve: it {why}", file=sys.stderr)
         try:
             wanted = domain.reach_mm, domain.force_N, tolerance
-            with shown("s of one core", choice.progress) as show:
+            with show_progress("s of one core", choice.progress) as show:
                 model = build_response(alone, *wanted, file=path, progress=_estimated(show))
         except NotConvergedError as error:
             low, high = domain.force_N
@@ -249,7 +249,9 @@ def _estimated(show: Progress) -> Progress:
     def tell(done: float, total: float) -> None:
         nonlocal told
         if not told:
-            text = f"  that takes {remaining(total)} of one core, as its first solves tell"
+            text = (
+                f"  that takes {format_remaining_time(total)} of one core, as its first solves tell"
+            )
             print(text, file=sys.stderr)
         told = True
         show(done, total)

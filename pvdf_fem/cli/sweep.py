@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli import program
-from pvdf_fem.cli.program import ExitCode, InputError, add_command, output_mistakes
+from pvdf_fem.cli.program import ExitCode, InputError, add_command, find_output_errors
 from pvdf_fem.files import require_distinct
 
 if TYPE_CHECKING:
@@ -139,8 +139,8 @@ def _sweep(options: argparse.Namespace) -> int:
 
     output = options.output or Path(f"{options.sweep.stem}.nc")
     unused = options.plan and not options.output
-    mistakes = [] if unused else output_mistakes(output, [".nc"], options.sweep)
-    mistakes += program.plot_mistakes(options, options.sweep, output)
+    mistakes = [] if unused else find_output_errors(output, [".nc"], options.sweep)
+    mistakes += program.find_plot_errors(options, options.sweep, output)
     mistakes += _process_mistakes(options)
     from pvdf_fem.studies.grid import Grid
 
@@ -182,11 +182,11 @@ def _run(
     grid: Grid, plan: SweepPlan, store: Store, output: Path, options: argparse.Namespace
 ) -> int:
     from pvdf_fem.batch.batch import records
-    from pvdf_fem.progress import shown
+    from pvdf_fem.progress import show_progress
     from pvdf_fem.studies.grid_dataset import dataset, write_netcdf
 
     where: dict[str, Any] = {"processes": options.processes, "scheduler": options.scheduler}
-    with shown("scenes", False if options.quiet else options.progress) as progress:
+    with show_progress("scenes", False if options.quiet else options.progress) as progress:
         solved = records(plan, store, **where, progress=progress)
         data = dataset(grid, plan, solved)
     write_netcdf(data, output)

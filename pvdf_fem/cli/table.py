@@ -14,7 +14,13 @@ from typing import Any, BinaryIO, TextIO
 
 from pvdf_fem.cli.program import InputError
 from pvdf_fem.cli.response_model import number_of
-from pvdf_fem.files import FileError, csv_rows, reading, replacing, require_lines
+from pvdf_fem.files import (
+    FileError,
+    open_regular_file,
+    read_csv_rows,
+    replace_file,
+    require_utf8_lines,
+)
 
 LONGEST_ROW = 1 << 20  #: Largest size in bytes of a line, or of an object.
 CHUNK = 1 << 18  #: Bytes that are read at once at most; a pipe gives what has come.
@@ -37,11 +43,13 @@ def rows_of(
     `InputError` for a table without electrodes, and `FileError` for what is no table."""
     if source is None and sys.stdin is None:
         raise InputError("standard input: is closed; redirect it from a file")
-    stream = stack.enter_context(reading(source, "a table")) if source else sys.stdin.buffer
+    stream = (
+        stack.enter_context(open_regular_file(source, "a table")) if source else sys.stdin.buffer
+    )
     name = str(source or "standard input")
     lines = _lines(stream, name)
     first = next(lines, [""])
-    require_lines(first[0].encode("utf-8", "surrogateescape"), name)
+    require_utf8_lines(first[0].encode("utf-8", "surrogateescape"), name)
     read = _csv_rows if kind == ".csv" else _json_rows
     batches = read(itertools.chain([first], lines), name)
     columns = list(next(batches, [({}, True)])[0][0])
@@ -77,7 +85,7 @@ def writer(
     """A function that writes rows to a file, which appears whole at the end, or at once."""
     file: TextIO = sys.stdout
     if target:
-        temporary = stack.enter_context(replacing(target))
+        temporary = stack.enter_context(replace_file(target))
         file = stack.enter_context(
             temporary.open("w", encoding="utf-8", errors="surrogateescape", newline="")
         )
@@ -117,7 +125,7 @@ def _csv_rows(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
 def _cells(line: str, header: str) -> list[str]:
     """The cells of a line; none if a quotation mark is missing."""
     try:
-        return next(csv_rows([line], header), [])
+        return next(read_csv_rows([line], header), [])
     except csv.Error:
         return []
 

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli import program, response_model
 from pvdf_fem.cli.locate_request import SOUGHT, sought
-from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
+from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, read_scene
 from pvdf_fem.cli.response_model import ModelChoice, model_of
 from pvdf_fem.cli.table import number, plain, rows_of, writer
-from pvdf_fem.files import printable
+from pvdf_fem.files import escape_unprintable
 
 if TYPE_CHECKING:
     from pvdf_fem.inverse.tracking.rows import Row
@@ -75,7 +75,7 @@ def add_to(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the command; returns its exit code."""
-    scene = scene_of(options)
+    scene = read_scene(options)
     from pvdf_fem.inverse.touch.touch import TouchStatus
     from pvdf_fem.inverse.tracking.rows import Row
     from pvdf_fem.inverse.tracking.tracker import Tracker
@@ -105,7 +105,7 @@ def run(options: argparse.Namespace) -> int:
         if mistakes := choice.mistakes(scene, options.scene):
             raise InputError(*mistakes)
         model = model_of(scene, options.scene, choice)
-        with program.refusing():
+        with program.convert_value_errors():
             tracker = Tracker(model, unknown=unknown, unit=options.unit)
         kind = ".jsonl" if options.json else ".csv"
         write = writer(stack, None, kind, [f.name for f in fields(Row)])
@@ -152,7 +152,7 @@ def _sample(
     values = {key: number(text) for key, text in texts.items()}
     wrong = {texts[n] for n, v in values.items() if math.isnan(v)} - {"", "nan", "NaN"}
     if wrong or not sound:
-        return values, printable(", ".join(sorted(wrong)))[:40] or f"{len(cells)} cells"
+        return values, escape_unprintable(", ".join(sorted(wrong)))[:40] or f"{len(cells)} cells"
     return values, "" if math.isfinite(values[columns[0]]) else f"no time {columns[0]}"
 
 

@@ -21,7 +21,7 @@ from pvdf_fem.dynamics.air import SOUND_SPEED
 from pvdf_fem.dynamics.modes import air_remark
 from pvdf_fem.dynamics.oscillation import ComplexArray, Oscillation, oscillations
 from pvdf_fem.electrodes.channel import Channel, channels
-from pvdf_fem.progress import Progress, shown
+from pvdf_fem.progress import Progress, show_progress
 from pvdf_fem.scene.given import SceneLike, numbers, scene_of, taken
 from pvdf_fem.scene.scene_file import SceneError, problem
 from pvdf_fem.solver.adaptive import solve
@@ -161,7 +161,7 @@ def respond(
     frequencies = numbers("frequencies_Hz", frequencies_Hz, (0.0, MOST_HZ), "Hz").ravel()
     refined = taken("refined", refined, bool)
     solution, read = _loaded(solution)
-    with shown("vectors at most", progress) as show:
+    with show_progress("vectors at most", progress) as show:
         both = [oscillation.reduced(frequencies, show) for oscillation in oscillations(solution)]
     resonances = both[0].resonances(frequencies.max())
     if refined:

@@ -28,7 +28,7 @@ from pvdf_fem.film.loads.kinds import LOADS
 from pvdf_fem.film.models import film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM, MeshError
 from pvdf_fem.mesh.size_field import Sizes
-from pvdf_fem.progress import Counted, Progress, shown
+from pvdf_fem.progress import Progress, SolveCounter, show_progress
 from pvdf_fem.scene.film import Air
 from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
@@ -162,7 +162,7 @@ def modes(
         without tension in all directions.
     progress : callable or bool, optional
         Called with the numbers of linear solves that are done and that are expected; or whether
-        these are shown, see `pvdf_fem.progress.shown`.
+        these are shown, see `pvdf_fem.progress.show_progress`.
 
     Examples
     --------
@@ -187,8 +187,8 @@ def modes(
     steps = problem.first_sizes, problem.solve_on, problem.next_sizes
     loop = MeshLoop(bare, *steps, problem.budget, problem.clock, UNKNOWNS_PER_ELEMENT[2])
     try:
-        with shown("solves", progress) as show:
-            problem.step = Counted(show, expected)
+        with show_progress("solves", progress) as show:
+            problem.step = SolveCounter(show, expected)
             attempt, stop = loop.run()
     except MeshError as error:
         reason = f"{Status.MESH_FAILED.advice} ({error})"

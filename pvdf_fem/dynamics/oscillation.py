@@ -31,7 +31,7 @@ from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.pressure import UP
 from pvdf_fem.film.term import State
-from pvdf_fem.progress import Progress, silent
+from pvdf_fem.progress import Progress, ignore_progress
 from pvdf_fem.solver.next_order import factorised, next_order
 from pvdf_fem.solver.nonlinear.newton import factorise
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
@@ -94,7 +94,7 @@ class Oscillation:
     def reduced(
         self,
         frequencies: Array,
-        progress: Progress = silent,
+        progress: Progress = ignore_progress,
         tolerance: float = 1e-7,
         most: int = 426,
         tests: int = 24,

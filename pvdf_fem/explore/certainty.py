@@ -12,8 +12,8 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import channels
-from pvdf_fem.explore.controls import pairs, section_of, title_of
-from pvdf_fem.explore.picture import solution_of
+from pvdf_fem.explore.controls import find_section, format_title, to_point_list
+from pvdf_fem.explore.picture import solve_text
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
@@ -28,11 +28,11 @@ LEAST_SIZE, MAGNIFIED = 0.02, 10
 SOUGHT = ("x_mm", "y_mm", "force_N", "depth_mm")
 
 
-def certainty_of(text: str, noise: float) -> dict[str, Any]:
+def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     """Ellipses of one standard deviation and a table of the touch of a scene file, or the reason
     why there are none. `noise` is the standard deviation of readings, relative to them, to which
     the readout's is added."""
-    solution = solution_of(text)
+    solution = solve_text(text)
     keys = [key for key, ((_, _, name), *_) in touched(solution.scene).items() if name in SOUGHT]
     values = {key: number_at(solution.scene, key) for key in keys}
     try:
@@ -51,7 +51,7 @@ def certainty_of(text: str, noise: float) -> dict[str, Any]:
     told = f"Readings with {100.0 * noise:g} % noise tell the touch to these standard deviations."
     told += f" The ellipse is drawn {times} times as large." if times > 1 else ""
     centres = [ellipse[:-1].mean(axis=0) for ellipse in ellipses]
-    drawn = [pairs(at + times * (e - at)) for e, at in zip(ellipses, centres, strict=True)]
+    drawn = [to_point_list(at + times * (e - at)) for e, at in zip(ellipses, centres, strict=True)]
     table = TextTable(("", "value", "standard deviation"), (*rows,)).to_html()
     return {"told": told, "ellipses": drawn, "table": table}
 
@@ -83,4 +83,4 @@ def _title(scene: Scene, key: str) -> str:
     """The name of a key in words, of one of several probes with its number."""
     table, _, name = key.rpartition(".")
     number = f"{table} " if "[" in table else ""
-    return f"{number}{title_of(section_of(scene, table), name)}"
+    return f"{number}{format_title(find_section(scene, table), name)}"

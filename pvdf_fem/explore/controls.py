@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.explore.state import WORDS, View, generic, said
+from pvdf_fem.explore.state import WORDS, View, drop_probe_number, explain_key
 from pvdf_fem.scene.change import plain, steps_of
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
@@ -30,10 +30,10 @@ OWN = {
 MAKERS = ("probe.shape", "electrodes.layout")
 
 
-def outlines_of(scene: Scene) -> dict[str, Any]:
+def describe_outlines(scene: Scene) -> dict[str, Any]:
     """Film, electrodes and probes in mm, for the page to draw."""
     electrodes = [
-        {"name": electrode.name, "colour": colour_of(i), **_outline(electrode.outline)}
+        {"name": electrode.name, "colour": choose_colour(i), **_outline(electrode.outline)}
         for i, electrode in enumerate(scene.electrode_list)
     ]
     probes = [
@@ -51,35 +51,38 @@ def outlines_of(scene: Scene) -> dict[str, Any]:
     return {"radius": scene.film.radius_mm, "electrodes": electrodes, "probes": probes}
 
 
-def colour_of(electrode: int) -> str:
+def choose_colour(electrode: int) -> str:
     """Colour for an electrode and its bars, by number."""
     return COLOURS[electrode % len(COLOURS)]
 
 
-def pairs(points_mm: Array) -> list[list[float]]:
+def to_point_list(points_mm: Array) -> list[list[float]]:
     """Points (n, 2) as the page takes them."""
     return np.round(points_mm, 4).tolist()
 
 
 def _outline(outline: Outline) -> dict[str, Any]:
-    [[x, y]] = pairs(1e3 * outline.centroid[None])
-    return {"x": x, "y": y, "points": pairs(1e3 * np.array(outline.shape.exterior.coords))}
+    [[x, y]] = to_point_list(1e3 * outline.centroid[None])
+    return {"x": x, "y": y, "points": to_point_list(1e3 * np.array(outline.shape.exterior.coords))}
 
 
-def controls_of(view: View) -> dict[str, list[dict[str, Any]]]:
+def describe_controls(view: View) -> dict[str, list[dict[str, Any]]]:
     """The controls of a view by table: key, title, meaning and value; choices for a word, a step
     and enclosing limits for a number. Lists are TOML."""
     found: dict[str, list[dict[str, Any]]] = {}
     for key in _keys(view.scene):
-        name, (table, _, last) = generic(key), key.rpartition(".")
-        section = section_of(view.scene, table) if table else view
+        name, (table, _, last) = drop_probe_number(key), key.rpartition(".")
+        section = find_section(view.scene, table) if table else view
         value = None if isinstance(section, tuple) else getattr(section, last, None)
         if value is None and key == "film.pretension_N_m":
             value = _tension(view.scene.film)
         turns = name != "probe.rotation_deg" or getattr(section, "period_deg", 0.0) > 0.0
         if not turns or (value is None and name not in MAKERS):
             continue
-        title, about = OWN.get(name) or (title_of(section, last), said(generic(table), last)[0])
+        title, about = OWN.get(name) or (
+            format_title(section, last),
+            explain_key(drop_probe_number(table), last)[0],
+        )
         control = {"key": key, "title": title, "about": about, "value": value}
         if name in WORDS:
             control["words"] = WORDS[name]
@@ -98,7 +101,7 @@ def _tension(film: Film) -> float | tuple[float, ...]:
     return x if x == y else (x, y)
 
 
-def title_of(section: Any, name: str) -> str:
+def format_title(section: Any, name: str) -> str:
     """The name of a key of a table in words, with its unit."""
     return (section.key_of(name) if isinstance(section, Section) else Key()).title(name)
 
@@ -114,7 +117,7 @@ def _keys(scene: Scene) -> Iterator[str]:
             yield key.replace("probe", probe, 1)
 
 
-def section_of(scene: Scene, table: str) -> Any:
+def find_section(scene: Scene, table: str) -> Any:
     """A scene's table, or list of tables, by key; None where the scene has none."""
     name, *number = steps_of(table)
     section = getattr(scene, name)

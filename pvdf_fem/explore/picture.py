@@ -58,19 +58,19 @@ class Picture(NamedTuple):
     """The JSON of `pvdf-fem solve --json` for a scene, and its film."""
 
     result: dict[str, Any]
-    image: Array | None  #: Of `image_of`; none without a result.
+    image: Array | None  #: Of `sample_image`; none without a result.
 
 
-def picture_of(text: str, quantity: str) -> Picture:
+def solve_picture(text: str, quantity: str) -> Picture:
     """The picture of a scene file."""
-    solution = solution_of(text)
+    solution = solve_text(text)
     converged = solution.status is Status.CONVERGED
-    image = image_of(solution, QUANTITIES[quantity].at_dofs(solution)) if converged else None
+    image = sample_image(solution, QUANTITIES[quantity].at_dofs(solution)) if converged else None
     return Picture(solution.to_json(), image)
 
 
 @lru_cache(maxsize=1)
-def solution_of(text: str) -> Solution:
+def solve_text(text: str) -> Solution:
     """The solution of a scene file to `TOLERANCE`, or the scene's own where that is larger."""
     scene = Scene.parse(text)
     limits = {"numerics.tolerance": max(TOLERANCE, scene.numerics.tolerance)}
@@ -78,7 +78,7 @@ def solution_of(text: str) -> Solution:
     return solve(scene.with_(**limits), order=ORDER)
 
 
-def coloured(image: Array, quantity: str) -> dict[str, Any]:
+def encode_image(image: Array, quantity: str) -> dict[str, Any]:
     """An image as a PNG in a URL, palest at zero and transparent where it is NaN, and its scale:
     label, least and largest value, and colours between them."""
     low, high = min(0.0, float(np.nanmin(image))), max(0.0, float(np.nanmax(image)))
@@ -90,7 +90,7 @@ def coloured(image: Array, quantity: str) -> dict[str, Any]:
     return {"url": f"data:image/png;base64,{b64encode(png.getvalue()).decode()}", **scale}
 
 
-def image_of(solution: Solution, values: Array, pixels: int = PIXELS) -> Array:
+def sample_image(solution: Solution, values: Array, pixels: int = PIXELS) -> Array:
     """The field with values at the dofs, at the pixels of the square about the film, the lowest y
     first, (pixels, pixels). It is that at the rim for a pixel beyond, and NaN farther out."""
     mesh, basis, radius = solution.mesh, solution.basis, solution.scene.film.radius

@@ -18,9 +18,9 @@ from urllib.parse import parse_qs, urlsplit
 from joblib.externals.loky import get_reusable_executor
 
 from pvdf_fem.batch.workers import ONE_THREAD, end_with
-from pvdf_fem.explore.certainty import certainty_of
-from pvdf_fem.explore.controls import controls_of, outlines_of
-from pvdf_fem.explore.results import results_of
+from pvdf_fem.explore.certainty import estimate_certainty
+from pvdf_fem.explore.controls import describe_controls, describe_outlines
+from pvdf_fem.explore.results import collect_results
 from pvdf_fem.explore.state import View
 from pvdf_fem.scene.scene import Scene, SceneError
 
@@ -44,7 +44,7 @@ def serve(scene: Scene, file: Path, port: int, browser: bool) -> None:
             _process().shutdown(wait=False, kill_workers=True)
 
 
-def view_of(start: Scene, at: str, change: str) -> dict[str, Any]:
+def describe_view(start: Scene, at: str, change: str) -> dict[str, Any]:
     """Link, outlines and controls of the view with a link, after a change unless it is refused."""
     view, refused = View(start), tuple[str, ...]()
     try:
@@ -53,7 +53,7 @@ def view_of(start: Scene, at: str, change: str) -> dict[str, Any]:
     except SceneError as error:
         refused = error.problems
     link = {"query": view.query(start), "refused": refused}
-    return {**link, **outlines_of(view.scene), "controls": controls_of(view)}
+    return {**link, **describe_outlines(view.scene), "controls": describe_controls(view)}
 
 
 def _process() -> Any:
@@ -97,7 +97,7 @@ class Handler(BaseHTTPRequestHandler):
             name, kind = FILES[url.path]
             self._send(Path(__file__).with_name(name).read_text("utf-8"), kind)
         elif url.path == "/view":
-            answer = view_of(self.start, asked.get("at", ""), asked.get("change", ""))
+            answer = describe_view(self.start, asked.get("at", ""), asked.get("change", ""))
             self._send(json.dumps({"name": self.name, **answer}))
         else:
             self._send_of_view(url.path, asked.get("at", ""))
@@ -110,9 +110,9 @@ class Handler(BaseHTTPRequestHandler):
             return self.send_error(400)
         text = view.scene.to_toml()
         if path == "/picture":
-            self._send(json.dumps(_worked(results_of, text, view.quantity)))
+            self._send(json.dumps(_worked(collect_results, text, view.quantity)))
         elif path == "/certainty":
-            self._send(json.dumps(_worked(certainty_of, text, view.noise)))
+            self._send(json.dumps(_worked(estimate_certainty, text, view.noise)))
         elif path == "/scene.toml":
             self._send(text, "application/toml")
         else:

@@ -63,13 +63,13 @@ class View:
         = "contact".
         """
         changes = _parsed(text)
-        words = {key: value for key, value in changes.items() if generic(key) in WORDS}
+        words = {key: value for key, value in changes.items() if drop_probe_number(key) in WORDS}
         numbers = {key: value for key, value in changes.items() if key not in words}
         chosen = {key: value for item in words.items() for key, value in self._chosen(*item)}
         try:
             return self.changed({**chosen, **numbers})
         except SceneError as refused:
-            partners = {PARTNERS.get(generic(key), "") for key in words} - changes.keys()
+            partners = {PARTNERS.get(drop_probe_number(key), "") for key in words} - changes.keys()
             for partner in partners & WORDS.keys():
                 for word in WORDS[partner]:
                     with suppress(SceneError):
@@ -80,13 +80,17 @@ class View:
     def _chosen(self, key: str, word: str) -> list[tuple[str, Any]]:
         """Changes for a word, with example sizes for a shape."""
         table, _, name = key.rpartition(".")
-        section = getattr(self.scene, generic(table), None) if table else None
-        if isinstance(section, tuple) and table == generic(table):  # a list gives way to a table
+        section = getattr(self.scene, drop_probe_number(table), None) if table else None
+        if isinstance(section, tuple) and table == drop_probe_number(
+            table
+        ):  # a list gives way to a table
             return [(table, Replaced({name: word}))]
-        model = MODELS.get((generic(table), "table", word)) if name == "shape" else None
+        model = MODELS.get((drop_probe_number(table), "table", word)) if name == "shape" else None
         fields = model.model_fields if model else {}
         needed = [size for size, field in fields.items() if field.is_required()]
-        sizes = {f"{table}.{size}": said(generic(table), size)[1] for size in needed}
+        sizes = {
+            f"{table}.{size}": explain_key(drop_probe_number(table), size)[1] for size in needed
+        }
         return [(key, word), *sizes.items()]
 
     def query(self, start: Scene) -> str:
@@ -125,7 +129,7 @@ def _parsed(text: str) -> dict[str, Any]:
     return {**changes, **dict([parse_change(part)])} if part or not changes else changes
 
 
-def generic(key: str) -> str:
+def drop_probe_number(key: str) -> str:
     """The key without the number of a probe."""
     return re.sub(r"^probe\[\d+\]", "probe", key)
 
@@ -137,7 +141,7 @@ def _said() -> dict[tuple[str, str], str]:
     return texts | {(t.table.strip("[]"), t.name): t.text for t in reversed([*key_texts()])}
 
 
-def said(table: str, name: str) -> tuple[str, Any]:
+def explain_key(table: str, name: str) -> tuple[str, Any]:
     """What a key of a scene means, with its range, and a value for example."""
     text = _said().get((table, name)) or _said()["", name]
     *about, line = text.splitlines()

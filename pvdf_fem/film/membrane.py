@@ -14,7 +14,14 @@ from functools import cached_property
 
 import numpy as np
 
-from pvdf_fem.arrays import ALL, Array, Selection, components_first, components_last, times
+from pvdf_fem.arrays import (
+    ALL,
+    Array,
+    Selection,
+    apply_matrix,
+    move_components_first,
+    move_components_last,
+)
 from pvdf_fem.film.laws.laminate import Laminate
 from pvdf_fem.film.term import State, Term
 
@@ -85,11 +92,11 @@ class Membrane(Laminate, Term):
 
     def element_action(self, state: State, x: Array) -> Array:
         F, step = state.deformation_gradient, self.space.gradient(x)
-        stress = times(self.moduli(state), strain_rate(F, step))
+        stress = apply_matrix(self.moduli(state), strain_rate(F, step))
         flux = self._first_piola(step, state.stress) + self._first_piola(F, stress)
         forces = self.space.forces(flux)
         if self.law.wrinkles:
-            forces += times(self._damping(state), x[self.space.element_dofs])
+            forces += apply_matrix(self._damping(state), x[self.space.element_dofs])
         return forces
 
     def diagonal(self, state: State) -> Array:
@@ -185,7 +192,7 @@ class Membrane(Laminate, Term):
             return float((stress * strain * volumes).sum())
 
         stress = self.own_stress(state)
-        stress_1, stress_2 = times(moduli, first), times(moduli, second)
+        stress_1, stress_2 = apply_matrix(moduli, first), apply_matrix(moduli, second)
         return np.array(
             [
                 self.energy(state),
@@ -199,7 +206,7 @@ class Membrane(Laminate, Term):
     def _first_piola(self, deformation_gradient: Array, stress: Array) -> Array:
         """First Piola-Kirchhoff stress F S times the volumes, (2, 3, elements, points)."""
         s11, s22, s12 = (stress[..., i] * self.volumes for i in range(3))
-        f1, f2 = components_first(deformation_gradient, 2).swapaxes(0, 1)
+        f1, f2 = move_components_first(deformation_gradient, 2).swapaxes(0, 1)
         return np.stack([s11 * f1 + s12 * f2, s12 * f1 + s22 * f2])
 
     @cached_property
@@ -230,7 +237,9 @@ def strain_rate(deformation_gradient: Array, step: Array) -> Array:
     """Voigt components (..., 3) of sym(F^T grad v)."""
     f1, f2 = deformation_gradient[..., 0], deformation_gradient[..., 1]
     v1, v2 = step[..., 0], step[..., 1]
-    return components_last(np.stack([_dot(f1, v1), _dot(f2, v2), _dot(f1, v2) + _dot(f2, v1)]), 1)
+    return move_components_last(
+        np.stack([_dot(f1, v1), _dot(f2, v2), _dot(f1, v2) + _dot(f2, v1)]), 1
+    )
 
 
 def _dot(a: Array, b: Array) -> Array:

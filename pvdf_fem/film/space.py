@@ -21,7 +21,7 @@ from skfem import (
     MeshTri2,
 )
 
-from pvdf_fem.arrays import ALL, COMPLEX_STEP, Array, Indices, Selection, components_last
+from pvdf_fem.arrays import ALL, COMPLEX_STEP, Array, Indices, Selection, move_components_last
 from pvdf_fem.mesh.points import local_coordinates, nearest_elements
 
 ELEMENTS: dict[int, type[Element]] = {
@@ -90,7 +90,7 @@ class Space:
         """Displacement gradient (elements, points, 3, 2) of the dofs `x` at quadrature points."""
         rows, nodes = self.gradient_rows[elements], self.nodes[elements]
         slopes = np.matmul(rows, x.reshape(-1, 3)[nodes]).reshape(len(rows), -1, 2, 3)
-        return components_last(np.ascontiguousarray(slopes.transpose(3, 2, 0, 1)), 2)
+        return move_components_last(np.ascontiguousarray(slopes.transpose(3, 2, 0, 1)), 2)
 
     def forces(self, flux: Array) -> Array:
         """Integrals of flux : grad v, (elements, element dofs).

@@ -19,7 +19,7 @@ from skfem import MeshTri2
 from skfem.quadrature import get_quadrature
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.files import FileError, reading
+from pvdf_fem.files import FileError, open_regular_file
 from pvdf_fem.mesh.gmsh_mesh import FILM, named, outlines
 from pvdf_fem.mesh.six_node import SIDES, compression, with_sorted_vertices
 from pvdf_fem.mesh.symmetry import WHOLE
@@ -57,7 +57,7 @@ def read_mesh(path: str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
     centroids may be off by this part of the patch's size (root of the area). Raises `MeshFileError`
     when the mesh is not one of the scene's film, and `FileError` when the file cannot be read."""
     path = Path(path)
-    with reading(path, "a mesh file"):
+    with open_regular_file(path, "a mesh file"):
         pass  # meshio opens it by itself
     try:
         return _mesh(*_triangles(_grid(path)), scene, slack)

@@ -13,8 +13,8 @@ from typing import Any, Self
 from pvdf_fem.batch.batch import planned, records
 from pvdf_fem.batch.store import Record, Store
 from pvdf_fem.batch.workers import Died
-from pvdf_fem.files import make_directory, replacing
-from pvdf_fem.progress import Progress, shown
+from pvdf_fem.files import make_directory, replace_file
+from pvdf_fem.progress import Progress, show_progress
 from pvdf_fem.report.kind import Inputs, Kind
 from pvdf_fem.report.page import VERDICT, Entry, page_of, verdict, with_others
 from pvdf_fem.report.script import Need, Plan, load
@@ -79,7 +79,7 @@ class Report:
         makes a preview, of few scenes to a coarse tolerance; `full` takes the keys in the figures'
         `full`. `processes` is their number, -1 for all cores; with 1 all is computed in turn, for
         timings. `progress` is called with the numbers of scenes and tasks done and in total, or
-        says whether these numbers are shown (`pvdf_fem.progress.shown`).
+        says whether these numbers are shown (`pvdf_fem.progress.show_progress`).
         """
         out = Path(out)
         make_directory(out, PAGE, *self.plan.files)
@@ -88,7 +88,7 @@ class Report:
         work.begin()
         scenes = list(dict.fromkeys(scene for need in needed for scene in need.scenes))
         tasks = {key(task): task for need in needed for task in need.tasks}
-        with Store(out / STORE) as store, shown("scenes and tasks", progress) as show:
+        with Store(out / STORE) as store, show_progress("scenes and tasks", progress) as show:
             stored = {name: rows for name in tasks if (rows := store.kept(name)) is not None}
             missing = {name: task for name, task in tasks.items() if name not in stored}
             todo = planned(scenes, store)
@@ -195,5 +195,5 @@ def write(path: Path, text: str) -> None:
     with suppress(FileNotFoundError):
         if path.read_text("utf-8") == text:
             return
-    with replacing(path) as unfinished:
+    with replace_file(path) as unfinished:
         unfinished.write_text(text, "utf-8")

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pvdf_fem.files import FileError, printable, read_text
+from pvdf_fem.files import FileError, escape_unprintable, read_text
 
 MOST_BYTES = 1_000_000  #: Largest scene file in bytes.
 
@@ -42,7 +42,7 @@ class SceneError(ValueError):
     """
 
     def __init__(self, problems: Iterable[str], source: str = "") -> None:
-        self.problems = tuple(map(printable, problems))
+        self.problems = tuple(map(escape_unprintable, problems))
         self.source = source
         super().__init__(self.problems, source)
 

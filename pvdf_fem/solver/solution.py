@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from skfem import Basis, MeshTri2
 
-from pvdf_fem.arrays import Array, finite
+from pvdf_fem.arrays import Array, finite_or_none
 from pvdf_fem.electrodes.channel import channels, readings_V
 from pvdf_fem.electrodes.film_data import FilmData
 from pvdf_fem.electrodes.outputs import goals_of
@@ -268,7 +268,8 @@ class Solution(Result):
             if self.scene.readout is not None:
                 results["readings_V"] = _known(self.readings_V)
                 results["time_constants_s"] = {
-                    channel.name: finite(channel.time_constant) for channel in channels(self.scene)
+                    channel.name: finite_or_none(channel.time_constant)
+                    for channel in channels(self.scene)
                 }
             results |= {"uncertainty": self.uncertainty.to_json()} if self.uncertainty else {}
         return {

@@ -14,8 +14,8 @@ import numpy as np
 
 from pvdf_fem import __version__
 from pvdf_fem.arrays import Array
-from pvdf_fem.files import replacing
-from pvdf_fem.inverse.touch.locate_many import CHUNK
+from pvdf_fem.files import replace_file
+from pvdf_fem.inverse.touch.locate_many import CHUNK_ROWS
 from pvdf_fem.inverse.touch.measurement import Measurement
 from pvdf_fem.progress import Progress
 from pvdf_fem.scene.given import SceneLike, model_of, scene_of
@@ -94,9 +94,9 @@ def dataset(
         wanted = domain.reach_mm, domain.force_N, tolerance, processes
         model = build_response(centred(scene), *wanted, progress=progress)
     model = model_of(model).for_scene(scene, processes, progress=progress)
-    measured = Measurement.of(model, model.names, sigma, noise_pC, reading)
+    measured = Measurement.from_response(model, model.names, sigma, noise_pC, reading)
     at = random_touches(model.domain, touches, seed)
-    parts = np.array_split(at, 1 + touches // CHUNK)
+    parts = np.array_split(at, 1 + touches // CHUNK_ROWS)
     charges = np.concatenate([model.evaluate(part)[0] for part in parts])
     # the touches use the seed's random numbers alone
     normal = np.random.default_rng([seed, 1]).standard_normal(charges.shape)
@@ -179,7 +179,7 @@ def write(data: xarray.Dataset, path: Path) -> None:
         write_netcdf(data, path)
         return
     rows = table(data)
-    with replacing(path) as part:
+    with replace_file(path) as part:
         if path.suffix.lower() == ".parquet":
             rows.to_parquet(part, engine="pyarrow", index=False)
             return

@@ -20,8 +20,8 @@ from pvdf_fem import __version__
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.touch.locate import locate
 from pvdf_fem.inverse.touch.location import Location
-from pvdf_fem.inverse.touch.measurement import Measurement, number
-from pvdf_fem.progress import Progress, shown
+from pvdf_fem.inverse.touch.measurement import Measurement, as_float
+from pvdf_fem.progress import Progress, show_progress
 from pvdf_fem.scene.change import spelled, steps_of
 from pvdf_fem.scene.given import SceneLike, model_of, scene_of, taken
 from pvdf_fem.scene.scene import Scene
@@ -97,7 +97,7 @@ class Designs:
     ) -> Iterator[str]:
         """Mistakes in touches, noise, and scenes."""
         low, high = domain.force_N
-        if not 0.0 < number(step_mm) <= domain.reach_mm:
+        if not 0.0 < as_float(step_mm) <= domain.reach_mm:
             yield f"step_mm = {step_mm}: is not between zero and the reach, {domain.reach_mm:g} mm"
         if not noise and not noise_pC:
             yield f"noise = {noise}: tells every place; give a positive one, or noise_pC"
@@ -221,7 +221,7 @@ def design(
     inside = np.hypot(x, y) <= reach_mm
     bounds = np.full((len(MAPS), len(designs.scenes), *inside.shape), np.nan)
     error_bounds, done = np.empty(len(designs.scenes)), 0
-    with shown("designs", progress) as show:
+    with show_progress("designs", progress) as show:
         for (_, indices), films in zip(designs.models, models, strict=True):
             for index in indices:
                 made = films.for_scene(designs.scenes[index], processes, check=False)
@@ -240,7 +240,7 @@ def _bounds(
     exact, scene = replace(model, error_bound=0.0), model.scene
     touches = np.tile([*touched.touch_of(scene).values()], (len(x_mm), 1))
     touches[:, :ROTATION] = np.stack([x_mm, y_mm], axis=-1)
-    measured = Measurement.of(exact, exact.names, noise, noise_pC, None)
+    measured = Measurement.from_response(exact, exact.names, noise, noise_pC, None)
     readings = measured.readings(exact.evaluate(touches)[0])
     rows = (dict(zip(exact.names, row, strict=True)) for row in readings)
     found = (locate(exact, row, noise, noise_pC=noise_pC) for row in rows)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from pvdf_fem.inverse.touch.measurement import charge_mistakes, electrode_columns
+from pvdf_fem.inverse.touch.measurement import find_reading_errors, get_channel_values
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.surrogate.build import mistakes
 from pvdf_fem.surrogate.model import Domain
@@ -20,6 +20,6 @@ def asked_mistakes(
     reading: str | None = None,
 ) -> Iterator[str]:
     """What is wrong with noise and readings, whatever the charges, and with a model of a scene."""
-    any_charges = dict.fromkeys(electrode_columns(scene), math.pi)
-    yield from charge_mistakes(scene, any_charges, sigma, noise_pC, reading)
+    any_charges = dict.fromkeys(get_channel_values(scene), math.pi)
+    yield from find_reading_errors(scene, any_charges, sigma, noise_pC, reading)
     yield from mistakes(scene, domain, tolerance)

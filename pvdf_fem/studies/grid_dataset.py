@@ -15,7 +15,7 @@ from pvdf_fem import __version__
 from pvdf_fem.batch.plan import SweepPlan
 from pvdf_fem.batch.store import Record
 from pvdf_fem.electrodes.channel import readings_V
-from pvdf_fem.files import replacing
+from pvdf_fem.files import replace_file
 from pvdf_fem.scene.quantity import in_words
 from pvdf_fem.studies.grid import Grid
 
@@ -135,5 +135,5 @@ def named(long_name: str, unit: str) -> dict[str, str]:
 
 def write_netcdf(data: xarray.Dataset, path: Path) -> None:
     """Write a dataset as NetCDF 3, which xarray reads back equal."""
-    with replacing(path) as part:
+    with replace_file(path) as part:
         data.to_netcdf(part, format="NETCDF3_64BIT", engine="scipy")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.batch.batch import planned, records
 from pvdf_fem.batch.store import Store
-from pvdf_fem.progress import Progress, shown
+from pvdf_fem.progress import Progress, show_progress
 from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.studies.grid import Grid
 
@@ -40,7 +40,7 @@ def sweep(
     processes.
     progress : callable or bool, optional
         Called with the numbers of distinct scenes that are solved and that had to be; or whether
-        these are shown, see `pvdf_fem.progress.shown`.
+        these are shown, see `pvdf_fem.progress.show_progress`.
 
     Raises `SceneError` when an axis, or a scene of the grid, has a mistake.
 
@@ -58,5 +58,5 @@ def sweep(
             return sweep(scene, axes, opened, **how, progress=progress)
     grid = Grid.of(scene_of(scene), axes)
     todo = planned(grid.scenes(), store)
-    with shown("scenes", progress) as show:
+    with show_progress("scenes", progress) as show:
         return dataset(grid, todo, records(todo, store, **how, progress=show))

@@ -12,7 +12,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import require_writable
 from pvdf_fem.mesh.symmetry import isotropy
-from pvdf_fem.progress import Progress, Work, shown
+from pvdf_fem.progress import Progress, TaskRunner, show_progress
 from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.registry import SPREAD_CLASSES
 from pvdf_fem.scene.scene import Scene
@@ -143,7 +143,7 @@ def build_response(
         Where the response is saved.
     progress : callable or bool, optional
         Called with the seconds of one core that the build has taken and that it takes in all, by
-        the solves so far; or whether these are shown, see `pvdf_fem.progress.shown`.
+        the solves so far; or whether these are shown, see `pvdf_fem.progress.show_progress`.
     options : ResponseOptions, optional
         By default those for the tolerance.
 
@@ -171,15 +171,15 @@ def build_response(
     if file is not None:
         require_writable(taken("file", file, Path))
     processes = taken("processes", processes, int | None)
-    with shown("s of one core", progress) as show:
-        made = _best(scene, domain, tolerance, options, Work(processes, show))
+    with show_progress("s of one core", progress) as show:
+        made = _best(scene, domain, tolerance, options, TaskRunner(processes, show))
     if file is not None:
         made.save(file)
     return made
 
 
 def _best(
-    scene: Scene, domain: Domain, tolerance: float, options: ResponseOptions, work: Work
+    scene: Scene, domain: Domain, tolerance: float, options: ResponseOptions, work: TaskRunner
 ) -> Response:
     """The first response that meets the tolerance, or the one with the smallest error bound."""
     touches = random_touches(domain, options.held_out)

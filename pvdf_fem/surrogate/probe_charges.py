@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from pvdf_fem.arrays import Array, unit_gauss
+from pvdf_fem.arrays import Array, compute_unit_gauss_rule
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.surrogate.places import Places
 from pvdf_fem.surrogate.response_file import FileArray
@@ -69,7 +69,7 @@ class PolarRaster:
     @cached_property
     def _rule(self) -> tuple[Array, Array]:
         """Values of ρ of the samples, and their weights in an integral over ρ."""
-        u, w = unit_gauss(2)
+        u, w = compute_unit_gauss_rule(2)
         part = self.step_mm / (SAMPLES // 2)
         begin = part * np.arange(SAMPLES // 2 * (self.axes[0].count - BEYOND - 1))
         s = (begin[:, None] + part * u).ravel() / self.stretch_mm

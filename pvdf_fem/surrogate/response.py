@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.progress import Progress, Work, shown
+from pvdf_fem.progress import Progress, TaskRunner, show_progress
 from pvdf_fem.scene.given import numbers, taken
 from pvdf_fem.scene.quantity import Affects, affecting
 from pvdf_fem.scene.scene import Scene
@@ -188,8 +188,8 @@ class Response(Result):
             return made
         if self.stress is None or self.held_out is None:
             raise ValueError("response: keeps no stress about the probe; build it again")
-        with shown("s of one core", progress) as show:
-            work = Work(processes, show)
+        with show_progress("s of one core", progress) as show:
+            work = TaskRunner(processes, show)
             axes = self.spline.axes
             made = replace(made, spline=tabulated(self.stress, scene, self.domain, axes, work))
             if not check:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import PlainValidator, TypeAdapter, ValidationInfo
 
-from pvdf_fem.files import FileError, reading, replacing
+from pvdf_fem.files import FileError, open_regular_file, replace_file
 from pvdf_fem.scene.quantity import affecting
 from pvdf_fem.scene.scene import Numerics, Scene
 from pvdf_fem.surrogate.model import Domain, centred
@@ -92,7 +92,7 @@ def write(path: Path, response: Any) -> None:
 
     text, archive = json.dumps(response, default=plain), io.BytesIO()
     np.savez(archive, *arrays, contents=np.array(text))
-    with replacing(path) as temporary:
+    with replace_file(path) as temporary:
         temporary.write_bytes(_head(archive.getvalue()) + archive.getvalue())
 
 
@@ -102,7 +102,7 @@ def _head(content: bytes) -> bytes:
 
 def read(path: Path, kind: type[Kept]) -> Kept:
     """A dataclass that was written."""
-    with reading(path, "a response") as file:
+    with open_regular_file(path, "a response") as file:
         head = file.read(len(_head(b"")))
         content = file.read() if head.startswith(FORMAT) else b""
     advice = "delete it; pvdf-fem model SCENE.toml builds it again"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.progress import Work
+from pvdf_fem.progress import TaskRunner
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.surrogate.model import Domain, centred
@@ -61,7 +61,11 @@ def table_axes(
 
 
 def tabulated(
-    stress: ProbeCharges, scene: Scene, domain: Domain, axes: tuple[UniformAxis, ...], work: Work
+    stress: ProbeCharges,
+    scene: Scene,
+    domain: Domain,
+    axes: tuple[UniformAxis, ...],
+    work: TaskRunner,
 ) -> UniformSpline:
     """The spline of a scene's charges over `table_axes`: coefficients in pC of `force_powers`,
     ordered by power, then by electrode, from the stress about the probe under `force_nodes_N`."""

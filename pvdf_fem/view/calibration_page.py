@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.files import replacing
+from pvdf_fem.files import replace_file
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.view.figures import COLOURS, GREY, content_of, look_of, new_figure, style
@@ -62,7 +62,7 @@ def write_page(
     page = _PAGE.format(
         verdict=escape(words), about=f"<p>{''.join(lines)}</p>", summary=summary, pictures=pictures
     )
-    with replacing(path) as unfinished:
+    with replace_file(path) as unfinished:
         unfinished.write_text(page, encoding="utf-8")
 
 

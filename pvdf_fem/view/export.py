@@ -14,7 +14,7 @@ from skfem import ElementTriP2, MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.film_data import FilmData
-from pvdf_fem.files import FileError, replacing
+from pvdf_fem.files import FileError, replace_file
 from pvdf_fem.film.loads.touchdown import contact_pressure
 from pvdf_fem.film.membrane import principal
 from pvdf_fem.mesh.gmsh_mesh import FILM, RIM
@@ -227,7 +227,7 @@ def _write(grid: Any, path: Path, name: str, **options: Any) -> None:
     if name == "vtu":  # meshio writes names into the XML as they are
         grid.cell_data = {_xml(key): values for key, values in grid.cell_data.items()}
     try:
-        with replacing(path) as temporary:
+        with replace_file(path) as temporary:
             grid.write(temporary, file_format=name, **options)
             if name == "vtu" and grid.field_data:
                 _add_field_data(temporary, grid.field_data)

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from shapely import Point
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.files import replacing
+from pvdf_fem.files import replace_file
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.shapes import Electrode
 
@@ -78,7 +78,7 @@ def save(figure: Figure, path: str | Path) -> None:
     Raises `FileError`, and ValueError with matplotlib's extensions."""
     path = Path(path)
     content = content_of(figure, path.suffix.lower())  # a full disk confuses some writers
-    with replacing(path) as temporary:
+    with replace_file(path) as temporary:
         temporary.write_bytes(content)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.film_data import FilmData
 from pvdf_fem.electrodes.point_values import PointValues, values_along
-from pvdf_fem.files import replacing
+from pvdf_fem.files import replace_file
 from pvdf_fem.scene.given import taken
 from pvdf_fem.view.figures import COLOURS, colours_of
 from pvdf_fem.view.film_map import FilmMap, require_map, sampled
@@ -73,7 +73,7 @@ def film_view(data: FilmData, name: str, scale: float | None, html: str | Path |
     plotter.set_background("white")
     plotter.view_vector((-1.0, -1.5, 1.2), viewup=(0.0, 0.0, 1.0))
     if html:
-        with replacing(Path(html)) as unfinished:
+        with replace_file(Path(html)) as unfinished:
             unfinished.write_text(_page(plotter.render_window), encoding="utf-8")
     return plotter
 

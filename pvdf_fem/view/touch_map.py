@@ -12,7 +12,7 @@ from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pvdf_fem.arrays import Array, polar_grid
+from pvdf_fem.arrays import Array, make_polar_grid
 from pvdf_fem.scene.given import taken
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
@@ -37,7 +37,7 @@ def charge_map(
     if ax is None:
         with figures.style():
             return charge_map(scene, reach_mm, charge, title, figures.map_axes())
-    ax, places = taken("ax", ax, Axes), polar_grid(reach_mm, *RASTER)
+    ax, places = taken("ax", ax, Axes), make_polar_grid(reach_mm, *RASTER)
     x, y = np.moveaxis(places, -1, 0)
     charges = charge(places.reshape(-1, 2)).reshape(x.shape)
     colours, low, high = figures.colours_of(charges)
@@ -73,7 +73,7 @@ def likelihood_map(
         figure.set_layout_engine("compressed")
         film, near = figure.subplots(2)
         centre = np.array([stage.x_mm, stage.y_mm])
-        drawn = _likelihood(film, apart, polar_grid(reach_mm, *RASTER) + centre)
+        drawn = _likelihood(film, apart, make_polar_grid(reach_mm, *RASTER) + centre)
         draw_on_stage(film, scene, 1.15 * reach_mm)
         across = np.linspace(-wide, wide, 41)
         _likelihood(near, apart, np.stack(np.meshgrid(across, across), axis=-1) + middle)

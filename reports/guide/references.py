@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pvdf_fem
-from pvdf_fem.cli.main import _parser as parser
+from pvdf_fem.cli.main import make_parser as parser
 from pvdf_fem.report.data import DataSource
 from pvdf_fem.report.kind import Kind
 from pvdf_fem.report.registry import FIGURES

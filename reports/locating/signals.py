@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from pvdf_fem import Response, Scene, Tracker, build_response, calibrate, solve
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import channels
-from pvdf_fem.progress import silent
+from pvdf_fem.progress import ignore_progress
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.stage import Stage
@@ -109,7 +109,7 @@ class Taps(Task):
         """Build one response and track all taps with it."""
         scene, (low, high), rows = self.scene.with_(readout=READOUT), self.forces_N, Rows()
         domain = Domain(self.reach_mm + 4.0, (low / 4.0, 2.0 * high))
-        how: dict[str, Any] = {"tolerance": 100.0 * self.tolerance, "progress": silent}
+        how: dict[str, Any] = {"tolerance": 100.0 * self.tolerance, "progress": ignore_progress}
         model = build_response(scene, domain.reach_mm, domain.force_N, processes=1, **how)
         touches = random_touches(Domain(self.reach_mm, self.forces_N), self.taps, SEED)
         for number, touch in enumerate(touches):

@@ -14,7 +14,7 @@ import pandas as pd
 from pvdf_fem import Replaced, Response, Scene, build_response, locate, locate_many, solve
 from pvdf_fem.arrays import Array
 from pvdf_fem.batch.batch import solve_all
-from pvdf_fem.progress import silent
+from pvdf_fem.progress import ignore_progress
 from pvdf_fem.report.charge_map import places_on_rings
 from pvdf_fem.report.solved import Solved
 from pvdf_fem.report.task import Rows, Task
@@ -59,7 +59,10 @@ class Located(Task):
     def run(self) -> Rows:
         """Build one response, and locate with each layout of the electrodes."""
         begun, scene = time.process_time(), self.with_electrodes("three")
-        how: dict[str, Any] = {"options": COARSE if self.is_coarse else None, "progress": silent}
+        how: dict[str, Any] = {
+            "options": COARSE if self.is_coarse else None,
+            "progress": ignore_progress,
+        }
         built = build_response(scene, self.reach_mm, self.forces_N, self.tolerance, 1, **how)
         built_s, rows = time.process_time() - begun, Rows()
         for layout in LAYOUTS:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pvdf_fem.cli.program import LONGEST_LINE, MOST_LINES
+from pvdf_fem.cli.program import MAX_LINE_LENGTH, MAX_LINES
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import MOST_BYTES
 from tests.helpers.damage import damages, drawn
@@ -93,9 +93,9 @@ def test_damaged_input_is_refused_or_held(name, data, folder, models, begun, com
         if not held:
             lines = run.told
             assert (run.code, run.out, bool(lines)) == (2, "", True)
-            assert len(lines) <= MOST_LINES + 1 or lines[0] == "usage"
+            assert len(lines) <= MAX_LINES + 1 or lines[0] == "usage"
             lines = run.err.splitlines()
-            assert all(line.isprintable() and len(line) < LONGEST_LINE + 100 for line in lines)
+            assert all(line.isprintable() and len(line) < MAX_LINE_LENGTH + 100 for line in lines)
             return
     assert held
     assert {*folder.iterdir()} == before

@@ -18,7 +18,7 @@ import pytest
 import xarray
 
 from pvdf_fem import Scene, __version__, calibrate, dataset, modes, respond, solve
-from pvdf_fem.cli.program import scene_of
+from pvdf_fem.cli.program import read_scene
 from pvdf_fem.scene.scene_file import examples, key_texts
 from pvdf_fem.solver.nonlinear.newton import NewtonOptions
 from tests.helpers.touch_models import bumps
@@ -166,7 +166,7 @@ def test_the_last_change_counts_and_lost_keys_are_told(folder, capsys):
     changes = ["probe.shape=circle", "load.kind=dead", "electrodes.layout=three", "probe.x_mm=1"]
     changes += ["film={thickness_um=12, density_kg_m3=900}", "film={thickness_um=10}"]
     changes += ["film.pretension_N_m=9", "load.force_N=2", "load.force_N=3"]
-    changed = scene_of(Namespace(scene="set.toml", settings=changes))
+    changed = read_scene(Namespace(scene="set.toml", settings=changes))
     assert (changed.film.thickness_um, changed.film.density_kg_m3) == (10.0, 900.0)
     assert changed.load.force_N == 3.0
     lost = ["film.temperature_change_K = -2.0", "probe.side_mm = 7.5", 'load.contact = "stuck"']

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from pvdf_fem.cli.program import InputError, run_program
-from pvdf_fem.files import FileError, replacing
+from pvdf_fem.files import FileError, replace_file
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
 
 ROOT = Path(__file__).parents[2]
@@ -64,11 +64,11 @@ def test_a_file_is_replaced_where_a_link_leads_with_its_permissions_and_owner(tm
     owner = os.geteuid() or 65534  # root may give it away
     os.chown(target, owner, -1)
     target.chmod(mode)
-    with suppress(KeyboardInterrupt), replacing(link) as part:
+    with suppress(KeyboardInterrupt), replace_file(link) as part:
         part.write_text("half")
         raise KeyboardInterrupt
     assert target.read_text() == "old"
-    with replacing(link) as part:
+    with replace_file(link) as part:
         part.write_text("new")
     status = target.stat()
     assert (status.st_mode & 0o777, status.st_uid, target.read_text()) == (mode, owner, "new")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from pvdf_fem.explore.certainty import certainty_of
-from pvdf_fem.explore.picture import PIXELS, QUANTITIES, coloured, image_of
+from pvdf_fem.explore.certainty import estimate_certainty
+from pvdf_fem.explore.picture import PIXELS, QUANTITIES, encode_image, sample_image
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive import solve
 
@@ -20,7 +20,7 @@ SCENE = Scene.example("triangle").with_(**{"numerics.tolerance": 1e-2})
 @pytest.mark.parametrize(("quantity", "error"), [("deflection", 6e-3), ("stress", 0.3)])
 def test_image_is_the_field(quantity, error):
     solution = solve(SCENE)
-    image = image_of(solution, QUANTITIES[quantity].at_dofs(solution))
+    image = sample_image(solution, QUANTITIES[quantity].at_dofs(solution))
     rows, columns = np.divmod(np.arange(37, PIXELS**2, 397), PIXELS)
     x, y = (SCENE.film.radius_mm * ((k + 0.5) / PIXELS * 2.0 - 1.0) for k in (columns, rows))
     inside = np.hypot(x, y) < 1.0 * SCENE.film.radius_mm
@@ -32,13 +32,13 @@ def test_image_is_the_field(quantity, error):
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_film_is_palest_where_it_stays(sign):
-    shown = coloured(sign * np.array([[0.0, 2.0], [1.0, np.nan]]), "deflection")
+    shown = encode_image(sign * np.array([[0.0, 2.0], [1.0, np.nan]]), "deflection")
     assert sorted([float(shown["low"]), float(shown["high"])], key=abs) == [0.0, 2.0 * sign]
     pixels = imread(BytesIO(b64decode(shown["url"].partition(",")[2])))[::-1]  # the lowest y first
     assert pixels[..., 3].tolist() == [[1.0, 1.0], [1.0, 0.0]]  # the film is not where it is NaN
     still, half, most = pixels[0, 0, :3].sum(), pixels[1, 0, :3].sum(), pixels[0, 1, :3].sum()
     assert still > half > most
-    assert coloured(np.zeros((2, 2)), "deflection")["high"] == "0"
+    assert encode_image(np.zeros((2, 2)), "deflection")["high"] == "0"
 
 
 def test_deviations_are_those_of_noisy_readings_by_differences():
@@ -52,7 +52,7 @@ def test_deviations_are_those_of_noisy_readings_by_differences():
     slopes = [(charges(k, h) - charges(k, -h)) / (2.0 * h) for k, h in steps.items()]
     scaled = np.array(slopes).T / (0.02 * charges("load.force_N", 0.0))[:, None]
     covariance = np.linalg.inv(scaled.T @ scaled)
-    found = certainty_of(place.to_toml(), 0.02)
+    found = estimate_certainty(place.to_toml(), 0.02)
     told = [float(row.split("</td>")[2][4:]) for row in found["table"].split("</tr>")[1:-1]]
     assert told == pytest.approx(np.sqrt(covariance.diagonal()), rel=0.1)
     points = np.array(found["ellipses"][0]) - [4.0, 3.0]
@@ -70,6 +70,6 @@ def test_deviations_are_those_of_noisy_readings_by_differences():
     ],
 )
 def test_a_touch_that_readings_do_not_tell_has_no_ellipse(changes, noise, told):
-    found = certainty_of(SCENE.with_(changes).to_toml(), noise)
+    found = estimate_certainty(SCENE.with_(changes).to_toml(), noise)
     assert found["ellipses"] == []
     assert told in found["told"]

@@ -7,7 +7,7 @@ from urllib.parse import parse_qs
 
 import pytest
 
-from pvdf_fem.explore.controls import controls_of
+from pvdf_fem.explore.controls import describe_controls
 from pvdf_fem.explore.state import WORDS, View
 from pvdf_fem.scene.scene import Scene, SceneError
 
@@ -73,19 +73,21 @@ def test_several_values_are_changed_at_once():
 
 @pytest.mark.parametrize("start", [TRIANGLE, Scene(), LISTED, Scene.example("sphere"), TWO])
 def test_every_word_of_a_picker_gives_a_scene(start):
-    pickers = [c for group in controls_of(View(start)).values() for c in group if "words" in c]
+    pickers = [
+        c for group in describe_controls(View(start)).values() for c in group if "words" in c
+    ]
     wanted = [(c["key"], word) for c in pickers for word in c["words"]]
     assert {"probe.shape", "probe[1].shape"} & {key for key, _ in wanted}
     for key, word in wanted:
         if start is TWO and word in ("sphere", "contact", "polygon"):
             continue  # of all probes or of none; the polygon meets the other probe
-        after = controls_of(View(start).typed(f"{key}={word}"))
+        after = describe_controls(View(start).typed(f"{key}={word}"))
         assert word in [c["value"] for group in after.values() for c in group if c["key"] == key]
 
 
 def test_controls_are_those_of_the_scene_and_reach_its_values():
     def of(scene):
-        groups = controls_of(View(scene)).values()
+        groups = describe_controls(View(scene)).values()
         return {control["key"]: control for group in groups for control in group}
 
     found = of(TRIANGLE.with_(**{"film.thickness_um": 500.0}))

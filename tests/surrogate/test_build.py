@@ -12,7 +12,7 @@ import pytest
 from pvdf_fem import NotConvergedError, Response, Scene, build_response, locate
 from pvdf_fem.batch import store
 from pvdf_fem.electrodes.stress_integrals import Forces
-from pvdf_fem.progress import Work
+from pvdf_fem.progress import TaskRunner
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.surrogate import held_out, response
 from pvdf_fem.surrogate.build import ResponseOptions, options_for
@@ -36,7 +36,7 @@ def assert_true(made, tolerance):
     """Charges of touches that the build has not seen are within the bound, which is within the
     tolerance; returns the full solves of these touches."""
     touches = random_touches(made.domain, 3, seed=9)
-    found = Work(1).run(solves_of(made.scene, touches, 2e-4, share=1.0))
+    found = TaskRunner(1).run(solves_of(made.scene, touches, 2e-4, share=1.0))
     solved = HeldOut.of(touches, [*found])
     errors, _ = solved.relative_errors(made.scene.film, made.evaluate(solved.touches)[0])
     assert errors.max() < made.error_bound < tolerance

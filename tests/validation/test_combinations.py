@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, assume, given, reject, settings
 from hypothesis import strategies as st
 
 from pvdf_fem import Response, Scene, SceneError, build_response, gradients, solve, sweep
-from pvdf_fem.progress import silent
+from pvdf_fem.progress import ignore_progress
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.sensitivity.parameters import PLACE_NAMES, parameters_of
@@ -149,7 +149,7 @@ def test_responses_have_the_charges_of_fresh_solves(changes):
     scene = scene_of(changes)
     how = {"reach_mm": 1.5, "force_N": (0.5, 1.5), "tolerance": 0.1, "processes": 1}
     try:
-        response: Response = build_response(scene, **how, options=COARSE, progress=silent)
+        response: Response = build_response(scene, **how, options=COARSE, progress=ignore_progress)
     except ValueError as error:
         assert_named(error)
         reject()

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pvdf_fem.cli import program, response_model
-from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
+from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, read_scene
 from pvdf_fem.cli.response_model import ModelChoice, model_of, positive
 
 _DESCRIPTION = """\
@@ -61,12 +61,12 @@ def run(options: argparse.Namespace) -> int:
     sigma, noise = positive("--sigma", options.sigma, wrong, zero=True), options.noise
     noise = None if noise is None else positive("--noise", noise, wrong, zero=True)
     choice = ModelChoice.of(options, wrong)
-    wrong += program.output_mistakes(
+    wrong += program.find_output_errors(
         options.output, [".nc", ".parquet", ".csv"], Path(options.scene), options.model
     )
     if options.output.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
         wrong.append(f"{options.output}: needs pyarrow; install pvdf-fem[parquet], or give .nc")
-    scene = scene_of(options, *wrong)
+    scene = read_scene(options, *wrong)
     from pvdf_fem.studies.dataset import dataset, mistakes, write
 
     count, seed = (int(n) if n.isdecimal() else n for n in (options.touches, options.seed))

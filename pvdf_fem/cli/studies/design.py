@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli import program, response_model
-from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, scene_of
+from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, read_scene
 from pvdf_fem.cli.response_model import ModelChoice, model_of, positive
-from pvdf_fem.files import replacing
+from pvdf_fem.files import replace_file
 from pvdf_fem.scene.scene_file import SceneError, parse_change
 
 if TYPE_CHECKING:
@@ -85,12 +85,12 @@ def run(options: argparse.Namespace) -> int:
         option = f"--{name.replace('_', '-').removesuffix('-mm')}"
         asked[name] = None if text is None else positive(option, text, wrong, zero=True)
     choice = ModelChoice.of(options, wrong)
-    wrong += program.output_mistakes(options.output, [".nc", ".csv"], options.scene)
-    wrong += program.plot_mistakes(options, options.scene, options.output)
-    scene = scene_of(options, *wrong)
+    wrong += program.find_output_errors(options.output, [".nc", ".csv"], options.scene)
+    wrong += program.find_plot_errors(options, options.scene, options.output)
+    scene = read_scene(options, *wrong)
     from pvdf_fem.studies.design import Designs, design
 
-    with program.refusing():
+    with program.convert_value_errors():
         designs = Designs.of(scene, vary)
         asked["reach_mm"] = choice.reach_mm or (scene.model and scene.model.reach_mm)
         asked["force_range_N"] = choice.wanted(scene)[0].force_N
@@ -130,7 +130,7 @@ def _write(data: xarray.Dataset, options: argparse.Namespace) -> None:
     if options.output and options.output.suffix.lower() == ".nc":
         write_netcdf(data, options.output)
     elif options.output:
-        with replacing(options.output) as unfinished:
+        with replace_file(options.output) as unfinished:
             rows.to_csv(unfinished, index=False)
 
 

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from pvdf_fem.arrays import Array, times
+from pvdf_fem.arrays import Array, apply_matrix
 from pvdf_fem.scene.film import Film
 
 
@@ -58,11 +58,11 @@ class Hooke(Law):
 
     def stress(self, strain: Array, at_rest: Array) -> Array:
         # the flat film's stress is added, so that a small strain loses no digits
-        return times(self.stiffness, strain) + at_rest @ self.stiffness
+        return apply_matrix(self.stiffness, strain) + at_rest @ self.stiffness
 
     def moduli(self, strain: Array, at_rest: Array) -> Array:
         return self.stiffness
 
     def energy(self, strain: Array, at_rest: Array) -> Array:
         elastic = strain + at_rest
-        return 0.5 * np.asarray((elastic * times(self.stiffness, elastic)).sum(axis=-1))
+        return 0.5 * np.asarray((elastic * apply_matrix(self.stiffness, elastic)).sum(axis=-1))

@@ -26,7 +26,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import eigh
 
-from pvdf_fem.arrays import Array, times
+from pvdf_fem.arrays import Array, apply_matrix
 from pvdf_fem.film.laws.law import Hooke
 
 # adj S = S22, S11, -S12 of a stress S11, S22, S12, as a strain with engineering shear.
@@ -53,7 +53,7 @@ class TensionField(Hooke):
         strain = strain + at_rest
         if np.iscomplexobj(strain):
             moduli = self.moduli(strain.real, np.zeros(3))
-            return self.stress(strain.real) + 1j * times(moduli, strain.imag)
+            return self.stress(strain.real) + 1j * apply_matrix(moduli, strain.imag)
         stress = strain @ self.stiffness
         taut = _is_tensile(stress)
         slack = ~taut & _is_tensile(-strain * [1.0, 1.0, 0.5])

@@ -19,7 +19,7 @@ import numpy as np
 import shapely
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.files import FileError, decoded, read_bytes
+from pvdf_fem.files import FileError, decode_text, read_bytes
 from pvdf_fem.film.loads.posed import PosedProbe, Pressure, name_of
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import mean_over, turn
@@ -180,7 +180,7 @@ def _of_netcdf(name: str, content: bytes) -> tuple[Array, Array, Array]:
 
 
 def _of_csv(name: str, content: bytes) -> tuple[Array, Array, Array]:
-    heading, *lines = decoded(Path(name), content).splitlines()
+    heading, *lines = decode_text(Path(name), content).splitlines()
     columns = [column.strip() for column in heading.split(",")]
     rows = np.array([line.split(",") for line in lines if line.strip()], dtype=float)
     x, y, pressure = (rows[:, columns.index(key)] for key in ("x_mm", "y_mm", "pressure"))

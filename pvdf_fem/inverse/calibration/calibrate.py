@@ -21,7 +21,7 @@ from pvdf_fem.inverse.calibration.model import TouchModel
 from pvdf_fem.inverse.calibration.options import DEFAULTS, CalibrateOptions
 from pvdf_fem.inverse.calibration.touches import read_touches
 from pvdf_fem.inverse.calibration.unknowns import unknowns_of
-from pvdf_fem.progress import Counted, Progress, shown
+from pvdf_fem.progress import Progress, SolveCounter, show_progress
 from pvdf_fem.scene.given import Names, SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
 
@@ -71,7 +71,7 @@ def calibrate(
         parameters 20 %, shift 1 mm, turn 3°, offsets 0.1 V.
     progress : callable or bool, optional
         Called with the numbers of finished and of expected solves; or whether these are shown, see
-        `pvdf_fem.progress.shown`.
+        `pvdf_fem.progress.show_progress`.
     options : CalibrateOptions
         When the fit has ended, and what is taken for a mistake.
 
@@ -106,8 +106,8 @@ def calibrate(
     given = read_touches(touches, scene)
     tolerance = min(max(options.tolerance_share * sigma, options.finest), options.coarsest)
     expected = options.expected_rounds * len(given)
-    with shown("solves", progress) as show:
-        count = Counted(show, expected)
+    with show_progress("solves", progress) as show:
+        count = SolveCounter(show, expected)
         model = TouchModel(unknowns, given, reading, unit, tolerance, options, count=count)
         fit, found = explained(model, uncertain)
     status, reason = _judged(fit, found)

@@ -16,9 +16,17 @@ from scipy.stats import chi2
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.inverse.calibration.model import Prediction, TouchModel
-from pvdf_fem.inverse.least_squares import LeastSquares, SearchOptions, descend, robust, with_priors
+from pvdf_fem.inverse.least_squares import (
+    LeastSquaresProblem,
+    SearchOptions,
+    append_prior_rows,
+    apply_robust_loss,
+    run_levenberg_marquardt,
+)
 
-SEARCH = SearchOptions(max_steps=25, arrived=1e-6, short=1e-3)  #: Between solves.
+SEARCH = SearchOptions(
+    max_steps=25, chi_square_tolerance=1e-6, step_tolerance=1e-3
+)  #: Between solves.
 
 
 @dataclass(frozen=True)
@@ -31,7 +39,7 @@ class Noise:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(LeastSquares):
+class Fit(LeastSquaresProblem):
     """Parameters and places that explain the readings, and what they are worth. The coordinates of
     its least-squares problem are the parameters over their priors' deviations."""
 
@@ -134,18 +142,18 @@ class Fit(LeastSquares):
         return np.asarray(most * self.scale**2)
 
     @property
-    def longest(self) -> Array:
+    def longest_steps(self) -> Array:
         """Longest steps, (parameters,)."""
         return np.full(len(self.values), self.model.options.longest_step)
 
-    def held_back(self, at: Array) -> Array:
+    def project_onto_bounds(self, at: Array) -> Array:
         """Parameters not far from those of the solves; moduli and tension keep their signs."""
-        begun, lowest = self.values / self.model.unknowns.priors, -self.longest
+        begun, lowest = self.values / self.model.unknowns.priors, -self.longest_steps
         film = self.model.unknowns.film
         lowest[film] = np.maximum(lowest[film], -0.5 * np.abs(begun[film]))
-        return begun + np.clip(at - begun, lowest, self.longest)
+        return begun + np.clip(at - begun, lowest, self.longest_steps)
 
-    def linearised(self, at: Array, rows: Indices | None = None) -> Array:
+    def linearise(self, at: Array, rows: Indices | None = None) -> Array:
         """Whitened differences of readings and priors, then slopes, (1, residuals, 1 + k)."""
         unknowns = self.model.unknowns
         fit = replace(self, values=unknowns.priors * at[0])
@@ -153,15 +161,15 @@ class Fit(LeastSquares):
         system = np.concatenate([-residuals[..., None], slopes * unknowns.priors], axis=2)
         limits = self.limits if self.soft else np.full(len(self.kept), np.inf)
         begun = (fit.values - unknowns.start) / unknowns.priors
-        counted = robust(system[self.kept], limits[self.kept])
-        return with_priors(counted, begun, np.ones(len(begun)))
+        counted = apply_robust_loss(system[self.kept], limits[self.kept])
+        return append_prior_rows(counted, begun, np.ones(len(begun)))
 
     def settled(self, kept: Mask, soft: bool = False) -> Fit:
         """The least-squares parameters between solves, not far from here, and the moves that go
         with them, of some touches (touches,)."""
         priors, begun = self.model.unknowns.priors, replace(self, kept=kept, soft=soft)
-        end = descend(begun, (self.values / priors)[None], options=SEARCH)
-        fit = replace(begun, values=priors * end.at[0])
+        end = run_levenberg_marquardt(begun, (self.values / priors)[None], options=SEARCH)
+        fit = replace(begun, values=priors * end.coordinates[0])
         roots, residuals, _ = fit.whitened
         E = np.linalg.solve(roots, fit.prediction.by_touch[..., :2])
         moves = self.noise.place_mm**2 * (E.swapaxes(1, 2) @ residuals[..., None])[..., 0]

@@ -18,7 +18,7 @@ from pvdf_fem.electrodes.outputs import goals_of
 from pvdf_fem.inverse.calibration.options import DEFAULTS, CalibrateOptions
 from pvdf_fem.inverse.calibration.touches import TOUCH_KEYS, Touches, touched
 from pvdf_fem.inverse.calibration.unknowns import GAIN, OFFSET, SHIFT, TURN, Unknowns, value_of
-from pvdf_fem.progress import Counted, silent
+from pvdf_fem.progress import SolveCounter, ignore_progress
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive import rest_forces, solve_goals
 from pvdf_fem.solver.nonlinear.status import Status
@@ -49,7 +49,7 @@ class TouchModel:
     #: Why touches have no solution, by index.
     failures: dict[int, str] = field(default_factory=dict)
     #: Called before each solve.
-    count: Callable[[], None] = field(default_factory=lambda: Counted(silent, 0))
+    count: Callable[[], None] = field(default_factory=lambda: SolveCounter(ignore_progress, 0))
 
     def __post_init__(self) -> None:
         (count, channels), keys = (len(self.touches), len(self.channels)), len(self.keys)

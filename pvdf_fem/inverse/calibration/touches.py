@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.files import csv_rows, read_text
+from pvdf_fem.files import read_csv_rows, read_text
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import choose, problem
 from pvdf_fem.solver.sensitivity.parameters import PLACE
@@ -82,7 +82,7 @@ def _columns(source: Any) -> dict[str, Sequence[Any]]:
         return {str(name): list(source[name]) for name in names}
     text = read_text(Path(source), 10_000_000, "a CSV file of touches")
     try:
-        cells = csv_rows(io.StringIO(text), text.partition("\n")[0])
+        cells = read_csv_rows(io.StringIO(text), text.partition("\n")[0])
         rows = [row for row in cells if any(map(str.strip, row))]
     except csv.Error as error:
         raise TouchesError(f"{source}: is no CSV file ({error}); save it as one") from None

@@ -35,10 +35,10 @@ from pvdf_fem.surrogate.model import (
 )
 
 #: Searches may go this far beyond the model's domain, over its reach and over its largest force.
-ROOM_REACH = 1.05
+SEARCH_MARGIN = 1.05
 #: Longest steps of searches: of a place over the reach, of a rotation in degrees, of a logarithm of
 #: the force, and of what a touch has besides, in N or K.
-LONGEST = {
+LONGEST_STEPS = {
     "x_mm": 0.25,
     "y_mm": 0.25,
     "rotation_deg": 5.0,
@@ -46,22 +46,24 @@ LONGEST = {
     "tangential_N": 1.0,
     "temperature_K": 5.0,
 }
-CLOSE = 0.03  #: Searches for one touch that are this close, over the longest steps, go on as one.
+MERGE_DISTANCE = (
+    0.03  #: Searches for one touch that are this close, over the longest steps, go on as one.
+)
 #: What is known without any charge of what a touch has besides, over the longest step.
 EXTENT = 4.0
 
 
-def kind_of(quantity: str) -> str:
-    """The name of a model's quantity without probe and index: one of `LONGEST`."""
-    return next(name for name in LONGEST if name in steps_of(quantity))
+def get_base_quantity(quantity: str) -> str:
+    """The name of a model's quantity without probe and index: one of `LONGEST_STEPS`."""
+    return next(name for name in LONGEST_STEPS if name in steps_of(quantity))
 
 
-def rows_of(model: Model, quantity: int) -> slice:
+def slice_quantity(model: Model, quantity: int) -> slice:
     """Where the rows of touches have a quantity of each probe, of `QUANTITIES` by index."""
     return slice(quantity, len(QUANTITIES) * probes_of(model), len(QUANTITIES))
 
 
-def evaluated(model: Model, touches: Array, turn_deg: float = 0.0) -> tuple[Array, Array]:
+def evaluate_on_stage(model: Model, touches: Array, turn_deg: float = 0.0) -> tuple[Array, Array]:
     """Charges and slopes by a model of touches along axes in which the film is turned."""
     if not turn_deg:
         return model.evaluate(touches)
@@ -69,37 +71,37 @@ def evaluated(model: Model, touches: Array, turn_deg: float = 0.0) -> tuple[Arra
     for x in range(0, len(QUANTITIES) * probes_of(model), len(QUANTITIES)):
         to_film[x : x + ROTATION, x : x + ROTATION] = turned
     on_film = touches @ to_film.T
-    on_film[:, rows_of(model, ROTATION)] -= turn_deg
+    on_film[:, slice_quantity(model, ROTATION)] -= turn_deg
     charges, slopes = model.evaluate(on_film)
     return charges, slopes @ to_film
 
 
 @lru_cache(maxsize=8)
-def longest_steps(model: Model) -> Array:
+def compute_longest_steps(model: Model) -> Array:
     """Longest steps of searches in each coordinate, (k,)."""
-    steps = np.array([LONGEST[kind_of(name)] for name in model.quantities])
+    steps = np.array([LONGEST_STEPS[get_base_quantity(name)] for name in model.quantities])
     for quantity in (X, Y):
-        steps[rows_of(model, quantity)] *= model.domain.reach_mm
+        steps[slice_quantity(model, quantity)] *= model.domain.reach_mm
     return steps
 
 
 @lru_cache(maxsize=8)
-def extents(model: Model) -> Array:
+def compute_extents(model: Model) -> Array:
     """Size of a model's domain in each coordinate: what is known without any charge, (k,)."""
     lowest, highest = model.domain.log_force
-    sizes = EXTENT * longest_steps(model)
+    sizes = EXTENT * compute_longest_steps(model)
     for quantity in (X, Y):
-        sizes[rows_of(model, quantity)] = model.domain.reach_mm
-    sizes[rows_of(model, ROTATION)] = 0.5 * periods_deg(model)
-    sizes[rows_of(model, FORCE)] = highest - lowest
+        sizes[slice_quantity(model, quantity)] = model.domain.reach_mm
+    sizes[slice_quantity(model, ROTATION)] = 0.5 * periods_deg(model)
+    sizes[slice_quantity(model, FORCE)] = highest - lowest
     return sizes
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class LocationProblem:
     """Charges of some touches, to be explained by a model."""
 
-    model: Model
+    response: Model
     electrodes: Indices  #: The model's electrodes that have charges.
     charges_pC: Array  #: With their standard deviations, (touches, electrodes).
     deviations_pC: Array
@@ -112,7 +114,7 @@ class Problem:
         """Place of the film's centre in the frame of results."""
         return self.stage.x_mm, self.stage.y_mm
 
-    def rows(self, rows: Indices) -> Problem:
+    def rows(self, rows: Indices) -> LocationProblem:
         """The problem with some rows of the charges."""
         charges, spread = self.charges_pC[rows], self.deviations_pC[rows]
         return replace(self, charges_pC=charges, deviations_pC=spread)
@@ -122,7 +124,7 @@ class Problem:
         touches = at.copy()
         self.of_probes(touches)[..., :ROTATION] += self.centre_mm
         if ROTATION in self.unknown:
-            touches[:, rows_of(self.model, ROTATION)] %= periods_deg(self.model)
+            touches[:, slice_quantity(self.response, ROTATION)] %= periods_deg(self.response)
         touches[:, self.forces] = np.exp(at[:, self.forces])
         return touches
 
@@ -136,34 +138,34 @@ class Problem:
     @cached_property
     def forces(self) -> slice:
         """Where the forces are among the coordinates."""
-        return rows_of(self.model, FORCE)
+        return slice_quantity(self.response, FORCE)
 
     def of_probes(self, at: Array) -> Array:
         """The coordinates (n, k) of each probe, (n, probes, 4), as a view."""
         count = self.forces.stop // len(QUANTITIES)
         return at[:, : self.forces.stop].reshape(len(at), count, len(QUANTITIES))
 
-    def apart(self, at: Array, other: Array) -> Array:
+    def compute_differences(self, at: Array, other: Array) -> Array:
         """Differences (..., k) of coordinates or of touches, less whole periods of rotations."""
-        apart, turns = at - other, rows_of(self.model, ROTATION)
-        periods = periods_deg(self.model)
+        apart, turns = at - other, slice_quantity(self.response, ROTATION)
+        periods = periods_deg(self.response)
         apart[..., turns] -= periods * np.rint(apart[..., turns] / periods)
         return apart
 
-    def per_coordinate(self, touches: Array) -> Array:
+    def compute_touch_scale(self, touches: Array) -> Array:
         """What a change of the coordinates is multiplied by to be one of the touches, (n, k)."""
         scale = np.ones(touches.shape)
         scale[:, self.forces] = touches[:, self.forces]
         return scale
 
-    def linearised(self, at: Array, rows: Indices | None = None) -> Array:
+    def linearise(self, at: Array, rows: Indices | None = None) -> Array:
         """Differences of charges, then their slopes, over deviations, (n, electrodes, 1 + k). The
         coordinates `at` (n, k) are to explain the `rows` (n,) of the charges, by default the
         first. Slopes by coordinates that are not sought are zero."""
         edge, forces = self.inside(at), self.forces
         touches = edge.copy()
         touches[:, forces] = force = np.exp(edge[:, forces])
-        charges, slopes = evaluated(self.model, touches, self.stage.rotation_deg)
+        charges, slopes = evaluate_on_stage(self.response, touches, self.stage.rotation_deg)
         which = slice(1) if rows is None else rows
         system = np.empty((len(at), len(self.electrodes), 1 + at.shape[1]))
         system[:, :, 0] = charges.take(self.electrodes, axis=1) - self.charges_pC[which]
@@ -176,14 +178,14 @@ class Problem:
 
     def inside(self, at: Array) -> Array:
         """Coordinates (n, k) moved to the nearest points of the domain; `at` itself if there."""
-        return self._moved(at, *self._domain)
+        return self.project_onto(at, *self._domain)
 
-    def held_back(self, at: Array) -> Array:
+    def project_onto_bounds(self, at: Array) -> Array:
         """`inside` for the larger domain that searches may not leave."""
-        (reach_mm, lowest, highest), more = self._domain, math.log(ROOM_REACH)
-        return self._moved(at, ROOM_REACH * reach_mm, lowest - more, highest + more)
+        (reach_mm, lowest, highest), more = self._domain, math.log(SEARCH_MARGIN)
+        return self.project_onto(at, SEARCH_MARGIN * reach_mm, lowest - more, highest + more)
 
-    def _moved(self, at: Array, reach_mm: float, lowest: float, highest: float) -> Array:
+    def project_onto(self, at: Array, reach_mm: float, lowest: float, highest: float) -> Array:
         each = at[:, : self.forces.stop].reshape(-1, len(QUANTITIES))
         if all_within(each, reach_mm, lowest, highest):
             return at
@@ -202,7 +204,7 @@ class Problem:
     @cached_property
     def _domain(self) -> tuple[float, float, float]:
         """Reach in mm, least and largest logarithm of the force."""
-        return self.model.domain.reach_mm, *self.model.domain.log_force
+        return self.response.domain.reach_mm, *self.response.domain.log_force
 
     def edges(self, at: Array) -> list[tuple[str, ...]]:
         """Which limits of the domain each of the touches `at` (n, k) is at, or beyond."""
@@ -216,14 +218,14 @@ class Problem:
         return [("reach_mm",) * wide + ("force_N",) * strong for wide, strong in pairs]
 
     @property
-    def longest(self) -> Array:
+    def longest_steps(self) -> Array:
         """Longest steps (k,) of searches."""
-        return longest_steps(self.model)
+        return compute_longest_steps(self.response)
 
     @cached_property
-    def close(self) -> Array:
+    def merge_distances(self) -> Array:
         """Distances (k,) up to which searches go on as one."""
-        return CLOSE * self.longest
+        return MERGE_DISTANCE * self.longest_steps
 
     @property
     def freedom(self) -> int:
@@ -242,9 +244,9 @@ class Problem:
 
     @cached_property
     def _sought(self) -> Mask:
-        sought = np.zeros(len(self.model.quantities), dtype=bool)
+        sought = np.zeros(len(self.response.quantities), dtype=bool)
         sought[self.unknown] = True
-        sought[rows_of(self.model, ROTATION)] &= rotation_counts(self.model)
+        sought[slice_quantity(self.response, ROTATION)] &= rotation_counts(self.response)
         return sought
 
     @cached_property

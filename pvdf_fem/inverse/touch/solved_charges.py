@@ -15,7 +15,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.outputs import goals_of
-from pvdf_fem.inverse.touch.location_problem import LONGEST, kind_of
+from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, get_base_quantity
 from pvdf_fem.scene.change import number_at, plain, steps_of
 from pvdf_fem.scene.outlines.shape import HEAT
 from pvdf_fem.scene.scene import Numerics, Scene, SceneError
@@ -39,7 +39,7 @@ UNSOLVED_PC = 1e15  #: Charges of a scene that cannot be solved.
 
 
 @dataclass(frozen=True, eq=False)
-class Solves:
+class SolvedResponse:
     """Charges of one or two probes at once by full solves."""
 
     scene: Scene  #: With a list of probes.
@@ -52,14 +52,14 @@ class Solves:
     at_rest_pC: ClassVar[None] = None
 
     @classmethod
-    def of(
+    def from_scene(
         cls,
         scene: Scene,
         touches: int,
         unknown: Sequence[str],
         tolerance: float,
         count: Callable[[], None] = lambda: None,
-    ) -> Solves:
+    ) -> SolvedResponse:
         """The model of a scene's probes, or of its one probe twice, over the reach and the forces
         of the scene's ``[model]``, with probes on the film. Raises `ValueError` with a line for
         each mistake."""
@@ -71,16 +71,16 @@ class Solves:
         for name, ends in (("tangential_N", ("[0]", "[1]")), ("temperature_K", ("",))):
             if name in unknown:
                 names += [probe + name + end for probe in probes for end in ends]
-        wanted = [wanted_model(pressed_alone(listed, i))[0] for i in range(touches)]
+        wanted = [wanted_model(make_single_probe_scene(listed, i))[0] for i in range(touches)]
         reach_mm = min(room_mm(listed), *(domain.reach_mm for domain in wanted))
         domain = Domain(reach_mm, wanted[0].force_N)
         periods = [touch.probe.period_deg for touch in listed.loaded_probes]
         sought = tuple(
             name
             for name in names
-            if kind_of(name) in unknown
+            if get_base_quantity(name) in unknown
             # a disc does not turn
-            and (kind_of(name) != "rotation_deg" or periods[_probe(name)])
+            and (get_base_quantity(name) != "rotation_deg" or periods[_probe(name)])
         )
         made = cls(listed, tuple(names), sought, domain, tolerance, count)
         if wrong := {made.key(name) for name in sought} - set(parameters_of(listed)):
@@ -115,7 +115,9 @@ class Solves:
     @property
     def other_probe(self) -> Indices:
         """Index of each quantity at the other probe of two equal probes; empty for other probes."""
-        if probes_of(self) < 2 or pressed_alone(self.scene, 0) != pressed_alone(self.scene, 1):
+        if probes_of(self) < 2 or make_single_probe_scene(self.scene, 0) != make_single_probe_scene(
+            self.scene, 1
+        ):
             return np.array([], dtype=int)
         swapped = [f"probe[{1 - _probe(n)}]{n[len('probe[0]') :]}" for n in self.quantities]
         return np.array([self.quantities.index(name) for name in swapped])
@@ -142,7 +144,7 @@ class Solves:
         return charges, slopes
 
 
-def pressed_alone(scene: Scene, number: int) -> Scene:
+def make_single_probe_scene(scene: Scene, number: int) -> Scene:
     """One of a scene's probes on the centre, under 1 N and cold."""
     touch = scene.loaded_probes[number]
     place = dict.fromkeys(("x_mm", "y_mm", "rotation_deg"), 0.0)
@@ -186,10 +188,10 @@ def _mistakes(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator[st
         if any(touch.probe.contact_time_s is None for touch in scene.loaded_probes):
             yield "probe.contact_time_s: not given; heat spreads meanwhile, so give it"
     for name in unknown:
-        if name not in LONGEST:
-            yield f"{name}: no quantity of a touch; choose from {', '.join(LONGEST)}"
+        if name not in LONGEST_STEPS:
+            yield f"{name}: no quantity of a touch; choose from {', '.join(LONGEST_STEPS)}"
     if not unknown:
-        yield f"unknown: nothing is sought; choose from {', '.join(LONGEST)}"
+        yield f"unknown: nothing is sought; choose from {', '.join(LONGEST_STEPS)}"
 
 
 def _probe(name: str) -> int:

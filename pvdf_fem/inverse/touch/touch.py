@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
-from pvdf_fem.arrays import Array, Mask, finite
+from pvdf_fem.arrays import Array, Mask, finite_or_none
 from pvdf_fem.summary import Result, Summary
 
 #: Charges count as unexplained if a right model gives such charges less often than this.
 SIGNIFICANCE = 1e-3
 #: A direction is determined if the domain along it is wider than this many standard deviations.
-DETERMINED = 3.0
+DETERMINED_RATIO = 3.0
 
 
-def p_values(chi_square: Array, freedom: int) -> Array:
+def compute_p_values(chi_square: Array, freedom: int) -> Array:
     """Probabilities of a larger chi-square if the model is right; NaN without freedom."""
     if freedom <= 0:
         return np.full(len(chi_square), np.nan)
@@ -27,26 +27,26 @@ def p_values(chi_square: Array, freedom: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def common_limit(freedom: int) -> float:
+def compute_chi_square_limit(freedom: int) -> float:
     """Chi-square that a right model exceeds with the probability `SIGNIFICANCE`."""
     return float(2.0 * gammainccinv(0.5 * max(freedom, 1), SIGNIFICANCE))
 
 
-def explains(chi_square: Array, freedom: int, significance: float = SIGNIFICANCE) -> Mask:
+def is_plausible(chi_square: Array, freedom: int, significance: float = SIGNIFICANCE) -> Mask:
     """Whether charges as far from the model's as these are common."""
     # without freedom a touch fits unless the domain's edge holds it, as one condition more
-    common: Mask = ~(p_values(chi_square, max(freedom, 1)) < significance)
+    common: Mask = ~(compute_p_values(chi_square, max(freedom, 1)) < significance)
     return common
 
 
-def roots_of(slopes: Array, extent: Array) -> tuple[Array, Mask]:
+def compute_covariance_roots(slopes: Array, extent: Array) -> tuple[Array, Mask]:
     """Square roots (..., k, k) of covariances, their columns along the principal directions, and
     which of these (..., k) the charges do not determine: there the domain's `extent` (..., k) is a
     standard deviation. `slopes` (..., electrodes, k) are slopes of the charges over deviations."""
     per_extent = slopes * extent[..., None, :]
     squares, vectors = np.linalg.eigh(per_extent.swapaxes(-1, -2) @ per_extent)
     squares = np.maximum(squares, 0.0)
-    free = squares < DETERMINED**2
+    free = squares < DETERMINED_RATIO**2
     return vectors / np.sqrt(squares + free)[..., None, :] * extent[..., None], free
 
 
@@ -70,10 +70,10 @@ class TouchStatus(StrEnum):
 
 
 #: With these a touch explains the charges.
-EXPLAINED = (TouchStatus.LOCATED, TouchStatus.AT_EDGE, TouchStatus.AMBIGUOUS)
+EXPLAINED_STATUSES = (TouchStatus.LOCATED, TouchStatus.AT_EDGE, TouchStatus.AMBIGUOUS)
 
 
-def status_of(explained: bool, ambiguous: bool, at_edge: bool) -> TouchStatus:
+def decide_status(explained: bool, ambiguous: bool, at_edge: bool) -> TouchStatus:
     """What became of charges for which a touch was found."""
     if not explained:
         return TouchStatus.UNEXPLAINED
@@ -169,7 +169,7 @@ class Touch(Result):
         return {
             **self.by_name,
             "chi_square": float(self.chi_square),
-            "p_value": finite(self.p_value),
+            "p_value": finite_or_none(self.p_value),
             "explained": bool(self.explained),
             "weight": self.weight,
             "determined": self.determined,

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.inverse.touch.touch import common_limit
+from pvdf_fem.inverse.touch.touch import compute_chi_square_limit
 from pvdf_fem.inverse.tracking.circuit import ChargeSum, Circuit
 from pvdf_fem.inverse.tracking.place import ChangeModel, Places, Sample
 from pvdf_fem.surrogate.model import FORCE
@@ -175,4 +175,6 @@ class Contact:
 
 def _is_noise(difference: Array, variance: Array) -> bool:
     """Whether errors with a variance (electrodes,) commonly make such a difference."""
-    return bool(np.square(difference) @ (1.0 / variance) < common_limit(len(difference)))
+    return bool(
+        np.square(difference) @ (1.0 / variance) < compute_chi_square_limit(len(difference))
+    )

@@ -10,16 +10,16 @@ from typing import ClassVar
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.inverse.least_squares import SearchOptions, descend
-from pvdf_fem.inverse.touch.location import SHARE
-from pvdf_fem.inverse.touch.location_problem import ROOM_REACH, Problem
-from pvdf_fem.inverse.touch.measurement import at_rest
-from pvdf_fem.inverse.touch.search import DEFAULTS, location, search
+from pvdf_fem.inverse.least_squares import SearchOptions, run_levenberg_marquardt
+from pvdf_fem.inverse.touch.location import AMBIGUOUS_SHARE
+from pvdf_fem.inverse.touch.location_problem import SEARCH_MARGIN, LocationProblem
+from pvdf_fem.inverse.touch.measurement import compute_unloaded_charges
+from pvdf_fem.inverse.touch.search import DEFAULT_OPTIONS, make_location, search_everywhere
 from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.surrogate.model import FORCE, QUANTITIES, Model
 
-SEARCH = SearchOptions(max_steps=8, arrived=np.inf, short=0.05)
+SEARCH = SearchOptions(max_steps=8, chi_square_tolerance=np.inf, step_tolerance=0.05)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Places:
 
 
 @dataclass(frozen=True, eq=False)
-class ChangeModel(Problem):
+class ChangeModel(LocationProblem):
     """The least-squares problem of a touch with any force. Beyond the model's forces the changes of
     the charges are continued by the power of the force with which they grow there."""
 
@@ -82,7 +82,7 @@ class ChangeModel(Problem):
     @classmethod
     def of(cls, model: Model, known: Mapping[int, float], options: TrackOptions) -> ChangeModel:
         """The changes of a model's charges, to be measured by `of_sample`."""
-        rest = at_rest(model, "change")[0]
+        rest = compute_unloaded_charges(model, "change")[0]
         electrodes, stage = np.arange(len(rest)), model.scene.stage or Stage()
         unknown = np.array([i for i in range(len(QUANTITIES)) if i not in known])
         none = electrodes, rest[None], np.ones((1, len(rest))), unknown, stage
@@ -93,7 +93,7 @@ class ChangeModel(Problem):
         heard = np.flatnonzero(sample.heard)
         charges = (self.rest_pC + sample.charges)[None, heard]
         # an error evenly distributed within the bound
-        model_error = self.model.error_bound / math.sqrt(3.0)
+        model_error = self.response.error_bound / math.sqrt(3.0)
         skewed = self.options.skew * math.sqrt(sample.missed) * sample.direction[heard]
         variance = sample.variance[heard] + np.square(model_error * charges) + np.square(skewed)
         deviations = np.sqrt(variance)
@@ -103,18 +103,20 @@ class ChangeModel(Problem):
     @property
     def log_forces(self) -> tuple[float, float]:
         """Logarithms of the least and the largest force that are followed."""
-        least, most = self.model.domain.log_force
+        least, most = self.response.domain.log_force
         return least - self.options.lightest, most + self.options.strongest
 
-    def held_back(self, at: Array) -> Array:
+    def project_onto_bounds(self, at: Array) -> Array:
         """Coordinates (n, 4) within reach, with forces that are followed."""
-        return self._moved(at, ROOM_REACH * self.model.domain.reach_mm, *self.log_forces)
+        return self.project_onto(
+            at, SEARCH_MARGIN * self.response.domain.reach_mm, *self.log_forces
+        )
 
-    def linearised(self, at: Array, rows: Indices | None = None) -> Array:
-        """As of a `Problem`."""
+    def linearise(self, at: Array, rows: Indices | None = None) -> Array:
+        """As of a `LocationProblem`."""
         edge = at.copy()
-        edge[:, FORCE] = np.clip(at[:, FORCE], *self.model.domain.log_force)
-        system, beyond = super().linearised(edge, rows), (at - edge)[:, FORCE]
+        edge[:, FORCE] = np.clip(at[:, FORCE], *self.response.domain.log_force)
+        system, beyond = super().linearise(edge, rows), (at - edge)[:, FORCE]
         if not beyond.any():
             return system
         which = slice(1) if rows is None else rows
@@ -132,8 +134,8 @@ class ChangeModel(Problem):
     def pressed(self, at: Array, sample: Sample) -> tuple[Array, float]:
         """Coordinates (4,) with the force of a sample at a place, and chi-square of its charges."""
         problem = self.of_sample(sample, np.array([FORCE]))
-        end = descend(problem, at[None], options=SEARCH)
-        return end.at[0], float(end.chi_square[0])
+        end = run_levenberg_marquardt(problem, at[None], options=SEARCH)
+        return end.coordinates[0], float(end.chi_square[0])
 
     def located(self, sample: Sample) -> Places | None:
         """The likely touches that explain the charges of a sample; None where there are fewer
@@ -142,16 +144,16 @@ class ChangeModel(Problem):
         if not problem.is_determinable:
             return None
         with np.errstate(divide="ignore", invalid="ignore"):  # charges may be far from any touch's
-            found = location(problem, search(problem, self.known, DEFAULTS))
-        touches = [touch for touch in found.touches if touch.weight > SHARE]
-        if not touches or touches[0].force_N < self.model.domain.force_N[0]:
+            found = make_location(problem, search_everywhere(problem, self.known, DEFAULT_OPTIONS))
+        touches = [touch for touch in found.touches if touch.weight > AMBIGUOUS_SHARE]
+        if not touches or touches[0].force_N < self.response.domain.force_N[0]:
             return None
         values, best = np.array([touch.values for touch in touches]), touches[0]
-        at, scale = problem.coordinates(values), problem.per_coordinate(values)
+        at, scale = problem.coordinates(values), problem.compute_touch_scale(values)
         missed = math.sqrt(sample.missed) * sample.direction[problem.electrodes]
         whitened = (missed / problem.deviations_pC[0])[:, None]
-        off = np.linalg.pinv(problem.linearised(at)[:, :, 1:]) @ whitened
-        second = np.square(problem.apart(at, at[0])) + np.square(off[..., 0])
+        off = np.linalg.pinv(problem.linearise(at)[:, :, 1:]) @ whitened
+        second = np.square(problem.compute_differences(at, at[0])) + np.square(off[..., 0])
         by_noise = np.array([np.diag(touch.covariance) for touch in touches])
         second[:, self.unknown] += by_noise / np.square(scale[:, self.unknown])
         weights = np.array([touch.weight for touch in touches])

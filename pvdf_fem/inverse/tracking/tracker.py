@@ -14,8 +14,8 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import channels
-from pvdf_fem.inverse.touch.locate import PLACE_AND_FORCE, staged_touch
-from pvdf_fem.inverse.touch.measurement import centre_mm, known_mistakes
+from pvdf_fem.inverse.touch.locate import PLACE_AND_FORCE, get_scene_quantities
+from pvdf_fem.inverse.touch.measurement import find_quantity_errors, get_centre_mm
 from pvdf_fem.inverse.tracking.baseline import Baseline, Watch
 from pvdf_fem.inverse.tracking.circuit import Circuit
 from pvdf_fem.inverse.tracking.contact import Contact
@@ -63,10 +63,10 @@ class Tracker:
         unit: str = "V",
         options: TrackOptions = DEFAULTS,
     ) -> None:
-        scene, known = model_of(response).scene, staged_touch(response.scene)
+        scene, known = model_of(response).scene, get_scene_quantities(response.scene)
         unknown = taken("unknown", unknown, Names)
-        origin = (*centre_mm(scene), 0.0, 0.0)
-        mistakes = [*known_mistakes(response.domain, unknown, {}, known, origin)]
+        origin = (*get_centre_mm(scene), 0.0, 0.0)
+        mistakes = [*find_quantity_errors(response.domain, unknown, {}, known, origin)]
         if "force_N" not in unknown:
             mistakes.append("unknown: force_N is missing; the force of a touch is always sought")
         if unit not in ("V", "pC"):
@@ -212,11 +212,11 @@ class Tracker:
         """A touch on the stage at coordinates (4,), with the deviations of its places."""
         model = self._model
         x, y, rotation, force = model.touches(at[None])[0].tolist()
-        low, high = model.model.domain.force_N
+        low, high = model.response.domain.force_N
         status = "too_light" if force < low else "too_strong" if force > high else "touch"
         status = status if places.explained else "unexplained"
         force = force if at[FORCE] < model.log_forces[1] else math.nan
         dx, dy, turn, relative = places.deviations.tolist()
-        numbers = x, y, force, rotation % period_deg(model.model), dx, dy, relative * force, turn
+        numbers = x, y, force, rotation % period_deg(model.response), dx, dy, relative * force, turn
         count = len(places.at)
         return Row(t, status, len(self.touches) + 1, *numbers, chi_square, count)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from pydantic import Discriminator, Field, Tag
 
-from pvdf_fem.arrays import Array, polar_grid
+from pvdf_fem.arrays import Array, make_polar_grid
 from pvdf_fem.report.charge_map import ChargeMap
 from pvdf_fem.report.kind import PLACE, Content, Inputs, differ_in, place_mm
 from pvdf_fem.report.kinds.mapped import Mapped
@@ -78,7 +78,7 @@ class Isocharge(Mapped):
         scene, reading = self.scene(inputs), self.read_as(inputs)
         names, asked = self.names(scene), self.places(scene, inputs)
         made = self.charge_map(asked, solved)
-        raster = polar_grid(asked.reach_mm, RADII, ANGLES)
+        raster = make_polar_grid(asked.reach_mm, RADII, ANGLES)
         # at any place of the probe
         rest = solved.rests(asked.scenes[:1], made.names)[0] * (reading == "change")
         charges = (made.charges(raster.reshape(-1, 2)) - rest).reshape(*raster.shape[:2], -1)

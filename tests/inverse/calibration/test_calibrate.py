@@ -7,7 +7,7 @@ from pvdf_fem import Scene, calibrate
 from pvdf_fem.inverse.calibration.model import TouchModel
 from pvdf_fem.inverse.calibration.touches import read_touches
 from pvdf_fem.inverse.calibration.unknowns import unknowns_of, value_of
-from pvdf_fem.inverse.least_squares import robust
+from pvdf_fem.inverse.least_squares import apply_robust_loss
 from tests.helpers.touched_sensor import NAMES, SCENE, TRUE, UNKNOWN, drawn, made, made_up
 
 PRETENSION = "film.pretension_N_m"
@@ -177,7 +177,7 @@ def test_a_robust_loss_grows_as_the_logarithm_beyond_its_limit(limit, loss):
     """Groups with a squared length of 25: of twice the limit, of half of it, and without one."""
     system = np.zeros((3, 2, 2))
     system[:, :, 0] = [3.0, 4.0]
-    residuals = robust(system, np.full(3, limit))[0, :, 0]
+    residuals = apply_robust_loss(system, np.full(3, limit))[0, :, 0]
     assert np.square(residuals).sum() == pytest.approx(3.0 * loss)
 
 

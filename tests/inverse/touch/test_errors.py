@@ -29,7 +29,7 @@ def test_the_covariance_is_the_inverse_information_where_charges_are_linear():
     model, touch = bumps("rectangle", 6), np.array([3.0, -4.0, 25.0, 0.7])
     charges = read(model, touch)
     # slopes are those before the last step
-    options = LocateOptions(search=SearchOptions(arrived=1e-8))
+    options = LocateOptions(search=SearchOptions(chi_square_tolerance=1e-8))
     asked = {"unknown": QUANTITIES, "noise_pC": 0.3, "options": options}
     found = locate(model, charges, 1e-3, **asked)
     variance = (1e-6 + 1e-8 / 3.0) * np.square([*charges.values()]) + 0.09
@@ -120,6 +120,8 @@ def test_rows_have_what_a_location_has():
         # slopes are those before the last step
         assert found.covariances[k] / square == pytest.approx(same.covariance / square, abs=0.03)
         assert found.chi_square[k] == pytest.approx(same.chi_square, abs=1e-2)
-        assert found.deviations[k] == pytest.approx([*one.deviations_of(same).values()], rel=0.15)
+        assert found.deviations[k] == pytest.approx(
+            [*one.compute_deviations(same).values()], rel=0.15
+        )
         assert found.alternatives[k] == one.alternatives
     assert (found.alternatives > 0).any()

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pvdf_fem.inverse.touch.locate import locate, match
+from pvdf_fem.inverse.touch.locate import locate, rank_probes
 from pvdf_fem.inverse.touch.locate_many import locate_many
 from pvdf_fem.surrogate.model import QUANTITIES, Domain
 from tests.helpers.touch_models import POINTS, Bumps, bumps, random_touches, read
@@ -93,7 +93,7 @@ def test_mirror_images_are_both_listed():
 
 def test_probes_weigh_as_the_evidence_for_them():
     logs = {"a": 0.0, "b": math.log(3.0), "c": -math.inf}
-    found = match({name: SimpleNamespace(log_evidence=of) for name, of in logs.items()})
+    found = rank_probes({name: SimpleNamespace(log_evidence=of) for name, of in logs.items()})
     assert [one.name for one in found] == ["b", "a", "c"]
     assert [one.weight for one in found] == pytest.approx([0.75, 0.25, 0.0])
 
