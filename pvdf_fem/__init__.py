@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from pvdf_fem.solver.sensitivity.gradients import gradients
     from pvdf_fem.solver.sensitivity.uncertainty import solve, uncertainty
     from pvdf_fem.solver.solution import Solution
-    from pvdf_fem.studies.dataset import dataset
     from pvdf_fem.studies.design import design
     from pvdf_fem.studies.sweep import sweep
+    from pvdf_fem.studies.touch_dataset import dataset
     from pvdf_fem.surrogate.build import build_response
     from pvdf_fem.surrogate.response import Response
 
@@ -91,7 +91,7 @@ _MODULES = {
     "Tracker": "inverse.tracking.tracker",
     "build_response": "surrogate.build",
     "calibrate": "inverse.calibration.calibrate",
-    "dataset": "studies.dataset",
+    "dataset": "studies.touch_dataset",
     "design": "studies.design",
     "gradients": "solver.sensitivity.gradients",
     "half_sine": "dynamics.forced",

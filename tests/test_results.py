@@ -8,7 +8,7 @@ import pytest
 
 import pvdf_fem as pf
 from pvdf_fem.inverse.touch.locate_many import Touches
-from pvdf_fem.inverse.tracking.rows import Row, TouchSummary
+from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow
 from pvdf_fem.summary import Result
 from tests.helpers.touch_models import bumps, random_touches
 from tests.surrogate import made_response
@@ -58,7 +58,7 @@ OBJECTS = {
         lambda _: pf.locate_many(bumps(), bumps().evaluate(random_touches(40, 1))[0]),
         "x_mm force_N ...",
     ),
-    "row": (lambda _: Row(0.5, "touch", 3, **SEEN, alternatives=1), "0.5 1.250 ± 0.01"),
+    "row": (lambda _: TrackRow(0.5, "touch", 3, **SEEN, alternatives=1), "0.5 1.250 ± 0.01"),
     "summary": (
         lambda _: TouchSummary(0.5, "touch", 3, **SEEN, alternatives=1, onset_s=0.25, end_s=0.75),
         "touch 3 0.25 0.75 2.50 ± 0.1",

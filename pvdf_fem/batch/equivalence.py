@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.models import film_model
+from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.symmetry import isotropy
 from pvdf_fem.scene.quantity import Affects, affecting
 from pvdf_fem.scene.scene import Scene
@@ -35,7 +35,7 @@ def mechanics(scene: Scene) -> tuple[str, Array]:
     a frame. Scenes with equal texts share a solve. The frame, (2, 2), is the orthogonal matrix from
     the scene's axes to axes in which the equivalent scenes' probes share a place."""
     scene.require_plain_charges("a sweep", "coupling")
-    model, film, probe, load = film_model(scene), scene.film, scene.probe, scene.load
+    model, film, probe, load = resolve_film_model(scene), scene.film, scene.probe, scene.load
     if not model.electrodes_only_read:
         return scene.to_toml(), np.eye(2)
     unlike = load.tangential_N or load.profile != "uniform" or isinstance(probe, tuple)

@@ -258,14 +258,14 @@ def _mesh(options: argparse.Namespace) -> int:
     from pvdf_fem.view.export import FORMATS, write_mesh
 
     scene = read_scene(options, *find_output_errors(options.file, list(FORMATS), options.scene))
-    from pvdf_fem.film.loads.contact_guess import tip_outlines
-    from pvdf_fem.film.models import film_model
+    from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
+    from pvdf_fem.film.models import resolve_film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
     from pvdf_fem.solver.first_sizes import ORDER, first_sizes
 
     try:
-        sizes, jacobian = first_sizes(scene, ORDER), film_model(scene).least_jacobian
-        contacts = tip_outlines(scene)
+        sizes, jacobian = first_sizes(scene, ORDER), resolve_film_model(scene).least_jacobian
+        contacts = estimate_tip_outlines(scene)
         mesh = mesh_scene(scene, sizes, least_jacobian=jacobian, contacts=contacts)
         write_mesh(mesh, options.file)
     except MeshError as error:

@@ -21,11 +21,11 @@ from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.spectrum import AIR, VACUUM, Spectrum, spectra_of
-from pvdf_fem.film.bending_effect import bending_effect, layer_size
-from pvdf_fem.film.electric.coupling import coupling_remarks
+from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_effect
+from pvdf_fem.film.electric.coupling import describe_coupling
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.kinds import LOADS
-from pvdf_fem.film.models import film_model
+from pvdf_fem.film.loads.load_classes import PROBE_LOADS
+from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM, MeshError
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
@@ -174,7 +174,7 @@ def modes(
     if taken("loaded", loaded, bool):
         scene.require_no_tips("frequencies about the load")
     else:  # on the flat film only rigid probes matter, by the unknowns that they bind together
-        rigid = [touch for touch in scene.loaded_probes if LOADS[touch.load.kind].rigid]
+        rigid = [touch for touch in scene.loaded_probes if PROBE_LOADS[touch.load.kind].rigid]
         bare = scene.loaded([replace(t, load=t.load.unloaded) for t in rigid])
     share = _bending_share(bare, count, loaded)
     bends = scene.film.bending
@@ -199,7 +199,7 @@ def modes(
     if status is Status.CONVERGED and attempt.worst > scene.numerics.tolerance:
         status = Status.TOLERANCE
         reason = f"{status.advice}, to at least {attempt.worst:.1e}, which was reached ({stop})"
-    voltages = coupling_remarks(bare) if loaded else ()
+    voltages = describe_coupling(bare) if loaded else ()
     left_out = _left_out(scene, share, bends), (text for included, text in voltages if not included)
     results = (*left_out[0], *left_out[1]), loop.clock.seconds(), attempt.spectra
     return Modes(scene, loaded, status, reason, *results)
@@ -254,9 +254,9 @@ class _ModalProblem:
         patches = {}
         for touch in scene.loaded_probes:
             patches[touch.patch] = min(size, touch.outline.area / touch.outline.perimeter)
-        if film_model(scene).bends:
-            length = bending_effect(scene).rim_length
-            patches[FILM] = min(size, layer_size(length, self.bending_share, tolerance))
+        if resolve_film_model(scene).bends:
+            length = estimate_bending_effect(scene).rim_length
+            patches[FILM] = min(size, choose_layer_size(length, self.bending_share, tolerance))
         self.sizes = Sizes(patches, 0.4, size)
         return self.sizes
 
@@ -270,7 +270,7 @@ class _ModalProblem:
 
     def solve_on(self, mesh: MeshTri2, coarser: _Attempt | None) -> _Attempt:
         """Modes with their errors, or why there are none."""
-        order = max(2, film_model(self.scene).lowest_order + 1)
+        order = max(2, resolve_film_model(self.scene).lowest_order + 1)
         coarse, rich = (Equilibrium(self.scene, mesh, p) for p in (order, order + 1))
         q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
         least = self.scene.film.stress_at_rest[:2].min()
@@ -307,7 +307,7 @@ def _bending_share(scene: Scene, count: int, loaded: bool) -> float:
     """Relative increase by bending in the highest of `count` frequencies, roughly. Within the
     length l = sqrt(D/N) of the rim, which makes the membrane smaller by l all round, and by the
     stiffness D k^4 beside N k^2 for waves of number k."""
-    effect = bending_effect(scene)
+    effect = estimate_bending_effect(scene)
     length = (effect.rim_length if loaded else effect.rest_length) / scene.film.radius
     return float(length + 0.5 * (_wavenumber(count) * length) ** 2)
 

@@ -27,9 +27,9 @@ from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.dynamics.spectrum import pencil_of
 from pvdf_fem.electrodes.outputs import goals_of
 from pvdf_fem.electrodes.stress_integrals import goal_gradients
-from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.pressure import UP
+from pvdf_fem.film.low_rank import LowRankUpdate
 from pvdf_fem.film.term import State
 from pvdf_fem.progress import Progress, ignore_progress
 from pvdf_fem.solver.next_order import factorised, next_order
@@ -64,7 +64,7 @@ class Oscillation:
         f, g = (equilibrium.unknowns.fold(forces) for forces in (force, rates))
         loss = equilibrium.film.loss_tangent or 0.0
         elastic = _elastic(equilibrium, state) if loss else 0.0 * stiffness
-        moving = Raised(mass, air.root)
+        moving = LowRankUpdate(mass, air.root)
         return cls(stiffness, elastic, moving, f, g, air.volume, air.radiation, loss)
 
     def projected(self, vectors: Any) -> Oscillation:

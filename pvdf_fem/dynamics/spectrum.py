@@ -12,14 +12,14 @@ from scipy.sparse.linalg import LinearOperator, eigs, eigsh
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.air import AirLoad
-from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.unknowns import prolongation
+from pvdf_fem.film.low_rank import LowRankUpdate
+from pvdf_fem.film.unknowns import make_prolongation
 from pvdf_fem.solver.nonlinear.newton import factorise
 from pvdf_fem.solver.nonlinear.status import Status
 
 VACUUM, AIR = "in vacuum", "in air"
-Pencil = tuple[sp.csc_matrix, Any]  #: Stiffness and mass; that of air is a `Raised`.
+Pencil = tuple[sp.csc_matrix, Any]  #: Stiffness and mass; that of air is a `LowRankUpdate`.
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ def spectra_of(
     if coarse.scene.air is None:
         return {VACUUM: vacuum}
     airs = [AirLoad.of(equilibrium) for equilibrium in (coarse, rich)]
-    loaded = [(K, Raised(M, air.root)) for air, (K, M) in zip(airs, pencils, strict=True)]
+    loaded = [(K, LowRankUpdate(M, air.root)) for air, (K, M) in zip(airs, pencils, strict=True)]
     found = _spectrum(coarse, rich, at[0], loaded, count, step)
     assert isinstance(found, Spectrum)  # the stiffness has modes in vacuum
     return {VACUUM: vacuum, AIR: found}
@@ -83,7 +83,7 @@ def _spectrum(
         return modes
     if isinstance(reference, Status):
         return reference
-    shapes = prolongation(coarse, rich) @ modes[1]
+    shapes = make_prolongation(coarse, rich) @ modes[1]
     energy, inertia = ((shapes * (matrix @ shapes)).sum(axis=0) for matrix in pencils[1])
     same_shape = np.sqrt(energy / inertia) / (2.0 * np.pi)
     by_stress, by_shape = modes[0] - same_shape, same_shape - reference[0]

@@ -15,8 +15,8 @@ import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.film.electric.coupling import Floating
-from pvdf_fem.film.models import film_model
+from pvdf_fem.film.electric.coupling import FloatingElectrode
+from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch
 from pvdf_fem.mesh.symmetry import MirroredPart
 from pvdf_fem.scene.outlines.outline import Outline
@@ -36,7 +36,7 @@ class Goal:
     frame: Array = field(default_factory=lambda: np.eye(2))
 
     #: What its own voltage adds to its forces, where voltages act on the film.
-    floating: Floating | None = None
+    floating: FloatingElectrode | None = None
 
     @property
     def sensitivity(self) -> Array:
@@ -90,7 +90,7 @@ class Goal:
 def goals_of(scene: Scene) -> tuple[Goal, ...]:
     """The electrodes in a scene, on a mesh that follows their outlines."""
     d, observable = (scene.film.d31, scene.film.d32), scene.numerics.observable
-    floating = {electrode.name: electrode for electrode in film_model(scene).floating}
+    floating = {electrode.name: electrode for electrode in resolve_film_model(scene).floating}
     return tuple(
         Goal(e.outline, observable, d, electrode_patch(e.name), floating=floating.get(e.name))
         for e in scene.electrode_list

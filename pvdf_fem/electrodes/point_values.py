@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import strain_of
-from pvdf_fem.film.space import shape_values
+from pvdf_fem.film.membrane import compute_strain
+from pvdf_fem.film.space import evaluate_shape_functions
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.points import located
 from pvdf_fem.scene.given import numbers, taken
@@ -122,10 +122,10 @@ def _values(equilibrium: Equilibrium, state: State, elements: Indices, local: Ar
     (n,) at local points (2, n, points)."""
     space, membrane = equilibrium.space, equilibrium.membrane
     nodal = state.dofs.reshape(-1, 3)[space.nodes[elements]]
-    displacement = np.matmul(shape_values(space.basis.elem, local), nodal)
+    displacement = np.matmul(evaluate_shape_functions(space.basis.elem, local), nodal)
     gradients = space.gradients_at(elements, local)
     gradients = np.matmul(nodal[:, None].swapaxes(2, 3), gradients)
-    strain, places, slopes = strain_of(gradients), *np.zeros((2, *displacement.shape))
+    strain, places, slopes = compute_strain(gradients), *np.zeros((2, *displacement.shape))
     slopes[..., :2] = gradients[..., 2, :]
     places[..., :2] = np.moveaxis(space.mesh.mapping().F(local, elements), 0, -1)
     stress = membrane.film_stress(strain, places[..., :2])

@@ -26,13 +26,13 @@ from pvdf_fem.film.space import ELEMENTS, INTEGRATION_ORDER, Space
 from pvdf_fem.scene.film import Film
 
 
-def vector_basis(space: Space) -> Basis:
+def make_vector_basis(space: Space) -> Basis:
     """The three-component basis on which forms assemble."""
     element = ElementVector(ELEMENTS[space.order](), 3)
     return Basis(space.mesh, element, intorder=INTEGRATION_ORDER[space.order])
 
 
-def residual_form(film: Film) -> LinearForm:
+def make_residual_form(film: Film) -> LinearForm:
     """h S : sym(F^T grad v), to be assembled with the field `displacement`."""
 
     def form(v: Any, p: Any) -> Array:
@@ -43,7 +43,7 @@ def residual_form(film: Film) -> LinearForm:
     return LinearForm(form)
 
 
-def tangent_form(film: Film) -> BilinearForm:
+def make_tangent_form(film: Film) -> BilinearForm:
     """h (dE : C : DE + S : sym(grad v^T grad u)), to be assembled with `displacement`."""
 
     def form(u: Any, v: Any, p: Any) -> Array:

@@ -32,8 +32,8 @@ LOAD_CLASSES = {
 
 #: Classes of loads on the whole film, by the film's keys.
 SPREAD_CLASSES = {
-    "pressure_Pa": "pvdf_fem.film.loads.everywhere.pressure:FilmPressure",
-    "gravity_m_s2": "pvdf_fem.film.loads.everywhere.weight:Weight",
+    "pressure_Pa": "pvdf_fem.film.loads.film_pressure:FilmPressure",
+    "gravity_m_s2": "pvdf_fem.film.loads.weight:Weight",
 }
 #: Class of each ``film.law``.
 LAW_CLASSES = {
@@ -58,7 +58,7 @@ PROFILE_ENTRIES = {
 }
 #: Mark between a profile file's path and the SHA-256 of its content.
 PIN = "#sha256="
-TABLE_ENTRY = ProfileEntry("pvdf_fem.film.loads.profiles:Table", is_symmetric=False)
+TABLE_ENTRY = ProfileEntry("pvdf_fem.film.loads.profiles:TableProfile", is_symmetric=False)
 
 
 class ObservableEntry(NamedTuple):

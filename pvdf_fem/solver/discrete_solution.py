@@ -13,8 +13,8 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.outputs import Goal
 from pvdf_fem.electrodes.stress_integrals import Forces, goal_forces
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.touchdown import Touchdown, touchdowns
-from pvdf_fem.film.space import shape_values
+from pvdf_fem.film.loads.contact_result import ContactResult, compute_contact_results
+from pvdf_fem.film.space import evaluate_shape_functions
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.gmsh_mesh import electrode_patch, named
 from pvdf_fem.mesh.six_node import with_sorted_vertices
@@ -47,9 +47,9 @@ class Fields:
         return goal_forces(goals, self.solved.membrane, self.solved_dofs, self.solved.part)
 
     @cached_property
-    def touchdowns(self) -> dict[str, Touchdown]:
+    def contact_results(self) -> dict[str, ContactResult]:
         """Contacts by the names of the tips' patches."""
-        return touchdowns(self.solved, self.solved_state)
+        return compute_contact_results(self.solved, self.solved_state)
 
     @cached_property
     def equilibrium(self) -> Equilibrium:
@@ -83,7 +83,7 @@ def largest(basis: Basis, values: Array, elements: int = 8, intervals: int = 50)
     points = points[:, points.sum(axis=0) <= 1.0 + 1e-9]
     dofs = basis.element_dofs
     highest = np.abs(values)[dofs].max(axis=0).argsort()[-elements:]
-    functions = shape_values(basis.elem, points)
+    functions = evaluate_shape_functions(basis.elem, points)
     return float(np.abs(functions @ values[dofs[:, highest]]).max())
 
 
@@ -126,4 +126,4 @@ def unfolded_dofs(solved: Equilibrium, x: Array, whole: Equilibrium) -> Array:
     displacement = x.reshape(-1, 3)[source]
     signs = np.where((places < 0.0) & mirrored, -1.0, 1.0).T
     displacement[:, :2] = (signs * displacement[:, :2]) @ part.frame
-    return np.append(displacement, x[solved.space.own_dofs])
+    return np.append(displacement, x[solved.space.auxiliary_dofs])

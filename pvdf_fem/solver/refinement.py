@@ -10,7 +10,7 @@ from typing import Generic, Protocol, TypeVar
 
 from skfem import MeshTri2
 
-from pvdf_fem.film.models import film_model
+from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
 from pvdf_fem.mesh.size_field import SizeField, Sizes
 from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
@@ -153,7 +153,10 @@ class MeshLoop(Generic[T]):
         start = time.perf_counter()
         require = partial(self._require_affordable, overestimate=self.rules.overestimate)
         with self.clock("mesh"):
-            jacobian, contacts = film_model(self.scene).least_jacobian, self.contacts_of(coarser)
+            jacobian, contacts = (
+                resolve_film_model(self.scene).least_jacobian,
+                self.contacts_of(coarser),
+            )
             mesh = mesh_scene(
                 self.scene, sizes, self.part, jacobian, contacts=contacts, require=require
             )
@@ -168,7 +171,9 @@ class MeshLoop(Generic[T]):
         if budget.bounds_first_mesh and least > budget.max_unknowns:
             allowed = f"numerics.max_unknowns allows {budget.max_unknowns}"
             raise TooManyUnknownsError(unknowns, allowed, Stop.UNKNOWNS)
-        work = self.rules.least_iterations * iteration_seconds(least, film_model(self.scene))
+        work = self.rules.least_iterations * iteration_seconds(
+            least, resolve_film_model(self.scene)
+        )
         if work > budget.max_seconds:
             allowed = f"numerics.max_seconds allows {budget.max_seconds:g} s of work"
             raise TooManyUnknownsError(unknowns, allowed, Stop.SECONDS)

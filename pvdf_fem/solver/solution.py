@@ -20,10 +20,10 @@ from pvdf_fem.electrodes.point_values import PointValues, values_along, values_a
 from pvdf_fem.electrodes.stress_integrals import Forces
 from pvdf_fem.electrodes.thickness import thickness_charges
 from pvdf_fem.electrodes.unloaded import heat_charges
-from pvdf_fem.film.electric.coupling import floating
-from pvdf_fem.film.loads.posed import Pressure
-from pvdf_fem.film.loads.pressure import Leaning
-from pvdf_fem.film.loads.touchdown import Touchdown
+from pvdf_fem.film.electric.coupling import find_floating_electrodes
+from pvdf_fem.film.loads.contact_result import ContactResult
+from pvdf_fem.film.loads.load_spec import Pressure
+from pvdf_fem.film.loads.pressure import PunchTilt
 from pvdf_fem.scene.given import Named, numbers, taken
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.solver.discrete_solution import Fields, largest
@@ -167,7 +167,7 @@ class Solution(Result):
         a charge amplifier, else the charge over the capacitance of electrode and cable, with the
         charge's sign."""
         capacitances = {channel.name: channel.capacitance for channel in channels(self.scene)}
-        wired = {electrode.name for electrode in floating(self.scene)}
+        wired = {electrode.name for electrode in find_floating_electrodes(self.scene)}
         changes = self.charge_changes_pC.items()
         return {n: 1e-12 * q / capacitances[n] if n in wired else 0.0 for n, q in changes}
 
@@ -191,11 +191,11 @@ class Solution(Result):
         return 1e3 * largest(fields.solved.space.basis, fields.solved_dofs[2::3])
 
     @property
-    def punches(self) -> dict[str, Leaning]:
+    def punches(self) -> dict[str, PunchTilt]:
         """How rigid punches lean and are held, by patch: ``probe``, or ``probe 1``, ``probe 2``."""
         film, state = self.fields.equilibrium, self.fields.state
         forces = film.film_forces(state)
-        told = {load.touch.patch: load.leaning(state, forces) for load in film.loads}
+        told = {load.spec.patch: load.compute_tilt(state, forces) for load in film.loads}
         return {patch: leaning for patch, leaning in told.items() if leaning}
 
     def at(
@@ -234,9 +234,9 @@ class Solution(Result):
         return values_along(self.fields.equilibrium, self.fields.state, line_mm, points)
 
     @property
-    def contacts(self) -> dict[str, Touchdown]:
+    def contacts(self) -> dict[str, ContactResult]:
         """Contacts by the tip's patch: ``probe``, or ``probe 1``, ..."""
-        return self.fields.touchdowns
+        return self.fields.contact_results
 
     @property
     def force_balance(self) -> float:
@@ -263,7 +263,7 @@ class Solution(Result):
                 results["contacts"] = {name: c.to_json() for name, c in self.contacts.items()}
             if punches := self.punches:
                 results["punches"] = {name: asdict(punch) for name, punch in punches.items()}
-            if floating(self.scene):
+            if find_floating_electrodes(self.scene):
                 results["electrode_voltages_V"] = _known(self.electrode_voltages_V)
             if self.scene.readout is not None:
                 results["readings_V"] = _known(self.readings_V)

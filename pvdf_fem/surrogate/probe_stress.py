@@ -17,8 +17,8 @@ from skfem.models import mass
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact_guess import first_contacts, tip_outlines
-from pvdf_fem.film.space import Space, transferred
+from pvdf_fem.film.loads.contact_estimate import estimate_contact_outlines, estimate_tip_outlines
+from pvdf_fem.film.space import Space, transfer_dofs
 from pvdf_fem.mesh.gmsh_mesh import PROBE, mesh_scene, outlines
 from pvdf_fem.mesh.size_field import Sizes
 from pvdf_fem.scene.outlines.outline import turn
@@ -48,10 +48,10 @@ def probe_mesh(
         Size along the edge of the probe over the root of its area, growth of the size per distance
         from the edge, largest size over the film's radius.
     """
-    pressed = (outlines(scene) | first_contacts(scene))[PROBE]
+    pressed = (outlines(scene) | estimate_contact_outlines(scene))[PROBE]
     edge = ratio * edge_size * float(np.sqrt(pressed.area))
     sizes = Sizes({PROBE: edge}, ratio * growth, ratio * film_size * scene.film.radius)
-    return mesh_scene(scene, sizes, contacts=tip_outlines(scene))
+    return mesh_scene(scene, sizes, contacts=estimate_tip_outlines(scene))
 
 
 def mean_stress_about_probe(
@@ -107,7 +107,7 @@ def stresses(
         if equilibrium is None or scene.tips:
             last, equilibrium = equilibrium, Equilibrium(loaded, probe_mesh(loaded, ratio), order)
             space = equilibrium.space
-            known = [(at, transferred(last.space, x, space)) for at, x in known[-1:] if last]
+            known = [(at, transfer_dofs(last.space, x, space)) for at, x in known[-1:] if last]
         else:
             equilibrium = equilibrium.with_(scene=loaded)
         start = None

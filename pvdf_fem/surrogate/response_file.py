@@ -48,7 +48,7 @@ def mechanics_of(scene: Scene) -> str:
     Raises `ValueError` without a probe, and for a depth in place of a force.
     """
     from pvdf_fem.batch.equivalence import MECHANICS
-    from pvdf_fem.film.models import film_model  # with scikit-fem
+    from pvdf_fem.film.models import resolve_film_model  # with scikit-fem
 
     if scene.single_probe is None:
         raise ValueError("scene: has no probe; give it one")
@@ -57,7 +57,7 @@ def mechanics_of(scene: Scene) -> str:
     scene.require_plain_charges("a response")
     observable = scene.numerics.observable
     pressed = centred(scene).model_copy(update={"numerics": Numerics(observable=observable)})
-    weight, bends = scene.film.weight, film_model(pressed).bends
+    weight, bends = scene.film.weight, resolve_film_model(pressed).bends
     return f"{affecting(pressed, *MECHANICS)} {weight} {bends} {observable}"
 
 

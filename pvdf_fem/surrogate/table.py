@@ -39,10 +39,10 @@ def force_powers(domain: Domain, force_N: Array, count: int) -> Array:
 
 def pressed_outline(scene: Scene, force_N: float) -> Outline:
     """Outline of a scene's probe at the film's centre, or of the contact that a force makes."""
-    from pvdf_fem.film.loads.contact_guess import guessed_press  # with scikit-fem
+    from pvdf_fem.film.loads.contact_estimate import estimate_pressed_area  # with scikit-fem
 
     pressed = centred(scene).with_(**{"load.force_N": force_N})
-    return guessed_press(pressed, pressed.loaded_probes[0])[0]
+    return estimate_pressed_area(pressed, pressed.loaded_probes[0])[0]
 
 
 def table_axes(

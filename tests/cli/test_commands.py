@@ -107,7 +107,7 @@ def test_touches_for_estimators_are_those_of_python(folder, models, command):
     asked = "--touches 30 --seed 5 --sigma 0.03 --noise 2 --set film.thickness_um=20"
     assert command("dataset", "disc.toml", *asked.split(), "--output", "touches.nc").code == 0
     sensor = Scene.load("disc.toml").with_(**{"film.thickness_um": 20.0})
-    expected = dataset(sensor, 30, 5, 0.03, noise_pC=2.0, model=bumps("circle"))
+    expected = dataset(sensor, 30, 5, 0.03, noise_pC=2.0, response=bumps("circle"))
     assert models == [sensor]
     with xarray.open_dataset("touches.nc") as kept:
         np.testing.assert_array_equal(kept.reading_pC, expected.reading_pC)

@@ -11,8 +11,12 @@ from pvdf_fem import solve
 from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.electrodes.outputs import goals_of
 from pvdf_fem.electrodes.stress_integrals import charges_of, goal_forces
-from pvdf_fem.film.layers import Layers, remaining_part, uncertain_part
-from pvdf_fem.film.plate import Plate, plate_stiffness
+from pvdf_fem.film.bending.layers import (
+    BendingLayers,
+    estimate_missing_fraction,
+    estimate_uncertain_fraction,
+)
+from pvdf_fem.film.bending.plate import Plate, compute_plate_stiffness
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import FILM, PROBE, RIM
 from pvdf_fem.mesh.six_node import compression
@@ -40,7 +44,7 @@ def plate(thickness_um, patch_radius=1.0, tension=0.0, force=LOAD, **changes):
     scene = free_disc(1.0, poisson_ratio=0.3, patch_radius=patch_radius)
     scene = scene.with_(**{"film.thickness_um": thickness_um, "numerics.tolerance": 1e-4, **PLATE})
     film = scene.film
-    D = plate_stiffness(film)[0, 0]
+    D = compute_plate_stiffness(film)[0, 0]
     strain = tension * D / film.radius**2 / (film.thickness * film.stiffness[:2, :2].sum() / 2)
     load = {"load.force_N": force * D * film.thickness / film.radius**2}
     cooling = {"film.temperature_change_K": -strain / film.thermal_expansion_per_K}
@@ -121,7 +125,7 @@ def test_a_part_of_what_narrow_layers_do_is_uncertain():
     change, layers = change_by_layers(solution)
     centre = np.hypot(*solution.basis.doflocs).argmin()
     found = solution.fields.solved.dofs(change)[2::3][centre] / lost
-    uncertain = uncertain_part(layers.widths.max())  # a fit, here within 6 %
+    uncertain = estimate_uncertain_fraction(layers.widths.max())  # a fit, here within 6 %
     assert found == pytest.approx(-uncertain, rel=0.13)
 
 
@@ -180,7 +184,7 @@ def test_stretched_plate_vibrates(bending):
 
     p = brentq(determinant, 2.41, 3.8)
     scene = plate(1000.0, tension=N, **{"probe": None, "film.bending": bending})
-    film, D = scene.film, plate_stiffness(scene.film)[0, 0]
+    film, D = scene.film, compute_plate_stiffness(scene.film)[0, 0]
     unit = np.sqrt(D / (film.density * film.thickness)) / (2 * np.pi * film.radius**2)
     (found,) = modes(scene, 1).frequencies_Hz
     assert found == pytest.approx(p * np.sqrt(p**2 + N) * unit, rel=1e-4)
@@ -193,8 +197,8 @@ def test_sizes_leave_what_was_asked_for(reduction):
     lengths, widths, effects = 10.0 ** random.uniform(
         [[-3], [-1], [-4]], [[0], [1.3], [0]], (3, 500)
     )
-    wanted = reduction * (effects * remaining_part(widths)).sum()
-    sizes = Layers(None, None, lengths, widths, np.empty(0)).sizes(effects, wanted)
-    now = effects * remaining_part(np.minimum(sizes / lengths, widths))
+    wanted = reduction * (effects * estimate_missing_fraction(widths)).sum()
+    sizes = BendingLayers(None, None, lengths, widths, np.empty(0)).sizes(effects, wanted)
+    now = effects * estimate_missing_fraction(np.minimum(sizes / lengths, widths))
     assert 0.5 * wanted <= now.sum() <= wanted * (1.0 + 1e-3)
     assert np.isinf(sizes).any()

@@ -8,7 +8,11 @@ from scipy.linalg import expm
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.heat import AddedStrain, heat_remarks, warmed
+from pvdf_fem.film.loads.uneven_strain import (
+    UnevenStrain,
+    compute_mean_warming,
+    describe_heat_effects,
+)
 from pvdf_fem.mesh.symmetry import WHOLE, part_of
 from pvdf_fem.scene.outlines.outline import turn
 from pvdf_fem.scene.scene import Replaced
@@ -35,7 +39,7 @@ def test_heat_goes_through_the_film_as_the_equation_of_heat_says(fourier):
     matrix = np.diag(np.full(count - 1, 1.0), 1) + np.diag(np.full(count - 1, 1.0), -1)
     matrix -= np.diag([3.0, *np.full(count - 2, 2.0), 1.0])
     cold = expm(fourier * count**2 * matrix) @ np.ones_like(z)
-    assert warmed(fourier) == pytest.approx(1.0 - cold.mean(), rel=1e-3)
+    assert compute_mean_warming(fourier) == pytest.approx(1.0 - cold.mean(), rel=1e-3)
 
 
 def test_heat_spreads_beside_a_disc_as_the_equation_of_heat_says():
@@ -45,7 +49,7 @@ def test_heat_spreads_beside_a_disc_as_the_equation_of_heat_says():
     matrix += np.diag(np.append(1.0 - 0.5 * h / r[1:-1], 2.0), -1)
     cold = expm(6e-8 / h**2 * matrix[1:, 1:]) @ np.ones(200)
     disc = Scene().with_(probe={"shape": "circle", "radius_mm": 2.0, **WARM})
-    found = AddedStrain.of(disc).temperature(np.column_stack([r, 0.0 * r])) / 10.0
+    found = UnevenStrain.of(disc).temperature(np.column_stack([r, 0.0 * r])) / 10.0
     assert found == pytest.approx(1.0 - np.append(0.0, cold), abs=2e-3)
 
 
@@ -60,7 +64,7 @@ def test_heat_spreads_beside_a_disc_as_the_equation_of_heat_says():
 def test_heat_beside_other_outlines_is_off_as_stated(shape, excess):
     """Against finite elements of the heat equation on meshes with these outlines, after 30 s."""
     scene = Scene().with_(probe={**shape, "temperature_K": 1.0, "contact_time_s": 30.0})
-    told = float(next(heat_remarks(scene))[1].split("about ")[1].split()[0])
+    told = float(next(describe_heat_effects(scene))[1].split("about ")[1].split()[0])
     assert 0.6 * excess < told / 100.0 < 2.0 * excess
 
 

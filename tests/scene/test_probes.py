@@ -7,7 +7,7 @@ from pvdf_fem import Scene
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.registry import Load, OwnLoad
 from pvdf_fem.solver.sensitivity.parameters import touched
-from pvdf_fem.studies.grid import Grid
+from pvdf_fem.studies.scene_grid import SceneGrid
 from tests.helpers.damage import drawn
 from tests.helpers.refusals import keys, refused, refused_text, scene_or_mistakes
 from tests.helpers.strategies import rows
@@ -107,8 +107,8 @@ def test_keys_of_a_load_that_no_probe_has_are_told_and_do_not_vary():
     assert (numbers["load.force_N"], numbers["probe[0].force_N"]) == ([1], [0])
     assert "load.force_N" not in touched(both)
     for axis in ({"load.force_N": [1, 2]}, {"load": [{"force_N": 1}, {"force_N": 2}]}):
-        assert len(Grid.of(one, [axis]).scenes()) == 2
-        assert "load.force_N" in keys(refused(Grid.of(both, [axis]).scenes))
+        assert len(SceneGrid.from_tables(one, [axis]).scenes()) == 2
+        assert "load.force_N" in keys(refused(SceneGrid.from_tables(both, [axis]).scenes))
 
 
 @given(load=rows(Load), own=rows(OwnLoad))

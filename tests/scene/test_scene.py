@@ -15,7 +15,7 @@ from pvdf_fem.batch.store import key
 from pvdf_fem.scene.quantity import affecting
 from pvdf_fem.scene.scene import Film, Scene
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.studies.grid import Grid
+from pvdf_fem.studies.scene_grid import SceneGrid
 from tests.helpers.refusals import refused
 
 GEOMETRY = Path(__file__).parents[2] / "geometry"
@@ -117,7 +117,7 @@ def test_polygon_vertices_are_relative_to_its_place_and_turned_about_it():
 
 
 def test_files_of_the_geometry_folder():
-    grid = Grid.load(GEOMETRY / "thickness_spacing.toml")
+    grid = SceneGrid.from_file(GEOMETRY / "thickness_spacing.toml")
     ends = [
         replace(axis, values={key: (along[0], along[-1]) for key, along in axis.values.items()})
         for axis in grid.axes

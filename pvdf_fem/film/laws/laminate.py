@@ -11,7 +11,7 @@ import numpy as np
 
 from pvdf_fem.arrays import ALL, Array, Indices, Selection
 from pvdf_fem.film.laws.law import Law
-from pvdf_fem.film.loads.heat import AddedStrain
+from pvdf_fem.film.loads.uneven_strain import UnevenStrain
 from pvdf_fem.film.space import Space
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.registry import LAW_CLASSES
@@ -49,7 +49,7 @@ class Laminate:
         space: Space,
         film: Film,
         law: Law | None = None,
-        added: AddedStrain | None = None,
+        added: UnevenStrain | None = None,
         frame: Array = np.eye(2),  # noqa: B008
     ) -> None:
         self.space, self.film, self.added = space, film, added

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.loads.contact_guess import face_patch
+from pvdf_fem.film.loads.contact_estimate import format_face_patch
 from pvdf_fem.film.loads.rigid_tip import RigidTip
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.size_field import element_sizes
@@ -20,7 +20,7 @@ RAYS = 72
 DEGREES = 4, 3
 
 
-def contact_edge(
+def locate_contact_edge(
     tip: RigidTip, state: State, degree: int = DEGREES[0], begin: float = 0.2, end: float = 2.5
 ) -> Array:
     """Points (`RAYS`, 2) in m on the undeformed film where the film leaves the tip.
@@ -30,8 +30,8 @@ def contact_edge(
     a polynomial in this logarithm is fitted from `begin` to `end` sizes of elements beyond the
     points that touch.
     """
-    assert tip.touch.contact is not None
-    width = tip.touch.contact.width
+    assert tip.spec.contact is not None
+    width = tip.spec.contact.width
     start, outwards = _rays(tip, width)
     start = start - _moves(tip, state, start)[:, :2]
     along = width * np.linspace(0.02, 3.0, 60)
@@ -55,13 +55,13 @@ def contact_edge(
     return np.asarray(start + ends[:, None] * outwards)
 
 
-def outlines_found(tip: RigidTip, state: State) -> dict[str, Outline]:
+def measure_contact_outlines(tip: RigidTip, state: State) -> dict[str, Outline]:
     """Outlines of the film, before it deforms, on a tip and on its flat face, by patch name."""
-    outlines = {tip.touch.patch: tip.tip.fitted(contact_edge(tip, state))}
+    outlines = {tip.spec.patch: tip.tip.fitted(locate_contact_edge(tip, state))}
     if tip.tip.face is not None:
         points = np.array(tip.tip.face.shape.exterior.coords)[:-1]
         carried = points - _moves(tip, state, points)[:, :2]
-        outlines[face_patch(tip.touch)] = tip.tip.fitted(carried)
+        outlines[format_face_patch(tip.spec)] = tip.tip.fitted(carried)
     return outlines
 
 

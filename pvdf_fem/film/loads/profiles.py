@@ -20,7 +20,7 @@ import shapely
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import FileError, decode_text, read_bytes
-from pvdf_fem.film.loads.posed import PosedProbe, Pressure, name_of
+from pvdf_fem.film.loads.load_spec import LoadSpec, Pressure, format_function_name
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import mean_over, turn
 from pvdf_fem.scene.registry import PIN, PROFILE_ENTRIES, said_at
@@ -34,8 +34,8 @@ class Profile(ABC):
     #: Degree of the quadrature that it takes; None for that of the film.
     order: int | None = 16
 
-    def __init__(self, touch: PosedProbe) -> None:
-        self.touch = touch
+    def __init__(self, touch: LoadSpec) -> None:
+        self.spec = touch
         #: What a refusal names, and its value.
         self.source = "load.profile", touch.load.profile
 
@@ -65,7 +65,7 @@ class Hertz(Profile):
     """An ellipsoid over a disc or an ellipse, as under a sphere on a soft half-space."""
 
     def __call__(self, points: Array) -> Array:
-        outline = self.touch.outline
+        outline = self.spec.outline
         assert isinstance(outline, Ellipse)  # the scene refuses others
         z = (points - outline.centre) @ np.linalg.inv(outline.axes).T
         return np.sqrt(np.maximum(1.0 - (z**2).sum(axis=-1), 0.0))
@@ -75,22 +75,22 @@ class Gaussian(Profile):
     """exp(-2 r²/w²) about the centroid, cut off by the outline."""
 
     def __call__(self, points: Array) -> Array:
-        outline, width_mm = self.touch.outline, self.touch.load.profile_width_mm
+        outline, width_mm = self.spec.outline, self.spec.load.profile_width_mm
         width = width_mm / 1e3 if width_mm else np.sqrt(outline.area / np.pi)
         return np.exp(-2.0 * ((points - outline.centroid) ** 2).sum(axis=-1) / width**2)
 
 
-class Given(Profile):
+class CallableProfile(Profile):
     """A function of x and y in mm in the probe's own axes."""
 
-    def __init__(self, touch: PosedProbe, pressure: Pressure) -> None:
+    def __init__(self, touch: LoadSpec, pressure: Pressure) -> None:
         super().__init__(touch)
         self.pressure = pressure
         if pressure is touch.pressure:
-            self.source = "pressure", name_of(pressure)
+            self.source = "pressure", format_function_name(pressure)
 
     def __call__(self, points: Array) -> Array:
-        probe, places = self.touch.probe, 1e3 * points.reshape(-1, 2)
+        probe, places = self.spec.probe, 1e3 * points.reshape(-1, 2)
         x, y = turn(places - [probe.x_mm, probe.y_mm], -probe.rotation_deg).T.copy()
         try:
             values = np.asarray(self.pressure(x, y))
@@ -107,24 +107,24 @@ class Given(Profile):
         return np.broadcast_to(values.astype(float), x.shape).reshape(points.shape[:-1])
 
 
-class Table(Given):
+class TableProfile(CallableProfile):
     """Values on a grid in a file, interpolated bilinearly, and zero outside."""
 
-    def __init__(self, touch: PosedProbe) -> None:
+    def __init__(self, touch: LoadSpec) -> None:
         _, grid = _read(touch.load.profile)
         super().__init__(touch, lambda x, y: grid(np.stack([x, y], axis=-1)))
         self.source = "load.profile", Path(touch.load.profile.partition(PIN)[0]).name
 
 
-def profile_of(touch: PosedProbe) -> Profile:
+def make_profile(touch: LoadSpec) -> Profile:
     """The profile of a probe's load; SceneError for a file that cannot be read."""
     if touch.pressure is not None:
-        return Given(touch, touch.pressure)
+        return CallableProfile(touch, touch.pressure)
     profile: Profile = resolve_name(touch.load.profile_entry.path)(touch)
     return profile
 
 
-def pinned(scenes: Iterable[Scene]) -> list[Scene]:
+def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
     """Scenes with whole paths and digests of profile files: ``/p.csv#sha256=...``.
 
     Processes with another working directory find the files, and no process solves another content.

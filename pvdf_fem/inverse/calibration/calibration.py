@@ -12,7 +12,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.calibration.diagnosis import CalibrationStatus
-from pvdf_fem.inverse.calibration.fit import Fit
+from pvdf_fem.inverse.calibration.fit import CalibrationFit
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.sensitivity.parameters import numbers_of
 from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
@@ -27,7 +27,7 @@ class Calibration(Result):
     remarks: tuple[str, ...]  #: What to look at.
     #: Rows of bad touches, which did not count, and what is wrong with them.
     outliers: dict[int, str]
-    fit: Fit  #: With `degrees_of_freedom` and `p_value`.
+    fit: CalibrationFit  #: With `degrees_of_freedom` and `p_value`.
 
     @cached_property
     def scene(self) -> Scene:
@@ -80,7 +80,7 @@ class Calibration(Result):
         }
 
     @cached_property
-    def not_told_apart(self) -> tuple[str, ...]:
+    def undetermined(self) -> tuple[str, ...]:
         """Combinations of parameters that the priors decided, rather than the readings."""
         of, texts, (values, directions) = self.fit.model.unknowns, [], self.fit.told
         for direction in np.abs(directions[values < 1.0]):
@@ -99,7 +99,7 @@ class Calibration(Result):
             found = {
                 "parameters": self.parameters,
                 "covariance": fit.covariance.tolist(),
-                "not_told_apart": list(self.not_told_apart),
+                "not_told_apart": list(self.undetermined),
                 "leave_one_out": self.leave_one_out,
                 "places_mm": self.places_mm.tolist(),
             }
@@ -144,7 +144,7 @@ class Calibration(Result):
                 f"leave-one-out: readings {100 * left['charge']:.2g} %, places"
                 f" {left['place_mm']:.2g} mm, forces {100 * left['force']:.2g} %"
             )
-            notes += [f"not told apart: {text}" for text in self.not_told_apart]
+            notes += [f"not told apart: {text}" for text in self.undetermined]
         freedom = f"{fit.degrees_of_freedom} degrees of freedom (p = {fit.p_value:.2g})"
         notes.insert(0, f"chi-square: {fit.chi_square:.1f} with {freedom}")
         notes += [f"left out: row {row}: {why}" for row, why in self.outliers.items()]

@@ -12,7 +12,7 @@ from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.batch.batch import solve_all
-from pvdf_fem.film.loads.profiles import pinned
+from pvdf_fem.film.loads.profiles import pin_profile_files
 from pvdf_fem.inverse.least_squares import (
     SearchResult,
     concatenate_results,
@@ -130,7 +130,9 @@ def find_superposed_candidates(
     model, reach_mm = problem.response, problem.response.domain.reach_mm
     electrodes, spread = problem.electrodes, problem.deviations_pC[0]
     rest = np.nan_to_num(rest_of(model.scene)[0, electrodes])
-    singles = pinned(make_single_probe_scene(model.scene, i) for i in range(probes_of(model)))
+    singles = pin_profile_files(
+        make_single_probe_scene(model.scene, i) for i in range(probes_of(model))
+    )
     tables = [_single(one, reach_mm, options.pitch_mm, options.fine_mm) for one in singles]
     changes = np.concatenate([(c[:, electrodes] - rest) for _, c in tables]) / spread
     places = np.concatenate([p for p, _ in tables])

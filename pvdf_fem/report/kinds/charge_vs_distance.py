@@ -17,7 +17,7 @@ from pvdf_fem.report.solved import Solved
 from pvdf_fem.scene.quantity import Length, Number, Section
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
-from pvdf_fem.studies.mapping_lines import MappingScheme, direction
+from pvdf_fem.studies.mapping_scheme import MappingScheme, unit_vector
 from pvdf_fem.surrogate.model import default_reach_mm
 from pvdf_fem.view.drawing import sure
 
@@ -83,7 +83,7 @@ class ChargeVsDistance(Along):
         """The distance from the electrode of a probe on a line."""
         electrodes = {e.name: e.outline for e in series.scene.electrode_list}
         offset = place_mm(scene) - 1e3 * electrodes[series.names[0]].centroid
-        x, y = direction(float(str(series.curve).removesuffix("°")))
+        x, y = unit_vector(float(str(series.curve).removesuffix("°")))
         aside, ahead = abs(x * offset[1] - y * offset[0]), x * offset[0] + y * offset[1]
         if aside > ON_LINE_MM or ahead < -ON_LINE_MM or not differ_in(PLACE, series.scene, scene):
             return None

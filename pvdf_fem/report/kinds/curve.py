@@ -14,7 +14,7 @@ from pvdf_fem.scene.change import number_at, spelled
 from pvdf_fem.scene.quantity import Finite, refusal
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, problem
-from pvdf_fem.studies.grid import Range
+from pvdf_fem.studies.scene_grid import ValueRange
 from pvdf_fem.view import drawing
 
 MOST_VALUES = 200  #: Of a curve.
@@ -24,7 +24,7 @@ def _list_or_range(value: Any) -> str:
     return "<list>" if isinstance(value, list | tuple) else "<range>"
 
 
-def _drawable(values: Range) -> Range:
+def _drawable(values: ValueRange) -> ValueRange:
     if values.count > MOST_VALUES:
         raise refusal(f"has a count of {values.count}; give at most {MOST_VALUES}")
     if values.spacing == "log" and not values.start * values.stop > 0.0:
@@ -35,7 +35,7 @@ def _drawable(values: Range) -> Range:
 #: Numbers, or from `start` to `stop`; the tags are no part of a key.
 Values = Annotated[
     Annotated[tuple[Finite, ...], Field(min_length=2, max_length=MOST_VALUES), Tag("<list>")]
-    | Annotated[Range, AfterValidator(_drawable), Tag("<range>")],
+    | Annotated[ValueRange, AfterValidator(_drawable), Tag("<range>")],
     Discriminator(_list_or_range),
 ]
 #: Values of a family.

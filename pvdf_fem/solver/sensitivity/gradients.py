@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pvdf_fem.film.models import film_model
+from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.given import Named, Names, SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
@@ -138,7 +138,7 @@ def _finer(found: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
     aim = 0.5 * tolerance / worst * scene.numerics.tolerance
     if aim > least:
         # the tolerance must not choose anew whether the film bends or feels voltages
-        model = film_model(scene)
+        model = resolve_film_model(scene)
         chosen = {"film.bending": model.bends, "film.coupling": bool(model.floating)}
         finer_scene = scene.with_(**chosen, **{"numerics.tolerance": aim})
         finer = solve(finer_scene, pressure=found.solution.pressure)
@@ -174,7 +174,7 @@ def _gradients_of(
     relative = np.divide(errors, unit, out=np.zeros_like(errors), where=unit > 0.0)
     means = relative.sum(axis=0) / max(len(keys), 1)
     floors = chance * np.maximum(means, means @ sizes / max(sizes.sum(), TINY))
-    errors = saturation * film_model(scene).saturation * np.maximum(errors, floors * unit)
+    errors = saturation * resolve_film_model(scene).saturation * np.maximum(errors, floors * unit)
     largest = np.maximum(np.abs(rates), negligible * unit).max(axis=1, initial=TINY)
     names = [electrode.name for electrode in scene.electrode_list]
     found = Gradients()

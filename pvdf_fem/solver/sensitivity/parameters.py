@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from pvdf_fem.film.loads.kinds import LOADS
-from pvdf_fem.film.loads.posed import Pressure
-from pvdf_fem.film.models import film_model
+from pvdf_fem.film.loads.load_classes import PROBE_LOADS
+from pvdf_fem.film.loads.load_spec import Pressure
+from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.registry import SPREAD_CLASSES, said_at
 from pvdf_fem.scene.scene import LoadedProbe, Scene
@@ -34,7 +34,7 @@ def parameters_of(scene: Scene, pressure: Pressure | None = None) -> tuple[str, 
     """
     scene.require_plain_charges("derivatives", "coupling", "warming_K", HEAT)
     probes = tuple(key for key in touched(scene) if not _hindrance(scene, key, pressure))
-    model = film_model(scene)
+    model = resolve_film_model(scene)
     differentiable = model.film_is_differentiable and model.electrodes_only_read
     film = _film_keys(scene.film) if differentiable else ()
     return (*probes, *film, *(COEFFICIENTS if model.electrodes_only_read else ()))
@@ -61,7 +61,7 @@ def _hindrance(scene: Scene, key: str, pressure: Pressure | None) -> str:
     for touch, _, name in touched(scene)[key]:
         if name in PLACE_NAMES and (touch.load.profile != "uniform" or pressure):
             return 'of a pressure profile has no derivative here; press with "uniform"'
-        if name in PLACE_NAMES and LOADS[touch.load.kind].rigid:
+        if name in PLACE_NAMES and PROBE_LOADS[touch.load.kind].rigid:
             return "of a rigid probe has no derivative here: the tractions at its edge are singular"
     return ""
 

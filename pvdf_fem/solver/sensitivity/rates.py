@@ -28,7 +28,7 @@ from pvdf_fem.electrodes.outputs import goals_of
 from pvdf_fem.electrodes.unloaded import heat_charges
 from pvdf_fem.film.loads.pressure import DeadPressure
 from pvdf_fem.film.membrane import IDENTITY
-from pvdf_fem.film.space import shape_values
+from pvdf_fem.film.space import evaluate_shape_functions
 from pvdf_fem.mesh.points import facet_quadrature
 from pvdf_fem.scene.change import number_at
 from pvdf_fem.scene.quantity import Section
@@ -144,7 +144,7 @@ def _swept(adjoint: Adjoint, load: DeadPressure, name: str, gauss_points: int = 
     The mean of the traces from both sides. Along the clamped rim λ is zero, nothing is swept.
     """
     space = adjoint.equilibrium.space
-    probe, mesh, x = load.touch.probe, space.mesh, adjoint.state.dofs
+    probe, mesh, x = load.spec.probe, space.mesh, adjoint.state.dofs
     facets, count = np.unique(mesh.t2f[:, load.patch], return_counts=True)
     facets = facets[(count == 1) & (mesh.f2t[1, facets] >= 0)]
     if not len(facets):
@@ -158,7 +158,7 @@ def _swept(adjoint: Adjoint, load: DeadPressure, name: str, gauss_points: int = 
     slopes = space.gradients_at(elements, traces.points)
     F = IDENTITY + np.matmul(x.reshape(-1, 3)[nodes][:, None].swapaxes(2, 3), slopes)
     nodal = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[nodes]
-    shapes = shape_values(space.basis.elem, traces.points)
+    shapes = evaluate_shape_functions(space.basis.elem, traces.points)
     works = np.einsum("fqa,facn,fqc->fqn", shapes, nodal, load.direction(F))
     points = np.moveaxis(mesh.mapping().F(traces.points, elements), 0, -1)
     normals = np.stack([tangents[..., 1], -tangents[..., 0]], axis=-1)

@@ -18,7 +18,7 @@ from skfem import MeshTri2
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.outputs import goals_of
 from pvdf_fem.electrodes.unloaded import known_at_rest, untouched
-from pvdf_fem.film.loads.posed import Pressure
+from pvdf_fem.film.loads.load_spec import Pressure
 from pvdf_fem.scene.change import number_at, spelled
 from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.readout import deviation

@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pvdf_fem.inverse.tracking.contact_problem import ChargeSample, ContactProblem
 from pvdf_fem.inverse.tracking.options import DEFAULTS
-from pvdf_fem.inverse.tracking.place import ChangeModel, Sample
 from pvdf_fem.surrogate.model import FORCE
 from tests.helpers.streams import Tap, charges_of, sensor
 
 TOUCH = Tap(0.0, 1.0, (4.0, -3.0), 0.8)
 MADE = sensor()
-MODEL = ChangeModel.of(MADE, {2: 0.0}, DEFAULTS)
+MODEL = ContactProblem.of(MADE, {2: 0.0}, DEFAULTS)
 
 
 def sampled(touch, deviation_pC):
     """A sample of exact changes, with noise of a standard deviation."""
     (charges,) = charges_of(MADE, touch, np.array([touch.force_N]))
     none = np.zeros(len(charges))
-    return Sample(0.0, charges, none + deviation_pC**2, none, none, 0.0)
+    return ChargeSample(0.0, charges, none + deviation_pC**2, none, none, 0.0)
 
 
 def test_a_touch_is_found_with_the_deviations_of_its_charges():
@@ -56,7 +56,7 @@ def test_what_sampling_misses_is_uncertain_in_the_force():
 
 def test_other_places_that_may_be_touched_widen_the_deviations():
     """Three electrodes hardly tell two places beyond the ring; less noise leaves one of them."""
-    heard = np.array([1.0, 1.0, 1.0, Sample.UNHEARD])
+    heard = np.array([1.0, 1.0, 1.0, ChargeSample.UNHEARD])
     sample, found = sampled(replace(TOUCH, place_mm=(0.0, -9.0)), 1.0), []
     for share in (1e-4, 5e-4):
         noise = heard * np.square(share * np.linalg.norm(sample.charges))
@@ -71,7 +71,7 @@ def test_other_places_that_may_be_touched_widen_the_deviations():
 
 def test_fewer_channels_than_unknowns_or_too_light_a_touch_tell_no_place():
     sample = sampled(TOUCH, 1.0)
-    silent = np.array([1.0, 1.0, Sample.UNHEARD, Sample.UNHEARD])
+    silent = np.array([1.0, 1.0, ChargeSample.UNHEARD, ChargeSample.UNHEARD])
     assert MODEL.located(replace(sample, noise=silent)) is None
     light = replace(TOUCH, force_N=0.05)
     assert MODEL.located(sampled(light, 0.1)) is None

@@ -9,7 +9,7 @@ from typing import Any, Self, TypeAlias
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.loads.contact_guess import Guess
+from pvdf_fem.film.loads.contact_estimate import ContactEstimate
 from pvdf_fem.scene.scene import LoadedProbe, Scene, SceneError
 from pvdf_fem.scene.scene_file import problem
 
@@ -19,22 +19,22 @@ Pressure: TypeAlias = Callable[[Array, Array], ArrayLike]
 
 
 @dataclass(frozen=True)
-class PosedProbe(LoadedProbe):
+class LoadSpec(LoadedProbe):
     """A probe with everything for its load."""
 
     pressure: Pressure | None = None  #: In place of the load's profile.
-    contact: Guess | None = None  #: Of a tip.
-    own_node: int | None = None  #: Number of the node that it has beside the film.
+    contact: ContactEstimate | None = None  #: Of a tip.
+    auxiliary_node: int | None = None  #: Number of the node that it has beside the film.
 
 
 @dataclass(frozen=True, eq=False)
-class Posed:
+class SolveOptions:
     """What a solve is given beside its scene, and no scene file holds."""
 
     pressure: Pressure | None = None  #: On the single probe.
 
     @classmethod
-    def under(cls, scene: Scene, pressure: Pressure | None) -> Self:
+    def for_pressure(cls, scene: Scene, pressure: Pressure | None) -> Self:
         """An optional pressure on a scene's probe; SceneError where there is none to spread."""
         if pressure is None:
             return cls()
@@ -50,27 +50,29 @@ class Posed:
             raise SceneError(found)
         return cls(pressure)
 
-    def touches(self, scene: Scene) -> list[PosedProbe]:
+    def load_specs(self, scene: Scene) -> list[LoadSpec]:
         """The probes in a scene with everything for their loads."""
-        touches, own_nodes = [], 0
+        touches, auxiliary_nodes = [], 0
         for touch in scene.loaded_probes:
             known: dict[str, Any] = {"pressure": self.pressure}
             if touch.load.kind == "contact":
-                known["contact"] = Guess.of(scene, touch)
+                known["contact"] = ContactEstimate.of(scene, touch)
             if _moves(touch):
-                known["own_node"], own_nodes = own_nodes, own_nodes + 1
-            touches.append(PosedProbe(**vars(touch), **known))
+                known["own_node"], auxiliary_nodes = auxiliary_nodes, auxiliary_nodes + 1
+            touches.append(LoadSpec(**vars(touch), **known))
         return touches
 
     @staticmethod
-    def own_nodes(scene: Scene) -> int:
+    def count_auxiliary_nodes(scene: Scene) -> int:
         """Number of nodes beside the film, for tips that move under a force."""
         return sum(map(_moves, scene.loaded_probes))
 
     @property
-    def remarks(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[str, ...]:
         """What a result tells of the pressure."""
-        told = f"pressure: the function {name_of(self.pressure)} in place of load.profile"
+        told = (
+            f"pressure: the function {format_function_name(self.pressure)} in place of load.profile"
+        )
         return (told,) if self.pressure else ()
 
 
@@ -79,9 +81,9 @@ def _moves(touch: LoadedProbe) -> bool:
 
 
 #: Nothing else is needed beside the scene.
-NOTHING = Posed()
+DEFAULT_OPTIONS = SolveOptions()
 
 
-def name_of(pressure: object) -> str:
+def format_function_name(pressure: object) -> str:
     """How texts call a pressure in Python."""
     return str(getattr(pressure, "__name__", type(pressure).__name__))

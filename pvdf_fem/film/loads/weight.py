@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from pvdf_fem.film.loads.everywhere.spread import Spread
-from pvdf_fem.film.remarks import two_digits
+from pvdf_fem.film.effects import format_two_digits
+from pvdf_fem.film.loads.film_load import FilmLoad
 from pvdf_fem.scene.scene import Scene
 
 
-class Weight(Spread):
+class Weight(FilmLoad):
     """Density times thickness times the acceleration ``film.gravity_m_s2`` along z."""
 
     @property
@@ -18,7 +18,7 @@ class Weight(Spread):
         return self.film.weight
 
 
-def weight_effect(scene: Scene, gravity_m_s2: float = 9.80665) -> float:
+def estimate_weight_effect(scene: Scene, gravity_m_s2: float = 9.80665) -> float:
     """About the largest relative change of a charge by the weight that is left out.
 
     At the distance r from a probe of force F a linear film has the slope F/(2 pi r N), and by its
@@ -35,11 +35,11 @@ def weight_effect(scene: Scene, gravity_m_s2: float = 9.80665) -> float:
     return max(changes)
 
 
-def weight_remarks(scene: Scene) -> Iterator[tuple[bool, str]]:
+def describe_weight(scene: Scene) -> Iterator[tuple[bool, str]]:
     """Whether the weight is included, and its size where it matters."""
     if scene.film.gravity_m_s2:
-        pressure = two_digits(scene.film.weight)
+        pressure = format_two_digits(scene.film.weight)
         yield True, f"weight (film.gravity_m_s2 = {scene.film.gravity_m_s2:g}): {pressure} Pa"
-    elif (change := weight_effect(scene)) > scene.numerics.tolerance:
-        size = f"could change a charge by up to {two_digits(100.0 * min(change, 1.0))} %"
+    elif (change := estimate_weight_effect(scene)) > scene.numerics.tolerance:
+        size = f"could change a charge by up to {format_two_digits(100.0 * min(change, 1.0))} %"
         yield False, f"weight: {size}; to include it give film.gravity_m_s2, along z"

@@ -23,7 +23,7 @@ SEARCH = SearchOptions(max_steps=8, chi_square_tolerance=np.inf, step_tolerance=
 
 
 @dataclass(frozen=True, eq=False)
-class Sample:
+class ChargeSample:
     """The changes of the charges in pC at one time, (electrodes,)."""
 
     time: float
@@ -58,11 +58,11 @@ class Sample:
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class CandidatePlaces:
     """Touches that a sample may come from, the likeliest first."""
 
-    sample: Sample
-    at: Array  #: Coordinates of a `ChangeModel`, (n, 4).
+    sample: ChargeSample
+    at: Array  #: Coordinates of a `ContactProblem`, (n, 4).
     #: Standard deviations (4,) about the likeliest coordinates. Other touches count with their
     #: distances.
     deviations: Array
@@ -71,7 +71,7 @@ class Places:
 
 
 @dataclass(frozen=True, eq=False)
-class ChangeModel(LocationProblem):
+class ContactProblem(LocationProblem):
     """The least-squares problem of a touch with any force. Beyond the model's forces the changes of
     the charges are continued by the power of the force with which they grow there."""
 
@@ -80,7 +80,7 @@ class ChangeModel(LocationProblem):
     options: TrackOptions = field(kw_only=True)
 
     @classmethod
-    def of(cls, model: Model, known: Mapping[int, float], options: TrackOptions) -> ChangeModel:
+    def of(cls, model: Model, known: Mapping[int, float], options: TrackOptions) -> ContactProblem:
         """The changes of a model's charges, to be measured by `of_sample`."""
         rest = compute_unloaded_charges(model, "change")[0]
         electrodes, stage = np.arange(len(rest)), model.scene.stage or Stage()
@@ -88,7 +88,7 @@ class ChangeModel(LocationProblem):
         none = electrodes, rest[None], np.ones((1, len(rest))), unknown, stage
         return cls(model, *none, rest_pC=rest, known=known, options=options)
 
-    def of_sample(self, sample: Sample, unknown: Indices) -> ChangeModel:
+    def of_sample(self, sample: ChargeSample, unknown: Indices) -> ContactProblem:
         """The problem of the touch that gave a sample."""
         heard = np.flatnonzero(sample.heard)
         charges = (self.rest_pC + sample.charges)[None, heard]
@@ -131,13 +131,13 @@ class ChangeModel(LocationProblem):
         system[further, :, 1 + FORCE] = (power[:, None] * growth * change)[further]
         return system
 
-    def pressed(self, at: Array, sample: Sample) -> tuple[Array, float]:
+    def pressed(self, at: Array, sample: ChargeSample) -> tuple[Array, float]:
         """Coordinates (4,) with the force of a sample at a place, and chi-square of its charges."""
         problem = self.of_sample(sample, np.array([FORCE]))
         end = run_levenberg_marquardt(problem, at[None], options=SEARCH)
         return end.coordinates[0], float(end.chi_square[0])
 
-    def located(self, sample: Sample) -> Places | None:
+    def located(self, sample: ChargeSample) -> CandidatePlaces | None:
         """The likely touches that explain the charges of a sample; None where there are fewer
         channels than unknowns, or where the likeliest touch is lighter than the model knows."""
         problem = self.of_sample(sample, self.unknown)
@@ -158,4 +158,4 @@ class ChangeModel(LocationProblem):
         second[:, self.unknown] += by_noise / np.square(scale[:, self.unknown])
         weights = np.array([touch.weight for touch in touches])
         deviations = np.sqrt(weights @ second / weights.sum())
-        return Places(sample, at, deviations, best.chi_square, best.explained)
+        return CandidatePlaces(sample, at, deviations, best.chi_square, best.explained)

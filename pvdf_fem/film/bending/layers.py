@@ -2,7 +2,7 @@
 
 Beside a clamped edge, a punch or the edge of a pressure a film turns within the length
 l = sqrt(D/N). Much longer elements have the layer's energy by their penalty along the edge
-(`pvdf_fem.film.plate`), but not its curvature. The penalty is constant, and the film's gain in
+(`pvdf_fem.film.bending.plate`), but not its curvature. The penalty is constant, and the film's gain in
 length by turning is missing, too. A space of higher order on the same mesh sees little of the gain.
 A part of the bending forces in wide elements therefore counts as uncertain; the uncertain forces
 are applied once more, and their effect is a second estimate of the error. The larger estimate
@@ -21,8 +21,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.membrane import principal
-from pvdf_fem.film.plate import Plate, plate_stiffness
+from pvdf_fem.film.bending.plate import Plate, compute_plate_stiffness
+from pvdf_fem.film.membrane import compute_principal_values
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.size_field import element_sizes
 
@@ -30,21 +30,25 @@ from pvdf_fem.mesh.size_field import element_sizes
 WIDTHS = np.geomspace(0.01, 1e4, 400)
 
 
-def uncertain_part(widths: Array, most: float = 0.2, half_width: float = 12.0) -> Array:
+def estimate_uncertain_fraction(
+    widths: Array, most: float = 0.2, half_width: float = 12.0
+) -> Array:
     """Uncertain part of the bending forces of elements, from their `widths` in bending lengths. The
     part approaches `most` in very wide elements and is half of `most` at `half_width`."""
     return np.asarray(most * widths**4 / (widths**4 + half_width**4))
 
 
-def remaining_part(widths: Array, most: float = 0.06, half_width: float = 6.0) -> Array:
+def estimate_missing_fraction(widths: Array, most: float = 0.06, half_width: float = 6.0) -> Array:
     """Part of the effect by bending forces missing from elements, with every error included. It
-    adds to `uncertain_part` the error that a space of the next order sees, measured in a plate
-    stretched from its rim."""
-    return np.asarray(uncertain_part(widths) + most * widths**3 / (widths**3 + half_width**3))
+    adds to `estimate_uncertain_fraction` the error that a space of the next order sees, measured in
+    a plate stretched from its rim."""
+    return np.asarray(
+        estimate_uncertain_fraction(widths) + most * widths**3 / (widths**3 + half_width**3)
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class Layers:
+class BendingLayers:
     """Bending forces in the elements, with the uncertain part of the forces."""
 
     plate: Plate
@@ -56,10 +60,10 @@ class Layers:
     values: Array  #: Bending forces of the values of ``plate.form.strains``, (values,).
 
     @classmethod
-    def of(cls, plate: Plate, expansion: sp.csr_matrix, state: State) -> Layers:
+    def of(cls, plate: Plate, expansion: sp.csr_matrix, state: State) -> BendingLayers:
         """The layers of a solution's state."""
-        D, film = plate_stiffness(plate.film), plate.film
-        _, largest = principal(state.stress)
+        D, film = compute_plate_stiffness(plate.film), plate.film
+        _, largest = compute_principal_values(state.stress)
         tension = np.maximum(film.thickness * largest.max(axis=1), np.finfo(float).tiny)
         lengths = np.sqrt(np.sqrt(D[0, 0] * D[1, 1]) / tension)
         widths = element_sizes(plate.space.mesh) / lengths
@@ -74,7 +78,7 @@ class Layers:
     def change(self, factors: SuperLU) -> Array:
         """Change of the unknowns by the uncertain forces, with the factorised tangent."""
         form = self.plate.form
-        values = uncertain_part(self.widths)[form.elements] * self.values
+        values = estimate_uncertain_fraction(self.widths)[form.elements] * self.values
         return -factors.solve(np.asarray(self._places.T @ (form.strains.T @ values)))
 
     def effects(self, duals: Array) -> Array:
@@ -93,12 +97,12 @@ class Layers:
         their size is infinite. The others get the same size in bending lengths. No size falls below
         `finest` times the present size: in a row with steeply falling sizes, more elements are
         small than `SizeField.coarsened` expects."""
-        now = effects * remaining_part(self.widths)
+        now = effects * estimate_missing_fraction(self.widths)
         order = np.argsort(now)
         small = np.zeros(len(now), dtype=bool)
         small[order] = np.cumsum(now[order]) <= 0.5 * remaining
         part = 0.5 * remaining / max(effects[~small].sum(), np.finfo(float).tiny)
-        widths = np.interp(part, remaining_part(WIDTHS), WIDTHS)
+        widths = np.interp(part, estimate_missing_fraction(WIDTHS), WIDTHS)
         sizes = np.maximum(widths, finest * self.widths) * self.lengths
         sizes[small] = np.inf
         return np.asarray(sizes)

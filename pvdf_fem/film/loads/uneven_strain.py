@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.remarks import Charges, charge_remark
+from pvdf_fem.film.effects import Charges, describe_charge_effect
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline, mean_over
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 
-def warmed(fourier: float, terms: int = 12) -> float:
+def compute_mean_warming(fourier: float, terms: int = 12) -> float:
     """Mean temperature through a plate over that of the face heated since κ t/h² = `fourier`; the
     other face is insulated (Carslaw and Jaeger, Conduction of Heat in Solids, section 3.4)."""
     if fourier < 0.05:  # nothing has come to the other face
@@ -29,12 +29,12 @@ def warmed(fourier: float, terms: int = 12) -> float:
     return 1.0 - 2.0 * float((np.exp(-(n**2) * fourier) / n**2).sum())
 
 
-def spread(film: Film, touch: LoadedProbe) -> float:
+def compute_heat_length(film: Film, touch: LoadedProbe) -> float:
     """√(4 κ t) of a warm probe in m."""
     return float(np.sqrt(4.0 * film.thermal_diffusivity_m2_s * (touch.probe.contact_time_s or 1.0)))
 
 
-def heat_remarks(
+def describe_heat_effects(
     scene: Scene,
     charges_pC: Charges = None,
     typical_uC_m2K: float = 25.0,
@@ -50,7 +50,7 @@ def heat_remarks(
     seconds = film.thickness * film.density * heat_capacity / (2.0 * heat_transfer)
     for touch in scene.loaded_probes:
         if touch.probe.temperature_K:
-            part = 100.0 * _misplaced(touch.outline, spread(film, touch))
+            part = 100.0 * _misplaced(touch.outline, compute_heat_length(film, touch))
             corners = f"how heat of the {touch.patch} spreads at corners or bulges"
             yield False, f"{corners}: about {part:.2g} % of that heat; no key includes it"
             lost = f"heat that the air takes from the film beside the {touch.patch}"
@@ -60,7 +60,7 @@ def heat_remarks(
     name, most = max(heated.items(), key=lambda item: abs(item[1]), default=("", 0.0))
     if most:
         about = "pyroelectricity, charge by warming", "film.pyroelectric_uC_m2K"
-        yield charge_remark(about, given, typical, most, name, charges_pC)
+        yield describe_charge_effect(about, given, typical, most, name, charges_pC)
 
 
 def _misplaced(outline: Outline, reach: float) -> float:
@@ -74,14 +74,14 @@ def _misplaced(outline: Outline, reach: float) -> float:
 
 def _heated(scene: Scene, outline: Outline) -> float:
     """About the integral of the temperature over an electrode, in K mm²."""
-    added, mean = AddedStrain.of(scene), scene.film.warming_K or 0.0
+    added, mean = UnevenStrain.of(scene), scene.film.warming_K or 0.0
     if added and added.warm:
         mean += mean_over(outline.polygon, added.temperature)
     return 1e6 * outline.area * mean
 
 
 @dataclass(frozen=True)
-class AddedStrain:
+class UnevenStrain:
     """What heat and the rim's displacement add to the film's strain at rest. Places (..., 2) are in
     m in the scene's axes."""
 
@@ -89,7 +89,7 @@ class AddedStrain:
     warm: tuple[LoadedProbe, ...]
 
     @classmethod
-    def of(cls, scene: Scene) -> AddedStrain | None:
+    def of(cls, scene: Scene) -> UnevenStrain | None:
         """That of a scene; None of one without."""
         warm = tuple(touch for touch in scene.loaded_probes if touch.probe.temperature_K)
         return cls(scene.film, warm) if warm or scene.film.rim_displacement_um else None
@@ -101,13 +101,13 @@ class AddedStrain:
         points = places.reshape(-1, 2)
         total = np.zeros(len(points))
         for touch in self.warm:
-            outline, reach = touch.outline, spread(self.film, touch)
+            outline, reach = touch.outline, compute_heat_length(self.film, touch)
             d = np.maximum(outline.signed_distance(points), 0.0)
             fall = erfc(d / reach)
             if not len(outline.corners):
                 radius = np.sqrt(outline.area / np.pi)
                 fall *= np.sqrt(radius / (radius + d))
-            mean = warmed(0.25 * (reach / self.film.thickness) ** 2)
+            mean = compute_mean_warming(0.25 * (reach / self.film.thickness) ** 2)
             total += (touch.probe.temperature_K or 0.0) * mean * fall
         return total.reshape(places.shape[:-1])
 

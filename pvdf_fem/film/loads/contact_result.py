@@ -9,13 +9,13 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact_edge import DEGREES, contact_edge
+from pvdf_fem.film.loads.contact_edge import DEGREES, locate_contact_edge
 from pvdf_fem.film.loads.rigid_tip import RigidTip
 from pvdf_fem.film.term import State
 
 
 @dataclass(frozen=True, eq=False)
-class Touchdown:
+class ContactResult:
     """A tip in contact with the film. Areas are areas of touching film, pressures act on the
     deformed film; the guide bears what is lateral and the moments about axes through the lowest
     point."""
@@ -47,7 +47,7 @@ class Touchdown:
         forces = -overlap.rates * tip.tractions(state)[..., None]
         fx, fy, fz = forces.sum(axis=(0, 1))
         places = tip.displaced(state.dofs)
-        arms = places[..., :2] - tip.touch.outline.centroid
+        arms = places[..., :2] - tip.spec.outline.centroid
         risen = places[..., 2] - overlap.depth
         moments = [
             (arms[..., 1] * forces[..., 2] - risen * forces[..., 1]).sum(),
@@ -56,7 +56,7 @@ class Touchdown:
         pressure = tip.pressure_on(state, equilibrium.film.thickness)
         touching = overlap.touching
         projected = weights * touching * np.linalg.det(state.deformation_gradient[..., :2, :])
-        edge, poorer = (contact_edge(tip, state, degree) for degree in DEGREES)
+        edge, poorer = (locate_contact_edge(tip, state, degree) for degree in DEGREES)
         area = tip.tip.fitted(edge).area
         # the points that touch cover the area only roughly
         share = area / float((weights * touching).sum())
@@ -77,20 +77,20 @@ class Touchdown:
         )
 
 
-def tips_of(equilibrium: Equilibrium) -> list[RigidTip]:
+def select_tips(equilibrium: Equilibrium) -> list[RigidTip]:
     """The tips on which a film rests."""
     return [term for term in equilibrium.terms if isinstance(term, RigidTip)]
 
 
-def touchdowns(equilibrium: Equilibrium, state: State) -> dict[str, Touchdown]:
+def compute_contact_results(equilibrium: Equilibrium, state: State) -> dict[str, ContactResult]:
     """Contacts by the names of the tips' patches."""
-    tips = tips_of(equilibrium)
-    return {tip.touch.patch: Touchdown.of(equilibrium, tip, state) for tip in tips}
+    tips = select_tips(equilibrium)
+    return {tip.spec.patch: ContactResult.of(equilibrium, tip, state) for tip in tips}
 
 
-def contact_pressure(equilibrium: Equilibrium, state: State) -> Array:
+def compute_contact_pressure(equilibrium: Equilibrium, state: State) -> Array:
     """Pressure of tips on the deformed film in Pa at the quadrature points, 0 where none touches,
     (elements, points)."""
-    tips, thickness = tips_of(equilibrium), equilibrium.film.thickness
+    tips, thickness = select_tips(equilibrium), equilibrium.film.thickness
     pressures = (tip.pressure_on(state, thickness) for tip in tips)
     return sum(pressures, np.zeros(equilibrium.space.weights.shape))

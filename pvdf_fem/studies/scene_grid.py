@@ -30,15 +30,17 @@ from pvdf_fem.scene.scene_file import (
     quote,
     read_scene_text,
 )
-from pvdf_fem.studies.mapping_lines import MappingScheme
+from pvdf_fem.studies.mapping_scheme import MappingScheme
 
 MOST_SCENES = 1_000_000  #: Largest number of scenes in a grid.
 #: Largest number of axes; numpy's arrays have at most 64 dimensions, including `electrode`.
 MOST_AXES = 63
-#: Names for variables and the further dimension in `pvdf_fem.studies.grid_dataset.dataset`.
-OWN_NAMES = {"charge_pC", "charge_error_pC", "deflection_max_mm", "status"}
-OWN_NAMES |= {f"{of}{end}_pC" for of in ("rest_charge", "charge_change") for end in ("", "_error")}
-OWN_NAMES |= {"reading_V", "electrode"}
+#: Names of the dataset's own variables, and of its dimension of electrodes.
+RESERVED_NAMES = {"charge_pC", "charge_error_pC", "deflection_max_mm", "status"}
+RESERVED_NAMES |= {
+    f"{of}{end}_pC" for of in ("rest_charge", "charge_change") for end in ("", "_error")
+}
+RESERVED_NAMES |= {"reading_V", "electrode"}
 _TOO_MANY = f"at most {MOST_SCENES} are allowed, give fewer values"
 _SECTIONS = tuple(Scene.model_fields)
 # NetCDF keeps some names for itself; texts have a dimension such as `string4`.
@@ -46,7 +48,7 @@ _RESERVED = r"(byte|char|u?short|u?int(64)?|float|real|double|bool|string\d*)"
 _NAME = re.compile(rf"(?!{_RESERVED}$)\w[^/']{{0,59}}(?<! )")
 
 
-class Range(Section):
+class ValueRange(Section):
     """`count` numbers from `start` to `stop`, both included, with equal steps or equal ratios."""
 
     start: Finite
@@ -62,8 +64,8 @@ class Range(Section):
         return iter(space(self.start, self.stop, self.count).tolist())
 
 
-class Lines(Section):
-    """The places of `pvdf_fem.studies.mapping_lines.MappingScheme`, on the base scene."""
+class MappingLines(Section):
+    """The places of `pvdf_fem.studies.mapping_scheme.MappingScheme`, on the base scene."""
 
     electrode: str
     angles_deg: tuple[Number, ...] = Field(min_length=1)
@@ -94,15 +96,15 @@ class SweepAxis:
 
 
 @dataclass(frozen=True)
-class Grid:
-    """A base scene, its axes, and their files; see `Grid.of`."""
+class SceneGrid:
+    """A base scene, its axes, and their files; see `SceneGrid.from_tables`."""
 
     scene: Scene
     axes: tuple[SweepAxis, ...]
     files: tuple[Path, ...] = ()
 
     @classmethod
-    def of(cls, scene: Scene, axes: Sequence[Mapping[str, Any]], source: str = "") -> Self:
+    def from_tables(cls, scene: Scene, axes: Sequence[Mapping[str, Any]], source: str = "") -> Self:
         """A grid from tables by axis.
 
         A table has the keys that vary together, such as ``{"film.thickness_um": [9, 25, 110]}`` or
@@ -116,7 +118,7 @@ class Grid:
         return cls(scene, _axes(axes, scene, source))
 
     @classmethod
-    def load(cls, path: Path | str) -> Self:
+    def from_file(cls, path: Path | str) -> Self:
         """The grid of a sweep file.
 
         Its key `scene` is the path of a scene file, relative to the sweep file, or a table; its
@@ -261,13 +263,13 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
             yield f"{prefix}{key}", value
 
 
-def _values(where: str, value: Any, problems: list[str]) -> tuple[Any, ...] | Range:
+def _values(where: str, value: Any, problems: list[str]) -> tuple[Any, ...] | ValueRange:
     """The values of a key along an axis; empty after mistakes, which join `problems`."""
     if isinstance(value, Mapping):
         try:
-            numbers = Range.model_validate(value)
+            numbers = ValueRange.model_validate(value)
         except ValidationError as error:
-            problems += told(error, where, Range)
+            problems += told(error, where, ValueRange)
             return ()
         if numbers.spacing == "log" and not numbers.start * numbers.stop > 0.0:
             reason = "both ends of equal ratios need one sign, and not 0; change them or spacing"
@@ -285,14 +287,14 @@ def _mapping_axis(
     where: str, value: Any, scene: Scene | None, name: str, problems: list[str]
 ) -> SweepAxis | None:
     try:
-        lines = Lines.model_validate(value)
+        lines = MappingLines.model_validate(value)
         if (count := len(lines.angles_deg) * len(lines.distances_mm)) > MOST_SCENES:
             raise ValueError(f"angles_deg: make {count} places; {_TOO_MANY}")
         if scene is None:
             return None
         scheme = MappingScheme(scene, **lines.model_dump())
     except ValidationError as error:
-        problems += told(error, where, Lines)
+        problems += told(error, where, MappingLines)
         return None
     except ValueError as error:
         problems.append(f"{where}.{error}")
@@ -320,7 +322,7 @@ def _clashes(axes: Sequence[SweepAxis]) -> Iterator[str]:
             yield problem(f"axes[{i}]", key, "an axis before has this key; remove it from one")
         names.add(axis.name)
         keys |= axis.values.keys()
-        if axis.name in OWN_NAMES or axis.name in coordinates - axis.values.keys():
+        if axis.name in RESERVED_NAMES or axis.name in coordinates - axis.values.keys():
             reason = "is the dataset's own name or that of another key; choose another"
             yield problem(f"axes[{i}].name", axis.name, reason)
     if (count := math.prod(map(len, axes))) > MOST_SCENES:

@@ -11,7 +11,7 @@ from pvdf_fem.surrogate.build import mistakes
 from pvdf_fem.surrogate.model import Domain
 
 
-def asked_mistakes(
+def find_noise_and_response_errors(
     scene: Scene,
     domain: Domain,
     tolerance: float,

@@ -24,7 +24,7 @@ from numpy.polynomial.legendre import leggauss
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.film.space import Space, reference_gradients, reference_hessians
+from pvdf_fem.film.space import Space, evaluate_shape_gradients, evaluate_shape_hessians
 from pvdf_fem.film.term import Assembly, State, Term
 from pvdf_fem.mesh.gmsh_mesh import RIM
 from pvdf_fem.mesh.six_node import compression
@@ -71,7 +71,7 @@ class Plate(Term):
         punch_tension: float = 0.0,
     ) -> None:
         self.space, self.film = space, film
-        self.form = bending_form(space, film, rigid_patch, rim_tension, punch_tension)
+        self.form = make_bending_form(space, film, rigid_patch, rim_tension, punch_tension)
         self._tangent: tuple[Assembly, sp.csc_matrix] | None = None
 
     @cached_property
@@ -112,12 +112,12 @@ class Plate(Term):
     def diagonal(self, state: State) -> Array:
         return self._of_dofs(self.matrix.diagonal())
 
-    def along(self, state: State, x: Array) -> Array:
+    def energy_along(self, state: State, x: Array) -> Array:
         slope = float(x[2::3] @ self.form.forces(state.dofs[2::3]))
         return np.array([self.energy(state), slope, self._energy(x), 0.0, 0.0])
 
 
-def plate_stiffness(film: Film) -> Array:
+def compute_plate_stiffness(film: Film) -> Array:
     """D = h^3/12 C in N m, (3, 3), for the curvatures (w_xx, w_yy, 2 w_xy)."""
     return film.thickness**3 / 12.0 * film.stiffness
 
@@ -143,13 +143,13 @@ class BendingForm:
         return np.asarray(self.strains.T @ (self.stiffness @ (self.strains @ w)))
 
 
-def bending_form(
+def make_bending_form(
     space: Space, film: Film, rigid_patch: Indices, rim_tension: float, punch_tension: float
 ) -> BendingForm:
     """Bending stiffness of a film; the parameters are those of `Plate`."""
     if space.order < 2:
         raise ValueError(f"order = {space.order}: has no curvature; give 2 or 3")
-    mesh, D, count = space.mesh, plate_stiffness(film), space.basis.N
+    mesh, D, count = space.mesh, compute_plate_stiffness(film), space.basis.N
     soft = np.setdiff1d(np.arange(mesh.nelements), rigid_patch)
     curvature = _Shapes.of(space, space.basis.quadrature[0]).curvature
     strains = [_operator(space.nodes[soft], curvature[soft].swapaxes(2, 3), count)]
@@ -184,11 +184,11 @@ class _Shapes:
     def of(cls, space: Space, points: Array) -> _Shapes:
         mesh, mapping = space.mesh, space.mesh.mapping()
         inverse = np.linalg.inv(mapping.DF(points).transpose(2, 3, 0, 1))
-        gradient = np.matmul(reference_gradients(space.basis.elem, points), inverse)
+        gradient = np.matmul(evaluate_shape_gradients(space.basis.elem, points), inverse)
         # grad grad w = J^-T (w'' - sum over i of w_,i x_i'') J^-1, with ' in reference coordinates
         nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
-        bent = np.einsum("ine,pnjk->epijk", nodes, reference_hessians(mesh.elem(), points))
-        second = reference_hessians(space.basis.elem, points) - np.einsum(
+        bent = np.einsum("ine,pnjk->epijk", nodes, evaluate_shape_hessians(mesh.elem(), points))
+        second = evaluate_shape_hessians(space.basis.elem, points) - np.einsum(
             "epfi,epijk->epfjk", gradient, bent, optimize=True
         )
         hessian = np.einsum("epjx,epfjk,epky->epfxy", inverse, second, inverse, optimize=True)

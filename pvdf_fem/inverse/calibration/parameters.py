@@ -38,7 +38,7 @@ ABSOLUTE_PRIORS = {"stage.x_mm": 1.0, "stage.y_mm": 1.0, TURN: 3.0, "offset": 0.
 
 
 @dataclass(frozen=True, eq=False)
-class Unknowns:
+class CalibrationParameters:
     """Parameters that are sought."""
 
     scene: Scene  #: Which has the other parameters.
@@ -61,7 +61,7 @@ class Unknowns:
         """One parameter (...) among `values` (..., parameters), or the scene's if not sought."""
         if key in self.names:
             return values[..., self.names.index(key)]
-        return np.full(values.shape[:-1], value_of(self.scene, key))
+        return np.full(values.shape[:-1], read_parameter(self.scene, key))
 
     def scene_at(self, values: Array, reading: str | None = None) -> Scene:
         """The scene with the parameters, and with a reading if one is given."""
@@ -77,7 +77,7 @@ class Unknowns:
         return self.scene.with_(**changes)
 
 
-def value_of(scene: Scene, key: str) -> float:
+def read_parameter(scene: Scene, key: str) -> float:
     """The scene's value of a parameter."""
     section, _, name = key.partition(".")
     if section in READOUT_KEYS:
@@ -85,7 +85,9 @@ def value_of(scene: Scene, key: str) -> float:
     return number_at(scene if scene.stage else scene.with_(stage={}), key)
 
 
-def unknowns_of(scene: Scene, words: Sequence[str], priors: Mapping[str, float]) -> Unknowns:
+def select_parameters(
+    scene: Scene, words: Sequence[str], priors: Mapping[str, float]
+) -> CalibrationParameters:
     """The parameters that words name, of which some stand for several, with their priors. Raises
     ValueError with a line for each mistake."""
     if any(word.startswith(PRETENSION) for word in words):
@@ -113,9 +115,9 @@ def unknowns_of(scene: Scene, words: Sequence[str], priors: Mapping[str, float])
     if mistakes:
         raise ValueError("\n".join(mistakes))
     names = list(dict.fromkeys(names))
-    start = np.array([value_of(scene, name) for name in names])
+    start = np.array([read_parameter(scene, name) for name in names])
     deviations = [_prior(name, value, given) for name, value in zip(names, start, strict=True)]
-    return Unknowns(scene, tuple(names), start, np.array(deviations))
+    return CalibrationParameters(scene, tuple(names), start, np.array(deviations))
 
 
 def _prior(name: str, value: float, given: Mapping[str, float]) -> float:

@@ -29,7 +29,7 @@ class TouchesError(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class Touches:
+class TouchTable:
     """Touches on the stage with what the channels read."""
 
     rows: Indices  #: Numbers of the rows, the first of a file's data being 1.
@@ -40,12 +40,12 @@ class Touches:
     def __len__(self) -> int:
         return len(self.rows)
 
-    def some(self, which: Sequence[int]) -> Touches:
+    def some(self, which: Sequence[int]) -> TouchTable:
         """Some of them, by index."""
-        return Touches(self.rows[which], self.touches[which], self.readings[which])
+        return TouchTable(self.rows[which], self.touches[which], self.readings[which])
 
 
-def read_touches(source: Any, scene: Scene) -> Touches:
+def read_touches(source: Any, scene: Scene) -> TouchTable:
     """Touches of a CSV file, a mapping of columns or a table with `columns`. Raises `TouchesError`
     for columns that are missing, unknown, constant or no numbers, and for places off the film."""
     columns = _columns(source)
@@ -63,7 +63,7 @@ def read_touches(source: Any, scene: Scene) -> Touches:
         raise TouchesError(*mistakes)
     values = np.array(table).T
     whole = np.isfinite(values[:, :4]).all(axis=1) & np.isfinite(values[:, 4:]).any(axis=1)
-    touches = Touches(np.arange(1, len(values) + 1)[whole], values[whole, :4], values[whole, 4:])
+    touches = TouchTable(np.arange(1, len(values) + 1)[whole], values[whole, :4], values[whole, 4:])
     if mistakes := list(_mistakes(touches, names, scene)):
         raise TouchesError(*mistakes)
     left_out = [(row, "place, force or reading") for row in np.flatnonzero(~whole) + 1]
@@ -113,7 +113,7 @@ def _numbers(name: str, cells: Sequence[Any], mistakes: list[str]) -> Iterator[f
         yield value if np.isfinite(value) else np.nan
 
 
-def _mistakes(touches: Touches, names: Sequence[str], scene: Scene) -> Iterator[str]:
+def _mistakes(touches: TouchTable, names: Sequence[str], scene: Scene) -> Iterator[str]:
     if len(touches) < 2:
         yield f"touches: {len(touches)} with numbers; give more of them than unknowns"
         return
@@ -128,7 +128,7 @@ def _mistakes(touches: Touches, names: Sequence[str], scene: Scene) -> Iterator[
     for row in touches.rows[force <= 0.0]:
         yield f"row {row}: force_N is not positive; a touch presses with more than 0 N"
     radius, reach = scene.film.radius_mm, np.hypot(*x_y.T)
-    outside = [i for i, touch in enumerate(touches.touches) if touched(scene, touch) is None]
+    outside = [i for i, touch in enumerate(touches.touches) if place_probe(scene, touch) is None]
     if 2 * len(outside) > len(touches) and np.median(reach) > 2.0 * radius:
         far = f"{np.median(reach):.3g} mm from the centre of a film of {radius:g} mm"
         yield f"columns x_mm, y_mm: places are {far}; they look like µm, give mm"
@@ -141,7 +141,7 @@ def _mistakes(touches: Touches, names: Sequence[str], scene: Scene) -> Iterator[
             yield f"row {touches.rows[i]}: x_mm, y_mm = {x:g}, {y:g} is over the film's rim"
 
 
-def touched(scene: Scene, touch: Array) -> Scene | None:
+def place_probe(scene: Scene, touch: Array) -> Scene | None:
     """The scene with its probe at a touch x, y, rotation, force on the film; None over the rim."""
     changes = dict(zip(TOUCH_KEYS, map(float, touch), strict=True))
     try:

@@ -21,7 +21,7 @@ from pvdf_fem.progress import Progress
 from pvdf_fem.scene.given import SceneLike, model_of, scene_of
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.studies.design_options import asked_mistakes
+from pvdf_fem.studies.request_errors import find_noise_and_response_errors
 from pvdf_fem.surrogate.build import build_response
 from pvdf_fem.surrogate.held_out import random_touches
 from pvdf_fem.surrogate.model import QUANTITIES, ROTATION, centred, period_deg, wanted_model
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 FORMATS = (".nc", ".csv", ".parquet")
 MOST_TOUCHES = 10_000_000  #: They take 1.3 GB with four electrodes.
 #: Variables by touch and electrode, with their meaning. Their unit is pC.
-OF_ELECTRODES = {
+ELECTRODE_VARIABLES = {
     "charge_pC": "total charge",
     "model_error_pC": "bound on the error of the charge",
     "reading_pC": "reading with noise, over the nominal capacitance of the channel",
@@ -49,7 +49,7 @@ def dataset(
     *,
     noise_pC: float | None = None,
     reading: str | None = None,
-    model: Response | None = None,
+    response: Response | None = None,
     processes: int | None = None,
     progress: Progress | bool | None = None,
 ) -> xarray.Dataset:
@@ -63,7 +63,7 @@ def dataset(
         How many touches are drawn, and the seed of the random numbers.
     sigma, noise_pC, reading
         Noise of readings, and what is read, as for `locate`.
-    model : Response, optional
+    response : Response, optional
         The model of the charges; by default one is built.
     processes, progress
         As for `build_response`.
@@ -87,13 +87,13 @@ def dataset(
     >>> drawn.reading_pC.sel(electrode="A").mean()
     """
     scene = scene_of(scene)
-    if wrong := [*mistakes(scene, touches, seed, sigma, noise_pC, reading)]:
+    if wrong := [*find_request_errors(scene, touches, seed, sigma, noise_pC, reading)]:
         raise ValueError("\n".join(wrong))
-    if model is None:
+    if response is None:
         domain, tolerance = wanted_model(scene, sigma or 0.01)
         wanted = domain.reach_mm, domain.force_N, tolerance, processes
-        model = build_response(centred(scene), *wanted, progress=progress)
-    model = model_of(model).for_scene(scene, processes, progress=progress)
+        response = build_response(centred(scene), *wanted, progress=progress)
+    model = model_of(response).for_scene(scene, processes, progress=progress)
     measured = Measurement.from_response(model, model.names, sigma, noise_pC, reading)
     at = random_touches(model.domain, touches, seed)
     parts = np.array_split(at, 1 + touches // CHUNK_ROWS)
@@ -111,10 +111,10 @@ def dataset(
         "reading": measured.reading,
         "model_error_bound": model.error_bound,
     }
-    return _dataset(model, at, dict(zip(OF_ELECTRODES, of_electrodes, strict=True)), told)
+    return _dataset(model, at, dict(zip(ELECTRODE_VARIABLES, of_electrodes, strict=True)), told)
 
 
-def mistakes(
+def find_request_errors(
     scene: Scene,
     touches: int,
     seed: int,
@@ -127,7 +127,7 @@ def mistakes(
     for name, (value, least, most) in limits.items():
         if not (isinstance(value, int) and least <= value <= most):
             yield f"{name} = {value}: give a whole number from {least} to {most}"
-    yield from asked_mistakes(scene, *wanted_model(scene), sigma, noise_pC, reading)
+    yield from find_noise_and_response_errors(scene, *wanted_model(scene), sigma, noise_pC, reading)
 
 
 def _dataset(
@@ -136,11 +136,11 @@ def _dataset(
     """The dataset of touches (n, 4), and arrays (n, electrodes) by their names."""
     import xarray  # slow to import
 
-    from pvdf_fem.studies.grid_dataset import about, named
+    from pvdf_fem.studies.sweep_dataset import describe_key, make_attributes
 
     columns = zip(QUANTITIES, at.T, strict=True)
     data = xarray.Dataset(
-        {name: ("touch", values, about(name)) for name, values in columns},
+        {name: ("touch", values, describe_key(name)) for name, values in columns},
         {"electrode": ("electrode", [*model.names], {"long_name": "electrode"})},
         {
             "Conventions": "CF-1.11",
@@ -151,17 +151,21 @@ def _dataset(
         },
     )
     for name, values in of_electrodes.items():
-        data[name] = (["touch", "electrode"], values, named(OF_ELECTRODES[name], "pC"))
+        data[name] = (
+            ["touch", "electrode"],
+            values,
+            make_attributes(ELECTRODE_VARIABLES[name], "pC"),
+        )
     return data
 
 
-def table(data: xarray.Dataset) -> pd.DataFrame:
+def make_table(data: xarray.Dataset) -> pd.DataFrame:
     """A row per touch: its quantities, then columns like ``charge_pC.A``. The attributes
     of the dataset are `attrs` of the table."""
     import pandas as pd  # slow to import
 
     columns = {name: data[name].values for name in QUANTITIES}
-    for name in OF_ELECTRODES:
+    for name in ELECTRODE_VARIABLES:
         by_electrode = zip(data.electrode.values, data[name].values.T, strict=True)
         columns |= {f"{name}.{electrode}": values for electrode, values in by_electrode}
     rows = pd.DataFrame(columns)
@@ -169,16 +173,16 @@ def table(data: xarray.Dataset) -> pd.DataFrame:
     return rows
 
 
-def write(data: xarray.Dataset, path: Path) -> None:
+def write_dataset(data: xarray.Dataset, path: Path) -> None:
     """Write a dataset to a file with an extension in `FORMATS`. Parquet has the attributes as
     metadata for ``pandas.read_parquet(path).attrs``, CSV as ``#`` comments before its header.
     Parquet needs pyarrow."""
-    from pvdf_fem.studies.grid_dataset import write_netcdf
+    from pvdf_fem.studies.sweep_dataset import write_netcdf
 
     if path.suffix.lower() == ".nc":
         write_netcdf(data, path)
         return
-    rows = table(data)
+    rows = make_table(data)
     with replace_file(path) as part:
         if path.suffix.lower() == ".parquet":
             rows.to_parquet(part, engine="pyarrow", index=False)

@@ -16,8 +16,15 @@ from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.electrodes.channel import Channel, channels
 from pvdf_fem.electrodes.outputs import goals_of
 from pvdf_fem.inverse.calibration.options import DEFAULTS, CalibrateOptions
-from pvdf_fem.inverse.calibration.touches import TOUCH_KEYS, Touches, touched
-from pvdf_fem.inverse.calibration.unknowns import GAIN, OFFSET, SHIFT, TURN, Unknowns, value_of
+from pvdf_fem.inverse.calibration.parameters import (
+    GAIN,
+    OFFSET,
+    SHIFT,
+    TURN,
+    CalibrationParameters,
+    read_parameter,
+)
+from pvdf_fem.inverse.calibration.touch_table import TOUCH_KEYS, TouchTable, place_probe
 from pvdf_fem.progress import SolveCounter, ignore_progress
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive import rest_forces, solve_goals
@@ -37,11 +44,11 @@ class Prediction:
 
 
 @dataclass(eq=False)
-class TouchModel:
+class ReadingModel:
     """Readings of touches as a function of the parameters and of errors of the touches' places."""
 
-    unknowns: Unknowns
-    touches: Touches
+    unknowns: CalibrationParameters
+    touches: TouchTable
     reading: str  #: ``change`` or ``total``.
     unit: str  #: ``V`` or ``pC``.
     tolerance: float  #: Of the solves.
@@ -62,7 +69,7 @@ class TouchModel:
         #: Estimated relative errors of the solved charges.
         self.errors = np.zeros((count, channels))
 
-    def changed(self, touches: Touches, reading: str) -> TouchModel:
+    def changed(self, touches: TouchTable, reading: str) -> ReadingModel:
         """A model of changed touches; solves are copied if only readings differ."""
         other = replace(self, touches=touches, reading=reading, failures={})
         if np.array_equal(touches.touches, self.touches.touches):
@@ -109,7 +116,7 @@ class TouchModel:
         scene = scene.with_(**{"numerics.tolerance": tolerance or self.tolerance})
         for i in np.flatnonzero(which).tolist():
             self.at[i], self.failures[i] = np.nan, "the touch is over the film's rim"
-            if (moved := touched(scene, arguments[i, :4])) is None:
+            if (moved := place_probe(scene, arguments[i, :4])) is None:
                 continue
             self.count()
             solution = solve_goals(moved, goals_of(moved))
@@ -131,7 +138,7 @@ class TouchModel:
 
         rows = [forces(scene), *np.zeros((len(TOUCH_KEYS), len(self.channels), 2))]
         for key in self.unknowns.film_keys:
-            value = value_of(scene, key)
+            value = read_parameter(scene, key)
             h = step * (abs(value) or 1.0)
             high, low = (forces(scene.with_(**{key: value + end})) for end in (h, -h))
             rows.append((high - low) / (2.0 * h))

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import LinearOperator, SuperLU
 from pvdf_fem.arrays import Array
 
 
-class Raised(LinearOperator):  # type: ignore[misc]
+class LowRankUpdate(LinearOperator):  # type: ignore[misc]
     """A + B Bᵀ of a sparse A (n, n) and columns B (n, m)."""
 
     def __init__(self, sparse: sp.csc_matrix, columns: Array) -> None:
@@ -26,10 +26,10 @@ class Raised(LinearOperator):  # type: ignore[misc]
         return total
 
 
-class RaisedFactors:
+class LowRankFactors:
     """Solves with A + B Bᵀ by the factors of A and Woodbury's identity."""
 
-    def __init__(self, matrix: Raised, factors: SuperLU) -> None:
+    def __init__(self, matrix: LowRankUpdate, factors: SuperLU) -> None:
         self.factors, self.columns = factors, matrix.columns
         self._spread = {trans: factors.solve(self.columns, trans) for trans in "NT"}
         #: I + Bᵀ A⁻¹ B: the negative eigenvalues here count those that A has in addition.

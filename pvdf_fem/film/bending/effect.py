@@ -21,10 +21,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pvdf_fem.film.loads.contact_guess import guessed_press
-from pvdf_fem.film.loads.kinds import LOADS
-from pvdf_fem.film.point_load import part_by_force, tension_at
-from pvdf_fem.film.remarks import two_digits
+from pvdf_fem.film.effects import format_two_digits
+from pvdf_fem.film.loads.contact_estimate import estimate_pressed_area
+from pvdf_fem.film.loads.load_classes import PROBE_LOADS
+from pvdf_fem.film.point_load import estimate_load_share, estimate_tension
 from pvdf_fem.scene.film import Film, Layer
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import Outline
@@ -73,13 +73,13 @@ class BendingEffect:
         lengths = (self.rest_length, self.rim_length, self.probe_length)
         told = zip(lengths, ("at rest", "at the rim", "at the probe"), strict=True)
         within = [f"{1e3 * length:.2g} mm {at}" for length, at in told if math.isfinite(length)]
-        change = f"could change a charge by up to {two_digits(100.0 * self.change)} %"
-        patches = f"; patches on one side: {two_digits(100.0 * self.patches)} %"
+        change = f"could change a charge by up to {format_two_digits(100.0 * self.change)} %"
+        patches = f"; patches on one side: {format_two_digits(100.0 * self.patches)} %"
         text = f"{change}; it acts within {', '.join(within) or 'any length'}"
         return text + (patches if self.patches else "")
 
 
-def bending_effect(scene: Scene) -> BendingEffect:
+def estimate_bending_effect(scene: Scene) -> BendingEffect:
     """Effect of bending in a scene; zero without load. Several probes have the effect of the probe
     with the largest effect when pressed alone."""
     effects = [_effect_of(scene, touch) for touch in scene.loaded_probes or (None,)]
@@ -94,12 +94,12 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
     rest = h * float(film.stress_at_rest[:2].mean())
     force, probe, rigid = film.spread_force, None, False
     if touch is not None:
-        probe, by_touch = guessed_press(scene, touch)
-        force, rigid = force + by_touch, LOADS[touch.load.kind].rigid
+        probe, by_touch = estimate_pressed_area(scene, touch)
+        force, rigid = force + by_touch, PROBE_LOADS[touch.load.kind].rigid
     elif force:  # it presses as a probe that covers the film
         probe = Circle(np.zeros(2), a)
     b = _radius(probe) if probe else a
-    tensions = (max(rest, 0.0), tension_at(film, force, a), tension_at(film, force, b))
+    tensions = (max(rest, 0.0), estimate_tension(film, force, a), estimate_tension(film, force, b))
     rest_length, rim_length, probe_length = (
         math.sqrt(D / N) if N > 0.0 else math.inf for N in tensions
     )
@@ -117,7 +117,7 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
             by_rim = FIT.rim_at_centre + FIT.rim_outside * (r / a) ** 2
             at_rim = by_rim * rim_length / a / math.sqrt(gap)
             at_probe = FIT.probe * (probe_length / b) ** power * math.sqrt(b / r)
-            made = part_by_force(film, force, r) / (1.0 + at_rim + at_probe)
+            made = estimate_load_share(film, force, r) / (1.0 + at_rim + at_probe)
             changes.append((made * at_rim, made * at_probe))
     rim, at_probe = max(changes, key=sum)
     one_sided = (layer for layer in film.layers.values() if not layer.patch.both_sides)
@@ -149,12 +149,12 @@ def _by_patch(scene: Scene, layer: Layer, force: float, probe: Outline | None) -
     r = film.radius
     if probe:
         r = max(math.dist(outline.centroid, probe.centroid), _radius(probe))
-    N = tension_at(film, force, r)
+    N = estimate_tension(film, force, r)
     half = 2.0 * outline.area / outline.perimeter
     width = half * math.sqrt(N / D)
     bent = e * e * A / D * (math.tanh(width) / width if width > 0.0 else 1.0)
     if layer.patch.bonded == "at rest":
-        bent *= part_by_force(film, force, r)
+        bent *= estimate_load_share(film, force, r)
     d31, d32 = abs(film.d31), abs(film.d32)
     uneven = max(abs(film.d31 - film.d32) / (d31 + d32), FIT.even) if d31 + d32 else 0.0
     changes = [0.0]
@@ -166,14 +166,14 @@ def _by_patch(scene: Scene, layer: Layer, force: float, probe: Outline | None) -
         if probe:
             between = math.dist(electrode.centroid, probe.centroid) - _radius(electrode)
             r = max(between, _radius(probe))
-        N = tension_at(film, force, r)
+        N = estimate_tension(film, force, r)
         stiff = N * r * r + D * (1.0 + (r / half) ** 2)
         pressed = e * A * force / (2.0 * math.pi * N * stiff) if N else 0.0
         changes.append(max(bent * covered, min(bent, 1.0) * beside) + pressed * covered)
     return max(changes)
 
 
-def layer_size(
+def choose_layer_size(
     length: float, change: float, tolerance: float, widest: float = 8.0, unresolved: float = 6.0
 ) -> float:
     """Element size in m along an edge where bending acts within `length`; infinite if any does. A

@@ -17,14 +17,16 @@ from pvdf_fem.batch.store import Record
 from pvdf_fem.electrodes.channel import readings_V
 from pvdf_fem.files import replace_file
 from pvdf_fem.scene.quantity import in_words
-from pvdf_fem.studies.grid import Grid
+from pvdf_fem.studies.scene_grid import SceneGrid
 
 #: Unit signs for ASCII in files.
 _IN_ASCII = str.maketrans({"µ": "u", "Ω": "Ohm", "²": "2", "³": "3"})
 _BESIDE = "charge_error_pC status"  # what CF has beside charges
 
 
-def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) -> xarray.Dataset:
+def make_sweep_dataset(
+    grid: SceneGrid, plan: SweepPlan, records: Iterable[tuple[int, Record]]
+) -> xarray.Dataset:
     """The charges of a grid's scenes.
 
     `records` belong to the distinct scenes, with indices in the plan, in arbitrary order. The
@@ -65,23 +67,35 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
         return values[first].reshape(*grid.shape, *values.shape[1:])
 
     variables: dict[str, Any] = {
-        "charge_pC": (charge, {**named("total charge", "pC"), "ancillary_variables": _BESIDE}),
-        "charge_error_pC": (error, named("estimated error of the total charge", "pC")),
-        "rest_charge_pC": (rest, named("charge without a touch", "pC")),
-        "rest_charge_error_pC": (rest_error, named("estimated error without a touch", "pC")),
-        "charge_change_pC": (charge - rest, named("change of the charge by the touch", "pC")),
-        "charge_change_error_pC": (error + rest_error, named("its estimated error", "pC")),
-        "deflection_max_mm": (deflection, named("largest deflection", "mm")),
+        "charge_pC": (
+            charge,
+            {**make_attributes("total charge", "pC"), "ancillary_variables": _BESIDE},
+        ),
+        "charge_error_pC": (error, make_attributes("estimated error of the total charge", "pC")),
+        "rest_charge_pC": (rest, make_attributes("charge without a touch", "pC")),
+        "rest_charge_error_pC": (
+            rest_error,
+            make_attributes("estimated error without a touch", "pC"),
+        ),
+        "charge_change_pC": (
+            charge - rest,
+            make_attributes("change of the charge by the touch", "pC"),
+        ),
+        "charge_change_error_pC": (
+            error + rest_error,
+            make_attributes("its estimated error", "pC"),
+        ),
+        "deflection_max_mm": (deflection, make_attributes("largest deflection", "mm")),
         "status": (status, {"long_name": "how the solve ended"}),
     }
     if any(scene.readout for scene in scenes):
-        variables["reading_V"] = reading, named("reading just after a sudden touch", "V")
+        variables["reading_V"] = reading, make_attributes("reading just after a sudden touch", "V")
     return xarray.Dataset(
         {
             name: (over[values.ndim], over_grid(values), about)
             for name, (values, about) in variables.items()
         },
-        {**coordinates(grid), "electrode": ("electrode", names, {"long_name": "electrode"})},
+        {**make_coordinates(grid), "electrode": ("electrode", names, {"long_name": "electrode"})},
         {
             "Conventions": "CF-1.11",
             "title": "charges of the electrodes of a PVDF membrane",
@@ -91,7 +105,7 @@ def dataset(grid: Grid, plan: SweepPlan, records: Iterable[tuple[int, Record]]) 
     )
 
 
-def coordinates(grid: Grid) -> dict[str, Any]:
+def make_coordinates(grid: SceneGrid) -> dict[str, Any]:
     """Coordinates along a grid's axes, with their meaning."""
     ends = Counter(_end(key) for axis in grid.axes for key in axis.values)
     # xarray takes a coordinate with the name of a dimension for its index
@@ -102,9 +116,9 @@ def coordinates(grid: Grid) -> dict[str, Any]:
             name = _end(key) if ends[_end(key)] == 1 else key
             if len(axis.values) == 1:
                 name = axis.name
-            coordinates[name] = (axis.name, _labels(values), {"key": key, **about(key)})
+            coordinates[name] = (axis.name, _labels(values), {"key": key, **describe_key(key)})
         for name, further in axis.beside.items():
-            coordinates[name] = (axis.name, list(further), about(name))
+            coordinates[name] = (axis.name, list(further), describe_key(name))
     return coordinates
 
 
@@ -122,13 +136,13 @@ def _labels(values: tuple[Any, ...]) -> list[Any]:
     ]
 
 
-def about(key: str) -> dict[str, str]:
+def describe_key(key: str) -> dict[str, str]:
     """The attributes of what a key stands for: ``film.thickness_um`` is film thickness in um."""
     words, unit = in_words(key)
-    return named(words, unit.translate(_IN_ASCII))
+    return make_attributes(words, unit.translate(_IN_ASCII))
 
 
-def named(long_name: str, unit: str) -> dict[str, str]:
+def make_attributes(long_name: str, unit: str) -> dict[str, str]:
     """The attributes of a variable."""
     return {"long_name": long_name, "units": unit} if unit else {"long_name": long_name}
 

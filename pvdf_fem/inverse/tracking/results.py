@@ -10,7 +10,11 @@ from pvdf_fem.summary import Result, Summary, format_with_error
 
 
 @dataclass(frozen=True, repr=False)
+<<<<<<< HEAD:pvdf_fem/inverse/tracking/rows.py
 class Row(Result):
+=======
+class TrackRow(Told):
+>>>>>>> main:pvdf_fem/inverse/tracking/results.py
     """What is known at a sample. Numbers that are not are NaN.
 
     The status is one of: ``settling`` (the baseline is not known yet), ``quiet``, ``starting`` (a
@@ -69,7 +73,7 @@ class Row(Result):
 
 
 @dataclass(frozen=True, repr=False)
-class TouchSummary(Row):
+class TouchSummary(TrackRow):
     """A touch that has ended: its row at the peak of its charges, by the whole course.
 
     The status is ``starting`` if no place was found; `missing` are channels that had no reading for

@@ -8,7 +8,11 @@ from typing import Self
 
 import numpy as np
 
-from pvdf_fem.film.point_load import point_deflection, point_force, tension_at
+from pvdf_fem.film.point_load import (
+    estimate_point_deflection,
+    estimate_point_force,
+    estimate_tension,
+)
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.tip import STEEPEST, Tip
@@ -27,7 +31,7 @@ OVERLAP = 0.02
 
 
 @dataclass(frozen=True)
-class Guess:
+class ContactEstimate:
     """What a contact with a rigid tip is guessed to be."""
 
     force: float  #: That presses, in N.
@@ -38,68 +42,70 @@ class Guess:
     @classmethod
     def of(cls, scene: Scene, touch: LoadedProbe) -> Self:
         """The guess for a tip of a scene."""
-        force, face = guessed_force(touch.load, scene.film), touch.tip.face
-        width = guessed_width(touch, scene.film)
+        force, face = estimate_load_force(touch.load, scene.film), touch.tip.face
+        width = estimate_contact_width(touch, scene.film)
         outline = touch.tip.grown(width)
         pressed = outline.area - (face.area if face else 0.0)
-        depth = touch.load.depth or point_deflection(scene.film, force)
+        depth = touch.load.depth or estimate_point_deflection(scene.film, force)
         softness = OVERLAP * min(scene.numerics.tolerance, 1e-2)
         return cls(force, width, softness, force / pressed / depth)
 
 
-def guessed_force(load: Load, film: Film) -> float:
+def estimate_load_force(load: Load, film: Film) -> float:
     """The force of a load in N; an approximate force where the depth is given."""
-    return load.force if load.depth is None else point_force(film, load.depth)
+    return load.force if load.depth is None else estimate_point_force(film, load.depth)
 
 
-def first_contacts(scene: Scene) -> dict[str, Outline]:
+def estimate_contact_outlines(scene: Scene) -> dict[str, Outline]:
     """Guessed contacts with a scene's tips on the film before it deforms, by patch name."""
-    widths = ((touch, guessed_width(touch, scene.film)) for touch in scene.tips)
+    widths = ((touch, estimate_contact_width(touch, scene.film)) for touch in scene.tips)
     return {t.patch: _before(t, scene.film, width).grown(width) for t, width in widths}
 
 
-def tip_outlines(scene: Scene) -> dict[str, Outline]:
+def estimate_tip_outlines(scene: Scene) -> dict[str, Outline]:
     """What a mesh follows of a scene's tips, by patch name: guessed contacts and flat faces."""
-    outlines = first_contacts(scene)
+    outlines = estimate_contact_outlines(scene)
     for touch in scene.tips:
-        face = _before(touch, scene.film, guessed_width(touch, scene.film)).face
-        outlines |= {face_patch(touch): face} if face else {}
+        face = _before(touch, scene.film, estimate_contact_width(touch, scene.film)).face
+        outlines |= {format_face_patch(touch): face} if face else {}
     return outlines
 
 
-def guessed_press(scene: Scene, touch: LoadedProbe) -> tuple[Outline, float]:
+def estimate_pressed_area(scene: Scene, touch: LoadedProbe) -> tuple[Outline, float]:
     """About where a touch presses, and the size of its force in N."""
-    force = math.hypot(*touch.load.components[:2], guessed_force(touch.load, scene.film))
-    return first_contacts(scene).get(touch.patch, touch.outline), force
+    force = math.hypot(*touch.load.components[:2], estimate_load_force(touch.load, scene.film))
+    return estimate_contact_outlines(scene).get(touch.patch, touch.outline), force
 
 
 def _before(touch: LoadedProbe, film: Film, width: float) -> Tip:
     """A tip around the touching film, before this film moves outwards and stretches."""
-    tip, force, place = touch.tip, guessed_force(touch.load, film), touch.outline.centroid
+    tip, force, place = touch.tip, estimate_load_force(touch.load, film), touch.outline.centroid
     nearest, farthest = tip.core_perimeter / (2.0 * np.pi) + width, float(np.hypot(*place))
     reach = film.radius - farthest**2 / film.radius
-    deflection = point_deflection(film, force, min(nearest, 0.5 * reach), reach)
-    tension = tension_at(film, force, nearest) - film.thickness * film.stress_at_rest[:2].mean()
+    deflection = estimate_point_deflection(film, force, min(nearest, 0.5 * reach), reach)
+    tension = (
+        estimate_tension(film, force, nearest) - film.thickness * film.stress_at_rest[:2].mean()
+    )
     stretch = STRETCH * tension / film.thickness / film.stiffness[:2, :2].sum(axis=0).mean()
     return tip.carried(-DRIFT * (deflection / film.radius) ** 2 * place, -stretch)
 
 
-def face_patch(touch: LoadedProbe) -> str:
+def format_face_patch(touch: LoadedProbe) -> str:
     """Name of the mesh patch for a tip's flat face."""
     return f"{touch.patch} face"
 
 
-def guessed_width(touch: LoadedProbe, film: Film) -> float:
+def estimate_contact_width(touch: LoadedProbe, film: Film) -> float:
     """The contact's distance from a tip's core in m, by the tension that a point load makes there.
 
     The film pulls at the edge with N sin(slope), whose sum along the edge is the force.
     """
-    tip, force = touch.tip, guessed_force(touch.load, film)
+    tip, force = touch.tip, estimate_load_force(touch.load, film)
     low, high = 0.0, STEEPEST * tip.radius
     for _ in range(60):
         d = 0.5 * (low + high)
         length = tip.core_perimeter + 2.0 * np.pi * d
-        tension = tension_at(film, force, length / (2.0 * np.pi))
+        tension = estimate_tension(film, force, length / (2.0 * np.pi))
         low, high = (low, d) if tension * length * d / tip.radius > force else (d, high)
     d *= WIDER
     while tip.grown(d).reach > 0.98 * film.radius and d > 0.0:

@@ -9,8 +9,8 @@ from typing import TypeAlias
 import numpy as np
 
 from pvdf_fem.arrays import Indices
-from pvdf_fem.film.loads.everywhere.spread import Spread
-from pvdf_fem.film.loads.posed import Posed
+from pvdf_fem.film.loads.film_load import FilmLoad
+from pvdf_fem.film.loads.load_spec import SolveOptions
 from pvdf_fem.film.loads.pressure import DeadPressure
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import Load, Term
@@ -21,32 +21,36 @@ from pvdf_fem.scene.scene import Scene
 #: The base of all loads of probes.
 ProbeLoad: TypeAlias = DeadPressure
 
-LOADS: dict[str, type[ProbeLoad]] = {
+PROBE_LOADS: dict[str, type[ProbeLoad]] = {
     kind: resolve_name(path) for kind, path in LOAD_CLASSES.items()
 }
-SPREAD: dict[str, type[Spread]] = {k: resolve_name(path) for k, path in SPREAD_CLASSES.items()}
+FILM_LOADS: dict[str, type[FilmLoad]] = {
+    k: resolve_name(path) for k, path in SPREAD_CLASSES.items()
+}
 
 
-def loads_on(scene: Scene, space: Space, part: MirroredPart, posed: Posed) -> Iterator[Load]:
+def make_loads(
+    scene: Scene, space: Space, part: MirroredPart, options: SolveOptions
+) -> Iterator[Load]:
     """The loads in a scene: by probes, and on the whole film."""
-    for touch in posed.touches(scene):
-        yield LOADS[touch.load.kind](touch, space, part)
-    for key, kind in SPREAD.items():
+    for touch in options.load_specs(scene):
+        yield PROBE_LOADS[touch.load.kind](touch, space, part)
+    for key, kind in FILM_LOADS.items():
         if getattr(scene.film, key):
             yield kind(scene.film, space)
 
 
-def probe_loads(terms: Iterable[Term]) -> list[ProbeLoad]:
+def select_probe_loads(terms: Iterable[Term]) -> list[ProbeLoad]:
     """The loads of probes among terms."""
     return [term for term in terms if isinstance(term, ProbeLoad)]
 
 
-def rigid_elements(terms: Iterable[Term], flat: bool = False) -> Indices:
+def find_rigid_elements(terms: Iterable[Term], flat: bool = False) -> Indices:
     """Elements kept straight by terms, (n,), or, where `flat`, elements without tilt."""
     patches = (term.rigid_patch for term in terms if not (flat and term.modes))
     return np.concatenate([np.empty(0, dtype=np.int64), *patches])
 
 
-def presses_rigidly(scene: Scene) -> bool:
+def has_rigid_probe(scene: Scene) -> bool:
     """Whether the film stays flat under a probe."""
-    return any(LOADS[touch.load.kind].rigid for touch in scene.loaded_probes)
+    return any(PROBE_LOADS[touch.load.kind].rigid for touch in scene.loaded_probes)

@@ -8,7 +8,7 @@ import pytest
 import xarray
 
 from pvdf_fem import Scene, dataset, locate_many
-from pvdf_fem.studies.dataset import table, write
+from pvdf_fem.studies.touch_dataset import make_table, write_dataset
 from pvdf_fem.surrogate.model import QUANTITIES
 from tests.helpers.touch_models import bumps
 
@@ -19,7 +19,7 @@ STAGE = {"x_mm": 30.0, "y_mm": -5.0, "rotation_deg": 90.0}
 def drawn(touches=2000, seed=1, sigma=0.01, scene=None, **how):
     """A dataset of made-up charges."""
     model = bumps("rectangle")
-    return dataset(scene or model.scene, touches, seed, sigma, model=model, **how)
+    return dataset(scene or model.scene, touches, seed, sigma, response=model, **how)
 
 
 def rows_of(data):
@@ -74,14 +74,14 @@ def test_readings_are_located_at_the_touches_on_the_stage():
 def test_files_have_touches_and_scene(tmp_path):
     data, scene = drawn(20, noise_pC=2.0), bumps("rectangle").scene
     assert (data.seed, data.sigma, data.noise_pC) == (1, 0.01, [2.0] * 4)
-    write(data, tmp_path / "touches.nc")
+    write_dataset(data, tmp_path / "touches.nc")
     with xarray.open_dataset(tmp_path / "touches.nc") as kept:
         xarray.testing.assert_equal(kept, data)
         assert Scene.parse(kept.attrs["scene"]) == scene
-    write(data, tmp_path / "touches.csv")
+    write_dataset(data, tmp_path / "touches.csv")
     rows = pd.read_csv(tmp_path / "touches.csv", comment="#")
     assert list(rows.columns[3:6]) == ["force_N", "charge_pC.A", "charge_pC.B"]
-    pd.testing.assert_frame_equal(rows, table(data), rtol=1e-8)
+    pd.testing.assert_frame_equal(rows, make_table(data), rtol=1e-8)
     text = (tmp_path / "touches.csv").read_text()
     head = "\n".join(line[2:] for line in text.splitlines() if line.startswith("#"))
     assert Scene.parse(head.partition("scene = ")[2].partition("\nsource = ")[0]) == scene
@@ -89,7 +89,7 @@ def test_files_have_touches_and_scene(tmp_path):
 
 def test_parquet_has_the_scene_as_metadata(tmp_path):
     pytest.importorskip("pyarrow")
-    write(drawn(20), tmp_path / "touches.parquet")
+    write_dataset(drawn(20), tmp_path / "touches.parquet")
     rows = pd.read_parquet(tmp_path / "touches.parquet")
-    pd.testing.assert_frame_equal(rows, table(drawn(20)))
+    pd.testing.assert_frame_equal(rows, make_table(drawn(20)))
     assert Scene.parse(rows.attrs["scene"]) == bumps("rectangle").scene

@@ -62,10 +62,10 @@ class MappingScheme:
 
     def _on_line(self, angle_deg: float, distances_mm: Array) -> Array:
         """Places (n, 2), rounded to 1e-9 mm so that equal places give equal scenes."""
-        return np.round(self.centre_mm + distances_mm[:, None] * direction(angle_deg), 9)
+        return np.round(self.centre_mm + distances_mm[:, None] * unit_vector(angle_deg), 9)
 
 
-def direction(angle_deg: float) -> Array:
+def unit_vector(angle_deg: float) -> Array:
     """Unit vector, shape (2,), at an angle counter-clockwise from +x."""
     angle = np.radians(angle_deg)
     return np.array([np.cos(angle), np.sin(angle)])

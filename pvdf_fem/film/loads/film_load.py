@@ -15,7 +15,7 @@ from pvdf_fem.film.term import Load, State
 from pvdf_fem.scene.film import Film
 
 
-class Spread(Load):
+class FilmLoad(Load):
     """A traction along z on the whole film; `factor` multiplies the scene's."""
 
     def __init__(self, film: Film, space: Space) -> None:
