@@ -164,8 +164,8 @@ class Location(Result):
 
     @property
     def alternatives(self) -> int:
-        """Number of likely touches (weight above the limit) besides the best that have another place
-        or force, by more than the deviations; touches that are only turned do not count."""
+        """Number of likely touches (weight above the limit) besides the best that have another
+        place or force, by more than the deviations; touches that are only turned do not count."""
         return sum(bool(kinds - {"rotation_deg"}) for kinds in self._rivals)
 
     @property

@@ -10,11 +10,7 @@ from pvdf_fem.summary import Result, Summary, format_with_error
 
 
 @dataclass(frozen=True, repr=False)
-<<<<<<< HEAD:pvdf_fem/inverse/tracking/rows.py
-class Row(Result):
-=======
-class TrackRow(Told):
->>>>>>> main:pvdf_fem/inverse/tracking/results.py
+class TrackRow(Result):
     """What is known at a sample. Numbers that are not are NaN.
 
     The status is one of: ``settling`` (the baseline is not known yet), ``quiet``, ``starting`` (a
