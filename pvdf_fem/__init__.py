@@ -26,7 +26,6 @@ From charges to touches
 from __future__ import annotations
 
 from importlib import import_module
-from inspect import isfunction
 
 # Type checkers take this for `typing.TYPE_CHECKING`; its import doubles Python's start.
 TYPE_CHECKING = False
@@ -119,11 +118,6 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"pvdf_fem has no {name}; {choose(name, __all__)}")
     module = import_module(f"pvdf_fem.{_MODULES[name]}")
     found = getattr(module, name)
-    if isfunction(found):
-        from pvdf_fem.told import with_named_arguments
-
-        found = with_named_arguments(found)
-        setattr(module, name, found)  # where pickle looks for it
     return globals().setdefault(name, found)
 
 

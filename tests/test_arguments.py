@@ -114,9 +114,9 @@ def test_an_argument_that_is_nothing_of_use_is_told_by_its_name(name, argument, 
 
 
 def begins(error, name):
-    """Whether the first complaint of an error begins with a name."""
-    told = getattr(error, "problems", [str(error)])[0]
-    return re.match(rf"{name}( = | has |: )", told)
+    """Whether the first line of an error begins with a name, or with a call of that name."""
+    line = getattr(error, "problems", [str(error)])[0]
+    return re.match(rf"(\w+\.)?{name}( = | has |: |(\.__init__)?\(\) )", line)
 
 
 def test_every_public_function_is_called_here():

@@ -9,7 +9,7 @@ import pytest
 import pvdf_fem as pf
 from pvdf_fem.inverse.touch.locate_many import Touches
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow
-from pvdf_fem.told import Told
+from pvdf_fem.summary import Result
 from tests.helpers.touch_models import bumps, random_touches
 from tests.surrogate import random_response
 
@@ -70,7 +70,7 @@ OBJECTS = {
 def test_every_result_is_a_line_a_text_and_html(solution, name):
     make, values = OBJECTS[name]
     found = make(solution)
-    assert isinstance(found, Told)
+    assert isinstance(found, Result)
     line = repr(found)
     assert line.startswith(f"<{type(found).__name__}: ")
     assert "\n" not in line

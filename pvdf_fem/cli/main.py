@@ -36,7 +36,7 @@ from pvdf_fem.cli.studies import dataset, design
 from pvdf_fem.scene.scene_file import choose, example_text, examples, key_texts
 
 if TYPE_CHECKING:
-    from pvdf_fem.told import Told
+    from pvdf_fem.summary import Result
 
 _DESCRIPTION = """\
 A model of a membrane PVDF tactile sensor: charges of its electrodes when a
@@ -295,7 +295,7 @@ def _modes(options: argparse.Namespace) -> int:
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 
-def _print(result: Told, as_json: bool) -> None:
+def _print(result: Result, as_json: bool) -> None:
     """Print a result as JSON, or as text; the reason why there is none goes to standard error."""
     told = result.to_json()
     if as_json:

@@ -14,24 +14,25 @@ from pvdf_fem.scene.given import SceneLike, scene_of
 from pvdf_fem.scene.scene_file import SceneError
 from pvdf_fem.solver.adaptive import solve
 from pvdf_fem.solver.solution import Solution
-from pvdf_fem.told import Columns, Grid, Parts
+from pvdf_fem.summary import Summary, TabularResult, TextTable
 
 if TYPE_CHECKING:
     pass
 
 
-class ChargeChanges(Columns):
+class ChargeChanges(TabularResult):
     """Changes of charges and readings against a solution, by frequency or by time."""
 
     left_out: tuple[str, ...]
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """The span, the first and the last rows, and what is left out."""
         (name, along), *others = self.columns().items()
         shown = {name: along} | {key: column for key, column in others if "error" not in key}
         span = f"{name} {along.min():g} to {along.max():g}" if along.size else "none"
         notes = [f"left out: {text}" for text in self.left_out]
-        return "changes by the force", [span], [Grid.of(shown)], notes
+        table = TextTable.from_columns(shown)
+        return Summary("changes by the force", [span], tables=[table], notes=notes)
 
     def to_json(self) -> dict[str, Any]:
         """The columns, and what is left out."""

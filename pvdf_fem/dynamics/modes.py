@@ -40,7 +40,7 @@ from pvdf_fem.solver.nonlinear.fallback import equilibrate
 from pvdf_fem.solver.nonlinear.newton import NewtonResult, Tried
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 from pvdf_fem.solver.refinement import MeshLoop, TooManyUnknownsError
-from pvdf_fem.told import Grid, Parts, Told, rounded
+from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,7 +49,7 @@ MAX_MODES = 200  #: Largest number of modes that may be asked for.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Modes(Told):
+class Modes(Result):
     """How the eigenvalue problem ended and, if it converged, the lowest modes."""
 
     scene: Scene
@@ -116,18 +116,19 @@ class Modes(Told):
         film = spectrum.equilibrium.space.basis, self.scene.film.radius_mm
         return mode_shapes(shapes, *film, f"Modes of the {self._about} {where}")
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """Status, film or reason, a table each in vacuum and in air, and what is left out."""
         converged, grids = self.status is Status.CONVERGED, []
         for where, spectrum in self.spectra.items() if converged else ():
             pairs = zip(spectrum.frequencies.tolist(), spectrum.errors.tolist(), strict=True)
-            rows = tuple((str(i), *rounded(*pair)) for i, pair in enumerate(pairs, 1))
-            grids.append(Grid((where, "Hz", "± Hz"), rows))
+            rows = tuple((str(i), *format_with_error(*pair)) for i, pair in enumerate(pairs, 1))
+            grids.append(TextTable((where, "Hz", "± Hz"), rows))
         reason = self.reason
         if converged:
             lowest = ", ".join(f"{frequency:.4g}" for frequency in self.frequencies_Hz[:3])
             reason = f"{len(self.frequencies_Hz)} modes of the {self._about}, from {lowest} Hz on"
-        return self.status, [reason], grids, [f"left out: {text}" for text in self.left_out]
+        notes = [f"left out: {text}" for text in self.left_out]
+        return Summary(self.status, [reason], tables=grids, notes=notes)
 
     def to_json(self) -> dict[str, Any]:
         """What `pvdf-fem modes --json` prints; without frequencies unless converged."""

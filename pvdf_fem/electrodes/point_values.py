@@ -16,7 +16,7 @@ from pvdf_fem.film.term import State
 from pvdf_fem.mesh.points import located
 from pvdf_fem.scene.given import numbers, taken
 from pvdf_fem.scene.scene_file import problem
-from pvdf_fem.told import Columns, Grid, Parts
+from pvdf_fem.summary import Summary, TabularResult, TextTable
 
 #: Names of components, of vectors and of symmetric tensors.
 COMPONENTS = {
@@ -28,7 +28,7 @@ COMPONENTS = {
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PointValues(Columns):
+class PointValues(TabularResult):
     """Values at points of the undeformed film; (...) is the shape of the points' coordinates."""
 
     x_mm: Array  #: (...)
@@ -59,12 +59,13 @@ class PointValues(Columns):
                 found[f"{component}{unit}"] = getattr(self, name)[..., i]
         return found | {"charge_density_pC_mm2": self.charge_density_pC_mm2}
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """The range of the deflections, and the first and the last points."""
         w, count = self.deflection_mm, self.x_mm.size
         known = w[np.isfinite(w)]
         span = f"deflections {known.min():.4g} to {known.max():.4g} mm" if known.size else "none"
-        return f"{count} points of the film", [span], [Grid.of(self.columns())], []
+        table = TextTable.from_columns(self.columns())
+        return Summary(f"{count} points of the film", [span], tables=[table])
 
 
 def values_at(

@@ -20,7 +20,7 @@ from pvdf_fem.solver.nonlinear.status import NotConvergedError
 from pvdf_fem.solver.sensitivity.gradients import gradients
 from pvdf_fem.solver.sensitivity.parameters import touched
 from pvdf_fem.solver.solution import Solution
-from pvdf_fem.told import Grid
+from pvdf_fem.summary import TextTable
 from pvdf_fem.view.touch_map import deviation_ellipse
 
 #: Smaller ellipses, over the film's radius, are drawn this many times as large.
@@ -52,7 +52,7 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     told += f" The ellipse is drawn {times} times as large." if times > 1 else ""
     centres = [ellipse[:-1].mean(axis=0) for ellipse in ellipses]
     drawn = [to_point_list(at + times * (e - at)) for e, at in zip(ellipses, centres, strict=True)]
-    table = Grid(("", "value", "standard deviation"), (*rows,)).html()
+    table = TextTable(("", "value", "standard deviation"), (*rows,)).to_html()
     return {"told": told, "ellipses": drawn, "table": table}
 
 

@@ -39,7 +39,7 @@ from pvdf_fem.scene.scene_file import (
 )
 from pvdf_fem.scene.shapes import LAYOUTS, Electrode, Electrodes, Layout, Probe, Probes
 from pvdf_fem.scene.stage import Stage, WantedModel
-from pvdf_fem.told import Grid, Parts, Told, with_named_arguments
+from pvdf_fem.summary import Result, Summary, TextTable
 
 __all__ = [
     "Air",
@@ -108,7 +108,7 @@ class LoadedProbe:
         return tip_of(self.probe)
 
 
-class Scene(Told, Section):
+class Scene(Result, Section):
     """A film with electrodes, optional probes, a load, readout and stage.
 
     Listed probes may have their own loads. Mistakes raise `SceneError`, listed under the keys of
@@ -320,13 +320,15 @@ class Scene(Told, Section):
         """The tables of the scene file with every key."""
         return self.model_dump(mode="json", exclude_none=True)
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """Film, electrodes and probes, all keys, and doubts."""
         names = ", ".join(electrode.name for electrode in self.electrode_list)
         probes = " and ".join(probe.shape for probe in self._probes.values()) or "no probe"
         rows = ((key, quote(value)) for key, value in flattened(self.to_json(), lists=True).items())
-        about = f"film of {self.film.radius_mm:g} mm", [f"electrodes {names}, {probes}"]
-        return *about, [Grid(("key", "value"), tuple(rows))], self.doubts
+        table = TextTable(("key", "value"), tuple(rows))
+        film = f"film of {self.film.radius_mm:g} mm"
+        sentence = f"electrodes {names}, {probes}"
+        return Summary(film, [sentence], tables=[table], notes=self.doubts)
 
     @classmethod
     def _from_tables(
@@ -347,4 +349,4 @@ def load(path: Path | str) -> Scene:
 
 
 # The class alone has this attribute: an instance's dictionary, which comes first, has its load.
-setattr(Scene, "load", staticmethod(with_named_arguments(load)))  # noqa: B010
+setattr(Scene, "load", staticmethod(load))  # noqa: B010

@@ -30,8 +30,8 @@ from pvdf_fem.solver.discrete_solution import Fields, largest
 from pvdf_fem.solver.history import MeshRecord, Stop
 from pvdf_fem.solver.nonlinear.newton import Iteration
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
-from pvdf_fem.solver.summary import solution_parts
-from pvdf_fem.told import Parts, Told, charges_told
+from pvdf_fem.solver.summary import summarize_solution
+from pvdf_fem.summary import Result, Summary, format_charges
 
 if TYPE_CHECKING:
     import xarray
@@ -46,7 +46,7 @@ CHARGES = tuple(f"{kind}{end}" for kind in KINDS for end in ("s_pC", "_errors_pC
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution(Told):
+class Solution(Result):
     """How a solve ended and, if it converged, its fields and charges.
 
     Examples
@@ -74,7 +74,7 @@ class Solution(Told):
     _fields: Fields | None = None
     at_rest: Forces | None = None  #: Forces of the electrodes on the untouched film, if known.
     #: Deviations by the scene's uncertain numbers, from `pvdf_fem.uncertainty`.
-    uncertainty: Told | None = None
+    uncertainty: Result | None = None
 
     @property
     def fields(self) -> Fields:
@@ -286,12 +286,12 @@ class Solution(Told):
             "history": [record.to_json() for record in self.history],
         }
 
-    def _brief(self) -> str:
-        found = charges_told(self.charges_pC) if self.status is Status.CONVERGED else self.reason
+    def _headline(self) -> str:
+        found = format_charges(self.charges_pC) if self.status is Status.CONVERGED else self.reason
         return f"{self.status}, {self.unknowns} unknowns, {len(self.history)} meshes: {found}"
 
-    def parts(self) -> Parts:
-        return solution_parts(self.to_json(), self.uncertainty)
+    def summary(self) -> Summary:
+        return summarize_solution(self.to_json(), self.uncertainty)
 
     # What draws and writes is slow to import.
     def plot(

@@ -20,6 +20,7 @@ from pvdf_fem.progress import Progress, TaskRunner, show_progress
 from pvdf_fem.scene.given import numbers, taken
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import Status
+from pvdf_fem.summary import Result, Summary
 from pvdf_fem.surrogate.charge_function import UnloadedCharges, compute_unloaded_charges_pC
 from pvdf_fem.surrogate.charge_spline import evaluate_force_powers, tabulate_charges
 from pvdf_fem.surrogate.response_file import FileScene, read_response, write_response
@@ -32,7 +33,6 @@ from pvdf_fem.surrogate.stress.stress_modes import StressModes
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain, TouchColumn, require_within
 from pvdf_fem.surrogate.uniform_spline import UniformSpline
 from pvdf_fem.surrogate.validation_solves import ValidationSolves, make_solve_tasks
-from pvdf_fem.told import Parts, Told
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +44,7 @@ _VALUE_AND_SLOPES: Indices = np.array([0, 2, 4, 6, 1])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Response(Told):
+class Response(Result):
     """Charges of the electrodes by the touch.
 
     Examples
@@ -73,11 +73,11 @@ class Response(Told):
     validation: ValidationSolves | None = None
     unloaded_charges_pC: UnloadedCharges | None = None
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """Electrodes and domain, the error bound, and remarks."""
         about = f"charges of {', '.join(self.names)} for {self.domain}"
         notes = [f"errors: up to {self.error_bound:.2g} of a charge", *self.remarks]
-        return self.status, [about], [], notes
+        return Summary(self.status, [about], notes=notes)
 
     def to_json(self) -> dict[str, Any]:
         """What `pvdf-fem model --json` prints besides the file."""

@@ -55,7 +55,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
 
 #: Members of public classes that other modules of the package use, and pydantic's.
 INTERNAL = (
-    *("model_config", "model_post_init", "parts", "film_data", "fields", "at_rest", "table"),
+    *("model_config", "model_post_init", "summary", "film_data", "fields", "at_rest", "table"),
     *("loaded", "loaded_probes", "single_probe", "tips", "unheeded", "warm_probes"),
     *("require_no_tips", "require_plain_charges", "measured", "plan", "is_fast", "quantities"),
 )

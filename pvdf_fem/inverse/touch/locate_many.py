@@ -32,9 +32,9 @@ from pvdf_fem.inverse.touch.search import (
 )
 from pvdf_fem.inverse.touch.touch import TouchStatus, decide_status
 from pvdf_fem.scene.given import model_of, taken
+from pvdf_fem.summary import Summary, TabularResult, TextTable
 from pvdf_fem.surrogate.charge_function import ChargeFunction
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
-from pvdf_fem.told import Columns, Grid, Parts
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
 CHUNK_ROWS = 32768
@@ -42,7 +42,7 @@ SHORT = SearchOptions(max_steps=12)  #: Of searches with mistakes undone, few of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Touches(Columns):
+class Touches(TabularResult):
     """The likeliest touch found for each row of charges; other touches may be as likely."""
 
     #: x and y in mm, rotation in degrees, force in N, (n, 4); NaN, as all other numbers, unless
@@ -97,10 +97,10 @@ class Touches(Columns):
         reasons = explained, self.alternatives[rows] > 0, self.at_edge[rows]
         self.status[rows] = [*map(decide_status, *(of.tolist() for of in reasons))]
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """How many rows are located and explained, and the first and the last touches."""
         about = f"{int(self.explained.sum())} of {len(self.status)} rows are explained"
-        return "touches", [about], [Grid.of(self.columns())], []
+        return Summary("touches", [about], [TextTable.from_columns(self.columns())])
 
     def to_table(self) -> dict[str, NDArray[Any]]:
         """Columns (n,): touches, deviations (NaN where known), fit, alternatives, status, remark.

@@ -18,7 +18,7 @@ from pvdf_fem.inverse.touch.location_problem import (
     get_base_quantity,
 )
 from pvdf_fem.inverse.touch.touch import DETERMINED_RATIO, Touch, TouchStatus, decide_status
-from pvdf_fem.told import Grid, Parts, Told, rounded
+from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,7 +35,7 @@ class Explanation(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Location(Told):
+class Location(Result):
     """Candidate touches for measured charges; a touch is by a single probe or by two at once."""
 
     touches: tuple[Touch, ...]  #: The likeliest first; empty when no search ended.
@@ -47,7 +47,7 @@ class Location(Told):
     #: Mistakes in readings that would explain them, where no touch does.
     explanations: tuple[Explanation, ...] = ()
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """Status, number of touches with remarks, a table per touch, and footnotes."""
         grids = [self._grid(number, touch) for number, touch in enumerate(self.touches, 1)]
         how = f"{len(self.touches)} {'touch' if len(self.touches) == 1 else 'touches'} listed"
@@ -55,21 +55,22 @@ class Location(Told):
             notes = ["the nearest touch does not fit the readings, so ± tells nothing of the truth"]
         else:
             notes = ["± : the true value is within, with a probability of 68 %"] if grids else []
-        return self.status, [f"{how}, from {READINGS[self.reading]}", *self.remarks], grids, notes
+        sentences = [f"{how}, from {READINGS[self.reading]}", *self.remarks]
+        return Summary(self.status, sentences, tables=grids, notes=notes)
 
-    def _grid(self, number: int, touch: Touch) -> Grid:
+    def _grid(self, number: int, touch: Touch) -> TextTable:
         deviations, rows = self.compute_deviations(touch), []
         for name, value in touch.by_name.items():
             if name in deviations:
                 error = deviations[name]
                 finest = min(error, touch.deviations[name])
-                rows.append((name, rounded(value, finest)[0], f"{error:.2g}"))
+                rows.append((name, format_with_error(value, finest)[0], f"{error:.2g}"))
             else:
                 rows.append((name, f"{value:.6g}", "known"))
         rows.append(("chi-square", f"{touch.chi_square:.3g}", ""))
         rows.append(("degrees of freedom", f"{self.degrees_of_freedom}", ""))
         rows.append(("share of likelihood", f"{touch.weight:.3g}", ""))
-        return Grid((f"touch {number}", "", "±"), tuple(rows))
+        return TextTable((f"touch {number}", "", "±"), tuple(rows))
 
     @property
     def status(self) -> TouchStatus:
@@ -163,7 +164,7 @@ class Location(Told):
 
     @property
     def alternatives(self) -> int:
-        """Number of likely touches (weight above the limit) besides the best that differ in
+        """Number of likely touches (weight above the limit) besides the best that have another
         place or force, by more than the deviations; touches that are only turned do not count."""
         return sum(bool(kinds - {"rotation_deg"}) for kinds in self._rivals)
 

@@ -26,7 +26,6 @@ from pvdf_fem.scene.given import Names, model_of, numbers, taken
 from pvdf_fem.scene.scene_file import choose
 from pvdf_fem.surrogate.charge_function import ChargeFunction, find_rotation_period_deg
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
-from pvdf_fem.told import with_named_arguments
 
 
 class Tracker:
@@ -57,7 +56,6 @@ class Tracker:
     >>> tracker.settling_ends_s, tracker.touches
     """
 
-    @with_named_arguments
     def __init__(
         self,
         response: ChargeFunction,

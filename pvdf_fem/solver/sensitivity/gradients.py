@@ -26,12 +26,12 @@ from pvdf_fem.solver.sensitivity.parameters import (
 )
 from pvdf_fem.solver.sensitivity.rates import rate_of
 from pvdf_fem.solver.solution import Solution
-from pvdf_fem.told import Columns, Grid, Parts, rounded
+from pvdf_fem.summary import Summary, TabularResult, TextTable, format_with_error
 
 TINY = np.finfo(float).tiny
 
 
-class Gradients(Columns, Named[dict[str, float]]):
+class Gradients(TabularResult, Named[dict[str, float]]):
     """Derivatives of charges by key and electrode, in pC per unit of the key.
 
     Attributes
@@ -59,15 +59,18 @@ class Gradients(Columns, Named[dict[str, float]]):
             found[f"{name}_error"] = [errors[name] for errors in self.errors.values()]
         return found
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         names = [*self.solution.charges_pC]
         heading = [title for name in names for title in (name, "±")]
         rows = tuple(
-            (key, *(cell for n in names for cell in rounded(rates[n], self.errors[key][n])))
+            (
+                key,
+                *(cell for n in names for cell in format_with_error(rates[n], self.errors[key][n])),
+            )
             for key, rates in self.items()
         )
-        about, table = f"pC per unit of {', '.join(self)}", Grid(("by", *heading), rows)
-        return "derivatives of total charges", [about], [table], []
+        about, table = f"pC per unit of {', '.join(self)}", TextTable(("by", *heading), rows)
+        return Summary("derivatives of total charges", [about], tables=[table])
 
 
 def gradients(

@@ -40,11 +40,11 @@ from pvdf_fem.solver.sensitivity.parameters import (
 )
 from pvdf_fem.solver.sensitivity.rates import changed, rate_of
 from pvdf_fem.solver.solution import Solution
-from pvdf_fem.told import Grid, Parts, Told, charges_told, rounded
+from pvdf_fem.summary import Result, Summary, TextTable, format_charges, format_with_error
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Uncertainty(Told):
+class Uncertainty(Result):
     """Standard deviations of charges, and what each uncertain number has part in them."""
 
     solution: Solution
@@ -82,21 +82,24 @@ class Uncertainty(Told):
         }
 
     @property
-    def table(self) -> Grid:
+    def table(self) -> TextTable:
         """Charges and changes with their deviations, and the shares in percent."""
         totals, changes = self.charges_pC, self.charge_changes_pC
         values, rows = self.solution.charge_changes_pC, []
         for name, total in self.solution.charges_pC.items():
             shares = (f"{100.0 * of[name]:.0f} %" for of in self.shares().values())
-            cells = *rounded(total, totals[name]), *rounded(values[name], changes[name])
+            cells = (
+                *format_with_error(total, totals[name]),
+                *format_with_error(values[name], changes[name]),
+            )
             rows.append((name, *cells, *shares))
         columns = "total, pC", "± pC", "change by touch, pC", "± pC", *self.deviations
-        return Grid(("charges, uncertain values", *columns), tuple(rows))
+        return TextTable(("charges, uncertain values", *columns), tuple(rows))
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         told = [f"uncertain: {key} ± {value:.4g}" for key, value in self.deviations.items()]
-        found = f"standard deviations of total charges, {charges_told(self.charges_pC)}"
-        return "uncertain", [found], [self.table], told
+        found = f"standard deviations of total charges, {format_charges(self.charges_pC)}"
+        return Summary("uncertain", [found], tables=[self.table], notes=told)
 
 
 def uncertainty(
