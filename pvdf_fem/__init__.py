@@ -113,9 +113,9 @@ def __getattr__(name: str) -> Any:
     # A public name is imported when it is first asked for, so that the command line's help comes at
     # once, and scenes can be read without gmsh, scikit-fem and scipy.
     if name not in _MODULES:
-        from pvdf_fem.scene.scene_file import choose
+        from pvdf_fem.scene.scene_file import suggest
 
-        raise AttributeError(f"pvdf_fem has no {name}; {choose(name, __all__)}")
+        raise AttributeError(f"pvdf_fem has no {name}; {suggest(name, __all__)}")
     module = import_module(f"pvdf_fem.{_MODULES[name]}")
     found = getattr(module, name)
     return globals().setdefault(name, found)

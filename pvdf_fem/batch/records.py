@@ -15,7 +15,7 @@ from pvdf_fem.electrodes.outputs import Goal, goals_of
 from pvdf_fem.electrodes.stress_integrals import Forces
 from pvdf_fem.electrodes.unloaded import known_at_rest, untouched
 from pvdf_fem.film.models import resolve_film_model
-from pvdf_fem.mesh.gmsh_mesh import electrode_patch
+from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive import RestError, solve_goals
 from pvdf_fem.solver.admissible import cancelled_charges
@@ -135,7 +135,7 @@ def _followed(goals: Sequence[Goal], scene: Scene) -> list[Goal] | None:
     """The goals on a mesh that follows a scene's electrodes, or None if a goal is no electrode in
     this scene with parallel axes."""
     patches = {
-        electrode.outline.signature(scene.film.radius, DIGITS): electrode_patch(electrode.name)
+        electrode.outline.signature(scene.film.radius, DIGITS): make_subdomain_name(electrode.name)
         for electrode in scene.electrode_list
     }
     followed = []

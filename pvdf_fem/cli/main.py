@@ -33,7 +33,7 @@ from pvdf_fem.cli.program import (
     save_plot,
 )
 from pvdf_fem.cli.studies import dataset, design
-from pvdf_fem.scene.scene_file import choose, example_text, examples, key_texts
+from pvdf_fem.scene.scene_file import get_example_text, read_examples, read_key_texts, suggest
 
 if TYPE_CHECKING:
     from pvdf_fem.summary import Result
@@ -147,7 +147,7 @@ def _run(arguments: Sequence[str] | None) -> int:
 def _key_names() -> str:
     """The names of all keys of a scene file, by table."""
     names: dict[str, dict[str, None]] = {}
-    for table, name, _ in key_texts():
+    for table, name, _ in read_key_texts():
         names.setdefault(table, {})[name] = None
     lines = (f"{table:<18}{', '.join(keys)}" for table, keys in names.items())
     wrapper = textwrap.TextWrapper(79, initial_indent=2 * " ", subsequent_indent=20 * " ")
@@ -199,9 +199,9 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 def _example(options: argparse.Namespace) -> int:
-    files = examples()
+    files = read_examples()
     if options.name is not None:
-        print(example_text(options.name, files), end="")
+        print(get_example_text(options.name, files), end="")
         return ExitCode.CONVERGED
     for name, text in files.items():
         print(f"{name:<{max(map(len, files))}}  {text.splitlines()[0].lstrip('# ')}")
@@ -210,15 +210,15 @@ def _example(options: argparse.Namespace) -> int:
 
 def _keys(options: argparse.Namespace) -> int:
     if not options.words:
-        print(examples()["four_electrodes"], end="")
+        print(read_examples()["four_electrodes"], end="")
         return ExitCode.CONVERGED
-    keys, words = list(key_texts()), [word.casefold() for word in options.words]
+    keys, words = list(read_key_texts()), [word.casefold() for word in options.words]
     texts = [f"{key.table} {key.text}".casefold() for key in keys]
     # words, and parts of names between underscores, that begin so
     begins = re.compile("|".join(rf"(?<![^\W_]){re.escape(word)}" for word in words))
     found = [key for key, text in zip(keys, texts, strict=True) if begins.search(text)]
     if not found:
-        near = choose(words[0], list(dict.fromkeys(key.name for key in keys)))
+        near = suggest(words[0], list(dict.fromkeys(key.name for key in keys)))
         raise InputError(f"{options.words[0][:60]}: is in no key and its meaning; {near}")
     for table, group in groupby(found, lambda key: key.table):
         print("\n".join([table, *(key.text for key in group)]), end="\n\n")

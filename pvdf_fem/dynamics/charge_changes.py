@@ -10,7 +10,7 @@ import numpy as np
 from pvdf_fem.dynamics.air import SOUND_SPEED
 from pvdf_fem.dynamics.modes import format_air_note
 from pvdf_fem.electrodes.channel import Channel, channels
-from pvdf_fem.scene.given import SceneLike, scene_of
+from pvdf_fem.scene.arguments import SceneLike, as_scene
 from pvdf_fem.scene.scene_file import SceneError
 from pvdf_fem.solver.adaptive import solve
 from pvdf_fem.solver.solution import Solution
@@ -41,7 +41,7 @@ class ChargeChanges(TabularResult):
 
 def resolve_loaded_solution(solution: Solution | SceneLike) -> tuple[Solution, Sequence[Channel]]:
     """The solution for a scene with a force that can change, and the readout's channels."""
-    scene = scene_of(solution)
+    scene = as_scene(solution)
     scene.require_no_tips("oscillations about the load")
     scene.require_plain_charges("oscillations", "warming_K", "temperature_K")
     if scene.single_probe is None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pvdf_fem.scene.given import taken
+from pvdf_fem.scene.arguments import coerce
 
 if TYPE_CHECKING:
     pass
@@ -44,5 +44,5 @@ def half_sine(force_N: float, duration_s: float) -> ForceHistory:
 def _course(force_N: float, duration_s: float) -> tuple[float, float]:
     """Force and duration of a touch as numbers."""
     if duration_s != math.inf:
-        duration_s = taken("duration_s", duration_s, float, (1e-9, 1e9), "s")
-    return taken("force_N", force_N, float, (-1e6, 1e6), "N"), duration_s
+        duration_s = coerce("duration_s", duration_s, float, (1e-9, 1e9), "s")
+    return coerce("force_N", force_N, float, (-1e6, 1e6), "N"), duration_s

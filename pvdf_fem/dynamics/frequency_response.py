@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.motion_equations import ComplexArray, linearize_about
 from pvdf_fem.progress import Progress, show_progress
-from pvdf_fem.scene.given import SceneLike, numbers, taken
+from pvdf_fem.scene.arguments import SceneLike, coerce, coerce_array
 from pvdf_fem.solver.solution import Solution
 
 if TYPE_CHECKING:
@@ -79,8 +79,10 @@ def respond(
     >>> answer = respond(Scene.example("triangle"), [0.0, 20.0, 50.0])
     >>> abs(answer.charges_pC_N["A"])
     """
-    frequencies = numbers("frequencies_Hz", frequencies_Hz, (0.0, MAX_FREQUENCY_HZ), "Hz").ravel()
-    refined = taken("refined", refined, bool)
+    frequencies = coerce_array(
+        "frequencies_Hz", frequencies_Hz, (0.0, MAX_FREQUENCY_HZ), "Hz"
+    ).ravel()
+    refined = coerce("refined", refined, bool)
     solution, read = resolve_loaded_solution(solution)
     with show_progress("vectors at most", progress) as show:
         both = [oscillation.reduced(frequencies, show) for oscillation in linearize_about(solution)]

@@ -27,10 +27,10 @@ from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM, MeshError
-from pvdf_fem.mesh.size_field import Sizes
+from pvdf_fem.mesh.size_field import GradedSizes
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
+from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
 from pvdf_fem.scene.film import Air
-from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.estimate import corrected
 from pvdf_fem.solver.history import Clock
@@ -169,13 +169,13 @@ def modes(
     >>> found = modes(Scene(air={"baffle": False}), count=3)
     >>> found.frequencies_Hz, found.frequencies_in_air_Hz
     """
-    scene = scene_of(scene)
-    count, bare = taken("count", count, int, (1, MAX_MODES)), scene
-    if taken("loaded", loaded, bool):
+    scene = as_scene(scene)
+    count, bare = coerce("count", count, int, (1, MAX_MODES)), scene
+    if coerce("loaded", loaded, bool):
         scene.require_no_tips("frequencies about the load")
     else:  # on the flat film only rigid probes matter, by the unknowns that they bind together
         rigid = [touch for touch in scene.loaded_probes if PROBE_LOADS[touch.load.kind].rigid]
-        bare = scene.loaded([replace(t, load=t.load.unloaded) for t in rigid])
+        bare = scene.with_loaded_probes([replace(t, load=t.load.unloaded) for t in rigid])
     share = _bending_share(bare, count, loaded)
     bends = scene.film.bending
     if bends == "auto":
@@ -240,13 +240,13 @@ class _ModalProblem:
     bending_share: float  # part of the highest frequency that bending adds, roughly
     budget: Budget
     clock: Clock
-    sizes: Sizes | None = None  # those of the last mesh
+    sizes: GradedSizes | None = None  # those of the last mesh
     step: Callable[[], None] = lambda: None  # called at each linear solve
     flat_error: float = 4e-4  # error of the flat disc over (wavenumber x element size)^4, measured
     order: float = 4.0  # of a frequency's error in the element size
     eigen_iterations: int = 3  # Newton iterations that cost as much as an eigenvalue problem
 
-    def first_sizes(self) -> Sizes:
+    def first_sizes(self) -> GradedSizes:
         """Sizes that meet half the tolerance for the flat film."""
         scene, tolerance = self.scene, self.scene.numerics.tolerance
         share = (0.5 * tolerance / self.flat_error) ** (1.0 / self.order)
@@ -257,10 +257,10 @@ class _ModalProblem:
         if resolve_film_model(scene).bends:
             length = estimate_bending_effect(scene).rim_length
             patches[FILM] = min(size, choose_layer_size(length, self.bending_share, tolerance))
-        self.sizes = Sizes(patches, 0.4, size)
+        self.sizes = GradedSizes(patches, 0.4, size)
         return self.sizes
 
-    def next_sizes(self, attempt: _Attempt, tolerance: float, most_unknowns: float) -> Sizes:
+    def next_sizes(self, attempt: _Attempt, tolerance: float, most_unknowns: float) -> GradedSizes:
         """Sizes at which the worst error would be `tolerance`, by the law of its order."""
         assert self.sizes is not None
         factor = (tolerance / attempt.worst) ** (1.0 / self.order)
@@ -273,7 +273,7 @@ class _ModalProblem:
         order = max(2, resolve_film_model(self.scene).lowest_order + 1)
         coarse, rich = (Equilibrium(self.scene, mesh, p) for p in (order, order + 1))
         q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
-        least = self.scene.film.stress_at_rest[:2].min()
+        least = self.scene.film.prestress[:2].min()
         solver: tuple[int, tuple[Tried, ...]] = (0, ())
         if not coarse.is_flat:
             with self.clock("solve"):

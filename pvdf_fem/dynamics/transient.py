@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.motion_equations import ComplexArray, MotionEquations, linearize_about
-from pvdf_fem.scene.given import SceneLike, numbers, taken
-from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.scene.arguments import SceneLike, coerce, coerce_array
+from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.solver.solution import Solution
 
 if TYPE_CHECKING:
@@ -73,12 +73,14 @@ def transient(
     >>> answer = transient(Scene.example("triangle"), tap, [0.0, 0.005, 0.01])
     """
     if not isinstance(touch, tuple) or {np.shape(part) for part in touch} != {(3,)}:
-        raise ValueError(problem("touch", touch, "is no course of a force; give half_sine(...)"))
-    times = numbers("times_s", times_s, (-1e9, 1e9), "s").ravel()
-    highest_Hz = taken("highest_Hz", highest_Hz, float, (1e-3, MAX_FREQUENCY_HZ), "Hz")
+        raise ValueError(
+            format_error("touch", touch, "is no course of a force; give half_sine(...)")
+        )
+    times = coerce_array("times_s", times_s, (-1e9, 1e9), "s").ravel()
+    highest_Hz = coerce("highest_Hz", highest_Hz, float, (1e-3, MAX_FREQUENCY_HZ), "Hz")
     solution, read = resolve_loaded_solution(solution)
     if not solution.fields.equilibrium.conservative:
-        raise SceneError([problem("load.kind", "follower", 'has no modes; give "dead"')])
+        raise SceneError([format_error("load.kind", "follower", 'has no modes; give "dead"')])
     modes, better = (_modes(o, np.linspace(0.0, highest_Hz, 24)) for o in linearize_about(solution))
     charges, readings = _charges(*modes, touch, times), {}
     errors = np.abs(_charges(*better, touch, times) - charges)

@@ -21,7 +21,7 @@ from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, LoadSpec, SolveOptions
 from pvdf_fem.film.loads.profiles import make_profile
 from pvdf_fem.film.term import State
-from pvdf_fem.mesh.gmsh_mesh import electrode_patch
+from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
 from pvdf_fem.scene.scene import Scene
 
 
@@ -32,7 +32,9 @@ def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
     by_term = (term.pressed(state, forces) for term in equilibrium.terms)
     for elements, force in filter(None, by_term):
         pressed[elements] += force
-    patches = (electrode_patch(electrode.name) for electrode in equilibrium.scene.electrode_list)
+    patches = (
+        make_subdomain_name(electrode.name) for electrode in equilibrium.scene.electrode_list
+    )
     on = [pressed[mesh.subdomains[patch]].sum() for patch in patches]
     return -0.5e-12 * d33 * np.array(on)
 

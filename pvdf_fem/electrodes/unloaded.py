@@ -18,7 +18,7 @@ def untouched(scene: Scene) -> Scene:
     """The scene without its probes, before the film warms, without voltages. It bends if the
     touched film does."""
     bends = {"bending": resolve_film_model(scene).bends, "coupling": False}
-    film = scene.film.zeroed.model_copy(update=bends)
+    film = scene.film.reference_state.model_copy(update=bends)
     bare = dict.fromkeys(("probe", "readout", "stage", "air", "model", "uncertain"))
     return scene.model_copy(update={**bare, "film": film, "load": Load()})
 
@@ -32,7 +32,7 @@ def known_at_rest(film: Scene) -> Forces | None:
     """
     goals, model, law = goals_of(film), resolve_film_model(film), resolve_film_model(film).film_law
     stress = law.stress(np.zeros((1, 3)), law.at_rest(film.film))[0]
-    if not film.film.is_flat_at_rest or not (model.wrinkles or stress[:2].min() >= 0.0):
+    if not film.film.is_flat_unloaded or not (model.wrinkles or stress[:2].min() >= 0.0):
         return None
     forces = areas_of(goals)[:, None] * stress[:2]
     return Forces(forces, np.zeros_like(forces))

@@ -14,7 +14,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import channels
 from pvdf_fem.explore.controls import find_section, format_title, to_point_list
 from pvdf_fem.explore.picture import solve_text
-from pvdf_fem.scene.change import number_at
+from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
 from pvdf_fem.solver.sensitivity.gradients import gradients
@@ -34,7 +34,7 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     the readout's is added."""
     solution = solve_text(text)
     keys = [key for key, ((_, _, name), *_) in touched(solution.scene).items() if name in SOUGHT]
-    values = {key: number_at(solution.scene, key) for key in keys}
+    values = {key: get_number(solution.scene, key) for key in keys}
     try:
         covariance = _covariance(solution, values, noise)
     except (NotConvergedError, ValueError) as error:

@@ -22,7 +22,7 @@ from skfem import (
 )
 
 from pvdf_fem.arrays import ALL, COMPLEX_STEP, Array, Indices, Selection, move_components_last
-from pvdf_fem.mesh.points import local_coordinates, nearest_elements
+from pvdf_fem.mesh.points import compute_local_coordinates, find_nearest_elements
 
 ELEMENTS: dict[int, type[Element]] = {
     1: ElementTriP1,
@@ -134,8 +134,8 @@ class Space:
 
     def interpolation(self, points: Array, candidates: int = 8) -> sp.csr_matrix:
         """Matrix (points, scalar dofs) that takes nodal values to values at points (2, n)."""
-        elements, _ = nearest_elements(self.mesh, points, candidates)
-        local = local_coordinates(self.mesh, elements, points.T[:, None])[:, :, 0]
+        elements, _ = find_nearest_elements(self.mesh, points, candidates)
+        local = compute_local_coordinates(self.mesh, elements, points.T[:, None])[:, :, 0]
         values = evaluate_shape_functions(self.basis.elem, local)
         rows = np.broadcast_to(np.arange(len(values))[:, None], values.shape)
         entries = values.ravel(), (rows.ravel(), self.nodes[elements].ravel())

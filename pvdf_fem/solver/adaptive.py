@@ -31,12 +31,12 @@ from pvdf_fem.film.loads.uneven_strain import describe_heat_effects
 from pvdf_fem.film.loads.weight import describe_weight
 from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
-from pvdf_fem.mesh.mesh_file import mesh_of
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart, part_of
-from pvdf_fem.scene.given import SceneLike, scene_of, taken
+from pvdf_fem.mesh.mesh_file import as_mesh
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector, find_symmetry_sector
+from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.solver import admissible
 from pvdf_fem.solver.first_sizes import ORDER, first_sizes
 from pvdf_fem.solver.history import Clock, MeshRecord, Stop
@@ -64,15 +64,15 @@ class RestError(SceneError):
     def of(cls, scene: Scene, status: str, reason: str) -> RestError:
         """The error of a scene, by how the solve of its untouched film ended."""
         film = scene.film
-        moved = ["rim_displacement_um", "patches"] if film.moves_at_rest else []
+        moved = ["rim_displacement_um", "patches"] if film.has_unbalanced_prestress else []
         keys = [*moved, "gravity_m_s2", "pretension_N_m", "temperature_change_K"]
         key = next(key for key in keys if getattr(film, key) is not None)
         if status == Status.UNSTABLE:
             reason = "it is in compression; stretch it more"
             wrinkles = ', or let it wrinkle (film.compression = "tension-field")'
-            reason += "" if film.moves_at_rest else wrinkles
+            reason += "" if film.has_unbalanced_prestress else wrinkles
         told = f"leaves the untouched film without charges at rest ({status}): {reason}"
-        return cls([problem(f"film.{key}", getattr(film, key), told)])
+        return cls([format_error(f"film.{key}", getattr(film, key), told)])
 
 
 def solve(
@@ -84,15 +84,15 @@ def solve(
     pressure: Pressure | None = None,
 ) -> Solution:
     """`pvdf_fem.solve`, without deviations by the scene's uncertain numbers."""
-    scene = scene_of(scene)
+    scene = as_scene(scene)
     options = SolveOptions.for_pressure(scene, pressure)
-    order = taken("order", order, int, (1, max(UNKNOWNS_PER_ELEMENT)))
-    budget = taken("budget", budget or Budget.of(scene), Budget)
+    order = coerce("order", order, int, (1, max(UNKNOWNS_PER_ELEMENT)))
+    budget = coerce("budget", budget or Budget.of(scene), Budget)
     if mesh is not None:
-        mesh = mesh_of(mesh, scene)
+        mesh = as_mesh(mesh, scene)
     start, goals = time.perf_counter(), goals_of(scene)
     solution = solve_goals(scene, goals, mesh=mesh, order=order, budget=budget, options=options)
-    warnings, at_rest = [*scene.doubts, *solution.warnings], None
+    warnings, at_rest = [*scene.warnings, *solution.warnings], None
     if solution.status is Status.CONVERGED:
         warnings += admissible.cancelled_charges(scene, solution.fields.forces)
         at_rest = _at_rest(untouched(scene), budget)
@@ -162,7 +162,7 @@ def solve_goals(
 def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
     """The solution of a problem on a given mesh, or on meshes for its tolerance."""
     scene = problem.scene
-    loop = _mesh_loop(problem, WHOLE if mesh is not None else _part(problem))
+    loop = _mesh_loop(problem, WHOLE_FILM if mesh is not None else _part(problem))
     if mesh is not None:
         attempt = loop.attempt_on(mesh, None, time.perf_counter())
         return _solution(attempt, Stop.GIVEN_MESH, loop.history)
@@ -178,17 +178,17 @@ def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
     return _solution(attempt, stop, loop.history)
 
 
-def _part(problem: Problem) -> MirroredPart:
+def _part(problem: Problem) -> SymmetrySector:
     """The part of a symmetric film to unfold; else the whole film."""
     scene, model = problem.scene, resolve_film_model(problem.scene)
     leaning = scene.tips or any(touch.load.tilt == "free" for touch in scene.loaded_probes)
     whole = leaning or problem.options.pressure
     if whole or not (model.solved_on_parts and model.electrodes_only_read):
-        return WHOLE
-    return part_of(scene)
+        return WHOLE_FILM
+    return find_symmetry_sector(scene)
 
 
-def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
+def _mesh_loop(problem: Problem, part: SymmetrySector) -> MeshLoop[Attempt]:
     return MeshLoop(
         problem.scene,
         partial(first_sizes, problem.scene, problem.order),

@@ -28,8 +28,8 @@ from pvdf_fem.film.loads.load_classes import find_rigid_elements
 from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, SolveOptions
 from pvdf_fem.film.space import transfer_dofs
 from pvdf_fem.film.unknowns import make_prolongation
-from pvdf_fem.mesh.size_field import SizeField, refined_sizes
-from pvdf_fem.mesh.symmetry import MirroredPart
+from pvdf_fem.mesh.size_field import SizeField, compute_refined_sizes
+from pvdf_fem.mesh.symmetry import SymmetrySector
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.discrete_solution import Fields
 from pvdf_fem.solver.estimate import Correction, corrected, duals, indicators
@@ -122,7 +122,7 @@ class Attempt:
 
 
 def solve_on(
-    problem: Problem, part: MirroredPart, mesh: MeshTri2, coarser: Attempt | None = None
+    problem: Problem, part: SymmetrySector, mesh: MeshTri2, coarser: Attempt | None = None
 ) -> Attempt:
     """Solve on the mesh of a part of the film, from the solution on a coarser mesh if present."""
     with problem.clock("solve"):
@@ -203,7 +203,7 @@ def _equilibrated(
     budget = problem.budget
     # stress from the coarser mesh leads nowhere in compressed film, and in film that
     # wrinkles takes longer than a start on the same mesh
-    slack = equilibrium.film.stress_at_rest[:2].min() < 0.0 or equilibrium.model.wrinkles
+    slack = equilibrium.film.prestress[:2].min() < 0.0 or equilibrium.model.wrinkles
     if coarser is not None and not slack:
         x = transfer_dofs(coarser.equilibrium.space, coarser.fields.solved_dofs, equilibrium.space)
         return equilibrate(equilibrium, equilibrium.restrict(x), budget=budget)
@@ -261,5 +261,5 @@ def refined(
         effects = layers.effects(dual).max(axis=1)
         total = float((effects * estimate_missing_fraction(layers.widths)).sum())
         most = layers.sizes(effects, max(reduction * total, tolerance))
-    sizes = refined_sizes(mesh, shares, reduction, most, flat)
+    sizes = compute_refined_sizes(mesh, shares, reduction, most, flat)
     return sizes.coarsened(most_unknowns / UNKNOWNS_PER_ELEMENT[attempt.problem.order])

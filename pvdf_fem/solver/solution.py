@@ -24,7 +24,7 @@ from pvdf_fem.film.electric.coupling import find_floating_electrodes
 from pvdf_fem.film.loads.contact_result import ContactResult
 from pvdf_fem.film.loads.load_spec import Pressure
 from pvdf_fem.film.loads.pressure import PunchTilt
-from pvdf_fem.scene.given import Named, numbers, taken
+from pvdf_fem.scene.arguments import ValuesByName, coerce, coerce_array
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.solver.discrete_solution import Fields, largest
 from pvdf_fem.solver.history import MeshRecord, Stop
@@ -173,7 +173,7 @@ class Solution(Result):
 
     def charges_by(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
         """Charges in pC by the stress with other coefficients, without heat's and d33's charges."""
-        coefficients = numbers("d31_pC_N, d32_pC_N", [d31_pC_N, d32_pC_N])
+        coefficients = coerce_array("d31_pC_N, d32_pC_N", [d31_pC_N, d32_pC_N])
         return self._by_electrode(self.fields.forces.charges(coefficients))
 
     def charge_errors_by(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
@@ -182,7 +182,7 @@ class Solution(Result):
 
     def _by_electrode(self, values: Array) -> dict[str, float]:
         names = [electrode.name for electrode in self.scene.electrode_list]
-        return Named(zip(names, values.tolist(), strict=True))
+        return ValuesByName(zip(names, values.tolist(), strict=True))
 
     @property
     def deflection_max_mm(self) -> float:
@@ -336,7 +336,7 @@ class Solution(Result):
         """Write displacement, stresses, patches, charges and the scene to a VTU file."""
         from pvdf_fem.view.export import write_vtu
 
-        write_vtu(self.film_data(), taken("path", path, Path))
+        write_vtu(self.film_data(), coerce("path", path, Path))
 
     def film_data(self) -> FilmData:
         """Fields and charges for `plot`, `view` and `to_vtu`."""

@@ -22,10 +22,10 @@ from pvdf_fem.inverse.touch.locate import locate
 from pvdf_fem.inverse.touch.location import Location
 from pvdf_fem.inverse.touch.measurement import Measurement, as_float
 from pvdf_fem.progress import Progress, show_progress
-from pvdf_fem.scene.change import spelled, steps_of
-from pvdf_fem.scene.given import SceneLike, model_of, scene_of, taken
+from pvdf_fem.scene.arguments import SceneLike, as_response, as_scene, coerce
+from pvdf_fem.scene.changes import normalize_key, parse_key
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.studies.request_errors import find_noise_and_response_errors
 from pvdf_fem.studies.scene_grid import SceneGrid
 from pvdf_fem.surrogate import touch_domain
@@ -64,7 +64,9 @@ class DesignStudy:
     def from_scene(cls, scene: Scene, vary: Mapping[str, Any]) -> Self:
         """Designs by keys of the scene with their values; `SceneError` with all mistakes."""
         reason = "is at every place of the reach anyhow; remove it"
-        placed = [problem(key, vary[key], reason) for key in vary if spelled(key) in PLACE]
+        placed = [
+            format_error(key, vary[key], reason) for key in vary if normalize_key(key) in PLACE
+        ]
         if placed:
             raise SceneError(placed)
         scene = scene.with_(stage=None)
@@ -119,7 +121,7 @@ def _for_all_electrodes(
     readout = scene.readout
     fields = {} if readout is None else type(readout).model_fields
     by_name = [name for name, value in readout or () if isinstance(value, Mapping)]
-    if not by_name or not any(steps_of(key)[0] == "electrodes" for axis in axes for key in axis):
+    if not by_name or not any(parse_key(key)[0] == "electrodes" for axis in axes for key in axis):
         return scene, ()
     defaults = {f"readout.{name}": fields[name].default for name in by_name}
     changed = scene.with_(**defaults)
@@ -190,14 +192,14 @@ def design(
     >>> found = design("sensor.toml", vary, sigma=0.01, reach_mm=4.0, step_mm=2.0, tolerance=3e-2)
     >>> found.place_deviation_median_mm.to_pandas()
     """
-    vary = taken("vary", vary, dict[str, Any])
-    designs = DesignStudy.from_scene(scene_of(scene), vary)
+    vary = coerce("vary", vary, dict[str, Any])
+    designs = DesignStudy.from_scene(as_scene(scene), vary)
     if not callable(response) and response is not None:
-        response = model_of(response)
+        response = as_response(response)
     known = response.domain if isinstance(response, Response) else None
-    reach_mm = taken("reach_mm", reach_mm, float | None)
-    force_range_N = taken("force_range_N", force_range_N, tuple[float, float])
-    tolerance = taken("tolerance", tolerance, float)
+    reach_mm = coerce("reach_mm", reach_mm, float | None)
+    force_range_N = coerce("force_range_N", force_range_N, tuple[float, float])
+    tolerance = coerce("tolerance", tolerance, float)
     if reach_mm is None:
         of_each = (touch_domain.choose_default_reach_mm(first) for first, _ in designs.models)
         reach_mm = known.reach_mm if known else min(of_each)

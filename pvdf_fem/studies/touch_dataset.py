@@ -18,7 +18,7 @@ from pvdf_fem.files import replace_file
 from pvdf_fem.inverse.touch.locate_many import CHUNK_ROWS
 from pvdf_fem.inverse.touch.measurement import Measurement
 from pvdf_fem.progress import Progress
-from pvdf_fem.scene.given import SceneLike, model_of, scene_of
+from pvdf_fem.scene.arguments import SceneLike, as_response, as_scene
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.studies.request_errors import find_noise_and_response_errors
@@ -92,14 +92,14 @@ def dataset(
     >>> drawn = dataset("sensor.toml", 1000, seed=1, sigma=0.005)
     >>> drawn.reading_pC.sel(electrode="A").mean()
     """
-    scene = scene_of(scene)
+    scene = as_scene(scene)
     if wrong := [*find_request_errors(scene, touches, seed, sigma, noise_pC, reading)]:
         raise ValueError("\n".join(wrong))
     if response is None:
         domain, tolerance = resolve_response_settings(scene, sigma or 0.01)
         wanted = domain.reach_mm, domain.force_N, tolerance, processes
         response = build_response(centre_probe(scene), *wanted, progress=progress)
-    model = model_of(response).for_scene(scene, processes, progress=progress)
+    model = as_response(response).for_scene(scene, processes, progress=progress)
     measured = Measurement.from_response(model, model.names, sigma, noise_pC, reading)
     at = draw_touches(model.domain, touches, seed)
     parts = np.array_split(at, 1 + touches // CHUNK_ROWS)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.progress import Progress, TaskRunner, show_progress
-from pvdf_fem.scene.given import numbers, taken
+from pvdf_fem.scene.arguments import coerce, coerce_array
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.summary import Result, Summary
@@ -105,7 +105,7 @@ class Response(Result):
         The derivatives (n, electrodes, 4) are in pC per mm, degree and N. `touches` (n, 4) are x
         and y in mm, rotation in degrees and force in N. Raises `ValueError` outside of the domain.
         """
-        touches = numbers("touches", touches).reshape(-1, len(TOUCH_QUANTITIES))
+        touches = coerce_array("touches", touches).reshape(-1, len(TOUCH_QUANTITIES))
         require_within(self.domain, touches)
         # (n, value and derivatives by place, powers, electrodes)
         by_place = self.spline.with_gradient(touches[:, : TouchColumn.FORCE])
@@ -202,9 +202,9 @@ class Response(Result):
 
     def save(self, path: Path | str) -> None:
         """Write the response to a file, which replaces an older one only when it is complete."""
-        write_response(taken("path", path, Path), self)
+        write_response(coerce("path", path, Path), self)
 
     @classmethod
     def load(cls, path: Path | str) -> Response:
         """Read a response; raises `ResponseError`, a `FileError`, for what holds no sound one."""
-        return read_response(taken("path", path, Path), cls)
+        return read_response(coerce("path", path, Path), cls)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pvdf_fem.files import require_writable
 from pvdf_fem.progress import Progress, TaskRunner, show_progress
-from pvdf_fem.scene.given import SceneLike, scene_of, taken
+from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.sensitivity.parameters import PLACE
@@ -72,19 +72,19 @@ def build_response(
     >>> response = build_response("sensor.toml", reach_mm=4.0, force_N=(0.3, 1.0), tolerance=3e-2)
     >>> response.error_bound
     """
-    scene = scene_of(scene)
+    scene = as_scene(scene)
     make_mechanical_key(scene)  # refuses a scene without a probe, of which no domain is known
     wanted, known = resolve_response_settings(scene)
     reach_mm = wanted.reach_mm if reach_mm is None else reach_mm
-    forces = wanted.force_N if force_N is None else taken("force_N", force_N, tuple[float, float])
-    domain = Domain(taken("reach_mm", reach_mm, float), forces)
-    tolerance = known if tolerance is None else taken("tolerance", tolerance, float)
+    forces = wanted.force_N if force_N is None else coerce("force_N", force_N, tuple[float, float])
+    domain = Domain(coerce("reach_mm", reach_mm, float), forces)
+    tolerance = known if tolerance is None else coerce("tolerance", tolerance, float)
     if wrong := [*find_validation_errors(scene, domain, tolerance, options)]:
         raise ValueError("\n".join(wrong))
     options = choose_options(scene, tolerance) if options is None else options
     if file is not None:
-        require_writable(taken("file", file, Path))
-    processes = taken("processes", processes, int | None)
+        require_writable(coerce("file", file, Path))
+    processes = coerce("processes", processes, int | None)
     with show_progress("s of one core", progress) as show:
         made = _best(scene, domain, tolerance, options, TaskRunner(processes, show))
     if file is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 
-from pvdf_fem.scene.quantity import Affects, affecting
+from pvdf_fem.scene.keys import Affects, select_by_effect
 from pvdf_fem.scene.scene import Numerics, Scene
 from pvdf_fem.surrogate.touch_domain import Domain, centre_probe
 
@@ -25,7 +25,7 @@ def make_mechanical_key(scene: Scene) -> str:
     observable = scene.numerics.observable
     pressed = centre_probe(scene).model_copy(update={"numerics": Numerics(observable=observable)})
     weight, bends = scene.film.weight, resolve_film_model(pressed).bends
-    return f"{affecting(pressed, *MECHANICS)} {weight} {bends} {observable}"
+    return f"{select_by_effect(pressed, *MECHANICS)} {weight} {bends} {observable}"
 
 
 def make_response_key(scene: Scene, domain: Domain, tolerance: float) -> str:
@@ -50,7 +50,9 @@ def require_same_mechanics(known: Scene, other: Scene) -> None:
     there, here = (
         {
             f"{name}.{key}": value
-            for name, tables in affecting(centre_probe(scene), *MECHANICS, Affects.READING).items()
+            for name, tables in select_by_effect(
+                centre_probe(scene), *MECHANICS, Affects.READING
+            ).items()
             if name != "electrodes"
             for key, value in tables[0].items()
         }
@@ -73,8 +75,8 @@ def has_same_readout(known: Scene, other: Scene) -> bool:
 
     Names of electrodes do not matter.
     """
-    film = affecting(known.film, Affects.READING)
-    other_film = affecting(other.film, Affects.READING)
+    film = select_by_effect(known.film, Affects.READING)
+    other_film = select_by_effect(other.film, Affects.READING)
     return film == other_film and has_equal_electrodes(known, other)
 
 

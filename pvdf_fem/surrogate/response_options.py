@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.mesh.symmetry import isotropy
-from pvdf_fem.scene.registry import SPREAD_CLASSES
+from pvdf_fem.mesh.symmetry import classify_isotropy
+from pvdf_fem.scene.registry import FILM_LOAD_CLASSES
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.surrogate.charge_spline import (
     compute_force_nodes_N,
@@ -88,7 +88,7 @@ class ResponseOptions:
         gain = 2.0 * math.acosh(scene.film.radius_mm / reach_mm)
         radii = max(2, math.ceil(math.log(no_place / self.error) / gain))
         rotations += max(0, math.ceil(2.0 * self.decades - 0.2))
-        anisotropic = isotropy(scene.film) != "isotropic"
+        anisotropic = classify_isotropy(scene.film) != "isotropic"
         return CentreGrid.of(scene.single_probe, reach_mm, radii, rotations if anisotropic else 0)
 
     def raster(self, scene: Scene, domain: Domain, places: CentreGrid) -> PolarGrid:
@@ -132,9 +132,9 @@ def find_validation_errors(
     if load.kind == "rigid":
         reason = "makes the stress singular at the probe's edge; take 'dead' or 'follower'"
         yield f"load.kind: 'rigid' {reason}"
-    if film.is_uneven:
+    if film.is_inhomogeneous:
         yield "film: patches and rim_displacement_um are not for a response; remove them"
-    for key in SPREAD_CLASSES:
+    for key in FILM_LOAD_CLASSES:
         if value := getattr(film, key):
             reason = "a response is of a film that is flat before it is touched"
             yield f"film.{key}: {value!r} is not for a response; {reason}; remove it"

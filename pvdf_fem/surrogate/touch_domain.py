@@ -16,7 +16,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.stage import WantedModel
+from pvdf_fem.scene.stage import ResponseDomain
 
 #: Names of the quantities of one probe's touch, in the order of its row.
 TOUCH_QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")
@@ -203,7 +203,7 @@ def resolve_response_settings(
     limits : tuple of float, optional
         Least and largest default tolerance.
     """
-    wanted = scene.model or WantedModel()
+    wanted = scene.model or ResponseDomain()
     reach_mm = wanted.reach_mm
     if reach_mm is None:
         reach_mm = choose_default_reach_mm(scene)

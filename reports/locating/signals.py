@@ -16,7 +16,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import channels
 from pvdf_fem.progress import ignore_progress
 from pvdf_fem.report.task import Rows, Task
-from pvdf_fem.scene.change import number_at
+from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain, apply_touch, draw_touches
 
@@ -44,12 +44,12 @@ class Sensor(Task):
         """One row: errors of parameters over their deviations, and the places of the touches in mm:
         those given, the true ones, and those of the calibration."""
         draw, film = np.random.default_rng([SEED, self.number]), self.scene.film
-        tension = float(film.thickness * film.stress_at_rest[0])
+        tension = float(film.thickness * film.prestress[0])
         thought = self.scene.with_(**{"film.pretension_N_m": tension})
         names = [electrode.name for electrode in thought.electrode_list]
         off = iter(draw.uniform(-1.0, 1.0, len(FACTORS) + len(names) + len(SHIFTS)))
         keys = {
-            key: number_at(thought, key) * (1.0 + of * next(off)) for key, of in FACTORS.items()
+            key: get_number(thought, key) * (1.0 + of * next(off)) for key, of in FACTORS.items()
         }
         gains = {name: 1.0 + GAIN * next(off) for name in names}
         keys |= {key: of * next(off) for key, of in SHIFTS.items()}

@@ -13,8 +13,8 @@ import pytest
 from pvdf_fem import Scene, SceneError, Solution, solve
 from pvdf_fem.batch.plan import plan
 from pvdf_fem.batch.store import key
-from pvdf_fem.scene.change import steps_of
-from pvdf_fem.scene.quantity import Section
+from pvdf_fem.scene.changes import parse_key
+from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.registry import PROFILE_ENTRIES
 from pvdf_fem.scene.shapes import ELECTRODES, MODELS, PROBES
 from pvdf_fem.surrogate.response_key import require_same_mechanics
@@ -108,7 +108,7 @@ def changed_alone(changes: Changes, tables: list[str]) -> Iterator[tuple[str, Sc
     base = BASE.with_(changes)
     for where in tables:
         table: Any = base
-        for step in steps_of(where) if where else ():
+        for step in parse_key(where) if where else ():
             table = table[step] if isinstance(step, int) else getattr(table, step)
         for name in type(table).model_fields:
             for value in others(table, name):

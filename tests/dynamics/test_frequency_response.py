@@ -67,7 +67,7 @@ def test_only_stretching_has_losses() -> None:
     solution = on_mesh(TRIANGLE.with_(**{"load.force_N": 0.0, "film.loss_tangent": 0.1}))
     equilibrium, q, _ = factorised(solution.fields)
     full, space = MotionEquations.of(equilibrium, q), equilibrium.space
-    tension = equilibrium.film.stress_at_rest[0] * equilibrium.film.thickness
+    tension = equilibrium.film.prestress[0] * equilibrium.film.thickness
     laplace = tension * equilibrium.assembly.matrix(space.laplace())
     step = np.random.default_rng(1).standard_normal(len(q))
     expected = full.stiffness @ step - laplace @ step

@@ -28,7 +28,7 @@ def exact(scene, count):
     """Frequencies in Hz of Rayleigh's stretched disc."""
     film = scene.film
     shape = {"radius": film.radius, "areal_density": film.density * film.thickness}
-    tension = float(film.thickness * film.stress_at_rest[0])
+    tension = float(film.thickness * film.prestress[0])
     return disc_frequencies(count, tension=tension, **shape)
 
 

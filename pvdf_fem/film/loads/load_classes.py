@@ -14,8 +14,8 @@ from pvdf_fem.film.loads.load_spec import SolveOptions
 from pvdf_fem.film.loads.pressure import DeadPressure
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import Load, Term
-from pvdf_fem.mesh.symmetry import MirroredPart
-from pvdf_fem.scene.registry import LOAD_CLASSES, SPREAD_CLASSES
+from pvdf_fem.mesh.symmetry import SymmetrySector
+from pvdf_fem.scene.registry import FILM_LOAD_CLASSES, LOAD_CLASSES
 from pvdf_fem.scene.scene import Scene
 
 #: The base of all loads of probes.
@@ -25,12 +25,12 @@ PROBE_LOADS: dict[str, type[ProbeLoad]] = {
     kind: resolve_name(path) for kind, path in LOAD_CLASSES.items()
 }
 FILM_LOADS: dict[str, type[FilmLoad]] = {
-    k: resolve_name(path) for k, path in SPREAD_CLASSES.items()
+    k: resolve_name(path) for k, path in FILM_LOAD_CLASSES.items()
 }
 
 
 def make_loads(
-    scene: Scene, space: Space, part: MirroredPart, options: SolveOptions
+    scene: Scene, space: Space, part: SymmetrySector, options: SolveOptions
 ) -> Iterator[Load]:
     """The loads in a scene: by probes, and on the whole film."""
     for touch in options.load_specs(scene):

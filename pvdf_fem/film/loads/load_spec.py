@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.loads.contact_estimate import ContactEstimate
 from pvdf_fem.scene.scene import LoadedProbe, Scene, SceneError
-from pvdf_fem.scene.scene_file import problem
+from pvdf_fem.scene.scene_file import format_error
 
 #: A pressure in arbitrary units for x and y in mm, (n,) both, in the probe's own axes: (n,), or a
 #: number.
@@ -40,12 +40,12 @@ class SolveOptions:
             return cls()
         reason, found = 'is not for a pressure in Python; give "{}"', []
         if not callable(pressure):
-            found.append(problem("pressure", pressure, "is no function; give p(x_mm, y_mm)"))
+            found.append(format_error("pressure", pressure, "is no function; give p(x_mm, y_mm)"))
         if scene.single_probe is None:
             found.append("probe = (nothing): is required by a pressure; add [probe]")
         for key, needed in (("kind", "dead"), ("profile", "uniform")):
             if (value := getattr(scene.load, key)) != needed:
-                found.append(problem(f"load.{key}", value, reason.format(needed)))
+                found.append(format_error(f"load.{key}", value, reason.format(needed)))
         if found:
             raise SceneError(found)
         return cls(pressure)

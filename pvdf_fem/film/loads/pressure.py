@@ -25,7 +25,7 @@ from pvdf_fem.film.loads.load_spec import LoadSpec
 from pvdf_fem.film.loads.profiles import make_profile
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import Load, State
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 UP: Array = np.array([0.0, 0.0, 1.0])
 
@@ -52,7 +52,7 @@ class DeadPressure(Load):
     #: Approximate part of the force along the patch's edge.
     edge_share = 0.0
 
-    def __init__(self, touch: LoadSpec, space: Space, part: MirroredPart = WHOLE) -> None:
+    def __init__(self, touch: LoadSpec, space: Space, part: SymmetrySector = WHOLE_FILM) -> None:
         self.spec, self.space, self.part = touch, space, part
         self.patch: Indices = space.mesh.subdomains[touch.patch]
         self.rigid_patch = self.patch[: len(self.patch) * self.rigid]
@@ -81,7 +81,7 @@ class DeadPressure(Load):
         The images are the patch itself or patches of further probes.
         """
         covered = float(self.space.weights[self.patch].sum()) * len(self.part.signs)
-        others = max(round(covered / self.spec.outline.area), 1) if self.part.mirrored else 1
+        others = max(round(covered / self.spec.outline.area), 1) if self.part.mirror_axes else 1
         return float(weights.sum()) * len(self.part.signs) / others
 
     @property
@@ -162,7 +162,7 @@ class Punch(DeadPressure):
     rigid = True
     edge_share = 1.0
 
-    def __init__(self, touch: LoadSpec, space: Space, part: MirroredPart = WHOLE) -> None:
+    def __init__(self, touch: LoadSpec, space: Space, part: SymmetrySector = WHOLE_FILM) -> None:
         super().__init__(touch, space, part)
         dofs = 3 * np.unique(space.basis.element_dofs[:, self.patch])
         self.shared_dofs = (dofs + 2,)

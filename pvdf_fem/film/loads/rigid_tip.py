@@ -22,7 +22,7 @@ from pvdf_fem.film.loads.load_spec import LoadSpec
 from pvdf_fem.film.loads.pressure import DeadPressure
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import Assembly, State
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 #: Overlap over depth for the softest tip; ratio of overlaps from a tip to the next stiffer tip.
 SOFTEST, SOFTER = 0.1, 10.0
@@ -52,7 +52,7 @@ class RigidTip(DeadPressure):
     edge_share = 0.5
     on_patch = False
 
-    def __init__(self, touch: LoadSpec, space: Space, part: MirroredPart = WHOLE) -> None:
+    def __init__(self, touch: LoadSpec, space: Space, part: SymmetrySector = WHOLE_FILM) -> None:
         super().__init__(touch, space, part)
         assert touch.contact is not None
         self.tip = touch.tip

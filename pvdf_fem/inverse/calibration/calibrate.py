@@ -22,7 +22,7 @@ from pvdf_fem.inverse.calibration.parameters import select_parameters
 from pvdf_fem.inverse.calibration.reading_model import ReadingModel
 from pvdf_fem.inverse.calibration.touch_table import read_touches
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
-from pvdf_fem.scene.given import Names, SceneLike, scene_of, taken
+from pvdf_fem.scene.arguments import Names, SceneLike, as_scene, coerce
 from pvdf_fem.scene.scene import Scene
 
 DEFAULT_UNKNOWN = ("film.pretension_N_m", "gains")
@@ -86,13 +86,13 @@ def calibrate(
     >>> print(found)
     >>> sensor = found.scene
     """
-    scene, unknown = scene_of(scene), taken("unknown", unknown, Names)
+    scene, unknown = as_scene(scene), coerce("unknown", unknown, Names)
     scene.require_plain_charges("a calibration")
     if reading is None:
         reading = scene.readout.reading if scene.readout else "change"
     deviations = {"sigma": sigma, "place_sd": place_sd}
     deviations |= {} if noise is None else {"noise": noise}
-    deviations = {name: taken(name, value, float) for name, value in deviations.items()}
+    deviations = {name: coerce(name, value, float) for name, value in deviations.items()}
     if mistakes := _mistakes(scene, {"reading": reading, "unit": unit}, deviations):
         raise ValueError("\n".join(mistakes))
     wired = channels(scene)
@@ -102,7 +102,7 @@ def calibrate(
         np.broadcast_to(deviations.get("noise", in_unit), len(wired)),
         deviations["place_sd"],
     )
-    unknowns = select_parameters(scene, unknown, taken("priors", priors or {}, dict[str, Any]))
+    unknowns = select_parameters(scene, unknown, coerce("priors", priors or {}, dict[str, Any]))
     given = read_touches(touches, scene)
     tolerance = min(max(options.tolerance_share * sigma, options.finest), options.coarsest)
     expected = options.expected_rounds * len(given)

@@ -34,7 +34,7 @@ from pvdf_fem.inverse.touch.search import (
     search_everywhere,
 )
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
-from pvdf_fem.scene.given import Names, SceneLike, scene_of, taken
+from pvdf_fem.scene.arguments import Names, SceneLike, as_scene, coerce
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.surrogate.charge_function import ChargeFunction
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn, extract_touch
@@ -100,9 +100,9 @@ def locate(
     >>> changes = {"A": 350.0, "B": 240.0, "C": 200.0, "D": 230.0}
     >>> print(locate(response, changes, sigma=0.01, reading="change"))
     """
-    noise, unknown = (sigma, noise_pC, reading), taken("unknown", unknown, Names)
-    known = taken("known", known, dict[str, Any] | None)
-    scene = model.scene if isinstance(model, ChargeFunction) else scene_of(model)
+    noise, unknown = (sigma, noise_pC, reading), coerce("unknown", unknown, Names)
+    known = coerce("known", known, dict[str, Any] | None)
+    scene = model.scene if isinstance(model, ChargeFunction) else as_scene(model)
     given = _in_pC(scene, charges_pC, unit)
     if not isinstance(model, ChargeFunction):
         if known:

@@ -31,7 +31,7 @@ from pvdf_fem.inverse.touch.search import (
     search_rows,
 )
 from pvdf_fem.inverse.touch.touch import TouchStatus, decide_status
-from pvdf_fem.scene.given import model_of, taken
+from pvdf_fem.scene.arguments import as_response, coerce
 from pvdf_fem.summary import Summary, TabularResult, TextTable
 from pvdf_fem.surrogate.charge_function import ChargeFunction
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
@@ -173,8 +173,8 @@ def locate_many(
     >>> readings = [[350.0, 240.0, 200.0, 230.0], [330.0, 300.0, 210.0, 240.0]]
     >>> locate_many(response, readings, sigma=0.01, reading="change").status
     """
-    names, charges = _table(model_of(model), charges_pC)
-    calibrated = taken("calibrated", calibrated, bool)
+    names, charges = _table(as_response(model), charges_pC)
+    calibrated = coerce("calibrated", calibrated, bool)
     any_charges, noise = dict.fromkeys(names, math.pi), (sigma, noise_pC, reading)
     mistakes = [
         *find_reading_errors(model.scene, any_charges, *noise, model.unloaded_charges_pC, unit)

@@ -18,8 +18,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.scene.change import steps_of
-from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.scene.changes import parse_key
+from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.surrogate.charge_function import (
     ChargeFunction,
@@ -50,7 +50,7 @@ EXTENT = 4.0
 
 def get_base_quantity(quantity: str) -> str:
     """The name of a model's quantity without probe and index: one of `LONGEST_STEPS`."""
-    return next(name for name in LONGEST_STEPS if name in steps_of(quantity))
+    return next(name for name in LONGEST_STEPS if name in parse_key(quantity))
 
 
 def slice_quantity(model: ChargeFunction, quantity: int) -> slice:
@@ -64,7 +64,7 @@ def evaluate_on_stage(
     """Charges and slopes by a model of touches along axes in which the film is turned."""
     if not turn_deg:
         return model.evaluate(touches)
-    to_film, turned = np.eye(touches.shape[1]), turn(np.eye(2), turn_deg)
+    to_film, turned = np.eye(touches.shape[1]), rotate(np.eye(2), turn_deg)
     for x in range(0, len(TOUCH_QUANTITIES) * count_probes(model), len(TOUCH_QUANTITIES)):
         to_film[x : x + TouchColumn.ROTATION, x : x + TouchColumn.ROTATION] = turned
     on_film = touches @ to_film.T

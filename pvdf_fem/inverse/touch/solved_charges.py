@@ -16,8 +16,8 @@ import numpy as np
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.outputs import goals_of
 from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, get_base_quantity
-from pvdf_fem.scene.change import number_at, plain, steps_of
-from pvdf_fem.scene.outlines.shape import HEAT
+from pvdf_fem.scene.changes import get_number, parse_key, to_plain_value
+from pvdf_fem.scene.outlines.shape import HEAT_KEYS
 from pvdf_fem.scene.scene import Numerics, Scene, SceneError
 from pvdf_fem.scene.shapes import Pressing
 from pvdf_fem.scene.stage import Stage
@@ -106,7 +106,7 @@ class SolvedResponse:
     @property
     def touch(self) -> Array:
         """The scene's touch (k,) in the frame of its stage."""
-        touch = np.array([number_at(self.scene, self.key(name)) for name in self.quantities])
+        touch = np.array([get_number(self.scene, self.key(name)) for name in self.quantities])
         stage = self.scene.stage or Stage()
         for x in range(0, len(TOUCH_QUANTITIES) * count_probes(self), len(TOUCH_QUANTITIES)):
             place, turned = stage.to_stage(
@@ -151,7 +151,7 @@ def make_single_probe_scene(scene: Scene, number: int) -> Scene:
     """One of a scene's probes on the centre, under 1 N and cold."""
     touch = scene.loaded_probes[number]
     place = dict.fromkeys(("x_mm", "y_mm", "rotation_deg"), 0.0)
-    unsaid = dict.fromkeys((*Pressing.model_fields, *HEAT))
+    unsaid = dict.fromkeys((*Pressing.model_fields, *HEAT_KEYS))
     probe = touch.probe.model_copy(update=place | unsaid)
     load = touch.load.model_copy(update={"force_N": 1.0, "tangential_N": None})
     numerics = Numerics(tolerance=1e-2, observable=scene.numerics.observable)
@@ -162,7 +162,7 @@ def _listed(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
     """The scene with a list of probes, each with a force of its own, apart where one is two, and
     cold where its temperature is sought."""
     probes = [*scene.loaded_probes] * (touches // len(scene.loaded_probes))
-    tables = [{**plain(touch.probe), "force_N": touch.load.force_N} for touch in probes]
+    tables = [{**to_plain_value(touch.probe), "force_N": touch.load.force_N} for touch in probes]
     for touch, table in zip(probes, tables, strict=True):
         if "temperature_K" in unknown:
             table["temperature_K"] = 0.0
@@ -199,4 +199,4 @@ def _mistakes(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator[st
 
 def _probe(name: str) -> int:
     """Index of the probe in a quantity's name."""
-    return int(steps_of(name)[1]) if name.startswith("probe[") else 0
+    return int(parse_key(name)[1]) if name.startswith("probe[") else 0

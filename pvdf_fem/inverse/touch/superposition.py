@@ -158,7 +158,7 @@ def find_superposed_candidates(
     of_probes, share = problem.of_probes(at), shares[kept]
     starts = of_probes.copy()
     stage = model.scene.stage or Stage()
-    starts[..., : TouchColumn.ROTATION] = places[chosen[kept]] @ stage.turn.T
+    starts[..., : TouchColumn.ROTATION] = places[chosen[kept]] @ stage.rotation.T
     starts[..., TouchColumn.FORCE] = np.log(share) + stiffening * np.log(share.sum(axis=1))[:, None]
     sought = np.isin(np.arange(at.shape[1]), problem.unknown)
     of_probes[...] = np.where(problem.of_probes(np.tile(sought, (len(at), 1))), starts, of_probes)

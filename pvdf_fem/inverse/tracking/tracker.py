@@ -22,8 +22,8 @@ from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.contact_problem import CandidatePlaces, ContactProblem
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow
-from pvdf_fem.scene.given import Names, model_of, numbers, taken
-from pvdf_fem.scene.scene_file import choose
+from pvdf_fem.scene.arguments import Names, as_response, coerce, coerce_array
+from pvdf_fem.scene.scene_file import suggest
 from pvdf_fem.surrogate.charge_function import ChargeFunction, find_rotation_period_deg
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
@@ -64,8 +64,8 @@ class Tracker:
         unit: str = "V",
         options: TrackOptions = DEFAULTS,
     ) -> None:
-        scene, known = model_of(response).scene, get_scene_quantities(response.scene)
-        unknown = taken("unknown", unknown, Names)
+        scene, known = as_response(response).scene, get_scene_quantities(response.scene)
+        unknown = coerce("unknown", unknown, Names)
         origin = (*get_centre_mm(scene), 0.0, 0.0)
         mistakes = [*find_quantity_errors(response.domain, unknown, {}, known, origin)]
         if "force_N" not in unknown:
@@ -100,10 +100,10 @@ class Tracker:
         """
         if isinstance(readings, Mapping):
             if unknown := readings.keys() - {*self._names}:
-                advice = choose(min(unknown), self._names)
+                advice = suggest(min(unknown), self._names)
                 raise ValueError(f"readings.{min(unknown)}: is of no channel; {advice}")
             readings = [readings.get(name, math.nan) for name in self._names]
-        values = numbers("readings", readings)
+        values = coerce_array("readings", readings)
         if values.shape != (len(self._names),):
             names = ", ".join(self._names)
             raise ValueError(f"readings: {values.size} given; give one for each of {names}")

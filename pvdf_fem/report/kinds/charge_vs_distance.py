@@ -14,9 +14,9 @@ from pvdf_fem.report.data import Changes, Name
 from pvdf_fem.report.kind import PLACE, Content, Inputs, differ_in, place_mm, placed
 from pvdf_fem.report.kinds.along import Along, Series
 from pvdf_fem.report.solved import Solved
-from pvdf_fem.scene.quantity import Length, Number, Section
+from pvdf_fem.scene.keys import Length, Number, Section
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.studies.mapping_scheme import MappingScheme, unit_vector
 from pvdf_fem.surrogate.touch_domain import choose_default_reach_mm
 from pvdf_fem.view.drawing import sure
@@ -72,7 +72,7 @@ class ChargeVsDistance(Along):
         count = math.floor(2.0 * scene.film.radius_mm / step) + 1
         if count > MOST_STEPS:
             reason = f"makes {count} places on a line; give a longer one"
-            raise SceneError([problem("step_mm", step, reason)])
+            raise SceneError([format_error("step_mm", step, reason)])
         steps = tuple((step * np.arange(count)).tolist())
         try:
             return MappingScheme(scene, name, self.angles_deg, steps, reach)

@@ -38,13 +38,13 @@ def load_strain(scene: Scene) -> float:
     film = scene.film
     stiffness = film.thickness * film.stiffness[:2, :2].mean()
     by_probes = sum(np.linalg.norm(touch.load.components) for touch in scene.loaded_probes)
-    force = film.spread_force + by_probes
+    force = film.distributed_force + by_probes
     return float(np.cbrt(force / (stiffness * film.radius)) ** 2)
 
 
 def excess_strain(scene: Scene) -> float:
     """Excess of a film over its rim, in the direction with least excess."""
-    return -float(scene.film.strain_at_rest[:2].max())
+    return -float(scene.film.prestrain[:2].max())
 
 
 def barely_loaded(scene: Scene, part: float = 0.1) -> bool:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.film.models import resolve_film_model
-from pvdf_fem.scene.change import number_at
-from pvdf_fem.scene.given import Named, Names, SceneLike, scene_of, taken
+from pvdf_fem.scene.arguments import Names, SceneLike, ValuesByName, as_scene, coerce
+from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import choose, problem
+from pvdf_fem.scene.scene_file import format_error, suggest
 from pvdf_fem.solver.adaptive import solve
 from pvdf_fem.solver.history import Stop
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
@@ -31,7 +31,7 @@ from pvdf_fem.summary import Summary, TabularResult, TextTable, format_with_erro
 TINY = np.finfo(float).tiny
 
 
-class Gradients(TabularResult, Named[dict[str, float]]):
+class Gradients(TabularResult, ValuesByName[dict[str, float]]):
     """Derivatives of charges by key and electrode, in pC per unit of the key.
 
     Attributes
@@ -111,17 +111,17 @@ def gradients(
     >>> rates = gradients(solve(Scene.example("triangle")))
     >>> rates["probe.x_mm"]["A"], rates.errors["probe.x_mm"]["A"]
     """
-    scene = scene_of(solution)
+    scene = as_scene(solution)
     pressure = solution.pressure if isinstance(solution, Solution) else None
     known = parameters_of(scene, pressure)
-    wanted = known if parameters is None else taken("parameters", parameters, Names)
+    wanted = known if parameters is None else coerce("parameters", parameters, Names)
     for key in wanted:
         if key not in known:
             reason = refusal(scene, key, pressure)
-            reason = f"{reason}; {choose(key, known)}"
-            raise ValueError(problem("parameters", key, reason))
+            reason = f"{reason}; {suggest(key, known)}"
+            raise ValueError(format_error("parameters", key, reason))
     if tolerance is not None:
-        tolerance = taken("tolerance", tolerance, float, (1e-9, 1.0))
+        tolerance = coerce("tolerance", tolerance, float, (1e-9, 1.0))
     if tolerance and isinstance(solution, Solution) and solution.stop is Stop.GIVEN_MESH:
         reason = "would leave the mesh that was given; give the scene instead, or no tolerance"
         raise ValueError(f"tolerance = {tolerance:g}: {reason}")
@@ -197,4 +197,4 @@ def _scale(scene: Scene, key: str) -> float:
         return 1e3 * probe.outline.perimeter / (2.0 * np.pi)
     if touches and "_N" in key:
         return float(np.linalg.norm(touches[0][0].load.components)) or 1.0
-    return abs(number_at(scene, key)) or 1.0
+    return abs(get_number(scene, key)) or 1.0

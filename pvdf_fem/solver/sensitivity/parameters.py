@@ -10,7 +10,7 @@ from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.film.loads.load_spec import Pressure
 from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.registry import SPREAD_CLASSES, said_at
+from pvdf_fem.scene.registry import FILM_LOAD_CLASSES, find_load_key
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 #: Names of what places a probe.
@@ -51,7 +51,7 @@ def touched(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
         pushed = IN_PLANE if touch.load.tangential_N is not None else ()
         for name in (force, *pushed):
             key, bracket, component = name.partition("[")
-            where = said_at(touch.key, touch.probe, key)
+            where = find_load_key(touch.key, touch.probe, key)
             found.setdefault(f"{where}{bracket}{component}", []).append((touch, i, name))
     return found
 
@@ -68,7 +68,7 @@ def _hindrance(scene: Scene, key: str, pressure: Pressure | None) -> str:
 
 def _film_keys(film: Film) -> tuple[str, ...]:
     stretched = "temperature_change_K" if film.pretension_N_m is None else "pretension_N_m"
-    given = (key for key in SPREAD_CLASSES if getattr(film, key))
+    given = (key for key in FILM_LOAD_CLASSES if getattr(film, key))
     names = ("thickness_um", stretched, "youngs_modulus_GPa", "poisson_ratio", *given)
     ends = {tuple: (".0", ".1")}
     return tuple(f"film.{n}{end}" for n in names for end in ends.get(type(getattr(film, n)), ("",)))
@@ -79,7 +79,7 @@ def stretched(scene: Scene) -> Scene:
     film = scene.film
     if film.pretension_N_m is not None:
         return scene
-    x, y = (film.stress_at_rest[:2] * film.thickness).tolist()
+    x, y = (film.prestress[:2] * film.thickness).tolist()
     return scene.with_({PRETENSION: x if np.isclose(x, y, rtol=1e-9) else [x, y]})
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.scene import Probe
 
 
@@ -63,7 +63,7 @@ class CentreGrid:
         rotations = 1
         if film_rotations and probe.period_deg:
             rotations = of_turns // 2 * math.ceil(2 * film_rotations / of_turns)
-        return cls(reach_mm, radii, angles, rotations, turns or angles, probe.is_mirrored)
+        return cls(reach_mm, radii, angles, rotations, turns or angles, probe.is_mirror_symmetric)
 
     @property
     def _diameter(self) -> Array:
@@ -94,7 +94,7 @@ class CentreGrid:
         """Places of the probe to solve, x and y in mm and rotation in degrees, (n, 3): for each
         distance those of `unique`."""
         turns, at = self.rotations_deg, [(row, *i) for row in self.centres_mm for i in self.unique]
-        return np.array([[*turn(-row[angle], turns[k]), turns[k]] for row, k, angle in at])
+        return np.array([[*rotate(-row[angle], turns[k]), turns[k]] for row, k, angle in at])
 
     def images(self, rotation: int, angle: int) -> Iterator[SymmetryImage]:
         """The images of a place, itself among them."""

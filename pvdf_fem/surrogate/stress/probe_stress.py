@@ -19,9 +19,9 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_estimate import estimate_contact_outlines, estimate_tip_outlines
 from pvdf_fem.film.space import Space, transfer_dofs
-from pvdf_fem.mesh.gmsh_mesh import PROBE, mesh_scene, outlines
-from pvdf_fem.mesh.size_field import Sizes
-from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.mesh.gmsh_mesh import PROBE, collect_outlines, mesh_scene
+from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.fallback import equilibrate
 from pvdf_fem.solver.nonlinear.newton import factorise
@@ -48,9 +48,9 @@ def mesh_probe(
         Size along the edge of the probe over the root of its area, growth of the size per distance
         from the edge, largest size over the film's radius.
     """
-    pressed = (outlines(scene) | estimate_contact_outlines(scene))[PROBE]
+    pressed = (collect_outlines(scene) | estimate_contact_outlines(scene))[PROBE]
     edge = ratio * edge_size * float(np.sqrt(pressed.area))
-    sizes = Sizes({PROBE: edge}, ratio * growth, ratio * film_size * scene.film.radius)
+    sizes = GradedSizes({PROBE: edge}, ratio * growth, ratio * film_size * scene.film.radius)
     return mesh_scene(scene, sizes, contacts=estimate_tip_outlines(scene))
 
 
@@ -66,7 +66,7 @@ def solve_mean_stress(
     """
     x, y, rotation = map(float, place)
     scene = scene.with_(**{"probe.x_mm": x, "probe.y_mm": y, "probe.rotation_deg": rotation})
-    points = 1e-3 * (turn(raster.samples_mm, rotation) + np.array([x, y]))
+    points = 1e-3 * (rotate(raster.samples_mm, rotation) + np.array([x, y]))
     share = np.linalg.norm(points, axis=-1, keepdims=True) / scene.film.radius
     sampled = points * INSIDE / np.maximum(share, INSIDE)
 
@@ -87,7 +87,7 @@ def solve_mean_stress(
 
 def _turned(rotation_deg: float) -> Array:
     """Matrix (3, 3) from S11, S22, S12 (row) in the film's axes to those of a turned probe."""
-    c, s = turn([1.0, 0.0], rotation_deg)
+    c, s = rotate([1.0, 0.0], rotation_deg)
     cc, cs, ss = c * c, c * s, s * s
     return np.array([[cc, ss, -cs], [ss, cc, cs], [2 * cs, -2 * cs, cc - ss]])
 
