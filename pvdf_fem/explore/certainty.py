@@ -14,14 +14,14 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import channels
 from pvdf_fem.explore.controls import find_section, format_title, to_point_list
 from pvdf_fem.explore.picture import solve_text
-from pvdf_fem.scene.change import number_at
+from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
 from pvdf_fem.solver.sensitivity.gradients import gradients
 from pvdf_fem.solver.sensitivity.parameters import touched
 from pvdf_fem.solver.solution import Solution
-from pvdf_fem.told import Grid
-from pvdf_fem.view.touch_map import deviation_ellipse
+from pvdf_fem.summary import TextTable
+from pvdf_fem.view.touch_map import compute_deviation_ellipse
 
 #: Smaller ellipses, over the film's radius, are drawn this many times as large.
 LEAST_SIZE, MAGNIFIED = 0.02, 10
@@ -34,14 +34,14 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     the readout's is added."""
     solution = solve_text(text)
     keys = [key for key, ((_, _, name), *_) in touched(solution.scene).items() if name in SOUGHT]
-    values = {key: number_at(solution.scene, key) for key in keys}
+    values = {key: get_number(solution.scene, key) for key in keys}
     try:
         covariance = _covariance(solution, values, noise)
     except (NotConvergedError, ValueError) as error:
         return {"told": str(error), "ellipses": [], "table": ""}
     deviations = dict(zip(keys, np.sqrt(covariance.diagonal()).tolist(), strict=True))
     touch = {**values, "standard_deviations": deviations, "covariance": covariance}
-    ellipses = [deviation_ellipse(touch, key) for key in keys if key.endswith("x_mm")]
+    ellipses = [compute_deviation_ellipse(touch, key) for key in keys if key.endswith("x_mm")]
     seen = max(float(np.ptp(ellipse, axis=0).max()) for ellipse in ellipses)
     times = 1 if seen > LEAST_SIZE * solution.scene.film.radius_mm else MAGNIFIED
     rows = [
@@ -52,7 +52,7 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     told += f" The ellipse is drawn {times} times as large." if times > 1 else ""
     centres = [ellipse[:-1].mean(axis=0) for ellipse in ellipses]
     drawn = [to_point_list(at + times * (e - at)) for e, at in zip(ellipses, centres, strict=True)]
-    table = Grid(("", "value", "standard deviation"), (*rows,)).html()
+    table = TextTable(("", "value", "standard deviation"), (*rows,)).to_html()
     return {"told": told, "ellipses": drawn, "table": table}
 
 

@@ -23,7 +23,8 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.least_squares import SearchOptions, run_levenberg_marquardt
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.inverse.touch.touch import Touch
-from pvdf_fem.surrogate.model import FORCE, ROTATION, X, Y, period_deg
+from pvdf_fem.surrogate.charge_function import find_rotation_period_deg
+from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 ONE_SIGMA = erf(0.5**0.5)  # share of a normal distribution within one standard deviation
 
@@ -67,8 +68,10 @@ def sample_posterior(
     """
     unknown = problem.unknown
     maxima = problem.coordinates(np.array([touch.values for touch in touches]))
-    scale = np.where(unknown == FORCE, np.exp(maxima[:, FORCE, None]), 1.0)
-    periods = np.where(unknown == ROTATION, period_deg(problem.response), 0.0)
+    scale = np.where(unknown == TouchColumn.FORCE, np.exp(maxima[:, TouchColumn.FORCE, None]), 1.0)
+    periods = np.where(
+        unknown == TouchColumn.ROTATION, find_rotation_period_deg(problem.response), 0.0
+    )
     roots = widening * np.array([touch.root for touch in touches]) / scale[:, :, None]
     shares: Array = np.maximum([touch.weight for touch in touches], least_share)
     shares /= shares.sum()
@@ -115,15 +118,17 @@ def profile_chi_square(
     start from a touch, with this number of rotations, and take few steps, as most places are far
     from any touch that fits."""
     at = np.tile(touch.values, (len(places_mm), 1))
-    at[:, :ROTATION] = places_mm
+    at[:, : TouchColumn.ROTATION] = places_mm
     at = problem.coordinates(at)
-    sought = problem.unknown[~np.isin(problem.unknown, (X, Y))]
+    sought = problem.unknown[~np.isin(problem.unknown, (TouchColumn.X, TouchColumn.Y))]
     of_first, held = np.zeros(len(at), dtype=int), replace(problem, unknown=sought)
     ends = []
     for turn in (
-        period_deg(problem.response) * np.arange(turns if ROTATION in sought else 1) / turns
+        find_rotation_period_deg(problem.response)
+        * np.arange(turns if TouchColumn.ROTATION in sought else 1)
+        / turns
     ):
-        start = at + turn * (np.arange(at.shape[1]) == ROTATION)
+        start = at + turn * (np.arange(at.shape[1]) == TouchColumn.ROTATION)
         ends.append(
             run_levenberg_marquardt(held, start, of_first, options=SearchOptions(max_steps=8))
         )

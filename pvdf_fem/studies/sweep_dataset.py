@@ -16,7 +16,7 @@ from pvdf_fem.batch.plan import SweepPlan
 from pvdf_fem.batch.store import Record
 from pvdf_fem.electrodes.channel import readings_V
 from pvdf_fem.files import replace_file
-from pvdf_fem.scene.quantity import in_words
+from pvdf_fem.scene.keys import split_unit
 from pvdf_fem.studies.scene_grid import SceneGrid
 
 #: Unit signs for ASCII in files.
@@ -138,7 +138,7 @@ def _labels(values: tuple[Any, ...]) -> list[Any]:
 
 def describe_key(key: str) -> dict[str, str]:
     """The attributes of what a key stands for: ``film.thickness_um`` is film thickness in um."""
-    words, unit = in_words(key)
+    words, unit = split_unit(key)
     return make_attributes(words, unit.translate(_IN_ASCII))
 
 

@@ -61,15 +61,19 @@ class Begun(BaseException):
 #: Functions with which work begins.
 WORK = ("solver.sensitivity.uncertainty.solve", "mesh.gmsh_mesh.mesh_scene", "dynamics.modes.modes")
 WORK += (
-    "dynamics.forced.solve",
+    "dynamics.charge_changes.solve",
     "batch.batch.planned",
     "inverse.calibration.calibrate.ReadingModel",
 )
-WORK += ("surrogate.build.build_response", "inverse.touch.locate.locate", "explore.server.serve")
+WORK += (
+    "surrogate.response_builder.build_response",
+    "inverse.touch.locate.locate",
+    "explore.server.serve",
+)
 
 #: Modules that hold such functions from their import on.
 HOLDERS = ("studies.touch_dataset", "studies.design", "report.kinds.positions", "report.report")
-HOLDERS += ("surrogate.probe_stress",)
+HOLDERS += ("surrogate.stress.probe_stress",)
 
 
 @pytest.fixture

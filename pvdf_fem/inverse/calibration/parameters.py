@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.scene.change import number_at
+from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import choose
+from pvdf_fem.scene.scene_file import suggest
 from pvdf_fem.solver.sensitivity.parameters import (
     COEFFICIENTS,
     PRETENSION,
@@ -82,7 +82,7 @@ def read_parameter(scene: Scene, key: str) -> float:
     section, _, name = key.partition(".")
     if section in READOUT_KEYS:
         return float((scene.readout or Readout()).of(READOUT_KEYS[section], name))
-    return number_at(scene if scene.stage else scene.with_(stage={}), key)
+    return get_number(scene if scene.stage else scene.with_(stage={}), key)
 
 
 def select_parameters(
@@ -97,13 +97,13 @@ def select_parameters(
         if word in known:
             names += known[word]
         else:
-            mistakes.append(f"unknown {word[:60]}: {choose(word, list(known))}")
+            mistakes.append(f"unknown {word[:60]}: {suggest(word, list(known))}")
     if not words:
         mistakes.append(f"unknown: nothing is sought; choose from {', '.join(known)}")
     given = {name: sd for word, sd in priors.items() for name in known.get(word, ())}
     for word, sd in priors.items():
         if word not in known:
-            mistakes.append(f"prior {word[:60]}: {choose(word, list(known))}")
+            mistakes.append(f"prior {word[:60]}: {suggest(word, list(known))}")
         elif not set(known[word]) & set(names):
             mistakes.append(f"prior {word}: is not sought; add it to the unknown ones")
         elif not 0.0 < sd < np.inf:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
 from pvdf_fem.arrays import Array, Mask, finite_or_none
-from pvdf_fem.told import Parts, Told
+from pvdf_fem.summary import Result, Summary
 
 #: Charges count as unexplained if a right model gives such charges less often than this.
 SIGNIFICANCE = 1e-3
@@ -83,7 +83,7 @@ def decide_status(explained: bool, ambiguous: bool, at_edge: bool) -> TouchStatu
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Touch(Told):
+class Touch(Result):
     """A touch whose charges are, among touches nearby, the likeliest to give those measured."""
 
     quantities: tuple[str, ...]  #: Names of the model's quantities, (k,).
@@ -159,10 +159,10 @@ class Touch(Told):
         """Its force."""
         return self.by_name["force_N"]
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """The quantities; `Location` has their errors."""
         values = ", ".join(f"{name} {value:.4g}" for name, value in self.by_name.items())
-        return f"share of likelihood {self.weight:.3g}", [values], [], []
+        return Summary(f"share of likelihood {self.weight:.3g}", [values])
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for JSON, None for what is infinite; errors are left to the location."""

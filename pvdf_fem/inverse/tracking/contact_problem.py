@@ -18,7 +18,8 @@ from pvdf_fem.inverse.touch.touch import Touch
 from pvdf_fem.inverse.tracking.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.surrogate.model import FORCE, QUANTITIES, Model
+from pvdf_fem.surrogate.charge_function import ChargeFunction
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
 #: A force is followed in few steps from the force at the sample before.
 FORCE_SEARCH = SearchOptions(max_steps=8, chi_square_tolerance=np.inf, step_tolerance=0.05)
