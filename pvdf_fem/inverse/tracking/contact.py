@@ -11,7 +11,7 @@ from pvdf_fem.inverse.tracking.charge_record import ChargeRecord
 from pvdf_fem.inverse.tracking.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.contact_problem import CandidatePlaces, ContactProblem
-from pvdf_fem.surrogate.model import FORCE
+from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 
 class ContactLocator:
@@ -54,7 +54,7 @@ class ContactLocator:
             self.coordinates, self.chi_square = self.problem.fit_force(
                 self.places.likeliest, sample
             )
-            self.impulse_N_s += step_s * math.exp(self.coordinates[FORCE])
+            self.impulse_N_s += step_s * math.exp(self.coordinates[TouchColumn.FORCE])
 
     def relocate(self, record: ChargeRecord) -> None:
         """Locate the contact anew by the peak of its corrected charges."""

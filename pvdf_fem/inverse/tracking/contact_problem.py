@@ -60,7 +60,7 @@ class ContactProblem(LocationProblem):
 
     @classmethod
     def from_response(
-        cls, response: Model, fixed: Mapping[int, float], options: TrackOptions
+        cls, response: ChargeFunction, fixed: Mapping[int, float], options: TrackOptions
     ) -> ContactProblem:
         """Make the problem without charges yet; `with_sample` adds these.
 
@@ -74,7 +74,7 @@ class ContactProblem(LocationProblem):
             How far forces are followed, and the errors of sampling.
         """
         unloaded_pC = compute_unloaded_charges(response, "change")[0]
-        free = [i for i in range(len(QUANTITIES)) if i not in fixed]
+        free = [i for i in range(len(TOUCH_QUANTITIES)) if i not in fixed]
         return cls(
             response,
             electrodes=np.arange(len(unloaded_pC)),
@@ -126,22 +126,24 @@ class ContactProblem(LocationProblem):
         the slope dc/d(log F) on c at the edge.
         """
         edge = at.copy()
-        edge[:, FORCE] = np.clip(at[:, FORCE], *self.response.domain.log_force)
+        edge[:, TouchColumn.FORCE] = np.clip(
+            at[:, TouchColumn.FORCE], *self.response.domain.log_force
+        )
         system = super().linearise(edge, rows)
-        beyond = (at - edge)[:, FORCE]
+        beyond = (at - edge)[:, TouchColumn.FORCE]
         if not beyond.any():
             return system
         selected = slice(1) if rows is None else rows
         measured = self.charges_pC[selected] - self.unloaded_pC[self.electrodes]
         measured = measured / self.deviations_pC[selected]
         change = system[:, :, 0] + measured
-        slope = system[:, :, 1 + FORCE]
+        slope = system[:, :, 1 + TouchColumn.FORCE]
         power = (slope * change).sum(axis=1) / np.square(change).sum(axis=1)
         growth = np.exp(power * beyond)[:, None]
         system[:, :, 0] = growth * change - measured
         system[..., 1:] *= growth[..., None]
         is_beyond = beyond != 0.0
-        system[is_beyond, :, 1 + FORCE] = (power[:, None] * growth * change)[is_beyond]
+        system[is_beyond, :, 1 + TouchColumn.FORCE] = (power[:, None] * growth * change)[is_beyond]
         return system
 
     def fit_force(self, coordinates: Array, sample: ChargeSample) -> tuple[Array, float]:
@@ -161,7 +163,7 @@ class ContactProblem(LocationProblem):
         chi_square : float
             Chi-square of the charges.
         """
-        problem = self.with_sample(sample, np.array([FORCE]))
+        problem = self.with_sample(sample, np.array([TouchColumn.FORCE]))
         end = run_levenberg_marquardt(problem, coordinates[None], options=FORCE_SEARCH)
         return end.coordinates[0], float(end.chi_square[0])
 
