@@ -61,7 +61,7 @@ def test_a_response_is_csv_by_frequency(folder, command):
     expected = respond("disc.toml", [2.0, 600.0])
     found = pd.read_csv(io.StringIO(run.out))
     pd.testing.assert_frame_equal(found, expected.to_dataframe(), rtol=1e-9)
-    assert (run.code, len(run.told)) == (0, len(expected.left_out))
+    assert (run.code, len(run.told)) == (0, len(expected.neglected))
 
 
 @pytest.mark.parametrize(

@@ -271,7 +271,7 @@ def test_a_report_that_was_killed_goes_on_to_the_same_page(tmp_path, counted, mo
     assert 'data-label="word"' not in counted.page
     whole = Report.load(path, load_kinds(counted.kinds)).make(tmp_path / "whole", processes=1)
     counted.log.write_text("die\n")
-    monkeypatch.setattr(sweep, "records_of", None)  # every scene is known
+    monkeypatch.setattr(sweep, "make_records", None)  # every scene is known
     assert main([*map(str, asked)]) == 0
     assert counted.ran == ["die", "die", "c"]
     assert counted.page == whole.page.read_text("utf-8")
