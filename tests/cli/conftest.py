@@ -62,6 +62,7 @@ class Begun(BaseException):
 WORK = ("solver.sensitivity.uncertainty.solve", "mesh.gmsh_mesh.mesh_scene", "dynamics.modes.modes")
 WORK += ("dynamics.forced.solve", "batch.batch.planned", "inverse.calibration.calibrate.TouchModel")
 WORK += ("surrogate.build.build_response", "inverse.touch.locate.locate", "explore.server.serve")
+WORK += ("report.report.Report.make",)
 
 #: Modules that hold such functions from their import on.
 HOLDERS = ("studies.dataset", "studies.design", "report.kinds.positions", "report.report")
