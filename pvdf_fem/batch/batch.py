@@ -13,7 +13,7 @@ from pvdf_fem.batch.records import records_of, with_rest
 from pvdf_fem.batch.store import Record, Store
 from pvdf_fem.batch.workers import Died, on_cluster, on_processes
 from pvdf_fem.electrodes.unloaded import known_at_rest, untouched
-from pvdf_fem.film.loads.profiles import pinned
+from pvdf_fem.film.loads.profiles import pin_profile_files
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.progress import Progress, ignore_progress
 from pvdf_fem.scene.scene import Scene
@@ -36,7 +36,7 @@ def solve_all(scenes: Sequence[Scene], store: Store | None = None, **how: Any) -
 
 def planned(scenes: Sequence[Scene], store: Store | None = None) -> SweepPlan:
     """The plan for scenes; stored scenes need no solve."""
-    scenes = pinned(scenes)
+    scenes = pin_profile_files(scenes)
     return plan(scenes, None if store is None else [scene in store for scene in scenes])
 
 

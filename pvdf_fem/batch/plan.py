@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.batch.equivalence import mechanics
-from pvdf_fem.film.loads.profiles import pinned
+from pvdf_fem.film.loads.profiles import pin_profile_files
 from pvdf_fem.scene.scene import Scene
 
 
@@ -56,7 +56,7 @@ class SweepPlan:
 def plan(scenes: Sequence[Scene], stored: Sequence[bool] | None = None) -> SweepPlan:
     """The plan for scenes, its blocks in the order of their first scenes. Scenes need no solve
     where `stored` says that their records are known."""
-    scenes, index_of = pinned(scenes), dict[Scene, int]()
+    scenes, index_of = pin_profile_files(scenes), dict[Scene, int]()
     first = np.array([index_of.setdefault(scene, i) for i, scene in enumerate(scenes)], int)
     known = frozenset(i for i in index_of.values() if stored is not None and stored[i])
     alike: dict[str, tuple[list[int], list[Array]]] = {}

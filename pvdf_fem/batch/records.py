@@ -14,8 +14,8 @@ from pvdf_fem.electrodes.observables import OBSERVABLES, Observable
 from pvdf_fem.electrodes.outputs import Goal, goals_of
 from pvdf_fem.electrodes.stress_integrals import Forces
 from pvdf_fem.electrodes.unloaded import known_at_rest, untouched
-from pvdf_fem.film.models import film_model
-from pvdf_fem.mesh.gmsh_mesh import electrode_patch
+from pvdf_fem.film.models import resolve_film_model
+from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive import RestError, solve_goals
 from pvdf_fem.solver.admissible import cancelled_charges
@@ -39,7 +39,7 @@ def records_of(scenes: Sequence[Scene], frames: Array) -> list[Record]:
     else:
         # Scenes with different electrodes share a solve only if electrodes just read the stress
         # (`FilmModel.electrodes_only_read`): the film may be solved without them.
-        film = scene.film.model_copy(update={"bending": film_model(scene).bends})
+        film = scene.film.model_copy(update={"bending": resolve_film_model(scene).bends})
         solution = solve_goals(scene.model_copy(update={"electrodes": (), "film": film}), goals)
     if len(scenes) > 1 and solution.status in _RETRIED:
         return [records_of([scene], frames[:1])[0] for scene in scenes]
@@ -86,7 +86,7 @@ def _records(
     if not converged:
         return [replace(shared, electrodes=electrodes) for electrodes in names]
     # a thicker film under more force may share the solve, and not what bending would change
-    left_out = film_model(solution.scene).warnings
+    left_out = resolve_film_model(solution.scene).warnings
     others = [text for text in solution.warnings if text not in left_out]
     forces = {name: _forces(solution, goals, known) for name, known in OBSERVABLES.items()}
     records = []
@@ -103,7 +103,11 @@ def _records(
                 electrodes=electrodes,
                 forces=defined,
                 force_errors={str(scene.numerics.observable): solved.errors.tolist()},
-                warnings=(*film_model(scene).warnings, *others, *cancelled_charges(scene, solved)),
+                warnings=(
+                    *resolve_film_model(scene).warnings,
+                    *others,
+                    *cancelled_charges(scene, solved),
+                ),
             )
         )
     return records
@@ -131,7 +135,7 @@ def _followed(goals: Sequence[Goal], scene: Scene) -> list[Goal] | None:
     """The goals on a mesh that follows a scene's electrodes, or None if a goal is no electrode in
     this scene with parallel axes."""
     patches = {
-        electrode.outline.signature(scene.film.radius, DIGITS): electrode_patch(electrode.name)
+        electrode.outline.signature(scene.film.radius, DIGITS): make_subdomain_name(electrode.name)
         for electrode in scene.electrode_list
     }
     followed = []

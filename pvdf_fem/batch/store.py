@@ -25,8 +25,8 @@ import numpy as np
 
 from pvdf_fem.electrodes.stress_integrals import Forces
 from pvdf_fem.files import FileError
-from pvdf_fem.film.loads.profiles import pinned
-from pvdf_fem.scene.quantity import Affects, affecting
+from pvdf_fem.film.loads.profiles import pin_profile_files
+from pvdf_fem.scene.keys import Affects, select_by_effect
 from pvdf_fem.scene.scene import Scene
 
 # SQLite's application id of our files: "pvd" in ASCII, and the version of their table.
@@ -217,10 +217,10 @@ class Store:
 
 def key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
     """Hash over the scene's fields that affect a record and over the code in `folders`."""
-    (scene,) = pinned([scene])
+    (scene,) = pin_profile_files([scene])
     # with coupling, amplifiers and the permittivity act on the film
     effects = [*Affects] if scene.film.coupling else set(Affects) - {Affects.INSTRUMENT}
-    solved = repr(affecting(scene, *effects))
+    solved = repr(select_by_effect(scene, *effects))
     return hashlib.sha256((code_version(folders) + solved).encode()).hexdigest()
 
 

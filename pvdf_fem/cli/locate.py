@@ -157,7 +157,7 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
 
     What is not sought is known from the first. Raises `ValueError` with all mistakes.
     """
-    from pvdf_fem.inverse.touch.locate import locate, match, staged_touch
+    from pvdf_fem.inverse.touch.locate import get_scene_quantities, locate, rank_probes
 
     file, sensor = next(iter(scenes.items()))
     errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(sensor)}
@@ -171,14 +171,14 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
         domain = {"reach_mm": request.model.reach_mm, "force_range_N": request.model.force_N}
         if given := {key: value for key, value in domain.items() if value}:
             sensor = sensor.with_(model=given)
-        return match({file: locate(sensor, request.readings, **asked, **errors)})
-    touch = staged_touch(sensor)
+        return rank_probes({file: locate(sensor, request.readings, **asked, **errors)})
+    touch = get_scene_quantities(sensor)
     known = {name: value for name, value in touch.items() if name not in request.unknown}
     require(scenes, request, request.readings_pC(sensor), known)
     models = {name: model_of(scenes[name], name, request.model) for name in scenes}
     asked |= {"known": known, **errors}
     readings = request.readings
-    return match({name: locate(model, readings, **asked) for name, model in models.items()})
+    return rank_probes({name: locate(model, readings, **asked) for name, model in models.items()})
 
 
 def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:

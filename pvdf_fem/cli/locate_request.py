@@ -68,18 +68,18 @@ class Request:
 
     def readings_pC(self, scene: Scene) -> dict[str, float]:
         """The readings in nominal pC, by electrode."""
-        from pvdf_fem.inverse.touch.measurement import units_of
+        from pvdf_fem.inverse.touch.measurement import get_units_pC
 
-        units = units_of(scene, self.unit)
+        units = get_units_pC(scene, self.unit)
         return {name: units.get(name, 1.0) * value for name, value in self.readings.items()}
 
     def noise_pC(self, scene: Scene) -> dict[str, float] | None:
         """The noise in nominal pC, by electrode; None is the noise of the readout."""
-        from pvdf_fem.inverse.touch.measurement import units_of
+        from pvdf_fem.inverse.touch.measurement import get_units_pC
 
         if self.noise is None:
             return None
-        return {name: unit * self.noise for name, unit in units_of(scene, self.unit).items()}
+        return {name: unit * self.noise for name, unit in get_units_pC(scene, self.unit).items()}
 
 
 def needs_solves(touches: int, unknown: Sequence[str]) -> bool:
@@ -134,18 +134,22 @@ def require(
     known: Mapping[str, float],
 ) -> None:
     """Refuse before anything is built what cannot be located with the scenes."""
-    from pvdf_fem.inverse.touch.measurement import centre_mm, charge_mistakes, known_mistakes
+    from pvdf_fem.inverse.touch.measurement import (
+        find_quantity_errors,
+        find_reading_errors,
+        get_centre_mm,
+    )
 
     mistakes: list[str] = []
     for name, scene in scenes.items():
-        mistakes += charge_mistakes(scene, readings_pC, request.sigma, request.noise_pC(scene))
+        mistakes += find_reading_errors(scene, readings_pC, request.sigma, request.noise_pC(scene))
         if request.unit == "V" and scene.readout is None:
             mistakes.append(f"--unit V: {name} has no [readout]; add one, or give pC")
     for name, scene in scenes.items():
         mistakes += request.model.mistakes(scene, name)
     if not (request.model.file and request.model.file.exists()):
         first = next(iter(scenes.values()))
-        (domain, _), centre = request.model.wanted(first), centre_mm(first)
-        mistakes += known_mistakes(domain, request.unknown, {}, known, centre)
+        (domain, _), centre = request.model.wanted(first), get_centre_mm(first)
+        mistakes += find_quantity_errors(domain, request.unknown, {}, known, centre)
     if mistakes:
         raise ValueError("\n".join(dict.fromkeys(mistakes)))

@@ -86,7 +86,7 @@ def _told(counts: Counter[str], mistakes: Counter[str]) -> int:
     """Tell on standard error what became of rows, and which mistakes explain rows that no touch
     explains; the exit code. Single rows with a mistake may fit a touch by chance: nothing is
     located where a mistake explains more rows than fit as they are given."""
-    from pvdf_fem.inverse.touch.touch import EXPLAINED
+    from pvdf_fem.inverse.touch.touch import EXPLAINED_STATUSES
 
     for text, count in mistakes.most_common(MOST_MISTAKES):
         print(f"{count} of {counts['unexplained']} unexplained rows: {text}", file=sys.stderr)
@@ -95,7 +95,7 @@ def _told(counts: Counter[str], mistakes: Counter[str]) -> int:
         print(f"unexplained rows: no touch fits them; {check}", file=sys.stderr)
     named = ", ".join(f"{count} {status}" for status, count in counts.items())
     print(f"{counts.total()} rows: {named or 'none'}", file=sys.stderr)
-    fitting = sum(counts[status] for status in EXPLAINED)
+    fitting = sum(counts[status] for status in EXPLAINED_STATUSES)
     (text, most), *_ = mistakes.most_common(1) or [("", 0)]
     if most > fitting:
         print(f"only {fitting} rows fit as they are given, {most} are {text}", file=sys.stderr)
@@ -107,7 +107,7 @@ def _locator(
     scene: Scene, request: Request, options: argparse.Namespace, columns: list[str]
 ) -> Callable[[Sequence[Row]], list[dict[str, Any]]]:
     """What makes touches, by column, of rows; raises `ValueError` before a model is built."""
-    from pvdf_fem.inverse.touch.locate import staged_touch
+    from pvdf_fem.inverse.touch.locate import get_scene_quantities
     from pvdf_fem.inverse.touch.locate_many import locate_many
     from pvdf_fem.inverse.touch.touch import TouchStatus
 
@@ -115,7 +115,7 @@ def _locator(
     passed = [c for c in columns if c not in names and c not in KNOWN]
     known = {
         name: value
-        for name, value in staged_touch(scene).items()
+        for name, value in get_scene_quantities(scene).items()
         if name not in (*request.unknown, *columns)
     }
     require({options.scene: scene}, request, dict.fromkeys(names, np.pi), known)

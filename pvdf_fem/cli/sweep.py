@@ -15,7 +15,7 @@ from pvdf_fem.files import require_distinct
 if TYPE_CHECKING:
     from pvdf_fem.batch.plan import SweepPlan
     from pvdf_fem.batch.store import Store
-    from pvdf_fem.studies.grid import Grid
+    from pvdf_fem.studies.scene_grid import SceneGrid
 
 _DESCRIPTION = """\
 Charges over a grid of scenes, as a NetCDF file with a dimension for each axis.
@@ -142,10 +142,10 @@ def _sweep(options: argparse.Namespace) -> int:
     mistakes = [] if unused else find_output_errors(output, [".nc"], options.sweep)
     mistakes += program.find_plot_errors(options, options.sweep, output)
     mistakes += _process_mistakes(options)
-    from pvdf_fem.studies.grid import Grid
+    from pvdf_fem.studies.scene_grid import SceneGrid
 
     try:
-        grid = Grid.load(options.sweep)
+        grid = SceneGrid.from_file(options.sweep)
         scenes = grid.scenes()
     except SceneError as error:
         raise InputError(*mistakes, *error.problems) from error
@@ -179,16 +179,16 @@ def _sweep(options: argparse.Namespace) -> int:
 
 
 def _run(
-    grid: Grid, plan: SweepPlan, store: Store, output: Path, options: argparse.Namespace
+    grid: SceneGrid, plan: SweepPlan, store: Store, output: Path, options: argparse.Namespace
 ) -> int:
     from pvdf_fem.batch.batch import records
     from pvdf_fem.progress import show_progress
-    from pvdf_fem.studies.grid_dataset import dataset, write_netcdf
+    from pvdf_fem.studies.sweep_dataset import make_sweep_dataset, write_netcdf
 
     where: dict[str, Any] = {"processes": options.processes, "scheduler": options.scheduler}
     with show_progress("scenes", False if options.quiet else options.progress) as progress:
         solved = records(plan, store, **where, progress=progress)
-        data = dataset(grid, plan, solved)
+        data = make_sweep_dataset(grid, plan, solved)
     write_netcdf(data, output)
     if options.plot:
         from pvdf_fem.view.charts import sweep_chart

@@ -10,7 +10,7 @@ from skfem import MeshTri2
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.point_values import PointValues, values_in_elements
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.touchdown import Touchdown
+from pvdf_fem.film.loads.contact_result import ContactResult
 from pvdf_fem.film.term import State
 from pvdf_fem.scene.scene import Scene
 
@@ -25,7 +25,7 @@ class FilmData:
     #: charges_pC, charge_errors_pC: By electrode.
     charges_pC: dict[str, float]
     charge_errors_pC: dict[str, float]
-    contacts: dict[str, Touchdown]  #: What tips do, by patch.
+    contacts: dict[str, ContactResult]  #: What tips do, by patch.
     included: Sequence[str]  #: What the model has beyond the membrane.
     #: Element shares in charge errors in C, (elements, electrodes).
     error_shares: Callable[[], Array]

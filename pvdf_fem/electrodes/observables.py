@@ -18,7 +18,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.outputs import Goal
 from pvdf_fem.electrodes.sampling import Sampling, area_samplings, edge_samplings
 from pvdf_fem.film.laws.laminate import Laminate
-from pvdf_fem.film.membrane import IDENTITY, strain_of
+from pvdf_fem.film.membrane import IDENTITY, compute_strain
 from pvdf_fem.film.space import Space
 from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
 
@@ -72,7 +72,7 @@ class Material(Observable):
 
     def stress(self, film: Laminate, gradient: Array) -> Array:
         """Second Piola-Kirchhoff stress S in Pa, film axes."""
-        return film.stress(strain_of(gradient))
+        return film.stress(compute_strain(gradient))
 
     def samplings(self, goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
         return area_samplings(goals, space)
@@ -93,7 +93,7 @@ class ThesisEdge(Observable):
     def stress(self, film: Laminate, gradient: Array) -> Array:
         """Cauchy stress F S F^T / J in Pa, global axes. J is the ratio of deformed to reference
         area, J^2 = det F^T F = det (1 + 2 E)."""
-        strain = strain_of(gradient)
+        strain = compute_strain(gradient)
         e11, e22, e12 = np.moveaxis(strain, -1, 0)
         s11, s22, s12 = np.moveaxis(film.stress(strain), -1, 0)
         (x1, x2), (y1, y2), _ = np.moveaxis(gradient + IDENTITY, (-2, -1), (0, 1))

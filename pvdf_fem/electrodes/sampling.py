@@ -22,8 +22,8 @@ from skfem.quadrature import get_quadrature
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.outputs import Goal, areas_of
 from pvdf_fem.film.space import Space
-from pvdf_fem.mesh.points import PlacedQuadrature, local_coordinates
-from pvdf_fem.mesh.six_node import curved_elements
+from pvdf_fem.mesh.points import PlacedQuadrature, compute_local_coordinates
+from pvdf_fem.mesh.six_node import find_curved_elements
 from pvdf_fem.scene.outlines.outline import Outline
 
 Geometries = NDArray[np.object_]
@@ -69,7 +69,7 @@ def area_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
         # a stress of St. Venant and Kirchhoff has degree 2 (order - 1), 6 for the highest order
         outlines = [goals[i].placed for i in others.tolist()]
         owners, elements, points, weights = area_points(space.mesh, outlines, degree=6)
-        local = local_coordinates(space.mesh, elements, points)
+        local = compute_local_coordinates(space.mesh, elements, points)
         gradients = space.gradients_at(elements, local)
         yield Sampling(others[owners], (0, 1), elements, gradients, weights, local)
 
@@ -132,7 +132,7 @@ def line_quadrature(
     return PlacedQuadrature(
         owners % len(lines),
         elements,
-        local_coordinates(mesh, elements, points),
+        compute_local_coordinates(mesh, elements, points),
         0.5 * np.outer(np.linalg.norm(half, axis=1), weights),
     )
 
@@ -158,7 +158,7 @@ def _element_polygons(mesh: MeshTri2, chords: int = 32) -> Geometries:
     """The elements as polygons with this number of chords along curved edges."""
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
     polygons = shapely.polygons(nodes[:, :3].transpose(2, 1, 0))
-    curved = np.flatnonzero(curved_elements(nodes))
+    curved = np.flatnonzero(find_curved_elements(nodes))
     t = np.arange(chords) / chords
     edges = []
     for start, middle, end in ((0, 3, 1), (1, 4, 2), (2, 5, 0)):

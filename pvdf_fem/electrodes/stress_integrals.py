@@ -21,7 +21,7 @@ from pvdf_fem.film.laws.laminate import Laminate
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 #: The tolerance of a charge is relative to the charge, or to this share of its parts if larger
 #: |d31 X| + |d32 Y|, where they cancel.
@@ -59,7 +59,7 @@ class Forces:
 
 
 def goal_forces(
-    goals: Sequence[Goal], membrane: Membrane, x: Array, part: MirroredPart = WHOLE
+    goals: Sequence[Goal], membrane: Membrane, x: Array, part: SymmetrySector = WHOLE_FILM
 ) -> Array:
     """The forces X, Y for every electrode in N, (goals, 2), by a displacement `x` in m."""
     forces = np.zeros((len(goals), 2))
@@ -82,7 +82,7 @@ def area_integrals(
     goals: Sequence[Goal],
     field: Callable[[Array], Array],
     mesh: MeshTri2,
-    part: MirroredPart = WHOLE,
+    part: SymmetrySector = WHOLE_FILM,
     degree: int = 19,
 ) -> Array:
     """Integrals over electrodes, (goals, n), of a field (..., n) at places (..., 2) in the scene's
@@ -96,7 +96,7 @@ def area_integrals(
 
 
 def goal_gradients(
-    goals: Sequence[Goal], membrane: Membrane, x: Array, part: MirroredPart = WHOLE
+    goals: Sequence[Goal], membrane: Membrane, x: Array, part: SymmetrySector = WHOLE_FILM
 ) -> Array:
     """Derivatives of the electrode charges by the dofs in C/m, (dofs, goals). The parameters are
     those of `goal_forces`."""
@@ -158,7 +158,7 @@ def charge_sizes(
     return np.where(sizes > 0.0, sizes, 1.0)
 
 
-def area_defects(goals: Sequence[Goal], space: Space, part: MirroredPart = WHOLE) -> Array:
+def area_defects(goals: Sequence[Goal], space: Space, part: SymmetrySector = WHOLE_FILM) -> Array:
     """Missing or excess area of the electrodes' curved elements over the electrode areas,
     (goals,)."""
     areas = areas_of(goals)
@@ -175,7 +175,7 @@ def _charges(forces: Array, d: ArrayLike) -> Array:
     return np.asarray((forces * np.asarray(d)).sum(axis=1))
 
 
-def _sampled(membrane: Membrane, sampling: Sampling, part: MirroredPart) -> Laminate:
+def _sampled(membrane: Membrane, sampling: Sampling, part: SymmetrySector) -> Laminate:
     """The film at the points; a linear law has one `stress` everywhere."""
     if membrane.added is None or membrane.law.linear:
         return membrane
@@ -183,7 +183,7 @@ def _sampled(membrane: Membrane, sampling: Sampling, part: MirroredPart) -> Lami
 
 
 def _samplings(
-    goals: Sequence[Goal], space: Space, part: MirroredPart
+    goals: Sequence[Goal], space: Space, part: SymmetrySector
 ) -> Iterator[tuple[Observable, Sampling, Array]]:
     """Observables, their sampling points for the stress, and `directions` of their goals."""
     images, owners = images_of(goals, part)

@@ -8,8 +8,8 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.outputs import areas_of, goals_of
 from pvdf_fem.electrodes.stress_integrals import Forces, area_integrals
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.heat import AddedStrain
-from pvdf_fem.film.models import film_model
+from pvdf_fem.film.loads.uneven_strain import UnevenStrain
+from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import Scene
 
@@ -17,8 +17,8 @@ from pvdf_fem.scene.scene import Scene
 def untouched(scene: Scene) -> Scene:
     """The scene without its probes, before the film warms, without voltages. It bends if the
     touched film does."""
-    bends = {"bending": film_model(scene).bends, "coupling": False}
-    film = scene.film.zeroed.model_copy(update=bends)
+    bends = {"bending": resolve_film_model(scene).bends, "coupling": False}
+    film = scene.film.reference_state.model_copy(update=bends)
     bare = dict.fromkeys(("probe", "readout", "stage", "air", "model", "uncertain"))
     return scene.model_copy(update={**bare, "film": film, "load": Load()})
 
@@ -30,9 +30,9 @@ def known_at_rest(film: Scene) -> Forces | None:
     its plane or bears its weight is not flat. Only a bending film may bear compression. A film in a
     tension field carries none.
     """
-    goals, model, law = goals_of(film), film_model(film), film_model(film).film_law
+    goals, model, law = goals_of(film), resolve_film_model(film), resolve_film_model(film).film_law
     stress = law.stress(np.zeros((1, 3)), law.at_rest(film.film))[0]
-    if not film.film.is_flat_at_rest or not (model.wrinkles or stress[:2].min() >= 0.0):
+    if not film.film.is_flat_unloaded or not (model.wrinkles or stress[:2].min() >= 0.0):
         return None
     forces = areas_of(goals)[:, None] * stress[:2]
     return Forces(forces, np.zeros_like(forces))
@@ -41,7 +41,7 @@ def known_at_rest(film: Scene) -> Forces | None:
 def heat_charges(scene: Scene, solved: Equilibrium) -> Array:
     """Pyroelectric charges in C, (electrodes,), by warming of the whole film and under warm probes,
     on the mesh in `solved`."""
-    goals, film, added = goals_of(scene), scene.film, AddedStrain.of(scene)
+    goals, film, added = goals_of(scene), scene.film, UnevenStrain.of(scene)
     kelvins = (film.warming_K or 0.0) * areas_of(goals)
     if added is not None:
         mesh, part = solved.space.mesh, solved.part

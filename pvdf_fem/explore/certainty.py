@@ -14,13 +14,13 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import channels
 from pvdf_fem.explore.controls import find_section, format_title, to_point_list
 from pvdf_fem.explore.picture import solve_text
-from pvdf_fem.scene.change import number_at
+from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
 from pvdf_fem.solver.sensitivity.gradients import gradients
 from pvdf_fem.solver.sensitivity.parameters import touched
 from pvdf_fem.solver.solution import Solution
-from pvdf_fem.told import Grid
+from pvdf_fem.summary import TextTable
 from pvdf_fem.view.touch_map import deviation_ellipse
 
 #: Smaller ellipses, over the film's radius, are drawn this many times as large.
@@ -34,7 +34,7 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     the readout's is added."""
     solution = solve_text(text)
     keys = [key for key, ((_, _, name), *_) in touched(solution.scene).items() if name in SOUGHT]
-    values = {key: number_at(solution.scene, key) for key in keys}
+    values = {key: get_number(solution.scene, key) for key in keys}
     try:
         covariance = _covariance(solution, values, noise)
     except (NotConvergedError, ValueError) as error:
@@ -52,7 +52,7 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     told += f" The ellipse is drawn {times} times as large." if times > 1 else ""
     centres = [ellipse[:-1].mean(axis=0) for ellipse in ellipses]
     drawn = [to_point_list(at + times * (e - at)) for e, at in zip(ellipses, centres, strict=True)]
-    table = Grid(("", "value", "standard deviation"), (*rows,)).html()
+    table = TextTable(("", "value", "standard deviation"), (*rows,)).to_html()
     return {"told": told, "ellipses": drawn, "table": table}
 
 

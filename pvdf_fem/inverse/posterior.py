@@ -20,10 +20,11 @@ from math import erf
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.inverse.least_squares import SearchOptions, descend
-from pvdf_fem.inverse.touch.location_problem import Problem
+from pvdf_fem.inverse.least_squares import SearchOptions, run_levenberg_marquardt
+from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.inverse.touch.touch import Touch
-from pvdf_fem.surrogate.model import FORCE, ROTATION, X, Y, period_deg
+from pvdf_fem.surrogate.charge_function import find_rotation_period_deg
+from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 ONE_SIGMA = erf(0.5**0.5)  # share of a normal distribution within one standard deviation
 
@@ -51,8 +52,8 @@ class Posterior:
         return second * np.outer(scale, scale)
 
 
-def posterior(
-    problem: Problem,
+def sample_posterior(
+    problem: LocationProblem,
     touches: Sequence[Touch],
     draws: int = 3072,
     freedom: float = 3.0,
@@ -67,8 +68,10 @@ def posterior(
     """
     unknown = problem.unknown
     maxima = problem.coordinates(np.array([touch.values for touch in touches]))
-    scale = np.where(unknown == FORCE, np.exp(maxima[:, FORCE, None]), 1.0)
-    periods = np.where(unknown == ROTATION, period_deg(problem.model), 0.0)
+    scale = np.where(unknown == TouchColumn.FORCE, np.exp(maxima[:, TouchColumn.FORCE, None]), 1.0)
+    periods = np.where(
+        unknown == TouchColumn.ROTATION, find_rotation_period_deg(problem.response), 0.0
+    )
     roots = widening * np.array([touch.root for touch in touches]) / scale[:, :, None]
     shares: Array = np.maximum([touch.weight for touch in touches], least_share)
     shares /= shares.sum()
@@ -87,7 +90,7 @@ def posterior(
     square = np.square(np.matmul(apart, inverse.swapaxes(1, 2))).sum(axis=2)
     heights = shares * np.abs(np.linalg.det(inverse))
     density = heights @ (1.0 + square / freedom) ** (-0.5 * (freedom + len(unknown)))
-    logs = -0.5 * np.square(problem.linearised(at)[:, :, 0]).sum(axis=1) - np.log(density)
+    logs = -0.5 * np.square(problem.linearise(at)[:, :, 0]).sum(axis=1) - np.log(density)
     weights = np.exp(logs - logs.max())
     return Posterior(problem.touches(at)[:, unknown], weights / weights.sum(), periods)
 
@@ -108,17 +111,25 @@ def _standard(dimension: int, draws: int, freedom: float) -> tuple[Array, Array,
     return normal, radius, (np.arange(draws) + 0.5) / draws
 
 
-def least_chi_square(problem: Problem, touch: Touch, places_mm: Array, turns: int = 6) -> Array:
+def profile_chi_square(
+    problem: LocationProblem, touch: Touch, places_mm: Array, turns: int = 6
+) -> Array:
     """Least chi-square (n,) by force and rotation, if sought, at places (n, 2) in mm. Searches
     start from a touch, with this number of rotations, and take few steps, as most places are far
     from any touch that fits."""
     at = np.tile(touch.values, (len(places_mm), 1))
-    at[:, :ROTATION] = places_mm
+    at[:, : TouchColumn.ROTATION] = places_mm
     at = problem.coordinates(at)
-    sought = problem.unknown[~np.isin(problem.unknown, (X, Y))]
+    sought = problem.unknown[~np.isin(problem.unknown, (TouchColumn.X, TouchColumn.Y))]
     of_first, held = np.zeros(len(at), dtype=int), replace(problem, unknown=sought)
     ends = []
-    for turn in period_deg(problem.model) * np.arange(turns if ROTATION in sought else 1) / turns:
-        start = at + turn * (np.arange(at.shape[1]) == ROTATION)
-        ends.append(descend(held, start, of_first, options=SearchOptions(max_steps=8)))
+    for turn in (
+        find_rotation_period_deg(problem.response)
+        * np.arange(turns if TouchColumn.ROTATION in sought else 1)
+        / turns
+    ):
+        start = at + turn * (np.arange(at.shape[1]) == TouchColumn.ROTATION)
+        ends.append(
+            run_levenberg_marquardt(held, start, of_first, options=SearchOptions(max_steps=8))
+        )
     return np.min([end.chi_square for end in ends], axis=0)

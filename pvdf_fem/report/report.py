@@ -20,7 +20,7 @@ from pvdf_fem.report.page import VERDICT, Entry, page_of, verdict, with_others
 from pvdf_fem.report.script import Need, Plan, load
 from pvdf_fem.report.solved import NothingToShow, Solved
 from pvdf_fem.report.task import Rows, done, key
-from pvdf_fem.scene.given import taken
+from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.view.figures import content_of, style
 
@@ -61,7 +61,7 @@ class Report:
     def load(cls, path: Path | str, kinds: Mapping[str, type[Kind]] | None = None) -> Self:
         """The report of a script. `kinds` are further kinds of figures and tables, by name. Raises
         `SceneError` with every mistake in the script, its scene and its data."""
-        return cls(load(taken("path", path, Path), kinds or {}))
+        return cls(load(coerce("path", path, Path), kinds or {}))
 
     def make(
         self,

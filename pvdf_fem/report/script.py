@@ -15,10 +15,10 @@ from pvdf_fem.report.data import DataSource, Readings, read_data
 from pvdf_fem.report.kind import Inputs, Kind, blamed
 from pvdf_fem.report.registry import FIGURES, TABLES
 from pvdf_fem.report.task import Task
-from pvdf_fem.scene.mistakes import MOST_MISTAKES, spelled_key, told
-from pvdf_fem.scene.quantity import Section, refusal
+from pvdf_fem.scene.keys import Section, make_validation_error
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import MOST_BYTES, SceneError, choose, parse_toml, problem
+from pvdf_fem.scene.scene_file import MOST_BYTES, SceneError, format_error, parse_toml, suggest
+from pvdf_fem.scene.validation_errors import MAX_ERRORS, describe_errors, join_key
 
 MOST_WORDS = 120  #: Of a section.
 PICTURES = 3  #: Of the first screen.
@@ -28,7 +28,7 @@ Model = TypeVar("Model", bound=Section)
 
 def _is_short(text: str) -> str:
     if (count := len(text.split())) > MOST_WORDS:
-        raise refusal(f"has {count} words, more than {MOST_WORDS}; say less")
+        raise make_validation_error(f"has {count} words, more than {MOST_WORDS}; say less")
     return text
 
 
@@ -122,7 +122,7 @@ class Plan:
         if not problems:
             planned([scene for need in needed for scene in need.scenes])
             return inputs, needed
-        raise SceneError(problems[:MOST_MISTAKES], str(self.files[0]))
+        raise SceneError(problems[:MAX_ERRORS], str(self.files[0]))
 
     @property
     def summary(self) -> list[Item]:
@@ -146,7 +146,7 @@ def load(path: Path, kinds: Kinds) -> Plan:
     data = {} if scene is None else reader.data(table, scene)
     items, others = reader.items(table), reader.all_valid(Other, table, "other")
     if reader.problems or script is None or scene is None:
-        raise SceneError(list(dict.fromkeys(reader.problems))[:MOST_MISTAKES], str(path))
+        raise SceneError(list(dict.fromkeys(reader.problems))[:MAX_ERRORS], str(path))
     plan = Plan(script, scene, data, sections, items, others, tuple(reader.files))
     plan.needs()
     return plan
@@ -165,7 +165,7 @@ class _Reader:
         try:
             return model.model_validate(table)
         except ValidationError as error:
-            self.problems += told(error, where, model)
+            self.problems += describe_errors(error, where, model)
             return None
 
     def all_valid(self, model: type[Model], table: Table, name: str) -> tuple[Model, ...]:
@@ -179,7 +179,7 @@ class _Reader:
         try:
             if (given is None) == (example is None):
                 reason = "give one of `scene`, a path or a table [scene], and `example`"
-                raise SceneError([problem("scene", given or "(nothing)", reason)])
+                raise SceneError([format_error("scene", given or "(nothing)", reason)])
             with blamed("scene" if example is None else "example"):
                 if isinstance(example, str):
                     return Scene.example(example)
@@ -196,7 +196,7 @@ class _Reader:
         found, tables = dict[str, Readings](), table.get("data")
         folder = self.files[0].parent
         for name, of in tables.items() if isinstance(tables, dict) else ():
-            source = self.valid(DataSource, of, spelled_key("data", [name]))
+            source = self.valid(DataSource, of, join_key("data", [name]))
             try:
                 if source is not None:
                     found[name] = read_data(name, source, scene, folder)
@@ -216,7 +216,9 @@ class _Reader:
                         continue
                     for key in kind.full.keys() & {"kind", "name", "full"}:
                         reason = "is the same in every form of a report; leave it out"
-                        self.problems.append(problem(f"{where}.full.{key}", kind.full[key], reason))
+                        self.problems.append(
+                            format_error(f"{where}.full.{key}", kind.full[key], reason)
+                        )
                     full = self.valid(type(kind), {**of, **kind.full}, f"{where}.full")
                     name = self._name(kind, where, names)
                     items.append(Item(number, where, name, kind, full or kind))
@@ -226,8 +228,8 @@ class _Reader:
         word = table.get("kind", "(nothing)")
         if isinstance(word, str) and word in known:
             return self.valid(known[word], table, where)
-        reason = f"is no kind there; {choose(word, list(known))}"
-        self.problems.append(problem(f"{where}.kind", word, reason))
+        reason = f"is no kind there; {suggest(word, list(known))}"
+        self.problems.append(format_error(f"{where}.kind", word, reason))
         return None
 
     def _name(self, kind: Kind, where: str, names: dict[str, str]) -> str:
@@ -237,7 +239,7 @@ class _Reader:
         name = kind.name or next(unused)
         if name in names:
             reason = f"is the name of {names[name]}; choose another"
-            self.problems.append(problem(f"{where}.name", name, reason))
+            self.problems.append(format_error(f"{where}.name", name, reason))
         names[name] = where
         return name
 

@@ -78,7 +78,7 @@ class Solved:
 
     def warnings(self, scenes: Sequence[Scene]) -> list[str]:
         """How many scenes have warnings, and the first warning."""
-        every = ((*one.doubts, *self._found[one].warnings) for one in dict.fromkeys(scenes))
+        every = ((*one.warnings, *self._found[one].warnings) for one in dict.fromkeys(scenes))
         warned = [told for told in every if told]
         if not warned:
             return []

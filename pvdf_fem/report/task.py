@@ -29,7 +29,7 @@ import numpy as np
 
 from pvdf_fem.batch.store import Store, code_version
 from pvdf_fem.batch.workers import Died, on_processes
-from pvdf_fem.film.loads.profiles import pinned
+from pvdf_fem.film.loads.profiles import pin_profile_files
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.scene.scene import Scene
 
@@ -89,7 +89,7 @@ def key(task: Task) -> str:
 def _text(value: Any) -> str:
     """All that a value holds; the representation of a scene is a summary."""
     if isinstance(value, Scene):
-        return pinned([value])[0].model_dump_json()
+        return pin_profile_files([value])[0].model_dump_json()
     if isinstance(value, tuple | list):
         return f"({', '.join(map(_text, value))})"
     if is_dataclass(value) and not isinstance(value, type):

@@ -21,22 +21,22 @@ from pvdf_fem.electrodes.outputs import Goal, goals_of
 from pvdf_fem.electrodes.stress_integrals import Forces, charges_of, larger
 from pvdf_fem.electrodes.thickness import thickness_remarks
 from pvdf_fem.electrodes.unloaded import known_at_rest, untouched
-from pvdf_fem.film.electric.coupling import coupling_remarks
-from pvdf_fem.film.loads.contact_edge import outlines_found
-from pvdf_fem.film.loads.contact_guess import tip_outlines
-from pvdf_fem.film.loads.everywhere.weight import weight_remarks
-from pvdf_fem.film.loads.heat import heat_remarks
-from pvdf_fem.film.loads.posed import NOTHING, Posed, Pressure
-from pvdf_fem.film.loads.profiles import pinned, profile_of
-from pvdf_fem.film.loads.touchdown import tips_of
-from pvdf_fem.film.models import film_model
+from pvdf_fem.film.electric.coupling import describe_coupling
+from pvdf_fem.film.loads.contact_edge import measure_contact_outlines
+from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
+from pvdf_fem.film.loads.contact_result import select_tips
+from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, Pressure, SolveOptions
+from pvdf_fem.film.loads.profiles import make_profile, pin_profile_files
+from pvdf_fem.film.loads.uneven_strain import describe_heat_effects
+from pvdf_fem.film.loads.weight import describe_weight
+from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
-from pvdf_fem.mesh.mesh_file import mesh_of
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart, part_of
-from pvdf_fem.scene.given import SceneLike, scene_of, taken
+from pvdf_fem.mesh.mesh_file import as_mesh
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector, find_symmetry_sector
+from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.solver import admissible
 from pvdf_fem.solver.first_sizes import ORDER, first_sizes
 from pvdf_fem.solver.history import Clock, MeshRecord, Stop
@@ -64,15 +64,15 @@ class RestError(SceneError):
     def of(cls, scene: Scene, status: str, reason: str) -> RestError:
         """The error of a scene, by how the solve of its untouched film ended."""
         film = scene.film
-        moved = ["rim_displacement_um", "patches"] if film.moves_at_rest else []
+        moved = ["rim_displacement_um", "patches"] if film.has_unbalanced_prestress else []
         keys = [*moved, "gravity_m_s2", "pretension_N_m", "temperature_change_K"]
         key = next(key for key in keys if getattr(film, key) is not None)
         if status == Status.UNSTABLE:
             reason = "it is in compression; stretch it more"
             wrinkles = ', or let it wrinkle (film.compression = "tension-field")'
-            reason += "" if film.moves_at_rest else wrinkles
+            reason += "" if film.has_unbalanced_prestress else wrinkles
         told = f"leaves the untouched film without charges at rest ({status}): {reason}"
-        return cls([problem(f"film.{key}", getattr(film, key), told)])
+        return cls([format_error(f"film.{key}", getattr(film, key), told)])
 
 
 def solve(
@@ -84,15 +84,15 @@ def solve(
     pressure: Pressure | None = None,
 ) -> Solution:
     """`pvdf_fem.solve`, without deviations by the scene's uncertain numbers."""
-    scene = scene_of(scene)
-    posed = Posed.under(scene, pressure)
-    order = taken("order", order, int, (1, max(UNKNOWNS_PER_ELEMENT)))
-    budget = taken("budget", budget or Budget.of(scene), Budget)
+    scene = as_scene(scene)
+    options = SolveOptions.for_pressure(scene, pressure)
+    order = coerce("order", order, int, (1, max(UNKNOWNS_PER_ELEMENT)))
+    budget = coerce("budget", budget or Budget.of(scene), Budget)
     if mesh is not None:
-        mesh = mesh_of(mesh, scene)
+        mesh = as_mesh(mesh, scene)
     start, goals = time.perf_counter(), goals_of(scene)
-    solution = solve_goals(scene, goals, mesh=mesh, order=order, budget=budget, posed=posed)
-    warnings, at_rest = [*scene.doubts, *solution.warnings], None
+    solution = solve_goals(scene, goals, mesh=mesh, order=order, budget=budget, options=options)
+    warnings, at_rest = [*scene.warnings, *solution.warnings], None
     if solution.status is Status.CONVERGED:
         warnings += admissible.cancelled_charges(scene, solution.fields.forces)
         at_rest = _at_rest(untouched(scene), budget)
@@ -140,29 +140,29 @@ def solve_goals(
     mesh: MeshTri2 | None = None,
     order: int = ORDER,
     budget: Budget | None = None,
-    posed: Posed = NOTHING,
+    options: SolveOptions = DEFAULT_OPTIONS,
 ) -> Solution:
     """`solve` for the charges in `goals` instead of the scene's electrodes.
 
     The goals' charges meet the tolerance, and `forces` in the solution's `fields` are the goals'
     forces; a solution's charges by electrode have no meaning here.
     """
-    for touch in posed.touches(scene):  # before any mesh, files and functions are refused
-        profile_of(touch).mean(touch.outline.polygon)
-    (scene,) = pinned([scene])
+    for touch in options.load_specs(scene):  # before any mesh, files and functions are refused
+        make_profile(touch).mean(touch.outline.polygon)
+    (scene,) = pin_profile_files([scene])
     if mesh is not None:
         scene.require_no_tips("a mesh that is given")
     budget = Budget.of(scene) if budget is None else budget
 
-    solution = _solved(Problem(scene, goals, order, budget, Clock(), posed), mesh)
-    included = (*posed.remarks, *solution.included)
-    return replace(solution, scene=scene, pressure=posed.pressure, included=included)
+    solution = _solved(Problem(scene, goals, order, budget, Clock(), options), mesh)
+    included = (*options.notes, *solution.included)
+    return replace(solution, scene=scene, pressure=options.pressure, included=included)
 
 
 def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
     """The solution of a problem on a given mesh, or on meshes for its tolerance."""
     scene = problem.scene
-    loop = _mesh_loop(problem, WHOLE if mesh is not None else _part(problem))
+    loop = _mesh_loop(problem, WHOLE_FILM if mesh is not None else _part(problem))
     if mesh is not None:
         attempt = loop.attempt_on(mesh, None, time.perf_counter())
         return _solution(attempt, Stop.GIVEN_MESH, loop.history)
@@ -178,17 +178,17 @@ def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
     return _solution(attempt, stop, loop.history)
 
 
-def _part(problem: Problem) -> MirroredPart:
+def _part(problem: Problem) -> SymmetrySector:
     """The part of a symmetric film to unfold; else the whole film."""
-    scene, model = problem.scene, film_model(problem.scene)
+    scene, model = problem.scene, resolve_film_model(problem.scene)
     leaning = scene.tips or any(touch.load.tilt == "free" for touch in scene.loaded_probes)
-    whole = leaning or problem.posed.pressure
+    whole = leaning or problem.options.pressure
     if whole or not (model.solved_on_parts and model.electrodes_only_read):
-        return WHOLE
-    return part_of(scene)
+        return WHOLE_FILM
+    return find_symmetry_sector(scene)
 
 
-def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
+def _mesh_loop(problem: Problem, part: SymmetrySector) -> MeshLoop[Attempt]:
     return MeshLoop(
         problem.scene,
         partial(first_sizes, problem.scene, problem.order),
@@ -205,9 +205,9 @@ def _mesh_loop(problem: Problem, part: MirroredPart) -> MeshLoop[Attempt]:
 def _contacts(scene: Scene, attempt: Attempt | None) -> dict[str, Outline]:
     """Contact outlines for a mesh: guessed, or found by an attempt."""
     if attempt is None:
-        return tip_outlines(scene)
+        return estimate_tip_outlines(scene)
     state = attempt.fields.solved_state
-    found = (outlines_found(tip, state) for tip in tips_of(attempt.equilibrium))
+    found = (measure_contact_outlines(tip, state) for tip in select_tips(attempt.equilibrium))
     return {name: outline for outlines in found for name, outline in outlines.items()}
 
 
@@ -220,14 +220,14 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         errors = larger(fields.forces.errors, changes, problem.goals)
         fields = replace(fields, forces=replace(fields.forces, errors=errors))
     scene, status = problem.scene, _status(attempt, stop, change)
-    model = film_model(scene)
+    model = resolve_film_model(scene)
     by_stress = fields.forces.charges((scene.film.d31_pC_N, scene.film.d32_pC_N)).tolist()
     names = [electrode.name for electrode in scene.electrode_list]
     # scenes solved together in a sweep share a list of goals, longer than the electrodes
     charges_pC = dict(zip(names, by_stress, strict=True)) if len(names) == len(by_stress) else None
-    remarks = [model.remark, *coupling_remarks(scene)]
-    remarks += thickness_remarks(scene, charges_pC, problem.posed)
-    remarks += [*heat_remarks(scene, charges_pC), *weight_remarks(scene)]
+    remarks = [model.remark, *describe_coupling(scene)]
+    remarks += thickness_remarks(scene, charges_pC, problem.options)
+    remarks += [*describe_heat_effects(scene, charges_pC), *describe_weight(scene)]
     reason = status.advice
     if status is Status.TOLERANCE:
         enough = 1.05 * attempt.bound  # no smaller in two digits
@@ -262,5 +262,5 @@ def _status(attempt: Attempt, stop: Stop, change: float | None) -> Status:
     if missed and admissible.meets_rim(fields):
         return Status.RIM
     unknown = status is Status.TOLERANCE and attempt.worst > UNKNOWN_CHARGE
-    slack = film_model(scene).wrinkles and barely_loaded(scene)
+    slack = resolve_film_model(scene).wrinkles and barely_loaded(scene)
     return Status.SLACK if slack and (missed or unknown) else status

@@ -15,7 +15,7 @@ from scipy.sparse.linalg import SuperLU
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.stress_integrals import CANCELLED, Forces, goal_forces
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import principal
+from pvdf_fem.film.membrane import compute_principal_values
 from pvdf_fem.film.term import State
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.discrete_solution import Fields
@@ -100,7 +100,7 @@ def warnings(equilibrium: Equilibrium, state: State, change: float | None) -> It
     `change` is the relative change of a charge by wrinkles, if known.
     """
     told = "" if change is None else f"; this would change a charge by up to {change:.1e} of it"
-    least, largest = principal(state.stress)
+    least, largest = compute_principal_values(state.stress)
     for remark, where in equilibrium.model.compression_remarks(least, largest):
         yield remark.format(_area(equilibrium, where)) + told
     if (stress := largest.max()) > STRENGTH:
@@ -108,7 +108,7 @@ def warnings(equilibrium: Equilibrium, state: State, change: float | None) -> It
             f"strength: principal stress up to {1e-6 * stress:.4g} MPa"
             f" at {_place(equilibrium, largest)}, above the film's {1e-6 * STRENGTH:.4g} MPa"
         )
-    stretch = principal(state.strain * [1.0, 1.0, 0.5])[1]
+    stretch = compute_principal_values(state.strain * [1.0, 1.0, 0.5])[1]
     law = equilibrium.membrane.law
     if (strain := stretch.max()) > law.strain_limit:
         place = _place(equilibrium, stretch)

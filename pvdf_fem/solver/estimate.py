@@ -26,7 +26,7 @@ from scipy.sparse.linalg import SuperLU
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.term import State
-from pvdf_fem.film.unknowns import prolongation
+from pvdf_fem.film.unknowns import make_prolongation
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.fallback import equilibrate
 from pvdf_fem.solver.nonlinear.newton import NewtonResult
@@ -83,7 +83,7 @@ def corrected(
     `rich` has the scene and mesh of `coarse` in a space that contains the coarse space; `factors`
     is the factorised tangent of `coarse` near `q`.
     """
-    prolong = prolongation(coarse, rich)
+    prolong = make_prolongation(coarse, rich)
     start = prolong @ q
     state = rich.state(start)
     correction = Correction(rich, start, start, state, prolong)

@@ -22,14 +22,14 @@ from pvdf_fem.electrodes.stress_integrals import (
     goal_gradients,
     larger,
 )
+from pvdf_fem.film.bending.layers import BendingLayers, estimate_missing_fraction
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.layers import Layers, remaining_part
-from pvdf_fem.film.loads.kinds import rigid_elements
-from pvdf_fem.film.loads.posed import NOTHING, Posed
-from pvdf_fem.film.space import transferred
-from pvdf_fem.film.unknowns import prolongation
-from pvdf_fem.mesh.size_field import SizeField, refined_sizes
-from pvdf_fem.mesh.symmetry import MirroredPart
+from pvdf_fem.film.loads.load_classes import find_rigid_elements
+from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, SolveOptions
+from pvdf_fem.film.space import transfer_dofs
+from pvdf_fem.film.unknowns import make_prolongation
+from pvdf_fem.mesh.size_field import SizeField, compute_refined_sizes
+from pvdf_fem.mesh.symmetry import SymmetrySector
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.discrete_solution import Fields
 from pvdf_fem.solver.estimate import Correction, corrected, duals, indicators
@@ -61,7 +61,7 @@ class Problem:
     order: int
     budget: Budget
     clock: Clock
-    posed: Posed = NOTHING
+    options: SolveOptions = DEFAULT_OPTIONS
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ class Attempt:
     #: The solution in a richer space, if there is a solution.
     correction: Correction | None = None
     #: Bending layers that the elements do not resolve.
-    layers: Layers | None = None
+    layers: BendingLayers | None = None
 
     @property
     def status(self) -> Status:
@@ -105,7 +105,7 @@ class Attempt:
     @property
     def bound(self) -> float:
         """Largest likely error: `worst` times a safety factor."""
-        rigid = len(rigid_elements(self.equilibrium.terms)) > 0
+        rigid = len(find_rigid_elements(self.equilibrium.terms)) > 0
         return self.worst * (1.0 if rigid else SAFETY)
 
     @property
@@ -122,11 +122,11 @@ class Attempt:
 
 
 def solve_on(
-    problem: Problem, part: MirroredPart, mesh: MeshTri2, coarser: Attempt | None = None
+    problem: Problem, part: SymmetrySector, mesh: MeshTri2, coarser: Attempt | None = None
 ) -> Attempt:
     """Solve on the mesh of a part of the film, from the solution on a coarser mesh if present."""
     with problem.clock("solve"):
-        equilibrium = Equilibrium(problem.scene, mesh, problem.order, part, problem.posed)
+        equilibrium = Equilibrium(problem.scene, mesh, problem.order, part, problem.options)
         result = _equilibrated(problem, equilibrium, coarser)
         problem.budget.spend(equilibrium, result.fresh_count)
         forces = _forces(problem, equilibrium, result.q)
@@ -172,7 +172,7 @@ def _with_errors(attempt: Attempt, iterations: int = 4) -> Attempt:
         # the next order sees a part of the layers only: both errors may have one sign
         by_layers = np.abs(_forces(problem, equilibrium, changed) - forces)
         errors += np.where(errors < 0.0, -by_layers, by_layers)
-    if len(rigid_elements(equilibrium.terms)):
+    if len(find_rigid_elements(equilibrium.terms)):
         _, shares = error_indicators(correction, result.factors, problem.goals)
         least = force_errors(UNCANCELLED * shares.sum(axis=0), forces, problem.goals)
         errors = larger(errors, least, problem.goals)
@@ -203,9 +203,9 @@ def _equilibrated(
     budget = problem.budget
     # stress from the coarser mesh leads nowhere in compressed film, and in film that
     # wrinkles takes longer than a start on the same mesh
-    slack = equilibrium.film.stress_at_rest[:2].min() < 0.0 or equilibrium.model.wrinkles
+    slack = equilibrium.film.prestress[:2].min() < 0.0 or equilibrium.model.wrinkles
     if coarser is not None and not slack:
-        x = transferred(coarser.equilibrium.space, coarser.fields.solved_dofs, equilibrium.space)
+        x = transfer_dofs(coarser.equilibrium.space, coarser.fields.solved_dofs, equilibrium.space)
         return equilibrate(equilibrium, equilibrium.restrict(x), budget=budget)
     start = _from_below(equilibrium, budget)
     if isinstance(start, Status):
@@ -227,7 +227,7 @@ def _from_below(
         return None
     if equilibrium.model.wrinkles and barely_loaded(equilibrium.scene):
         return None  # the solution of another order is far away
-    lower = equilibrium.with_(order=order - 1).each(lambda term: term.softer())
+    lower = equilibrium.with_(order=order - 1).map_terms(lambda term: term.relaxed())
     start = _from_below(lower, budget)
     if isinstance(start, Status):
         return start
@@ -237,7 +237,9 @@ def _from_below(
         return result.status
     if not result.converged:
         return None
-    return equilibrium.started(equilibrium.dofs(prolongation(lower, equilibrium) @ result.q))
+    return equilibrium.complete_initial_guess(
+        equilibrium.dofs(make_prolongation(lower, equilibrium) @ result.q)
+    )
 
 
 def refined(
@@ -248,7 +250,7 @@ def refined(
     correction, factors = attempt.correction, attempt.result.factors
     if correction is None or factors is None:
         raise ValueError("only a converged attempt can be refined")
-    mesh, flat = attempt.equilibrium.space.mesh, rigid_elements(attempt.equilibrium.terms)
+    mesh, flat = attempt.equilibrium.space.mesh, find_rigid_elements(attempt.equilibrium.terms)
     worst = np.argsort(attempt.charge_errors)[-most_duals:]
     goals = [attempt.problem.goals[i] for i in worst]
     dual, by_goal = error_indicators(correction, factors, goals, attempt.charge_sizes[worst])
@@ -257,7 +259,7 @@ def refined(
     most: Array | float = np.inf
     if layers := attempt.layers:
         effects = layers.effects(dual).max(axis=1)
-        total = float((effects * remaining_part(layers.widths)).sum())
+        total = float((effects * estimate_missing_fraction(layers.widths)).sum())
         most = layers.sizes(effects, max(reduction * total, tolerance))
-    sizes = refined_sizes(mesh, shares, reduction, most, flat)
+    sizes = compute_refined_sizes(mesh, shares, reduction, most, flat)
     return sizes.coarsened(most_unknowns / UNKNOWNS_PER_ELEMENT[attempt.problem.order])

@@ -10,10 +10,10 @@ from typing import Generic, Protocol, TypeVar
 
 from skfem import MeshTri2
 
-from pvdf_fem.film.models import film_model
+from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
-from pvdf_fem.mesh.size_field import SizeField, Sizes
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.mesh.size_field import GradedSizes, SizeField
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.history import Clock, MeshRecord, Stop
@@ -86,16 +86,16 @@ class MeshLoop(Generic[T]):
 
     scene: Scene
     #: Element sizes of the first mesh.
-    first_sizes: Callable[[], Sizes | SizeField]
+    first_sizes: Callable[[], GradedSizes | SizeField]
     #: Solves on a mesh, from the solution on the coarser one if there is.
     solve_on: Callable[[MeshTri2, T | None], T]
     #: Element sizes for an attempt, the error aimed at, and the largest number of unknowns.
-    next_sizes: Callable[[T, float, float], Sizes | SizeField]
+    next_sizes: Callable[[T, float, float], GradedSizes | SizeField]
     budget: Budget
     clock: Clock
     unknowns_per_element: float
     #: The part of the film that is meshed.
-    part: MirroredPart = WHOLE
+    part: SymmetrySector = WHOLE_FILM
     #: Outlines of contacts with tips by patch name, after the attempt before or None.
     contacts_of: Callable[[T | None], Mapping[str, Outline]] = lambda attempt: {}
     rules: Rules = field(default_factory=Rules)
@@ -148,12 +148,15 @@ class MeshLoop(Generic[T]):
         most = min(self.rules.growth * attempt.unknowns, self.budget.max_unknowns, by_work)
         return most, Stop.SECONDS if most == by_work else Stop.UNKNOWNS
 
-    def attempt(self, sizes: Sizes | SizeField, coarser: T | None) -> T:
+    def attempt(self, sizes: GradedSizes | SizeField, coarser: T | None) -> T:
         """Mesh and solve."""
         start = time.perf_counter()
         require = partial(self._require_affordable, overestimate=self.rules.overestimate)
         with self.clock("mesh"):
-            jacobian, contacts = film_model(self.scene).least_jacobian, self.contacts_of(coarser)
+            jacobian, contacts = (
+                resolve_film_model(self.scene).least_jacobian,
+                self.contacts_of(coarser),
+            )
             mesh = mesh_scene(
                 self.scene, sizes, self.part, jacobian, contacts=contacts, require=require
             )
@@ -168,7 +171,9 @@ class MeshLoop(Generic[T]):
         if budget.bounds_first_mesh and least > budget.max_unknowns:
             allowed = f"numerics.max_unknowns allows {budget.max_unknowns}"
             raise TooManyUnknownsError(unknowns, allowed, Stop.UNKNOWNS)
-        work = self.rules.least_iterations * iteration_seconds(least, film_model(self.scene))
+        work = self.rules.least_iterations * iteration_seconds(
+            least, resolve_film_model(self.scene)
+        )
         if work > budget.max_seconds:
             allowed = f"numerics.max_seconds allows {budget.max_seconds:g} s of work"
             raise TooManyUnknownsError(unknowns, allowed, Stop.SECONDS)

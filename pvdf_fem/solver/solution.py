@@ -20,18 +20,18 @@ from pvdf_fem.electrodes.point_values import PointValues, values_along, values_a
 from pvdf_fem.electrodes.stress_integrals import Forces
 from pvdf_fem.electrodes.thickness import thickness_charges
 from pvdf_fem.electrodes.unloaded import heat_charges
-from pvdf_fem.film.electric.coupling import floating
-from pvdf_fem.film.loads.posed import Pressure
-from pvdf_fem.film.loads.pressure import Leaning
-from pvdf_fem.film.loads.touchdown import Touchdown
-from pvdf_fem.scene.given import Named, numbers, taken
+from pvdf_fem.film.electric.coupling import find_floating_electrodes
+from pvdf_fem.film.loads.contact_result import ContactResult
+from pvdf_fem.film.loads.load_spec import Pressure
+from pvdf_fem.film.loads.pressure import PunchTilt
+from pvdf_fem.scene.arguments import ValuesByName, coerce, coerce_array
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.solver.discrete_solution import Fields, largest
 from pvdf_fem.solver.history import MeshRecord, Stop
 from pvdf_fem.solver.nonlinear.newton import Iteration
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
-from pvdf_fem.solver.summary import solution_parts
-from pvdf_fem.told import Parts, Told, charges_told
+from pvdf_fem.solver.summary import summarize_solution
+from pvdf_fem.summary import Result, Summary, format_charges
 
 if TYPE_CHECKING:
     import xarray
@@ -46,7 +46,7 @@ CHARGES = tuple(f"{kind}{end}" for kind in KINDS for end in ("s_pC", "_errors_pC
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution(Told):
+class Solution(Result):
     """How a solve ended and, if it converged, its fields and charges.
 
     Examples
@@ -74,7 +74,7 @@ class Solution(Told):
     _fields: Fields | None = None
     at_rest: Forces | None = None  #: Forces of the electrodes on the untouched film, if known.
     #: Deviations by the scene's uncertain numbers, from `pvdf_fem.uncertainty`.
-    uncertainty: Told | None = None
+    uncertainty: Result | None = None
 
     @property
     def fields(self) -> Fields:
@@ -167,13 +167,13 @@ class Solution(Told):
         a charge amplifier, else the charge over the capacitance of electrode and cable, with the
         charge's sign."""
         capacitances = {channel.name: channel.capacitance for channel in channels(self.scene)}
-        wired = {electrode.name for electrode in floating(self.scene)}
+        wired = {electrode.name for electrode in find_floating_electrodes(self.scene)}
         changes = self.charge_changes_pC.items()
         return {n: 1e-12 * q / capacitances[n] if n in wired else 0.0 for n, q in changes}
 
     def charges_by(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
         """Charges in pC by the stress with other coefficients, without heat's and d33's charges."""
-        coefficients = numbers("d31_pC_N, d32_pC_N", [d31_pC_N, d32_pC_N])
+        coefficients = coerce_array("d31_pC_N, d32_pC_N", [d31_pC_N, d32_pC_N])
         return self._by_electrode(self.fields.forces.charges(coefficients))
 
     def charge_errors_by(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
@@ -182,7 +182,7 @@ class Solution(Told):
 
     def _by_electrode(self, values: Array) -> dict[str, float]:
         names = [electrode.name for electrode in self.scene.electrode_list]
-        return Named(zip(names, values.tolist(), strict=True))
+        return ValuesByName(zip(names, values.tolist(), strict=True))
 
     @property
     def deflection_max_mm(self) -> float:
@@ -191,11 +191,11 @@ class Solution(Told):
         return 1e3 * largest(fields.solved.space.basis, fields.solved_dofs[2::3])
 
     @property
-    def punches(self) -> dict[str, Leaning]:
+    def punches(self) -> dict[str, PunchTilt]:
         """How rigid punches lean and are held, by patch: ``probe``, or ``probe 1``, ``probe 2``."""
         film, state = self.fields.equilibrium, self.fields.state
         forces = film.film_forces(state)
-        told = {load.touch.patch: load.leaning(state, forces) for load in film.loads}
+        told = {load.spec.patch: load.compute_tilt(state, forces) for load in film.loads}
         return {patch: leaning for patch, leaning in told.items() if leaning}
 
     def at(
@@ -234,9 +234,9 @@ class Solution(Told):
         return values_along(self.fields.equilibrium, self.fields.state, line_mm, points)
 
     @property
-    def contacts(self) -> dict[str, Touchdown]:
+    def contacts(self) -> dict[str, ContactResult]:
         """Contacts by the tip's patch: ``probe``, or ``probe 1``, ..."""
-        return self.fields.touchdowns
+        return self.fields.contact_results
 
     @property
     def force_balance(self) -> float:
@@ -263,7 +263,7 @@ class Solution(Told):
                 results["contacts"] = {name: c.to_json() for name, c in self.contacts.items()}
             if punches := self.punches:
                 results["punches"] = {name: asdict(punch) for name, punch in punches.items()}
-            if floating(self.scene):
+            if find_floating_electrodes(self.scene):
                 results["electrode_voltages_V"] = _known(self.electrode_voltages_V)
             if self.scene.readout is not None:
                 results["readings_V"] = _known(self.readings_V)
@@ -286,12 +286,12 @@ class Solution(Told):
             "history": [record.to_json() for record in self.history],
         }
 
-    def _brief(self) -> str:
-        found = charges_told(self.charges_pC) if self.status is Status.CONVERGED else self.reason
+    def _headline(self) -> str:
+        found = format_charges(self.charges_pC) if self.status is Status.CONVERGED else self.reason
         return f"{self.status}, {self.unknowns} unknowns, {len(self.history)} meshes: {found}"
 
-    def parts(self) -> Parts:
-        return solution_parts(self.to_json(), self.uncertainty)
+    def summary(self) -> Summary:
+        return summarize_solution(self.to_json(), self.uncertainty)
 
     # What draws and writes is slow to import.
     def plot(
@@ -336,7 +336,7 @@ class Solution(Told):
         """Write displacement, stresses, patches, charges and the scene to a VTU file."""
         from pvdf_fem.view.export import write_vtu
 
-        write_vtu(self.film_data(), taken("path", path, Path))
+        write_vtu(self.film_data(), coerce("path", path, Path))
 
     def film_data(self) -> FilmData:
         """Fields and charges for `plot`, `view` and `to_vtu`."""

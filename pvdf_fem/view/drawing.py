@@ -17,7 +17,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 from scipy.interpolate import Akima1DInterpolator
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.quantity import in_words
+from pvdf_fem.scene.keys import split_unit
 from pvdf_fem.view.figures import COLOURS, GREY, HALO, LABEL_SIZE, figure_of, new_figure
 
 #: Width of a figure in mm: readable on a phone.
@@ -37,7 +37,7 @@ READING_LABELS = {"total": "charge (pC)", "change": "change by the touch (pC)"}
 
 def axis_label(key: str) -> str:
     """A key of a scene in words, with its unit: ``film.thickness_um`` is film thickness (µm)."""
-    words, unit = in_words(key)
+    words, unit = split_unit(key)
     words = words.removeprefix("load ").removeprefix("numerics ")
     return f"{words} ({unit.replace('degrees', '°')})" if unit else words
 
@@ -46,7 +46,7 @@ def value_label(key: str, value: Any) -> str:
     """A value of a key, a number with its unit: ``25 µm``."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return str(value)
-    unit = in_words(key)[1].replace("degrees", "°")
+    unit = split_unit(key)[1].replace("degrees", "°")
     return f"{value:g}{'' if unit == '°' else ' '}{unit}" if unit else f"{key} = {value:g}"
 
 

@@ -18,7 +18,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.film_data import FilmData
 from pvdf_fem.electrodes.point_values import PointValues, values_along
 from pvdf_fem.files import replace_file
-from pvdf_fem.scene.given import taken
+from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.view.figures import COLOURS, colours_of
 from pvdf_fem.view.film_map import FilmMap, require_map, sampled
 
@@ -48,7 +48,7 @@ def require_rendering() -> None:
 def film_view(data: FilmData, name: str, scale: float | None, html: str | Path | None) -> Any:
     """`Solution.view`."""
     shown, scene = require_map(name, data.scene), data.scene
-    scale, html = taken("scale", scale, float | None), taken("html", html, Path | None)
+    scale, html = coerce("scale", scale, float | None), coerce("html", html, Path | None)
     pyvista = _imported("pyvista")
     require_rendering()
     if scale is None:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pvdf_fem.arrays import Array, make_polar_grid
-from pvdf_fem.scene.given import taken
+from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.view import figures
@@ -37,7 +37,7 @@ def charge_map(
     if ax is None:
         with figures.style():
             return charge_map(scene, reach_mm, charge, title, figures.map_axes())
-    ax, places = taken("ax", ax, Axes), make_polar_grid(reach_mm, *RASTER)
+    ax, places = coerce("ax", ax, Axes), make_polar_grid(reach_mm, *RASTER)
     x, y = np.moveaxis(places, -1, 0)
     charges = charge(places.reshape(-1, 2)).reshape(x.shape)
     colours, low, high = figures.colours_of(charges)
@@ -150,5 +150,5 @@ def draw_on_stage(ax: Axes, scene: Scene, reach_mm: float) -> None:
     centre_mm = np.array([stage.x_mm, stage.y_mm])
     figures.draw_rim(ax, scene.film.radius_mm, reach_mm, centre_mm)
     for electrode in scene.electrode_list:
-        outline = electrode.outline.mapped(stage.turn, centre_mm / 1e3)
+        outline = electrode.outline.transform(stage.rotation, centre_mm / 1e3)
         figures.draw_electrode(ax, outline, [electrode.name])

@@ -16,7 +16,7 @@ from pvdf_fem.batch.batch import planned, records
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.solver.first_sizes import first_sizes
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.studies.grid import Grid
+from pvdf_fem.studies.scene_grid import SceneGrid
 from reports.accuracy.cases import known_charges
 
 LONGEST = 2.0  #: Processor seconds after which a solve is not repeated.
@@ -127,7 +127,7 @@ class Swept(Task):
             {"load.force_N": [0.25, 0.5, 1.0, 2.0, 5.0]},
             {"electrodes.ring_radius_mm": [6.0, 8.0, 10.0, 12.0, 14.0]},
         ]
-        scenes = list(Grid.of(self.scene, axes).scenes())
+        scenes = list(SceneGrid.from_tables(self.scene, axes).scenes())
         plan, start = planned(scenes), time.process_time()
         failed = sum(not record.converged for _, record in records(plan, processes=1))
         seconds = (time.process_time() - start) / len(scenes)

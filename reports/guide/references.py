@@ -16,34 +16,34 @@ from pvdf_fem.report.kind import Kind
 from pvdf_fem.report.registry import FIGURES
 from pvdf_fem.report.registry import TABLES as REPORT_TABLES
 from pvdf_fem.report.script import Other, Script, ScriptSection
-from pvdf_fem.scene.quantity import Section
-from pvdf_fem.scene.scene_file import example_text, examples
+from pvdf_fem.scene.keys import Section
+from pvdf_fem.scene.scene_file import get_example_text, read_examples
 from reports.guide.scene_keys import cleaned, scene_page, table_of
 
 #: What public names return or take, by headings of the page.
 RESULTS: Mapping[str, tuple[str, ...]] = {
     "What results hold": (
         "pvdf_fem.electrodes.point_values.PointValues",
-        "pvdf_fem.film.loads.touchdown.Touchdown",
-        "pvdf_fem.film.loads.pressure.Leaning",
+        "pvdf_fem.film.loads.contact_result.ContactResult",
+        "pvdf_fem.film.loads.pressure.PunchTilt",
         "pvdf_fem.solver.nonlinear.status.Status",
         "pvdf_fem.solver.history.MeshRecord",
         "pvdf_fem.solver.sensitivity.gradients.Gradients",
         "pvdf_fem.solver.sensitivity.uncertainty.Uncertainty",
         "pvdf_fem.dynamics.modes.Modes",
-        "pvdf_fem.dynamics.forced.FrequencyResponse",
-        "pvdf_fem.dynamics.forced.Transient",
+        "pvdf_fem.dynamics.frequency_response.FrequencyResponse",
+        "pvdf_fem.dynamics.transient.Transient",
         "pvdf_fem.inverse.calibration.calibration.Calibration",
         "pvdf_fem.inverse.touch.location.Location",
         "pvdf_fem.inverse.touch.touch.Touch",
         "pvdf_fem.inverse.touch.locate_many.Touches",
-        "pvdf_fem.inverse.tracking.rows.Row",
+        "pvdf_fem.inverse.tracking.results.TrackRow",
         "pvdf_fem.report.report.Made",
         "pvdf_fem.report.kind.Content",
     ),
     "What they take": (
-        "pvdf_fem.surrogate.build.ResponseOptions",
-        "pvdf_fem.surrogate.model.Domain",
+        "pvdf_fem.surrogate.response_options.ResponseOptions",
+        "pvdf_fem.surrogate.touch_domain.Domain",
         "pvdf_fem.inverse.touch.search.LocateOptions",
         "pvdf_fem.batch.store.Store",
         "pvdf_fem.report.kind.Kind",
@@ -55,9 +55,9 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
 
 #: Members of public classes that other modules of the package use, and pydantic's.
 INTERNAL = (
-    *("model_config", "model_post_init", "parts", "film_data", "fields", "at_rest", "table"),
+    *("model_config", "model_post_init", "summary", "film_data", "fields", "at_rest", "table"),
     *("loaded", "loaded_probes", "single_probe", "tips", "unheeded", "warm_probes"),
-    *("require_no_tips", "require_plain_charges", "measured", "plan", "cheap", "quantities"),
+    *("require_no_tips", "require_plain_charges", "measured", "plan", "is_fast", "quantities"),
 )
 
 
@@ -92,7 +92,14 @@ def report_page() -> str:
             keys = [key for key in model.model_fields if key not in Kind.model_fields]
             lines += ["", f'## `[[section.{form}]]` with `kind = "{name}"`', ""]
             lines += [cleaned(model.__doc__), "", *table_of(model, keys)]
-    lines += ["", "## A script", "", "```toml", example_text("report", examples()).rstrip(), "```"]
+    lines += [
+        "",
+        "## A script",
+        "",
+        "```toml",
+        get_example_text("report", read_examples()).rstrip(),
+        "```",
+    ]
     return "\n".join(lines) + "\n"
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from pvdf_fem import Scene, SceneError, Solution, solve
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.models import film_model
+from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.nonlinear.wrinkling import load_strain
@@ -65,7 +65,7 @@ def one_dimension(scene: Scene) -> Array:
     """Charges in pC by a problem in one dimension; NaN where that has no solution. The probe is a
     disc or a sphere at the centre; electrodes are as in `reports.accuracy.cases`, those of a plate
     are centred discs."""
-    wrinkles = scene.film.strain_at_rest[0] < 0.0  # what carries no compression does
+    wrinkles = scene.film.prestrain[0] < 0.0  # what carries no compression does
     truth = "wrinkled" if wrinkles else "one_dimensional"
     try:
         if scene.film.bending is True:
@@ -79,7 +79,7 @@ def one_dimension(scene: Scene) -> Array:
 def _plate(scene: Scene) -> Array:
     """Charges in pC of centred discs on a plate, at small slopes."""
     film, (probe,) = scene.film, scene.loaded_probes
-    rest = float(film.strain_at_rest[0])
+    rest = float(film.prestrain[0])
     ply = Ply(film.stiffness[:2, :2], film.thickness, 0.0, rest, film.radius)
     areas = [probe.outline.area, *(electrode.outline.area for electrode in scene.electrode_list)]
     edge, *radii = np.sqrt(np.array(areas) / np.pi)
@@ -127,7 +127,7 @@ class Extreme(Task):
         row: Row = {
             "number": self.number,
             "load_strain": load_strain(scene),
-            "rest_strain": float(scene.film.strain_at_rest[0]),
+            "rest_strain": float(scene.film.prestrain[0]),
         }
         found, solution = ended(scene)
         if solution is not None:
@@ -139,7 +139,7 @@ def _finer(solution: Solution) -> Row:
     """The difference from a finer solve, in which bending is decided as in the first."""
     scene = solution.scene
     changes = {"numerics.tolerance": scene.numerics.tolerance / FINER}
-    row, better = ended(scene.with_(**changes, **{"film.bending": film_model(scene).bends}))
+    row, better = ended(scene.with_(**changes, **{"film.bending": resolve_film_model(scene).bends}))
     if better is None:
         return {"finer": row["status"]}
     doubts = np.array([*better.charge_errors_pC.values()])

@@ -17,7 +17,7 @@ from pvdf_fem.report.data import Changes
 from pvdf_fem.report.kind import QUICK_TOLERANCE, Content, Inputs, Kind, blamed
 from pvdf_fem.report.kinds.curve import Values
 from pvdf_fem.report.solved import NothingToShow, Solved
-from pvdf_fem.scene.quantity import Section
+from pvdf_fem.scene.keys import Section
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.view.drawing import WIDTH_MM, axis_label
 from pvdf_fem.view.figures import COLOURS, GREY, MARKERS, figure_of, new_figure

@@ -23,7 +23,7 @@ from pvdf_fem.report.data import Changes
 from pvdf_fem.report.kind import PLACE, Content, Inputs, Kind
 from pvdf_fem.report.solved import Solved
 from pvdf_fem.report.task import Rows, Task
-from pvdf_fem.scene.quantity import Section
+from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Replaced
 from pvdf_fem.solver.sensitivity.rates import force_rates
 from pvdf_fem.view.drawing import RING, WIDTH_MM, signed

@@ -7,7 +7,7 @@ import pytest
 from pvdf_fem import Replaced, Scene, solve
 from pvdf_fem.batch.batch import planned, solve_all
 from pvdf_fem.batch.plan import plan
-from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.solver.adaptive import solve_goals
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.solution import Solution
@@ -25,7 +25,7 @@ L_SHAPED = Replaced(shape="polygon", vertices_mm=L_SHAPE)
 CENTRED = Replaced(shape="rectangle")
 MIRRORED = {"probe.x_mm": -3.0, "probe.rotation_deg": -200.0}
 TURNED = {"probe.x_mm": 7.5, "probe.y_mm": 3.0, "probe.rotation_deg": 290.0}
-X, Y = turn([3.0, -7.5], 37.0).tolist()
+X, Y = rotate([3.0, -7.5], 37.0).tolist()
 ASKEW = {"probe.x_mm": X, "probe.y_mm": Y, "probe.rotation_deg": 237.0}
 COUPLED = {"film.coupling": True, "readout": {"kind": "voltage"}}
 STIFFER_ALONG_X = {"film.youngs_modulus_GPa": [3.0, 2.0]}

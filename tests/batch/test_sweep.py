@@ -19,9 +19,9 @@ from pvdf_fem import solve
 from pvdf_fem.batch import batch
 from pvdf_fem.batch.store import Record, Store, key
 from pvdf_fem.batch.workers import ClusterLostError, Died, on_processes
-from pvdf_fem.studies.grid import OWN_NAMES, Grid
-from pvdf_fem.studies.grid_dataset import write_netcdf
+from pvdf_fem.studies.scene_grid import RESERVED_NAMES, SceneGrid
 from pvdf_fem.studies.sweep import sweep
+from pvdf_fem.studies.sweep_dataset import write_netcdf
 from tests.conftest import Run
 from tests.helpers import deaths
 from tests.helpers.sweep_cases import AXES, BASE, made_up, run
@@ -29,7 +29,7 @@ from tests.helpers.sweep_cases import AXES, BASE, made_up, run
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 120.0  #: Time in which processes end on any machine.
 AGAIN = multiprocessing.get_context("forkserver")
-AGAIN.set_forkserver_preload(["tests.helpers.sweep_cases", "pvdf_fem.studies.grid_dataset"])
+AGAIN.set_forkserver_preload(["tests.helpers.sweep_cases", "pvdf_fem.studies.sweep_dataset"])
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def test_every_key_along_an_axis_is_a_coordinate(invented, tmp_path):
 
 def test_the_dataset_s_own_names_are_those_that_axes_may_not_have(invented):
     data = sweep(BASE.with_(readout={}), [{"load.force_N": [1.0]}], processes=1)
-    assert {*data.variables, *data.dims} - {"force_N"} == OWN_NAMES
+    assert {*data.variables, *data.dims} - {"force_N"} == RESERVED_NAMES
 
 
 def test_a_dataset_has_the_charges_of_each_scene_in_its_place():
@@ -103,7 +103,11 @@ def test_a_scene_that_fails_is_stored_and_one_that_crashes_is_tried_again(tmp_pa
     assert data.status.values.tolist() == ["converged", "unstable", "crashed"]
     assert data.charge_pC.notnull().all(axis=1).values.tolist() == [True, False, False]
     with Store(path) as store:
-        assert [scene in store for scene in Grid.of(BASE, axes).scenes()] == [True, True, 0]
+        assert [scene in store for scene in SceneGrid.from_tables(BASE, axes).scenes()] == [
+            True,
+            True,
+            0,
+        ]
     monkeypatch.setattr(batch, "records_of", lambda scenes, frames: made_up(scenes, frames))
     again = sweep(BASE, axes, path, processes=1)
     assert again.status.values.tolist() == ["converged", "unstable", "converged"]
@@ -133,7 +137,9 @@ def test_killed_at_any_moment_it_goes_on_where_it_was(tmp_path):
 
 def _stored(path):
     with Store(path) as store:
-        return {key(scene) for scene in Grid.of(BASE, AXES).scenes() if scene in store}
+        return {
+            key(scene) for scene in SceneGrid.from_tables(BASE, AXES).scenes() if scene in store
+        }
 
 
 def test_what_another_program_has_solved_meanwhile_is_not_solved_again(tmp_path, monkeypatch):

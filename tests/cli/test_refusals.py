@@ -11,7 +11,7 @@ from importlib.util import find_spec
 import pytest
 
 from pvdf_fem.cli.main import make_command_parsers, make_parser
-from pvdf_fem.scene.scene_file import examples
+from pvdf_fem.scene.scene_file import read_examples
 
 TWO = 'probe = ["triangle", "triangle"]'
 HOT = "film.temperature_change_K = 1.0"
@@ -167,7 +167,7 @@ def test_every_command_has_examples():
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_examples_in_the_help_are_accepted(folder, begun, command, monkeypatch, example):
     """Each example is carried out up to the place where its work begins."""
-    files = {f"{name}.toml": text for name, text in examples().items()}
+    files = {f"{name}.toml": text for name, text in read_examples().items()}
     files |= {"own.py": OWN_KIND, "touches.csv": TWELVE_TOUCHES}
     for name, text in files.items():
         folder.joinpath(name).write_text(text)

@@ -20,8 +20,8 @@ from pvdf_fem.electrodes.stress_integrals import (
 )
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
-from pvdf_fem.mesh.gmsh_mesh import mesh_scene, outlines
-from pvdf_fem.mesh.size_field import Sizes
+from pvdf_fem.mesh.gmsh_mesh import collect_outlines, mesh_scene
+from pvdf_fem.mesh.size_field import GradedSizes
 from pvdf_fem.scene.outlines.circle import Circle
 from tests.helpers.discs import RECTANGLE, graded_mesh
 
@@ -78,7 +78,7 @@ def test_the_stated_error_adds_the_area_that_a_given_mesh_lacks(d31, d32):
     round_one = {"name": "A", "shape": "circle", "radius_mm": 2.0, "x_mm": 9.0, "y_mm": 0.0}
     scene = Scene().with_(electrodes=[round_one], probe={"shape": "circle", "radius_mm": 3.0})
     scene = scene.with_(**{"film.d31_pC_N": d31, "film.d32_pC_N": d32})
-    mesh = mesh_scene(scene, Sizes(dict.fromkeys(outlines(scene), 2e-3), 0.8, 12e-3))
+    mesh = mesh_scene(scene, GradedSizes(dict.fromkeys(collect_outlines(scene), 2e-3), 0.8, 12e-3))
     facets, count = np.unique(mesh.t2f[:, mesh.subdomains["electrode A"]], return_counts=True)
     edge, points = facets[count == 1], mesh.doflocs.copy()
     middles, chords = mesh.dofs.facet_dofs[0, edge], mesh.p[:, mesh.facets[:, edge]].mean(axis=1)

@@ -27,9 +27,9 @@ def test_the_flat_film_has_the_tension_that_is_given(tension, thickness_um, modu
     film = {"pretension_N_m": tension, "thickness_um": thickness_um, "youngs_modulus_GPa": moduli}
     film = Film(**film, poisson_ratio=0.3, d32_pC_N=-2.0)
     stress = np.array([*tension, 0.0]) / (1e-6 * thickness_um)
-    assert film.stress_at_rest == pytest.approx(stress, rel=1e-15)
+    assert film.prestress == pytest.approx(stress, rel=1e-15)
     scale = max(np.abs(stress).max(), 1.0)
-    assert film.stiffness @ film.strain_at_rest == pytest.approx(stress, abs=1e-14 * scale)
+    assert film.stiffness @ film.prestrain == pytest.approx(stress, abs=1e-14 * scale)
     if min(tension) >= 0.0:  # in compression no membrane is at rest
         found = rest_charges(Scene(film=film)) / (9e-6 * 1e-12)
         assert found == pytest.approx(stress @ [8.0, -2.0, 0.0], abs=1e-11 * scale)

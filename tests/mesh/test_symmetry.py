@@ -7,7 +7,7 @@ from pvdf_fem import Scene, solve
 from pvdf_fem.electrodes.outputs import Goal, goals_of
 from pvdf_fem.electrodes.stress_integrals import goal_forces, goal_gradients
 from pvdf_fem.mesh.gmsh_mesh import RIM, mesh_scene
-from pvdf_fem.mesh.symmetry import WHOLE, part_of
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, find_symmetry_sector
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.polygon import Polygon
 from pvdf_fem.solver.first_sizes import first_sizes
@@ -75,7 +75,7 @@ OTHERS = {
 
 def on_part(scene):
     """The solution on the first mesh of a part of the film."""
-    part, order = part_of(scene), 3
+    part, order = find_symmetry_sector(scene), 3
     mesh = mesh_scene(scene, first_sizes(scene, order), part)
     problem = Problem(scene, goals_of(scene), order, Budget.of(scene), Clock())
     return solve_on(problem, part, mesh).fields
@@ -83,18 +83,18 @@ def on_part(scene):
 
 @pytest.mark.parametrize("name", OTHERS)
 def test_no_symmetry_is_found_where_there_is_none(name):
-    assert part_of(OTHERS[name]) is WHOLE
+    assert find_symmetry_sector(OTHERS[name]) is WHOLE_FILM
 
 
 def test_films_that_bend_are_solved_on_the_whole():
     scene = RECTANGLE.with_(**{"film.bending": True})
-    assert part_of(scene).mirrored
-    assert solve(scene).fields.solved.part is WHOLE
+    assert find_symmetry_sector(scene).mirror_axes
+    assert solve(scene).fields.solved.part is WHOLE_FILM
 
 
 @pytest.mark.parametrize("name", SYMMETRIC)
 def test_unfolded_solution_solves_the_whole_film(name):
-    scene, part = SYMMETRIC[name], part_of(SYMMETRIC[name])
+    scene, part = SYMMETRIC[name], find_symmetry_sector(SYMMETRIC[name])
     assert len(part.signs) == (2 if name in HALVES else 4)
     assert part.frame @ part.frame.T == pytest.approx(np.eye(2), abs=1e-15)
     fields = on_part(scene)

@@ -21,7 +21,7 @@ def test_figures_have_what_design_finds(name, monkeypatch):
     inputs = Inputs(plan.scene, {}, quick=True)
     tasks = item.kind.tasks(inputs)
     module = sys.modules[type(tasks[0]).__module__]
-    monkeypatch.setattr(module, "model_of", lambda scene, *_: bumps("circle").for_scene(scene))
+    monkeypatch.setattr(module, "as_response", lambda scene, *_: bumps("circle").for_scene(scene))
     content = item.kind.compose(inputs, Solved({key(task): task.run() for task in tasks}))
     medians = content.frame.place_deviation_median_mm
     assert np.isfinite(medians).all()

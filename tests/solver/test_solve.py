@@ -22,7 +22,7 @@ from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.refinement import MeshLoop, Rules
 from pvdf_fem.solver.solution import Solution
-from pvdf_fem.told import rounded
+from pvdf_fem.summary import format_with_error
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, charges, on_mesh, values
 
 #: The corners of the punch make its charges slow to converge.
@@ -208,4 +208,4 @@ def test_text_of_a_scene_is_escaped_in_a_notebook():
     ],
 )
 def test_values_end_with_the_second_digit_of_their_error(value, error, text):
-    assert rounded(value, error) == text
+    assert format_with_error(value, error) == text

@@ -10,7 +10,7 @@ import pytest
 from pvdf_fem import Scene
 from pvdf_fem.batch import batch
 from pvdf_fem.batch.store import Record
-from pvdf_fem.studies.design import best, design
+from pvdf_fem.studies.design import design, find_best_design
 from pvdf_fem.studies.sweep import sweep
 from pvdf_fem.view import charts
 from pvdf_fem.view.charts import design_chart, frequency_response, sweep_chart
@@ -88,8 +88,8 @@ def test_designs_are_a_curve_for_each_value_and_the_map_of_the_best():
     vary = {"electrodes.ring_radius_mm": [6, 8, 9.5], "load.force_N": [0.5, 1]}
     model, ring = bumps("circle"), {"layout": "ring", "shape": "circle", "radius_mm": 1.0}
     sensor, counts = model.scene.with_(electrodes=ring), {"electrodes.count": [4, 6]}
-    data = design(sensor, {**counts, **vary}, step_mm=4.0, model=model.for_scene)
-    chosen = best(data)
+    data = design(sensor, {**counts, **vary}, step_mm=4.0, response=model.for_scene)
+    chosen = find_best_design(data)
     curves, film, _ = design_chart(data, chosen).axes
     medians = data.place_deviation_median_mm.sel(force_N=chosen.force_N.item())
     for line, count in zip(curves.lines, (4, 6), strict=True):

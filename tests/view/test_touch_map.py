@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import locate
-from pvdf_fem.inverse.posterior import least_chi_square
+from pvdf_fem.inverse.posterior import profile_chi_square
 from pvdf_fem.inverse.touch.location import Location
 from pvdf_fem.view.touch_map import charge_map
 from tests.helpers.touch_models import bumps
@@ -53,7 +53,7 @@ def test_the_likelihood_is_that_of_the_likeliest_force():
     root, angles = np.linalg.cholesky(found.best.covariance[:2, :2]), np.linspace(0.0, 6.0, 9)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1) @ root.T
     places = found.best.values[:2] + np.vstack([ring, np.zeros(2)])
-    least = least_chi_square(found.problem, found.best, places)
+    least = profile_chi_square(found.problem, found.best, places)
     *around, middle = least - found.best.chi_square
     assert middle == pytest.approx(0.0, abs=1e-6)
     np.testing.assert_allclose(around, 1.0, rtol=0.02)

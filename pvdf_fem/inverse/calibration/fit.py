@@ -15,14 +15,22 @@ import numpy as np
 from scipy.stats import chi2
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.inverse.calibration.model import Prediction, TouchModel
-from pvdf_fem.inverse.least_squares import LeastSquares, SearchOptions, descend, robust, with_priors
+from pvdf_fem.inverse.calibration.reading_model import Prediction, ReadingModel
+from pvdf_fem.inverse.least_squares import (
+    LeastSquaresProblem,
+    SearchOptions,
+    append_prior_rows,
+    apply_robust_loss,
+    run_levenberg_marquardt,
+)
 
-SEARCH = SearchOptions(max_steps=25, arrived=1e-6, short=1e-3)  #: Between solves.
+SEARCH = SearchOptions(
+    max_steps=25, chi_square_tolerance=1e-6, step_tolerance=1e-3
+)  #: Between solves.
 
 
 @dataclass(frozen=True)
-class Noise:
+class ReadingNoise:
     """What is uncertain in readings and places."""
 
     sigma: float  #: Of a reading, relative.
@@ -31,12 +39,12 @@ class Noise:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(LeastSquares):
+class CalibrationFit(LeastSquaresProblem):
     """Parameters and places that explain the readings, and what they are worth. The coordinates of
     its least-squares problem are the parameters over their priors' deviations."""
 
-    model: TouchModel
-    noise: Noise
+    model: ReadingModel
+    noise: ReadingNoise
     values: Array  #: (parameters,)
     moves: Array  #: Of the touches' places on the stage in mm, (touches, 2).
     kept: Mask  #: Touches that count, (touches,).
@@ -134,18 +142,18 @@ class Fit(LeastSquares):
         return np.asarray(most * self.scale**2)
 
     @property
-    def longest(self) -> Array:
+    def longest_steps(self) -> Array:
         """Longest steps, (parameters,)."""
         return np.full(len(self.values), self.model.options.longest_step)
 
-    def held_back(self, at: Array) -> Array:
+    def project_onto_bounds(self, at: Array) -> Array:
         """Parameters not far from those of the solves; moduli and tension keep their signs."""
-        begun, lowest = self.values / self.model.unknowns.priors, -self.longest
+        begun, lowest = self.values / self.model.unknowns.priors, -self.longest_steps
         film = self.model.unknowns.film
         lowest[film] = np.maximum(lowest[film], -0.5 * np.abs(begun[film]))
-        return begun + np.clip(at - begun, lowest, self.longest)
+        return begun + np.clip(at - begun, lowest, self.longest_steps)
 
-    def linearised(self, at: Array, rows: Indices | None = None) -> Array:
+    def linearise(self, at: Array, rows: Indices | None = None) -> Array:
         """Whitened differences of readings and priors, then slopes, (1, residuals, 1 + k)."""
         unknowns = self.model.unknowns
         fit = replace(self, values=unknowns.priors * at[0])
@@ -153,15 +161,15 @@ class Fit(LeastSquares):
         system = np.concatenate([-residuals[..., None], slopes * unknowns.priors], axis=2)
         limits = self.limits if self.soft else np.full(len(self.kept), np.inf)
         begun = (fit.values - unknowns.start) / unknowns.priors
-        counted = robust(system[self.kept], limits[self.kept])
-        return with_priors(counted, begun, np.ones(len(begun)))
+        counted = apply_robust_loss(system[self.kept], limits[self.kept])
+        return append_prior_rows(counted, begun, np.ones(len(begun)))
 
-    def settled(self, kept: Mask, soft: bool = False) -> Fit:
+    def settled(self, kept: Mask, soft: bool = False) -> CalibrationFit:
         """The least-squares parameters between solves, not far from here, and the moves that go
         with them, of some touches (touches,)."""
         priors, begun = self.model.unknowns.priors, replace(self, kept=kept, soft=soft)
-        end = descend(begun, (self.values / priors)[None], options=SEARCH)
-        fit = replace(begun, values=priors * end.at[0])
+        end = run_levenberg_marquardt(begun, (self.values / priors)[None], options=SEARCH)
+        fit = replace(begun, values=priors * end.coordinates[0])
         roots, residuals, _ = fit.whitened
         E = np.linalg.solve(roots, fit.prediction.by_touch[..., :2])
         moves = self.noise.place_mm**2 * (E.swapaxes(1, 2) @ residuals[..., None])[..., 0]
@@ -170,7 +178,7 @@ class Fit(LeastSquares):
         sizes = np.maximum(np.linalg.norm(moves, axis=1, keepdims=True), 1e-12)
         return replace(fit, moves=moves * np.minimum(1.0, longest / sizes))
 
-    def without_bad(self) -> Fit:
+    def without_bad(self) -> CalibrationFit:
         """The fit without touches that are too far from what the others say."""
         solved = self.model.solved
         soft = fit = self.settled(solved, soft=True)
@@ -196,7 +204,9 @@ class Fit(LeastSquares):
         return np.where(self.kept[:, None], others, residuals), lengths
 
 
-def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit:
+def fit_parameters(
+    model: ReadingModel, noise: ReadingNoise, most_scatter: float = np.inf
+) -> CalibrationFit:
     """The fit of solves: touches are solved anew until linear steps between solves are small. It
     ends without convergence where the first steps leave a scatter above `most_scatter`."""
     values, moves = model.unknowns.start.copy(), np.zeros((len(model.touches), 2))
@@ -204,7 +214,7 @@ def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit
     coarse = max(model.tolerance, options.first_tolerance)
     for number in range(options.max_rounds):
         model.solve(values, moves, pending, None if number else coarse)
-        fit = Fit(model, noise, values, moves, model.solved)
+        fit = CalibrationFit(model, noise, values, moves, model.solved)
         if 2 * model.solved.sum() < len(model.touches):
             return replace(fit, converged=False)
         fit = fit.without_bad()
@@ -219,7 +229,7 @@ def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit
     return replace(fit, converged=False)
 
 
-def _change(fit: Fit) -> Array:
+def _change(fit: CalibrationFit) -> Array:
     """Relative change of the forces since the solves, (touches,)."""
     model = fit.model
     steps = model.arguments(fit.values, model.moved(fit.moves)) - model.at

@@ -4,7 +4,7 @@
 touch for each of many rows of charges. Both maximise the likelihood of the charges under
 independent normal errors. The result of `locate` also says what keeps the best touch from being the
 answer: other touches as likely, directions that the charges do not determine, charges that no touch
-explains, the edge of the model's domain. `match` tells which of several probes touched.
+explains, the edge of the model's domain. `rank_probes` tells which of several probes touched.
 """
 
 from __future__ import annotations
@@ -16,28 +16,34 @@ from typing import Any
 
 import numpy as np
 
-from pvdf_fem.inverse.touch.locate_many import explanations
+from pvdf_fem.inverse.touch.locate_many import find_explanations
 from pvdf_fem.inverse.touch.location import Explanation, Location
 from pvdf_fem.inverse.touch.measurement import (
     Deviations,
     Measurement,
-    centre_mm,
-    charge_mistakes,
-    known_mistakes,
-    number,
-    units_of,
+    as_float,
+    find_quantity_errors,
+    find_reading_errors,
+    get_centre_mm,
+    get_units_pC,
 )
-from pvdf_fem.inverse.touch.search import DEFAULTS, LocateOptions, location, search
+from pvdf_fem.inverse.touch.search import (
+    DEFAULT_OPTIONS,
+    LocateOptions,
+    make_location,
+    search_everywhere,
+)
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
-from pvdf_fem.scene.given import Names, SceneLike, scene_of, taken
+from pvdf_fem.scene.arguments import Names, SceneLike, as_scene, coerce
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.surrogate.model import FORCE, QUANTITIES, Model, touch_of
+from pvdf_fem.surrogate.charge_function import ChargeFunction
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn, extract_touch
 
 PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
 
 
 def locate(
-    model: Model | SceneLike,
+    model: ChargeFunction | SceneLike,
     charges_pC: Mapping[str, float],
     sigma: Deviations = 0.01,
     *,
@@ -47,7 +53,7 @@ def locate(
     reading: str | None = None,
     unit: str = "pC",
     touches: int = 1,
-    options: LocateOptions = DEFAULTS,
+    options: LocateOptions = DEFAULT_OPTIONS,
     progress: Progress | bool | None = None,
 ) -> Location:
     """All touches that may have given some charges, the likeliest first.
@@ -65,7 +71,7 @@ def locate(
         Standard deviations, one for all or one by electrode: over the charge or the change that is
         read, and in pC besides, by default that of the readout.
     unknown : sequence of str
-        Unknown quantities of every probe, from `QUANTITIES`.
+        Unknown quantities of every probe, from `TOUCH_QUANTITIES`.
     known : mapping, optional
         Values of the other quantities in the frame of the scene's stage; by default the scene's.
         With a scene they are the scene's.
@@ -94,47 +100,49 @@ def locate(
     >>> changes = {"A": 350.0, "B": 240.0, "C": 200.0, "D": 230.0}
     >>> print(locate(response, changes, sigma=0.01, reading="change"))
     """
-    noise, unknown = (sigma, noise_pC, reading), taken("unknown", unknown, Names)
-    known = taken("known", known, dict[str, Any] | None)
-    scene = model.scene if isinstance(model, Model) else scene_of(model)
+    noise, unknown = (sigma, noise_pC, reading), coerce("unknown", unknown, Names)
+    known = coerce("known", known, dict[str, Any] | None)
+    scene = model.scene if isinstance(model, ChargeFunction) else as_scene(model)
     given = _in_pC(scene, charges_pC, unit)
-    if not isinstance(model, Model):
+    if not isinstance(model, ChargeFunction):
         if known:
             raise ValueError("known: a scene has what is known; change the scene")
         return _by_solves(scene, given, unit, noise, unknown, touches, options, progress)
-    wrong = [*charge_mistakes(scene, given, *noise, model.at_rest_pC, unit)]
+    wrong = [*find_reading_errors(scene, given, *noise, model.unloaded_charges_pC, unit)]
     if touches != 1:
         wrong.append(f"touches = {touches}: a response is of one; give its scene instead")
-    default, origin = staged_touch(scene), (*centre_mm(scene), 0.0, 0.0)
-    wrong += known_mistakes(model.domain, unknown, known or {}, default, origin)
+    default, origin = get_scene_quantities(scene), (*get_centre_mm(scene), 0.0, 0.0)
+    wrong += find_quantity_errors(model.domain, unknown, known or {}, default, origin)
     if wrong:
         raise ValueError("\n".join(wrong))
-    sought = np.array([i for i, name in enumerate(QUANTITIES) if name in unknown])
+    sought = np.array([i for i, name in enumerate(TOUCH_QUANTITIES) if name in unknown])
     values = {**default, **(known or {})}
-    fixed = {i: values[n] - origin[i] for i, n in enumerate(QUANTITIES) if n not in unknown}
-    if FORCE in fixed:
-        fixed[FORCE] = math.log(fixed[FORCE])
-    measurement = Measurement.of(model, tuple(given), *noise, unit)
+    fixed = {i: values[n] - origin[i] for i, n in enumerate(TOUCH_QUANTITIES) if n not in unknown}
+    if TouchColumn.FORCE in fixed:
+        fixed[TouchColumn.FORCE] = math.log(fixed[TouchColumn.FORCE])
+    measurement = Measurement.from_response(model, tuple(given), *noise, unit)
     readings = np.array([[*given.values()]], dtype=float)
     problem = measurement.problem(readings, sought)
     if not problem.is_determinable:
-        return location(problem, None, options)
-    found = location(problem, search(problem, fixed, options), options)
+        return make_location(problem, None, options)
+    found = make_location(problem, search_everywhere(problem, fixed, options), options)
     if found.explained:
         return found
     held = {i: np.array([value]) for i, value in fixed.items()}
-    mistakes = explanations(measurement, readings, sought, held)
-    right = (Explanation(text, location(of, ends, options).best) for text, of, ends, _ in mistakes)
+    mistakes = find_explanations(measurement, readings, sought, held)
+    right = (
+        Explanation(text, make_location(of, ends, options).best) for text, of, ends, _ in mistakes
+    )
     return replace(found, explanations=tuple(right))
 
 
 def _in_pC(scene: Scene, readings: Mapping[str, float], unit: str) -> Mapping[str, float]:
     """Readings in nominal pC; what is no number of an electrode is left as it is."""
-    units = units_of(scene, unit)
+    units = get_units_pC(scene, unit)
     if unit == "pC" or not isinstance(readings, Mapping):
         return readings
     return {
-        name: value if math.isnan(number(value)) else units.get(name, 1.0) * number(value)
+        name: value if math.isnan(as_float(value)) else units.get(name, 1.0) * as_float(value)
         for name, value in readings.items()
     }
 
@@ -150,29 +158,31 @@ def _by_solves(
     progress: Progress | bool | None,
 ) -> Location:
     """`locate` with a scene; `noise` has its sigma, noise_pC and reading."""
-    from pvdf_fem.inverse.touch.solved_charges import Solves  # with gmsh
+    from pvdf_fem.inverse.touch.solved_charges import SolvedResponse  # with gmsh
     from pvdf_fem.inverse.touch.superposition import search_by_solves
 
-    if wrong := [*charge_mistakes(scene, charges_pC, *noise, unit=unit)]:
+    if wrong := [*find_reading_errors(scene, charges_pC, *noise, unit=unit)]:
         raise ValueError("\n".join(wrong))
     expected = options.starts * (1 + options.first_steps) + 10 * options.followed
     with show_progress("solves", progress) as show:
-        solves = Solves.of(scene, touches, unknown, options.tolerance, SolveCounter(show, expected))
-        measurement = Measurement.of(solves, tuple(charges_pC), *noise, unit)
+        solves = SolvedResponse.from_scene(
+            scene, touches, unknown, options.tolerance, SolveCounter(show, expected)
+        )
+        measurement = Measurement.from_response(solves, tuple(charges_pC), *noise, unit)
         readings = np.array([[*charges_pC.values()]], dtype=float)
         problem = measurement.problem(readings, solves.unknown)
         ends = search_by_solves(problem, solves, options) if problem.is_determinable else None
-        return location(problem, ends, options)
+        return make_location(problem, ends, options)
 
 
-def staged_touch(scene: Scene) -> dict[str, float]:
+def get_scene_quantities(scene: Scene) -> dict[str, float]:
     """The quantities of a scene's touch by name, in the frame of its stage."""
-    touch = touch_of(scene)
+    touch = extract_touch(scene)
     if scene.stage is None or scene.single_probe is None:
         return touch
     x, y, rotation, force = touch.values()
     place, turned = scene.stage.to_stage([x, y], rotation)
-    return dict(zip(QUANTITIES, (*place.tolist(), float(turned), force), strict=True))
+    return dict(zip(TOUCH_QUANTITIES, (*place.tolist(), float(turned), force), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +195,7 @@ class ProbeMatch:
     location: Location  #: The touches of this probe.
 
 
-def match(locations: Mapping[str, Location]) -> tuple[ProbeMatch, ...]:
+def rank_probes(locations: Mapping[str, Location]) -> tuple[ProbeMatch, ...]:
     """The probes that may have touched, the most probable first, from the locations of the charges
     by the name of each probe's model. Bayes' rule is applied to the probability density of the
     charges over all touches of each probe. A probe that can give many different charges must

@@ -11,37 +11,38 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.inverse.least_squares import Descent, SearchOptions, joined
+from pvdf_fem.inverse.least_squares import SearchOptions, SearchResult, concatenate_results
 from pvdf_fem.inverse.touch.location import Location
-from pvdf_fem.inverse.touch.location_problem import Problem
+from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.inverse.touch.measurement import (
     LARGEST_PC,
     LEAST_PC,
     Deviations,
     Measurement,
-    charge_mistakes,
-    units_of,
+    find_reading_errors,
+    get_units_pC,
 )
 from pvdf_fem.inverse.touch.search import (
-    DEFAULTS,
-    best_ends,
-    described,
-    explained,
-    location,
-    search,
+    DEFAULT_OPTIONS,
+    describe_touches,
+    make_location,
+    mark_explained,
+    search_everywhere,
+    search_rows,
 )
-from pvdf_fem.inverse.touch.touch import TouchStatus, status_of
-from pvdf_fem.scene.given import model_of, taken
-from pvdf_fem.surrogate.model import FORCE, QUANTITIES, ROTATION, Model
-from pvdf_fem.told import Columns, Grid, Parts
+from pvdf_fem.inverse.touch.touch import TouchStatus, decide_status
+from pvdf_fem.scene.arguments import as_response, coerce
+from pvdf_fem.summary import Summary, TabularResult, TextTable
+from pvdf_fem.surrogate.charge_function import ChargeFunction
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
-CHUNK = 32768
+CHUNK_ROWS = 32768
 SHORT = SearchOptions(max_steps=12)  #: Of searches with mistakes undone, few of which end.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Touches(Columns):
+class Touches(TabularResult):
     """The likeliest touch found for each row of charges; other touches may be as likely."""
 
     #: x and y in mm, rotation in degrees, force in N, (n, 4); NaN, as all other numbers, unless
@@ -81,25 +82,25 @@ class Touches(Columns):
         """Whether a touch explains the charges, (n,)."""
         return np.isfinite(self.chi_square) & (self.status != TouchStatus.UNEXPLAINED)
 
-    def put(self, rows: Indices, problem: Problem, ends: Descent) -> None:
+    def put(self, rows: Indices, problem: LocationProblem, ends: SearchResult) -> None:
         """Write down the ends of searches for some rows."""
-        self.status[rows[~ends.arrived]] = TouchStatus.NOT_FOUND
-        rows, ends = rows[ends.arrived], ends.take(np.flatnonzero(ends.arrived))
-        self.values[rows], root, free, *fit, explained = described(problem, ends)
+        self.status[rows[~ends.converged]] = TouchStatus.NOT_FOUND
+        rows, ends = rows[ends.converged], ends.take(np.flatnonzero(ends.converged))
+        self.values[rows], root, free, *fit, explained = describe_touches(problem, ends)
         self.chi_square[rows], self.p_value[rows] = fit
         self.covariances[rows] = root @ root.swapaxes(1, 2)
         curved = np.sqrt(np.einsum("nuu->nu", self.covariances[rows]))
         told = self.deviations[rows]  # where calibrated
         self.deviations[rows] = np.where(np.isnan(told), curved, told)
         self.determined[rows] = ~free.any(axis=1)
-        self.at_edge[rows] = [bool(limits) for limits in problem.edges(ends.at)]
+        self.at_edge[rows] = [bool(limits) for limits in problem.edges(ends.coordinates)]
         reasons = explained, self.alternatives[rows] > 0, self.at_edge[rows]
-        self.status[rows] = [*map(status_of, *(of.tolist() for of in reasons))]
+        self.status[rows] = [*map(decide_status, *(of.tolist() for of in reasons))]
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """How many rows are located and explained, and the first and the last touches."""
         about = f"{int(self.explained.sum())} of {len(self.status)} rows are explained"
-        return "touches", [about], [Grid.of(self.columns())], []
+        return Summary("touches", [about], [TextTable.from_columns(self.columns())])
 
     def to_table(self) -> dict[str, NDArray[Any]]:
         """Columns (n,): touches, deviations (NaN where known), fit, alternatives, status, remark.
@@ -108,8 +109,8 @@ class Touches(Columns):
         ``at edge``.
         """
         deviations = np.full(self.values.shape, np.nan)
-        deviations[:, [QUANTITIES.index(name) for name in self.unknown]] = self.deviations
-        columns = ["_deviation_".join(name.rsplit("_", 1)) for name in QUANTITIES]
+        deviations[:, [TOUCH_QUANTITIES.index(name) for name in self.unknown]] = self.deviations
+        columns = ["_deviation_".join(name.rsplit("_", 1)) for name in TOUCH_QUANTITIES]
         found = np.isfinite(self.chi_square)
         remarks = self.explanations.copy()
         for word, rows in {"undetermined": ~self.determined, "at edge": self.at_edge}.items():
@@ -118,7 +119,7 @@ class Touches(Columns):
         remarks[few & ~found] += "; fewer channels than unknown quantities"
         counts = [None if np.isnan(count) else int(count) for count in self.alternatives]
         return {
-            **dict(zip(QUANTITIES, self.values.T, strict=True)),
+            **dict(zip(TOUCH_QUANTITIES, self.values.T, strict=True)),
             **dict(zip(columns, deviations.T, strict=True)),
             "chi_square": self.chi_square,
             "p_value": self.p_value,
@@ -131,7 +132,7 @@ class Touches(Columns):
 
 
 def locate_many(
-    model: Model,
+    model: ChargeFunction,
     charges_pC: ArrayLike | Mapping[str, ArrayLike],
     sigma: Deviations = 0.01,
     *,
@@ -172,12 +173,17 @@ def locate_many(
     >>> readings = [[350.0, 240.0, 200.0, 230.0], [330.0, 300.0, 210.0, 240.0]]
     >>> locate_many(response, readings, sigma=0.01, reading="change").status
     """
-    names, charges = _table(model_of(model), charges_pC)
-    calibrated = taken("calibrated", calibrated, bool)
+    names, charges = _table(as_response(model), charges_pC)
+    calibrated = coerce("calibrated", calibrated, bool)
     any_charges, noise = dict.fromkeys(names, math.pi), (sigma, noise_pC, reading)
-    mistakes = [*charge_mistakes(model.scene, any_charges, *noise, model.at_rest_pC, unit)]
-    known = {}
-    given = {"rotations_deg": (ROTATION, rotations_deg), "forces_N": (FORCE, forces_N)}
+    mistakes = [
+        *find_reading_errors(model.scene, any_charges, *noise, model.unloaded_charges_pC, unit)
+    ]
+    known: dict[int, Array] = {}
+    given = {
+        "rotations_deg": (TouchColumn.ROTATION, rotations_deg),
+        "forces_N": (TouchColumn.FORCE, forces_N),
+    }
     for name, (i, values) in given.items():
         if values is not None:
             known[i] = _numbers(values, name)
@@ -185,22 +191,26 @@ def locate_many(
                 mistakes.append(f"{name} of shape {known[i].shape}: give one per row")
     if mistakes:
         raise ValueError("\n".join(mistakes))
-    measurement = Measurement.of(model, names, *noise, unit)
-    units = units_of(model.scene, unit)
+    measurement = Measurement.from_response(model, names, *noise, unit)
+    units = get_units_pC(model.scene, unit)
     charges = charges * [units[name] for name in names]
-    sought = np.array([i for i in range(len(QUANTITIES)) if i not in known])
+    sought = np.array([i for i in range(len(TOUCH_QUANTITIES)) if i not in known])
     status = _status(measurement, charges, known, sought)
-    found = Touches.empty(status, tuple(QUANTITIES[i] for i in sought), measurement.reading)
+    found = Touches.empty(status, tuple(TOUCH_QUANTITIES[i] for i in sought), measurement.reading)
     usable = np.flatnonzero(status == TouchStatus.LOCATED)
-    for first in range(0, len(usable), CHUNK):
-        rows = usable[first : first + CHUNK]
+    for first in range(0, len(usable), CHUNK_ROWS):
+        rows = usable[first : first + CHUNK_ROWS]
         held = _held(known, rows)
         problem = measurement.problem(charges[rows], sought)
-        ends = best_ends(problem, held, 1)
-        if (again := np.flatnonzero(~explained(problem, ends))).size:
-            others = best_ends(problem.rows(again), _held(known, rows[again]), DEFAULTS.retries)
+        ends = search_rows(problem, held, 1)
+        if (again := np.flatnonzero(~mark_explained(problem, ends))).size:
+            others = search_rows(
+                problem.rows(again), _held(known, rows[again]), DEFAULT_OPTIONS.retries
+            )
             ends.improve(again, others)
-        strange = np.arange(len(rows)) if calibrated else np.flatnonzero(~explained(problem, ends))
+        strange = (
+            np.arange(len(rows)) if calibrated else np.flatnonzero(~mark_explained(problem, ends))
+        )
         for k in strange.tolist():
             there = _everywhere(problem, ends, held, k)
             if calibrated:
@@ -210,40 +220,42 @@ def locate_many(
         found.put(rows, problem, ends)
         strange = rows[~found.explained[rows]]
         told = measurement, charges[strange], sought, _held(known, strange)
-        for text, _, _, which in explanations(*told):
+        for text, _, _, which in find_explanations(*told):
             found.explanations[strange[which]] += f"; explained if {text}"
     return found
 
 
 def _held(known: Mapping[int, Array], rows: Indices) -> dict[int, Array]:
     """Coordinates that some rows know, from quantities of all rows."""
-    return {i: np.log(of[rows]) if i == FORCE else of[rows] for i, of in known.items()}
+    return {i: np.log(of[rows]) if i == TouchColumn.FORCE else of[rows] for i, of in known.items()}
 
 
-def explanations(
+def find_explanations(
     measurement: Measurement, readings: Array, sought: Indices, held: Mapping[int, Array]
-) -> Iterator[tuple[str, Problem, Descent, Indices]]:
+) -> Iterator[tuple[str, LocationProblem, SearchResult, Indices]]:
     """Mistakes that explain some of the readings (n, electrodes): a text, the problem without the
     mistake, ends of searches that explain readings, and their rows."""
-    for text, meant, undone in measurement.meant_otherwise() if len(readings) else ():
+    for text, meant, undone in measurement.list_misreadings() if len(readings) else ():
         problem = meant.problem(undone(readings), sought)
-        ends = best_ends(problem, held, 1, SHORT)
-        rows = np.flatnonzero(explained(problem, ends))
+        ends = search_rows(problem, held, 1, SHORT)
+        rows = np.flatnonzero(mark_explained(problem, ends))
         if rows.size:
             yield text, problem, ends.take(rows), rows
 
 
-def _everywhere(problem: Problem, ends: Descent, held: Mapping[int, Array], k: int) -> Location:
+def _everywhere(
+    problem: LocationProblem, ends: SearchResult, held: Mapping[int, Array], k: int
+) -> Location:
     """What `locate` finds for a row, and with its end so far; improves the end."""
     row, known = np.array([k]), {i: float(values[k]) for i, values in held.items()}
     alone = problem.rows(row)
-    every = joined([ends.take(row), search(alone, known, DEFAULTS)])
+    every = concatenate_results([ends.take(row), search_everywhere(alone, known, DEFAULT_OPTIONS)])
     ends.improve(row, every.take(every.ranking.argsort()[:1]))
-    return location(alone, every)
+    return make_location(alone, every)
 
 
 def _table(
-    model: Model, charges_pC: ArrayLike | Mapping[str, ArrayLike]
+    model: ChargeFunction, charges_pC: ArrayLike | Mapping[str, ArrayLike]
 ) -> tuple[tuple[str, ...], Array]:
     """Names of electrodes, and their charges (n, electrodes)."""
     if not hasattr(charges_pC, "keys"):
@@ -274,8 +286,8 @@ def _status(
     determinable = measurement.problem(np.zeros_like(readings[:1]), sought).is_determinable
     usual = np.clip(readings, -LARGEST_PC, LARGEST_PC)  # numbers of any size are told, not squared
     small = np.abs(measurement.signals(usual)) < LEAST_PC
-    lowest, highest = measurement.model.domain.force_N
-    forces = known.get(FORCE, np.full(len(readings), lowest))
+    lowest, highest = measurement.response.domain.force_N
+    forces = known.get(TouchColumn.FORCE, np.full(len(readings), lowest))
     # the last reasons win
     reasons = {
         TouchStatus.UNDETERMINED: np.full(len(readings), not determinable),

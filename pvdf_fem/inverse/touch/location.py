@@ -11,16 +11,20 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import READINGS
-from pvdf_fem.inverse.posterior import Posterior, least_chi_square, posterior
-from pvdf_fem.inverse.touch.location_problem import Problem, extents, kind_of
-from pvdf_fem.inverse.touch.touch import DETERMINED, Touch, TouchStatus, status_of
-from pvdf_fem.told import Grid, Parts, Told, rounded
+from pvdf_fem.inverse.posterior import Posterior, profile_chi_square, sample_posterior
+from pvdf_fem.inverse.touch.location_problem import (
+    LocationProblem,
+    compute_extents,
+    get_base_quantity,
+)
+from pvdf_fem.inverse.touch.touch import DETERMINED_RATIO, Touch, TouchStatus, decide_status
+from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: A second touch with at least this share of the likelihood makes a location ambiguous.
-SHARE = 0.01
+AMBIGUOUS_SHARE = 0.01
 
 
 class Explanation(NamedTuple):
@@ -31,7 +35,7 @@ class Explanation(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Location(Told):
+class Location(Result):
     """Candidate touches for measured charges; a touch is by a single probe or by two at once."""
 
     touches: tuple[Touch, ...]  #: The likeliest first; empty when no search ended.
@@ -39,11 +43,11 @@ class Location(Told):
     #: Logarithm of the probability density of the charges, whatever the touch is, with all places,
     #: rotations and magnitudes of the force in the model's domain equally likely before.
     log_evidence: float
-    problem: Problem  #: The charges, and what explains them.
+    problem: LocationProblem  #: The charges, and what explains them.
     #: Mistakes in readings that would explain them, where no touch does.
     explanations: tuple[Explanation, ...] = ()
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """Status, number of touches with remarks, a table per touch, and footnotes."""
         grids = [self._grid(number, touch) for number, touch in enumerate(self.touches, 1)]
         how = f"{len(self.touches)} {'touch' if len(self.touches) == 1 else 'touches'} listed"
@@ -51,21 +55,22 @@ class Location(Told):
             notes = ["the nearest touch does not fit the readings, so ± tells nothing of the truth"]
         else:
             notes = ["± : the true value is within, with a probability of 68 %"] if grids else []
-        return self.status, [f"{how}, from {READINGS[self.reading]}", *self.remarks], grids, notes
+        sentences = [f"{how}, from {READINGS[self.reading]}", *self.remarks]
+        return Summary(self.status, sentences, tables=grids, notes=notes)
 
-    def _grid(self, number: int, touch: Touch) -> Grid:
-        deviations, rows = self.deviations_of(touch), []
+    def _grid(self, number: int, touch: Touch) -> TextTable:
+        deviations, rows = self.compute_deviations(touch), []
         for name, value in touch.by_name.items():
             if name in deviations:
                 error = deviations[name]
                 finest = min(error, touch.deviations[name])
-                rows.append((name, rounded(value, finest)[0], f"{error:.2g}"))
+                rows.append((name, format_with_error(value, finest)[0], f"{error:.2g}"))
             else:
                 rows.append((name, f"{value:.6g}", "known"))
         rows.append(("chi-square", f"{touch.chi_square:.3g}", ""))
         rows.append(("degrees of freedom", f"{self.degrees_of_freedom}", ""))
         rows.append(("share of likelihood", f"{touch.weight:.3g}", ""))
-        return Grid((f"touch {number}", "", "±"), tuple(rows))
+        return TextTable((f"touch {number}", "", "±"), tuple(rows))
 
     @property
     def status(self) -> TouchStatus:
@@ -74,7 +79,7 @@ class Location(Told):
             return TouchStatus.UNDETERMINED
         if not self.touches:
             return TouchStatus.NOT_FOUND
-        return status_of(self.best.explained, self.ambiguous, bool(self.best.at_edge))
+        return decide_status(self.best.explained, self.ambiguous, bool(self.best.at_edge))
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -99,7 +104,7 @@ class Location(Told):
     @cached_property
     def posterior(self) -> Posterior:
         """The probability of touches near those listed; a few milliseconds the first time."""
-        return posterior(self.problem, self.touches)
+        return sample_posterior(self.problem, self.touches)
 
     @property
     def deviations(self) -> dict[str, float]:
@@ -107,34 +112,36 @@ class Location(Told):
 
         As much as it is off, or less, with a probability of 68.3 %: one standard deviation if the
         errors are normal. All touches count, those on a ridge of the likelihood and about its
-        other maxima, too. A model by full solves (not `cheap`) gives `Touch.deviations` instead.
+        other maxima, too. A model by full solves (not `is_fast`) gives `Touch.deviations` instead.
         """
-        return self.deviations_of(self.best)
+        return self.compute_deviations(self.best)
 
-    def deviations_of(self, touch: Touch) -> dict[str, float]:
+    def compute_deviations(self, touch: Touch) -> dict[str, float]:
         """Calibrated errors of another touch: large where a touch elsewhere is likelier."""
-        sizes = np.sqrt(np.diag(self.covariance_of(touch))).tolist()
+        sizes = np.sqrt(np.diag(self.compute_covariance(touch))).tolist()
         return dict(zip(self.unknown, sizes, strict=True))
 
     @property
     def covariance(self) -> Array:
         """Covariance (unknown, unknown) with squares of the calibrated errors on its diagonal."""
-        return self.covariance_of(self.best)
+        return self.compute_covariance(self.best)
 
-    def covariance_of(self, touch: Touch) -> Array:
+    def compute_covariance(self, touch: Touch) -> Array:
         """Covariance (unknown, unknown) about another touch."""
-        if not self.problem.model.cheap:
+        if not self.problem.response.is_fast:
             return touch.covariance
         return self.posterior.covariance(touch.values[self.problem.unknown])
 
     @cached_property
     def _rivals(self) -> list[set[str]]:
-        """The unknowns in which each touch with a weight above `SHARE` is farther from the best
+        """The unknowns in which each touch with a weight above the limit is farther from the best
         than the sum of both deviations; "rotation_deg" stands for the rotation of any probe."""
-        rivals = [touch for touch in self.touches[1:] if touch.weight > SHARE]
-        apart = [self.problem.apart(touch.values, self.best.values) for touch in rivals]
+        rivals = [touch for touch in self.touches[1:] if touch.weight > AMBIGUOUS_SHARE]
+        apart = [
+            self.problem.compute_differences(touch.values, self.best.values) for touch in rivals
+        ]
         both = [(touch.deviations, self.best.deviations) for touch in rivals]
-        kinds = {name: kind_of(name) for name in self.unknown}
+        kinds = {name: get_base_quantity(name) for name in self.unknown}
         return [
             {
                 kinds[name]
@@ -149,16 +156,16 @@ class Location(Told):
         """Whether the charges determine every unknown of the best touch but rotations: null
         directions move it by less than the share of the domain that counts as determined."""
         problem, touch = self.problem, self.best
-        scale = problem.per_coordinate(touch.values[None])[0]
-        widths = (extents(problem.model) * scale)[problem.unknown]
-        others = [kind_of(name) != "rotation_deg" for name in self.unknown]
+        scale = problem.compute_touch_scale(touch.values[None])[0]
+        widths = (compute_extents(problem.response) * scale)[problem.unknown]
+        others = [get_base_quantity(name) != "rotation_deg" for name in self.unknown]
         shares = np.abs(touch.null_directions / widths)[:, others]
-        return bool((shares < 1.0 / DETERMINED).all())
+        return bool((shares < 1.0 / DETERMINED_RATIO).all())
 
     @property
     def alternatives(self) -> int:
-        """Number of likely touches (weight above `SHARE`) besides the best that have another place
-        or force, by more than the deviations; touches that are only turned do not count."""
+        """Number of likely touches (weight above the limit) besides the best that have another
+        place or force, by more than the deviations; touches that are only turned do not count."""
         return sum(bool(kinds - {"rotation_deg"}) for kinds in self._rivals)
 
     @property
@@ -215,15 +222,15 @@ class Location(Told):
         keys = [n for n in self.unknown if n.endswith("x_mm") and f"{n[:-4]}y_mm" in self.unknown]
         if not self.touches or not keys:
             raise ValueError("a map of the likelihood needs a touch of which x and y were sought")
-        model, touches = self.problem.model, self.to_json()["touches"]
-        if not model.cheap:
+        model, touches = self.problem.response, self.to_json()["touches"]
+        if not model.is_fast:
             return ellipses_map(model.scene, model.domain.reach_mm, touches, keys)
         about = model.scene, model.domain.reach_mm, touches
         return likelihood_map(*about, self._apart, self.remarks)
 
     def _apart(self, places_mm: Array) -> Array:
         """√(2 ln(L max/L)), (n,), of the likelihood L of places (n, 2)."""
-        least = least_chi_square(self.problem, self.best, places_mm)
+        least = profile_chi_square(self.problem, self.best, places_mm)
         return np.sqrt(np.maximum(least - self.best.chi_square, 0.0))
 
     def to_json(self) -> dict[str, Any]:
@@ -240,8 +247,8 @@ class Location(Told):
             "touches": [
                 {
                     **touch.to_json(),
-                    "standard_deviations": self.deviations_of(touch),
-                    "covariance": np.asarray(self.covariance_of(touch)).tolist(),
+                    "standard_deviations": self.compute_deviations(touch),
+                    "covariance": np.asarray(self.compute_covariance(touch)).tolist(),
                 }
                 for touch in self.touches
             ],

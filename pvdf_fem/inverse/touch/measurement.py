@@ -19,10 +19,15 @@ import numpy as np
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.channel import READINGS, channels, units_pC
 from pvdf_fem.electrodes.misread import misreadings
-from pvdf_fem.inverse.touch.location_problem import Problem
+from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.surrogate.model import QUANTITIES, AtRest, Domain, Model, rest_of
+from pvdf_fem.surrogate.charge_function import (
+    ChargeFunction,
+    UnloadedCharges,
+    compute_unloaded_charges_pC,
+)
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain
 
 LARGEST_PC = 1e12  #: Readings beyond this many pC are in another unit, or none.
 LEAST_PC = 1e-12  #: Charges or changes below this many pC count as zero.
@@ -36,7 +41,7 @@ class Measurement:
     """How charges follow from readings of some electrodes, and with which errors. Arrays are
     (electrodes,)."""
 
-    model: Model
+    response: ChargeFunction
     electrodes: Indices  #: Of the electrodes in the model.
     reading: str  #: Of `READINGS`.
     unit: str  #: Of `units_pC`, in which readings were given.
@@ -48,9 +53,9 @@ class Measurement:
     noise_pC: Array  #: Standard deviation of a reading besides.
 
     @classmethod
-    def of(
+    def from_response(
         cls,
-        model: Model,
+        model: ChargeFunction,
         names: Sequence[str],
         sigma: Deviations,
         noise_pC: Deviations | None,
@@ -60,7 +65,7 @@ class Measurement:
         """Measurement of named electrodes; `noise_pC` and `reading` are by default the readout's.
         Raises `RestError` for changes of a film without charges at rest."""
         electrodes = np.array([model.names.index(name) for name in names])
-        by_name = electrode_columns(model.scene)
+        by_name = get_channel_values(model.scene)
         gains, offsets, noise = np.array([by_name[name] for name in names]).T
         if noise_pC is not None:
             noise = _by_name(noise_pC, names)
@@ -68,32 +73,32 @@ class Measurement:
         if not (model.error_bound or (relative + noise).all()):
             raise ValueError("sigma = 0: the model has no error of its own; give a positive one")
         if reading is None:
-            reading = reading_of(model.scene)
-        rest = at_rest(model, reading)[:, electrodes]
+            reading = get_reading(model.scene)
+        rest = compute_unloaded_charges(model, reading)[:, electrodes]
         columns = gains, offsets, *rest, relative, noise
         return cls(model, electrodes, reading, unit, *columns)
 
-    def meant_otherwise(self) -> Iterator[tuple[str, Measurement, Callable[[Array], Array]]]:
+    def list_misreadings(self) -> Iterator[tuple[str, Measurement, Callable[[Array], Array]]]:
         """Mistakes in readings: a text, what readings are without it, and what undoes it."""
         if not np.isnan(self.rest_pC).any():
             (reading,) = READINGS.keys() - {self.reading}
             yield f"readings are {READINGS[reading]}", replace(self, reading=reading), np.asarray
-        given = [channels(self.model.scene)[i] for i in self.electrodes]
+        given = [channels(self.response.scene)[i] for i in self.electrodes]
         for mistake in misreadings(given, self.unit):
             if mistake.exchanged <= 2:
                 yield mistake.text, self, mistake.undone
 
-    def problem(self, readings_pC: Array, unknown: Indices) -> Problem:
+    def problem(self, readings_pC: Array, unknown: Indices) -> LocationProblem:
         """The problem of the touches that gave readings (n, electrodes)."""
         charges = self.signals(readings_pC) + self.zero_pC
         # an error evenly distributed within the bound
-        model_error = self.model.error_bound / math.sqrt(3.0)
+        model_error = self.response.error_bound / math.sqrt(3.0)
         variance = np.square(self.noise(charges)) + np.square(model_error * charges)
         if self.reading == "change":
             variance += np.square(self.rest_errors_pC)
-        stage = self.model.scene.stage or Stage()
-        given = self.model, self.electrodes, charges, np.sqrt(variance)
-        return Problem(*given, unknown, stage, self.reading)
+        stage = self.response.scene.stage or Stage()
+        given = self.response, self.electrodes, charges, np.sqrt(variance)
+        return LocationProblem(*given, unknown, stage, self.reading)
 
     @property
     def zero_pC(self) -> Array:
@@ -115,28 +120,34 @@ class Measurement:
 
 
 @lru_cache(maxsize=8)
-def electrode_columns(scene: Scene) -> dict[str, tuple[float, float, float]]:
+def get_channel_values(scene: Scene) -> dict[str, tuple[float, float, float]]:
     """Gain, and offset and noise in nominal pC, of each electrode."""
     units = {c: 1e12 * c.capacitance for c in channels(scene)}
     return {c.name: (c.gain, unit * c.offset, unit * c.noise) for c, unit in units.items()}
 
 
-def units_of(scene: Scene, unit: str) -> dict[str, float]:
+def get_units_pC(scene: Scene, unit: str) -> dict[str, float]:
     """A unit of readings in nominal pC, by electrode; 1 for what is none."""
     wired = channels(scene)
     units = units_pC(wired)
     return {c.name: of for c, of in zip(wired, units.get(unit, units["pC"]).tolist(), strict=True)}
 
 
-def reading_of(scene: Scene) -> str:
+def get_reading(scene: Scene) -> str:
     """What readings of a scene are, of `READINGS`: what its readout says, or else charges."""
     return scene.readout.reading if scene.readout else "total"
 
 
-def at_rest(model: Model, reading: str) -> Array:
-    """Charges of the untouched film and their errors as `rest_of` has them, (2, electrodes), by the
-    model where it knows them."""
-    return rest_of(model.scene, reading) if model.at_rest_pC is None else np.array(model.at_rest_pC)
+def compute_unloaded_charges(model: ChargeFunction, reading: str) -> Array:
+    """Return the charges of the unloaded film and their errors in pC, (2, electrodes).
+
+    They are those of the response if it has them, else they are computed.
+    """
+    return (
+        compute_unloaded_charges_pC(model.scene, reading)
+        if model.unloaded_charges_pC is None
+        else np.array(model.unloaded_charges_pC)
+    )
 
 
 def _by_name(values: Deviations, names: Sequence[str]) -> Array:
@@ -144,12 +155,12 @@ def _by_name(values: Deviations, names: Sequence[str]) -> Array:
     return np.array(given, dtype=float)
 
 
-def centre_mm(scene: Scene) -> tuple[float, float]:
+def get_centre_mm(scene: Scene) -> tuple[float, float]:
     """Place of the film's centre in the frame of the scene's stage."""
     return (scene.stage.x_mm, scene.stage.y_mm) if scene.stage else (0.0, 0.0)
 
 
-def number(value: Any) -> float:
+def as_float(value: Any) -> float:
     """A value as a float; NaN for a text and what else is no number."""
     try:
         return math.nan if isinstance(value, str | bytes) else float(value)
@@ -157,18 +168,18 @@ def number(value: Any) -> float:
         return math.nan
 
 
-def charge_mistakes(
+def find_reading_errors(
     scene: Scene,
     charges_pC: Mapping[str, Any],
     sigma: Deviations,
     noise_pC: Deviations | None = None,
     reading: str | None = None,
-    known_at_rest: AtRest | None = None,
+    known_at_rest: UnloadedCharges | None = None,
     unit: str = "pC",
 ) -> Iterator[str]:
     """What is wrong with readings, their unit and their deviations. Whether there are charges at
     rest is asked unless they are known."""
-    by_name = electrode_columns(scene)
+    by_name = get_channel_values(scene)
     if unit not in UNITS:
         yield f"unit = {unit}: choose from {', '.join(UNITS)}"
     elif unit == "V" and scene.readout is None:
@@ -182,33 +193,35 @@ def charge_mistakes(
     for name, charge in charges_pC.items():
         if name not in by_name:
             yield f"charges.{name}: no such electrode; choose from {', '.join(by_name)}"
-        elif not abs(number(charge)) <= LARGEST_PC:
+        elif not abs(as_float(charge)) <= LARGEST_PC:
             yield f"charges.{name} = {_shown(charge)}: give a charge in pC"
-        elif abs(number(charge) - by_name[name][1]) < LEAST_PC:
+        elif abs(as_float(charge) - by_name[name][1]) < LEAST_PC:
             noise = noise_pC.get(name) if isinstance(noise_pC, Mapping) else noise_pC
             if not (by_name[name][2] if noise is None else noise):
                 reason = "a charge of 0 has no deviation without noise_pC"
                 yield f"charges.{name} = {charge:g}: {reason}; give that of the amplifier"
-    yield from _deviation_mistakes("sigma", sigma, charges_pC, 1.0, "a share of the charge, 0 to 1")
+    yield from _find_deviation_errors(
+        "sigma", sigma, charges_pC, 1.0, "a share of the charge, 0 to 1"
+    )
     if noise_pC is not None:
         what = "a standard deviation in pC, not negative"
-        yield from _deviation_mistakes("noise_pC", noise_pC, charges_pC, math.inf, what)
+        yield from _find_deviation_errors("noise_pC", noise_pC, charges_pC, math.inf, what)
     if reading not in (None, *READINGS):
         yield f"reading = {reading}: choose from {', '.join(READINGS)}"
     if known_at_rest is None:
-        yield from _rest_mistakes(scene, reading or reading_of(scene))
+        yield from _find_unloaded_errors(scene, reading or get_reading(scene))
 
 
-def _rest_mistakes(scene: Scene, reading: str) -> Iterator[str]:
+def _find_unloaded_errors(scene: Scene, reading: str) -> Iterator[str]:
     from pvdf_fem.solver.adaptive import RestError  # with gmsh
 
     try:
-        rest_of(scene, reading)
+        compute_unloaded_charges_pC(scene, reading)
     except RestError as error:
         yield from error.problems
 
 
-def _deviation_mistakes(
+def _find_deviation_errors(
     what: str, given: Deviations, charges_pC: Mapping[str, Any], most: float, wanted: str
 ) -> Iterator[str]:
     by_name = given if isinstance(given, Mapping) else {"": given}
@@ -216,7 +229,7 @@ def _deviation_mistakes(
         if name not in by_name:
             yield f"{what}.{name}: missing; give one for each charge, or one number for all"
     for name, value in by_name.items():
-        if not (0.0 <= number(value) <= most and number(value) < math.inf):
+        if not (0.0 <= as_float(value) <= most and as_float(value) < math.inf):
             yield f"{what}{'.' * bool(name)}{name} = {_shown(value)}: give {wanted}"
 
 
@@ -224,7 +237,7 @@ def _shown(value: Any) -> str:
     return repr(value) if isinstance(value, str | bytes) else str(value)
 
 
-def known_mistakes(
+def find_quantity_errors(
     domain: Domain,
     unknown: Sequence[str],
     known: Mapping[str, float],
@@ -232,21 +245,21 @@ def known_mistakes(
     centre_mm: Sequence[float] = (0.0, 0.0),
 ) -> Iterator[str]:
     """What is wrong with the quantities sought and known. `default` has the scene's values of what
-    is neither sought nor in `known`; `centre_mm` is the place of the film's centre in the same
+    is neither sought nor in `known`; `get_centre_mm` is the place of the film's centre in the same
     frame."""
-    names = ", ".join(QUANTITIES)
+    names = ", ".join(TOUCH_QUANTITIES)
     if not unknown:
         yield f"unknown: nothing is sought; choose from {names}"
     for name in dict.fromkeys([*unknown, *known]):
-        if name not in QUANTITIES:
+        if name not in TOUCH_QUANTITIES:
             yield f"{name}: no quantity of a touch; choose from {names}"
         elif name in unknown and name in known:
             yield f"{name}: both sought and known; remove one"
-        elif name in known and not math.isfinite(number(known[name])):
+        elif name in known and not math.isfinite(as_float(known[name])):
             yield f"known.{name} = {_shown(known[name])}: give a finite number"
-    fixed = {n: number(v) for n, v in {**default, **known}.items() if n not in unknown}
+    fixed = {n: as_float(v) for n, v in {**default, **known}.items() if n not in unknown}
     reach, (lowest, highest) = domain.reach_mm, domain.force_N
-    places = {n: fixed[n] for n in QUANTITIES[:2] if n in fixed}
+    places = {n: fixed[n] for n in TOUCH_QUANTITIES[:2] if n in fixed}
     centre = {"x_mm": centre_mm[0], "y_mm": centre_mm[1]}
     if math.hypot(*(value - centre[n] for n, value in places.items())) > reach:
         place = ", ".join(f"{n} = {value:g}" for n, value in places.items())

@@ -9,12 +9,22 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.inverse.least_squares import Descent, SearchOptions, descend, repeated
-from pvdf_fem.inverse.touch.initial_candidates import starts
+from pvdf_fem.inverse.least_squares import (
+    SearchOptions,
+    SearchResult,
+    mark_repeated,
+    run_levenberg_marquardt,
+)
+from pvdf_fem.inverse.touch.initial_candidates import find_initial_candidates
 from pvdf_fem.inverse.touch.location import Location
-from pvdf_fem.inverse.touch.location_problem import Problem, extents, rows_of
-from pvdf_fem.inverse.touch.touch import Touch, explains, p_values, roots_of
-from pvdf_fem.surrogate.model import ROTATION, X, Y
+from pvdf_fem.inverse.touch.location_problem import LocationProblem, compute_extents, slice_quantity
+from pvdf_fem.inverse.touch.touch import (
+    Touch,
+    compute_covariance_roots,
+    compute_p_values,
+    is_plausible,
+)
+from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 
 @dataclass(frozen=True)
@@ -58,63 +68,78 @@ class LocateOptions:
     #: least; again about a better end, for some rounds at most.
     aside: tuple[float, ...] = (-0.5, 0.5)
     rounds: int = 3
-    solve_search: SearchOptions = field(
-        default_factory=lambda: SearchOptions(40, arrived=0.02, short=0.04, relief=0.3)
+    solved_search: SearchOptions = field(
+        default_factory=lambda: SearchOptions(
+            40, chi_square_tolerance=0.02, step_tolerance=0.04, damping_factor=0.3
+        )
     )
 
 
-DEFAULTS = LocateOptions()
+DEFAULT_OPTIONS = LocateOptions()
 
 
-def search(problem: Problem, known: Mapping[int, float], options: LocateOptions) -> Descent:
+def search_everywhere(
+    problem: LocationProblem, known: Mapping[int, float], options: LocateOptions
+) -> SearchResult:
     """Searches from everywhere for the touch of a problem's only row. `known` are coordinates by
     their index in `QUANTITIES`. A sought rotation is held at first, at many values: a few degrees
     change charges by less than the pitch of the table of starts does."""
     held = {i: np.array([value]) for i, value in known.items()}
-    at, misfit = (of[0] for of in starts(problem, held, options.begun, each=True))
+    at, misfit = (of[0] for of in find_initial_candidates(problem, held, options.begun, each=True))
     size = np.linalg.norm(problem.charges_pC / problem.deviations_pC)
     excess = options.listed**0.5 + options.neglected * size
     likely = ~(np.sqrt(misfit) > np.sqrt(misfit.min(axis=1, keepdims=True)) + excess)
-    at = at[likely][~repeated(at[likely], misfit[likely], np.array(options.close))]
-    without_rotation = problem.unknown[problem.unknown != ROTATION]
+    at = at[likely][~mark_repeated(at[likely], misfit[likely], np.array(options.close))]
+    without_rotation = problem.unknown[problem.unknown != TouchColumn.ROTATION]
     if 0 < len(without_rotation) < len(problem.unknown):
-        at = descend(replace(problem, unknown=without_rotation), at, options=options.search).at
-    return descend(problem, at, hopeless=options.listed, options=options.search)
+        at = run_levenberg_marquardt(
+            replace(problem, unknown=without_rotation), at, options=options.search
+        ).coordinates
+    return run_levenberg_marquardt(problem, at, hopeless=options.listed, options=options.search)
 
 
-def best_ends(
-    problem: Problem, known: Mapping[int, Array], few: int, how: SearchOptions = DEFAULTS.search
-) -> Descent:
+def search_rows(
+    problem: LocationProblem,
+    known: Mapping[int, Array],
+    few: int,
+    how: SearchOptions = DEFAULT_OPTIONS.search,
+) -> SearchResult:
     """The best end of searches from a few starts for each row of a problem's charges. `known` are
     coordinates (rows,) by their index."""
-    at = starts(problem, known, few, each=False)[0][:, 0]
+    at = find_initial_candidates(problem, known, few, each=False)[0][:, 0]
     rows, at = np.repeat(np.arange(len(at)), at.shape[1]), at.reshape(-1, at.shape[2])
     # neighbouring touches in sequence share the coefficients that the model reads
-    order = np.lexsort((at[:, Y], at[:, X]))
-    ends = descend(problem, at[order], rows[order], options=how).take(np.argsort(order))
+    order = np.lexsort((at[:, TouchColumn.Y], at[:, TouchColumn.X]))
+    ends = run_levenberg_marquardt(problem, at[order], rows[order], options=how).take(
+        np.argsort(order)
+    )
     best = ends.ranking.reshape(len(problem.charges_pC), -1).argmin(axis=1)
     return ends.take(np.searchsorted(rows, np.arange(len(best))) + best)
 
 
-def explained(problem: Problem, ends: Descent) -> Mask:
+def mark_explained(problem: LocationProblem, ends: SearchResult) -> Mask:
     """Which searches arrived where the charges are explained, (n,)."""
-    return ends.arrived & explains(ends.chi_square, problem.freedom)
+    return ends.converged & is_plausible(ends.chi_square, problem.freedom)
 
 
-def location(problem: Problem, ends: Descent | None, options: LocateOptions = DEFAULTS) -> Location:
+def make_location(
+    problem: LocationProblem, ends: SearchResult | None, options: LocateOptions = DEFAULT_OPTIONS
+) -> Location:
     """The location whose touches are the distinct ends of searches for one touch; None where no
     search was made."""
-    quantities = problem.model.quantities
+    quantities = problem.response.quantities
     names = tuple(quantities[i] for i in problem.unknown.tolist())
-    ends = ends and ends.take(distinct(problem, ends, options))
-    if ends is None or not ends.arrived.size:
+    ends = ends and ends.take(find_distinct(problem, ends, options))
+    if ends is None or not ends.converged.size:
         return Location((), names, -np.inf, problem)
     # likelihood times a normal prior of the domain's extents, integrated by Laplace's method
-    sizes = np.linalg.svd(ends.slopes * extents(problem.model), compute_uv=False)
+    sizes = np.linalg.svd(ends.jacobian * compute_extents(problem.response), compute_uv=False)
     logs = -0.5 * (ends.chi_square + np.log1p(np.square(sizes)).sum(axis=1))
     total = float(np.logaddexp.reduce(logs))
     weights = np.exp(logs - total).tolist()
-    columns = zip(*described(problem, ends), weights, problem.edges(ends.at), strict=True)
+    columns = zip(
+        *describe_touches(problem, ends), weights, problem.edges(ends.coordinates), strict=True
+    )
     touches = [Touch(quantities, names, *attributes) for attributes in columns]
     if problem.freedom <= 0:  # chi-square is zero but for where searches stop, and ranks nothing
         touches.sort(key=lambda touch: (touch.explained, touch.weight), reverse=True)
@@ -122,27 +147,32 @@ def location(problem: Problem, ends: Descent | None, options: LocateOptions = DE
     return Location(tuple(touches), names, total - float(spread.sum()), problem)
 
 
-def described(problem: Problem, ends: Descent) -> tuple[Array, Array, Mask, Array, Array, Mask]:
-    """Of the touches at some ends: values (n, k), `roots_of` their covariances, chi-square, its
+def describe_touches(
+    problem: LocationProblem, ends: SearchResult
+) -> tuple[Array, Array, Mask, Array, Array, Mask]:
+    """Of the touches at some ends: values (n, k), roots of their covariances, chi-square, its
     p-value, and whether the charges are explained, (n,)."""
-    values, sought = problem.touches(ends.at), problem.unknown
-    scale = problem.per_coordinate(values)[:, sought]
-    slopes, extent = ends.slopes[:, :, sought] / scale[:, None], extents(problem.model)[sought]
+    values, sought = problem.touches(ends.coordinates), problem.unknown
+    scale = problem.compute_touch_scale(values)[:, sought]
+    slopes, extent = (
+        ends.jacobian[:, :, sought] / scale[:, None],
+        compute_extents(problem.response)[sought],
+    )
     chi_square, freedom = ends.chi_square, problem.freedom
-    fit = chi_square, p_values(chi_square, freedom), explains(chi_square, freedom)
-    return values, *roots_of(slopes, extent * scale), *fit
+    fit = chi_square, compute_p_values(chi_square, freedom), is_plausible(chi_square, freedom)
+    return values, *compute_covariance_roots(slopes, extent * scale), *fit
 
 
-def distinct(problem: Problem, ends: Descent, options: LocateOptions) -> Indices:
+def find_distinct(problem: LocationProblem, ends: SearchResult, options: LocateOptions) -> Indices:
     """The likely ends of searches that do not repeat a better one, the best first."""
-    ranking, turns = ends.ranking, rows_of(problem.model, ROTATION)
+    ranking, turns = ends.ranking, slice_quantity(problem.response, TouchColumn.ROTATION)
     order = ranking.argsort(kind="stable")
     rows = order[ranking[order] <= ranking.min() + options.listed]
-    rows = rows[ends.arrived[rows]]
+    rows = rows[ends.converged[rows]]
     kept = rows[:0]
     while len(rows) > 1:
-        apart = problem.apart(ends.at[rows], ends.at[rows[0]])
-        same = np.square(apart @ ends.slopes[rows[0]].T).sum(axis=1) < options.same
+        apart = problem.compute_differences(ends.coordinates[rows], ends.coordinates[rows[0]])
+        same = np.square(apart @ ends.jacobian[rows[0]].T).sum(axis=1) < options.same
         same &= (np.abs(apart[:, turns]) < options.same_deg).all(axis=1)
         kept, rows = np.append(kept, rows[0]), rows[~same]
     return np.append(kept, rows)

@@ -15,9 +15,9 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.outputs import goals_of
-from pvdf_fem.inverse.touch.location_problem import LONGEST, kind_of
-from pvdf_fem.scene.change import number_at, plain, steps_of
-from pvdf_fem.scene.outlines.shape import HEAT
+from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, get_base_quantity
+from pvdf_fem.scene.changes import get_number, parse_key, to_plain_value
+from pvdf_fem.scene.outlines.shape import HEAT_KEYS
 from pvdf_fem.scene.scene import Numerics, Scene, SceneError
 from pvdf_fem.scene.shapes import Pressing
 from pvdf_fem.scene.stage import Stage
@@ -25,21 +25,20 @@ from pvdf_fem.solver.adaptive import solve_goals
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
 from pvdf_fem.solver.sensitivity.parameters import parameters_of
 from pvdf_fem.solver.sensitivity.rates import charge_rates
-from pvdf_fem.surrogate.model import (
-    FORCE,
-    QUANTITIES,
-    ROTATION,
+from pvdf_fem.surrogate.charge_function import count_probes
+from pvdf_fem.surrogate.touch_domain import (
+    TOUCH_QUANTITIES,
     Domain,
-    probes_of,
-    room_mm,
-    wanted_model,
+    TouchColumn,
+    compute_clear_reach_mm,
+    resolve_response_settings,
 )
 
 UNSOLVED_PC = 1e15  #: Charges of a scene that cannot be solved.
 
 
 @dataclass(frozen=True, eq=False)
-class Solves:
+class SolvedResponse:
     """Charges of one or two probes at once by full solves."""
 
     scene: Scene  #: With a list of probes.
@@ -48,18 +47,18 @@ class Solves:
     domain: Domain
     error_bound: float  #: Tolerance of the solves.
     count: Callable[[], None]  #: Called before each solve.
-    cheap: ClassVar[bool] = False
-    at_rest_pC: ClassVar[None] = None
+    is_fast: ClassVar[bool] = False
+    unloaded_charges_pC: ClassVar[None] = None
 
     @classmethod
-    def of(
+    def from_scene(
         cls,
         scene: Scene,
         touches: int,
         unknown: Sequence[str],
         tolerance: float,
         count: Callable[[], None] = lambda: None,
-    ) -> Solves:
+    ) -> SolvedResponse:
         """The model of a scene's probes, or of its one probe twice, over the reach and the forces
         of the scene's ``[model]``, with probes on the film. Raises `ValueError` with a line for
         each mistake."""
@@ -67,20 +66,22 @@ class Solves:
             raise ValueError("\n".join(mistakes))
         listed = _listed(scene, touches, unknown)
         probes = [f"probe[{i}]." if touches > 1 else "" for i in range(touches)]
-        names = [probe + name for probe in probes for name in QUANTITIES]
+        names = [probe + name for probe in probes for name in TOUCH_QUANTITIES]
         for name, ends in (("tangential_N", ("[0]", "[1]")), ("temperature_K", ("",))):
             if name in unknown:
                 names += [probe + name + end for probe in probes for end in ends]
-        wanted = [wanted_model(pressed_alone(listed, i))[0] for i in range(touches)]
-        reach_mm = min(room_mm(listed), *(domain.reach_mm for domain in wanted))
+        wanted = [
+            resolve_response_settings(make_single_probe_scene(listed, i))[0] for i in range(touches)
+        ]
+        reach_mm = min(compute_clear_reach_mm(listed), *(domain.reach_mm for domain in wanted))
         domain = Domain(reach_mm, wanted[0].force_N)
         periods = [touch.probe.period_deg for touch in listed.loaded_probes]
         sought = tuple(
             name
             for name in names
-            if kind_of(name) in unknown
+            if get_base_quantity(name) in unknown
             # a disc does not turn
-            and (kind_of(name) != "rotation_deg" or periods[_probe(name)])
+            and (get_base_quantity(name) != "rotation_deg" or periods[_probe(name)])
         )
         made = cls(listed, tuple(names), sought, domain, tolerance, count)
         if wrong := {made.key(name) for name in sought} - set(parameters_of(listed)):
@@ -105,17 +106,21 @@ class Solves:
     @property
     def touch(self) -> Array:
         """The scene's touch (k,) in the frame of its stage."""
-        touch = np.array([number_at(self.scene, self.key(name)) for name in self.quantities])
+        touch = np.array([get_number(self.scene, self.key(name)) for name in self.quantities])
         stage = self.scene.stage or Stage()
-        for x in range(0, len(QUANTITIES) * probes_of(self), len(QUANTITIES)):
-            place, turned = stage.to_stage(touch[x : x + ROTATION], touch[x + ROTATION])
-            touch[x : x + FORCE] = [*place, turned]
+        for x in range(0, len(TOUCH_QUANTITIES) * count_probes(self), len(TOUCH_QUANTITIES)):
+            place, turned = stage.to_stage(
+                touch[x : x + TouchColumn.ROTATION], touch[x + TouchColumn.ROTATION]
+            )
+            touch[x : x + TouchColumn.FORCE] = [*place, turned]
         return touch
 
     @property
     def other_probe(self) -> Indices:
         """Index of each quantity at the other probe of two equal probes; empty for other probes."""
-        if probes_of(self) < 2 or pressed_alone(self.scene, 0) != pressed_alone(self.scene, 1):
+        if count_probes(self) < 2 or make_single_probe_scene(
+            self.scene, 0
+        ) != make_single_probe_scene(self.scene, 1):
             return np.array([], dtype=int)
         swapped = [f"probe[{1 - _probe(n)}]{n[len('probe[0]') :]}" for n in self.quantities]
         return np.array([self.quantities.index(name) for name in swapped])
@@ -142,11 +147,11 @@ class Solves:
         return charges, slopes
 
 
-def pressed_alone(scene: Scene, number: int) -> Scene:
+def make_single_probe_scene(scene: Scene, number: int) -> Scene:
     """One of a scene's probes on the centre, under 1 N and cold."""
     touch = scene.loaded_probes[number]
     place = dict.fromkeys(("x_mm", "y_mm", "rotation_deg"), 0.0)
-    unsaid = dict.fromkeys((*Pressing.model_fields, *HEAT))
+    unsaid = dict.fromkeys((*Pressing.model_fields, *HEAT_KEYS))
     probe = touch.probe.model_copy(update=place | unsaid)
     load = touch.load.model_copy(update={"force_N": 1.0, "tangential_N": None})
     numerics = Numerics(tolerance=1e-2, observable=scene.numerics.observable)
@@ -157,7 +162,7 @@ def _listed(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
     """The scene with a list of probes, each with a force of its own, apart where one is two, and
     cold where its temperature is sought."""
     probes = [*scene.loaded_probes] * (touches // len(scene.loaded_probes))
-    tables = [{**plain(touch.probe), "force_N": touch.load.force_N} for touch in probes]
+    tables = [{**to_plain_value(touch.probe), "force_N": touch.load.force_N} for touch in probes]
     for touch, table in zip(probes, tables, strict=True):
         if "temperature_K" in unknown:
             table["temperature_K"] = 0.0
@@ -186,12 +191,12 @@ def _mistakes(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator[st
         if any(touch.probe.contact_time_s is None for touch in scene.loaded_probes):
             yield "probe.contact_time_s: not given; heat spreads meanwhile, so give it"
     for name in unknown:
-        if name not in LONGEST:
-            yield f"{name}: no quantity of a touch; choose from {', '.join(LONGEST)}"
+        if name not in LONGEST_STEPS:
+            yield f"{name}: no quantity of a touch; choose from {', '.join(LONGEST_STEPS)}"
     if not unknown:
-        yield f"unknown: nothing is sought; choose from {', '.join(LONGEST)}"
+        yield f"unknown: nothing is sought; choose from {', '.join(LONGEST_STEPS)}"
 
 
 def _probe(name: str) -> int:
     """Index of the probe in a quantity's name."""
-    return int(steps_of(name)[1]) if name.startswith("probe[") else 0
+    return int(parse_key(name)[1]) if name.startswith("probe[") else 0

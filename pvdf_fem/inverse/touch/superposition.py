@@ -12,39 +12,55 @@ from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.batch.batch import solve_all
-from pvdf_fem.film.loads.profiles import pinned
-from pvdf_fem.inverse.least_squares import Descent, descend, joined
-from pvdf_fem.inverse.touch.location_problem import Problem, kind_of
-from pvdf_fem.inverse.touch.search import LocateOptions, distinct
-from pvdf_fem.inverse.touch.solved_charges import UNSOLVED_PC, Solves, pressed_alone
-from pvdf_fem.inverse.touch.touch import explains
+from pvdf_fem.film.loads.profiles import pin_profile_files
+from pvdf_fem.inverse.least_squares import (
+    SearchResult,
+    concatenate_results,
+    run_levenberg_marquardt,
+)
+from pvdf_fem.inverse.touch.location_problem import LocationProblem, get_base_quantity
+from pvdf_fem.inverse.touch.search import LocateOptions, find_distinct
+from pvdf_fem.inverse.touch.solved_charges import (
+    UNSOLVED_PC,
+    SolvedResponse,
+    make_single_probe_scene,
+)
+from pvdf_fem.inverse.touch.touch import is_plausible
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
-from pvdf_fem.surrogate.model import FORCE, QUANTITIES, ROTATION, probes_of, rest_of
+from pvdf_fem.surrogate.charge_function import compute_unloaded_charges_pC, count_probes
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
 
-def search_by_solves(problem: Problem, model: Solves, options: LocateOptions) -> Descent:
+def search_by_solves(
+    problem: LocationProblem, model: SolvedResponse, options: LocateOptions
+) -> SearchResult:
     """Distinct ends of searches for the touch of a problem by its model: coarse ones from the most
     likely starts, then about the best end, then the final ones."""
     rough = replace(model, error_bound=options.first_tolerance)
     spread = np.hypot(problem.deviations_pC, options.first_tolerance / 3**0.5 * problem.charges_pC)
-    coarse, how = replace(problem, model=rough, deviations_pC=spread), options.solve_search
+    coarse, how = replace(problem, response=rough, deviations_pC=spread), options.solved_search
     other = model.other_probe
     begun = [_begun(cold, model.touch, options) for cold in _cold(coarse)]
     freedom, found = problem.freedom, []
     for part in (slice(options.followed), slice(options.followed, None)):
         starts = np.concatenate([likely[part] for likely in begun])
-        ends = descend(coarse, starts, options=how)
-        ends = _ordered(coarse, probed(coarse, ends, options), other, options)
-        if ends.at.size:
-            found.append(descend(problem, ends.at, options=how))
-        if found and explains(found[-1].ranking.min()[None], freedom, options.significance).any():
+        ends = run_levenberg_marquardt(coarse, starts, options=how)
+        ends = _ordered(coarse, search_along_weak_direction(coarse, ends, options), other, options)
+        if ends.coordinates.size:
+            found.append(run_levenberg_marquardt(problem, ends.coordinates, options=how))
+        if (
+            found
+            and is_plausible(found[-1].ranking.min()[None], freedom, options.significance).any()
+        ):
             break
-    return _ordered(problem, joined(found), other, options) if found else ends
+    return _ordered(problem, concatenate_results(found), other, options) if found else ends
 
 
-def probed(problem: Problem, ends: Descent, options: LocateOptions) -> Descent:
+def search_along_weak_direction(
+    problem: LocationProblem, ends: SearchResult, options: LocateOptions
+) -> SearchResult:
     """The ends of searches, and ends of others about the best along what the charges determine
     least.
 
@@ -52,27 +68,27 @@ def probed(problem: Problem, ends: Descent, options: LocateOptions) -> Descent:
     on one side of the fold does not see the touch on the other side. Along a valley a search may
     end before its bottom.
     """
-    moving, longest = problem.moving, problem.longest[problem.moving]
+    moving, longest = problem.moving, problem.longest_steps[problem.moving]
     for _ in range(options.rounds):
         best = ends.take(ends.ranking.argsort()[:1])
-        if not best.arrived.any():
+        if not best.converged.any():
             break
-        *_, directions = np.linalg.svd(best.slopes[0][:, moving] * longest)
+        *_, directions = np.linalg.svd(best.jacobian[0][:, moving] * longest)
         step = longest * directions[-1] / np.abs(directions[-1]).max()
-        at = np.repeat(best.at, len(options.aside), axis=0)
+        at = np.repeat(best.coordinates, len(options.aside), axis=0)
         at[:, moving] += np.outer(options.aside, step)
-        more = descend(problem, at, options=options.solve_search)
-        ends = joined([ends, more])
-        if more.ranking.min() > best.chi_square[0] - options.solve_search.arrived:
+        more = run_levenberg_marquardt(problem, at, options=options.solved_search)
+        ends = concatenate_results([ends, more])
+        if more.ranking.min() > best.chi_square[0] - options.solved_search.chi_square_tolerance:
             break
     return ends
 
 
-def _cold(problem: Problem) -> Iterator[Problem]:
+def _cold(problem: LocationProblem) -> Iterator[LocationProblem]:
     """Problems for starts, with cold touches: by the charges of all electrodes, then, if a
     temperature is unknown, without each electrode in turn, since a warm touch may be above it."""
-    names, unknown = problem.model.quantities, problem.unknown.tolist()
-    cold = [i for i in unknown if kind_of(names[i]) != "temperature_K"]
+    names, unknown = problem.response.quantities, problem.unknown.tolist()
+    cold = [i for i in unknown if get_base_quantity(names[i]) != "temperature_K"]
     yield (whole := replace(problem, unknown=np.array(cold)))
     for left in range(len(problem.electrodes) if len(cold) < len(unknown) else 0):
         electrodes = np.delete(problem.electrodes, left)
@@ -81,34 +97,43 @@ def _cold(problem: Problem) -> Iterator[Problem]:
         yield replace(whole, electrodes=electrodes, charges_pC=charges, deviations_pC=spread)
 
 
-def _begun(problem: Problem, touch: Array, options: LocateOptions) -> Array:
+def _begun(problem: LocationProblem, touch: Array, options: LocateOptions) -> Array:
     """Where first steps from the starts lead, (n, k), the likeliest first."""
-    first = replace(options.solve_search, max_steps=options.first_steps)
-    ends = descend(problem, superposed(problem, touch, options), options=first)
-    return ends.at[np.argsort(ends.chi_square)]
+    first = replace(options.solved_search, max_steps=options.first_steps)
+    ends = run_levenberg_marquardt(
+        problem, find_superposed_candidates(problem, touch, options), options=first
+    )
+    return ends.coordinates[np.argsort(ends.chi_square)]
 
 
-def _ordered(problem: Problem, ends: Descent, other: Indices, options: LocateOptions) -> Descent:
+def _ordered(
+    problem: LocationProblem, ends: SearchResult, other: Indices, options: LocateOptions
+) -> SearchResult:
     """The distinct ends; equal probes are in the order of their first coordinates. `other` is
     `Solves.other_probe`."""
     if other.size:
-        swap = ends.at[:, 0] > ends.at[:, len(QUANTITIES)]
-        ends.at[swap], ends.slopes[swap] = ends.at[swap][:, other], ends.slopes[swap][..., other]
+        swap = ends.coordinates[:, 0] > ends.coordinates[:, len(TOUCH_QUANTITIES)]
+        ends.coordinates[swap], ends.jacobian[swap] = (
+            ends.coordinates[swap][:, other],
+            ends.jacobian[swap][..., other],
+        )
     solved = ends.chi_square < 1e-6 * np.square(UNSOLVED_PC / problem.deviations_pC).min()
     ends = ends.take(np.flatnonzero(solved))
-    return ends.take(distinct(problem, ends, options)) if ends.at.size else ends
+    return ends.take(find_distinct(problem, ends, options)) if ends.coordinates.size else ends
 
 
-def superposed(
-    problem: Problem, touch: Array, options: LocateOptions, stiffening: float = 0.35
+def find_superposed_candidates(
+    problem: LocationProblem, touch: Array, options: LocateOptions, stiffening: float = 0.35
 ) -> Array:
     """Starts (n, k) where charges of single touches, added up, are most like those measured. What
     is not sought is that of a `touch` (k,). A force is its share times the power `stiffening` of
     the sum of shares: the common tension stiffens the film."""
-    model, reach_mm = problem.model, problem.model.domain.reach_mm
+    model, reach_mm = problem.response, problem.response.domain.reach_mm
     electrodes, spread = problem.electrodes, problem.deviations_pC[0]
-    rest = np.nan_to_num(rest_of(model.scene)[0, electrodes])
-    singles = pinned(pressed_alone(model.scene, i) for i in range(probes_of(model)))
+    rest = np.nan_to_num(compute_unloaded_charges_pC(model.scene)[0, electrodes])
+    singles = pin_profile_files(
+        make_single_probe_scene(model.scene, i) for i in range(count_probes(model))
+    )
     tables = [_single(one, reach_mm, options.pitch_mm, options.fine_mm) for one in singles]
     changes = np.concatenate([(c[:, electrodes] - rest) for _, c in tables]) / spread
     places = np.concatenate([p for p, _ in tables])
@@ -133,8 +158,8 @@ def superposed(
     of_probes, share = problem.of_probes(at), shares[kept]
     starts = of_probes.copy()
     stage = model.scene.stage or Stage()
-    starts[..., :ROTATION] = places[chosen[kept]] @ stage.turn.T
-    starts[..., FORCE] = np.log(share) + stiffening * np.log(share.sum(axis=1))[:, None]
+    starts[..., : TouchColumn.ROTATION] = places[chosen[kept]] @ stage.rotation.T
+    starts[..., TouchColumn.FORCE] = np.log(share) + stiffening * np.log(share.sum(axis=1))[:, None]
     sought = np.isin(np.arange(at.shape[1]), problem.unknown)
     of_probes[...] = np.where(problem.of_probes(np.tile(sought, (len(at), 1))), starts, of_probes)
     return at

@@ -11,15 +11,15 @@ import numpy as np
 from scipy.special import gammaincc, gammainccinv
 
 from pvdf_fem.arrays import Array, Mask, finite_or_none
-from pvdf_fem.told import Parts, Told
+from pvdf_fem.summary import Result, Summary
 
 #: Charges count as unexplained if a right model gives such charges less often than this.
 SIGNIFICANCE = 1e-3
 #: A direction is determined if the domain along it is wider than this many standard deviations.
-DETERMINED = 3.0
+DETERMINED_RATIO = 3.0
 
 
-def p_values(chi_square: Array, freedom: int) -> Array:
+def compute_p_values(chi_square: Array, freedom: int) -> Array:
     """Probabilities of a larger chi-square if the model is right; NaN without freedom."""
     if freedom <= 0:
         return np.full(len(chi_square), np.nan)
@@ -27,26 +27,26 @@ def p_values(chi_square: Array, freedom: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def common_limit(freedom: int) -> float:
+def compute_chi_square_limit(freedom: int) -> float:
     """Chi-square that a right model exceeds with the probability `SIGNIFICANCE`."""
     return float(2.0 * gammainccinv(0.5 * max(freedom, 1), SIGNIFICANCE))
 
 
-def explains(chi_square: Array, freedom: int, significance: float = SIGNIFICANCE) -> Mask:
+def is_plausible(chi_square: Array, freedom: int, significance: float = SIGNIFICANCE) -> Mask:
     """Whether charges as far from the model's as these are common."""
     # without freedom a touch fits unless the domain's edge holds it, as one condition more
-    common: Mask = ~(p_values(chi_square, max(freedom, 1)) < significance)
+    common: Mask = ~(compute_p_values(chi_square, max(freedom, 1)) < significance)
     return common
 
 
-def roots_of(slopes: Array, extent: Array) -> tuple[Array, Mask]:
+def compute_covariance_roots(slopes: Array, extent: Array) -> tuple[Array, Mask]:
     """Square roots (..., k, k) of covariances, their columns along the principal directions, and
     which of these (..., k) the charges do not determine: there the domain's `extent` (..., k) is a
     standard deviation. `slopes` (..., electrodes, k) are slopes of the charges over deviations."""
     per_extent = slopes * extent[..., None, :]
     squares, vectors = np.linalg.eigh(per_extent.swapaxes(-1, -2) @ per_extent)
     squares = np.maximum(squares, 0.0)
-    free = squares < DETERMINED**2
+    free = squares < DETERMINED_RATIO**2
     return vectors / np.sqrt(squares + free)[..., None, :] * extent[..., None], free
 
 
@@ -70,10 +70,10 @@ class TouchStatus(StrEnum):
 
 
 #: With these a touch explains the charges.
-EXPLAINED = (TouchStatus.LOCATED, TouchStatus.AT_EDGE, TouchStatus.AMBIGUOUS)
+EXPLAINED_STATUSES = (TouchStatus.LOCATED, TouchStatus.AT_EDGE, TouchStatus.AMBIGUOUS)
 
 
-def status_of(explained: bool, ambiguous: bool, at_edge: bool) -> TouchStatus:
+def decide_status(explained: bool, ambiguous: bool, at_edge: bool) -> TouchStatus:
     """What became of charges for which a touch was found."""
     if not explained:
         return TouchStatus.UNEXPLAINED
@@ -83,7 +83,7 @@ def status_of(explained: bool, ambiguous: bool, at_edge: bool) -> TouchStatus:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Touch(Told):
+class Touch(Result):
     """A touch whose charges are, among touches nearby, the likeliest to give those measured."""
 
     quantities: tuple[str, ...]  #: Names of the model's quantities, (k,).
@@ -159,10 +159,10 @@ class Touch(Told):
         """Its force."""
         return self.by_name["force_N"]
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """The quantities; `Location` has their errors."""
         values = ", ".join(f"{name} {value:.4g}" for name, value in self.by_name.items())
-        return f"share of likelihood {self.weight:.3g}", [values], [], []
+        return Summary(f"share of likelihood {self.weight:.3g}", [values])
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for JSON, None for what is infinite; errors are left to the location."""

@@ -14,11 +14,11 @@ from pvdf_fem.report.data import Changes, Name
 from pvdf_fem.report.kind import PLACE, Content, Inputs, differ_in, place_mm, placed
 from pvdf_fem.report.kinds.along import Along, Series
 from pvdf_fem.report.solved import Solved
-from pvdf_fem.scene.quantity import Length, Number, Section
+from pvdf_fem.scene.keys import Length, Number, Section
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, problem
-from pvdf_fem.studies.mapping_lines import MappingScheme, direction
-from pvdf_fem.surrogate.model import default_reach_mm
+from pvdf_fem.scene.scene_file import SceneError, format_error
+from pvdf_fem.studies.mapping_scheme import MappingScheme, unit_vector
+from pvdf_fem.surrogate.touch_domain import choose_default_reach_mm
 from pvdf_fem.view.drawing import sure
 
 #: Distance in mm from a line within which data are drawn on it: places are printed to 0.1 mm.
@@ -68,11 +68,11 @@ class ChargeVsDistance(Along):
         return found
 
     def _scheme(self, scene: Scene, name: str, step: float) -> MappingScheme:
-        reach = default_reach_mm(scene) if self.reach_mm is None else self.reach_mm
+        reach = choose_default_reach_mm(scene) if self.reach_mm is None else self.reach_mm
         count = math.floor(2.0 * scene.film.radius_mm / step) + 1
         if count > MOST_STEPS:
             reason = f"makes {count} places on a line; give a longer one"
-            raise SceneError([problem("step_mm", step, reason)])
+            raise SceneError([format_error("step_mm", step, reason)])
         steps = tuple((step * np.arange(count)).tolist())
         try:
             return MappingScheme(scene, name, self.angles_deg, steps, reach)
@@ -83,7 +83,7 @@ class ChargeVsDistance(Along):
         """The distance from the electrode of a probe on a line."""
         electrodes = {e.name: e.outline for e in series.scene.electrode_list}
         offset = place_mm(scene) - 1e3 * electrodes[series.names[0]].centroid
-        x, y = direction(float(str(series.curve).removesuffix("°")))
+        x, y = unit_vector(float(str(series.curve).removesuffix("°")))
         aside, ahead = abs(x * offset[1] - y * offset[0]), x * offset[0] + y * offset[1]
         if aside > ON_LINE_MM or ahead < -ON_LINE_MM or not differ_in(PLACE, series.scene, scene):
             return None

@@ -16,7 +16,7 @@ from pvdf_fem.report.kind import Content, Inputs, OfElectrodes, blamed
 from pvdf_fem.report.solved import NothingToShow, Solved
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.solver.sensitivity.uncertainty import require_known, uncertainty
 from pvdf_fem.view import drawing
 from pvdf_fem.view.figures import GREY, HALO, look_of, new_figure
@@ -73,7 +73,7 @@ class Comparison(OfElectrodes):
         names = self.names(scene) if self.electrodes else readings.names
         if not any(name in readings.names for name in names):
             reason = "has no readings of the electrodes; add columns with their names"
-            raise SceneError([problem("data", self.data, reason)])
+            raise SceneError([format_error("data", self.data, reason)])
         return readings, readings.scenes(scene), names
 
     def compose(self, inputs: Inputs, solved: Solved) -> Content:

@@ -17,7 +17,7 @@ from pvdf_fem.report.charge_map import ChargeMap
 from pvdf_fem.report.kind import PLACE, Content, Inputs, differ_in, place_mm
 from pvdf_fem.report.kinds.mapped import Mapped
 from pvdf_fem.report.solved import Solved
-from pvdf_fem.scene.quantity import Finite, Whole, within
+from pvdf_fem.scene.keys import Finite, Whole, within
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.view import figures
 from pvdf_fem.view.drawing import READING_LABELS, RING, WIDTH_MM, listed

@@ -18,9 +18,9 @@ from pvdf_fem.report.data import ERROR_MM, Readings
 from pvdf_fem.report.kind import PLACE, Content, Inputs, differ_in, place_mm
 from pvdf_fem.report.kinds.mapped import Mapped
 from pvdf_fem.report.solved import NothingToShow, Solved
-from pvdf_fem.scene.quantity import Finite, within
+from pvdf_fem.scene.keys import Finite, within
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.view.drawing import WIDTH_MM, label_points, listed
 from pvdf_fem.view.figures import COLOURS, draw_film, new_figure
 
@@ -52,7 +52,7 @@ class Positions(Mapped):
         if len(maps) > MOST_MAPS:
             reason = f"needs {len(maps)} maps of charges, for its forces, rotations and films; at"
             reason += f" most {MOST_MAPS} are allowed, keep fewer rows by `where`"
-            raise SceneError([problem("data", self.data, reason)])
+            raise SceneError([format_error("data", self.data, reason)])
         places = [scene for asked in maps for scene in asked.scenes]
         return places + ([] if readings.names else touches)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.models import FilmModel, film_model
+from pvdf_fem.film.models import FilmModel, resolve_film_model
 from pvdf_fem.scene.scene import Scene
 
 
@@ -51,7 +51,7 @@ class Budget:
         patience = max(1.0, usual_tolerance / numerics.tolerance) ** 0.5
         unknowns, given = numerics.max_unknowns, numerics.max_seconds
         if unknowns is None:
-            unknowns = int(film_model(scene).most_unknowns * patience)
+            unknowns = int(resolve_film_model(scene).most_unknowns * patience)
         work = seconds * patience if given is None else given
         return cls(unknowns, work, numerics.max_unknowns is not None)
 

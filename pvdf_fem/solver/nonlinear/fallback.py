@@ -13,7 +13,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import principal
+from pvdf_fem.film.membrane import compute_principal_values
 from pvdf_fem.film.models import ROUNDING
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.initial_guess import seed
@@ -92,11 +92,11 @@ class OnTips(Rung):
             near = newton(FullSteps(equilibrium, task.tolerance), task.start)
             if near.converged:
                 return near
-        softer = equilibrium.each(lambda term: term.softer())
+        softer = equilibrium.map_terms(lambda term: term.relaxed())
         result = climb(Task(softer, task.budget, tolerance=task.tolerance))
         if not result.converged:
             return result
-        start = equilibrium.started(softer.dofs(result.q))
+        start = equilibrium.complete_initial_guess(softer.dofs(result.q))
         return newton(FullSteps(equilibrium, task.tolerance), start)
 
 
@@ -143,7 +143,7 @@ class FallingLoad(Rung):
 
     def solve(self, task: Task) -> NewtonResult:
         """Under dead loads; a pressure that follows the film starts from their equilibrium."""
-        film = task.equilibrium.each(lambda term: term.held())
+        film = task.equilibrium.map_terms(lambda term: term.with_frozen_loads())
         result = from_larger_loads(film, task.last_step, task.iterations)
         if task.equilibrium.conservative or not result.converged:
             return result
@@ -193,7 +193,7 @@ def flat_film(equilibrium: Equilibrium) -> NewtonResult:
     """The unloaded film: an equilibrium for every tension, stable unless compressed."""
     q = np.zeros(equilibrium.unknowns.count)
     state = equilibrium.state(q)
-    least, largest = principal(state.stress)
+    least, largest = compute_principal_values(state.stress)
     # a slack film is stable, too
     wrinkles = equilibrium.model.wrinkles
     stable = wrinkles or least.min() >= -ROUNDING * np.abs(largest).max()

@@ -19,9 +19,9 @@ from numpy.polynomial import polynomial
 from scipy.sparse.linalg import SuperLU, splu
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.electric.raised import Raised, RaisedFactors
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import tensile_part
+from pvdf_fem.film.low_rank import LowRankFactors, LowRankUpdate
+from pvdf_fem.film.membrane import compute_tensile_part
 from pvdf_fem.film.term import State
 from pvdf_fem.solver.nonlinear.status import Status
 
@@ -79,10 +79,10 @@ class NewtonResult:
         return (*self.tried, Tried(solver, self.status, len(self.iterations), self._tangents))
 
 
-def factorise(matrix: sp.csc_matrix | Raised) -> SuperLU:
+def factorise(matrix: sp.csc_matrix | LowRankUpdate) -> SuperLU:
     """LU of a matrix with symmetric pattern, without pivoting: the signs in U give the inertia."""
-    if isinstance(matrix, Raised):
-        return RaisedFactors(matrix, factorise(matrix.sparse))
+    if isinstance(matrix, LowRankUpdate):
+        return LowRankFactors(matrix, factorise(matrix.sparse))
     return splu(
         matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )
@@ -90,7 +90,7 @@ def factorise(matrix: sp.csc_matrix | Raised) -> SuperLU:
 
 def negative_pivots(factors: SuperLU) -> int:
     """Number of negative eigenvalues in a symmetric matrix, by Sylvester's law of inertia."""
-    if isinstance(factors, RaisedFactors):
+    if isinstance(factors, LowRankFactors):
         raised = int((np.linalg.eigvalsh(factors.small) < 0.0).sum())
         return negative_pivots(factors.factors) - raised
     return int((factors.U.diagonal() < 0).sum())
@@ -324,7 +324,7 @@ def convex_tangent(
     """The tangent without the geometric stiffness of compressive stress: never indefinite.
     `least_tension`, over the largest stress, keeps it regular where the film is slack."""
     floor = least_tension * np.abs(state.stress).max() * np.array([1.0, 1.0, 0.0])
-    return equilibrium.tangent(replace(state, stress=tensile_part(state.stress) + floor))
+    return equilibrium.tangent(replace(state, stress=compute_tensile_part(state.stress) + floor))
 
 
 def least_energy(energy: Array) -> float:

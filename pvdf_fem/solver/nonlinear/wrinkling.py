@@ -17,7 +17,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import strain_rate
+from pvdf_fem.film.membrane import compute_strain_rate
 from pvdf_fem.film.term import State
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.initial_guess import seed
@@ -38,13 +38,13 @@ def load_strain(scene: Scene) -> float:
     film = scene.film
     stiffness = film.thickness * film.stiffness[:2, :2].mean()
     by_probes = sum(np.linalg.norm(touch.load.components) for touch in scene.loaded_probes)
-    force = film.spread_force + by_probes
+    force = film.distributed_force + by_probes
     return float(np.cbrt(force / (stiffness * film.radius)) ** 2)
 
 
 def excess_strain(scene: Scene) -> float:
     """Excess of a film over its rim, in the direction with least excess."""
-    return -float(scene.film.strain_at_rest[:2].max())
+    return -float(scene.film.prestrain[:2].max())
 
 
 def barely_loaded(scene: Scene, part: float = 0.1) -> bool:
@@ -125,7 +125,7 @@ class PredictedStress(Variant):
     def _predict(self, step: Step) -> None:
         """The stress of the strain that the step would have in a linear film."""
         gradient = self.equilibrium.space.gradient(self.equilibrium.unknowns.expand(step.change))
-        rate = strain_rate(step.state.deformation_gradient, gradient)
+        rate = compute_strain_rate(step.state.deformation_gradient, gradient)
         self._predicted = self.equilibrium.membrane.resultant(step.state.strain + rate)
 
 
@@ -149,7 +149,7 @@ def from_larger_loads(
     most = min(affordable_iterations, most_iterations)
     table: list[Iteration] = []
     while True:
-        loaded, left = equilibrium.under(factor), most - len(table)
+        loaded, left = equilibrium.with_scaled_loads(factor), most - len(table)
         variant = PredictedStress(loaded, passing)
         if factor == 1.0:
             variant = PredictedStress(loaded, tolerance, WrinklingOptions(max_iterations=left))

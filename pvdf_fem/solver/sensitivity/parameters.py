@@ -6,11 +6,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from pvdf_fem.film.loads.kinds import LOADS
-from pvdf_fem.film.loads.posed import Pressure
-from pvdf_fem.film.models import film_model
+from pvdf_fem.film.loads.load_classes import PROBE_LOADS
+from pvdf_fem.film.loads.load_spec import Pressure
+from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.registry import SPREAD_CLASSES, said_at
+from pvdf_fem.scene.registry import FILM_LOAD_CLASSES, find_load_key
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 #: Names of what places a probe.
@@ -34,7 +34,7 @@ def parameters_of(scene: Scene, pressure: Pressure | None = None) -> tuple[str, 
     """
     scene.require_plain_charges("derivatives", "coupling", "warming_K", HEAT)
     probes = tuple(key for key in touched(scene) if not _hindrance(scene, key, pressure))
-    model = film_model(scene)
+    model = resolve_film_model(scene)
     differentiable = model.film_is_differentiable and model.electrodes_only_read
     film = _film_keys(scene.film) if differentiable else ()
     return (*probes, *film, *(COEFFICIENTS if model.electrodes_only_read else ()))
@@ -51,7 +51,7 @@ def touched(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
         pushed = IN_PLANE if touch.load.tangential_N is not None else ()
         for name in (force, *pushed):
             key, bracket, component = name.partition("[")
-            where = said_at(touch.key, touch.probe, key)
+            where = find_load_key(touch.key, touch.probe, key)
             found.setdefault(f"{where}{bracket}{component}", []).append((touch, i, name))
     return found
 
@@ -61,14 +61,14 @@ def _hindrance(scene: Scene, key: str, pressure: Pressure | None) -> str:
     for touch, _, name in touched(scene)[key]:
         if name in PLACE_NAMES and (touch.load.profile != "uniform" or pressure):
             return 'of a pressure profile has no derivative here; press with "uniform"'
-        if name in PLACE_NAMES and LOADS[touch.load.kind].rigid:
+        if name in PLACE_NAMES and PROBE_LOADS[touch.load.kind].rigid:
             return "of a rigid probe has no derivative here: the tractions at its edge are singular"
     return ""
 
 
 def _film_keys(film: Film) -> tuple[str, ...]:
     stretched = "temperature_change_K" if film.pretension_N_m is None else "pretension_N_m"
-    given = (key for key in SPREAD_CLASSES if getattr(film, key))
+    given = (key for key in FILM_LOAD_CLASSES if getattr(film, key))
     names = ("thickness_um", stretched, "youngs_modulus_GPa", "poisson_ratio", *given)
     ends = {tuple: (".0", ".1")}
     return tuple(f"film.{n}{end}" for n in names for end in ends.get(type(getattr(film, n)), ("",)))
@@ -79,7 +79,7 @@ def stretched(scene: Scene) -> Scene:
     film = scene.film
     if film.pretension_N_m is not None:
         return scene
-    x, y = (film.stress_at_rest[:2] * film.thickness).tolist()
+    x, y = (film.prestress[:2] * film.thickness).tolist()
     return scene.with_({PRETENSION: x if np.isclose(x, y, rtol=1e-9) else [x, y]})
 
 

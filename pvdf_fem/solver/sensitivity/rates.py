@@ -28,10 +28,10 @@ from pvdf_fem.electrodes.outputs import goals_of
 from pvdf_fem.electrodes.unloaded import heat_charges
 from pvdf_fem.film.loads.pressure import DeadPressure
 from pvdf_fem.film.membrane import IDENTITY
-from pvdf_fem.film.space import shape_values
-from pvdf_fem.mesh.points import facet_quadrature
-from pvdf_fem.scene.change import number_at
-from pvdf_fem.scene.quantity import Section
+from pvdf_fem.film.space import evaluate_shape_functions
+from pvdf_fem.mesh.points import make_facet_quadrature
+from pvdf_fem.scene.changes import get_number
+from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Probe, Scene
 from pvdf_fem.solver.next_order import factorised
 from pvdf_fem.solver.sensitivity.adjoint import Adjoint
@@ -92,7 +92,7 @@ def rate_of(adjoint: Adjoint, key: str, *, with_heat: bool = True, step: float =
             if not touch.probe.temperature_K:  # nothing else of it has a place
                 return swept
     placed = any(name in (*PLACE_NAMES, HEAT) for _, _, name in touches)
-    value = 1.0 if placed else abs(number_at(scene, key)) or 1.0
+    value = 1.0 if placed else abs(get_number(scene, key)) or 1.0
     if scene.tips:  # which press by an overlap that is a small part of the depth
         step *= 1e-2 * scene.numerics.tolerance
     return swept + _differenced(adjoint, key, step * value, with_heat)
@@ -122,7 +122,7 @@ def changed(scene: Scene, key: str, change: float) -> Scene:
             else:
                 load = _with_number(load, name, change)
             probes[i] = replace(probes[i], probe=probe, load=load)
-        return scene.loaded(probes)
+        return scene.with_loaded_probes(probes)
     film = _with_number(scene.film, key.removeprefix("film."), change)
     return scene.model_copy(update={"film": film})
 
@@ -144,7 +144,7 @@ def _swept(adjoint: Adjoint, load: DeadPressure, name: str, gauss_points: int = 
     The mean of the traces from both sides. Along the clamped rim λ is zero, nothing is swept.
     """
     space = adjoint.equilibrium.space
-    probe, mesh, x = load.touch.probe, space.mesh, adjoint.state.dofs
+    probe, mesh, x = load.spec.probe, space.mesh, adjoint.state.dofs
     facets, count = np.unique(mesh.t2f[:, load.patch], return_counts=True)
     facets = facets[(count == 1) & (mesh.f2t[1, facets] >= 0)]
     if not len(facets):
@@ -153,12 +153,12 @@ def _swept(adjoint: Adjoint, load: DeadPressure, name: str, gauss_points: int = 
     inside = np.where(np.isin(pair[0], load.patch), *pair)
     (a, b), (c, d) = end - start, mesh.p[:, mesh.t[:, inside]].mean(axis=1) - start
     signs, elements = np.tile(np.sign(a * d - b * c), 2)[:, None], pair.ravel()
-    traces, tangents = facet_quadrature(mesh, np.tile(facets, 2), elements, gauss_points)
+    traces, tangents = make_facet_quadrature(mesh, np.tile(facets, 2), elements, gauss_points)
     nodes = space.nodes[elements]
     slopes = space.gradients_at(elements, traces.points)
     F = IDENTITY + np.matmul(x.reshape(-1, 3)[nodes][:, None].swapaxes(2, 3), slopes)
     nodal = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[nodes]
-    shapes = shape_values(space.basis.elem, traces.points)
+    shapes = evaluate_shape_functions(space.basis.elem, traces.points)
     works = np.einsum("fqa,facn,fqc->fqn", shapes, nodal, load.direction(F))
     points = np.moveaxis(mesh.mapping().F(traces.points, elements), 0, -1)
     normals = np.stack([tangents[..., 1], -tangents[..., 0]], axis=-1)

@@ -18,12 +18,12 @@ from skfem import MeshTri2
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.outputs import goals_of
 from pvdf_fem.electrodes.unloaded import known_at_rest, untouched
-from pvdf_fem.film.loads.posed import Pressure
-from pvdf_fem.scene.change import number_at, spelled
-from pvdf_fem.scene.given import SceneLike, scene_of
-from pvdf_fem.scene.readout import deviation
+from pvdf_fem.film.loads.load_spec import Pressure
+from pvdf_fem.scene.arguments import SceneLike, as_scene
+from pvdf_fem.scene.changes import get_number, normalize_key
+from pvdf_fem.scene.readout import resolve_deviation
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.solver.adaptive import solve as solve_certain
 from pvdf_fem.solver.first_sizes import ORDER
 from pvdf_fem.solver.next_order import factorised
@@ -40,11 +40,11 @@ from pvdf_fem.solver.sensitivity.parameters import (
 )
 from pvdf_fem.solver.sensitivity.rates import changed, rate_of
 from pvdf_fem.solver.solution import Solution
-from pvdf_fem.told import Grid, Parts, Told, charges_told, rounded
+from pvdf_fem.summary import Result, Summary, TextTable, format_charges, format_with_error
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Uncertainty(Told):
+class Uncertainty(Result):
     """Standard deviations of charges, and what each uncertain number has part in them."""
 
     solution: Solution
@@ -82,21 +82,24 @@ class Uncertainty(Told):
         }
 
     @property
-    def table(self) -> Grid:
+    def table(self) -> TextTable:
         """Charges and changes with their deviations, and the shares in percent."""
         totals, changes = self.charges_pC, self.charge_changes_pC
         values, rows = self.solution.charge_changes_pC, []
         for name, total in self.solution.charges_pC.items():
             shares = (f"{100.0 * of[name]:.0f} %" for of in self.shares().values())
-            cells = *rounded(total, totals[name]), *rounded(values[name], changes[name])
+            cells = (
+                *format_with_error(total, totals[name]),
+                *format_with_error(values[name], changes[name]),
+            )
             rows.append((name, *cells, *shares))
         columns = "total, pC", "± pC", "change by touch, pC", "± pC", *self.deviations
-        return Grid(("charges, uncertain values", *columns), tuple(rows))
+        return TextTable(("charges, uncertain values", *columns), tuple(rows))
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         told = [f"uncertain: {key} ± {value:.4g}" for key, value in self.deviations.items()]
-        found = f"standard deviations of total charges, {charges_told(self.charges_pC)}"
-        return "uncertain", [found], [self.table], told
+        found = f"standard deviations of total charges, {format_charges(self.charges_pC)}"
+        return Summary("uncertain", [found], tables=[self.table], notes=told)
 
 
 def uncertainty(
@@ -148,7 +151,7 @@ def with_uncertain(
     given: Solution | SceneLike, uncertain: Mapping[str, float | str] | None
 ) -> Scene:
     """A scene with these uncertain numbers, or with its own for None."""
-    scene = scene_of(given)
+    scene = as_scene(given)
     if uncertain is None:
         return scene
     return scene.with_(uncertain=None).with_(uncertain=uncertain)
@@ -163,7 +166,7 @@ def require_known(scene: Scene, pressure: Pressure | None = None) -> None:
 def _judged(scene: Scene, pressure: Pressure | None) -> tuple[Scene, dict[str, dict[str, float]]]:
     """The scene by whose keys charges are differentiated, and by uncertain key the deviations of
     these; both numbers of a pair deviate together."""
-    given = {spelled(key): value for key, value in (scene.uncertain or {}).items()}
+    given = {normalize_key(key): value for key, value in (scene.uncertain or {}).items()}
     if not given:
         raise SceneError(["uncertain = (nothing): give keys with their standard deviations"])
     at = _stretched(scene) if PRETENSION in given else scene
@@ -172,8 +175,8 @@ def _judged(scene: Scene, pressure: Pressure | None) -> tuple[Scene, dict[str, d
         keys = numbers_of(key, known)
         if not keys:
             reason = f"{refusal(at, key, pressure)}; give some of {', '.join(known)}"
-            problems.append(problem(f"uncertain.{key}", value, reason))
-        sizes[key] = {one: deviation(value, number_at(at, one)) for one in keys}
+            problems.append(format_error(f"uncertain.{key}", value, reason))
+        sizes[key] = {one: resolve_deviation(value, get_number(at, one)) for one in keys}
     if problems:
         raise SceneError(problems)
     return at, sizes
@@ -184,7 +187,7 @@ def _stretched(scene: Scene) -> Scene:
     film = scene.film
     if film.pretension_N_m is None and (film.patches or film.warming_K):
         reason = "is of a film that is cooled with patches or warms; give film.temperature_change_K"
-        raise SceneError([problem(f"uncertain.{PRETENSION}", scene.uncertain, reason)])
+        raise SceneError([format_error(f"uncertain.{PRETENSION}", scene.uncertain, reason)])
     return stretched(scene)
 
 
@@ -208,7 +211,7 @@ def _rest_rate(scene: Scene, rest: Adjoint | None, key: str, step: float = 1e-4)
         forces = known_at_rest(film)
         assert forces is not None
         return 1e-12 * forces.values[:, COEFFICIENTS.index(key)]
-    change = step * (abs(number_at(scene, key)) or 1.0)
+    change = step * (abs(get_number(scene, key)) or 1.0)
     ends = [known_at_rest(changed(film, key, sign * change)) for sign in (1.0, -1.0)]
     d = scene.film.d31, scene.film.d32
     high, low = (np.zeros(len(scene.electrode_list)) if e is None else e.charges(d) for e in ends)

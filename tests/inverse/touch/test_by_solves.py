@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, locate, solve
-from pvdf_fem.inverse.least_squares import descend
-from pvdf_fem.inverse.touch.location_problem import Problem
-from pvdf_fem.inverse.touch.search import LocateOptions, location
-from pvdf_fem.inverse.touch.solved_charges import Solves
-from pvdf_fem.inverse.touch.superposition import probed
-from pvdf_fem.surrogate.model import Domain
+from pvdf_fem.inverse.least_squares import run_levenberg_marquardt
+from pvdf_fem.inverse.touch.location_problem import LocationProblem
+from pvdf_fem.inverse.touch.search import LocateOptions, make_location
+from pvdf_fem.inverse.touch.solved_charges import SolvedResponse
+from pvdf_fem.inverse.touch.superposition import search_along_weak_direction
+from pvdf_fem.surrogate.touch_domain import Domain
 from tests.helpers.touch_models import bumps
 
 DISC = {"shape": "circle", "radius_mm": 2.0}
@@ -35,8 +35,12 @@ USUAL = ("x_mm", "y_mm", "force_N")
 def found_near(model, scene, start):
     """The touches that searches from one start find, from a scene's exact charges."""
     charges = np.array([[*solve(scene).charges_pC.values()]])
-    problem = Problem(model, np.arange(charges.size), charges, 1e-3 * charges, model.unknown)
-    return location(problem, descend(problem, np.array([start]), options=FEW.solve_search))
+    problem = LocationProblem(
+        model, np.arange(charges.size), charges, 1e-3 * charges, model.unknown
+    )
+    return make_location(
+        problem, run_levenberg_marquardt(problem, np.array([start]), options=FEW.solved_search)
+    )
 
 
 def test_shear_of_a_touch_is_found_with_its_place_on_the_stage():
@@ -53,7 +57,7 @@ def test_a_warm_touch_is_found_with_its_temperature():
     """Half of it on an electrode of four, from the place that a cold film would have."""
     truth = {"probe.x_mm": 8.0, "probe.y_mm": 1.0, "probe.temperature_K": 10.0}
     touched = FINGER.with_(**truth, **{"numerics.tolerance": 1e-4})
-    model = Solves.of(FINGER, 1, (*USUAL, "temperature_K"), 1e-4)
+    model = SolvedResponse.from_scene(FINGER, 1, (*USUAL, "temperature_K"), 1e-4)
     (best,) = found_near(model, touched, [8.1, 0.9, 0.0, 0.02, 5.0]).touches
     assert best.values == pytest.approx([8.0, 1.0, 0.0, 1.0, 10.0], abs=0.1)
     assert [best.x_mm, best.y_mm] == pytest.approx([8.0, 1.0], abs=0.02)
@@ -62,7 +66,7 @@ def test_a_warm_touch_is_found_with_its_temperature():
 
 def test_two_touches_are_found_and_told_as_one_is():
     start = [-6.5, 2.6, 0.0, np.log(0.44), 5.3, -3.5, 0.0, np.log(1.0)]
-    two = found_near(Solves.of(EIGHT, 2, USUAL, 1e-3), PAIR, start)
+    two = found_near(SolvedResponse.from_scene(EIGHT, 2, USUAL, 1e-3), PAIR, start)
     expected = [-7.0, 3.0, 0.0, 0.4, 5.0, -4.0, 0.0, 1.1]
     assert two.best.values == pytest.approx(expected, abs=0.02)
     assert two.status == "located"
@@ -78,26 +82,30 @@ def test_both_sides_of_a_fold_are_searched():
     line = np.column_stack([[10.0, 5.0, -5.0, -10.0], np.zeros(4)])
     model, touch = replace(bumps("circle"), electrodes_mm=line), np.array([[3.0, 0.4, 0.0, 1.0]])
     charges = model.evaluate(touch)[0]
-    problem = Problem(model, np.arange(4), charges, 1e-4 * charges, np.array([0, 1, 3]))
-    ends = descend(problem, np.array([[3.2, -0.6, 0.0, 0.1]]), options=FEW.solve_search)
-    assert ends.at[:, 1] == pytest.approx(-0.4, abs=0.02)
-    ends = probed(problem, ends, LocateOptions()).at
+    problem = LocationProblem(model, np.arange(4), charges, 1e-4 * charges, np.array([0, 1, 3]))
+    ends = run_levenberg_marquardt(
+        problem, np.array([[3.2, -0.6, 0.0, 0.1]]), options=FEW.solved_search
+    )
+    assert ends.coordinates[:, 1] == pytest.approx(-0.4, abs=0.02)
+    ends = search_along_weak_direction(problem, ends, LocateOptions()).coordinates
     assert [np.abs(ends[:, 1] - y).min() < 0.02 for y in (-0.4, 0.4)] == [True, True]
 
 
 def test_touches_are_sought_where_the_scenes_model_says():
     near = EIGHT.with_(model={"reach_mm": 4.0, "force_range_N": [0.2, 3.0]})
-    assert Solves.of(near, 2, USUAL, 1e-2).domain == Domain(4.0, (0.2, 3.0))
-    far = Solves.of(EIGHT.with_(model={"reach_mm": 60.0}), 2, USUAL, 1e-2)
+    assert SolvedResponse.from_scene(near, 2, USUAL, 1e-2).domain == Domain(4.0, (0.2, 3.0))
+    far = SolvedResponse.from_scene(EIGHT.with_(model={"reach_mm": 60.0}), 2, USUAL, 1e-2)
     assert 40.0 < far.domain.reach_mm < 45.0 - 2.0
 
 
 def test_equal_probes_are_one_pair_in_either_order():
-    model = Solves.of(EIGHT, 2, USUAL, 1e-2)
+    model = SolvedResponse.from_scene(EIGHT, 2, USUAL, 1e-2)
     at = np.array([[5.0, -4.0, 0.0, 0.1, -7.0, 3.0, 0.0, -0.9]])
     assert at[:, model.other_probe].tolist() == [[-7.0, 3.0, 0.0, -0.9, 5.0, -4.0, 0.0, 0.1]]
     other = [{**DISC, "x_mm": -7.0}, {**DISC, "radius_mm": 3.0, "x_mm": 6.0}]
-    assert not Solves.of(EIGHT.with_(probe=other), 2, ("x_mm",), 1e-2).other_probe.size
+    assert not SolvedResponse.from_scene(
+        EIGHT.with_(probe=other), 2, ("x_mm",), 1e-2
+    ).other_probe.size
 
 
 @pytest.mark.parametrize(

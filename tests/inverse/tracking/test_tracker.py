@@ -7,7 +7,7 @@ import pytest
 
 from pvdf_fem.electrodes.channel import channels
 from pvdf_fem.inverse.tracking.tracker import Tracker
-from pvdf_fem.surrogate.model import QUANTITIES
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES
 from tests.helpers.streams import RESISTIVE, Tap, charges_of, sensor, stream
 
 TAP = Tap(0.6004, 0.12, (3.0, -2.0), 0.8)
@@ -84,7 +84,7 @@ def test_missed_samples_uneven_sampling_and_a_lost_channel_are_borne():
     assert touch.missing == "B"
 
 
-@pytest.mark.parametrize("unknown", [USUAL, QUANTITIES])
+@pytest.mark.parametrize("unknown", [USUAL, TOUCH_QUANTITIES])
 def test_gains_offsets_and_readings_in_pC_count_and_touches_are_told_on_the_stage(unknown):
     """The rotation is sought, or that of the scene, which is on the film."""
     readout = {**RESISTIVE, "gain": {"A": 2.0, "C": -0.5}, "offset_V": {"B": 0.2}}
