@@ -246,10 +246,10 @@ def _solve(options: argparse.Namespace) -> int:
         mistakes.append("--quantity: is what --plot shows; give --plot FILE, or leave it out")
     scene = read_scene(options, *mistakes)
     if options.plot:
-        from pvdf_fem.view.film_map import require_map
+        from pvdf_fem.view.film_map import resolve_map
 
         try:
-            require_map(quantity, scene)
+            resolve_map(quantity, scene)
         except ValueError as error:
             raise InputError(f"--quantity: {error}") from error
     from pvdf_fem.solver.nonlinear.status import Status

@@ -196,9 +196,9 @@ def add_plot(parser: argparse.ArgumentParser, about: str) -> None:
 
 def save_plot(figure: Figure, options: argparse.Namespace) -> None:
     """Write what ``--plot`` draws."""
-    from pvdf_fem.view.figures import save
+    from pvdf_fem.view.figures import save_figure
 
-    save(figure, options.plot)
+    save_figure(figure, options.plot)
 
 
 def find_plot_errors(options: argparse.Namespace, *others: Path | None) -> list[str]:

@@ -191,9 +191,9 @@ def _run(
         data = make_sweep_dataset(grid, plan, solved)
     write_netcdf(data, output)
     if options.plot:
-        from pvdf_fem.view.charts import sweep_chart
+        from pvdf_fem.view.charts import draw_sweep
 
-        program.save_plot(sweep_chart(data), options)
+        program.save_plot(draw_sweep(data), options)
     if not options.quiet:
         sizes = ", ".join(f"{count} {name}" for name, count in data.sizes.items())
         print(f"{output}: {sizes}")
@@ -204,13 +204,13 @@ def _run(
 
 
 def _report(options: argparse.Namespace) -> int:
-    from pvdf_fem.report.registry import kinds_of
+    from pvdf_fem.report.registry import load_kinds
     from pvdf_fem.report.report import Report
     from pvdf_fem.scene.scene_file import SceneError
 
     mistakes = _process_mistakes(options)
     try:
-        report = Report.load(options.script, kinds_of(options.kinds) if options.kinds else None)
+        report = Report.load(options.script, load_kinds(options.kinds) if options.kinds else None)
     except SceneError as error:
         raise InputError(*mistakes, *error.problems) from error
     if mistakes:

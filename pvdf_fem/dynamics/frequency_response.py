@@ -41,10 +41,10 @@ class FrequencyResponse(ChargeChanges):
 
     def plot(self) -> Figure:
         """Draw amplitudes with the resonances marked, and phases if something damps the film."""
-        from pvdf_fem.view.charts import frequency_response
+        from pvdf_fem.view.charts import draw_frequency_response
 
         about = self.charges_pC_N, self.resonances_Hz, self.solution.scene
-        return frequency_response(self.frequencies_Hz, *about)
+        return draw_frequency_response(self.frequencies_Hz, *about)
 
     def columns(self) -> dict[str, Array]:
         """Columns in the table by `pvdf-fem respond`."""

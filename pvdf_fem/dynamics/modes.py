@@ -104,7 +104,7 @@ class Modes(Result):
 
     def plot(self) -> Figure:
         """Draw the shapes of the modes with their frequencies, with the scene's air if any."""
-        from pvdf_fem.view.charts import mode_shapes
+        from pvdf_fem.view.charts import draw_mode_shapes
 
         where, spectrum = [*self.spectra.items()][-1]
         shapes = [
@@ -114,7 +114,7 @@ class Modes(Result):
             )
         ]
         film = spectrum.equilibrium.space.basis, self.scene.film.radius_mm
-        return mode_shapes(shapes, *film, f"Modes of the {self._about} {where}")
+        return draw_mode_shapes(shapes, *film, f"Modes of the {self._about} {where}")
 
     def summary(self) -> Summary:
         """Status, film or reason, a table each in vacuum and in air, and what is left out."""

@@ -21,7 +21,7 @@ from pvdf_fem.solver.sensitivity.gradients import gradients
 from pvdf_fem.solver.sensitivity.parameters import touched
 from pvdf_fem.solver.solution import Solution
 from pvdf_fem.summary import TextTable
-from pvdf_fem.view.touch_map import deviation_ellipse
+from pvdf_fem.view.touch_map import compute_deviation_ellipse
 
 #: Smaller ellipses, over the film's radius, are drawn this many times as large.
 LEAST_SIZE, MAGNIFIED = 0.02, 10
@@ -41,7 +41,7 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
         return {"told": str(error), "ellipses": [], "table": ""}
     deviations = dict(zip(keys, np.sqrt(covariance.diagonal()).tolist(), strict=True))
     touch = {**values, "standard_deviations": deviations, "covariance": covariance}
-    ellipses = [deviation_ellipse(touch, key) for key in keys if key.endswith("x_mm")]
+    ellipses = [compute_deviation_ellipse(touch, key) for key in keys if key.endswith("x_mm")]
     seen = max(float(np.ptp(ellipse, axis=0).max()) for ellipse in ellipses)
     times = 1 if seen > LEAST_SIZE * solution.scene.film.radius_mm else MAGNIFIED
     rows = [

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Mask
-from pvdf_fem.report.kind import placed
+from pvdf_fem.report.kind import place_probe
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.surrogate.charge_spline import estimate_pressed_outline
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain, TouchColumn
@@ -32,7 +32,7 @@ FOLDS = 11  #: Parts of the places, of which one is left out at a time to see th
 STEP = 1e-5  #: Of central differences over the reach.
 
 
-def pitch_of(scene: Scene) -> float:
+def choose_pitch_mm(scene: Scene) -> float:
     """Distance in mm between neighbouring places that resolves a scene's charges."""
     least = min(electrode.outline.area for electrode in scene.electrode_list)
     pressed = (
@@ -41,7 +41,7 @@ def pitch_of(scene: Scene) -> float:
     return 1e3 * PITCH * math.sqrt(least + pressed)
 
 
-def places_on_rings(reach_mm: float, pitch_mm: float, first_deg: float) -> Array:
+def make_ring_places(reach_mm: float, pitch_mm: float, first_deg: float) -> Array:
     """Places (n, 2) in mm on rings up to the reach, starting from an angle.
 
     Rings have a multiple of twelve places: turns by thirds and quarters keep them.
@@ -62,19 +62,19 @@ class MapPlaces:
 
     scene: Scene
     reach_mm: float
-    pitch_mm: float | None = None  #: `pitch_of` the scene where it is None.
+    pitch_mm: float | None = None  #: `choose_pitch_mm` the scene where it is None.
 
     @cached_property
     def places_mm(self) -> Array:
         """(n, 2)."""
         probe = self.scene.single_probe
         first = 90.0 + (probe.rotation_deg if probe else 0.0)
-        return places_on_rings(self.reach_mm, self.pitch_mm or pitch_of(self.scene), first)
+        return make_ring_places(self.reach_mm, self.pitch_mm or choose_pitch_mm(self.scene), first)
 
     @cached_property
     def scenes(self) -> list[Scene]:
         """The scenes to solve; SceneError without a probe, or where it does not fit."""
-        return placed(self.scene, self.places_mm)
+        return place_probe(self.scene, self.places_mm)
 
 
 @dataclass(frozen=True, eq=False)

@@ -107,7 +107,7 @@ class Readings:
     def row_names(self) -> list[str]:
         """Names of rows: their labels, else their keys."""
         cells = self.frame[list(self.source.labels)] if self.source.labels else self.shown
-        texts = (map(cell_text, row) for row in cells.itertuples(index=False))
+        texts = (map(format_cell, row) for row in cells.itertuples(index=False))
         return [", ".join(text for text in row if text) for row in texts]
 
     def thinned(self) -> Self:
@@ -116,7 +116,7 @@ class Readings:
         return replace(self, frame=self.frame.iloc[::every].reset_index(drop=True))
 
 
-def cell_text(cell: Any) -> str:
+def format_cell(cell: Any) -> str:
     """A cell as a table shows it."""
     return f"{cell:g}" if isinstance(cell, float) else str(cell)
 

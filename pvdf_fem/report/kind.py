@@ -20,7 +20,7 @@ from pydantic import Field
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.report.data import Changes, Name, Readings
-from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.results import ReportResults
 from pvdf_fem.report.task import Task
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.keys import Section
@@ -32,7 +32,7 @@ PLACE = ("probe.x_mm", "probe.y_mm")  #: Keys of the place of the probe.
 
 
 @contextmanager
-def blamed(key: str) -> Iterator[None]:
+def prefix_errors(key: str) -> Iterator[None]:
     """Report scenes' mistakes within the context as mistakes at a report script's key."""
     try:
         yield
@@ -53,7 +53,7 @@ class Inputs:
     def scene_of(self, *changes: Mapping[str, Any]) -> Scene:
         """The scene with changes, in a preview no finer than `QUICK_TOLERANCE`."""
         scene = self.scene
-        with blamed("set"):
+        with prefix_errors("set"):
             for table in changes:
                 scene = scene.with_(**table) if table else scene
         if self.quick and scene.numerics.tolerance < QUICK_TOLERANCE:
@@ -102,7 +102,7 @@ class Kind(Section):
         return ()
 
     @abstractmethod
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """What it draws of ``solved.charges(...)`` and ``solved.rows(task)``; raises
         `NothingToShow` where too many of its scenes have no charges, or a task has no rows."""
 
@@ -140,7 +140,7 @@ class Kind(Section):
             raise SceneError([format_error("data", self.data, reason)])
 
 
-class OfElectrodes(Kind):
+class ElectrodeKind(Kind):
     """A kind about some electrodes, by default all."""
 
     electrodes: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
@@ -164,7 +164,7 @@ class OfElectrodes(Kind):
         return given
 
 
-def differ_in(keys: Sequence[str], scene: Scene, other: Scene) -> bool:
+def differ_only_in(keys: Sequence[str], scene: Scene, other: Scene) -> bool:
     """Whether two scenes are equal but for numbers by some keys."""
     try:
         return other.with_(**{key: get_number(scene, key) for key in keys}) == scene
@@ -172,16 +172,16 @@ def differ_in(keys: Sequence[str], scene: Scene, other: Scene) -> bool:
         return False
 
 
-def placed(scene: Scene, places_mm: Array) -> list[Scene]:
+def place_probe(scene: Scene, places_mm: Array) -> list[Scene]:
     """The scene with its probe at places (n, 2); SceneError without a probe, or room for it."""
-    with blamed("set"):
+    with prefix_errors("set"):
         if scene.single_probe is None:
             reason = "has no probe to place; add [probe] to it, or probe.shape here"
             raise SceneError([format_error("scene", "(no probe)", reason)])
-    with blamed("reach_mm"):
+    with prefix_errors("reach_mm"):
         return [scene.with_(**dict(zip(PLACE, at, strict=True))) for at in places_mm.tolist()]
 
 
-def place_mm(scene: Scene) -> Array:
+def get_place_mm(scene: Scene) -> Array:
     """Place (2,) of the probe."""
     return np.array([get_number(scene, key) for key in PLACE])

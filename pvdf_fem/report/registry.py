@@ -14,7 +14,7 @@ from pvdf_fem.report.kinds.curve import Curve
 from pvdf_fem.report.kinds.isocharge import Isocharge
 from pvdf_fem.report.kinds.positions import Positions
 from pvdf_fem.report.kinds.sensor import Sensor
-from pvdf_fem.report.task import module_of
+from pvdf_fem.report.task import run_module
 from pvdf_fem.scene.scene_file import SceneError, format_error
 
 #: Kinds of ``[[section.figure]]``.
@@ -31,11 +31,11 @@ TABLES: Mapping[str, type[Kind]] = {
 }
 
 
-def kinds_of(path: Path) -> dict[str, type[Kind]]:
+def load_kinds(path: Path) -> dict[str, type[Kind]]:
     """Kinds defined in a Python file, by their words for `kind`. The file is run.
     Raises `SceneError` where the file cannot be run, or defines none."""
     try:
-        module = module_of(path)
+        module = run_module(path)
     except Exception as error:
         told = traceback.format_exception_only(error)[-1].strip()[:200]
         reason = f"cannot be run ({told}); mend the file"

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, ValidationError
 from pvdf_fem.batch.batch import planned
 from pvdf_fem.files import FileError, read_text
 from pvdf_fem.report.data import DataSource, Readings, read_data
-from pvdf_fem.report.kind import Inputs, Kind, blamed
+from pvdf_fem.report.kind import Inputs, Kind, prefix_errors
 from pvdf_fem.report.registry import FIGURES, TABLES
 from pvdf_fem.report.task import Task
 from pvdf_fem.scene.keys import Section, make_validation_error
@@ -88,7 +88,7 @@ class Item:
     full: Kind  #: With the values of its `full`.
 
 
-class Need(NamedTuple):
+class Requirements(NamedTuple):
     """What is to be computed for an item."""
 
     item: Item
@@ -97,7 +97,7 @@ class Need(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Plan:
+class ReportPlan:
     """A validated report script: its scene, data, sections and items."""
 
     script: Script
@@ -108,7 +108,7 @@ class Plan:
     others: tuple[Other, ...]
     files: tuple[Path, ...]  #: What was read.
 
-    def needs(self, quick: bool = False, full: bool = False) -> tuple[Inputs, list[Need]]:
+    def needs(self, quick: bool = False, full: bool = False) -> tuple[Inputs, list[Requirements]]:
         """Needs of the report's items, in preview or full form; the items of the
         first screen are first. Raises `SceneError` with all mistakes."""
         inputs, needed, problems = Inputs(self.scene, self.data, quick), [], list[str]()
@@ -116,7 +116,7 @@ class Plan:
             asked = replace(item, kind=item.full) if full else item
             try:
                 scenes, tasks = asked.kind.scenes(inputs), asked.kind.tasks(inputs)
-                needed.append(Need(asked, scenes, tasks))
+                needed.append(Requirements(asked, scenes, tasks))
             except SceneError as error:
                 problems += [f"{item.where}.{told}" for told in error.problems]
         if not problems:
@@ -134,7 +134,7 @@ class Plan:
         return [item for i, item in enumerate(found) if item not in found[:i]][:PICTURES]
 
 
-def load(path: Path, kinds: Kinds) -> Plan:
+def load_script(path: Path, kinds: Kinds) -> ReportPlan:
     """The plan of a script; `SceneError` with all its mistakes. `kinds` are further ones."""
     try:
         table = parse_toml(read_text(path, MOST_BYTES, "a report script"), str(path))
@@ -147,7 +147,7 @@ def load(path: Path, kinds: Kinds) -> Plan:
     items, others = reader.items(table), reader.all_valid(Other, table, "other")
     if reader.problems or script is None or scene is None:
         raise SceneError(list(dict.fromkeys(reader.problems))[:MAX_ERRORS], str(path))
-    plan = Plan(script, scene, data, sections, items, others, tuple(reader.files))
+    plan = ReportPlan(script, scene, data, sections, items, others, tuple(reader.files))
     plan.needs()
     return plan
 
@@ -180,7 +180,7 @@ class _Reader:
             if (given is None) == (example is None):
                 reason = "give one of `scene`, a path or a table [scene], and `example`"
                 raise SceneError([format_error("scene", given or "(nothing)", reason)])
-            with blamed("scene" if example is None else "example"):
+            with prefix_errors("scene" if example is None else "example"):
                 if isinstance(example, str):
                     return Scene.example(example)
                 if isinstance(given, str):

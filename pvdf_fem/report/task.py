@@ -59,12 +59,12 @@ class Task(ABC):
 def _blank(module: str, name: str, path: str) -> Any:
     """A task without its fields, in a process that may not have run the task's file."""
     if module.startswith(_OWN) and module not in sys.modules:
-        module_of(Path(path))
+        run_module(Path(path))
     kind = attrgetter(name)(import_module(module))
     return kind.__new__(kind)
 
 
-def module_of(path: Path) -> ModuleType:
+def run_module(path: Path) -> ModuleType:
     """The module from running a Python file. Its name has a hash of its text: an edited file is a
     new module. Raises what the file raises."""
     digest = hashlib.sha256(bytes(path.resolve()) + path.read_bytes()).hexdigest()[:16]
@@ -78,7 +78,7 @@ def module_of(path: Path) -> ModuleType:
     return module
 
 
-def key(task: Task) -> str:
+def compute_key(task: Task) -> str:
     """Hash over a task's class, fields and code."""
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
         text = _text(task)
@@ -109,7 +109,7 @@ def _code_of(name: str, path: str) -> str:
     return digest.hexdigest()
 
 
-def done(
+def run_tasks(
     tasks: Mapping[str, Task], store: Store, processes: int
 ) -> Iterator[tuple[str, Rows | Died]]:
     """Keys and rows of tasks in order of completion; the rows join the store. `Died` replaces the

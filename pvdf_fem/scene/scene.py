@@ -359,4 +359,4 @@ def load(path: Path | str) -> Scene:
 
 
 # The class alone has this attribute: an instance's dictionary, which comes first, has its load.
-setattr(Scene, "load", staticmethod(load))  # noqa: B010
+setattr(Scene, "load_script", staticmethod(load))  # noqa: B010

@@ -222,11 +222,11 @@ class Solution(Result):
             ``deflection_mm``, ``charge_density_pC_mm2`` (y_mm, x_mm), and with named components
             ``displacement_mm``, ``slopes``, ``strain`` and ``stress_MPa`` (y_mm, x_mm, ...).
         """
-        from pvdf_fem.view.grid import dataset_of, ticks
+        from pvdf_fem.view.field_grid import make_field_dataset, make_grid_coordinates
 
-        x_mm = ticks(self.scene.film.radius_mm, step_mm)
+        x_mm = make_grid_coordinates(self.scene.film.radius_mm, step_mm)
         values = self.at(x_mm[None], x_mm[:, None], outside="nan")
-        return dataset_of(values, self.scene.to_toml())
+        return make_field_dataset(values, self.scene.to_toml())
 
     def along(self, line_mm: ArrayLike, points: int = 200) -> PointValues:
         """Values at equally spaced points, ends included, on a line in mm through two or more
@@ -304,9 +304,9 @@ class Solution(Result):
         (pressure of tips); ValueError for another, or none in this scene. `reach_mm` is half the
         width of the map, by default the whole film. Fields of both signs are white at zero.
         """
-        from pvdf_fem.view.film_map import film_map
+        from pvdf_fem.view.film_map import draw_film_map
 
-        return film_map(self.film_data(), quantity, ax, reach_mm)
+        return draw_film_map(self.film_data(), quantity, ax, reach_mm)
 
     def view(
         self,
@@ -321,9 +321,9 @@ class Solution(Result):
         of what is returned opens a window, or shows the film in a notebook. `ImportError` says what
         to install where nothing can be rendered.
         """
-        from pvdf_fem.view.film_view import film_view
+        from pvdf_fem.view.film_view import make_film_view
 
-        return film_view(self.film_data(), quantity, scale, html)
+        return make_film_view(self.film_data(), quantity, scale, html)
 
     def to_dataframe(self) -> DataFrame:
         """Charges in pC and, with ``[readout]``, readings in V, by electrode."""

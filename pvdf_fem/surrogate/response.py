@@ -186,7 +186,7 @@ class Response(Result):
         ax: Axes | None = None,
     ) -> Figure:
         """Draw the charge of an electrode by the place of the probe, with lines of equal charge."""
-        from pvdf_fem.view.touch_map import charge_map
+        from pvdf_fem.view.touch_map import draw_charge_map
 
         if electrode not in self.names:
             known = ", ".join(self.names)
@@ -198,7 +198,7 @@ class Response(Result):
             return self.evaluate(touches)[0][:, number]
 
         title = f"Charge of {electrode} by the probe's place, {force_N:g} N, {rotation_deg:g}°"
-        return charge_map(self.scene, self.domain.reach_mm, charge, title, ax)
+        return draw_charge_map(self.scene, self.domain.reach_mm, charge, title, ax)
 
     def save(self, path: Path | str) -> None:
         """Write the response to a file, which replaces an older one only when it is complete."""

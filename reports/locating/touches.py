@@ -15,8 +15,8 @@ from pvdf_fem import Replaced, Response, Scene, build_response, locate, locate_m
 from pvdf_fem.arrays import Array
 from pvdf_fem.batch.batch import solve_all
 from pvdf_fem.progress import ignore_progress
-from pvdf_fem.report.charge_map import places_on_rings
-from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.charge_map import make_ring_places
+from pvdf_fem.report.results import ReportResults
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.surrogate.response_options import ResponseOptions
 from pvdf_fem.surrogate.touch_domain import (
@@ -84,7 +84,7 @@ class Located(Task):
     def _solved(self, model: Response, touches: Array) -> tuple[Array, Array]:
         """The touches whose full solves converge, and their charges (n, electrodes)."""
         scenes = [apply_touch(model.scene, row, TRUTH * self.tolerance) for row in touches]
-        solved = Solved(dict(zip(scenes, solve_all(scenes, processes=1), strict=True)))
+        solved = ReportResults(dict(zip(scenes, solve_all(scenes, processes=1), strict=True)))
         charges = solved.charges(scenes, model.names, "total")
         known = np.isfinite(charges).all(axis=1)
         return touches[known], charges[known]
@@ -119,7 +119,7 @@ class Located(Task):
     def _places(self, model: Response) -> Iterator[dict[str, Any]]:
         """Places all over the film: the error that 68 % of the draws of the noise do not exceed,
         and the distance of the farthest rival."""
-        places = places_on_rings(self.reach_mm * (1.0 - 1e-6), self.pitch_mm, 90.0)
+        places = make_ring_places(self.reach_mm * (1.0 - 1e-6), self.pitch_mm, 90.0)
         still = np.tile([0.0, 1.0], (len(places), 1))  # 0°, 1 N
         touches, charges = self._solved(model, np.hstack([places, still]))
         draw = np.random.default_rng(SEED).standard_normal((DRAWS, *charges.shape))

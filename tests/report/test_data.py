@@ -9,7 +9,7 @@ from pvdf_fem import Scene, solve
 from pvdf_fem.batch.batch import solve_all
 from pvdf_fem.electrodes.channel import channels
 from pvdf_fem.report.data import DataSource, read_data
-from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.results import ReportResults
 from pvdf_fem.solver.adaptive import rest_charges
 
 SCENE = Scene().with_(
@@ -72,7 +72,7 @@ def test_changes_are_of_the_rest_that_was_solved_with_a_record():
     keys = {"film.radius_mm": 20.0, "electrodes.ring_radius_mm": 8.0, "numerics.tolerance": 1e-2}
     scene = SCENE.with_(**keys, **{"film.patches": [{**patch, "youngs_modulus_GPa": 3.0}]})
     scene = scene.model_copy(update={"readout": None})
-    solved, names = Solved({scene: solve_all([scene], processes=1)[0]}), ["C", "A"]
+    solved, names = ReportResults({scene: solve_all([scene], processes=1)[0]}), ["C", "A"]
     fresh = solve(scene)
     for reading, charges in {"total": fresh.charges_pC, "change": fresh.charge_changes_pC}.items():
         expected = [[charges[name] for name in names]]

@@ -119,7 +119,7 @@ class Calibration(Result):
     def write_page(self, path: Path, about: Mapping[str, str] | None = None) -> None:
         """Write one self-contained HTML page: the verdict, what the page is about by name, such as
         the file and the date, and pictures of readings, residuals and places."""
-        from pvdf_fem.view.calibration_page import CalibrationData, write_page
+        from pvdf_fem.view.calibration_page import CalibrationData, write_calibration_page
 
         model = self.fit.model
         touches, names = model.touches, [channel.name for channel in model.channels]
@@ -129,7 +129,7 @@ class Calibration(Result):
         sensor = model.unknowns.scene_at(self.fit.values, model.reading)
         file = names, model.unit, touches.rows, bad
         data = CalibrationData(sensor, *file, *read, *places)
-        write_page(data, self.status, self._repr_html_(), about or {}, path)
+        write_calibration_page(data, self.status, self._repr_html_(), about or {}, path)
 
     def summary(self) -> Summary:
         """Status, reason, the table of parameters, and what is said below it."""

@@ -217,16 +217,16 @@ class Location(Result):
         standard deviation and the rivals. What else was sought is the likeliest at each place.
         Where each charge takes a solve, and of two touches at once, there are ellipses alone.
         Raises ValueError without a touch of which x and y were sought."""
-        from pvdf_fem.view.touch_map import ellipses_map, likelihood_map
+        from pvdf_fem.view.touch_map import draw_likelihood_map, draw_touch_ellipses
 
         keys = [n for n in self.unknown if n.endswith("x_mm") and f"{n[:-4]}y_mm" in self.unknown]
         if not self.touches or not keys:
             raise ValueError("a map of the likelihood needs a touch of which x and y were sought")
         model, touches = self.problem.response, self.to_json()["touches"]
         if not model.is_fast:
-            return ellipses_map(model.scene, model.domain.reach_mm, touches, keys)
+            return draw_touch_ellipses(model.scene, model.domain.reach_mm, touches, keys)
         about = model.scene, model.domain.reach_mm, touches
-        return likelihood_map(*about, self._apart, self.remarks)
+        return draw_likelihood_map(*about, self._apart, self.remarks)
 
     def _apart(self, places_mm: Array) -> Array:
         """√(2 ln(L max/L)), (n,), of the likelihood L of places (n, 2)."""

@@ -11,18 +11,18 @@ import pandas as pd
 from pvdf_fem.arrays import Array
 from pvdf_fem.batch.store import Record
 from pvdf_fem.batch.workers import Died
-from pvdf_fem.report.task import Rows, Task, key
+from pvdf_fem.report.task import Rows, Task, compute_key
 from pvdf_fem.scene.scene import Scene
 
 #: What reads a record, by an observable: values by electrode for d31 and d32.
 Reader: TypeAlias = Callable[[Record, str], Callable[[tuple[float, float]], Array]]
 
 
-class NothingToShow(Exception):  # noqa: N818
+class NothingToShowError(Exception):
     """Too few scenes have charges, or a task has no rows; the text says why."""
 
 
-class Solved:
+class ReportResults:
     """Records by scene, and rows of tasks by their keys. Charges are in pC, NaN where a solve gave
     none."""
 
@@ -30,10 +30,10 @@ class Solved:
         self._found: Mapping[Any, Any] = found
 
     def rows(self, task: Task) -> Rows:
-        """The rows of a task; raises `NothingToShow` where the task raised."""
-        found: Rows | Died = self._found[key(task)]
+        """The rows of a task; raises `NothingToShowError` where the task raised."""
+        found: Rows | Died = self._found[compute_key(task)]
         if isinstance(found, Died):
-            raise NothingToShow(_told(task, found))
+            raise NothingToShowError(_told(task, found))
         return found
 
     def charges(self, scenes: Sequence[Scene], names: Sequence[str], reading: str) -> Array:
@@ -73,7 +73,7 @@ class Solved:
                 reason = f"{record.status}: {record.reason}"
                 found[reason] = found.get(reason, 0) + 1
         told = [f"{count} without charges: {reason}" for reason, count in found.items()]
-        results = ((task, self._found[key(task)]) for task in tasks)
+        results = ((task, self._found[compute_key(task)]) for task in tasks)
         return told + [_told(task, of) for task, of in results if isinstance(of, Died)]
 
     def warnings(self, scenes: Sequence[Scene]) -> list[str]:
