@@ -208,7 +208,7 @@ def _make_parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.Argumen
     touching = response_model, locate, track, calibrate, design, dataset
     for command in (respond, sweep, *touching, explore):
         command.add_to(commands)
-    return parser, commands.choices
+    return parser, dict(commands.choices)
 
 
 def _example(options: argparse.Namespace) -> int:
