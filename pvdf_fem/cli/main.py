@@ -274,10 +274,10 @@ def _mesh(options: argparse.Namespace) -> int:
     from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
     from pvdf_fem.film.models import resolve_film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
-    from pvdf_fem.solver.first_sizes import ORDER, first_sizes
+    from pvdf_fem.solver.first_sizes import ORDER, choose_first_sizes
 
     try:
-        sizes, jacobian = first_sizes(scene, ORDER), resolve_film_model(scene).least_jacobian
+        sizes, jacobian = choose_first_sizes(scene, ORDER), resolve_film_model(scene).least_jacobian
         contacts = estimate_tip_outlines(scene)
         mesh = mesh_scene(scene, sizes, least_jacobian=jacobian, contacts=contacts)
         write_mesh(mesh, options.file)

@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
 from pvdf_fem import NotConvergedError, Scene, Solution, solve
-from pvdf_fem.electrodes.outputs import goals_of
-from pvdf_fem.solver.next_order import error_shares
+from pvdf_fem.electrodes.outputs import make_outputs
+from pvdf_fem.solver.next_order import compute_error_shares
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.view.figures import make_figure, render_figure, use_style
 from pvdf_fem.view.film_map import MAPS, sample_field
@@ -94,7 +94,10 @@ def test_mesh_and_error_shares_are_of_all_elements(solution):
     mesh, errors = axes(), axes()
     solution.plot("mesh", ax=mesh)
     solution.plot("error", ax=errors)
-    count, shares = solution.mesh.nelements, error_shares(solution.fields, goals_of(solution.scene))
+    count, shares = (
+        solution.mesh.nelements,
+        compute_error_shares(solution.discrete, make_outputs(solution.scene)),
+    )
     assert f"{count} triangles" in mesh.get_title()
     lines, drawn = mesh.collections[-1], errors.collections[-1]
     assert isinstance(lines, LineCollection)

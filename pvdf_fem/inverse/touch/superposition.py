@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.batch.batch import solve_all
+from pvdf_fem.batch.batch import solve_scenes
 from pvdf_fem.film.loads.profiles import pin_profile_files
 from pvdf_fem.inverse.least_squares import (
     SearchResult,
@@ -180,7 +180,7 @@ def _single(scene: Scene, reach_mm: float, pitch_mm: float, fine_mm: float) -> t
     keys = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
     rows = np.column_stack([solved, turns]).tolist()
     scenes = [scene.with_(**dict(zip(keys, row, strict=True))) for row in rows]
-    records = solve_all(scenes, processes=1)
+    records = solve_scenes(scenes, processes=1)
     good = [i for i, record in enumerate(records) if record.converged]
     if len(good) < 3:
         raise NotConvergedError(f"{records[0].status}: one touch alone: {records[0].reason}")
