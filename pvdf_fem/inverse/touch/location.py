@@ -129,7 +129,7 @@ class Location(Told):
         """Covariance (unknown, unknown) about another touch."""
         if not self.problem.response.cheap:
             return touch.covariance
-        return self.posterior.covariance(touch.values[self.problem.unknown])
+        return self.posterior.compute_covariance(touch.values[self.problem.unknown])
 
     @cached_property
     def _rivals(self) -> list[set[str]]:
@@ -163,7 +163,7 @@ class Location(Told):
 
     @property
     def alternatives(self) -> int:
-        """Number of likely touches (weight above the limit) besides the best that have another place
+        """Number of likely touches (weight above the limit) besides the best with another place
         or force, by more than the deviations; touches that are only turned do not count."""
         return sum(bool(kinds - {"rotation_deg"}) for kinds in self._rivals)
 
