@@ -19,7 +19,7 @@ from pvdf_fem.cli.table import number, plain, rows_of, writer
 from pvdf_fem.files import escape_unprintable
 
 if TYPE_CHECKING:
-    from pvdf_fem.inverse.tracking.rows import Row
+    from pvdf_fem.inverse.tracking.results import TrackRow
 
 TIMES = {"t_s": 1.0, "t_ms": 1e-3}  #: Columns of times, and their units in s.
 CALM = ("", "quiet", "settling")  #: Statuses of rows without a touch.
@@ -77,9 +77,9 @@ def run(options: argparse.Namespace) -> int:
     """Run the command; returns its exit code."""
     scene = read_scene(options)
     from pvdf_fem.inverse.touch.touch import TouchStatus
-    from pvdf_fem.inverse.tracking.rows import Row
+    from pvdf_fem.inverse.tracking.results import TrackRow
     from pvdf_fem.inverse.tracking.tracker import Tracker
-    from pvdf_fem.solver.adaptive import rest_charges
+    from pvdf_fem.solver.adaptive import compute_unloaded_charges
 
     mistakes: list[str] = []
     unknown, choice = sought(options.unknown, mistakes), ModelChoice.of(options, mistakes)
@@ -91,7 +91,9 @@ def run(options: argparse.Namespace) -> int:
         mistakes.append(f"--unit V: {options.scene} has no [readout]; add one, or give pC")
     if mistakes:
         raise InputError(*mistakes)
-    rest_charges(scene)  # without charges at rest the scene is refused, before a model is built
+    compute_unloaded_charges(
+        scene
+    )  # without charges at rest the scene is refused, before a model is built
     electrodes = [electrode.name for electrode in scene.electrode_list]
     source = None if options.signals == "-" else Path(options.signals)
     name = source or "standard input"
@@ -108,7 +110,7 @@ def run(options: argparse.Namespace) -> int:
         with program.convert_value_errors():
             tracker = Tracker(model, unknown=unknown, unit=options.unit)
         kind = ".jsonl" if options.json else ".csv"
-        write = writer(stack, None, kind, [f.name for f in fields(Row)])
+        write = writer(stack, None, kind, [f.name for f in fields(TrackRow)])
         rows, malformed, count, told = (row for batch in batches for row in batch), 0, 0, 0
         said = last = ""
         unit = f"; are the readings in {options.unit}, as --unit says?"
@@ -119,11 +121,11 @@ def run(options: argparse.Namespace) -> int:
             if wrong and not malformed:
                 print(f"{name}: row {count} has {wrong}; {wanted}", file=sys.stderr, flush=True)
             malformed += bool(wrong)
-            row = Row(t_s, TouchStatus.MALFORMED) if wrong else tracker.update(t_s, values)
+            row = TrackRow(t_s, TouchStatus.MALFORMED) if wrong else tracker.update(t_s, values)
             write([_plain(row)])
             last = last if wrong else row.status
-            if row.status == "settling" and math.isfinite(tracker.settled_s) and not said:
-                said = f"settling until t_s = {tracker.settled_s:.4g}: do not touch"
+            if row.status == "settling" and math.isfinite(tracker.settling_ends_s) and not said:
+                said = f"settling until t_s = {tracker.settling_ends_s:.4g}: do not touch"
                 print(said, file=sys.stderr, flush=True)
             for summary in tracker.touches[told:]:
                 if options.json:
@@ -156,7 +158,7 @@ def _sample(
     return values, "" if math.isfinite(values[columns[0]]) else f"no time {columns[0]}"
 
 
-def _plain(row: Row) -> dict[str, Any]:
+def _plain(row: TrackRow) -> dict[str, Any]:
     """A row as JSON and CSV have it; times keep all their digits."""
     values = asdict(row)
     return {k: v if k == "t_s" and v == v else plain(v) for k, v in values.items()}

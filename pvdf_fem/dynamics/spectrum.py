@@ -12,14 +12,14 @@ from scipy.sparse.linalg import LinearOperator, eigs, eigsh
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.air import AirLoad
-from pvdf_fem.film.electric.raised import Raised
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.unknowns import prolongation
+from pvdf_fem.film.low_rank import LowRankUpdate
+from pvdf_fem.film.unknowns import make_prolongation
 from pvdf_fem.solver.nonlinear.newton import factorise
 from pvdf_fem.solver.nonlinear.status import Status
 
 VACUUM, AIR = "in vacuum", "in air"
-Pencil = tuple[sp.csc_matrix, Any]  #: Stiffness and mass; that of air is a `Raised`.
+Pencil = tuple[sp.csc_matrix, Any]  #: Stiffness and mass; that of air is a `LowRankUpdate`.
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Spectrum:
         return (shapes / np.take_along_axis(shapes, peaks, axis=1)).reshape(len(shapes), -1, 3)
 
 
-def spectra_of(
+def compute_spectra(
     coarse: Equilibrium,
     rich: Equilibrium,
     at: tuple[Array, Array],
@@ -51,14 +51,14 @@ def spectra_of(
     """The lowest modes in `VACUUM` and, with ``[air]``, in `AIR`, or why there are none. Their
     errors are told by the equations of the next order, `rich`; `at` has the unknowns of both.
     `step` is called at each linear solve."""
-    pencils = [pencil_of(*pair) for pair in zip((coarse, rich), at, strict=True)]
+    pencils = [assemble_pencil(*pair) for pair in zip((coarse, rich), at, strict=True)]
     vacuum = _spectrum(coarse, rich, at[0], pencils, count, step)
     if isinstance(vacuum, Status):
         return vacuum
     if coarse.scene.air is None:
         return {VACUUM: vacuum}
     airs = [AirLoad.of(equilibrium) for equilibrium in (coarse, rich)]
-    loaded = [(K, Raised(M, air.root)) for air, (K, M) in zip(airs, pencils, strict=True)]
+    loaded = [(K, LowRankUpdate(M, air.root)) for air, (K, M) in zip(airs, pencils, strict=True)]
     found = _spectrum(coarse, rich, at[0], loaded, count, step)
     assert isinstance(found, Spectrum)  # the stiffness has modes in vacuum
     return {VACUUM: vacuum, AIR: found}
@@ -83,7 +83,7 @@ def _spectrum(
         return modes
     if isinstance(reference, Status):
         return reference
-    shapes = prolongation(coarse, rich) @ modes[1]
+    shapes = make_prolongation(coarse, rich) @ modes[1]
     energy, inertia = ((shapes * (matrix @ shapes)).sum(axis=0) for matrix in pencils[1])
     same_shape = np.sqrt(energy / inertia) / (2.0 * np.pi)
     by_stress, by_shape = modes[0] - same_shape, same_shape - reference[0]
@@ -92,7 +92,7 @@ def _spectrum(
     return Spectrum(coarse, q, modes[0], errors, modes[1])
 
 
-def pencil_of(equilibrium: Equilibrium, q: Array) -> Pencil:
+def assemble_pencil(equilibrium: Equilibrium, q: Array) -> Pencil:
     """Tangent stiffness in N/m at `q` and mass in kg of the unknowns."""
     film, space = equilibrium.film, equilibrium.space
     by_area = space.mass()

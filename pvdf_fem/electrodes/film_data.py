@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.point_values import PointValues, values_in_elements
+from pvdf_fem.electrodes.point_values import PointValues, evaluate_in_elements
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.touchdown import Touchdown
+from pvdf_fem.film.loads.contact_result import ContactResult
 from pvdf_fem.film.term import State
 from pvdf_fem.scene.scene import Scene
 
@@ -25,7 +25,7 @@ class FilmData:
     #: charges_pC, charge_errors_pC: By electrode.
     charges_pC: dict[str, float]
     charge_errors_pC: dict[str, float]
-    contacts: dict[str, Touchdown]  #: What tips do, by patch.
+    contacts: dict[str, ContactResult]  #: What tips do, by patch.
     included: Sequence[str]  #: What the model has beyond the membrane.
     #: Element shares in charge errors in C, (elements, electrodes).
     error_shares: Callable[[], Array]
@@ -42,4 +42,4 @@ class FilmData:
 
     def in_elements(self, local: Array) -> PointValues:
         """Values at local points (2, points) in the elements, (elements, points)."""
-        return values_in_elements(self.equilibrium, self.state, local)
+        return evaluate_in_elements(self.equilibrium, self.state, local)

@@ -18,15 +18,15 @@ import scipy.sparse as sp
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.electric.raised import Raised
-from pvdf_fem.film.loads.kinds import ProbeLoad, probe_loads
-from pvdf_fem.film.loads.posed import NOTHING, Posed
-from pvdf_fem.film.models import film_model
+from pvdf_fem.film.loads.load_classes import ProbeLoad, select_probe_loads
+from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, SolveOptions
+from pvdf_fem.film.low_rank import LowRankUpdate
+from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
 from pvdf_fem.film.unknowns import FIXED, Assembly, Unknowns
 from pvdf_fem.mesh.gmsh_mesh import MIRRORS, RIM
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.scene.scene import Scene
 
 
@@ -38,28 +38,28 @@ class Equilibrium:
         scene: Scene,
         mesh: MeshTri2,
         order: int = 2,
-        part: MirroredPart = WHOLE,
-        posed: Posed = NOTHING,
+        part: SymmetrySector = WHOLE_FILM,
+        options: SolveOptions = DEFAULT_OPTIONS,
         space: Space | None = None,
     ) -> None:
-        self.scene, self.film, self.part, self.posed = scene, scene.film, part, posed
-        self.model = film_model(scene)
-        self.space = space or Space(mesh, order, posed.own_nodes(scene))
+        self.scene, self.film, self.part, self.options = scene, scene.film, part, options
+        self.model = resolve_film_model(scene)
+        self.space = space or Space(mesh, order, options.count_auxiliary_nodes(scene))
         self.membrane = self.model.membrane(self.space, part)
         #: The membrane, first, the loads, coupling and, where the film bends, the plate.
-        self.terms: list[Term] = [self.membrane, *self.model.others(self.space, part, posed)]
+        self.terms: list[Term] = [self.membrane, *self.model.others(self.space, part, options)]
         rim = self.space.basis.get_dofs(RIM).all()
         clamped = [(3 * rim[:, None] + np.arange(3)).ravel()]
-        for axis in part.mirrored:
+        for axis in part.mirror_axes:
             clamped.append(3 * self.space.basis.get_dofs(MIRRORS[axis]).all() + axis)
         #: Dofs that the rim and mirror lines hold, (n,).
         self.clamped = np.concatenate(clamped)
 
     def with_(self, **changes: Any) -> Equilibrium:
-        """The equations of another `scene`, `mesh`, `order`, `part` or `posed`, set up anew."""
+        """The equations of another `scene`, `mesh`, `order`, `part` or `options`, set up anew."""
         own = {"scene": self.scene, "mesh": self.space.mesh, "order": self.space.order}
         space = None if changes.keys() & {"mesh", "order"} else self.space
-        own |= {"part": self.part, "posed": self.posed, "space": space}
+        own |= {"part": self.part, "posed": self.options, "space": space}
         return Equilibrium(**(own | changes))
 
     def with_terms(self, terms: Iterable[Term]) -> Equilibrium:
@@ -70,18 +70,18 @@ class Equilibrium:
         other.terms = list(terms)
         return other
 
-    def each(self, change: Callable[[Term], Term]) -> Equilibrium:
+    def map_terms(self, change: Callable[[Term], Term]) -> Equilibrium:
         """The equations with every term changed."""
         return self.with_terms(map(change, self.terms))
 
-    def under(self, factor: float) -> Equilibrium:
+    def with_scaled_loads(self, factor: float) -> Equilibrium:
         """The film under its loads times a factor."""
-        return self.each(lambda term: term.scaled(factor))
+        return self.map_terms(lambda term: term.scaled(factor))
 
     @property
     def loads(self) -> list[ProbeLoad]:
         """The loads of the probes. Other terms may apply forces, too."""
-        return probe_loads(self.terms)
+        return select_probe_loads(self.terms)
 
     @property
     def force(self) -> float:
@@ -111,9 +111,9 @@ class Equilibrium:
         """Unknowns for dofs `x`, averaged where dofs share an unknown."""
         return self.unknowns.restrict(x)
 
-    def started(self, x: Array) -> Array:
+    def complete_initial_guess(self, x: Array) -> Array:
         """Unknowns near the dofs `x`, with suitable values of the terms' own dofs."""
-        return self.restrict(reduce(lambda x, term: term.started(x), self.terms, x))
+        return self.restrict(reduce(lambda x, term: term.complete_initial_guess(x), self.terms, x))
 
     def state(self, q: Array) -> State:
         """Fields of the unknowns `q`."""
@@ -133,11 +133,13 @@ class Equilibrium:
         """Internal minus external forces of the unknowns, N."""
         return self.unknowns.fold(self.film_forces(state))
 
-    def tangent(self, state: State) -> sp.csc_matrix | Raised:
+    def tangent(self, state: State) -> sp.csc_matrix | LowRankUpdate:
         """Derivative of `residual` in N/m."""
         columns = [c for term in self.terms if (c := term.tangent_column(state)) is not None]
         sparse = self.sparse_tangent(state)
-        return Raised(sparse, self.unknowns.fold(np.transpose(columns))) if columns else sparse
+        return (
+            LowRankUpdate(sparse, self.unknowns.fold(np.transpose(columns))) if columns else sparse
+        )
 
     def sparse_tangent(self, state: State) -> sp.csc_matrix:
         """Tangent without the columns from terms that couple many elements."""
@@ -179,7 +181,7 @@ class Equilibrium:
         `slope` is residual . step. Follower forces stay fixed.
         """
         x = self.unknowns.expand(step)
-        energy: Array = reduce(add, (term.along(state, x) for term in self.terms))
+        energy: Array = reduce(add, (term.energy_along(state, x) for term in self.terms))
         energy[1] = slope
         return energy
 
@@ -210,7 +212,7 @@ class Equilibrium:
     @property
     def is_abrupt(self) -> bool:
         """Whether a term changes abruptly."""
-        return any(term.softer() is not term for term in self.terms)
+        return any(term.relaxed() is not term for term in self.terms)
 
     def load_forces(self, state: State) -> Array:
         """External forces in N, (dofs,)."""

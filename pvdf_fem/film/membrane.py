@@ -48,7 +48,7 @@ class Membrane(Laminate, Term):
     def state(self, x: Array) -> State:
         """Fields of the dofs `x` in m."""
         gradient = self.space.gradient(x)
-        strain = strain_of(gradient)
+        strain = compute_strain(gradient)
         return State(gradient + IDENTITY, strain, self.resultant(strain), x)
 
     def own_stress(self, state: State) -> Array:
@@ -92,7 +92,7 @@ class Membrane(Laminate, Term):
 
     def element_action(self, state: State, x: Array) -> Array:
         F, step = state.deformation_gradient, self.space.gradient(x)
-        stress = apply_matrix(self.moduli(state), strain_rate(F, step))
+        stress = apply_matrix(self.moduli(state), compute_strain_rate(F, step))
         flux = self._first_piola(step, state.stress) + self._first_piola(F, stress)
         forces = self.space.forces(flux)
         if self.law.wrinkles:
@@ -177,15 +177,15 @@ class Membrane(Laminate, Term):
             d22 = d22 + c23 * (a1 * b2 + a2 * b1)
         return weight * d11, weight * d12, weight * d21, weight * d22
 
-    def along(self, state: State, x: Array) -> Array:
+    def energy_along(self, state: State, x: Array) -> Array:
         """Coefficients (5,) of the stored energy along `x`, with the moduli of the state.
 
         They are exact where the law is linear: the strain is quadratic in s and the energy
         quadratic in the strain.
         """
         step, moduli = self.space.gradient(x), self.moduli(state)
-        first = strain_rate(state.deformation_gradient, step)
-        second = strain_of(step) - strain_rate(IDENTITY, step)
+        first = compute_strain_rate(state.deformation_gradient, step)
+        second = compute_strain(step) - compute_strain_rate(IDENTITY, step)
         volumes = self.volumes[..., None]
 
         def product(stress: Array, strain: Array) -> float:
@@ -228,12 +228,12 @@ class Membrane(Laminate, Term):
         return replace(state, stress=stress, moduli=self.moduli(state), damping=damping)
 
 
-def strain_of(gradient: Array) -> Array:
+def compute_strain(gradient: Array) -> Array:
     """Green-Lagrange strain (..., 3), Voigt, of a displacement gradient (..., 3, 2)."""
-    return strain_rate(IDENTITY + 0.5 * gradient, gradient)
+    return compute_strain_rate(IDENTITY + 0.5 * gradient, gradient)
 
 
-def strain_rate(deformation_gradient: Array, step: Array) -> Array:
+def compute_strain_rate(deformation_gradient: Array, step: Array) -> Array:
     """Voigt components (..., 3) of sym(F^T grad v)."""
     f1, f2 = deformation_gradient[..., 0], deformation_gradient[..., 1]
     v1, v2 = step[..., 0], step[..., 1]
@@ -247,16 +247,16 @@ def _dot(a: Array, b: Array) -> Array:
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
-def principal(tensor: Array) -> tuple[Array, Array]:
+def compute_principal_values(tensor: Array) -> tuple[Array, Array]:
     """Smaller and larger principal values of (..., 11, 22, 12)."""
     mean = 0.5 * (tensor[..., 0] + tensor[..., 1])
     radius = np.hypot(0.5 * (tensor[..., 0] - tensor[..., 1]), tensor[..., 2])
     return mean - radius, mean + radius
 
 
-def tensile_part(stress: Array) -> Array:
+def compute_tensile_part(stress: Array) -> Array:
     """The stress (..., 3) without its compressive principal values."""
-    smallest, largest = (value[..., None] for value in principal(stress))
+    smallest, largest = (value[..., None] for value in compute_principal_values(stress))
     # The projection on the direction of the largest stress, which two equal stresses do not have.
     apart = np.where(largest > smallest, largest - smallest, 1.0)
     onto = (stress - smallest * np.array([1.0, 1.0, 0.0])) / apart

@@ -1,7 +1,7 @@
 """Membrane, plate or tension field: what a film is taken for, chosen once per scene.
 
-Everything that depends on this choice asks the scene's `FilmModel`; `film_model` is the only place
-that decides.
+Everything that depends on this choice asks the scene's `FilmModel`; `resolve_film_model` is the
+only place that decides.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ import numpy as np
 import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.bending_effect import BendingEffect, bending_effect
-from pvdf_fem.film.electric.coupling import Coupling, Floating, coupled
+from pvdf_fem.film.bending.effect import BendingEffect, estimate_bending_effect
+from pvdf_fem.film.bending.layers import BendingLayers
+from pvdf_fem.film.bending.plate import Plate
+from pvdf_fem.film.effects import format_two_digits
+from pvdf_fem.film.electric.coupling import Coupling, FloatingElectrode, find_coupled_electrodes
 from pvdf_fem.film.laws.laminate import LAWS
 from pvdf_fem.film.laws.law import Law
 from pvdf_fem.film.laws.tension_field import TensionField
-from pvdf_fem.film.layers import Layers
-from pvdf_fem.film.loads.heat import AddedStrain
-from pvdf_fem.film.loads.kinds import loads_on, presses_rigidly, rigid_elements
-from pvdf_fem.film.loads.posed import NOTHING, Posed
+from pvdf_fem.film.loads.load_classes import find_rigid_elements, has_rigid_probe, make_loads
+from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, SolveOptions
+from pvdf_fem.film.loads.uneven_strain import UnevenStrain
 from pvdf_fem.film.membrane import Membrane
-from pvdf_fem.film.plate import Plate
-from pvdf_fem.film.remarks import two_digits
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import quote
 
@@ -69,12 +69,12 @@ class FilmModel:
     @property
     def effect(self) -> BendingEffect:
         """What bending would change in the scene."""
-        return bending_effect(self.scene)
+        return estimate_bending_effect(self.scene)
 
     @cached_property
-    def floating(self) -> tuple[Floating, ...]:
+    def floating(self) -> tuple[FloatingElectrode, ...]:
         """Electrodes whose voltages act on the film."""
-        return coupled(self.scene)
+        return find_coupled_electrodes(self.scene)
 
     @property
     def electrodes_only_read(self) -> bool:
@@ -86,16 +86,19 @@ class FilmModel:
         """The law of the film."""
         return LAWS[self.scene.film.law](self.scene.film.stiffness)
 
-    def membrane(self, space: Space, part: MirroredPart = WHOLE) -> Membrane:
+    def membrane(self, space: Space, part: SymmetrySector = WHOLE_FILM) -> Membrane:
         """The membrane term."""
-        added = AddedStrain.of(self.scene)
+        added = UnevenStrain.of(self.scene)
         return Membrane(space, self.scene.film, self.film_law, added, part.frame)
 
     def others(
-        self, space: Space, part: MirroredPart = WHOLE, posed: Posed = NOTHING
+        self,
+        space: Space,
+        part: SymmetrySector = WHOLE_FILM,
+        options: SolveOptions = DEFAULT_OPTIONS,
     ) -> list[Term]:
         """Loads and electrode coupling: the terms beside the membrane, on the space of `part`."""
-        loads = loads_on(self.scene, space, part, posed)
+        loads = make_loads(self.scene, space, part, options)
         return [*loads, *(Coupling(electrode, space) for electrode in self.floating)]
 
     @property
@@ -104,9 +107,11 @@ class FilmModel:
 
         Half the error from the singular edge of a rigid probe remains.
         """
-        return 2.0 if presses_rigidly(self.scene) else 1.0
+        return 2.0 if has_rigid_probe(self.scene) else 1.0
 
-    def layers(self, terms: list[Term], expansion: sp.csr_matrix, state: State) -> Layers | None:
+    def layers(
+        self, terms: list[Term], expansion: sp.csr_matrix, state: State
+    ) -> BendingLayers | None:
         """Bending layers that the elements do not resolve, where the film bends."""
         return None
 
@@ -122,10 +127,9 @@ class FilmModel:
         change = self.effect.change
         if change <= max(self.scene.numerics.tolerance, self.considerable):
             return ()
-        return (
-            f"bending: left out, it could change a charge by up to {two_digits(100.0 * change)} %;"
-            f" give {self._remedy}",
-        )
+        percent = format_two_digits(100.0 * change)
+        text = f"bending: left out, it could change a charge by up to {percent} %"
+        return (f"{text}; give {self._remedy}",)
 
     @property
     def _remedy(self) -> str:
@@ -161,12 +165,19 @@ class PlateModel(FilmModel):
     film_is_differentiable = False
 
     def others(
-        self, space: Space, part: MirroredPart = WHOLE, posed: Posed = NOTHING
+        self,
+        space: Space,
+        part: SymmetrySector = WHOLE_FILM,
+        options: SolveOptions = DEFAULT_OPTIONS,
     ) -> list[Term]:
         """The loads and the plate."""
-        terms, effect, film = super().others(space, part, posed), self.effect, self.scene.film
+        terms, effect, film = super().others(space, part, options), self.effect, self.scene.film
         plate = Plate(
-            space, film, rigid_elements(terms, flat=True), effect.rim_tension, effect.probe_tension
+            space,
+            film,
+            find_rigid_elements(terms, flat=True),
+            effect.rim_tension,
+            effect.probe_tension,
         )
         return [*terms, plate]
 
@@ -175,10 +186,10 @@ class PlateModel(FilmModel):
         """The error over what the next order takes away, measured: 0.85 to 1.1."""
         return 1.2
 
-    def layers(self, terms: list[Term], expansion: sp.csr_matrix, state: State) -> Layers:
+    def layers(self, terms: list[Term], expansion: sp.csr_matrix, state: State) -> BendingLayers:
         """Bending layers that the elements do not resolve."""
         plate = next(term for term in terms if isinstance(term, Plate))
-        return Layers.of(plate, expansion, state)
+        return BendingLayers.of(plate, expansion, state)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -226,12 +237,12 @@ class TensionFieldModel(FilmModel):
 
 
 @lru_cache(maxsize=64)
-def film_model(scene: Scene) -> FilmModel:
+def resolve_film_model(scene: Scene) -> FilmModel:
     """The film model of a scene; ``film.bending = "auto"`` is resolved here."""
     film = scene.film
     if film.compression == "tension-field":
         return TensionFieldModel(scene)
     bends = film.bending
     if bends == "auto":
-        bends = not scene.tips and bending_effect(scene).change > scene.numerics.tolerance
+        bends = not scene.tips and estimate_bending_effect(scene).change > scene.numerics.tolerance
     return PlateModel(scene) if bends else FilmModel(scene)

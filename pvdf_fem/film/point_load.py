@@ -17,13 +17,13 @@ import numpy as np
 from pvdf_fem.scene.film import Film
 
 
-def tension_at(film: Film, force: float, r: float) -> float:
+def estimate_tension(film: Film, force: float, r: float) -> float:
     """Tension in N/m that a force makes about the distance r in m."""
-    rest = film.thickness * float(film.stress_at_rest[:2].mean())
-    return _tension(rest, cube_at(film, force, r))
+    rest = film.thickness * float(film.prestress[:2].mean())
+    return _tension(rest, estimate_tension_cube(film, force, r))
 
 
-def cube_at(film: Film, force: float, r: float, schwerin: float = 0.24) -> float:
+def estimate_tension_cube(film: Film, force: float, r: float, schwerin: float = 0.24) -> float:
     """Cube in N^3/m^3 of the tension without pretension; `schwerin` is the tension over
     (E h F^2/r^2)^(1/3) for a Poisson's ratio of 1/3."""
     C = film.stiffness[:2, :2]
@@ -31,9 +31,13 @@ def cube_at(film: Film, force: float, r: float, schwerin: float = 0.24) -> float
     return schwerin**3 * modulus * film.thickness * (force / r) ** 2
 
 
-def part_by_force(film: Film, force: float, r: float) -> float:
+def estimate_load_share(film: Film, force: float, r: float) -> float:
     """(N - N0)/N without cancellation, at most 1."""
-    return min(cube_at(film, force, r) / tension_at(film, force, r) ** 3, 1.0) if force else 0.0
+    return (
+        min(estimate_tension_cube(film, force, r) / estimate_tension(film, force, r) ** 3, 1.0)
+        if force
+        else 0.0
+    )
 
 
 def _tension(rest: float, cube: float) -> float:
@@ -52,7 +56,7 @@ def _tension(rest: float, cube: float) -> float:
     return N
 
 
-def point_deflection(
+def estimate_point_deflection(
     film: Film, force: float, nearest: float | None = None, reach: float | None = None
 ) -> float:
     """About the deflection in m at the distance `nearest` in m from a force in N.
@@ -61,16 +65,16 @@ def point_deflection(
     """
     reach = reach or film.radius
     r = np.geomspace(nearest or 1e-2 * reach, reach, 40)
-    tension = np.array([tension_at(film, force, x) for x in r])
+    tension = np.array([estimate_tension(film, force, x) for x in r])
     slopes = force / (2.0 * np.pi * r * tension)
     return float(np.sum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(r)))
 
 
-def point_force(film: Film, deflection: float) -> float:
+def estimate_point_force(film: Film, deflection: float) -> float:
     """About the force in N that deflects the film's centre by `deflection` in m."""
     low, high = 1e-12, 1e12
     while high > 1.01 * low:
         force = float(np.sqrt(low * high))
-        below = point_deflection(film, force) < deflection
+        below = estimate_point_deflection(film, force) < deflection
         low, high = (force, high) if below else (low, force)
     return force

@@ -22,7 +22,7 @@ from skfem import (
 )
 
 from pvdf_fem.arrays import ALL, COMPLEX_STEP, Array, Indices, Selection, move_components_last
-from pvdf_fem.mesh.points import local_coordinates, nearest_elements
+from pvdf_fem.mesh.points import compute_local_coordinates, find_nearest_elements
 
 ELEMENTS: dict[int, type[Element]] = {
     1: ElementTriP1,
@@ -38,8 +38,8 @@ INTEGRATION_ORDER = {1: 1, 2: 4, 3: 6, 4: 8}
 class Space:
     """Continuous displacements of one polynomial order, 1 to 4, on a mesh in m."""
 
-    def __init__(self, mesh: MeshTri2, order: int, own_nodes: int = 0) -> None:
-        self.mesh, self.order, self.own_nodes = mesh, order, own_nodes
+    def __init__(self, mesh: MeshTri2, order: int, auxiliary_nodes: int = 0) -> None:
+        self.mesh, self.order, self.auxiliary_nodes = mesh, order, auxiliary_nodes
         self.basis = Basis(mesh, ELEMENTS[order](), intorder=INTEGRATION_ORDER[order])
         #: Gradients of the scalar functions in 1/m, (elements, points, functions, 2).
         self.gradients: Array = np.stack(
@@ -53,10 +53,10 @@ class Space:
         self.weights: Array = self.basis.dx
         nodes = self.nodes
         self.element_dofs: Indices = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
-        self.dof_count = 3 * (self.basis.N + own_nodes)
+        self.dof_count = 3 * (self.basis.N + auxiliary_nodes)
 
     @property
-    def own_dofs(self) -> Indices:
+    def auxiliary_dofs(self) -> Indices:
         """Dofs of nodes beside the film, (3 own nodes,)."""
         return np.arange(3 * self.basis.N, self.dof_count)
 
@@ -127,47 +127,47 @@ class Space:
 
         `points` (2, n, points) are local coordinates, a row for every element in `elements` (n,).
         """
-        local = reference_gradients(self.basis.elem, points.reshape(2, -1))
+        local = evaluate_shape_gradients(self.basis.elem, points.reshape(2, -1))
         inverse = self.mesh.mapping().invDF(points, elements)
         local = local.reshape(*points.shape[1:], -1, 2)
         return np.matmul(local, inverse.transpose(2, 3, 0, 1))
 
     def interpolation(self, points: Array, candidates: int = 8) -> sp.csr_matrix:
         """Matrix (points, scalar dofs) that takes nodal values to values at points (2, n)."""
-        elements, _ = nearest_elements(self.mesh, points, candidates)
-        local = local_coordinates(self.mesh, elements, points.T[:, None])[:, :, 0]
-        values = shape_values(self.basis.elem, local)
+        elements, _ = find_nearest_elements(self.mesh, points, candidates)
+        local = compute_local_coordinates(self.mesh, elements, points.T[:, None])[:, :, 0]
+        values = evaluate_shape_functions(self.basis.elem, local)
         rows = np.broadcast_to(np.arange(len(values))[:, None], values.shape)
         entries = values.ravel(), (rows.ravel(), self.nodes[elements].ravel())
         return sp.csr_matrix(entries, shape=(len(values), self.basis.N))
 
 
-def shape_values(element: Element, points: Array) -> Array:
+def evaluate_shape_functions(element: Element, points: Array) -> Array:
     """Values (..., functions) of an element's functions at local points (2, ...)."""
     flat = points.reshape(2, -1)
     values = [element.lbasis(flat, i)[0] for i in range(len(element.doflocs))]
     return np.stack(values, axis=-1).reshape(*points.shape[1:], -1)
 
 
-def reference_gradients(element: Element, points: Array) -> Array:
+def evaluate_shape_gradients(element: Element, points: Array) -> Array:
     """First derivatives (points, functions, 2) by the local coordinates, at points (2, points)."""
     first = [element.lbasis(points, i)[1] for i in range(len(element.doflocs))]
     return np.array(first).transpose(2, 0, 1)
 
 
-def reference_hessians(element: Element, points: Array) -> Array:
+def evaluate_shape_hessians(element: Element, points: Array) -> Array:
     """Second derivatives (points, functions, 2, 2) by the local coordinates."""
     second = []
     for direction in np.eye(2):
         moved = points + 1j * COMPLEX_STEP * direction[:, None]
-        second.append(reference_gradients(element, moved).imag / COMPLEX_STEP)
+        second.append(evaluate_shape_gradients(element, moved).imag / COMPLEX_STEP)
     return np.stack(second, axis=-1)
 
 
-def transferred(space: Space, x: Array, target: Space) -> Array:
+def transfer_dofs(space: Space, x: Array, target: Space) -> Array:
     """The dofs on `target`, another mesh, of the displacement that has the dofs `x` on `space`.
 
     A starting guess: points in none of the triangles tried are extrapolated from the nearest.
     """
     film = (space.interpolation(target.basis.doflocs) @ x.reshape(-1, 3)[: space.basis.N]).ravel()
-    return np.append(film, x[space.own_dofs])
+    return np.append(film, x[space.auxiliary_dofs])

@@ -56,7 +56,7 @@ class Term(ABC):
     #: Whether `residual` derives from `energy`.
     conservative: bool = True
     #: Dofs beside the film that the term moves, (n,).
-    own_dofs: Indices = np.empty(0, dtype=np.int64)
+    auxiliary_dofs: Indices = np.empty(0, dtype=np.int64)
     #: Dofs that the term holds at zero, (n,).
     fixed_dofs: Indices = np.empty(0, dtype=np.int64)
     #: Groups of dofs; the dofs within a group move by a common value.
@@ -75,15 +75,15 @@ class Term(ABC):
         """External forces of a load in N, (dofs,), which `residual` has with a minus sign."""
         return None
 
-    def held(self) -> Term:
+    def with_frozen_loads(self) -> Term:
         """A conservative approximation: its equilibrium starts the solve."""
         return self
 
-    def softer(self) -> Term:
+    def relaxed(self) -> Term:
         """A smoother approximation: its equilibrium starts the solve."""
         return self
 
-    def started(self, x: Array) -> Array:
+    def complete_initial_guess(self, x: Array) -> Array:
         """The dofs `x` with values of the term's own dofs that suit the film."""
         return x
 
@@ -143,7 +143,7 @@ class Term(ABC):
         return None
 
     @abstractmethod
-    def along(self, state: State, x: Array) -> Array:
+    def energy_along(self, state: State, x: Array) -> Array:
         """Coefficients (5,), lowest power first, of the energy in s at the dofs moved by s `x`.
 
         They do not hold for a wrinkling film: its energy is no polynomial.
@@ -165,7 +165,7 @@ class Load(Term):
         """The forces in N, (dofs,), with a minus sign."""
         return -self.forces(state)
 
-    def along(self, state: State, x: Array) -> Array:
+    def energy_along(self, state: State, x: Array) -> Array:
         """Coefficients (5,) of the load's potential along `x`, with fixed forces."""
         forces = self.forces(state)
         return np.array([-forces @ state.dofs, -forces @ x, 0.0, 0.0, 0.0])

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.film.space import ELEMENTS, Space, shape_values
+from pvdf_fem.film.space import ELEMENTS, Space, evaluate_shape_functions
 from pvdf_fem.film.term import Term
 
 #: Marks a dof without an unknown.
@@ -60,8 +60,8 @@ class Unknowns:
     @classmethod
     def of(cls, space: Space, clamped: Indices, terms: Sequence[Term]) -> Unknowns:
         """The map that `clamped` dofs and the terms leave."""
-        moved = [term.own_dofs for term in terms]
-        at_rest = np.setdiff1d(space.own_dofs, np.concatenate(moved))
+        moved = [term.auxiliary_dofs for term in terms]
+        at_rest = np.setdiff1d(space.auxiliary_dofs, np.concatenate(moved))
         fixed = [clamped, at_rest, *(term.fixed_dofs for term in terms)]
         shared = [group for term in terms for group in term.shared_dofs]
         modes = [mode for term in terms for mode in term.modes]
@@ -145,7 +145,7 @@ class Discrete(Protocol):
     def unknowns(self) -> Unknowns: ...
 
 
-def prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
+def make_prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
     """Matrix (rich unknowns, coarse unknowns) of a displacement in both."""
     fine = rich.unknowns
     node, component = np.divmod(_first_places(fine.of_dof, fine.places), 3)
@@ -164,7 +164,7 @@ def _representatives(
     For every point, values (n, functions) and scalar dofs (n, functions) of `coarse` in an element;
     values beyond rounding, and their sums, (n + 1,). A node beside the film is its own.
     """
-    shapes = shape_values(coarse.basis.elem, ELEMENTS[rich.order].doflocs.T)
+    shapes = evaluate_shape_functions(coarse.basis.elem, ELEMENTS[rich.order].doflocs.T)
     rich_nodes, beside = rich.basis.element_dofs, nodes >= rich.basis.N
     first = _first_places(rich_nodes.T.ravel(), rich.basis.N)
     element, local = np.divmod(first[np.where(beside, 0, nodes)], len(rich_nodes))

@@ -26,13 +26,13 @@ from pvdf_fem.film.space import ELEMENTS, INTEGRATION_ORDER, Space
 from pvdf_fem.scene.film import Film
 
 
-def vector_basis(space: Space) -> Basis:
+def make_vector_basis(space: Space) -> Basis:
     """The three-component basis on which forms assemble."""
     element = ElementVector(ELEMENTS[space.order](), 3)
     return Basis(space.mesh, element, intorder=INTEGRATION_ORDER[space.order])
 
 
-def residual_form(film: Film) -> LinearForm:
+def make_residual_form(film: Film) -> LinearForm:
     """h S : sym(F^T grad v), to be assembled with the field `displacement`."""
 
     def form(v: Any, p: Any) -> Array:
@@ -43,7 +43,7 @@ def residual_form(film: Film) -> LinearForm:
     return LinearForm(form)
 
 
-def tangent_form(film: Film) -> BilinearForm:
+def make_tangent_form(film: Film) -> BilinearForm:
     """h (dE : C : DE + S : sym(grad v^T grad u)), to be assembled with `displacement`."""
 
     def form(u: Any, v: Any, p: Any) -> Array:
@@ -78,6 +78,6 @@ def _elastic(E: Array, film: Film) -> Array:
 def _stress(F: Array, film: Film) -> Array:
     identity = np.eye(2)[:, :, None, None]
     E = 0.5 * (np.einsum("ca...,cb...->ab...", F, F) - identity)
-    e11, e22, e12 = film.strain_at_rest
+    e11, e22, e12 = film.prestrain
     at_rest = np.array([[e11, 0.5 * e12], [0.5 * e12, e22]])
     return _elastic(E + at_rest[:, :, None, None], film)

@@ -26,7 +26,8 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.least_squares import SearchOptions, run_levenberg_marquardt
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.inverse.touch.touch import Touch
-from pvdf_fem.surrogate.model import FORCE, ROTATION, X, Y, period_deg
+from pvdf_fem.surrogate.charge_function import find_rotation_period_deg
+from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 #: Probability of a normal distribution within one standard deviation.
 ONE_SIGMA = float(chdtr(1, 1.0))
@@ -138,7 +139,9 @@ def sample_posterior(
     """
     unknown = problem.unknown
     maxima = problem.coordinates(np.array([touch.values for touch in touches]))
-    periods = np.where(unknown == ROTATION, period_deg(problem.response), 0.0)
+    periods = np.where(
+        unknown == TouchColumn.ROTATION, find_rotation_period_deg(problem.response), 0.0
+    )
     mixture = _make_mixture(problem, touches, maxima, widening, least_share, freedom)
     standard = _draw_standard(len(unknown), draws, freedom)
     component = np.searchsorted(np.cumsum(mixture.shares)[:-1], standard.level)
@@ -172,8 +175,8 @@ def _make_mixture(
 ) -> _Mixture:
     """Make the mixture to draw from; see `sample_posterior` for the parameters."""
     # The covariances of touches are in N, those of coordinates in logarithms of the force.
-    is_force = problem.unknown == FORCE
-    per_coordinate = np.where(is_force, np.exp(maxima[:, FORCE, None]), 1.0)
+    is_force = problem.unknown == TouchColumn.FORCE
+    per_coordinate = np.where(is_force, np.exp(maxima[:, TouchColumn.FORCE, None]), 1.0)
     covariance_roots = np.array([touch.covariance_root for touch in touches])
     shares: Array = np.maximum([touch.weight for touch in touches], least_share)
     return _Mixture(
@@ -229,16 +232,16 @@ def profile_chi_square(
         Least chi-square at each place: minus twice the logarithm of the profile likelihood.
     """
     touches = np.tile(touch.values, (len(places_mm), 1))
-    touches[:, :ROTATION] = places_mm
+    touches[:, : TouchColumn.ROTATION] = places_mm
     initial = problem.coordinates(touches)
-    free = problem.unknown[~np.isin(problem.unknown, (X, Y))]
+    free = problem.unknown[~np.isin(problem.unknown, (TouchColumn.X, TouchColumn.Y))]
     at_places = replace(problem, unknown=free)
     first_row = np.zeros(len(initial), dtype=int)
-    count = rotations if ROTATION in free else 1
+    count = rotations if TouchColumn.ROTATION in free else 1
     least = np.full(len(initial), np.inf)
-    for turn_deg in period_deg(problem.response) * np.arange(count) / count:
+    for turn_deg in find_rotation_period_deg(problem.response) * np.arange(count) / count:
         turned = initial.copy()
-        turned[:, ROTATION] += turn_deg
+        turned[:, TouchColumn.ROTATION] += turn_deg
         found = run_levenberg_marquardt(at_places, turned, first_row, options=PROFILE_SEARCH)
         least = np.minimum(least, found.chi_square)
     return least

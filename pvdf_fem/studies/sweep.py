@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.batch.batch import planned, records
+from pvdf_fem.batch.batch import plan_scenes, solve_planned
 from pvdf_fem.batch.store import Store
 from pvdf_fem.progress import Progress, show_progress
-from pvdf_fem.scene.given import SceneLike, scene_of, taken
-from pvdf_fem.studies.grid import Grid
+from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
+from pvdf_fem.studies.scene_grid import SceneGrid
 
 if TYPE_CHECKING:
     import xarray
@@ -21,23 +21,25 @@ def sweep(
     axes: Sequence[Mapping[str, Any]],
     store: Store | Path | str | None = None,
     *,
-    processes: int = -1,
+    processes: int | None = None,
     scheduler: str | None = None,
     progress: Progress | bool | None = None,
 ) -> xarray.Dataset:
-    """A scene's charges over a grid, as a dataset by `pvdf_fem.studies.grid_dataset.dataset`.
+    """Solve a scene over a grid of parameters.
 
     Parameters
     ----------
     scene : Scene, path of its file, dict of its tables, or a result of it
         The base scene.
     axes : sequence of mapping
-        See `pvdf_fem.studies.grid.Grid.of`: ``[{"film.thickness_um": [9, 25, 110]}, ...]``.
+        Tables of keys with their values, ``[{"film.thickness_um": [9, 25, 110]}, ...]``; see
+        `pvdf_fem.studies.scene_grid.SceneGrid.from_tables`.
     store : Store or path of its file, optional
         Scenes in the store are not solved; new records join the store, but not after a crash.
-    processes : int Number of processes, -1 for every core; 1 solves in this one.
-    scheduler : str, optional Address of a Dask scheduler with workers that solve instead of local
-    processes.
+    processes : int, optional
+        Number of processes; by default one for each core. 1 solves in the calling process.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers solve in place of local processes.
     progress : callable or bool, optional
         Called with the numbers of distinct scenes that are solved and that had to be; or whether
         these are shown, see `pvdf_fem.progress.show_progress`.
@@ -49,14 +51,15 @@ def sweep(
     >>> data = sweep(Scene.example("triangle"), [{"load.force_N": [0.5, 1.0, 2.0]}])
     >>> data.charge_pC.sel(electrode="A").to_pandas()
     """
-    from pvdf_fem.studies.grid_dataset import dataset  # xarray is slow to import
+    from pvdf_fem.studies.sweep_dataset import make_sweep_dataset  # xarray is slow to import
 
-    how: dict[str, Any] = {"scheduler": taken("scheduler", scheduler, str | None)}
-    how["processes"] = taken("processes", processes, int, (-64, 4096)) or -1
+    how: dict[str, Any] = {"scheduler": coerce("scheduler", scheduler, str | None)}
+    if processes is not None:
+        how["processes"] = coerce("processes", processes, int, (1, 4096))
     if not isinstance(store, Store | None):
-        with Store(taken("store", store, Path)) as opened:
+        with Store(coerce("store", store, Path)) as opened:
             return sweep(scene, axes, opened, **how, progress=progress)
-    grid = Grid.of(scene_of(scene), axes)
-    todo = planned(grid.scenes(), store)
+    grid = SceneGrid.from_tables(as_scene(scene), axes)
+    todo = plan_scenes(grid.scenes(), store)
     with show_progress("scenes", progress) as show:
-        return dataset(grid, todo, records(todo, store, **how, progress=show))
+        return make_sweep_dataset(grid, todo, solve_planned(todo, store, **how, progress=show))

@@ -15,8 +15,8 @@ from skfem import ElementTriP2, MeshTri2
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.film_data import FilmData
 from pvdf_fem.files import FileError, replace_file
-from pvdf_fem.film.loads.touchdown import contact_pressure
-from pvdf_fem.film.membrane import principal
+from pvdf_fem.film.loads.contact_result import compute_contact_pressure
+from pvdf_fem.film.membrane import compute_principal_values
 from pvdf_fem.mesh.gmsh_mesh import FILM, RIM
 
 
@@ -44,7 +44,7 @@ def write_vtu(film: FilmData, path: str | Path) -> None:
     weights = film.equilibrium.space.weights[..., None]
     mean = 1e6 * (at.stress_MPa * weights).sum(axis=1) / weights.sum(axis=1)
     point_data = {"displacement_m": displacement, "deflection_m": displacement[:, 2].copy()}
-    point_data |= {**_components(nodal), "principal_stress_Pa": principal(nodal)[1]}
+    point_data |= {**_components(nodal), "principal_stress_Pa": compute_principal_values(nodal)[1]}
     if film.contacts:
         point_data["contact_pressure_Pa"] = _contact_pressure(film)
     cell_data = {**_components(mean), **_masks(film.mesh)}
@@ -80,7 +80,7 @@ def _contact_pressure(film: FilmData) -> Array:
     """Mean tip pressure in the elements around nodes, zero beside tips, (nodes,)."""
     nodes = film.mesh.dofs.element_dofs.T
     weights = film.equilibrium.space.weights
-    pressure = contact_pressure(film.equilibrium, film.state)
+    pressure = compute_contact_pressure(film.equilibrium, film.state)
     areas = (weights * (pressure > 0.0)).sum(axis=1, keepdims=True)
     total = (weights * pressure).sum(axis=1, keepdims=True)
     return _means(nodes, total / np.where(areas > 0.0, areas, 1.0), areas)

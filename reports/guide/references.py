@@ -16,8 +16,8 @@ from pvdf_fem.report.kind import Kind
 from pvdf_fem.report.registry import FIGURES
 from pvdf_fem.report.registry import TABLES as REPORT_TABLES
 from pvdf_fem.report.script import Other, Script, ScriptSection
-from pvdf_fem.scene.quantity import Section
-from pvdf_fem.scene.scene_file import example_text, examples
+from pvdf_fem.scene.keys import Section
+from pvdf_fem.scene.scene_file import get_example_text, read_examples
 from reports.guide.scene_keys import cleaned, scene_page, table_of
 
 #: What public names return or take, by headings of the page.
@@ -31,8 +31,8 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "derivatives.gradients.Gradients",
         "derivatives.uncertainty.Uncertainty",
         "dynamics.modes.Modes",
-        "dynamics.forced.FrequencyResponse",
-        "dynamics.forced.Transient",
+        "dynamics.frequency_response.FrequencyResponse",
+        "dynamics.transient.Transient",
         "calibration.calibration.Calibration",
         "touch.location.Location",
         "touch.touch.Touch",
@@ -55,9 +55,9 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
 
 #: Members of public classes that other modules of the package use, and pydantic's.
 INTERNAL = (
-    *("model_config", "model_post_init", "parts", "film_data", "fields", "at_rest", "table"),
+    *("model_config", "model_post_init", "summary", "film_data", "fields", "at_rest", "table"),
     *("loaded", "loaded_probes", "single_probe", "tips", "unheeded", "warm_probes"),
-    *("require_no_tips", "require_plain_charges", "measured", "plan", "cheap", "quantities"),
+    *("require_no_tips", "require_plain_charges", "measured", "plan", "is_fast", "quantities"),
 )
 
 
@@ -92,7 +92,14 @@ def report_page() -> str:
             keys = [key for key in model.model_fields if key not in Kind.model_fields]
             lines += ["", f'## `[[section.{form}]]` with `kind = "{name}"`', ""]
             lines += [cleaned(model.__doc__), "", *table_of(model, keys)]
-    lines += ["", "## A script", "", "```toml", example_text("report", examples()).rstrip(), "```"]
+    lines += [
+        "",
+        "## A script",
+        "",
+        "```toml",
+        get_example_text("report", read_examples()).rstrip(),
+        "```",
+    ]
     return "\n".join(lines) + "\n"
 
 

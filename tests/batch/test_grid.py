@@ -9,7 +9,7 @@ import pytest
 
 from pvdf_fem import Scene
 from pvdf_fem.scene.scene_file import quote
-from pvdf_fem.studies.grid import OWN_NAMES, Grid
+from pvdf_fem.studies.scene_grid import RESERVED_NAMES, SceneGrid
 from tests.helpers.refusals import refused
 
 GEOMETRY = Path(__file__).parents[2] / "geometry"
@@ -20,12 +20,12 @@ THREE = BASE.with_(**{"electrodes.layout": "three"})
 
 def refused_axes(axes) -> list[str]:
     """Keys and values of the complaints about axes."""
-    return refused(lambda: Grid.of(BASE, axes).scenes())
+    return refused(lambda: SceneGrid.from_tables(BASE, axes).scenes())
 
 
 def test_axes_are_lists_and_ranges_and_the_last_is_fastest():
     steps = {"start": 0.1, "stop": 10.0, "count": 3, "spacing": "log"}
-    grid = Grid.of(
+    grid = SceneGrid.from_tables(
         BASE,
         [
             {"film.thickness_um": [9, 110.0]},
@@ -45,7 +45,7 @@ def test_axes_are_lists_and_ranges_and_the_last_is_fastest():
 
 def test_a_mapping_scheme_is_an_axis_of_places_on_lines_from_an_electrode():
     lines = {"electrode": "A", "angles_deg": [90, 35], "distances_mm": [0, 4, 8], "reach_mm": 10}
-    (axis,) = Grid.of(THREE, [{"mapping": lines}]).axes
+    (axis,) = SceneGrid.from_tables(THREE, [{"mapping": lines}]).axes
     c, s = np.cos(np.radians(35.0)), np.sin(np.radians(35.0))
     # the last place on the slanting line is 10.03 mm from the film's centre
     expected = [[0, -10], [0, -6], [0, -2], [0, -10], [4 * c, -10 + 4 * s], [8 * c, -10 + 8 * s]]
@@ -53,17 +53,17 @@ def test_a_mapping_scheme_is_an_axis_of_places_on_lines_from_an_electrode():
     assert places == pytest.approx(np.array(expected), abs=1e-9)
     assert axis.beside["angle_deg"] == (90.0,) * 3 + (35.0,) * 3
     assert axis.beside["distance_mm"] == pytest.approx([0.0, 4.0, 8.0] * 2)
-    near = Grid.of(THREE, [{"mapping": {**lines, "angles_deg": [0, 90]}}]).axes[0]
+    near = SceneGrid.from_tables(THREE, [{"mapping": {**lines, "angles_deg": [0, 90]}}]).axes[0]
     # sideways every place but the electrode is beyond the reach
     assert near.beside["angle_deg"] == (0.0, 90.0, 90.0, 90.0)
-    assert Grid.load(GEOMETRY / "mapping_lines.toml").shape == (21, 2, 2)
+    assert SceneGrid.from_file(GEOMETRY / "mapping_lines.toml").shape == (21, 2, 2)
 
 
 def test_a_sweep_file_finds_its_scene_beside_it(tmp_path):
     (tmp_path / "scene.toml").write_text("[load]\nforce_N = 3.0\n[probe]\n")
     text = 'scene = "scene.toml"\n[[axes]]\nfilm.thickness_um = [9, 25]\n'
     (tmp_path / "sweep.toml").write_text(text)
-    scenes = Grid.load(tmp_path / "sweep.toml").scenes()
+    scenes = SceneGrid.from_file(tmp_path / "sweep.toml").scenes()
     assert [(s.load.force_N, s.film.thickness_um) for s in scenes] == [(3.0, 9.0), (3.0, 25.0)]
 
 
@@ -110,7 +110,7 @@ def test_all_mistakes_of_a_file_are_told_at_once(scene, tmp_path):
         "axes[5].mapping.angles = [0]",
         "axes[7] = (nothing)",
     ]
-    assert sorted(refused(Grid.load, path)) == sorted(told)
+    assert sorted(refused(SceneGrid.from_file, path)) == sorted(told)
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_all_mistakes_of_a_file_are_told_at_once(scene, tmp_path):
 )
 def test_a_file_without_a_scene_or_a_list_of_axes_is_refused(text, told, tmp_path):
     (path := tmp_path / "sweep.toml").write_text(text)
-    [complaint] = refused(Grid.load, path)
+    [complaint] = refused(SceneGrid.from_file, path)
     assert told in complaint
 
 
@@ -155,7 +155,8 @@ def test_axes_that_clash_are_refused(axes, key):
 
 
 @pytest.mark.parametrize(
-    "name", [*sorted(OWN_NAMES), "a/b", "it's", "int", "string7", "-a", "a ", "e\u0301", 61 * "a"]
+    "name",
+    [*sorted(RESERVED_NAMES), "a/b", "it's", "int", "string7", "-a", "a ", "e\u0301", 61 * "a"],
 )
 def test_names_that_a_file_cannot_hold_are_refused(name):
     axes = [{"load.force_N": [1.0]}, {"film.d31_pC_N": [8.0], "name": name}]
@@ -164,7 +165,7 @@ def test_names_that_a_file_cannot_hold_are_refused(name):
 
 def test_tables_may_vary_beside_keys_that_they_leave_alone():
     probes = [{"shape": "triangle"}, {"shape": "circle", "radius_mm": 2.0}]
-    scenes = Grid.of(BASE, [{"probe": probes}, {"probe.x_mm": [0.0, 3.0]}]).scenes()
+    scenes = SceneGrid.from_tables(BASE, [{"probe": probes}, {"probe.x_mm": [0.0, 3.0]}]).scenes()
     assert [(s.probe.shape, s.probe.x_mm) for s in scenes[1:3]] == [("triangle", 3), ("circle", 0)]
 
 

@@ -60,12 +60,20 @@ class Begun(BaseException):
 
 #: Functions with which work begins.
 WORK = ("solver.sensitivity.uncertainty.solve", "mesh.gmsh_mesh.mesh_scene", "dynamics.modes.modes")
-WORK += ("dynamics.forced.solve", "batch.batch.planned", "inverse.calibration.calibrate.TouchModel")
-WORK += ("surrogate.build.build_response", "inverse.touch.locate.locate", "explore.server.serve")
+WORK += (
+    "dynamics.charge_changes.solve",
+    "batch.batch.planned",
+    "inverse.calibration.calibrate.ReadingModel",
+)
+WORK += (
+    "surrogate.response_builder.build_response",
+    "inverse.touch.locate.locate",
+    "explore.server.serve",
+)
 
 #: Modules that hold such functions from their import on.
-HOLDERS = ("studies.dataset", "studies.design", "report.kinds.positions", "report.report")
-HOLDERS += ("surrogate.probe_stress",)
+HOLDERS = ("studies.touch_dataset", "studies.design", "report.kinds.positions", "report.report")
+HOLDERS += ("surrogate.stress.probe_stress",)
 
 
 @pytest.fixture

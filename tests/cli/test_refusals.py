@@ -10,7 +10,7 @@ from importlib.util import find_spec
 
 import pytest
 
-from pvdf_fem.scene.scene_file import examples
+from pvdf_fem.scene.scene_file import read_examples
 
 TWO = 'probe = ["triangle", "triangle"]'
 HOT = "film.temperature_change_K = 1.0"
@@ -131,7 +131,7 @@ def test_each_command_has_help_with_examples_that_are_accepted(folder, begun, co
     """Up to where their work begins."""
     told = command("--help").out
     assert (command().code, command().out) == (2, told)
-    for name, text in examples().items():
+    for name, text in read_examples().items():
         folder.joinpath(f"{name}.toml").write_text(text)
     for name in {*re.findall(r"^    (\w+)  ", told, re.M)} - {"report"}:  # solves its scenes
         text = command(name, "--help").out.replace("\\\n", "")

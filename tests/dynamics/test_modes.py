@@ -14,7 +14,7 @@ from skfem.helpers import dot
 from pvdf_fem import NotConvergedError, Scene
 from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.dynamics.spectrum import VACUUM
-from pvdf_fem.film.weak_form import vector_basis
+from pvdf_fem.film.weak_form import make_vector_basis
 from pvdf_fem.solver.nonlinear.status import Status
 from reports.accuracy.drawn import random_scene
 from reports.reference.closed_form import disc_frequencies
@@ -28,7 +28,7 @@ def exact(scene, count):
     """Frequencies in Hz of Rayleigh's stretched disc."""
     film = scene.film
     shape = {"radius": film.radius, "areal_density": film.density * film.thickness}
-    tension = float(film.thickness * film.stress_at_rest[0])
+    tension = float(film.thickness * film.prestress[0])
     return disc_frequencies(count, tension=tension, **shape)
 
 
@@ -150,7 +150,7 @@ def test_loaded_modes_solve_the_linearised_motion(load):
     assert np.all(np.diff(found.frequencies_Hz) > 0.0)
     spectrum = found.spectra[VACUUM]
     equilibrium, q = spectrum.equilibrium, spectrum.q
-    basis, film = vector_basis(equilibrium.space), found.scene.film
+    basis, film = make_vector_basis(equilibrium.space), found.scene.film
     mass = film.density * film.thickness * BilinearForm(lambda u, v, _: dot(u, v)).assemble(basis)
     for frequency, vector in zip(found.frequencies_Hz, spectrum.vectors.T, strict=True):
         step = 1e-7 * vector / np.abs(vector).max()
@@ -188,7 +188,7 @@ def test_unreachable_tolerance_is_said_before_meshing():
 
 
 def test_the_air_s_mass_is_told_as_modes_in_air_have_it():
-    told = modes(Scene(), 1).left_out[-1]
+    told = modes(Scene(), 1).neglected[-1]
     sizes = re.search(r"about ([\d.]+) times the film's mass, ([\d.]+) without a baffle", told)
     for baffle, size in zip((True, False), sizes.groups(), strict=True):
         found = modes(Scene().with_(air={"baffle": baffle}), 1)

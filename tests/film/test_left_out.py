@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.film.bending_effect import bending_effect
-from pvdf_fem.film.electric.coupling import coupling_effect
-from pvdf_fem.film.loads.everywhere.weight import weight_effect
-from pvdf_fem.film.models import film_model
-from pvdf_fem.film.point_load import part_by_force, tension_at
-from pvdf_fem.film.remarks import two_digits
+from pvdf_fem.film.bending.effect import estimate_bending_effect
+from pvdf_fem.film.effects import format_two_digits
+from pvdf_fem.film.electric.coupling import estimate_coupling_effect
+from pvdf_fem.film.loads.weight import estimate_weight_effect
+from pvdf_fem.film.models import resolve_film_model
+from pvdf_fem.film.point_load import estimate_load_share, estimate_tension
 from pvdf_fem.scene.film import Film
 from reports.accuracy.drawn import random_scene
 from tests.helpers.discs import LOADS, RECTANGLE, values
@@ -38,9 +38,14 @@ def light(random):
 #: By key: how scenes are drawn, what includes the effect, its estimate, and seeds: other scenes
 #: than those that factors of estimates were fitted to.
 EFFECTS = {
-    "film.bending": (stiff, True, lambda scene: bending_effect(scene).change, range(100, 112)),
-    "film.coupling": (wired, True, coupling_effect, range(200, 203)),
-    "film.gravity_m_s2": (light, -9.81, weight_effect, range(300, 303)),
+    "film.bending": (
+        stiff,
+        True,
+        lambda scene: estimate_bending_effect(scene).change,
+        range(100, 112),
+    ),
+    "film.coupling": (wired, True, estimate_coupling_effect, range(200, 203)),
+    "film.gravity_m_s2": (light, -9.81, estimate_weight_effect, range(300, 303)),
 }
 DRAWN = [(key, seed) for key, (*_, seeds) in EFFECTS.items() for seed in seeds]
 
@@ -75,17 +80,17 @@ def test_layers_on_one_side_bend_as_much_as_is_stated(bonded, side_mm, thickness
     flat = laminated(scene).as_membrane().charges(8.0, 8.0)[0]
     change = max(abs(charge / flat - 1.0) for charge in charges)
     assert change > 1e-4
-    assert change <= bending_effect(scene).change <= 6.0 * change
+    assert change <= estimate_bending_effect(scene).change <= 6.0 * change
     both = scene.with_(**{"film.patches": [{**layer, "both_sides": True}]})
-    assert bending_effect(both).patches == 0.0
+    assert estimate_bending_effect(both).patches == 0.0
 
 
 @pytest.mark.parametrize("rest", [-5.0, 0.0, 9.0])
 def test_the_tension_about_a_point_load_is_the_root_of_its_cubic(rest):
     film, force, r = Film(pretension_N_m=rest), 0.01, 5e-3
-    N = tension_at(film, force, r)
+    N = estimate_tension(film, force, r)
     assert N**2 * (N - rest) == pytest.approx(0.24**3 * 2e9 * 25e-6 * (force / r) ** 2, rel=1e-9)
-    assert part_by_force(film, force, r) == pytest.approx(min((N - rest) / N, 1.0))
+    assert estimate_load_share(film, force, r) == pytest.approx(min((N - rest) / N, 1.0))
 
 
 @pytest.mark.parametrize(
@@ -105,13 +110,13 @@ def test_what_was_decided_is_said(key, value, others, joins):
     """The weight, which told in every scene would be noise, only where it matters."""
     scene = RECTANGLE.with_(**{"numerics.tolerance": 1e-2, key: value, **others})
     solution = solve(scene)
-    told, untold = (solution.included, solution.left_out)[:: 1 if joins else -1]
+    told, untold = (solution.included, solution.neglected)[:: 1 if joins else -1]
     (said,) = (text for text in told if key in text)
     assert not any(key in text for text in untold)
-    assert ("gravity" in " ".join(solution.left_out)) == (key == "film.gravity_m_s2" and not joins)
+    assert ("gravity" in " ".join(solution.neglected)) == (key == "film.gravity_m_s2" and not joins)
     assert not solution.warnings
     if value != -9.81:  # the weight tells its pressure
-        assert f"{two_digits(100.0 * EFFECTS[key][2](scene))} %" in said
+        assert f"{format_two_digits(100.0 * EFFECTS[key][2](scene))} %" in said
 
 
 def test_a_thick_film_bends_or_has_a_warning_and_a_tip_leaves_bending_out():
@@ -123,5 +128,5 @@ def test_a_thick_film_bends_or_has_a_warning_and_a_tip_leaves_bending_out():
     assert auto.deflection_max_mm < 0.3 * without.deflection_max_mm
     sphere = {"probe": {"shape": "sphere", "radius_mm": 5.0}, "load.kind": "contact"}
     tip = thick.with_(**sphere, **{"film.bending": "auto"})
-    assert bending_effect(tip).change > tip.numerics.tolerance
-    assert not film_model(tip).bends
+    assert estimate_bending_effect(tip).change > tip.numerics.tolerance
+    assert not resolve_film_model(tip).bends

@@ -14,10 +14,10 @@ from skfem import BilinearForm
 from pvdf_fem import Scene
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import tensile_part
+from pvdf_fem.film.membrane import compute_tensile_part
 from pvdf_fem.film.term import State
 from pvdf_fem.film.unknowns import Assembly, Unknowns
-from pvdf_fem.film.weak_form import residual_form, tangent_form, vector_basis
+from pvdf_fem.film.weak_form import make_residual_form, make_tangent_form, make_vector_basis
 from pvdf_fem.solver.nonlinear.newton import factorise
 from tests.helpers.discs import LOADS, graded_mesh
 
@@ -178,10 +178,10 @@ def test_energy_along_a_step_is_a_quartic(sample):
 @of_cases("order 1", "orthotropic", "unequal tensions")
 def test_kernel_equals_the_forms(sample):
     free, state = sample.of_every_dof(sample.equations), sample.at(0.0)
-    membrane, basis = free.membrane, vector_basis(free.space)
+    membrane, basis = free.membrane, make_vector_basis(free.space)
     forces, tangent = (
         form(membrane.film).assemble(basis, displacement=basis.interpolate(state.dofs))
-        for form in (residual_form, tangent_form)
+        for form in (make_residual_form, make_tangent_form)
     )
     assert close(membrane.internal_forces(state), forces, 1e-14)
     assert close(free.assembly.matrix(membrane.tangent_matrices(state)), tangent, 1e-14)
@@ -203,11 +203,11 @@ def test_kernel_is_the_derivative_that_jax_makes_of_the_energy(sample):
         F = [[u.grad[i, j] + float(i == j) for j in (0, 1)] for i in range(3)]
         C = [[sum(row[a] * row[b] for row in F) for a in (0, 1)] for b in (0, 1)]
         E = [0.5 * (C[0][0] - 1.0), 0.5 * (C[1][1] - 1.0), C[0][1]]
-        E = [e + e0 for e, e0 in zip(E, film.strain_at_rest, strict=True)]
+        E = [e + e0 for e, e0 in zip(E, film.prestrain, strict=True)]
         pairs = [(i, j) for i in range(3) for j in range(3)]
         return 0.5 * film.thickness * sum(film.stiffness[i, j] * E[i] * E[j] for i, j in pairs)
 
-    tangent, forces = energy.assemble(vector_basis(free.space), x=state.dofs)
+    tangent, forces = energy.assemble(make_vector_basis(free.space), x=state.dofs)
     assert close(-forces, membrane.internal_forces(state), 1e-12)
     assert close(tangent, free.assembly.matrix(membrane.tangent_matrices(state)), 1e-12)
 
@@ -235,4 +235,4 @@ def test_the_tensile_part_has_the_positive_principal_stresses():
     assert {tuple(signs) for signs in values > 0.0} == {(False, False), (False, True), (True, True)}
     positive = np.einsum("nik,nk,njk->nij", vectors, np.maximum(values, 0.0), vectors)
     expected = positive.reshape(-1, 4)[:, [0, 3, 1]]
-    np.testing.assert_allclose(tensile_part(stress), expected, atol=1e-12)
+    np.testing.assert_allclose(compute_tensile_part(stress), expected, atol=1e-12)

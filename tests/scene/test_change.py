@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene
-from pvdf_fem.scene.change import spelled
+from pvdf_fem.scene.changes import normalize_key
 from pvdf_fem.scene.scene import Film, Replaced
 from pvdf_fem.scene.scene_file import parse_change
 from pvdf_fem.scene.shapes import PROBES, SIZES
-from pvdf_fem.studies.grid import Grid
+from pvdf_fem.studies.scene_grid import SceneGrid
 from tests.helpers.refusals import keys, refused
 from tests.helpers.strategies import TABLES, placed, table_of
 
@@ -36,7 +36,7 @@ def test_with_changes_dotted_keys_and_leaves_the_scene_alone():
 
 @pytest.mark.parametrize("key", ["electrodes[1].x_mm", "electrodes.1.x_mm", "electrodes[01].x_mm"])
 def test_every_spelling_of_a_key_means_the_same(key):
-    assert spelled(key) == "electrodes[1].x_mm"
+    assert normalize_key(key) == "electrodes[1].x_mm"
     assert LISTED.with_(**{key: np.int64(-8)}).electrodes[1].x_mm == -8.0
     if key != "electrodes[1].x_mm":
         assert keys(refused(LISTED.with_, {"electrodes[1].x_mm": -8.0, key: 1})) == [key]
@@ -77,7 +77,7 @@ def test_sections_are_replaced_removed_and_merged():
     assert TRIANGLE.with_(probe=None) == Scene()
     assert Scene().with_(probe=TRIANGLE.probe) == TRIANGLE
     assert small.with_(film={"thickness_um": 12}) == small.with_(**{"film.thickness_um": 12})
-    grid = Grid.of(small, [{"film": [{"thickness_um": 9}, {"thickness_um": 12}]}])
+    grid = SceneGrid.from_tables(small, [{"film": [{"thickness_um": 9}, {"thickness_um": 12}]}])
     assert [scene.film.radius_mm for scene in grid.scenes()] == [30.0, 30.0]
     assert Scene().with_(stage={}).stage is not None
     thin = Scene().with_(**{"film.thickness_um": 12})
@@ -169,4 +169,4 @@ def test_rivals_that_are_changed_together_are_refused(one, other, named):
 )
 def test_an_axis_that_another_makes_meaningless_is_refused(one, other):
     for axes in ([one, other], [other, one]):
-        assert next(iter(other)) in keys(refused(Grid.of(SPHERE, axes).scenes))
+        assert next(iter(other)) in keys(refused(SceneGrid.from_tables(SPHERE, axes).scenes))

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, design, locate_many
-from pvdf_fem.studies.design import best
-from pvdf_fem.surrogate.model import default_reach_mm
+from pvdf_fem.studies.design import find_best_design
+from pvdf_fem.surrogate.touch_domain import choose_default_reach_mm
 from tests.helpers.touch_models import bumps
 
 RING = bumps("circle").scene.with_(electrodes={"layout": "ring", "shape": "circle", "radius_mm": 1})
 
 
-def studied(vary, noise=0.01, scene=RING, **how):
+def studied(vary, sigma=0.01, scene=RING, **how):
     """A study with made-up charges, for which nothing is solved."""
     usual = {"reach_mm": 12.0, "step_mm": 6.0, "progress": lambda done, of: None}
-    usual["model"] = lambda of: bumps("circle").for_scene(of)
-    return design(scene, vary, noise, **{**usual, **how})
+    usual["response"] = lambda of: bumps("circle").for_scene(of)
+    return design(scene, vary, sigma, **{**usual, **how})
 
 
 def square(name, x_mm, y_mm):
@@ -65,9 +65,13 @@ def test_one_model_serves_all_designs_whose_films_deform_alike():
         return bumps("circle").for_scene(scene)
 
     vary = {"film.radius_mm": [18.0, 45.0], "electrodes.count": [4, 6], "load.force_N": [0.5, 1]}
-    data = studied(vary, model=model_of, reach_mm=None)
+    data = studied(vary, response=model_of, reach_mm=None)
     assert asked == [18.0, 45.0]
-    assert data.attrs["reach_mm"] == default_reach_mm(RING.with_(**{"film.radius_mm": 18.0})) < 12.0
+    assert (
+        data.attrs["reach_mm"]
+        == choose_default_reach_mm(RING.with_(**{"film.radius_mm": 18.0}))
+        < 12.0
+    )
     assert data.place_deviation_mm.dims == ("radius_mm", "count", "force_N", "y_mm", "x_mm")
 
 
@@ -81,10 +85,10 @@ def test_the_best_design_has_the_least_deviation_of_those_that_are_not_ambiguous
     np.testing.assert_array_equal(worst, data.force_deviation_worst)
     few = medians.where(data.ambiguous_share <= 0.05)
     assert 0 < few.count() < few.size
-    assert float(best(data).place_deviation_median_mm) == few.min()
-    assert float(best(data, 1.0).place_deviation_median_mm) == medians.min()
+    assert float(find_best_design(data).place_deviation_median_mm) == few.min()
+    assert float(find_best_design(data, 1.0).place_deviation_median_mm) == medians.min()
     near = data.sel(ring_radius_mm=6.0)
-    assert float(best(near, 0.0).ambiguous_share) == near.ambiguous_share.min()
+    assert float(find_best_design(near, 0.0).ambiguous_share) == near.ambiguous_share.min()
 
 
 def test_gains_by_electrode_are_of_the_electrodes_of_the_scene():
@@ -109,10 +113,10 @@ def test_gains_by_electrode_are_of_the_electrodes_of_the_scene():
         ({"probe.x_mm": [1.0]}, {}, "probe.x_mm"),
         ({"load.force_N": [1.0, 50.0]}, {}, "load.force_N = 50"),
         ({"load.kind": ["dead", "rigid"]}, {}, "load.kind"),
-        ({}, {"noise": -0.1, "noise_pC": math.nan}, "noise_pC = nan"),
+        ({}, {"sigma": -0.1, "noise_pC": math.nan}, "noise_pC = nan"),
         ({}, {"scene": Scene()}, "probe"),
     ],
 )
 def test_mistakes_are_told_by_key_before_any_model(vary, how, key):
     with pytest.raises(ValueError, match=key):
-        studied(vary, **{"model": lambda of: pytest.fail("a model was asked for"), **how})
+        studied(vary, **{"response": lambda of: pytest.fail("a model was asked for"), **how})

@@ -8,7 +8,7 @@ from skfem import Basis, ElementVector, LinearForm
 
 from pvdf_fem import Scene
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.membrane import IDENTITY, strain_of, strain_rate
+from pvdf_fem.film.membrane import IDENTITY, compute_strain, compute_strain_rate
 from pvdf_fem.film.space import ELEMENTS
 from pvdf_fem.solver.nonlinear.newton import factorise
 from tests.helpers.discs import uniform_mesh
@@ -56,15 +56,15 @@ def errors(size_mm, order):
     membrane, h = problem.membrane, problem.film.thickness
     basis = Basis(problem.space.mesh, ElementVector(ELEMENTS[order](), 3), intorder=10)
     places = np.asarray(basis.global_coordinates())
-    exact, stress = gradient_of(*places), membrane.stress(strain_of(gradient_of(*places)))
+    exact, stress = gradient_of(*places), membrane.stress(compute_strain(gradient_of(*places)))
     flux = h * np.matmul(exact + IDENTITY, stress[..., [[0, 2], [2, 1]]])
     # the forces under which the manufactured solution is exact
     forces = LinearForm(lambda v, _: np.einsum("epij,ijep->ep", flux, v.grad)).assemble(basis)
     found = basis.interpolate(solved(problem, forces))
     error = np.moveaxis(np.asarray(found), 0, -1) - manufactured(*places)
     slope = np.moveaxis(found.grad, (0, 1), (-2, -1)) - exact
-    strain = strain_rate(exact + IDENTITY, slope)
-    geometric = strain_of(slope) - strain_rate(IDENTITY, slope)
+    strain = compute_strain_rate(exact + IDENTITY, slope)
+    geometric = compute_strain(slope) - compute_strain_rate(IDENTITY, slope)
     density = (strain @ membrane.law.stiffness * strain).sum(-1) + 2 * (stress * geometric).sum(-1)
     squares = ((error**2).sum(-1) * basis.dx).sum(), h * (density * basis.dx).sum()
     return np.sqrt([basis.dx.sum() / len(basis.dx), *squares])

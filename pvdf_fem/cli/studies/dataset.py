@@ -67,14 +67,14 @@ def run(options: argparse.Namespace) -> int:
     if options.output.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
         wrong.append(f"{options.output}: needs pyarrow; install pvdf-fem[parquet], or give .nc")
     scene = read_scene(options, *wrong)
-    from pvdf_fem.studies.dataset import dataset, mistakes, write
+    from pvdf_fem.studies.touch_dataset import dataset, find_request_errors, write_dataset
 
     count, seed = (int(n) if n.isdecimal() else n for n in (options.touches, options.seed))
-    wrong = [*mistakes(scene, count, seed, sigma, noise, options.reading)]
+    wrong = [*find_request_errors(scene, count, seed, sigma, noise, options.reading)]
     if wrong := [*wrong, *choice.mistakes(scene, options.scene)]:
         raise InputError(*wrong)
     model = model_of(scene, options.scene, choice)
-    how: dict[str, Any] = {"noise_pC": noise, "reading": options.reading, "model": model}
-    write(dataset(scene, count, seed, sigma, **how), options.output)
+    how: dict[str, Any] = {"noise_pC": noise, "reading": options.reading, "response": model}
+    write_dataset(dataset(scene, count, seed, sigma, **how), options.output)
     print(f"{options.output}: {count} touches, readings of {', '.join(model.names)}")
     return ExitCode.CONVERGED

@@ -47,7 +47,8 @@ _HEADS = {
     "force_deviation_worst": "worst",
     "ambiguous_share": "ambiguous",
 }
-_ASKED = ("noise", "noise_pC", "reach_mm", "step_mm")
+#: Keys of the JSON object, and the attributes of the dataset that they are.
+_ASKED = {"noise": "sigma", "noise_pC": "noise_pC", "reach_mm": "reach_mm", "step_mm": "step_mm"}
 
 
 def add_to(commands: Any) -> None:
@@ -80,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
     vary = dict(varied)
     if len(vary) < len(varied):
         wrong.append("--vary: has a key twice; give all its values at once")
-    asked: dict[str, Any] = {"noise": positive("--noise", options.noise, wrong, zero=True)}
+    asked: dict[str, Any] = {"sigma": positive("--noise", options.noise, wrong, zero=True)}
     for name, text in (("noise_pC", options.noise_pC), ("step_mm", options.step)):
         option = f"--{name.replace('_', '-').removesuffix('-mm')}"
         asked[name] = None if text is None else positive(option, text, wrong, zero=True)
@@ -88,10 +89,10 @@ def run(options: argparse.Namespace) -> int:
     wrong += program.find_output_errors(options.output, [".nc", ".csv"], options.scene)
     wrong += program.find_plot_errors(options, options.scene, options.output)
     scene = read_scene(options, *wrong)
-    from pvdf_fem.studies.design import Designs, design
+    from pvdf_fem.studies.design import DesignStudy, design
 
     with program.convert_value_errors():
-        designs = Designs.of(scene, vary)
+        designs = DesignStudy.from_scene(scene, vary)
         asked["reach_mm"] = choice.reach_mm or (scene.model and scene.model.reach_mm)
         asked["force_range_N"] = choice.wanted(scene)[0].force_N
         films = [first for first, _ in designs.models]
@@ -106,7 +107,7 @@ def run(options: argparse.Namespace) -> int:
                 print(designs, file=sys.stderr)
             return model_of(film, options.scene, choice, as_kept=True)
 
-        asked["model"] = models
+        asked["response"] = models
         data = design(scene, vary, progress=options.progress, **asked)
     _write(data, options)
     return ExitCode.CONVERGED
@@ -114,19 +115,19 @@ def run(options: argparse.Namespace) -> int:
 
 def _write(data: xarray.Dataset, options: argparse.Namespace) -> None:
     """Print the designs, and write the files that are asked for."""
-    from pvdf_fem.studies.design import best, table
-    from pvdf_fem.studies.grid_dataset import write_netcdf
-    from pvdf_fem.view.charts import design_chart
+    from pvdf_fem.studies.design import find_best_design, make_table
+    from pvdf_fem.studies.sweep_dataset import write_netcdf
+    from pvdf_fem.view.charts import draw_designs
 
-    rows = table(data)
+    rows = make_table(data)
     if options.json:
-        asked = {key: data.attrs[key] for key in _ASKED if key in data.attrs}
+        asked = {key: data.attrs[name] for key, name in _ASKED.items() if name in data.attrs}
         print(json.dumps({**asked, "designs": rows.to_dict("records")}))
     else:
         shown = rows.drop(columns="model_error_bound").rename(columns=_HEADS)
         print(shown.to_string(index=False, float_format="{:.3g}".format))
     if options.plot:
-        program.save_plot(design_chart(data, best(data)), options)
+        program.save_plot(draw_designs(data, find_best_design(data)), options)
     if options.output and options.output.suffix.lower() == ".nc":
         write_netcdf(data, options.output)
     elif options.output:

@@ -21,13 +21,13 @@ from functools import cached_property
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.film.loads.contact_guess import guessed_press
-from pvdf_fem.film.membrane import IDENTITY, strain_of, strain_rate
-from pvdf_fem.film.point_load import part_by_force
-from pvdf_fem.film.remarks import two_digits
+from pvdf_fem.film.effects import format_two_digits
+from pvdf_fem.film.loads.contact_estimate import estimate_pressed_area
+from pvdf_fem.film.membrane import IDENTITY, compute_strain, compute_strain_rate
+from pvdf_fem.film.point_load import estimate_load_share
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
-from pvdf_fem.mesh.gmsh_mesh import electrode_patch
+from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.readout import Readout
@@ -36,7 +36,7 @@ from pvdf_fem.scene.scene_file import quote
 
 
 @dataclass(frozen=True, eq=False)
-class Floating:
+class FloatingElectrode:
     """An electrode that no amplifier keeps at zero voltage, wired to `load` in F."""
 
     name: str
@@ -63,7 +63,7 @@ class Floating:
 
     def with_voltage(self, forces: Array) -> Array:
         """Forces X, Y in N, (2,), by the whole stress, from the forces by the strain's stress."""
-        rest = self.film.stress_at_rest[:2] * self.outline.area
+        rest = self.film.prestress[:2] * self.outline.area
         return np.asarray(forces + self.share @ (forces - rest))
 
     def effect(self, scene: Scene, touch: LoadedProbe, own: float = 0.4) -> float:
@@ -71,20 +71,20 @@ class Floating:
         part of a film keeps about `own` of its own stress: (1 - ν)/2, of a shear (1 + ν)/4
         (Eshelby)."""
         film, area = self.film, self.outline.area
-        probe, force = guessed_press(scene, touch)
+        probe, force = estimate_pressed_area(scene, touch)
         radius, pressed = np.sqrt([area / np.pi, probe.area / np.pi])
         # an electrode under the probe has its mean tension at about half its radius
         r = max(math.dist(self.outline.centroid, probe.centroid) - radius, pressed, 0.5 * radius)
         kept = own + (1.0 - own) * area / (np.pi * film.radius**2)
-        return float(np.trace(self.share)) * kept * part_by_force(film, force, r)
+        return float(np.trace(self.share)) * kept * estimate_load_share(film, force, r)
 
 
 class Coupling(Term):
     """The energy q²/(2 (C + C_L)) of an electrode."""
 
-    def __init__(self, electrode: Floating, space: Space) -> None:
+    def __init__(self, electrode: FloatingElectrode, space: Space) -> None:
         self.electrode, self.space = electrode, space
-        self.elements: Indices = space.mesh.subdomains[electrode_patch(electrode.name)]
+        self.elements: Indices = space.mesh.subdomains[make_subdomain_name(electrode.name)]
         self._moduli = space.weights[self.elements, :, None] * electrode.e
 
     def charge(self, strain: Array) -> float:
@@ -118,42 +118,51 @@ class Coupling(Term):
         column = self.tangent_column(state)
         return column * (column @ x)
 
-    def along(self, state: State, x: Array) -> Array:
+    def energy_along(self, state: State, x: Array) -> Array:
         step = self.space.gradient(x)
-        first = strain_rate(state.deformation_gradient, step)
-        second = strain_of(step) - strain_rate(IDENTITY, step)
+        first = compute_strain_rate(state.deformation_gradient, step)
+        second = compute_strain(step) - compute_strain_rate(IDENTITY, step)
         charges = [self.charge(strain) for strain in (state.strain, first, second)]
         return np.convolve(charges, charges) / (2.0 * self.electrode.capacitance)
 
 
-def floating(scene: Scene) -> tuple[Floating, ...]:
+def find_floating_electrodes(scene: Scene) -> tuple[FloatingElectrode, ...]:
     """Electrodes that no charge amplifier keeps at zero voltage."""
     readout, film = scene.readout or Readout(), scene.film
     return tuple(
-        Floating(e.name, e.outline, film, readout.of("cable_capacitance_pF", e.name) / 1e12)
+        FloatingElectrode(
+            e.name, e.outline, film, readout.of("cable_capacitance_pF", e.name) / 1e12
+        )
         for e in scene.electrode_list
         if readout.of("kind", e.name) == "voltage"
     )
 
 
-def coupled(scene: Scene) -> tuple[Floating, ...]:
+def find_coupled_electrodes(scene: Scene) -> tuple[FloatingElectrode, ...]:
     """The floating electrodes coupled to the film; ``film.coupling = "auto"`` is resolved here."""
     coupling = scene.film.coupling
-    joins = coupling_effect(scene) > scene.numerics.tolerance if coupling == "auto" else coupling
-    return floating(scene) if joins else ()
+    joins = (
+        estimate_coupling_effect(scene) > scene.numerics.tolerance
+        if coupling == "auto"
+        else coupling
+    )
+    return find_floating_electrodes(scene) if joins else ()
 
 
-def coupling_effect(scene: Scene) -> float:
+def estimate_coupling_effect(scene: Scene) -> float:
     """About the largest relative change of a charge by coupling."""
     touches = scene.loaded_probes
-    return max((e.effect(scene, t) for e in floating(scene) for t in touches), default=0.0)
+    return max(
+        (e.effect(scene, t) for e in find_floating_electrodes(scene) for t in touches), default=0.0
+    )
 
 
-def coupling_remarks(scene: Scene) -> Iterator[tuple[bool, str]]:
+def describe_coupling(scene: Scene) -> Iterator[tuple[bool, str]]:
     """Whether coupling is included, and its size; nothing without floating electrodes."""
-    if names := ", ".join(electrode.name for electrode in floating(scene)):
-        size = f"could change a charge by up to {two_digits(100.0 * coupling_effect(scene))} %"
+    if names := ", ".join(electrode.name for electrode in find_floating_electrodes(scene)):
+        change = format_two_digits(100.0 * estimate_coupling_effect(scene))
+        size = f"could change a charge by up to {change} %"
         why = f"no charge amplifier keeps {names} at zero voltage, which stiffens the film"
         text = f"coupling (film.coupling = {quote(scene.film.coupling)}): {size}; {why}"
-        joins = bool(coupled(scene))
+        joins = bool(find_coupled_electrodes(scene))
         yield joins, text if joins else f"{text}; to include it give film.coupling = true"

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.loads.contact_guess import face_patch
+from pvdf_fem.film.loads.contact_estimate import format_face_patch
 from pvdf_fem.film.loads.rigid_tip import RigidTip
 from pvdf_fem.film.term import State
-from pvdf_fem.mesh.size_field import element_sizes
+from pvdf_fem.mesh.size_field import compute_element_sizes
 from pvdf_fem.scene.outlines.outline import Outline
 
 #: Rays from the core along which the contact's edge is sought.
@@ -20,7 +20,7 @@ RAYS = 72
 DEGREES = 4, 3
 
 
-def contact_edge(
+def locate_contact_edge(
     tip: RigidTip, state: State, degree: int = DEGREES[0], begin: float = 0.2, end: float = 2.5
 ) -> Array:
     """Points (`RAYS`, 2) in m on the undeformed film where the film leaves the tip.
@@ -30,15 +30,15 @@ def contact_edge(
     a polynomial in this logarithm is fitted from `begin` to `end` sizes of elements beyond the
     points that touch.
     """
-    assert tip.touch.contact is not None
-    width = tip.touch.contact.width
+    assert tip.spec.contact is not None
+    width = tip.spec.contact.width
     start, outwards = _rays(tip, width)
     start = start - _moves(tip, state, start)[:, :2]
     along = width * np.linspace(0.02, 3.0, 60)
     touches = _gaps(tip, state, start + along[:, None, None] * outwards)[1] <= 0.0
     last = np.where(touches.any(axis=0), along[-1 - touches[::-1].argmax(axis=0)], width)
     touched = tip.overlap(state).touching.any(axis=1)
-    size = float(element_sizes(tip.space.mesh)[touched].mean())
+    size = float(compute_element_sizes(tip.space.mesh)[touched].mean())
     core = tip.tip.core_perimeter / (2.0 * np.pi)
     beside = last + size * np.linspace(begin, end, 4 * degree)[:, None]
     distances, gaps = _gaps(tip, state, start + beside[..., None] * outwards)
@@ -55,19 +55,19 @@ def contact_edge(
     return np.asarray(start + ends[:, None] * outwards)
 
 
-def outlines_found(tip: RigidTip, state: State) -> dict[str, Outline]:
+def measure_contact_outlines(tip: RigidTip, state: State) -> dict[str, Outline]:
     """Outlines of the film, before it deforms, on a tip and on its flat face, by patch name."""
-    outlines = {tip.touch.patch: tip.tip.fitted(contact_edge(tip, state))}
+    outlines = {tip.spec.patch: tip.tip.fit_outline(locate_contact_edge(tip, state))}
     if tip.tip.face is not None:
         points = np.array(tip.tip.face.shape.exterior.coords)[:-1]
         carried = points - _moves(tip, state, points)[:, :2]
-        outlines[face_patch(tip.touch)] = tip.tip.fitted(carried)
+        outlines[format_face_patch(tip.spec)] = tip.tip.fit_outline(carried)
     return outlines
 
 
 def _rays(tip: RigidTip, width: float) -> tuple[Array, Array]:
     """Points on the core's outline, (`RAYS`, 2), and unit vectors away from it."""
-    line = tip.tip.grown(width).shape.exterior
+    line = tip.tip.make_offset_outline(width).shape.exterior
     points = [line.interpolate(t, normalized=True).coords[0] for t in np.arange(RAYS) / RAYS]
     distances = tip.tip.distances(np.array(points))
     return points - distances.value[:, None] * distances.normal, distances.normal

@@ -21,17 +21,17 @@ from typing import Self
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Selection
-from pvdf_fem.film.loads.posed import PosedProbe
-from pvdf_fem.film.loads.profiles import profile_of
+from pvdf_fem.film.loads.load_spec import LoadSpec
+from pvdf_fem.film.loads.profiles import make_profile
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import Load, State
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 UP: Array = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
-class Leaning:
+class PunchTilt:
     """A punch: angles, and the guide's moments on it, about axes x and y through its centroid."""
 
     tilt_deg: tuple[float, float]
@@ -52,8 +52,8 @@ class DeadPressure(Load):
     #: Approximate part of the force along the patch's edge.
     edge_share = 0.0
 
-    def __init__(self, touch: PosedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
-        self.touch, self.space, self.part = touch, space, part
+    def __init__(self, touch: LoadSpec, space: Space, part: SymmetrySector = WHOLE_FILM) -> None:
+        self.spec, self.space, self.part = touch, space, part
         self.patch: Indices = space.mesh.subdomains[touch.patch]
         self.rigid_patch = self.patch[: len(self.patch) * self.rigid]
         self.components = np.array(touch.load.components)
@@ -81,7 +81,7 @@ class DeadPressure(Load):
         The images are the patch itself or patches of further probes.
         """
         covered = float(self.space.weights[self.patch].sum()) * len(self.part.signs)
-        others = max(round(covered / self.touch.outline.area), 1) if self.part.mirrored else 1
+        others = max(round(covered / self.spec.outline.area), 1) if self.part.mirror_axes else 1
         return float(weights.sum()) * len(self.part.signs) / others
 
     @property
@@ -110,7 +110,7 @@ class DeadPressure(Load):
     @property
     def _spread(self) -> tuple[Array, Array]:
         """Values of the functions, and weights times profile, at points of the patch's elements."""
-        profile = profile_of(self.touch)
+        profile = make_profile(self.spec)
         if profile.order is None:
             values, weights = self.space.values[self.patch], self.space.weights[self.patch]
         else:
@@ -124,7 +124,7 @@ class DeadPressure(Load):
         _, weights = self._spread
         return self.patch, self.components[2] / self.area(weights) * weights.sum(axis=1)
 
-    def leaning(self, state: State, film_forces: Array) -> Leaning | None:
+    def compute_tilt(self, state: State, film_forces: Array) -> PunchTilt | None:
         """How a punch leans, from the residual on the whole film, (dofs,); None of what
         is no punch."""
         return None
@@ -135,9 +135,9 @@ class FollowerPressure(DeadPressure):
 
     conservative = False
 
-    def held(self) -> DeadPressure:
+    def with_frozen_loads(self) -> DeadPressure:
         """The dead pressure of the same size."""
-        return DeadPressure(self.touch, self.space, self.part).with_components(self.components)
+        return DeadPressure(self.spec, self.space, self.part).with_components(self.components)
 
     def direction(self, deformation_gradient: Array) -> Array:
         """Traction per reference area over the pressure, (..., 3)."""
@@ -145,12 +145,12 @@ class FollowerPressure(DeadPressure):
 
     def forces(self, state: State) -> Array:
         """External forces in N, (dofs,)."""
-        return normal_forces(self.space, self.patch, self.pressure, state)
+        return compute_normal_forces(self.space, self.patch, self.pressure, state)
 
     def element_tangent(self, state: State) -> tuple[Selection, Array] | None:
         if not len(self.patch):
             return None
-        return self.patch, -normal_stiffness(self.space, self.patch, self.pressure, state)
+        return self.patch, -compute_normal_stiffness(self.space, self.patch, self.pressure, state)
 
 
 class Punch(DeadPressure):
@@ -162,7 +162,7 @@ class Punch(DeadPressure):
     rigid = True
     edge_share = 1.0
 
-    def __init__(self, touch: PosedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
+    def __init__(self, touch: LoadSpec, space: Space, part: SymmetrySector = WHOLE_FILM) -> None:
         super().__init__(touch, space, part)
         dofs = 3 * np.unique(space.basis.element_dofs[:, self.patch])
         self.shared_dofs = (dofs + 2,)
@@ -185,16 +185,18 @@ class Punch(DeadPressure):
         along_z = (film_forces + self._dead_forces)[2::3][: self.space.basis.N] / sharing
         return self.patch, along_z[nodes].sum(axis=1)
 
-    def leaning(self, state: State, film_forces: Array) -> Leaning:
+    def compute_tilt(self, state: State, film_forces: Array) -> PunchTilt:
         raised = 3 * self._nodes + 2
         columns = np.column_stack([np.ones(len(raised)), self._lever])
         _, along_x, along_y = np.linalg.lstsq(columns, state.dofs[raised], rcond=None)[0]
         turn_x, turn_y = np.degrees(np.arctan([along_y, -along_x])).tolist()
         Mx, My = ((film_forces + self.forces(state))[raised] @ self._lever * 1e3).tolist()[::-1]
-        return Leaning((turn_x, turn_y), (Mx, -My))
+        return PunchTilt((turn_x, turn_y), (Mx, -My))
 
 
-def normal_forces(space: Space, elements: Selection, pressure: float, state: State) -> Array:
+def compute_normal_forces(
+    space: Space, elements: Selection, pressure: float, state: State
+) -> Array:
     """Forces in N, (dofs,), of a pressure in Pa normal to the deformed film."""
     values, weights = space.values[elements], space.weights[elements]
     normals = _normal(state.deformation_gradient[elements])
@@ -202,8 +204,10 @@ def normal_forces(space: Space, elements: Selection, pressure: float, state: Sta
     return space.sum(np.matmul(values.swapaxes(1, 2), traction), elements)
 
 
-def normal_stiffness(space: Space, elements: Selection, pressure: float, state: State) -> Array:
-    """Derivative of `normal_forces` in N/m, (elements, element dofs, element dofs)."""
+def compute_normal_stiffness(
+    space: Space, elements: Selection, pressure: float, state: State
+) -> Array:
+    """Derivative of `compute_normal_forces` in N/m, (elements, element dofs, element dofs)."""
     F = state.deformation_gradient[elements]
     values, gradients = space.values[elements], space.gradients[elements]
     # d(F1 x F2) = F1 x dF2 - F2 x dF1, with dFi = gradients_i du

@@ -18,11 +18,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array, Indices, Mask, Selection
-from pvdf_fem.film.loads.posed import PosedProbe
+from pvdf_fem.film.loads.load_spec import LoadSpec
 from pvdf_fem.film.loads.pressure import DeadPressure
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import Assembly, State
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 #: Overlap over depth for the softest tip; ratio of overlaps from a tip to the next stiffer tip.
 SOFTEST, SOFTER = 0.1, 10.0
@@ -52,7 +52,7 @@ class RigidTip(DeadPressure):
     edge_share = 0.5
     on_patch = False
 
-    def __init__(self, touch: PosedProbe, space: Space, part: MirroredPart = WHOLE) -> None:
+    def __init__(self, touch: LoadSpec, space: Space, part: SymmetrySector = WHOLE_FILM) -> None:
         super().__init__(touch, space, part)
         assert touch.contact is not None
         self.tip = touch.tip
@@ -62,8 +62,8 @@ class RigidTip(DeadPressure):
         self.softness: float = touch.contact.softness
         self.components[2] = touch.contact.force
         # a mirror image presses where the tip does not
-        if touch.own_node is not None and len(self.patch):
-            self.own_dofs = 3 * (space.basis.N + touch.own_node) + np.array([2])
+        if touch.auxiliary_node is not None and len(self.patch):
+            self.auxiliary_dofs = 3 * (space.basis.N + touch.auxiliary_node) + np.array([2])
         self._last: tuple[Array, Overlap] | None = None
 
     def with_components(self, components: Array) -> Self:
@@ -74,19 +74,19 @@ class RigidTip(DeadPressure):
         other._last = None
         return other
 
-    def softer(self) -> DeadPressure:
+    def relaxed(self) -> DeadPressure:
         """A tip into which the film reaches farther; at last a pressure on the guessed contact."""
         if self.softness > 0.1 * SOFTEST:
-            return DeadPressure(self.touch, self.space, self.part).with_components(self.components)
+            return DeadPressure(self.spec, self.space, self.part).with_components(self.components)
         other = copy(self)
         other.softness, other._last = SOFTER * self.softness, None
         return other
 
-    def started(self, x: Array) -> Array:
+    def complete_initial_guess(self, x: Array) -> Array:
         """The tip at the depth at which its overlap with a film balances the force."""
-        if not len(self.own_dofs):
+        if not len(self.auxiliary_dofs):
             return self._met(x)
-        if x[self.own_dofs[0]]:
+        if x[self.auxiliary_dofs[0]]:
             return x
         risen = -self._overlap(x).value
         order = np.argsort(risen, axis=None)[: np.isfinite(risen).sum()]
@@ -95,7 +95,7 @@ class RigidTip(DeadPressure):
         needed = self._own_force / self.penalty
         last = np.searchsorted(areas * heights - moments, needed, side="right") - 1
         x = x.copy()
-        x[self.own_dofs] = (needed + moments[last]) / areas[last]
+        x[self.auxiliary_dofs] = (needed + moments[last]) / areas[last]
         return x
 
     def _met(self, x: Array) -> Array:
@@ -110,8 +110,8 @@ class RigidTip(DeadPressure):
     @property
     def penalty(self) -> float:
         """Traction over overlap in Pa/m."""
-        assert self.touch.contact is not None
-        return self.touch.contact.stiffness / self.softness
+        assert self.spec.contact is not None
+        return self.spec.contact.stiffness / self.softness
 
     # --- the overlap
 
@@ -127,7 +127,9 @@ class RigidTip(DeadPressure):
         height = self.tip.height(places[..., :2].reshape(-1, 2) @ frame)
         depth = -np.inf
         if len(self.patch):
-            depth = float(x[self.own_dofs][0]) if len(self.own_dofs) else self.depth or 0.0
+            depth = (
+                float(x[self.auxiliary_dofs][0]) if len(self.auxiliary_dofs) else self.depth or 0.0
+            )
         rates = -np.ones((*shape, 3))
         rates[..., :2] = -(height.slope @ frame.T).reshape(*shape, 2)
         hessian = (frame @ height.hessian @ frame.T).reshape(*shape, 2, 2)
@@ -161,7 +163,7 @@ class RigidTip(DeadPressure):
         elements, traction = self._pressed(state)
         along = -self.overlap(state).rates[elements] * traction[..., None]
         forces = self._spread_out(along, elements)
-        forces[self.own_dofs] = self._own_force - traction.sum()
+        forces[self.auxiliary_dofs] = self._own_force - traction.sum()
         return forces
 
     def _spread_out(self, integrand: Array, elements: Indices) -> Array:
@@ -179,7 +181,7 @@ class RigidTip(DeadPressure):
         """Energy in J of the overlap; less the work of a given force."""
         overlap = self.overlap(state)
         energy = 0.5 * float((self.tractions(state) * np.maximum(overlap.value, 0.0)).sum())
-        return energy - self._own_force * float(state.dofs[self.own_dofs].sum())
+        return energy - self._own_force * float(state.dofs[self.auxiliary_dofs].sum())
 
     def element_tangent(self, state: State) -> tuple[Selection, Array] | None:
         elements, traction = self._pressed(state)
@@ -201,10 +203,10 @@ class RigidTip(DeadPressure):
 
     def coupled_tangent(self, assembly: Assembly, state: State) -> sp.csc_matrix | None:
         """The rows and columns of the depth."""
-        if not len(self.own_dofs):
+        if not len(self.auxiliary_dofs):
             return None
         by_depth, stiffness = self.by_depth(state)
-        (film,), depth = np.nonzero(by_depth), self.own_dofs[0]
+        (film,), depth = np.nonzero(by_depth), self.auxiliary_dofs[0]
         here = np.full(len(film), depth)
         rows, columns = np.concatenate([[depth], film, here]), np.concatenate([[depth], here, film])
         values = np.concatenate([[stiffness], -by_depth[film], -by_depth[film]])
@@ -233,11 +235,11 @@ class RigidTip(DeadPressure):
     def action(self, state: State, x: Array) -> Array:
         """The tangent times the dofs `x`, (dofs,)."""
         forces = self.space.sum(self.element_action(state, x))
-        if len(self.own_dofs):
+        if len(self.auxiliary_dofs):
             by_depth, stiffness = self.by_depth(state)
-            sinks = x[self.own_dofs]
+            sinks = x[self.auxiliary_dofs]
             forces -= by_depth * sinks
-            forces[self.own_dofs] += stiffness * sinks - by_depth @ x
+            forces[self.auxiliary_dofs] += stiffness * sinks - by_depth @ x
         return forces
 
     def diagonal(self, state: State) -> Array:
@@ -246,10 +248,10 @@ class RigidTip(DeadPressure):
         stiffness = np.einsum("epii->epi", self._stiffness(state, elements, traction))
         values = self.space.values[elements]
         diagonal = self.space.sum(np.matmul(values.swapaxes(1, 2) ** 2, stiffness), elements)
-        diagonal[self.own_dofs] = self.by_depth(state)[1]
+        diagonal[self.auxiliary_dofs] = self.by_depth(state)[1]
         return diagonal
 
-    def along(self, state: State, x: Array) -> Array:
+    def energy_along(self, state: State, x: Array) -> Array:
         """Coefficients (5,) of the energy along `x` while the same points touch."""
         slope, curvature = self.residual(state) @ x, self.action(state, x) @ x
         return np.array([self.energy(state), slope, 0.5 * curvature, 0.0, 0.0])

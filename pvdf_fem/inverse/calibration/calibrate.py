@@ -7,22 +7,22 @@ from typing import Any
 
 import numpy as np
 
-from pvdf_fem.electrodes.channel import READINGS, channels, units_pC
-from pvdf_fem.film.loads.kinds import LOADS
+from pvdf_fem.electrodes.channel import READINGS, list_units_pC, make_channels
+from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.inverse.calibration.calibration import Calibration
 from pvdf_fem.inverse.calibration.diagnosis import (
     CalibrationStatus,
-    Change,
-    explained,
-    what_is_wrong,
+    Correction,
+    describe_outlier,
+    fit_and_diagnose,
 )
-from pvdf_fem.inverse.calibration.fit import Fit, Noise
-from pvdf_fem.inverse.calibration.model import TouchModel
+from pvdf_fem.inverse.calibration.fit import CalibrationFit, ReadingNoise
 from pvdf_fem.inverse.calibration.options import DEFAULTS, CalibrateOptions
-from pvdf_fem.inverse.calibration.touches import read_touches
-from pvdf_fem.inverse.calibration.unknowns import unknowns_of
+from pvdf_fem.inverse.calibration.parameters import select_parameters
+from pvdf_fem.inverse.calibration.reading_model import ReadingModel
+from pvdf_fem.inverse.calibration.touch_table import read_touches
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
-from pvdf_fem.scene.given import Names, SceneLike, scene_of, taken
+from pvdf_fem.scene.arguments import Names, SceneLike, as_scene, coerce
 from pvdf_fem.scene.scene import Scene
 
 DEFAULT_UNKNOWN = ("film.pretension_N_m", "gains")
@@ -86,35 +86,39 @@ def calibrate(
     >>> print(found)
     >>> sensor = found.scene
     """
-    scene, unknown = scene_of(scene), taken("unknown", unknown, Names)
+    scene, unknown = as_scene(scene), coerce("unknown", unknown, Names)
     scene.require_plain_charges("a calibration")
     if reading is None:
         reading = scene.readout.reading if scene.readout else "change"
     deviations = {"sigma": sigma, "place_sd": place_sd}
     deviations |= {} if noise is None else {"noise": noise}
-    deviations = {name: taken(name, value, float) for name, value in deviations.items()}
+    deviations = {name: coerce(name, value, float) for name, value in deviations.items()}
     if mistakes := _mistakes(scene, {"reading": reading, "unit": unit}, deviations):
         raise ValueError("\n".join(mistakes))
-    wired = channels(scene)
-    in_unit = units_pC(wired)["V"] / units_pC(wired)[unit] * [channel.noise for channel in wired]
-    uncertain = Noise(
+    wired = make_channels(scene)
+    in_unit = (
+        list_units_pC(wired)["V"]
+        / list_units_pC(wired)[unit]
+        * [channel.noise for channel in wired]
+    )
+    uncertain = ReadingNoise(
         deviations["sigma"],
         np.broadcast_to(deviations.get("noise", in_unit), len(wired)),
         deviations["place_sd"],
     )
-    unknowns = unknowns_of(scene, unknown, taken("priors", priors or {}, dict[str, Any]))
+    unknowns = select_parameters(scene, unknown, coerce("priors", priors or {}, dict[str, Any]))
     given = read_touches(touches, scene)
     tolerance = min(max(options.tolerance_share * sigma, options.finest), options.coarsest)
     expected = options.expected_rounds * len(given)
     with show_progress("solves", progress) as show:
         count = SolveCounter(show, expected)
-        model = TouchModel(unknowns, given, reading, unit, tolerance, options, count=count)
-        fit, found = explained(model, uncertain)
+        model = ReadingModel(unknowns, given, reading, unit, tolerance, options, count=count)
+        fit, found = fit_and_diagnose(model, uncertain)
     status, reason = _judged(fit, found)
     rows, bad = given.rows.tolist(), np.flatnonzero(model.solved & ~fit.kept).tolist()
     outliers = {rows[i]: why for i, why in model.failures.items()}
     if status is CalibrationStatus.CALIBRATED:
-        outliers |= {rows[i]: what_is_wrong(fit, i) for i in bad}
+        outliers |= {rows[i]: describe_outlier(fit, i) for i in bad}
     remarks = (*given.remarks, *_remarks(fit, found))
     return Calibration(status, reason, remarks, outliers, fit)
 
@@ -123,7 +127,7 @@ def _mistakes(scene: Scene, words: Mapping[str, str], deviations: Mapping[str, f
     mistakes = []
     if scene.single_probe is None:
         mistakes.append("probe: the scene has none; add the [probe] that touched the film")
-    elif LOADS[scene.load.kind].rigid:
+    elif PROBE_LOADS[scene.load.kind].rigid:
         reason = "has no derivatives by the place; take dead or follower"
         mistakes.append(f'load.kind = "{scene.load.kind}": {reason}')
     for name, word in words.items():
@@ -132,13 +136,15 @@ def _mistakes(scene: Scene, words: Mapping[str, str], deviations: Mapping[str, f
     for name, value in deviations.items():
         if not 0.0 <= value < np.inf:
             mistakes.append(f"{name} = {value:g}: give a standard deviation, not negative")
-    quietest = min(channel.noise for channel in channels(scene))
+    quietest = min(channel.noise for channel in make_channels(scene))
     if not (deviations["sigma"] or deviations.get("noise", quietest)):
         mistakes.append("sigma = 0: readings have errors; give sigma or noise")
     return mistakes
 
 
-def _judged(fit: Fit, found: Sequence[tuple[Change, Fit]]) -> tuple[CalibrationStatus, str]:
+def _judged(
+    fit: CalibrationFit, found: Sequence[tuple[Correction, CalibrationFit]]
+) -> tuple[CalibrationStatus, str]:
     """Status and reason of a fit, and of the changes that explain the touches better."""
     unknowns, count = len(fit.model.unknowns.names), int(fit.kept.sum())
     is_scattered = fit.scale > fit.model.options.most_scatter
@@ -160,7 +166,9 @@ def _judged(fit: Fit, found: Sequence[tuple[Change, Fit]]) -> tuple[CalibrationS
     return CalibrationStatus.CALIBRATED, f"{unknowns} parameters from {count} touches"
 
 
-def _remarks(fit: Fit, found: Sequence[tuple[Change, Fit]]) -> Iterator[str]:
+def _remarks(
+    fit: CalibrationFit, found: Sequence[tuple[Correction, CalibrationFit]]
+) -> Iterator[str]:
     """What is remarkable in touches and in what they tell."""
     force, names = fit.model.touches.touches[:, 3], fit.model.unknowns.names
     if np.ptp(force) == 0.0:

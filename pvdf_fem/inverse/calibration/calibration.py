@@ -12,14 +12,14 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.calibration.diagnosis import CalibrationStatus
-from pvdf_fem.inverse.calibration.fit import Fit
+from pvdf_fem.inverse.calibration.fit import CalibrationFit
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.sensitivity.parameters import numbers_of
-from pvdf_fem.told import Grid, Parts, Told, rounded
+from pvdf_fem.solver.sensitivity.parameters import expand_pair_key
+from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration(Told):
+class Calibration(Result):
     """How a calibration ended, and the calibrated scene."""
 
     status: CalibrationStatus
@@ -27,7 +27,7 @@ class Calibration(Told):
     remarks: tuple[str, ...]  #: What to look at.
     #: Rows of bad touches, which did not count, and what is wrong with them.
     outliers: dict[int, str]
-    fit: Fit  #: With `degrees_of_freedom` and `p_value`.
+    fit: CalibrationFit  #: With `degrees_of_freedom` and `p_value`.
 
     @cached_property
     def scene(self) -> Scene:
@@ -38,7 +38,7 @@ class Calibration(Told):
         scene = self.fit.model.unknowns.scene_at(self.fit.values, self.fit.model.reading)
         deviations = {}
         for key in scene.uncertain or ():
-            if names := numbers_of(key, self.parameters):
+            if names := expand_pair_key(key, self.parameters):
                 deviations[key] = float(np.mean([self.parameters[n]["deviation"] for n in names]))
         return scene.with_(uncertain=deviations) if deviations else scene
 
@@ -80,7 +80,7 @@ class Calibration(Told):
         }
 
     @cached_property
-    def not_told_apart(self) -> tuple[str, ...]:
+    def undetermined(self) -> tuple[str, ...]:
         """Combinations of parameters that the priors decided, rather than the readings."""
         of, texts, (values, directions) = self.fit.model.unknowns, [], self.fit.told
         for direction in np.abs(directions[values < 1.0]):
@@ -99,7 +99,7 @@ class Calibration(Told):
             found = {
                 "parameters": self.parameters,
                 "covariance": fit.covariance.tolist(),
-                "not_told_apart": list(self.not_told_apart),
+                "not_told_apart": list(self.undetermined),
                 "leave_one_out": self.leave_one_out,
                 "places_mm": self.places_mm.tolist(),
             }
@@ -119,7 +119,7 @@ class Calibration(Told):
     def write_page(self, path: Path, about: Mapping[str, str] | None = None) -> None:
         """Write one self-contained HTML page: the verdict, what the page is about by name, such as
         the file and the date, and pictures of readings, residuals and places."""
-        from pvdf_fem.view.calibration_page import CalibrationData, write_page
+        from pvdf_fem.view.calibration_page import CalibrationData, write_calibration_page
 
         model = self.fit.model
         touches, names = model.touches, [channel.name for channel in model.channels]
@@ -129,23 +129,25 @@ class Calibration(Told):
         sensor = model.unknowns.scene_at(self.fit.values, model.reading)
         file = names, model.unit, touches.rows, bad
         data = CalibrationData(sensor, *file, *read, *places)
-        write_page(data, self.status, self._repr_html_(), about or {}, path)
+        write_calibration_page(data, self.status, self._repr_html_(), about or {}, path)
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """Status, reason, the table of parameters, and what is said below it."""
         fit, rows, notes = self.fit, [], []
         if self.status is CalibrationStatus.CALIBRATED:
             rows = [
-                (n, *rounded(of["value"], of["deviation"])) for n, of in self.parameters.items()
+                (n, *format_with_error(of["value"], of["deviation"]))
+                for n, of in self.parameters.items()
             ]
             left = self.leave_one_out
             notes.append(
                 f"leave-one-out: readings {100 * left['charge']:.2g} %, places"
                 f" {left['place_mm']:.2g} mm, forces {100 * left['force']:.2g} %"
             )
-            notes += [f"not told apart: {text}" for text in self.not_told_apart]
+            notes += [f"not told apart: {text}" for text in self.undetermined]
         freedom = f"{fit.degrees_of_freedom} degrees of freedom (p = {fit.p_value:.2g})"
         notes.insert(0, f"chi-square: {fit.chi_square:.1f} with {freedom}")
         notes += [f"left out: row {row}: {why}" for row, why in self.outliers.items()]
         notes += [f"remark: {text}" for text in self.remarks]
-        return self.status, [self.reason], [Grid(("parameter", "value", "±"), tuple(rows))], notes
+        table = TextTable(("parameter", "value", "±"), tuple(rows))
+        return Summary(self.status, [self.reason], tables=[table], notes=notes)

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.constants import g
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.misread import misreadings
-from pvdf_fem.inverse.calibration.fit import Fit, Noise, fitted
-from pvdf_fem.inverse.calibration.model import TouchModel
-from pvdf_fem.inverse.calibration.touches import Touches
+from pvdf_fem.electrodes.misreadings import list_misreadings
+from pvdf_fem.inverse.calibration.fit import CalibrationFit, ReadingNoise, fit_parameters
+from pvdf_fem.inverse.calibration.reading_model import ReadingModel
+from pvdf_fem.inverse.calibration.touch_table import TouchTable
 
 
 class CalibrationStatus(StrEnum):
@@ -38,51 +38,61 @@ class CalibrationStatus(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class Correction:
     """A mistake, and touches and reading without it."""
 
     status: CalibrationStatus
     text: str
-    touches: Touches
+    touches: TouchTable
     reading: str
 
 
-def explained(model: TouchModel, noise: Noise) -> tuple[Fit, list[tuple[Change, Fit]]]:
+def fit_and_diagnose(
+    model: ReadingModel, noise: ReadingNoise
+) -> tuple[CalibrationFit, list[tuple[Correction, CalibrationFit]]]:
     """The fit, and where it is suspect the changes with which the touches fit a sensor better.
     Touches that are far off at first are fitted to the end only if no change explains them."""
     enough, options = len(model.touches) >= len(model.unknowns.names), model.options
-    fit = fitted(model, noise, options.far_off if enough else np.inf)
+    fit = fit_parameters(model, noise, options.far_off if enough else np.inf)
     # the readings, or the parameters they lead to, are not those of such a sensor
     suspect = not fit.converged or fit.p_value < options.unlikely
     suspect |= bool((fit.pulls > options.far).any())
-    found = _mistakes(fit) if enough and suspect else []
+    found = _find_corrections(fit) if enough and suspect else []
     if not found and fit.scale > options.far_off and not fit.converged:
-        fit = fitted(model, noise)
+        fit = fit_parameters(model, noise)
     return fit, found
 
 
-def _mistakes(fit: Fit) -> list[tuple[Change, Fit]]:
+def _find_corrections(fit: CalibrationFit) -> list[tuple[Correction, CalibrationFit]]:
     """The changes with which a sensor like the scene's explains the touches, with their fits."""
-    found = _better(fit, _of_readings(fit.model)) if fit.model.solved.any() else []
+    found = (
+        _fit_corrections(fit, _propose_reading_corrections(fit.model))
+        if fit.model.solved.any()
+        else []
+    )
     # these may look like a wrong frame; other mistakes in readings do not
     doubtful = {CalibrationStatus.SWAPPED, CalibrationStatus.CHANNEL}
     if {change.status for change, _ in found} <= doubtful:
-        found += _better(fit, _of_touches(fit))
+        found += _fit_corrections(fit, _propose_touch_corrections(fit))
     # a channel that is left out always leaves a better fit
     found = [pair for pair in found if pair[0].status is not CalibrationStatus.CHANNEL] or found
     best = min((better.chi_square for _, better in found), default=0.0)
     return [pair for pair in found if pair[1].chi_square < best + fit.model.options.close]
 
 
-def _better(fit: Fit, changes: Iterable[Change]) -> list[tuple[Change, Fit]]:
+def _fit_corrections(
+    fit: CalibrationFit, changes: Iterable[Correction]
+) -> list[tuple[Correction, CalibrationFit]]:
     """Those of the changes that explain the touches: the best ones are fitted in full."""
-    scored = sorted(((_score(fit, change), change) for change in changes), key=lambda pair: pair[0])
+    scored = sorted(
+        ((_score_correction(fit, change), change) for change in changes), key=lambda pair: pair[0]
+    )
     found, options = [], fit.model.options
     for score, change in scored[: options.most_fits]:
         if not score < options.close_score + 1.5 * scored[0][0]:
             break
         changed = fit.model.changed(change.touches, change.reading)
-        better = fitted(changed, fit.noise, options.far_off)
+        better = fit_parameters(changed, fit.noise, options.far_off)
         likely = better.p_value > options.unlikely or better.scale < options.scatter
         gain = fit.chi_square > options.clearly * better.chi_square
         gain |= fit.p_value > options.unlikely
@@ -91,7 +101,7 @@ def _better(fit: Fit, changes: Iterable[Change]) -> list[tuple[Change, Fit]]:
     return found
 
 
-def _score(fit: Fit, change: Change) -> float:
+def _score_correction(fit: CalibrationFit, change: Correction) -> float:
     """How badly the changed touches fit a sensor, by solves at hand or those of a few touches."""
     model, start = fit.model.changed(change.touches, change.reading), fit.model.unknowns.start
     if not model.solved.any():
@@ -100,32 +110,36 @@ def _score(fit: Fit, change: Change) -> float:
         every = np.ones(len(model.touches), dtype=bool)
         model.solve(start, np.zeros((len(every), 2)), every, model.options.first_tolerance)
     none = np.zeros((len(model.touches), 2))
-    tried = Fit(model, fit.noise, start, none, model.solved).settled(model.solved, soft=True)
+    tried = CalibrationFit(model, fit.noise, start, none, model.solved).settled(
+        model.solved, soft=True
+    )
     misfit = np.log1p(tried.distances / np.maximum(tried.counts, 1))[tried.kept]
     return float(misfit.sum() + np.log1p(tried.pulls**2).sum()) if len(misfit) else np.inf
 
 
-def _of_readings(model: TouchModel) -> Iterator[Change]:
+def _propose_reading_corrections(model: ReadingModel) -> Iterator[Correction]:
     """Changes that need no solve."""
     touches, names = model.touches, [channel.name for channel in model.channels]
     read = touches.readings
-    for mistake in misreadings(model.channels, model.unit):
+    for mistake in list_misreadings(model.channels, model.unit):
         status = CalibrationStatus(mistake.kind)
         changed = replace(touches, readings=mistake.undone(read))
-        yield Change(status, mistake.text, changed, model.reading)
+        yield Correction(status, mistake.text, changed, model.reading)
     other = "total" if model.reading == "change" else "change"
     text = f"readings are of the {other} of the charge, not of the {model.reading};"
     if np.isfinite(model.at_rest).all():
-        yield Change(CalibrationStatus.READING, f"{text} give reading = {other}", touches, other)
+        yield Correction(
+            CalibrationStatus.READING, f"{text} give reading = {other}", touches, other
+        )
     for j, name in enumerate(names if len(names) > 2 else ()):
         without = read.copy()
         without[:, j] = np.nan
         text = f"channel {name} does not fit, and the others do; it is dead or not connected"
         changed = replace(touches, readings=without)
-        yield Change(CalibrationStatus.CHANNEL, text, changed, model.reading)
+        yield Correction(CalibrationStatus.CHANNEL, text, changed, model.reading)
 
 
-def _of_touches(fit: Fit) -> Iterator[Change]:
+def _propose_touch_corrections(fit: CalibrationFit) -> Iterator[Correction]:
     """Changes that need solves: of frames, or of forces where the readings have another size."""
     touches, reading = fit.model.touches, fit.model.reading
     start = fit.model.predict(fit.model.unknowns.start, np.zeros((len(touches), 2))).readings
@@ -134,19 +148,21 @@ def _of_touches(fit: Fit) -> Iterator[Change]:
     if abs(np.log(max(size, 1e-300))) < np.log(fit.model.options.other_size):
         seen = {touches.touches.tobytes()}
         probe = fit.model.unknowns.scene.single_probe
-        for text, frame in _frames(touches.touches, probe is None or bool(probe.period_deg)):
+        for text, frame in _propose_frames(
+            touches.touches, probe is None or bool(probe.period_deg)
+        ):
             if frame.tobytes() not in seen:
                 seen.add(frame.tobytes())
                 changed = replace(touches, touches=frame)
-                yield Change(CalibrationStatus.FRAME, text, changed, reading)
+                yield Correction(CalibrationStatus.FRAME, text, changed, reading)
         return
     for unit, newton in (("gram-force (grams)", 1e-3 * g), ("kgf", g), ("mN", 1e-3), ("kN", 1e3)):
         if (newton < 1.0) == (size < 1.0):
             changed = replace(touches, touches=touches.touches * [1.0, 1.0, 1.0, newton])
-            yield Change(CalibrationStatus.FORCE, f"force_N is in {unit}", changed, reading)
+            yield Correction(CalibrationStatus.FORCE, f"force_N is in {unit}", changed, reading)
 
 
-def _frames(touches: Array, turns: bool) -> Iterator[tuple[str, Array]]:
+def _propose_frames(touches: Array, turns: bool) -> Iterator[tuple[str, Array]]:
     """Other frames in which places, and rotations where they count, may have been written."""
     x, y, turn, force = touches.T
     frames = {
@@ -166,7 +182,7 @@ def _frames(touches: Array, turns: bool) -> Iterator[tuple[str, Array]]:
         yield text, np.column_stack([u, v, angle if turns else turn, force])
 
 
-def what_is_wrong(fit: Fit, i: int) -> str:
+def describe_outlier(fit: CalibrationFit, i: int) -> str:
     """Why a touch does not fit: by the linear step of its place, or of its force, that would make
     it fit best."""
     roots, residuals, _ = fit.whitened

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.inverse.calibration.model import Prediction, TouchModel
+from pvdf_fem.inverse.calibration.reading_model import Prediction, ReadingModel
 from pvdf_fem.inverse.least_squares import (
     LeastSquaresProblem,
     SearchOptions,
@@ -30,7 +30,7 @@ SEARCH = SearchOptions(
 
 
 @dataclass(frozen=True)
-class Noise:
+class ReadingNoise:
     """What is uncertain in readings and places."""
 
     sigma: float  #: Of a reading, relative.
@@ -39,12 +39,12 @@ class Noise:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(LeastSquaresProblem):
+class CalibrationFit(LeastSquaresProblem):
     """Parameters and places that explain the readings, and what they are worth. The coordinates of
     its least-squares problem are the parameters over their priors' deviations."""
 
-    model: TouchModel
-    noise: Noise
+    model: ReadingModel
+    noise: ReadingNoise
     values: Array  #: (parameters,)
     moves: Array  #: Of the touches' places on the stage in mm, (touches, 2).
     kept: Mask  #: Touches that count, (touches,).
@@ -164,7 +164,7 @@ class Fit(LeastSquaresProblem):
         counted = apply_robust_loss(system[self.kept], limits[self.kept])
         return append_prior_rows(counted, begun, np.ones(len(begun)))
 
-    def settled(self, kept: Mask, soft: bool = False) -> Fit:
+    def settled(self, kept: Mask, soft: bool = False) -> CalibrationFit:
         """The least-squares parameters between solves, not far from here, and the moves that go
         with them, of some touches (touches,)."""
         priors, begun = self.model.unknowns.priors, replace(self, kept=kept, soft=soft)
@@ -178,7 +178,7 @@ class Fit(LeastSquaresProblem):
         sizes = np.maximum(np.linalg.norm(moves, axis=1, keepdims=True), 1e-12)
         return replace(fit, moves=moves * np.minimum(1.0, longest / sizes))
 
-    def without_bad(self) -> Fit:
+    def without_bad(self) -> CalibrationFit:
         """The fit without touches that are too far from what the others say."""
         solved = self.model.solved
         soft = fit = self.settled(solved, soft=True)
@@ -204,7 +204,9 @@ class Fit(LeastSquaresProblem):
         return np.where(self.kept[:, None], others, residuals), lengths
 
 
-def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit:
+def fit_parameters(
+    model: ReadingModel, noise: ReadingNoise, most_scatter: float = np.inf
+) -> CalibrationFit:
     """The fit of solves: touches are solved anew until linear steps between solves are small. It
     ends without convergence where the first steps leave a scatter above `most_scatter`."""
     values, moves = model.unknowns.start.copy(), np.zeros((len(model.touches), 2))
@@ -212,7 +214,7 @@ def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit
     coarse = max(model.tolerance, options.first_tolerance)
     for number in range(options.max_rounds):
         model.solve(values, moves, pending, None if number else coarse)
-        fit = Fit(model, noise, values, moves, model.solved)
+        fit = CalibrationFit(model, noise, values, moves, model.solved)
         if 2 * model.solved.sum() < len(model.touches):
             return replace(fit, converged=False)
         fit = fit.without_bad()
@@ -227,7 +229,7 @@ def fitted(model: TouchModel, noise: Noise, most_scatter: float = np.inf) -> Fit
     return replace(fit, converged=False)
 
 
-def _change(fit: Fit) -> Array:
+def _change(fit: CalibrationFit) -> Array:
     """Relative change of the forces since the solves, (touches,)."""
     model = fit.model
     steps = model.arguments(fit.values, model.moved(fit.moves)) - model.at

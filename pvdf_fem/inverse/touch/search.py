@@ -24,7 +24,7 @@ from pvdf_fem.inverse.touch.touch import (
     compute_p_values,
     is_plausible,
 )
-from pvdf_fem.surrogate.model import ROTATION, X, Y
+from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def search_everywhere(
     excess = options.listed**0.5 + options.neglected * size
     likely = ~(np.sqrt(misfit) > np.sqrt(misfit.min(axis=1, keepdims=True)) + excess)
     at = at[likely][~mark_repeated(at[likely], misfit[likely], np.array(options.close))]
-    without_rotation = problem.unknown[problem.unknown != ROTATION]
+    without_rotation = problem.unknown[problem.unknown != TouchColumn.ROTATION]
     if 0 < len(without_rotation) < len(problem.unknown):
         at = run_levenberg_marquardt(
             replace(problem, unknown=without_rotation), at, options=options.search
@@ -109,7 +109,7 @@ def search_rows(
     at = find_initial_candidates(problem, known, few, each=False)[0][:, 0]
     rows, at = np.repeat(np.arange(len(at)), at.shape[1]), at.reshape(-1, at.shape[2])
     # neighbouring touches in sequence share the coefficients that the model reads
-    order = np.lexsort((at[:, Y], at[:, X]))
+    order = np.lexsort((at[:, TouchColumn.Y], at[:, TouchColumn.X]))
     ends = run_levenberg_marquardt(problem, at[order], rows[order], options=how).select(
         np.argsort(order)
     )
@@ -165,7 +165,7 @@ def describe_touches(
 
 def find_distinct(problem: LocationProblem, ends: SearchResult, options: LocateOptions) -> Indices:
     """The likely ends of searches that do not repeat a better one, the best first."""
-    ranking, turns = ends.ranking, slice_quantity(problem.response, ROTATION)
+    ranking, turns = ends.ranking, slice_quantity(problem.response, TouchColumn.ROTATION)
     order = ranking.argsort(kind="stable")
     rows = order[ranking[order] <= ranking.min() + options.listed]
     rows = rows[ends.converged[rows]]

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from pvdf_fem.arrays import Array, Mask, finite_or_none
-from pvdf_fem.told import Parts, Told
+from pvdf_fem.summary import Result, Summary
 
 #: Charges count as unexplained if a correct response gives such charges less often than this.
 SIGNIFICANCE = 1e-3
@@ -158,7 +158,7 @@ def decide_status(explained: bool, ambiguous: bool, at_edge: bool) -> TouchStatu
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Touch(Told):
+class Touch(Result):
     """A touch at a local maximum of the likelihood of the measured charges."""
 
     quantities: tuple[str, ...]  #: Names of the response's quantities, (k,).
@@ -236,10 +236,10 @@ class Touch(Told):
         """Force of the only probe."""
         return self.by_name["force_N"]
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """Return what is printed: the quantities; `Location` prints their errors."""
         values = ", ".join(f"{name} {value:.4g}" for name, value in self.by_name.items())
-        return f"share of likelihood {self.weight:.3g}", [values], [], []
+        return Summary(f"share of likelihood {self.weight:.3g}", [values])
 
     def to_json(self) -> dict[str, Any]:
         """Return plain values for JSON, None for infinite ones; the location adds the errors."""

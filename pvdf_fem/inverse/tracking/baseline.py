@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.inverse.tracking.circuit import Circuit
+from pvdf_fem.inverse.tracking.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.options import TrackOptions
 
 
@@ -19,7 +19,7 @@ class Baseline:
     filter that is critically damped). Samples are given to them only when these are so old that a
     slow touch would have been seen."""
 
-    def __init__(self, circuit: Circuit, options: TrackOptions) -> None:
+    def __init__(self, circuit: ReadoutCircuit, options: TrackOptions) -> None:
         self.circuit, self.options, self.count = circuit, options, 0
         self.fresh = 0  #: Samples since a touch from which the level was taken anew.
         none = np.zeros_like(circuit.noise)
@@ -78,7 +78,7 @@ class Baseline:
             self.square = self.square + weight * (np.square(surprise) / variance - self.square)
 
 
-class Watch:
+class ContactDetector:
     """Deviations of the last samples from the baseline, summed up over several windows. A touch is
     seen when one of the sums of squares over the channels, each over its variance, is above what
     noise exceeds in a share `false_alarm` of the samples."""

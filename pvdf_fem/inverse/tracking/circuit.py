@@ -12,7 +12,7 @@ from pvdf_fem.electrodes.channel import Channel
 
 
 @dataclass(frozen=True, eq=False)
-class Circuit:
+class ReadoutCircuit:
     """Readout channels as arrays over the electrodes, (electrodes,)."""
 
     capacitance: Array  #: In pF, so that charges are in pC.
@@ -23,7 +23,7 @@ class Circuit:
     noise: Array
 
     @classmethod
-    def of(cls, channels: Sequence[Channel]) -> Circuit:
+    def of(cls, channels: Sequence[Channel]) -> ReadoutCircuit:
         """The circuit of some channels."""
         rows = [
             (1e12 * c.capacitance, 1e12 / c.resistance, c.gain, c.offset, abs(c.noise / c.gain))
@@ -41,14 +41,14 @@ class Circuit:
         return np.exp(-np.multiply.outer(time, self.leak / self.capacitance))
 
 
-class ChargeSum:
+class ChargeIntegrator:
     """The charge since a start, C V + ∫ V/R dt, with its variances.
 
     The integral is the trapezoidal sum, corrected at its end for the slope of the voltage. A
     missing voltage is the last one, until the next one makes a trapezium of the gap.
     """
 
-    def __init__(self, circuit: Circuit, time: float, before: Array) -> None:
+    def __init__(self, circuit: ReadoutCircuit, time: float, before: Array) -> None:
         """Begin at a time; `before` are the voltages that charges from earlier leave then."""
         self.circuit, self.before, self.time = circuit, before, time
         self.voltage, self.heard = before, np.full_like(before, time)  #: Last, and when.

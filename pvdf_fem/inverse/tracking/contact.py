@@ -9,26 +9,28 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.touch.touch import compute_chi_square_limit
-from pvdf_fem.inverse.tracking.circuit import ChargeSum, Circuit
-from pvdf_fem.inverse.tracking.place import ChangeModel, Places, Sample
-from pvdf_fem.surrogate.model import FORCE
+from pvdf_fem.inverse.tracking.circuit import ChargeIntegrator, ReadoutCircuit
+from pvdf_fem.inverse.tracking.contact_problem import CandidatePlaces, ChargeSample, ContactProblem
+from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 
 class Contact:
     """A touch under way."""
 
-    def __init__(self, model: ChangeModel, circuit: Circuit, time: float, before: Array) -> None:
+    def __init__(
+        self, model: ContactProblem, circuit: ReadoutCircuit, time: float, before: Array
+    ) -> None:
         """Begin at a time just before the touch; `before` are the voltages left by others."""
         self.model, self.options, self.onset, self.end = model, model.options, time, time
-        self.history: list[Sample] = []
-        self.places: Places | None = None  #: By the charges at their peak.
+        self.history: list[ChargeSample] = []
+        self.places: CandidatePlaces | None = None  #: By the charges at their peak.
         #: The likeliest touch at the last sample, and chi-square of its charges.
         self.at, self.chi_square = np.full(4, math.nan), math.nan
         self.largest = 0  #: Number of the sample with the largest charges.
         self.impulse = 0.0  #: Integral of the force in N s.
         self.voltages = [before]  #: Voltages over the baseline, from the beginning on.
         self.rested = 0  #: Number of the last samples after the end.
-        self._circuit, self._sum = circuit, ChargeSum(circuit, time, before)
+        self._circuit, self._sum = circuit, ChargeIntegrator(circuit, time, before)
         self._located = self.options.first  #: Number of samples when the place was last sought.
 
     def add(self, time: float, voltage: Array, noise: Array, drift: Array) -> None:
@@ -36,8 +38,8 @@ class Contact:
         their deviations in V; `drift` is the deviation in pC of the baseline's error by now."""
         charges = self._sum.add(time, voltage, noise)
         white = np.square(self._circuit.capacitance * noise)
-        white[np.isnan(voltage)] = Sample.UNHEARD
-        sample = Sample(time, charges, white, self._sum.variance, drift, self._sum.missed)
+        white[np.isnan(voltage)] = ChargeSample.UNHEARD
+        sample = ChargeSample(time, charges, white, self._sum.variance, drift, self._sum.missed)
         self.history.append(sample)
         self.voltages.append(voltage)
         count, again = len(self.history), self.options.again if self.places else 0.0
@@ -50,7 +52,7 @@ class Contact:
                 self.places = self.model.located(peak) or self.places
         if self.places:
             self.at, self.chi_square = self.model.pressed(self.places.at[0], sample)
-            self.impulse += (time - self.end) * math.exp(self.at[FORCE])
+            self.impulse += (time - self.end) * math.exp(self.at[TouchColumn.FORCE])
         self.end = time
 
     @property
@@ -58,7 +60,7 @@ class Contact:
         """Charges (samples, electrodes) of the whole course in pC."""
         return np.array([sample.charges for sample in self.history])
 
-    def _peak(self) -> Sample:
+    def _peak(self) -> ChargeSample:
         """The charges at their peak, on a parabola through as many samples as three deviations of
         the noise may have made the largest, where their mean is largest. The largest charges
         themselves are where noise is largest, too."""
@@ -71,7 +73,7 @@ class Contact:
         first = int(np.argmax(np.convolve(sizes, np.ones(len(apart)), "valid")))
         window = slice(first, first + len(apart))
         noise = np.array([sample.noise for sample in self.history[window]])
-        each = weights[:, None] * (noise < Sample.UNHEARD)
+        each = weights[:, None] * (noise < ChargeSample.UNHEARD)
         share = each.sum(axis=0)
         noise = (np.square(each) * noise).sum(axis=0)
         heard = share > 0.5
@@ -79,7 +81,7 @@ class Contact:
         return replace(
             self.history[first + half],
             charges=(each * charges[window]).sum(axis=0) / share,
-            noise=np.where(heard, noise / np.square(share), Sample.UNHEARD),
+            noise=np.where(heard, noise / np.square(share), ChargeSample.UNHEARD),
         )
 
     def _mean(self, first: int, count: int) -> tuple[Array, Array]:
@@ -100,7 +102,7 @@ class Contact:
         variance = self._since(self.history[-2 * count]) + white + noise
         return count if _is_noise(late - early, variance) else 0
 
-    def _since(self, sample: Sample) -> Array:
+    def _since(self, sample: ChargeSample) -> Array:
         """Variance in pC² of what has summed up since a sample, (electrodes,)."""
         last = self.history[-1]
         return last.walked - sample.walked + np.square(last.drift - sample.drift)
@@ -157,7 +159,7 @@ class Contact:
         self.largest = int(np.argmax(np.linalg.norm(self.charges, axis=1)))
         self.places = self.model.located(self._peak())
 
-    def _bridged(self, sample: Sample, left: Array, total: Array) -> Sample:
+    def _bridged(self, sample: ChargeSample, left: Array, total: Array) -> ChargeSample:
         """A sample whose errors are such that charges `left` of a variance `total` are none."""
         last, along = self.history[-1], np.square(self._unit)
         shared = sample.walked + sample.drift * last.drift

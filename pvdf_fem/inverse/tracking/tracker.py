@@ -13,19 +13,19 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import channels
+from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.inverse.touch.locate import PLACE_AND_FORCE, get_scene_quantities
 from pvdf_fem.inverse.touch.measurement import find_quantity_errors, get_centre_mm
-from pvdf_fem.inverse.tracking.baseline import Baseline, Watch
-from pvdf_fem.inverse.tracking.circuit import Circuit
+from pvdf_fem.inverse.tracking.baseline import Baseline, ContactDetector
+from pvdf_fem.inverse.tracking.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.contact import Contact
+from pvdf_fem.inverse.tracking.contact_problem import CandidatePlaces, ContactProblem
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
-from pvdf_fem.inverse.tracking.place import ChangeModel, Places
-from pvdf_fem.inverse.tracking.rows import Row, TouchSummary
-from pvdf_fem.scene.given import Names, model_of, numbers, taken
-from pvdf_fem.scene.scene_file import choose
-from pvdf_fem.surrogate.model import FORCE, QUANTITIES, Model, period_deg
-from pvdf_fem.told import with_named_arguments
+from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow
+from pvdf_fem.scene.arguments import Names, as_response, coerce, coerce_array
+from pvdf_fem.scene.scene_file import suggest
+from pvdf_fem.surrogate.charge_function import ChargeFunction, find_rotation_period_deg
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
 
 class Tracker:
@@ -53,20 +53,19 @@ class Tracker:
     >>> tracker = Tracker(build_response("sensor.toml", tolerance=3e-2), unit="pC")
     >>> for i in range(1000):  # at 1 kHz, in the order of tracker.response.names
     ...     row = tracker.update(1e-3 * i, [0.1, 0.0, -0.1, 0.0])
-    >>> tracker.settled_s, tracker.touches
+    >>> tracker.settling_ends_s, tracker.touches
     """
 
-    @with_named_arguments
     def __init__(
         self,
-        response: Model,
+        response: ChargeFunction,
         *,
         unknown: Sequence[str] = PLACE_AND_FORCE,
         unit: str = "V",
         options: TrackOptions = DEFAULTS,
     ) -> None:
-        scene, known = model_of(response).scene, get_scene_quantities(response.scene)
-        unknown = taken("unknown", unknown, Names)
+        scene, known = as_response(response).scene, get_scene_quantities(response.scene)
+        unknown = coerce("unknown", unknown, Names)
         origin = (*get_centre_mm(scene), 0.0, 0.0)
         mistakes = [*find_quantity_errors(response.domain, unknown, {}, known, origin)]
         if "force_N" not in unknown:
@@ -75,30 +74,36 @@ class Tracker:
             mistakes.append(f"unit = {unit}: choose from V, pC")
         if mistakes:
             raise ValueError("\n".join(mistakes))
-        fixed = {i: known[n] - origin[i] for i, n in enumerate(QUANTITIES) if n not in unknown}
+        fixed = {
+            i: known[n] - origin[i] for i, n in enumerate(TOUCH_QUANTITIES) if n not in unknown
+        }
         self.touches: list[TouchSummary] = []
-        self._names, self._unit, self._circuit = response.names, unit, Circuit.of(channels(scene))
-        self._model = ChangeModel.of(response, fixed, options)
+        self._names, self._unit, self._circuit = (
+            response.names,
+            unit,
+            ReadoutCircuit.of(make_channels(scene)),
+        )
+        self._model = ContactProblem.of(response, fixed, options)
         self._options, self._time = options, -math.inf
         self._restart()
 
     def _restart(self) -> None:
         self._step = math.inf
         self._baseline = Baseline(self._circuit, self._options)
-        self._watch, self._missing = Watch(len(self._names), self._options), set[str]()
+        self._watch, self._missing = ContactDetector(len(self._names), self._options), set[str]()
         self._contact: Contact | None = None
 
-    def update(self, t: float, readings: Mapping[str, float] | Sequence[float]) -> Row:
+    def update(self, t: float, readings: Mapping[str, float] | Sequence[float]) -> TrackRow:
         """What is known with a sample at a time in s; if that does not grow, all begins anew.
 
         `readings` are those of the channels by name or in their order, NaN where there is none.
         """
         if isinstance(readings, Mapping):
             if unknown := readings.keys() - {*self._names}:
-                advice = choose(min(unknown), self._names)
+                advice = suggest(min(unknown), self._names)
                 raise ValueError(f"readings.{min(unknown)}: is of no channel; {advice}")
             readings = [readings.get(name, math.nan) for name in self._names]
-        values = numbers("readings", readings)
+        values = coerce_array("readings", readings)
         if values.shape != (len(self._names),):
             names = ", ".join(self._names)
             raise ValueError(f"readings: {values.size} given; give one for each of {names}")
@@ -117,11 +122,11 @@ class Tracker:
             row = self._begin_anew(t)
         self._time = t
         if row.status == "settling":
-            row = replace(row, settling_s=self.settled_s - t)
+            row = replace(row, settling_s=self.settling_ends_s - t)
         return replace(row, missing=" ".join(silent)) if silent else row
 
     @property
-    def settled_s(self) -> float:
+    def settling_ends_s(self) -> float:
         """When touches are looked for, if the samples go on as they do; NaN while that is unknown.
 
         Until then the baseline and its noise are learned, from `TrackOptions.settle` samples.
@@ -130,16 +135,16 @@ class Tracker:
         left = wanted - self._baseline.count - len(self._watch.samples)
         return self._time + left * self._step if math.isfinite(self._step) else math.nan
 
-    def _begin_anew(self, t: float) -> Row:
+    def _begin_anew(self, t: float) -> TrackRow:
         """After the first sample, a pause, or a time that did not grow."""
         status = "lost" if t > self._time else "clock"
         if self._contact:
             self._finish(self._time, self._contact, status)
         first = self._time == -math.inf and math.isfinite(t)
         self._restart()
-        return Row(t, "settling" if first else status)
+        return TrackRow(t, "settling" if first else status)
 
-    def _watch_out(self, t: float, voltage: Array) -> Row:
+    def _watch_out(self, t: float, voltage: Array) -> TrackRow:
         """Without a touch: follow the baseline with old samples, and see whether a touch begins."""
         baseline, watch, deviation = self._baseline, self._watch, np.zeros_like(voltage)
         error = deviation
@@ -153,9 +158,9 @@ class Tracker:
         if len(watch.samples) > watch.windows[-1]:
             old, quiet, _ = watch.samples.popleft()
             baseline.follow(old, quiet)
-        return Row(t, "settling" if settling else "quiet")
+        return TrackRow(t, "settling" if settling else "quiet")
 
-    def _begin(self, size: int) -> Row:
+    def _begin(self, size: int) -> TrackRow:
         """Begin a touch with the last samples."""
         samples = self._watch.samples
         while len(samples) > size:
@@ -177,21 +182,21 @@ class Tracker:
         drift = (circuit.capacitance + circuit.leak * elapsed) * error
         contact.add(t, voltage - baseline.at(t) + baseline.remaining(t), baseline.noise, drift)
 
-    def _follow(self, t: float, voltage: Array, contact: Contact) -> Row:
+    def _follow(self, t: float, voltage: Array, contact: Contact) -> TrackRow:
         """During a touch."""
         self._add(contact, t, voltage)
         status = "quiet" if contact.ended() else "lost" if contact.lost() else ""
         if not status:
             return self._row_of(t, contact)
         self._finish(t, contact, status.removeprefix("quiet"))
-        return Row(t, status)
+        return TrackRow(t, status)
 
     def _finish(self, t: float, contact: Contact, status: str = "") -> None:
         """End the touch, for a reason if it is no plain end, and watch out for another."""
         if not status:
             contact.close()
         places = contact.places
-        row = Row(contact.history[contact.largest].time, "starting", len(self.touches) + 1)
+        row = TrackRow(contact.history[contact.largest].time, "starting", len(self.touches) + 1)
         if places:
             row = self._row(places.sample.time, places, places.at[0], places.chi_square)
         missing = " ".join(sorted(self._missing))
@@ -202,23 +207,32 @@ class Tracker:
         )
         since, voltages = contact.after()
         self._baseline.keep(since, t, voltages)
-        self._contact, self._watch = None, Watch(len(self._names), self._options)
+        self._contact, self._watch = None, ContactDetector(len(self._names), self._options)
 
-    def _row_of(self, t: float, contact: Contact) -> Row:
+    def _row_of(self, t: float, contact: Contact) -> TrackRow:
         """The touch at the last sample."""
         if contact.places is None:
-            return Row(t, "starting", len(self.touches) + 1)
+            return TrackRow(t, "starting", len(self.touches) + 1)
         return self._row(t, contact.places, contact.at, contact.chi_square)
 
-    def _row(self, t: float, places: Places, at: Array, chi_square: float) -> Row:
+    def _row(self, t: float, places: CandidatePlaces, at: Array, chi_square: float) -> TrackRow:
         """A touch on the stage at coordinates (4,), with the deviations of its places."""
         model = self._model
         x, y, rotation, force = model.touches(at[None])[0].tolist()
         low, high = model.response.domain.force_N
         status = "too_light" if force < low else "too_strong" if force > high else "touch"
         status = status if places.explained else "unexplained"
-        force = force if at[FORCE] < model.log_forces[1] else math.nan
+        force = force if at[TouchColumn.FORCE] < model.log_forces[1] else math.nan
         dx, dy, turn, relative = places.deviations.tolist()
-        numbers = x, y, force, rotation % period_deg(model.response), dx, dy, relative * force, turn
+        numbers = (
+            x,
+            y,
+            force,
+            rotation % find_rotation_period_deg(model.response),
+            dx,
+            dy,
+            relative * force,
+            turn,
+        )
         count = len(places.at)
-        return Row(t, status, len(self.touches) + 1, *numbers, chi_square, count)
+        return TrackRow(t, status, len(self.touches) + 1, *numbers, chi_square, count)

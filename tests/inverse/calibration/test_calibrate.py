@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, calibrate
-from pvdf_fem.inverse.calibration.model import TouchModel
-from pvdf_fem.inverse.calibration.touches import read_touches
-from pvdf_fem.inverse.calibration.unknowns import unknowns_of, value_of
+from pvdf_fem.inverse.calibration.parameters import read_parameter, select_parameters
+from pvdf_fem.inverse.calibration.reading_model import ReadingModel
+from pvdf_fem.inverse.calibration.touch_table import read_touches
 from pvdf_fem.inverse.least_squares import apply_robust_loss
 from tests.helpers.touched_sensor import NAMES, SCENE, TRUE, UNKNOWN, drawn, made, made_up
 
@@ -36,21 +36,21 @@ def test_exact_readings_give_the_true_parameters(true, is_like):
     assert (len(told) == 2 * 24) == is_like
     assert (calibration.status, calibration.outliers) == ("calibrated", {})
     for name in TRUE:
-        of, value = calibration.parameters[name], true.get(name, value_of(SCENE, name))
+        of, value = calibration.parameters[name], true.get(name, read_parameter(SCENE, name))
         assert abs(of["value"] - value) < 1.5 * of["deviation"], name
         assert of["value"] == pytest.approx(value, rel=1e-3, abs=1e-3), name
 
 
 def test_derivatives_are_those_of_solves():
     """By parameters of film and stage, place and force, against differences of solves."""
-    unknowns = unknowns_of(SCENE, (PRETENSION, "gain.B", "shift", "turn"), {})
+    unknowns = select_parameters(SCENE, (PRETENSION, "gain.B", "shift", "turn"), {})
     columns = {name: column[:2] for name, column in made().items()}
     moves, start, count = np.array([[0.1, -0.2], [0.0, 0.0]]), unknowns.start + 0.1, 5
 
     def predicted(step):
         moved = dict(zip(("x_mm", "y_mm", "force_N"), step[count:], strict=True))
         touches = read_touches({**columns, **{n: columns[n] + h for n, h in moved.items()}}, SCENE)
-        of_touches = TouchModel(unknowns, touches, "change", "V", 1e-5)
+        of_touches = ReadingModel(unknowns, touches, "change", "V", 1e-5)
         of_touches.solve(start + step[:count], moves, np.array([True, True]))
         return of_touches.predict(start + step[:count], moves)
 
@@ -105,7 +105,7 @@ def test_what_cannot_be_told_apart_is_decided_by_the_priors():
     truth = SCENE.with_(**{key: of for key, of in TRUE.items() if not key.startswith("gain.")})
     words = ("film.d31_pC_N", "film.d32_pC_N", "gains")
     calibration = calibrate(truth, made(sigma=0.01), words)
-    (text,) = calibration.not_told_apart
+    (text,) = calibration.undetermined
     assert all(name in text for name in calibration.parameters)
     assert calibration.fit.degrees_of_freedom == 24 * 4 - (6 - 1)
     gain, d31 = calibration.parameters["gain.A"], calibration.parameters["film.d31_pC_N"]
@@ -115,7 +115,7 @@ def test_what_cannot_be_told_apart_is_decided_by_the_priors():
 
 def test_a_cooled_film_starts_at_its_tension():
     cooled = Scene.parse('[probe]\nshape = "triangle"\n')
-    unknowns = unknowns_of(cooled, [PRETENSION], {})
+    unknowns = select_parameters(cooled, [PRETENSION], {})
     assert unknowns.start[0] == pytest.approx(25e-6 * 2e9 / 0.66 * 110e-6)
 
 

@@ -5,15 +5,15 @@ import pytest
 
 from pvdf_fem.electrodes.channel import Channel
 from pvdf_fem.inverse.tracking.baseline import Baseline
-from pvdf_fem.inverse.tracking.circuit import ChargeSum, Circuit
+from pvdf_fem.inverse.tracking.circuit import ChargeIntegrator, ReadoutCircuit
 from pvdf_fem.inverse.tracking.options import TrackOptions
 
-CIRCUIT = Circuit.of([Channel("A", 1e-10, 1e6)])
+CIRCUIT = ReadoutCircuit.of([Channel("A", 1e-10, 1e6)])
 NOISE = 2e-3
 
 
 def summed(t, v):
-    total = ChargeSum(CIRCUIT, t[0], np.array([v[0]]))
+    total = ChargeIntegrator(CIRCUIT, t[0], np.array([v[0]]))
     return [
         total.add(time, np.array([voltage]), np.array([NOISE]))[0]
         for time, voltage in zip(t[1:], v[1:], strict=True)
@@ -34,12 +34,12 @@ def test_the_sum_is_of_third_order_at_its_end():
 def test_what_comes_at_any_time_is_missed_within_its_deviation(resistance):
     """A charge that jumps, 500 times at random in a sampling interval of ten time constants, or of
     none: what does not leak is not missed."""
-    circuit = Circuit.of([Channel("A", 1e-10, resistance)])
+    circuit = ReadoutCircuit.of([Channel("A", 1e-10, resistance)])
     draw, q, t, sums, variances = np.random.default_rng(0), 100.0, np.arange(8) * 1e-3, [], []
     for late in draw.random(500):
         begun = t - 2e-3 - 1e-3 * late
         decayed = np.exp(-np.maximum(begun, 0.0) / (1e-10 * resistance))
-        total = ChargeSum(circuit, t[0], np.zeros(1))
+        total = ChargeIntegrator(circuit, t[0], np.zeros(1))
         for at, v in zip(t[1:], (begun > 0.0)[1:] * decayed[1:], strict=True):
             charges = total.add(at, np.array([0.01 * q * v]), np.zeros(1))
         sums.append(charges[0])
@@ -53,7 +53,7 @@ def quiet(count, *, memory=2000, time_constant_s=np.inf, seed=0):
     """A baseline of 400 channels after noisy samples of a drift, and what draws more noise."""
     draw = np.random.default_rng(seed)
     channel = Channel("A", 1e-9, time_constant_s / 1e-9)
-    baseline = Baseline(Circuit.of([channel] * 400), TrackOptions(memory=memory))
+    baseline = Baseline(ReadoutCircuit.of([channel] * 400), TrackOptions(memory=memory))
     for k in range(count):
         baseline.follow(1e-3 * k, 0.1 + 0.02e-3 * k + NOISE * draw.standard_normal(400))
     return baseline, draw
