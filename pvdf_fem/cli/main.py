@@ -155,6 +155,19 @@ def _key_names() -> str:
 
 
 def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line."""
+    parser, _ = _make_parsers()
+    return parser
+
+
+def make_command_parsers() -> dict[str, argparse.ArgumentParser]:
+    """Return the parser of each command, by the command's name."""
+    _, parsers = _make_parsers()
+    return parsers
+
+
+def _make_parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+    """Return the parser of the whole command line, and those of its commands by name."""
     parser = ArgumentParser(
         "pvdf-fem",
         description=_DESCRIPTION,
@@ -195,7 +208,7 @@ def make_parser() -> argparse.ArgumentParser:
     touching = response_model, locate, track, calibrate, design, dataset
     for command in (respond, sweep, *touching, explore):
         command.add_to(commands)
-    return parser
+    return parser, dict(commands.choices)
 
 
 def _example(options: argparse.Namespace) -> int:

@@ -185,7 +185,7 @@ class _Reader:
                     return Scene.example(example)
                 if isinstance(given, str):
                     self.files.append(self.files[0].parent / given)
-                    return Scene.load(self.files[-1])
+                    return Scene.from_file(self.files[-1])
                 return Scene().with_(**given) if isinstance(given, dict) else None
         except SceneError as error:
             self.problems += error.problems

@@ -87,7 +87,9 @@ def test_a_file_that_is_no_whole_store_is_refused_and_left_alone(tmp_path):
     whole = stored()
     (tmp_path / "page.db").write_bytes(whole[:8192] + b"\x55" * 4096 + whole[12288:])
     (tmp_path / "text.db").write_bytes(b"not a database" * 100)
-    for path in tmp_path.glob("*.db"):
+    paths = sorted(tmp_path.glob("*.db"))
+    assert [path.name for path in paths] == ["other.db", "page.db", "text.db"]
+    for path in paths:
         before = path.read_bytes()
         with pytest.raises(StoreError):
             Store(path)

@@ -48,7 +48,7 @@ def made(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def scene(made):
-    return Scene.load(made / "scenes" / "scene.toml")
+    return Scene.from_file(made / "scenes" / "scene.toml")
 
 
 def test_page_has_all_figures_and_needs_nothing_else(made):

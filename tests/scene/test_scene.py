@@ -125,7 +125,7 @@ def test_files_of_the_geometry_folder():
     assert len(replace(grid, axes=tuple(ends)).scenes()) == 2**4
     others = {"mapping_lines", "thickness_spacing", "report", "triangel"}
     for name in {path.stem for path in GEOMETRY.glob("*.toml")} - others:
-        assert Scene.example(name) == Scene.load(GEOMETRY / f"{name}.toml")
+        assert Scene.example(name) == Scene.from_file(GEOMETRY / f"{name}.toml")
     assert Scene.example("four_electrodes") == Scene()
     for name in others:
         assert refused(Scene.example, name) == [f'"{name}"']

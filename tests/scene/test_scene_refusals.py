@@ -243,9 +243,9 @@ def test_unreadable_files_are_refused_with_path_and_line(tmp_path, raw, where):
     if raw is not None:
         path.write_bytes(raw)
     with pytest.raises(SceneError, match=rf"scene\.toml.*{where}"):
-        Scene.load(path)
+        Scene.from_file(path)
     path.write_text("[load]\nforce_N = 2", encoding="utf-8-sig")  # its mark is no mistake
-    assert Scene.load(str(path)).load.force == 2.0
+    assert Scene.from_file(str(path)).load.force == 2.0
 
 
 LONG = [[math.cos(t), math.sin(t)] for t in np.linspace(0, 6.28, 700).round(3)]
