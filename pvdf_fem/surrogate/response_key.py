@@ -14,7 +14,7 @@ def make_mechanical_key(scene: Scene) -> str:
 
     Raises `ValueError` without a probe, and for a depth in place of a force.
     """
-    from pvdf_fem.batch.equivalence import MECHANICS
+    from pvdf_fem.batch.equivalence import MECHANICAL_EFFECTS
     from pvdf_fem.film.models import resolve_film_model  # with scikit-fem
 
     if scene.single_probe is None:
@@ -25,7 +25,7 @@ def make_mechanical_key(scene: Scene) -> str:
     observable = scene.numerics.observable
     pressed = centre_probe(scene).model_copy(update={"numerics": Numerics(observable=observable)})
     weight, bends = scene.film.weight, resolve_film_model(pressed).bends
-    return f"{select_by_effect(pressed, *MECHANICS)} {weight} {bends} {observable}"
+    return f"{select_by_effect(pressed, *MECHANICAL_EFFECTS)} {weight} {bends} {observable}"
 
 
 def make_response_key(scene: Scene, domain: Domain, tolerance: float) -> str:
@@ -34,9 +34,9 @@ def make_response_key(scene: Scene, domain: Domain, tolerance: float) -> str:
     A file that is named by it is never loaded when it is stale. Electrodes, d31, d32, readout and
     the probe's place do not count, see `Response.for_scene`.
     """
-    from pvdf_fem.batch.store import NUMERICAL_FOLDERS, code_version  # with scikit-fem
+    from pvdf_fem.batch.store import NUMERICAL_FOLDERS, hash_code  # with scikit-fem
 
-    code = code_version((*NUMERICAL_FOLDERS, "surrogate"))
+    code = hash_code((*NUMERICAL_FOLDERS, "surrogate"))
     text = f"{code} {make_mechanical_key(scene)} {domain.reach_mm} {domain.force_N} {tolerance}"
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -45,13 +45,13 @@ def require_same_mechanics(known: Scene, other: Scene) -> None:
     """Raise `ValueError` where the stress about the probe is not that of a known scene."""
     if make_mechanical_key(known) == make_mechanical_key(other):
         return
-    from pvdf_fem.batch.equivalence import MECHANICS  # with scikit-fem
+    from pvdf_fem.batch.equivalence import MECHANICAL_EFFECTS  # with scikit-fem
 
     there, here = (
         {
             f"{name}.{key}": value
             for name, tables in select_by_effect(
-                centre_probe(scene), *MECHANICS, Affects.READING
+                centre_probe(scene), *MECHANICAL_EFFECTS, Affects.READING
             ).items()
             if name != "electrodes"
             for key, value in tables[0].items()

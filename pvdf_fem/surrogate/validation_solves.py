@@ -16,7 +16,7 @@ from pvdf_fem.surrogate.response_file import FileArray
 from pvdf_fem.surrogate.touch_domain import apply_touch
 
 if TYPE_CHECKING:
-    from pvdf_fem.electrodes.stress_integrals import Forces
+    from pvdf_fem.electrodes.stress_integrals import StressIntegrals
 
 
 def make_solve_tasks(
@@ -26,15 +26,15 @@ def make_solve_tasks(
     return [(solve_stress_integrals, scene, touch, share * tolerance) for touch in touches]
 
 
-def solve_stress_integrals(scene: Scene, touch: Array, tolerance: float) -> Forces | str:
+def solve_stress_integrals(scene: Scene, touch: Array, tolerance: float) -> StressIntegrals | str:
     """Forces X, Y of the electrodes under a touch (4,), or why there are none."""
-    from pvdf_fem.electrodes.outputs import goals_of  # with gmsh
-    from pvdf_fem.solver.adaptive import solve_goals
+    from pvdf_fem.electrodes.outputs import make_outputs  # with gmsh
+    from pvdf_fem.solver.adaptive import solve_outputs
 
     touched = apply_touch(scene, touch, tolerance)
-    solution = solve_goals(touched, goals_of(touched))
+    solution = solve_outputs(touched, make_outputs(touched))
     converged = solution.status is Status.CONVERGED
-    return solution.fields.forces if converged else solution.reason
+    return solution.discrete.stress_integrals if converged else solution.reason
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class ValidationSolves:
     errors: FileArray
 
     @classmethod
-    def of(cls, touches: Array, found: Sequence[Forces | str]) -> ValidationSolves:
+    def of(cls, touches: Array, found: Sequence[StressIntegrals | str]) -> ValidationSolves:
         """The touches that have a solution, with their forces or else a reason.
 
         Raises `NotConvergedError` when fewer than half of the touches have a solution.
@@ -66,12 +66,12 @@ class ValidationSolves:
 
         The second value is the largest error that the full solves state of themselves.
         """
-        from pvdf_fem.electrodes.stress_integrals import Forces  # with scikit-fem
+        from pvdf_fem.electrodes.stress_integrals import StressIntegrals  # with scikit-fem
 
         d = film.d31_pC_N, film.d32_pC_N
         sizes = (np.abs(self.forces) * np.abs(d)).sum(axis=-1)
         sizes[sizes == 0.0] = 1.0
         both = zip(self.forces, self.errors, strict=True)
-        stated = np.array([Forces(*rows).charge_errors(d) for rows in both])
+        stated = np.array([StressIntegrals(*rows).charge_errors(d) for rows in both])
         apart = np.abs(charges_pC - (self.forces * d).sum(axis=-1))
         return apart / sizes, float((stated / sizes).max())

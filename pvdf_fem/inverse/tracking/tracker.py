@@ -15,7 +15,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import channels
+from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.inverse.touch.locate import PLACE_AND_FORCE, get_scene_quantities
 from pvdf_fem.inverse.touch.measurement import find_quantity_errors, get_centre_mm
 from pvdf_fem.inverse.tracking.baseline import Baseline
@@ -96,7 +96,7 @@ class Tracker:
         self.touches: list[TouchSummary] = []
         self._unit = unit
         self._options = options
-        self._circuit = ReadoutCircuit.from_channels(channels(scene))
+        self._circuit = ReadoutCircuit.from_channels(make_channels(scene))
         self._problem = ContactProblem.from_response(self.response, fixed, options)
         self._clock = SampleClock()
         self._restart()

@@ -23,7 +23,7 @@ from pvdf_fem.mesh.gmsh_mesh import PROBE, collect_outlines, mesh_scene
 from pvdf_fem.mesh.size_field import GradedSizes
 from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.nonlinear.fallback import equilibrate
+from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
 from pvdf_fem.solver.nonlinear.newton import factorise
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 from pvdf_fem.surrogate.stress.polar_grid import PolarGrid
@@ -121,9 +121,9 @@ def solve_stresses(
 
 def _solved(loaded: Equilibrium, start: Array | None, force: float) -> Array:
     """The unknowns, from a start if that leads to them."""
-    result = equilibrate(loaded, start)
+    result = find_equilibrium(loaded, start)
     if start is not None and result.status is not Status.CONVERGED:
-        result = equilibrate(loaded, None)
+        result = find_equilibrium(loaded, None)
     if result.status is not Status.CONVERGED:
         raise NotConvergedError(f"{force:g} N: {result.status}; {result.status.advice}")
     return result.q
