@@ -15,6 +15,7 @@ from scipy.sparse.linalg import SuperLU
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.stress_integrals import CANCELLED, Forces, goal_forces
 from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.loads.contact_result import select_tips
 from pvdf_fem.film.membrane import compute_principal_values
 from pvdf_fem.film.term import State
 from pvdf_fem.scene.scene import Scene
@@ -66,7 +67,8 @@ def refusal(fields: Fields, factors: SuperLU | None, change: float | None) -> St
 def meets_rim(fields: Fields) -> bool:
     """Whether a tip touches the film up to the rim."""
     solved = fields.solved
-    reach = max(term.reach(fields.solved_state) for term in solved.terms)
+    reaches = [tip.reach(fields.solved_state) for tip in select_tips(solved)]
+    reach = max(reaches, default=0.0)
     return reach > NEAR_RIM * solved.film.radius
 
 
