@@ -26,15 +26,16 @@ From charges to touches
 from __future__ import annotations
 
 from importlib import import_module
-from inspect import isfunction
 
 # Type checkers take this for `typing.TYPE_CHECKING`; its import doubles Python's start.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from pvdf_fem.dynamics.forced import half_sine, respond, step, transient
+    from pvdf_fem.dynamics.force_history import half_sine, step
+    from pvdf_fem.dynamics.frequency_response import respond
     from pvdf_fem.dynamics.modes import modes
+    from pvdf_fem.dynamics.transient import transient
     from pvdf_fem.inverse.calibration.calibrate import calibrate
     from pvdf_fem.inverse.touch.locate import locate
     from pvdf_fem.inverse.touch.locate_many import locate_many
@@ -48,8 +49,8 @@ if TYPE_CHECKING:
     from pvdf_fem.studies.design import design
     from pvdf_fem.studies.sweep import sweep
     from pvdf_fem.studies.touch_dataset import dataset
-    from pvdf_fem.surrogate.build import build_response
     from pvdf_fem.surrogate.response import Response
+    from pvdf_fem.surrogate.response_builder import build_response
 
 __all__ = [
     "NotConvergedError",
@@ -90,20 +91,20 @@ _MODULES = {
     "Solution": "solver.solution",
     "Status": "solver.nonlinear.status",
     "Tracker": "inverse.tracking.tracker",
-    "build_response": "surrogate.build",
+    "build_response": "surrogate.response_builder",
     "calibrate": "inverse.calibration.calibrate",
     "dataset": "studies.touch_dataset",
     "design": "studies.design",
     "gradients": "solver.sensitivity.gradients",
-    "half_sine": "dynamics.forced",
+    "half_sine": "dynamics.force_history",
     "locate": "inverse.touch.locate",
     "locate_many": "inverse.touch.locate_many",
     "modes": "dynamics.modes",
-    "respond": "dynamics.forced",
+    "respond": "dynamics.frequency_response",
     "solve": "solver.sensitivity.uncertainty",
-    "step": "dynamics.forced",
+    "step": "dynamics.force_history",
     "sweep": "studies.sweep",
-    "transient": "dynamics.forced",
+    "transient": "dynamics.transient",
     "uncertainty": "solver.sensitivity.uncertainty",
 }
 
@@ -112,16 +113,11 @@ def __getattr__(name: str) -> Any:
     # A public name is imported when it is first asked for, so that the command line's help comes at
     # once, and scenes can be read without gmsh, scikit-fem and scipy.
     if name not in _MODULES:
-        from pvdf_fem.scene.scene_file import choose
+        from pvdf_fem.scene.scene_file import suggest
 
-        raise AttributeError(f"pvdf_fem has no {name}; {choose(name, __all__)}")
+        raise AttributeError(f"pvdf_fem has no {name}; {suggest(name, __all__)}")
     module = import_module(f"pvdf_fem.{_MODULES[name]}")
     found = getattr(module, name)
-    if isfunction(found):
-        from pvdf_fem.told import with_named_arguments
-
-        found = with_named_arguments(found)
-        setattr(module, name, found)  # where pickle looks for it
     return globals().setdefault(name, found)
 
 

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pvdf_fem.cli import main as cli
-from pvdf_fem.report.registry import kinds_of
+from pvdf_fem.report.registry import load_kinds
 from pvdf_fem.report.report import PAGE, Report
 
 HERE = Path(__file__).parent
@@ -61,7 +61,7 @@ def kinds_file(name: str) -> Path:
 
 def script(name: str) -> Report:
     """The report of a name."""
-    return Report.load(script_of(name), kinds_of(kinds_file(name)))
+    return Report.load(script_of(name), load_kinds(kinds_file(name)))
 
 
 if __name__ == "__main__":

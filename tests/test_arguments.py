@@ -11,7 +11,7 @@ import pytest
 
 import pvdf_fem
 from pvdf_fem import Scene, gradients, modes, respond, solve, sweep
-from pvdf_fem.scene.given import scene_of
+from pvdf_fem.scene.arguments import as_scene
 from tests.helpers.refusals import refused
 from tests.helpers.touch_models import bumps
 
@@ -33,9 +33,9 @@ def test_a_path_tables_a_scene_and_a_solution_are_scenes(tmp_path, solution):
     path = tmp_path / "mine.toml"
     path.write_text(SCENE.to_toml(), encoding="utf-8")
     for given in (path, str(path), TABLES, SCENE, solution):
-        assert scene_of(given) == SCENE
+        assert as_scene(given) == SCENE
     for wrong in (tmp_path / "none.toml", {"film": {"radius": 2}}):
-        assert refused(scene_of, wrong)
+        assert refused(as_scene, wrong)
 
 
 def test_studies_take_a_solution_or_tables(solution):
@@ -114,9 +114,9 @@ def test_an_argument_that_is_nothing_of_use_is_told_by_its_name(name, argument, 
 
 
 def begins(error, name):
-    """Whether the first complaint of an error begins with a name."""
-    told = getattr(error, "problems", [str(error)])[0]
-    return re.match(rf"{name}( = | has |: )", told)
+    """Whether the first line of an error begins with a name, or with a call of that name."""
+    line = getattr(error, "problems", [str(error)])[0]
+    return re.match(rf"(\w+\.)?{name}( = | has |: |(\.__init__)?\(\) )", line)
 
 
 def test_every_public_function_is_called_here():
@@ -142,7 +142,7 @@ MISTAKES = {
     "pf.sweep(S, {'load.force_N': [1]})": "axes",
     "S.with_('load.force_N=3')": "changes",
     "S.with_(load=3)": "load",
-    "pf.Scene.load(3)": "path",
+    "pf.Scene.from_file(3)": "path",
     "pf.Scene('mine.toml')": "Scene",
     "s.at([0, 1], [0, 1, 2])": "x_mm",
     "s.along([(0, 0)])": "line_mm",

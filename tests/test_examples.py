@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pvdf_fem
-from pvdf_fem.scene.scene_file import example_text, examples
+from pvdf_fem.scene.scene_file import get_example_text, read_examples
 
 #: The sensor of the examples: a disc, whose response is built in seconds.
 SENSOR = pvdf_fem.Scene(
@@ -34,7 +34,7 @@ def test_every_public_name_has_an_example(name):
 def folder(tmp_path_factory):
     """A folder with the files that examples read."""
     folder = tmp_path_factory.mktemp("examples")
-    folder.joinpath("report.toml").write_text(example_text("report", examples()))
+    folder.joinpath("report.toml").write_text(get_example_text("report", read_examples()))
     folder.joinpath("sensor.toml").write_text(SENSOR.to_toml())
     with folder.joinpath("touches.csv").open("w", newline="") as file:
         table = csv.writer(file)

@@ -9,9 +9,9 @@ import pytest
 import pvdf_fem as pf
 from pvdf_fem.inverse.touch.locate_many import Touches
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow
-from pvdf_fem.told import Told
+from pvdf_fem.summary import Result
 from tests.helpers.touch_models import bumps, random_touches
-from tests.surrogate import made_response
+from tests.surrogate import random_response
 
 SCENE = pf.Scene().with_(
     {
@@ -52,7 +52,7 @@ OBJECTS = {
         lambda s: pf.transient(s, pf.half_sine(0.01, 0.02), [0.01]),
         "0.01 A_change_pC A_reading_V",
     ),
-    "model": (lambda _: made_response.response(), "A, B, C, D 8"),
+    "model": (lambda _: random_response.response(), "A, B, C, D 8"),
     "location": (located, "touch x_mm known"),
     "rows": (
         lambda _: pf.locate_many(bumps(), bumps().evaluate(random_touches(40, 1))[0]),
@@ -70,7 +70,7 @@ OBJECTS = {
 def test_every_result_is_a_line_a_text_and_html(solution, name):
     make, values = OBJECTS[name]
     found = make(solution)
-    assert isinstance(found, Told)
+    assert isinstance(found, Result)
     line = repr(found)
     assert line.startswith(f"<{type(found).__name__}: ")
     assert "\n" not in line

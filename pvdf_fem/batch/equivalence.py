@@ -18,8 +18,8 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.models import resolve_film_model
-from pvdf_fem.mesh.symmetry import isotropy
-from pvdf_fem.scene.quantity import Affects, affecting
+from pvdf_fem.mesh.symmetry import classify_isotropy
+from pvdf_fem.scene.keys import Affects, select_by_effect
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.shapes import Probe
 
@@ -27,10 +27,10 @@ from pvdf_fem.scene.shapes import Probe
 # thickness if they agree to this many digits.
 DIGITS = 9
 # Effects of keys that change the film's deformation.
-MECHANICS = (Affects.MECHANICS, Affects.OUTLINE, Affects.STRAIN_AT_REST, Affects.SCALE)
+MECHANICAL_EFFECTS = (Affects.MECHANICS, Affects.OUTLINE, Affects.STRAIN_AT_REST, Affects.SCALE)
 
 
-def mechanics(scene: Scene) -> tuple[str, Array]:
+def compute_mechanical_key(scene: Scene) -> tuple[str, Array]:
     """What the deformation of a scene's film depends on, its tolerance and its limits included, and
     a frame. Scenes with equal texts share a solve. The frame, (2, 2), is the orthogonal matrix from
     the scene's axes to axes in which the equivalent scenes' probes share a place."""
@@ -39,14 +39,17 @@ def mechanics(scene: Scene) -> tuple[str, Array]:
     if not model.electrodes_only_read:
         return scene.to_toml(), np.eye(2)
     unlike = load.tangential_N or load.profile != "uniform" or isinstance(probe, tuple)
-    if film.is_uneven or film.spread_force or (probe is not None and unlike):
-        return f"{affecting(scene, *MECHANICS)} {film.weight} {model.bends}", np.eye(2)
+    if film.is_inhomogeneous or film.distributed_force or (probe is not None and unlike):
+        return (
+            f"{select_by_effect(scene, *MECHANICAL_EFFECTS)} {film.weight} {model.bends}",
+            np.eye(2),
+        )
     # with bending "auto", the electrodes decide whether the film bends
-    common = f"{affecting(scene, Affects.MECHANICS)} {model.bends}"
-    common += "".join(f" {strain:.{DIGITS}e}" for strain in film.strain_at_rest[:2])
+    common = f"{select_by_effect(scene, Affects.MECHANICS)} {model.bends}"
+    common += "".join(f" {strain:.{DIGITS}e}" for strain in film.prestrain[:2])
     if probe is None or isinstance(probe, tuple):
         return common, np.eye(2)
-    place, frame = _canonical_place(probe, film.radius, isotropy(film))
+    place, frame = _canonical_place(probe, film.radius, classify_isotropy(film))
     thickness, force = film.thickness_um, load.force_N
     size = f"{thickness} {force}"
     ratio = f"{force / thickness:.{DIGITS}e}" if model.force_over_thickness else size
@@ -59,8 +62,8 @@ def _canonical_place(probe: Probe, radius: float, symmetry: str) -> tuple[str, A
     Several frames bring a symmetric probe to its first place; this is the one that turns least."""
     outline = probe.outline
     places = []
-    for frame in _frames(outline.landmarks / radius, outline.centroid / radius, symmetry):
-        signature = outline.mapped(frame).signature(radius, DIGITS)
+    for frame in _frames(outline.defining_points / radius, outline.centroid / radius, symmetry):
+        signature = outline.transform(frame).signature(radius, DIGITS)
         places.append((signature, -round(float(np.trace(frame)), DIGITS), tuple(frame.ravel())))
     signature, _, entries = min(places)
     return f"{signature}", np.reshape(entries, (2, 2))

@@ -33,10 +33,10 @@ from pvdf_fem.cli.program import (
     save_plot,
 )
 from pvdf_fem.cli.studies import dataset, design
-from pvdf_fem.scene.scene_file import choose, example_text, examples, key_texts
+from pvdf_fem.scene.scene_file import get_example_text, read_examples, read_key_texts, suggest
 
 if TYPE_CHECKING:
-    from pvdf_fem.told import Told
+    from pvdf_fem.summary import Result
 
 _DESCRIPTION = """\
 A model of a membrane PVDF tactile sensor: charges of its electrodes when a
@@ -147,7 +147,7 @@ def _run(arguments: Sequence[str] | None) -> int:
 def _key_names() -> str:
     """The names of all keys of a scene file, by table."""
     names: dict[str, dict[str, None]] = {}
-    for table, name, _ in key_texts():
+    for table, name, _ in read_key_texts():
         names.setdefault(table, {})[name] = None
     lines = (f"{table:<18}{', '.join(keys)}" for table, keys in names.items())
     wrapper = textwrap.TextWrapper(79, initial_indent=2 * " ", subsequent_indent=20 * " ")
@@ -155,6 +155,19 @@ def _key_names() -> str:
 
 
 def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line."""
+    parser, _ = _make_parsers()
+    return parser
+
+
+def make_command_parsers() -> dict[str, argparse.ArgumentParser]:
+    """Return the parser of each command, by the command's name."""
+    _, parsers = _make_parsers()
+    return parsers
+
+
+def _make_parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+    """Return the parser of the whole command line, and those of its commands by name."""
     parser = ArgumentParser(
         "pvdf-fem",
         description=_DESCRIPTION,
@@ -195,13 +208,13 @@ def make_parser() -> argparse.ArgumentParser:
     touching = response_model, locate, track, calibrate, design, dataset
     for command in (respond, sweep, *touching, explore):
         command.add_to(commands)
-    return parser
+    return parser, dict(commands.choices)
 
 
 def _example(options: argparse.Namespace) -> int:
-    files = examples()
+    files = read_examples()
     if options.name is not None:
-        print(example_text(options.name, files), end="")
+        print(get_example_text(options.name, files), end="")
         return ExitCode.CONVERGED
     for name, text in files.items():
         print(f"{name:<{max(map(len, files))}}  {text.splitlines()[0].lstrip('# ')}")
@@ -210,15 +223,15 @@ def _example(options: argparse.Namespace) -> int:
 
 def _keys(options: argparse.Namespace) -> int:
     if not options.words:
-        print(examples()["four_electrodes"], end="")
+        print(read_examples()["four_electrodes"], end="")
         return ExitCode.CONVERGED
-    keys, words = list(key_texts()), [word.casefold() for word in options.words]
+    keys, words = list(read_key_texts()), [word.casefold() for word in options.words]
     texts = [f"{key.table} {key.text}".casefold() for key in keys]
     # words, and parts of names between underscores, that begin so
     begins = re.compile("|".join(rf"(?<![^\W_]){re.escape(word)}" for word in words))
     found = [key for key, text in zip(keys, texts, strict=True) if begins.search(text)]
     if not found:
-        near = choose(words[0], list(dict.fromkeys(key.name for key in keys)))
+        near = suggest(words[0], list(dict.fromkeys(key.name for key in keys)))
         raise InputError(f"{options.words[0][:60]}: is in no key and its meaning; {near}")
     for table, group in groupby(found, lambda key: key.table):
         print("\n".join([table, *(key.text for key in group)]), end="\n\n")
@@ -233,10 +246,10 @@ def _solve(options: argparse.Namespace) -> int:
         mistakes.append("--quantity: is what --plot shows; give --plot FILE, or leave it out")
     scene = read_scene(options, *mistakes)
     if options.plot:
-        from pvdf_fem.view.film_map import require_map
+        from pvdf_fem.view.film_map import resolve_map
 
         try:
-            require_map(quantity, scene)
+            resolve_map(quantity, scene)
         except ValueError as error:
             raise InputError(f"--quantity: {error}") from error
     from pvdf_fem.solver.nonlinear.status import Status
@@ -261,10 +274,10 @@ def _mesh(options: argparse.Namespace) -> int:
     from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
     from pvdf_fem.film.models import resolve_film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
-    from pvdf_fem.solver.first_sizes import ORDER, first_sizes
+    from pvdf_fem.solver.first_sizes import ORDER, choose_first_sizes
 
     try:
-        sizes, jacobian = first_sizes(scene, ORDER), resolve_film_model(scene).least_jacobian
+        sizes, jacobian = choose_first_sizes(scene, ORDER), resolve_film_model(scene).least_jacobian
         contacts = estimate_tip_outlines(scene)
         mesh = mesh_scene(scene, sizes, least_jacobian=jacobian, contacts=contacts)
         write_mesh(mesh, options.file)
@@ -278,12 +291,12 @@ def _mesh(options: argparse.Namespace) -> int:
 
 
 def _modes(options: argparse.Namespace) -> int:
-    from pvdf_fem.dynamics.modes import MOST_MODES, modes
+    from pvdf_fem.dynamics.modes import MAX_MODES, modes
     from pvdf_fem.solver.nonlinear.status import Status
 
     count, mistakes = options.count, []
-    if not re.fullmatch("[0-9]{1,9}", count) or not 1 <= int(count) <= MOST_MODES:
-        mistakes = [f"--count {count[:60]}: is out of range; give 1 to {MOST_MODES}"]
+    if not re.fullmatch("[0-9]{1,9}", count) or not 1 <= int(count) <= MAX_MODES:
+        mistakes = [f"--count {count[:60]}: is out of range; give 1 to {MAX_MODES}"]
     mistakes += find_plot_errors(options, options.scene)
     result = modes(read_scene(options, *mistakes), int(count), options.loaded)
     converged = result.status is Status.CONVERGED
@@ -295,7 +308,7 @@ def _modes(options: argparse.Namespace) -> int:
     return ExitCode.CONVERGED if converged else ExitCode.NOT_CONVERGED
 
 
-def _print(result: Told, as_json: bool) -> None:
+def _print(result: Result, as_json: bool) -> None:
     """Print a result as JSON, or as text; the reason why there is none goes to standard error."""
     told = result.to_json()
     if as_json:

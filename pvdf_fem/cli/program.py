@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from pvdf_fem.files import FileError, escape_unprintable, require_writable
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
-from pvdf_fem.scene.scene_file import SceneError, choose, key_texts, parse_change, quote
+from pvdf_fem.scene.scene_file import SceneError, parse_change, quote, read_key_texts, suggest
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class ArgumentParser(argparse.ArgumentParser):
         command = r"argument COMMAND: invalid choice: '(.*)' \(choose from (.*)\)"
         if found := re.fullmatch(command, message):
             known = re.findall(r"\w+", found[2])
-            message = f"{found[1]} is no command; {choose(found[1], known)}"
+            message = f"{found[1]} is no command; {suggest(found[1], known)}"
         super().error(_line(message))
 
 
@@ -90,10 +90,10 @@ def describe_unknown_argument(words: Sequence[str], parser: argparse.ArgumentPar
     if not name.startswith("-"):
         return f"{words[0]}: is one argument too many; remove it, or write --set KEY=VALUE"
     named = re.compile(rf"{re.escape(name.strip('-').replace('-', '_'))}(_\w+)?")  # a unit
-    found = (k for k in key_texts() if "[[" not in k.table and named.fullmatch(k.name))
+    found = (k for k in read_key_texts() if "[[" not in k.table and named.fullmatch(k.name))
     options = [text for action in parser._actions for text in action.option_strings]
     meant = (f"write --set {key.table.strip('[]')}.{key.name}={value}" for key in found)
-    return f"{words[0]}: is no option here; {next(meant, choose(name, options))}"
+    return f"{words[0]}: is no option here; {next(meant, suggest(name, options))}"
 
 
 def add_scene_command(
@@ -119,7 +119,7 @@ def add_scene_command(
 
 def read_scene(options: argparse.Namespace, *mistakes: str) -> Scene:
     """The scene with its changes; raises `InputError` with the given mistakes and its own."""
-    from pvdf_fem.scene.change import spelled
+    from pvdf_fem.scene.changes import normalize_key
     from pvdf_fem.scene.scene import Scene
 
     problems = list(mistakes)
@@ -127,14 +127,14 @@ def read_scene(options: argparse.Namespace, *mistakes: str) -> Scene:
     for text in options.settings:
         try:
             key, value = parse_change(text)
-            before = changes.get(key := spelled(key))
+            before = changes.get(key := normalize_key(key))
             if isinstance(value, dict) and isinstance(before, dict):
                 value = before | value
             changes[key] = value
         except SceneError as error:
             problems += [f"--set {told}" for told in error.problems]
     try:
-        given: Scene = Scene.load(options.scene)
+        given: Scene = Scene.from_file(options.scene)
         scene = given.with_(**changes) if changes else given
     except SceneError as error:
         problems += error.problems
@@ -147,10 +147,10 @@ def read_scene(options: argparse.Namespace, *mistakes: str) -> Scene:
 
 def _lost(given: Scene, scene: Scene, changes: Mapping[str, Any]) -> Iterator[str]:
     """What a scene file has and the changed scene has not, though no change names it."""
-    from pvdf_fem.scene.change import named
+    from pvdf_fem.scene.changes import find_changed_keys
 
     set_before = given.model_dump(mode="json", exclude_unset=True, exclude_none=True)
-    after, known = scene.model_dump(mode="json", exclude_none=True), named(changes)
+    after, known = scene.model_dump(mode="json", exclude_none=True), find_changed_keys(changes)
     for name, section in set_before.items():
         tables = (s if isinstance(s, list) else [s] for s in (section, after.get(name, {})))
         for old, new in zip(*tables, strict=False):
@@ -196,9 +196,9 @@ def add_plot(parser: argparse.ArgumentParser, about: str) -> None:
 
 def save_plot(figure: Figure, options: argparse.Namespace) -> None:
     """Write what ``--plot`` draws."""
-    from pvdf_fem.view.figures import save
+    from pvdf_fem.view.figures import save_figure
 
-    save(figure, options.plot)
+    save_figure(figure, options.plot)
 
 
 def find_plot_errors(options: argparse.Namespace, *others: Path | None) -> list[str]:

@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
     told = f"--frequencies {options.frequencies[:60]}: is out of range; give {SPAN}"
     mistakes = [told] if frequencies is None else []
     scene = read_scene(options, *mistakes, *find_plot_errors(options, options.scene))
-    from pvdf_fem.dynamics.forced import respond
+    from pvdf_fem.dynamics.frequency_response import respond
 
     response = respond(scene, frequencies, refined=options.frequencies.count(":") == 1)
     try:
@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
         elif options.plot:
             print(response)
         else:
-            for text in response.left_out:
+            for text in response.neglected:
                 print(f"left out: {text}", file=sys.stderr)
             response.to_dataframe().to_csv(sys.stdout, index=False, lineterminator="\n")
     return ExitCode.CONVERGED

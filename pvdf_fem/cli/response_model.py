@@ -28,8 +28,8 @@ from pvdf_fem.solver.nonlinear.status import NotConvergedError
 
 if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
-    from pvdf_fem.surrogate.model import Domain
     from pvdf_fem.surrogate.response import Response
+    from pvdf_fem.surrogate.touch_domain import Domain
 
 
 DESCRIPTION = """\
@@ -144,20 +144,20 @@ class ModelChoice:
 
     def wanted(self, scene: Scene) -> tuple[Domain, float]:
         """Touches that a scene's model has to hold for, and its tolerance."""
-        from pvdf_fem.surrogate.model import wanted_model
+        from pvdf_fem.surrogate.touch_domain import resolve_response_settings
 
-        domain, tolerance = wanted_model(scene, self.sigma)
+        domain, tolerance = resolve_response_settings(scene, self.sigma)
         reach_mm = domain.reach_mm if self.reach_mm is None else self.reach_mm
         domain = replace(domain, reach_mm=reach_mm, force_N=self.force_N or domain.force_N)
         return domain, tolerance if self.tolerance is None else self.tolerance
 
     def path(self, scene: Scene, scene_file: str) -> Path:
         """The file of a scene's model: the one that was named, or the default one."""
-        from pvdf_fem.surrogate.response_file import response_key
+        from pvdf_fem.surrogate.response_key import make_response_key
 
         if self.file:
             return self.file
-        own = _default_path(scene_file, response_key(scene, *self.wanted(scene)))
+        own = _default_path(scene_file, make_response_key(scene, *self.wanted(scene)))
         if own.exists():
             return own
         serving = (path for path, why in self.present(scene, scene_file) if not why)
@@ -166,7 +166,7 @@ class ModelChoice:
     def present(self, scene: Scene, scene_file: str) -> Iterator[tuple[Path, str]]:
         """The models beside a scene's file, and why each of them does not serve, if it does not."""
         from pvdf_fem.surrogate.response import Response
-        from pvdf_fem.surrogate.response_file import mechanics_of, response_key
+        from pvdf_fem.surrogate.response_key import make_mechanical_key, make_response_key
 
         domain, tolerance = self.wanted(scene)
         for path in sorted(Path(scene_file).parent.glob(f"{Path(scene_file).stem}-*.response")):
@@ -175,8 +175,8 @@ class ModelChoice:
             except FileError as error:
                 yield path, str(error).removeprefix(f"{path}: ")
                 continue
-            code = response_key(kept.scene, kept.domain, kept.tolerance)
-            if mechanics_of(kept.scene) != mechanics_of(scene):
+            code = make_response_key(kept.scene, kept.domain, kept.tolerance)
+            if make_mechanical_key(kept.scene) != make_mechanical_key(scene):
                 yield path, "is of another film or probe"
             elif not kept.domain.covers(domain):
                 yield path, f"holds for {kept.domain} only"
@@ -204,14 +204,15 @@ def model_of(
 ) -> Response:
     """The model of a scene, from its file or built and written there; `as_kept` may have other
     electrodes. Raises `InputError` for a file of a film or a probe that deforms otherwise."""
-    from pvdf_fem.surrogate.build import build_response
-    from pvdf_fem.surrogate.model import centred
-    from pvdf_fem.surrogate.response import Response, reads_alike, refuse_other_mechanics
+    from pvdf_fem.surrogate.response import Response
+    from pvdf_fem.surrogate.response_builder import build_response
+    from pvdf_fem.surrogate.response_key import has_same_readout, require_same_mechanics
+    from pvdf_fem.surrogate.touch_domain import centre_probe
 
     path = choice.path(scene, scene_file)
     if not path.exists():
         print(f"building the model of {scene_file}, to be kept as {path}", file=sys.stderr)
-        (domain, tolerance), alone = choice.wanted(scene), centred(scene)
+        (domain, tolerance), alone = choice.wanted(scene), centre_probe(scene)
         print(f"  for {domain}, with errors up to {tolerance:g} of a charge", file=sys.stderr)
         for other, why in () if choice.file else choice.present(scene, scene_file):
             print(f"  {other.name} does not serve: it {why}", file=sys.stderr)
@@ -228,17 +229,17 @@ def model_of(
         return model.for_scene(scene)
     kept = Response.load(path)
     try:
-        refuse_other_mechanics(kept.scene, scene)
+        require_same_mechanics(kept.scene, scene)
         if as_kept:
             return kept
-        if not reads_alike(kept.scene, scene):
+        if not has_same_readout(kept.scene, scene):
             print(f"reading {path} anew for other electrodes, d31 or d32", file=sys.stderr)
         model = kept.for_scene(scene, progress=choice.progress)
     except ValueError as error:
         raise ValueError(f"--model {path}: {error}, or name another file") from error
     if model.spline is not kept.spline and not choice.file:
         with suppress(FileError):  # a model that cannot be kept is read anew next time
-            model.for_scene(centred(scene)).save(path)
+            model.for_scene(centre_probe(scene)).save(path)
     return model
 
 

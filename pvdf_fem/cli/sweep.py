@@ -153,7 +153,7 @@ def _sweep(options: argparse.Namespace) -> int:
         mistakes.append(f"--plot: draws one or two axes, not {count}; leave it out")
     if mistakes:
         raise InputError(*mistakes)
-    from pvdf_fem.batch.batch import planned
+    from pvdf_fem.batch.batch import plan_scenes
     from pvdf_fem.batch.store import Store, StoreError
     from pvdf_fem.batch.workers import ClusterError, ClusterLostError
 
@@ -162,10 +162,10 @@ def _sweep(options: argparse.Namespace) -> int:
     require_distinct(output, *grid.files)
     try:
         if options.plan and not path.exists():
-            print(planned(scenes))
+            print(plan_scenes(scenes))
             return ExitCode.CONVERGED
         with Store(path) as store:
-            plan = planned(scenes, store)
+            plan = plan_scenes(scenes, store)
             if options.plan or not options.quiet:
                 print(plan, flush=True)
             if options.plan:
@@ -181,19 +181,19 @@ def _sweep(options: argparse.Namespace) -> int:
 def _run(
     grid: SceneGrid, plan: SweepPlan, store: Store, output: Path, options: argparse.Namespace
 ) -> int:
-    from pvdf_fem.batch.batch import records
+    from pvdf_fem.batch.batch import solve_planned
     from pvdf_fem.progress import show_progress
     from pvdf_fem.studies.sweep_dataset import make_sweep_dataset, write_netcdf
 
     where: dict[str, Any] = {"processes": options.processes, "scheduler": options.scheduler}
     with show_progress("scenes", False if options.quiet else options.progress) as progress:
-        solved = records(plan, store, **where, progress=progress)
+        solved = solve_planned(plan, store, **where, progress=progress)
         data = make_sweep_dataset(grid, plan, solved)
     write_netcdf(data, output)
     if options.plot:
-        from pvdf_fem.view.charts import sweep_chart
+        from pvdf_fem.view.charts import draw_sweep
 
-        program.save_plot(sweep_chart(data), options)
+        program.save_plot(draw_sweep(data), options)
     if not options.quiet:
         sizes = ", ".join(f"{count} {name}" for name, count in data.sizes.items())
         print(f"{output}: {sizes}")
@@ -204,13 +204,13 @@ def _run(
 
 
 def _report(options: argparse.Namespace) -> int:
-    from pvdf_fem.report.registry import kinds_of
+    from pvdf_fem.report.registry import load_kinds
     from pvdf_fem.report.report import Report
     from pvdf_fem.scene.scene_file import SceneError
 
     mistakes = _process_mistakes(options)
     try:
-        report = Report.load(options.script, kinds_of(options.kinds) if options.kinds else None)
+        report = Report.load(options.script, load_kinds(options.kinds) if options.kinds else None)
     except SceneError as error:
         raise InputError(*mistakes, *error.problems) from error
     if mistakes:

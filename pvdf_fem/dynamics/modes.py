@@ -20,43 +20,43 @@ import numpy as np
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.dynamics.spectrum import AIR, VACUUM, Spectrum, spectra_of
+from pvdf_fem.dynamics.spectrum import AIR, VACUUM, Spectrum, compute_spectra
 from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_effect
 from pvdf_fem.film.electric.coupling import describe_coupling
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM, MeshError
-from pvdf_fem.mesh.size_field import Sizes
+from pvdf_fem.mesh.size_field import GradedSizes
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
+from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
 from pvdf_fem.scene.film import Air
-from pvdf_fem.scene.given import SceneLike, scene_of, taken
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.estimate import corrected
-from pvdf_fem.solver.history import Clock
+from pvdf_fem.solver.adaptive_loop import AdaptiveLoop, TooManyUnknownsError
+from pvdf_fem.solver.estimate import correct_in_richer_space
+from pvdf_fem.solver.history import StageTimer
 from pvdf_fem.solver.mesh_level import UNKNOWNS_PER_ELEMENT
 from pvdf_fem.solver.nonlinear.budget import Budget
-from pvdf_fem.solver.nonlinear.fallback import equilibrate
-from pvdf_fem.solver.nonlinear.newton import NewtonResult, Tried
+from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
+from pvdf_fem.solver.nonlinear.newton import FailedAttempt, NewtonResult
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
-from pvdf_fem.solver.refinement import MeshLoop, TooManyUnknownsError
-from pvdf_fem.told import Grid, Parts, Told, rounded
+from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MOST_MODES = 200  #: Largest number of modes that may be asked for.
+MAX_MODES = 200  #: Largest number of modes that may be asked for.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Modes(Told):
+class Modes(Result):
     """How the eigenvalue problem ended and, if it converged, the lowest modes."""
 
     scene: Scene
     loaded: bool  #: About the loaded film, not the flat one.
     status: Status  #: `Status.CONVERGED`, or why there are no modes.
     reason: str  #: The status in words, with what to change.
-    left_out: tuple[str, ...] = ()  #: What the model neglects.
+    neglected: tuple[str, ...] = ()  #: What the model neglects.
     seconds: dict[str, float] = field(default_factory=dict)  #: mesh, solve, modes, total.
     _spectra: Mapping[str, Spectrum] = field(default_factory=dict)
 
@@ -104,7 +104,7 @@ class Modes(Told):
 
     def plot(self) -> Figure:
         """Draw the shapes of the modes with their frequencies, with the scene's air if any."""
-        from pvdf_fem.view.charts import mode_shapes
+        from pvdf_fem.view.charts import draw_mode_shapes
 
         where, spectrum = [*self.spectra.items()][-1]
         shapes = [
@@ -114,20 +114,21 @@ class Modes(Told):
             )
         ]
         film = spectrum.equilibrium.space.basis, self.scene.film.radius_mm
-        return mode_shapes(shapes, *film, f"Modes of the {self._about} {where}")
+        return draw_mode_shapes(shapes, *film, f"Modes of the {self._about} {where}")
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """Status, film or reason, a table each in vacuum and in air, and what is left out."""
         converged, grids = self.status is Status.CONVERGED, []
         for where, spectrum in self.spectra.items() if converged else ():
             pairs = zip(spectrum.frequencies.tolist(), spectrum.errors.tolist(), strict=True)
-            rows = tuple((str(i), *rounded(*pair)) for i, pair in enumerate(pairs, 1))
-            grids.append(Grid((where, "Hz", "± Hz"), rows))
+            rows = tuple((str(i), *format_with_error(*pair)) for i, pair in enumerate(pairs, 1))
+            grids.append(TextTable((where, "Hz", "± Hz"), rows))
         reason = self.reason
         if converged:
             lowest = ", ".join(f"{frequency:.4g}" for frequency in self.frequencies_Hz[:3])
             reason = f"{len(self.frequencies_Hz)} modes of the {self._about}, from {lowest} Hz on"
-        return self.status, [reason], grids, [f"left out: {text}" for text in self.left_out]
+        notes = [f"left out: {text}" for text in self.neglected]
+        return Summary(self.status, [reason], tables=grids, notes=notes)
 
     def to_json(self) -> dict[str, Any]:
         """What `pvdf-fem modes --json` prints; without frequencies unless converged."""
@@ -138,7 +139,7 @@ class Modes(Told):
                 end = "in_air_Hz" if where == AIR else "Hz"
                 results[f"frequencies_{end}"] = spectrum.frequencies.tolist()
                 results[f"frequency_errors_{end}"] = spectrum.errors.tolist()
-        told = {"left_out": list(self.left_out), "seconds": self.seconds}
+        told = {"neglected": list(self.neglected), "seconds": self.seconds}
         return {"status": str(self.status), **results, "loaded": self.loaded, **told}
 
 
@@ -168,13 +169,13 @@ def modes(
     >>> found = modes(Scene(air={"baffle": False}), count=3)
     >>> found.frequencies_Hz, found.frequencies_in_air_Hz
     """
-    scene = scene_of(scene)
-    count, bare = taken("count", count, int, (1, MOST_MODES)), scene
-    if taken("loaded", loaded, bool):
+    scene = as_scene(scene)
+    count, bare = coerce("count", count, int, (1, MAX_MODES)), scene
+    if coerce("loaded", loaded, bool):
         scene.require_no_tips("frequencies about the load")
     else:  # on the flat film only rigid probes matter, by the unknowns that they bind together
         rigid = [touch for touch in scene.loaded_probes if PROBE_LOADS[touch.load.kind].is_rigid]
-        bare = scene.loaded([replace(t, load=t.load.unloaded) for t in rigid])
+        bare = scene.with_loaded_probes([replace(t, load=t.load.unloaded) for t in rigid])
     share = _bending_share(bare, count, loaded)
     bends = scene.film.bending
     if bends == "auto":
@@ -182,9 +183,9 @@ def modes(
     cold = {} if loaded else dict.fromkeys(bare.warm_probes)
     bare = bare.with_(**{"film.bending": bends}, **cold)
     expected = 4 * count * 2 * (2 if scene.air else 1)  # Lanczos steps of both pencils
-    problem = _ModalProblem(bare, count, loaded, share, _budget_of(bare), Clock())
+    problem = _ModalProblem(bare, count, loaded, share, _budget_of(bare), StageTimer())
     steps = problem.first_sizes, problem.solve_on, problem.next_sizes
-    loop = MeshLoop(bare, *steps, problem.budget, problem.clock, UNKNOWNS_PER_ELEMENT[2])
+    loop = AdaptiveLoop(bare, *steps, problem.budget, problem.clock, UNKNOWNS_PER_ELEMENT[2])
     try:
         with show_progress("solves", progress) as show:
             problem.step = SolveCounter(show, expected)
@@ -211,7 +212,7 @@ class _Attempt:
     equilibrium: Equilibrium
     status: Status
     iterations: int = 0
-    tried: tuple[Tried, ...] = ()
+    failed_attempts: tuple[FailedAttempt, ...] = ()
     spectra: Mapping[str, Spectrum] = field(default_factory=dict)
 
     @property
@@ -238,14 +239,14 @@ class _ModalProblem:
     loaded: bool
     bending_share: float  # part of the highest frequency that bending adds, roughly
     budget: Budget
-    clock: Clock
-    sizes: Sizes | None = None  # those of the last mesh
+    clock: StageTimer
+    sizes: GradedSizes | None = None  # those of the last mesh
     step: Callable[[], None] = lambda: None  # called at each linear solve
     flat_error: float = 4e-4  # error of the flat disc over (wavenumber x element size)^4, measured
     order: float = 4.0  # of a frequency's error in the element size
     eigen_iterations: int = 3  # Newton iterations that cost as much as an eigenvalue problem
 
-    def first_sizes(self) -> Sizes:
+    def first_sizes(self) -> GradedSizes:
         """Sizes that meet half the tolerance for the flat film."""
         scene, tolerance = self.scene, self.scene.numerics.tolerance
         share = (0.5 * tolerance / self.flat_error) ** (1.0 / self.order)
@@ -256,10 +257,10 @@ class _ModalProblem:
         if resolve_film_model(scene).bends:
             length = estimate_bending_effect(scene).rim_length
             patches[FILM] = min(size, choose_layer_size(length, self.bending_share, tolerance))
-        self.sizes = Sizes(patches, 0.4, size)
+        self.sizes = GradedSizes(patches, 0.4, size)
         return self.sizes
 
-    def next_sizes(self, attempt: _Attempt, tolerance: float, most_unknowns: float) -> Sizes:
+    def next_sizes(self, attempt: _Attempt, tolerance: float, most_unknowns: float) -> GradedSizes:
         """Sizes at which the worst error would be `tolerance`, by the law of its order."""
         assert self.sizes is not None
         factor = (tolerance / attempt.worst) ** (1.0 / self.order)
@@ -272,23 +273,25 @@ class _ModalProblem:
         order = max(2, resolve_film_model(self.scene).lowest_order + 1)
         coarse, rich = (Equilibrium(self.scene, mesh, p) for p in (order, order + 1))
         q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
-        least = self.scene.film.stress_at_rest[:2].min()
-        solver: tuple[int, tuple[Tried, ...]] = (0, ())
+        least = self.scene.film.prestress[:2].min()
+        solver: tuple[int, tuple[FailedAttempt, ...]] = (0, ())
         if not coarse.is_flat:
             with self.clock("solve"):
-                result = equilibrate(coarse, budget=self.budget)
-                solver = len(result.iterations), result.tried
+                result = find_equilibrium(coarse, budget=self.budget)
+                solver = len(result.iterations), result.failed_attempts
                 self.budget.spend(coarse, result.fresh_count)
                 if not result.converged or result.factors is None:
                     return _Attempt(coarse, result.status, *solver)
-                correction = corrected(coarse, result.q, result.factors, rich, self.budget)
+                correction = correct_in_richer_space(
+                    coarse, result.q, result.factors, rich, self.budget
+                )
                 if isinstance(correction, NewtonResult):
                     return _Attempt(coarse, correction.status, *solver)
                 q, q_rich = result.q, correction.q
         elif not coarse.model.bends and (least == 0.0 or (coarse.model.wrinkles and least < 0.0)):
             return _Attempt(coarse, Status.SINGULAR)  # slack in a direction: no mode is the lowest
         with self.clock("modes"):
-            found = spectra_of(coarse, rich, (q, q_rich), self.count, self.step)
+            found = compute_spectra(coarse, rich, (q, q_rich), self.count, self.step)
         for equilibrium in (coarse, rich):
             self.budget.spend(equilibrium, self.eigen_iterations)
         if isinstance(found, Status):
@@ -322,11 +325,11 @@ def _left_out(scene: Scene, share: float, joins: bool) -> tuple[str, ...]:
     bending = f"{raised}; to include it give film.bending = true"
     if share > 0.3:
         bending = 'bending: the film vibrates as a plate; give film.bending = "auto" or true'
-    air = () if scene.air else (air_remark(scene),)
+    air = () if scene.air else (format_air_note(scene),)
     return air if joins else (bending, *air)
 
 
-def air_remark(scene: Scene, baffled: float = 1.5) -> str:
+def format_air_note(scene: Scene, baffled: float = 1.5) -> str:
     """What a vacuum leaves out: in the lowest mode, per area, about the density of air times the
     radius, and `baffled` times as much in a baffle."""
     film = scene.film

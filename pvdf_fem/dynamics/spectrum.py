@@ -41,7 +41,7 @@ class Spectrum:
         return (shapes / np.take_along_axis(shapes, peaks, axis=1)).reshape(len(shapes), -1, 3)
 
 
-def spectra_of(
+def compute_spectra(
     coarse: Equilibrium,
     rich: Equilibrium,
     at: tuple[Array, Array],
@@ -51,7 +51,7 @@ def spectra_of(
     """The lowest modes in `VACUUM` and, with ``[air]``, in `AIR`, or why there are none. Their
     errors are told by the equations of the next order, `rich`; `at` has the unknowns of both.
     `step` is called at each linear solve."""
-    pencils = [pencil_of(*pair) for pair in zip((coarse, rich), at, strict=True)]
+    pencils = [assemble_pencil(*pair) for pair in zip((coarse, rich), at, strict=True)]
     vacuum = _spectrum(coarse, rich, at[0], pencils, count, step)
     if isinstance(vacuum, Status):
         return vacuum
@@ -92,7 +92,7 @@ def _spectrum(
     return Spectrum(coarse, q, modes[0], errors, modes[1])
 
 
-def pencil_of(equilibrium: Equilibrium, q: Array) -> Pencil:
+def assemble_pencil(equilibrium: Equilibrium, q: Array) -> Pencil:
     """Tangent stiffness in N/m at `q` and mass in kg of the unknowns."""
     film, space = equilibrium.film, equilibrium.space
     by_area = space.mass()

@@ -17,14 +17,14 @@ from skfem import MeshTri2
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.electric.coupling import FloatingElectrode
 from pvdf_fem.film.models import resolve_film_model
-from pvdf_fem.mesh.gmsh_mesh import electrode_patch
-from pvdf_fem.mesh.symmetry import MirroredPart
+from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
+from pvdf_fem.mesh.symmetry import SymmetrySector
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
-class Goal:
+class Output:
     """An electrode whose charge a solution is asked for."""
 
     outline: Outline  #: In m, in the axes of the electrode's own scene.
@@ -51,7 +51,7 @@ class Goal:
     @cached_property
     def placed(self) -> Outline:
         """The outline in the axes of the mesh."""
-        return self.outline.mapped(self.frame)
+        return self.outline.transform(self.frame)
 
     @cached_property
     def directions(self) -> Array:
@@ -74,40 +74,42 @@ class Goal:
         """Elements in a mesh that follows the electrode."""
         return mesh.subdomains[self.patch]
 
-    def images(self, part: MirroredPart) -> list[Goal]:
+    def images(self, part: SymmetrySector) -> list[Output]:
         """Electrodes whose forces on a part of the film add up to the goal's forces."""
-        if not part.mirrored:
+        if not part.mirror_axes:
             return [self]
         images = []
-        for signs, swap in zip(part.signs, part.swaps, strict=True):
-            patches = {electrode_patch(a): electrode_patch(b) for a, b in swap.items()}
+        for signs, swap in zip(part.signs, part.electrode_reflections, strict=True):
+            patches = {make_subdomain_name(a): make_subdomain_name(b) for a, b in swap.items()}
             patch = self.patch and patches.get(self.patch, self.patch)
             frame = signs[:, None] * part.frame @ self.frame
             images.append(replace(self, patch=patch, frame=frame))
         return images
 
 
-def goals_of(scene: Scene) -> tuple[Goal, ...]:
+def make_outputs(scene: Scene) -> tuple[Output, ...]:
     """The electrodes in a scene, on a mesh that follows their outlines."""
     d, observable = (scene.film.d31, scene.film.d32), scene.numerics.observable
     floating = {electrode.name: electrode for electrode in resolve_film_model(scene).floating}
     return tuple(
-        Goal(e.outline, observable, d, electrode_patch(e.name), floating=floating.get(e.name))
+        Output(e.outline, observable, d, make_subdomain_name(e.name), floating=floating.get(e.name))
         for e in scene.electrode_list
     )
 
 
-def images_of(goals: Sequence[Goal], part: MirroredPart) -> tuple[list[Goal], Indices]:
+def reflect_outputs(
+    outputs: Sequence[Output], part: SymmetrySector
+) -> tuple[list[Output], Indices]:
     """Images of the goals on a part of the film, and the goal index for every image."""
-    images = [image for goal in goals for image in goal.images(part)]
-    return images, np.repeat(np.arange(len(goals)), len(part.signs))
+    images = [image for output in outputs for image in output.images(part)]
+    return images, np.repeat(np.arange(len(outputs)), len(part.signs))
 
 
-def areas_of(goals: Sequence[Goal]) -> Array:
+def output_areas(outputs: Sequence[Output]) -> Array:
     """Areas of the outlines in m^2, (goals,)."""
-    return np.array([goal.outline.area for goal in goals])
+    return np.array([output.outline.area for output in outputs])
 
 
-def coefficients_of(goals: Sequence[Goal]) -> Array:
+def piezo_coefficients(outputs: Sequence[Output]) -> Array:
     """d31, d32 by goal in C/N, (goals, 2)."""
-    return np.reshape([goal.d for goal in goals], (-1, 2))
+    return np.reshape([output.d for output in outputs], (-1, 2))

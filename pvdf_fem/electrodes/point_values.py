@@ -13,10 +13,10 @@ from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import compute_strain
 from pvdf_fem.film.space import evaluate_shape_functions
 from pvdf_fem.film.term import State
-from pvdf_fem.mesh.points import located
-from pvdf_fem.scene.given import numbers, taken
-from pvdf_fem.scene.scene_file import problem
-from pvdf_fem.told import Columns, Grid, Parts
+from pvdf_fem.mesh.points import locate_points
+from pvdf_fem.scene.arguments import coerce, coerce_array
+from pvdf_fem.scene.scene_file import format_error
+from pvdf_fem.summary import Summary, TabularResult, TextTable
 
 #: Names of components, of vectors and of symmetric tensors.
 COMPONENTS = {
@@ -28,7 +28,7 @@ COMPONENTS = {
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PointValues(Columns):
+class PointValues(TabularResult):
     """Values at points of the undeformed film; (...) is the shape of the points' coordinates."""
 
     x_mm: Array  #: (...)
@@ -59,15 +59,16 @@ class PointValues(Columns):
                 found[f"{component}{unit}"] = getattr(self, name)[..., i]
         return found | {"charge_density_pC_mm2": self.charge_density_pC_mm2}
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """The range of the deflections, and the first and the last points."""
         w, count = self.deflection_mm, self.x_mm.size
         known = w[np.isfinite(w)]
         span = f"deflections {known.min():.4g} to {known.max():.4g} mm" if known.size else "none"
-        return f"{count} points of the film", [span], [Grid.of(self.columns())], []
+        table = TextTable.from_columns(self.columns())
+        return Summary(f"{count} points of the film", [span], tables=[table])
 
 
-def values_at(
+def evaluate_at(
     equilibrium: Equilibrium,
     state: State,
     x_mm: ArrayLike,
@@ -78,8 +79,8 @@ def values_at(
     """Values at points with coordinates (numbers or arrays) that broadcast together; NaN
     `outside` the film, if asked for. Few points are computed `together` to keep memory small beyond
     the results. Raises ValueError for coordinates that are no numbers on the film."""
-    outside = taken("outside", outside, Literal["refuse", "nan"])
-    x, y = numbers("x_mm", x_mm), numbers("y_mm", y_mm)
+    outside = coerce("outside", outside, Literal["refuse", "nan"])
+    x, y = coerce_array("x_mm", x_mm), coerce_array("y_mm", y_mm)
     try:
         x, y = np.broadcast_arrays(x, y)
     except ValueError:
@@ -95,14 +96,14 @@ def values_at(
         )
     points = 1e-3 * np.stack([x[~beyond], y[~beyond]])
     chunks = (points[:, i : i + together] for i in range(0, points.shape[1], together))
-    found = (located(equilibrium.space.mesh, chunk) for chunk in chunks)
+    found = (locate_points(equilibrium.space.mesh, chunk) for chunk in chunks)
     parts = [_values(equilibrium, state, elements, p[:, :, None])[:, :, 0] for elements, p in found]
     values = np.full((5, *x.shape, 3), np.nan)
     values[:, ~beyond] = np.concatenate([np.empty((5, 0, 3)), *parts], axis=1)
     return _point_values(equilibrium, values, x, y)
 
 
-def values_in_elements(equilibrium: Equilibrium, state: State, local: Array) -> PointValues:
+def evaluate_in_elements(equilibrium: Equilibrium, state: State, local: Array) -> PointValues:
     """Values at the same local points (2, points) of all elements, in arrays (elements, points)."""
     elements = np.arange(equilibrium.space.mesh.nelements)
     points = np.repeat(local[:, None], len(elements), axis=1)
@@ -133,15 +134,17 @@ def _values(equilibrium: Equilibrium, state: State, elements: Indices, local: Ar
     return np.stack([1e3 * places, 1e3 * displacement, slopes, strain, 1e-6 * stress])
 
 
-def values_along(
+def evaluate_along(
     equilibrium: Equilibrium, state: State, line_mm: ArrayLike, points: int = 200
 ) -> PointValues:
     """Values at this number of points at equal distances along a polyline, its ends included."""
-    corners = numbers("line_mm", line_mm)
+    corners = coerce_array("line_mm", line_mm)
     if corners.shape[1:] != (2,) or len(corners) < 2:
-        raise ValueError(problem("line_mm", line_mm, "is no line; give corners [(0, 0), (10, 5)]"))
-    points = taken("points", points, int, (2, 1e6))
+        raise ValueError(
+            format_error("line_mm", line_mm, "is no line; give corners [(0, 0), (10, 5)]")
+        )
+    points = coerce("points", points, int, (2, 1e6))
     ends = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
     distance = np.linspace(0.0, ends[-1], points)
     x, y = (np.interp(distance, ends, along) for along in corners.T)
-    return replace(values_at(equilibrium, state, x, y), distance_mm=distance)
+    return replace(evaluate_at(equilibrium, state, x, y), distance_mm=distance)

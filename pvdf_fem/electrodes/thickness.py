@@ -21,11 +21,11 @@ from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, LoadSpec, SolveOptions
 from pvdf_fem.film.loads.profiles import make_profile
 from pvdf_fem.film.term import Load, State
-from pvdf_fem.mesh.gmsh_mesh import electrode_patch
+from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
 from pvdf_fem.scene.scene import Scene
 
 
-def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
+def compute_thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
     """Charges in C by d33 for the electrodes on the whole film, (electrodes,)."""
     d33, mesh = equilibrium.film.d33_pC_N or 0.0, equilibrium.space.mesh
     forces, pressed = equilibrium.film_forces(state), np.zeros(mesh.nelements)
@@ -33,12 +33,14 @@ def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
     by_load = (load.face_forces(state, forces) for load in loads)
     for elements, force in filter(None, by_load):
         pressed[elements] += force
-    patches = (electrode_patch(electrode.name) for electrode in equilibrium.scene.electrode_list)
+    patches = (
+        make_subdomain_name(electrode.name) for electrode in equilibrium.scene.electrode_list
+    )
     on = [pressed[mesh.subdomains[patch]].sum() for patch in patches]
     return -0.5e-12 * d33 * np.array(on)
 
 
-def thickness_remarks(
+def describe_thickness_effect(
     scene: Scene,
     charges_pC: Charges = None,
     options: SolveOptions = DEFAULT_OPTIONS,

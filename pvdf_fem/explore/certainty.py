@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import channels
+from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.explore.controls import find_section, format_title, to_point_list
 from pvdf_fem.explore.picture import solve_text
-from pvdf_fem.scene.change import number_at
+from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
 from pvdf_fem.solver.sensitivity.gradients import gradients
-from pvdf_fem.solver.sensitivity.parameters import touched
+from pvdf_fem.solver.sensitivity.parameters import map_probe_keys
 from pvdf_fem.solver.solution import Solution
-from pvdf_fem.told import Grid
-from pvdf_fem.view.touch_map import deviation_ellipse
+from pvdf_fem.summary import TextTable
+from pvdf_fem.view.touch_map import compute_deviation_ellipse
 
 #: Smaller ellipses, over the film's radius, are drawn this many times as large.
 LEAST_SIZE, MAGNIFIED = 0.02, 10
@@ -33,15 +33,17 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     why there are none. `noise` is the standard deviation of readings, relative to them, to which
     the readout's is added."""
     solution = solve_text(text)
-    keys = [key for key, ((_, _, name), *_) in touched(solution.scene).items() if name in SOUGHT]
-    values = {key: number_at(solution.scene, key) for key in keys}
+    keys = [
+        key for key, ((_, _, name), *_) in map_probe_keys(solution.scene).items() if name in SOUGHT
+    ]
+    values = {key: get_number(solution.scene, key) for key in keys}
     try:
         covariance = _covariance(solution, values, noise)
     except (NotConvergedError, ValueError) as error:
         return {"told": str(error), "ellipses": [], "table": ""}
     deviations = dict(zip(keys, np.sqrt(covariance.diagonal()).tolist(), strict=True))
     touch = {**values, "standard_deviations": deviations, "covariance": covariance}
-    ellipses = [deviation_ellipse(touch, key) for key in keys if key.endswith("x_mm")]
+    ellipses = [compute_deviation_ellipse(touch, key) for key in keys if key.endswith("x_mm")]
     seen = max(float(np.ptp(ellipse, axis=0).max()) for ellipse in ellipses)
     times = 1 if seen > LEAST_SIZE * solution.scene.film.radius_mm else MAGNIFIED
     rows = [
@@ -52,7 +54,7 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     told += f" The ellipse is drawn {times} times as large." if times > 1 else ""
     centres = [ellipse[:-1].mean(axis=0) for ellipse in ellipses]
     drawn = [to_point_list(at + times * (e - at)) for e, at in zip(ellipses, centres, strict=True)]
-    table = Grid(("", "value", "standard deviation"), (*rows,)).html()
+    table = TextTable(("", "value", "standard deviation"), (*rows,)).to_html()
     return {"told": told, "ellipses": drawn, "table": table}
 
 
@@ -63,7 +65,7 @@ def _covariance(solution: Solution, values: dict[str, float], noise: float) -> A
     read = solution.charge_changes_pC if changes else solution.charges_pC
     if not np.isfinite([*read.values()]).all():
         raise ValueError("changes by the touch are not known; the warnings say why")
-    own = [1e12 * c.noise * c.capacitance / abs(c.gain) for c in channels(scene)]
+    own = [1e12 * c.noise * c.capacitance / abs(c.gain) for c in make_channels(scene)]
     spread = np.hypot(noise * np.array([*read.values()]), own)
     if not spread.all():
         raise ValueError("noise = 0: readings without noise tell everything; give some noise")

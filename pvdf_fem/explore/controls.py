@@ -11,12 +11,12 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.explore.state import WORDS, View, drop_probe_number, explain_key
-from pvdf_fem.scene.change import plain, steps_of
+from pvdf_fem.scene.changes import parse_key, to_plain_value
 from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.keys import Key, Section
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.quantity import Key, Section
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import toml_value
+from pvdf_fem.scene.scene_file import format_toml_value
 from pvdf_fem.view.figures import COLOURS
 
 #: Numbers that have a slider: its limits and its step, by key.
@@ -87,7 +87,7 @@ def describe_controls(view: View) -> dict[str, list[dict[str, Any]]]:
         if name in WORDS:
             control["words"] = WORDS[name]
         elif isinstance(value, tuple):
-            control["value"] = toml_value(plain(value))
+            control["value"] = format_toml_value(to_plain_value(value))
         else:
             low, high, step = SLIDERS[name]
             control |= {"min": min(low, value), "max": max(high, value), "step": step}
@@ -97,7 +97,7 @@ def describe_controls(view: View) -> dict[str, list[dict[str, Any]]]:
 
 def _tension(film: Film) -> float | tuple[float, ...]:
     """Tension at rest in N/m of a cooled film; along x and y where these differ."""
-    x, y = np.round(film.thickness * film.stress_at_rest[:2], 4).tolist()
+    x, y = np.round(film.thickness * film.prestress[:2], 4).tolist()
     return x if x == y else (x, y)
 
 
@@ -108,10 +108,10 @@ def format_title(section: Any, name: str) -> str:
 
 def _keys(scene: Scene) -> Iterator[str]:
     """Keys that may have controls, words first."""
-    unheeded = {*scene.unheeded(SLIDERS)}
+    find_unused_load_keys = {*scene.find_unused_load_keys(SLIDERS)}
     probes = [touch.key for touch in scene.loaded_probes] or ["probe"]
     for key in (*WORDS, *SLIDERS):
-        if key.startswith("load.") and (key in unheeded or not scene.loaded_probes):
+        if key.startswith("load.") and (key in find_unused_load_keys or not scene.loaded_probes):
             continue
         for probe in probes if key.startswith("probe.") else ["probe"]:
             yield key.replace("probe", probe, 1)
@@ -119,6 +119,6 @@ def _keys(scene: Scene) -> Iterator[str]:
 
 def find_section(scene: Scene, table: str) -> Any:
     """A scene's table, or list of tables, by key; None where the scene has none."""
-    name, *number = steps_of(table)
+    name, *number = parse_key(table)
     section = getattr(scene, name)
     return section[number[0]] if number else section

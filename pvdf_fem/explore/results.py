@@ -8,8 +8,8 @@ from typing import Any
 
 from pvdf_fem.explore.controls import choose_colour
 from pvdf_fem.explore.picture import encode_image, solve_picture
-from pvdf_fem.solver.summary import solution_html
-from pvdf_fem.told import rounded
+from pvdf_fem.solver.summary import summarize_solution
+from pvdf_fem.summary import format_with_error
 
 
 def collect_results(text: str, quantity: str) -> dict[str, Any]:
@@ -27,7 +27,7 @@ def collect_results(text: str, quantity: str) -> dict[str, Any]:
             _bars("charges", "total charge (pC)", charges, errors),
             _bars("readings", "reading at once (V)", readings, {}),
         ],
-        "numbers": solution_html(result),
+        "numbers": summarize_solution(result).to_html(),
     }
 
 
@@ -39,7 +39,7 @@ def _bars(
     share = 100.0 / ((high - low) or 1.0)
     rows = []
     for i, (electrode, value) in enumerate(values.items()):
-        text = " ± ".join(rounded(value, errors[electrode])) if errors else f"{value:.4g}"
+        text = " ± ".join(format_with_error(value, errors[electrode])) if errors else f"{value:.4g}"
         row = {"name": electrode, "colour": choose_colour(i), "value": value, "text": text}
         ends = (min(value, 0.0) - low) * share, abs(value) * share
         rows.append({**row, "from": ends[0], "width": ends[1]})

@@ -11,10 +11,16 @@ from typing import Any, get_args
 from urllib.parse import parse_qsl, urlencode
 
 from pvdf_fem.explore.picture import QUANTITIES
-from pvdf_fem.scene.change import Replaced, plain
+from pvdf_fem.scene.changes import Replaced, to_plain_value
 from pvdf_fem.scene.registry import LOAD_CLASSES, PROFILE_ENTRIES
 from pvdf_fem.scene.scene import Scene, SceneError
-from pvdf_fem.scene.scene_file import choose, key_texts, parse_change, problem, toml_value
+from pvdf_fem.scene.scene_file import (
+    format_error,
+    format_toml_value,
+    parse_change,
+    read_key_texts,
+    suggest,
+)
 from pvdf_fem.scene.shapes import ELECTRODES, MODELS, PROBES, Layout
 
 MOST_NOISE = 0.5  #: Largest standard deviation of readings, relative to them.
@@ -47,13 +53,15 @@ class View:
         scene = {**changes}
         quantity, noise = scene.pop("quantity", self.quantity), scene.pop("noise", self.noise)
         if quantity not in QUANTITIES:
-            raise SceneError([problem("quantity", quantity, choose(quantity, [*QUANTITIES]))])
+            raise SceneError([format_error("quantity", quantity, suggest(quantity, [*QUANTITIES]))])
         if not (isinstance(noise, float | int) and 0.0 <= noise <= MOST_NOISE):
-            raise SceneError([problem("noise", noise, f"give a number from 0 to {MOST_NOISE:g}")])
+            raise SceneError(
+                [format_error("noise", noise, f"give a number from 0 to {MOST_NOISE:g}")]
+            )
         changed = self.scene.with_(**scene)
         if others := sorted(_profile_files(changed) - _profile_files(self.scene)):
             told = "names a file, which a page does not read; name it in the scene file"
-            raise SceneError([problem("load.profile", others[0], told)])
+            raise SceneError([format_error("load.profile", others[0], told)])
         return View(changed, quantity, noise)
 
     def typed(self, text: str) -> View:
@@ -95,11 +103,11 @@ class View:
 
     def query(self, start: Scene) -> str:
         """The query of a link with differences from the file's scene: whole sections."""
-        before = plain(start)
-        changes = {key: t for key, t in plain(self.scene).items() if t != before.get(key)}
+        before = to_plain_value(start)
+        changes = {key: t for key, t in to_plain_value(self.scene).items() if t != before.get(key)}
         own = {"quantity": self.quantity, "noise": self.noise}
         changes |= {key: value for key, value in own.items() if value != getattr(View, key)}
-        return urlencode({key: toml_value(value) for key, value in changes.items()})
+        return urlencode({key: format_toml_value(value) for key, value in changes.items()})
 
     @classmethod
     def of_query(cls, start: Scene, query: str) -> View:
@@ -137,8 +145,8 @@ def drop_probe_number(key: str) -> str:
 @cache
 def _said() -> dict[tuple[str, str], str]:
     """Texts of keys by table and name, and by name alone."""
-    texts = {("", text.name): text.text for text in key_texts()}
-    return texts | {(t.table.strip("[]"), t.name): t.text for t in reversed([*key_texts()])}
+    texts = {("", text.name): text.text for text in read_key_texts()}
+    return texts | {(t.table.strip("[]"), t.name): t.text for t in reversed([*read_key_texts()])}
 
 
 def explain_key(table: str, name: str) -> tuple[str, Any]:

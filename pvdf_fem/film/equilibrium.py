@@ -27,7 +27,7 @@ from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import Load, State, Term
 from pvdf_fem.film.unknowns import FIXED, Assembly, Unknowns
 from pvdf_fem.mesh.gmsh_mesh import MIRRORS, RIM
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.scene.scene import Scene
 
 
@@ -39,7 +39,7 @@ class Equilibrium:
         scene: Scene,
         mesh: MeshTri2,
         order: int = 2,
-        part: MirroredPart = WHOLE,
+        part: SymmetrySector = WHOLE_FILM,
         options: SolveOptions = DEFAULT_OPTIONS,
         space: Space | None = None,
     ) -> None:
@@ -51,7 +51,7 @@ class Equilibrium:
         self.terms: list[Term] = [self.membrane, *self.model.others(self.space, part, options)]
         rim = self.space.basis.get_dofs(RIM).all()
         clamped = [(3 * rim[:, None] + np.arange(3)).ravel()]
-        for axis in part.mirrored:
+        for axis in part.mirror_axes:
             clamped.append(3 * self.space.basis.get_dofs(MIRRORS[axis]).all() + axis)
         #: Dofs that the rim and mirror lines hold, (n,).
         self.clamped = np.concatenate(clamped)

@@ -27,7 +27,7 @@ from pvdf_fem.film.loads.uneven_strain import UnevenStrain
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import quote
 
@@ -86,13 +86,16 @@ class FilmModel:
         """The law of the film."""
         return LAWS[self.scene.film.law](self.scene.film.stiffness)
 
-    def membrane(self, space: Space, part: MirroredPart = WHOLE) -> Membrane:
+    def membrane(self, space: Space, part: SymmetrySector = WHOLE_FILM) -> Membrane:
         """The membrane term."""
         added = UnevenStrain.of(self.scene)
         return Membrane(space, self.scene.film, self.film_law, added, part.frame)
 
     def others(
-        self, space: Space, part: MirroredPart = WHOLE, options: SolveOptions = DEFAULT_OPTIONS
+        self,
+        space: Space,
+        part: SymmetrySector = WHOLE_FILM,
+        options: SolveOptions = DEFAULT_OPTIONS,
     ) -> list[Term]:
         """Loads and electrode coupling: the terms beside the membrane, on the space of `part`."""
         loads = make_loads(self.scene, space, part, options)
@@ -162,7 +165,10 @@ class PlateModel(FilmModel):
     film_is_differentiable = False
 
     def others(
-        self, space: Space, part: MirroredPart = WHOLE, options: SolveOptions = DEFAULT_OPTIONS
+        self,
+        space: Space,
+        part: SymmetrySector = WHOLE_FILM,
+        options: SolveOptions = DEFAULT_OPTIONS,
     ) -> list[Term]:
         """The loads and the plate."""
         terms, effect, film = super().others(space, part, options), self.effect, self.scene.film

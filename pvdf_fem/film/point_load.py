@@ -19,7 +19,7 @@ from pvdf_fem.scene.film import Film
 
 def estimate_tension(film: Film, force: float, r: float) -> float:
     """Tension in N/m that a force makes about the distance r in m."""
-    rest = film.thickness * float(film.stress_at_rest[:2].mean())
+    rest = film.thickness * float(film.prestress[:2].mean())
     return _tension(rest, estimate_tension_cube(film, force, r))
 
 

@@ -30,7 +30,7 @@ from pvdf_fem.arrays import (
     Selection,
     move_components_last,
 )
-from pvdf_fem.mesh.points import local_coordinates, nearest_elements
+from pvdf_fem.mesh.points import compute_local_coordinates, find_nearest_elements
 
 #: Scalar element of each order.
 ELEMENTS: dict[int, type[Element]] = {
@@ -214,8 +214,8 @@ class Space:
         (n, scalar dofs) sparse matrix
             Values of the scalar functions at the points.
         """
-        elements, _ = nearest_elements(self.mesh, points, candidates)
-        local = local_coordinates(self.mesh, elements, points.T[:, None])[:, :, 0]
+        elements, _ = find_nearest_elements(self.mesh, points, candidates)
+        local = compute_local_coordinates(self.mesh, elements, points.T[:, None])[:, :, 0]
         values = evaluate_shape_functions(self.basis.elem, local)
         rows = np.broadcast_to(np.arange(len(values))[:, None], values.shape)
         entries = values.ravel(), (rows.ravel(), self.nodes[elements].ravel())

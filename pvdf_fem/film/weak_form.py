@@ -78,6 +78,6 @@ def _elastic(E: Array, film: Film) -> Array:
 def _stress(F: Array, film: Film) -> Array:
     identity = np.eye(2)[:, :, None, None]
     E = 0.5 * (np.einsum("ca...,cb...->ab...", F, F) - identity)
-    e11, e22, e12 = film.strain_at_rest
+    e11, e22, e12 = film.prestrain
     at_rest = np.array([[e11, 0.5 * e12], [0.5 * e12, e22]])
     return _elastic(E + at_rest[:, :, None, None], film)

@@ -30,7 +30,7 @@ class GmshMissingError(ImportError):
     """gmsh cannot be loaded; the text says what to install."""
 
 
-def missing_packages() -> Iterator[str]:
+def find_missing_packages() -> Iterator[str]:
     """Debian packages of libraries that Linux's loader does not find."""
     for library, package in PACKAGES.items() if sys.platform == "linux" else ():
         try:
@@ -39,12 +39,12 @@ def missing_packages() -> Iterator[str]:
             yield package
 
 
-def missing_text(error: Exception) -> str:
+def describe_missing_gmsh(error: Exception) -> str:
     """Advice after an exception in the import of gmsh."""
-    packages = " ".join(missing_packages())
+    packages = " ".join(find_missing_packages())
     what = f"what it misses: apt-get install {packages}" if packages else "it again"
     return f"gmsh, which makes the meshes, cannot be loaded ({error}); install {what}"
 
 
 if __name__ == "__main__":
-    print(*missing_packages(), sep="\n")
+    print(*find_missing_packages(), sep="\n")

@@ -4,8 +4,8 @@ No further module imports gmsh. The outlines are embedded with OpenCASCADE's
 ``fragment``, and patches and their overlaps are unions of elements. Elements are
 six-node triangles: rim and curved outlines are curved to second order, with the outlines' areas.
 Element sizes are smallest along the outlines and grow linearly with the distance from them
-(`Sizes`), or follow an error estimate on an earlier mesh (`SizeField`). A mesh can cover part of a
-symmetric scene alone (`symmetry.MirroredPart`).
+(`GradedSizes`), or follow an error estimate on an earlier mesh (`SizeField`). A mesh can
+cover the symmetry sector of a scene alone (`symmetry.SymmetrySector`).
 
 In gmsh the film's radius is 100: gmsh's absolute geometric tolerance is equally fine for films of 1
 mm and 1 m.
@@ -24,10 +24,10 @@ import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Indices
-from pvdf_fem.mesh.gmsh_libraries import GmshMissingError, missing_text
-from pvdf_fem.mesh.six_node import bulge, straightened, with_sorted_vertices
-from pvdf_fem.mesh.size_field import SPARE, SizeField, Sizes, element_sizes
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.mesh.gmsh_libraries import GmshMissingError, describe_missing_gmsh
+from pvdf_fem.mesh.six_node import bulge_arcs, sort_vertices, straighten_sides
+from pvdf_fem.mesh.size_field import GMSH_SIZE_RATIO, GradedSizes, SizeField, compute_element_sizes
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import EllipseCurve, Line, Outline
 from pvdf_fem.scene.scene import Scene
@@ -36,7 +36,7 @@ _NOT_LOADED = ""
 try:
     import gmsh
 except (ImportError, OSError) as error:  # everything but meshing does without
-    _NOT_LOADED = missing_text(error)
+    _NOT_LOADED = describe_missing_gmsh(error)
 
 #: gmsh has a single state for the threads, and a cluster's worker may have several threads.
 _ONE_MODEL = threading.Lock()
@@ -68,7 +68,7 @@ PROBE = "probe"
 MIRRORS = ("mirror x", "mirror y")
 
 
-def electrode_patch(name: str) -> str:
+def make_subdomain_name(name: str) -> str:
     """Name of the mesh subdomain below an electrode."""
     return f"electrode {name}"
 
@@ -81,17 +81,17 @@ class GmshInUseError(RuntimeError):
     """A gmsh session is open elsewhere in the program; its options and models would change."""
 
 
-def outlines(scene: Scene) -> dict[str, Outline]:
+def collect_outlines(scene: Scene) -> dict[str, Outline]:
     """The outlines that the mesh follows, by name: of electrodes, the film's patches, probes."""
-    shapes = {electrode_patch(e.name): e.outline for e in scene.electrode_list}
+    shapes = {make_subdomain_name(e.name): e.outline for e in scene.electrode_list}
     shapes |= {name: layer.patch.outline for name, layer in scene.film.layers.items()}
     return shapes | {touch.patch: touch.outline for touch in scene.loaded_probes}
 
 
 def mesh_scene(
     scene: Scene,
-    sizes: Sizes | SizeField,
-    part: MirroredPart = WHOLE,
+    sizes: GradedSizes | SizeField,
+    part: SymmetrySector = WHOLE_FILM,
     least_jacobian: float = 0.14,
     attempts: int = 6,
     contacts: Mapping[str, Outline] = MappingProxyType({}),
@@ -113,41 +113,43 @@ def mesh_scene(
     `MeshError` when gmsh fails, a patch has got no element, or elements fold although they are
     straight, `GmshMissingError` when gmsh cannot be loaded, and `GmshInUseError`.
     """
-    shapes = outlines(scene) | dict(contacts)
+    shapes = collect_outlines(scene) | dict(contacts)
     smallest = min((shape.perimeter for shape in shapes.values()), default=0.0)
-    if isinstance(sizes, Sizes):
+    if isinstance(sizes, GradedSizes):
         film, arcs = Circle(np.zeros(2), scene.film.radius), _arcs(scene.numerics.tolerance)
         require(sizes.elements(film.area, {FILM: film, **shapes}, arcs) / len(part.signs))
     for _ in range(attempts):
         # a side moved by this part of the smallest outline changes the area by less than 1e-6
-        mesh, distorted = straightened(
+        mesh, distorted = straighten_sides(
             _mesh_once(scene, shapes, sizes, part), least_jacobian, 1e-5 * smallest
         )
         if not distorted.any():
             return mesh
-        next_sizes = SPARE * element_sizes(mesh)
-        next_sizes[distorted] = 0.4 * element_sizes(mesh, sliver=0.1)[distorted]
-        sizes = SizeField.of_elements(mesh, next_sizes)
+        next_sizes = GMSH_SIZE_RATIO * compute_element_sizes(mesh)
+        next_sizes[distorted] = 0.4 * compute_element_sizes(mesh, sliver=0.1)[distorted]
+        sizes = SizeField.from_element_sizes(mesh, next_sizes)
         require(sizes.elements)
-    mesh, distorted = straightened(mesh, least_jacobian, np.inf)
+    mesh, distorted = straighten_sides(mesh, least_jacobian, np.inf)
     if distorted.any():
         raise MeshError(f"{distorted.sum()} elements fold: an outline nearly touches another")
     return mesh
 
 
 def _mesh_once(
-    scene: Scene, outer: dict[str, Outline], sizes: Sizes | SizeField, part: MirroredPart
+    scene: Scene, outer: dict[str, Outline], sizes: GradedSizes | SizeField, part: SymmetrySector
 ) -> MeshTri2:
     unit = scene.film.radius / 100.0
     shapes: dict[str, Outline] = {FILM: Circle(np.zeros(2), scene.film.radius)}
-    shapes |= {name: shape.mapped(part.frame) for name, shape in outer.items()}
-    shapes |= {electrode_patch(image): shape for image, (_, shape) in part.images.items()}
+    shapes |= {name: shape.transform(part.frame) for name, shape in outer.items()}
+    shapes |= {
+        make_subdomain_name(image): shape for image, (_, shape) in part.reflected_electrodes.items()
+    }
     with _ONE_MODEL, _gmsh():
         try:
             patches = _fragment(shapes, unit, part)
             arcs = _arcs(scene.numerics.tolerance)
             gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", arcs)
-            if isinstance(sizes, Sizes):
+            if isinstance(sizes, GradedSizes):
                 sizes = _with_images(sizes, part)
                 curves = {
                     name: _outer_curves(patches[name], shapes[name], part)
@@ -187,13 +189,15 @@ def _gmsh() -> Iterator[None]:
         gmsh.finalize()
 
 
-def _fragment(shapes: dict[str, Outline], unit: float, part: MirroredPart) -> dict[str, list[int]]:
+def _fragment(
+    shapes: dict[str, Outline], unit: float, part: SymmetrySector
+) -> dict[str, list[int]]:
     """Surfaces for every patch in the part, ``film`` included, after the cuts by outlines."""
     occ, radius = gmsh.model.occ, 100.0
     film = [(2, _surface(shapes[FILM], unit))]
     names = [name for name in shapes if name != FILM]
-    if part.mirrored:
-        x, y = (0.0 if axis in part.mirrored else -2.0 * radius for axis in (0, 1))
+    if part.mirror_axes:
+        x, y = (0.0 if axis in part.mirror_axes else -2.0 * radius for axis in (0, 1))
         box = occ.addRectangle(x, y, 0.0, 2.0 * radius - x, 2.0 * radius - y)
         film, _ = occ.intersect(film, [(2, box)])
         names = [name for name in names if part.covers(shapes[name], shapes[FILM].reach)]
@@ -230,30 +234,30 @@ def _ellipse(curve: EllipseCurve, unit: float) -> int:
 
 
 def _outer_curves(
-    surfaces: list[int], shape: Outline, part: MirroredPart, on_line: float = 1e-8
+    surfaces: list[int], shape: Outline, part: SymmetrySector, on_line: float = 1e-8
 ) -> list[int]:
     """The curves along a patch's outline, without cuts by a mirror line: curves nearer to the line
     than the part `on_line` of the film's radius."""
     pairs = gmsh.model.getBoundary([(2, tag) for tag in surfaces], combined=True, oriented=False)
     curves = {abs(tag) for _, tag in pairs}
-    for axis in part.mirrored:
-        if shape.lowest[axis] < -on_line * shape.reach:
+    for axis in part.mirror_axes:
+        if shape.lower_left[axis] < -on_line * shape.reach:
             place = {curve: gmsh.model.occ.getCenterOfMass(1, curve)[axis] for curve in curves}
             curves = {curve for curve in curves if place[curve] > 100.0 * on_line}
     return sorted(curves)
 
 
-def _with_images(sizes: Sizes, part: MirroredPart) -> Sizes:
+def _with_images(sizes: GradedSizes, part: SymmetrySector) -> GradedSizes:
     """The sizes, with electrode sizes also for electrode images."""
     patches = {
-        electrode_patch(image): sizes.patches[electrode_patch(name)]
-        for image, (name, _) in part.images.items()
-        if electrode_patch(name) in sizes.patches
+        make_subdomain_name(image): sizes.patches[make_subdomain_name(name)]
+        for image, (name, _) in part.reflected_electrodes.items()
+        if make_subdomain_name(name) in sizes.patches
     }
     return replace(sizes, patches=sizes.patches | patches)
 
 
-def _grade_from_outlines(outer: dict[str, list[int]], sizes: Sizes, unit: float) -> None:
+def _grade_from_outlines(outer: dict[str, list[int]], sizes: GradedSizes, unit: float) -> None:
     gmsh.option.setNumber("Mesh.MeshSizeMax", sizes.film / unit)
     field = gmsh.model.mesh.field
     graded = []
@@ -299,7 +303,7 @@ def _read(
     patches: dict[str, list[int] | None],
     unit: float,
     smooth: list[Outline],
-    part: MirroredPart,
+    part: SymmetrySector,
     on_line: float = 1e-8,
 ) -> MeshTri2:
     """The gmsh model as a mesh; a patch without a list of surfaces has no place in the part. Nodes
@@ -318,15 +322,15 @@ def _read(
         present = [name for name in subdomains if name not in empty]
         raise MeshError(f"patches without elements: {empty}; patches found: {present}")
     points = coordinates.reshape(-1, 3)[:, :2].T * unit
-    for axis in part.mirrored:
+    for axis in part.mirror_axes:
         points[axis, np.abs(points[axis]) < on_line * 100.0 * unit] = 0.0
     curved = np.zeros(len(tags), dtype=bool)
     for _, curve in gmsh.model.getEntities(1):
         if gmsh.model.getEntityType(1, curve) != "Line":
             curved[row[gmsh.model.mesh.getNodes(1, curve)[0]]] = True
     for outline in smooth:
-        bulge(points, triangles, outline, curved, 100.0 * unit)
-    return named(MeshTri2(points, triangles.T), subdomains, part)
+        bulge_arcs(points, triangles, outline, curved, 100.0 * unit)
+    return name_mesh_parts(MeshTri2(points, triangles.T), subdomains, part)
 
 
 def _triangles(row: Indices) -> tuple[Indices, dict[int, Indices]]:
@@ -338,13 +342,15 @@ def _triangles(row: Indices) -> tuple[Indices, dict[int, Indices]]:
         blocks.append(block)
         surface_elements[surface] = np.arange(count, count + len(block))
         count += len(block)
-    return with_sorted_vertices(np.concatenate(blocks)), surface_elements
+    return sort_vertices(np.concatenate(blocks)), surface_elements
 
 
-def named(mesh: MeshTri2, subdomains: dict[str, Indices], part: MirroredPart) -> MeshTri2:
+def name_mesh_parts(
+    mesh: MeshTri2, subdomains: dict[str, Indices], part: SymmetrySector
+) -> MeshTri2:
     """The mesh of a part with its subdomains, and with its rim and mirror lines as boundaries."""
     rim, boundaries = mesh.boundary_facets(), {}
-    for axis in part.mirrored:
+    for axis in part.mirror_axes:
         along = (mesh.p[axis, mesh.facets[:, rim]] == 0.0).all(axis=0)
         boundaries[MIRRORS[axis]], rim = rim[along], rim[~along]
     return mesh.with_subdomains(subdomains).with_boundaries({RIM: rim, **boundaries})

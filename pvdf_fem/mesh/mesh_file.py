@@ -20,10 +20,10 @@ from skfem.quadrature import get_quadrature
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.files import FileError, open_regular_file
-from pvdf_fem.mesh.gmsh_mesh import FILM, named, outlines
-from pvdf_fem.mesh.six_node import SIDES, compression, with_sorted_vertices
-from pvdf_fem.mesh.symmetry import WHOLE
-from pvdf_fem.scene.given import taken
+from pvdf_fem.mesh.gmsh_mesh import FILM, collect_outlines, name_mesh_parts
+from pvdf_fem.mesh.six_node import SIDES, compute_jacobian_ratios, sort_vertices
+from pvdf_fem.mesh.symmetry import WHOLE_FILM
+from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
@@ -39,12 +39,12 @@ class MeshFileError(FileError):
         return "\n".join(self.args)
 
 
-def mesh_of(given: MeshTri2 | str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
+def as_mesh(given: MeshTri2 | str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
     """A mesh of the whole film, given or from a file, with the patches in a scene; see
     `read_mesh`."""
     if isinstance(given, str | Path):
         return read_mesh(given, scene, slack)
-    taken("mesh", given, MeshTri2)
+    coerce("mesh", given, MeshTri2)
     try:
         return _mesh(given.doflocs.T, given.dofs.element_dofs.T, scene, slack)
     except MeshFileError as error:
@@ -108,15 +108,15 @@ def _mesh(points: Array, triangles: Indices, scene: Scene, slack: float) -> Mesh
     flat = np.abs(np.linalg.det(edges)) <= 1e-12 * np.square(edges).sum(axis=(1, 2))
     if flat.any():
         raise MeshFileError(f"has {flat.sum()} triangles without an area; mesh the film again")
-    mesh = MeshTri2(points.T, with_sorted_vertices(triangles).T)
+    mesh = MeshTri2(points.T, sort_vertices(triangles).T)
     _require_disc(mesh, radius, slack)
-    if (folded := compression(mesh) <= 0.0).any():
+    if (folded := compute_jacobian_ratios(mesh) <= 0.0).any():
         raise MeshFileError(f"has {folded.sum()} triangles that fold; move their midside nodes")
-    shapes = {FILM: Circle(np.zeros(2), radius), **outlines(scene)}
+    shapes = {FILM: Circle(np.zeros(2), radius), **collect_outlines(scene)}
     inside = _inside(mesh, shapes)
     if mistakes := [*_misplaced(mesh, shapes, inside, slack)]:
         raise MeshFileError(*mistakes)
-    return named(mesh, inside, WHOLE)
+    return name_mesh_parts(mesh, inside, WHOLE_FILM)
 
 
 def _require_shared_middles(triangles: Indices) -> None:

@@ -8,10 +8,12 @@ import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.mesh.six_node import curved_elements
+from pvdf_fem.mesh.six_node import find_curved_elements
 
 
-def nearest_elements(mesh: MeshTri2, points: Array, candidates: int = 8) -> tuple[Indices, Array]:
+def find_nearest_elements(
+    mesh: MeshTri2, points: Array, candidates: int = 8
+) -> tuple[Indices, Array]:
     """Elements (n,) of points (2, n), and the points' local coordinates (2, n) there. Elements
     count as straight-sided. A point is sought in the `candidates` with the nearest centroids; a
     point outside the candidates gets the candidate with the least negative local coordinate."""
@@ -30,7 +32,7 @@ def nearest_elements(mesh: MeshTri2, points: Array, candidates: int = 8) -> tupl
     return elements, np.take_along_axis(local, best[None], axis=2)[..., 0]
 
 
-def located(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indices, Array]:
+def locate_points(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indices, Array]:
     """Elements (n,) that hold points (2, n), and the points' local coordinates (2, n) there. Curved
     sides count as they are. From the nearest element whose straight triangle holds a point a walk
     of up to `steps` elements crosses the sides that the point lies beyond. A point just beyond the
@@ -38,9 +40,9 @@ def located(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indices, Ar
     facets = mesh.t2f[[1, 2, 0]]  # opposite of each vertex
     first, second = mesh.f2t[:, facets]
     across = np.where(first == np.arange(mesh.nelements), second, first)
-    elements, _ = nearest_elements(mesh, points, 32)
+    elements, _ = find_nearest_elements(mesh, points, 32)
     for step in range(steps + 1):
-        local = local_coordinates(mesh, elements, points.T[:, None])[:, :, 0]
+        local = compute_local_coordinates(mesh, elements, points.T[:, None])[:, :, 0]
         weights = np.stack([1.0 - local.sum(axis=0), *local])
         beyond = weights.argmin(axis=0)
         following = across[beyond, elements]
@@ -51,7 +53,7 @@ def located(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indices, Ar
     return elements, local
 
 
-def local_coordinates(
+def compute_local_coordinates(
     mesh: MeshTri2, elements: Indices, points: Array, newton_steps: int = 6
 ) -> Array:
     """Local coordinates (2, n, points) of points (n, points, 2), with a row in a single element. In
@@ -61,7 +63,7 @@ def local_coordinates(
     local = np.einsum(
         "nij,npj->inp", np.linalg.inv(J.transpose(2, 0, 1)), points - nodes[:, 0].T[:, None]
     )
-    rows = np.flatnonzero(curved_elements(nodes))
+    rows = np.flatnonzero(find_curved_elements(nodes))
     mapping, target = mesh.mapping(), points.transpose(2, 0, 1)[:, rows]
     for _ in range(newton_steps if len(rows) else 0):
         here = local[:, rows]
@@ -80,7 +82,7 @@ class PlacedQuadrature:
     weights: Array  #: In m^2 over an area, in m along a line, (n, points).
 
 
-def facet_quadrature(
+def make_facet_quadrature(
     mesh: MeshTri2, facets: Indices, elements: Indices, count: int = 3
 ) -> tuple[PlacedQuadrature, Array]:
     """`count` Gauss points on facets (n,), each seen from one of its elements (n,), and unit

@@ -15,7 +15,7 @@ from pvdf_fem.scene.outlines.outline import Outline
 SIDES = [[0, 1], [1, 2], [0, 2]]
 
 
-def with_sorted_vertices(triangles: Indices) -> Indices:
+def sort_vertices(triangles: Indices) -> Indices:
     """Six-node triangles with vertices in ascending order, for cubic elements."""
     order = np.argsort(triangles[:, :3], axis=1)
     midside = np.array([[-1, 3, 5], [3, -1, 4], [5, 4, -1]])
@@ -23,7 +23,7 @@ def with_sorted_vertices(triangles: Indices) -> Indices:
     return np.take_along_axis(triangles, np.hstack([order, edges]), axis=1)
 
 
-def bulge(
+def bulge_arcs(
     points: Array,
     triangles: Indices,
     outline: Outline,
@@ -44,7 +44,7 @@ def bulge(
     points[:, middle[arcs]] = outline.arc_middles(starts, stops).T
 
 
-def curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
+def find_curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
     """Which of the elements with the nodes (2, 6, elements) have a curved edge. An edge is curved
     whose midside node is farther than `bent` from its middle, relative to the element's size."""
     corners = nodes[:, :3]
@@ -52,17 +52,17 @@ def curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
     return off.max(axis=(0, 1)) > bent * np.ptp(corners, axis=1).max(axis=0)
 
 
-def compression(mesh: MeshTri2) -> Array:
+def compute_jacobian_ratios(mesh: MeshTri2) -> Array:
     """Least Jacobian in every element over its mean, (elements,); below 0 where it folds."""
     points, _ = get_quadrature(mesh.elem.refdom, 8)
     least = np.ones(mesh.nelements)
-    curved = np.flatnonzero(curved_elements(mesh.doflocs[:, mesh.dofs.element_dofs]))
+    curved = np.flatnonzero(find_curved_elements(mesh.doflocs[:, mesh.dofs.element_dofs]))
     jacobian = mesh.mapping().detDF(points, curved)
     least[curved] = (jacobian / jacobian.mean(axis=1, keepdims=True)).min(axis=1)
     return least
 
 
-def bent(mesh: MeshTri2, distorted: Mask, least_jacobian: float) -> tuple[MeshTri2, Mask]:
+def bend_sides(mesh: MeshTri2, distorted: Mask, least_jacobian: float) -> tuple[MeshTri2, Mask]:
     """The mesh with bent sides inside of patches, where elements (elements,) are `distorted`: they
     have a Jacobian below `least_jacobian` times its mean; and which elements still are. In a gap
     narrower than the height of its arcs over their chords, straight sides would cross the arcs. A
@@ -89,20 +89,20 @@ def bent(mesh: MeshTri2, distorted: Mask, least_jacobian: float) -> tuple[MeshTr
         chosen = np.isin(moved, movable)
         points[:, moved[chosen]] = mean[:, chosen]
         after = replace(mesh, doflocs=points)
-        still = compression(after) < least_jacobian
+        still = compute_jacobian_ratios(after) < least_jacobian
         if still.sum() >= distorted.sum():
             break
         mesh, distorted = after, still
     return mesh, distorted
 
 
-def straightened(mesh: MeshTri2, least_jacobian: float, most: float) -> tuple[MeshTri2, Mask]:
-    """The mesh with bent sides for distorted elements in gaps (`bent`), then with straight sides
-    where they move by up to `most`, in cusps too narrow for an arc. And which elements (elements,)
-    are distorted still."""
-    distorted = compression(mesh) < least_jacobian
+def straighten_sides(mesh: MeshTri2, least_jacobian: float, most: float) -> tuple[MeshTri2, Mask]:
+    """The mesh with bent sides for distorted elements in gaps (`bend_sides`), then with straight
+    sides where they move by up to `most`, in cusps too narrow for an arc. And which elements
+    (elements,) are distorted still."""
+    distorted = compute_jacobian_ratios(mesh) < least_jacobian
     if distorted.any():
-        mesh, distorted = bent(mesh, distorted, least_jacobian)
+        mesh, distorted = bend_sides(mesh, distorted, least_jacobian)
     while distorted.any():
         points, nodes = mesh.doflocs.copy(), mesh.dofs.element_dofs[:, distorted]
         for middle, (a, b) in enumerate(SIDES, start=3):
@@ -112,5 +112,5 @@ def straightened(mesh: MeshTri2, least_jacobian: float, most: float) -> tuple[Me
         if np.array_equal(points, mesh.doflocs):
             break
         mesh = replace(mesh, doflocs=points)
-        distorted = compression(mesh) < least_jacobian
+        distorted = compute_jacobian_ratios(mesh) < least_jacobian
     return mesh, distorted

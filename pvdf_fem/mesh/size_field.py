@@ -12,11 +12,11 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.scene.outlines.outline import Outline
 
 #: Factor by which gmsh's elements are smaller than the wanted sizes, approximately.
-SPARE = 1.18
+GMSH_SIZE_RATIO = 1.18
 
 
 @dataclass(frozen=True)
-class Sizes:
+class GradedSizes:
     """Element sizes in metres along outlines, growing linearly with the distance from them."""
 
     #: Element size along every patch's outline, by patch name; `gmsh_mesh.FILM` is the rim's.
@@ -37,12 +37,12 @@ class Sizes:
             # both sides of the outline, to where the size is the largest
             total += 2.0 * outline.perimeter / self.growth * max(1.0 / size - 1.0 / self.film, 0.0)
             corners += len(outline.corners)
-        return float(4.0 / np.sqrt(3.0) * SPARE**2 * total + at_corner * corners)
+        return float(4.0 / np.sqrt(3.0) * GMSH_SIZE_RATIO**2 * total + at_corner * corners)
 
-    def scaled(self, factor: float) -> Sizes:
+    def scaled(self, factor: float) -> GradedSizes:
         """Element sizes, and therefore the gradient, times `factor`."""
         patches = {name: size * factor for name, size in self.patches.items()}
-        return Sizes(patches, self.growth * factor, self.film * factor)
+        return GradedSizes(patches, self.growth * factor, self.film * factor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class SizeField:
     sizes: Array  #: (vertices,)
 
     @classmethod
-    def of_elements(cls, mesh: MeshTri2, sizes: Array, growth: float = 0.5) -> SizeField:
+    def from_element_sizes(cls, mesh: MeshTri2, sizes: Array, growth: float = 0.5) -> SizeField:
         """From a size in m per element: geometric means at the vertices, lowered where the size
         grows by more than `growth` per length."""
         vertices, count = mesh.t.ravel(), np.bincount(mesh.t.ravel(), minlength=mesh.nvertices)
@@ -73,14 +73,14 @@ class SizeField:
     def elements(self) -> float:
         """Estimated number of elements in a mesh with the field's sizes."""
         mean = self.sizes[self.mesh.t].mean(axis=0)
-        return float(((SPARE * element_sizes(self.mesh) / mean) ** 2).sum())
+        return float(((GMSH_SIZE_RATIO * compute_element_sizes(self.mesh) / mean) ** 2).sum())
 
     def coarsened(self, most: float) -> SizeField:
         """The same field, or a coarser field with about `most` elements."""
         return SizeField(self.mesh, self.sizes * np.sqrt(max(self.elements / most, 1.0)))
 
 
-def element_sizes(mesh: MeshTri2, sliver: float = 0.5) -> Array:
+def compute_element_sizes(mesh: MeshTri2, sliver: float = 0.5) -> Array:
     """Edge of an equilateral triangle with the element's area, or `sliver` times the longest edge,
     m. The larger value counts: a sliver's area says nothing about its neighbours, and gmsh would
     take minutes for equally fine meshes in the cusp between touching arcs."""
@@ -91,7 +91,7 @@ def element_sizes(mesh: MeshTri2, sliver: float = 0.5) -> Array:
     return np.maximum(np.sqrt(4.0 / np.sqrt(3.0) * area), sliver * longest)
 
 
-def refined_sizes(
+def compute_refined_sizes(
     mesh: MeshTri2,
     shares: Array,
     reduction: float,
@@ -116,10 +116,10 @@ def refined_sizes(
     share = np.maximum(share, 1e-12)
     factor = share ** (-1.0 / (order + 2.0))
     factor *= (reduction / (share ** (2.0 / (order + 2.0))).sum()) ** (1.0 / order)
-    sizes = np.minimum(element_sizes(mesh) * np.clip(factor, smallest, largest), most)
+    sizes = np.minimum(compute_element_sizes(mesh) * np.clip(factor, smallest, largest), most)
     if stiff is not None:
         around = np.full(mesh.nvertices, np.inf)
         soft = np.setdiff1d(np.arange(mesh.nelements), stiff)
         np.minimum.at(around, mesh.t[:, soft].ravel(), np.tile(sizes[soft], 3))
         sizes[stiff] = np.minimum(sizes[stiff], around[mesh.t[:, stiff]].min(axis=0))
-    return SizeField.of_elements(mesh, sizes)
+    return SizeField.from_element_sizes(mesh, sizes)

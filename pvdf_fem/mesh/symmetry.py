@@ -19,72 +19,73 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.outlines.outline import TOUCH, Outline, overlaps
+from pvdf_fem.scene.keys import Affects, select_by_effect
+from pvdf_fem.scene.outlines.outline import LENGTH_TOLERANCE, Outline, has_overlap
 from pvdf_fem.scene.outlines.polygon import Polygon
-from pvdf_fem.scene.quantity import Affects, affecting
 from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 from pvdf_fem.scene.shapes import Bonded, Pressing
 
 
 @dataclass(frozen=True, eq=False)
-class MirroredPart:
+class SymmetrySector:
     """A part with mirror images that together make the film."""
 
     #: Orthogonal matrix from the scene's axes to the part's axes, (2, 2).
     frame: Array = field(default_factory=lambda: np.eye(2))
     #: Coordinates, 0 or 1, whose signs the mirror images change: they are positive in the part.
-    mirrored: tuple[int, ...] = ()
+    mirror_axes: tuple[int, ...] = ()
     #: For each mirror image, from an electrode's name to the name at the mirrored place: an
     #: electrode in the scene, or a key in `images`; empty for the identity.
-    swaps: tuple[Mapping[str, str], ...] = ({},)
+    electrode_reflections: tuple[Mapping[str, str], ...] = ({},)
     #: For every mirror image, from the mesh patch of a probe or of the film to the patch's image.
-    patch_swaps: tuple[Mapping[str, str], ...] = ({},)
+    patch_reflections: tuple[Mapping[str, str], ...] = ({},)
     #: Outlines, in the part's axes, of electrodes' images where the scene has no electrode, with
     #: the electrodes' names.
-    images: Mapping[str, tuple[str, Outline]] = field(default_factory=dict)
+    reflected_electrodes: Mapping[str, tuple[str, Outline]] = field(default_factory=dict)
 
     @cached_property
     def signs(self) -> Array:
         """Signs by which an image multiplies the coordinates, (images, 2); the first are 1."""
-        choices = [(1.0, -1.0) if axis in self.mirrored else (1.0,) for axis in (0, 1)]
+        choices = [(1.0, -1.0) if axis in self.mirror_axes else (1.0,) for axis in (0, 1)]
         return np.array(list(product(*choices)))
 
     def covers(self, outline: Outline, radius: float) -> bool:
         """Whether an outline in the part's axes lies in the part of a film, at least partly."""
-        low = [0.0 if axis in self.mirrored else -2.0 * radius for axis in (0, 1)]
+        low = [0.0 if axis in self.mirror_axes else -2.0 * radius for axis in (0, 1)]
         x, y, far = *low, 2.0 * radius
-        return overlaps(outline, Polygon(np.array([[x, y], [far, y], [far, far], [x, far]])))
+        return has_overlap(outline, Polygon(np.array([[x, y], [far, y], [far, far], [x, far]])))
 
 
-WHOLE = MirroredPart()
+WHOLE_FILM = SymmetrySector()
 
 
 @lru_cache(maxsize=1024)
-def isotropy(film: Film) -> str:
+def classify_isotropy(film: Film) -> str:
     """Where a film is equally stiff and tight: ``axes``, ``square``, ``isotropic``."""
-    C, (along_x, along_y, _) = film.stiffness, film.stress_at_rest
+    C, (along_x, along_y, _) = film.stiffness, film.prestress
     if not np.allclose([C[0, 0], along_x], [C[1, 1], along_y], rtol=1e-12, atol=0.0):
         return "axes"
     isotropic = np.isclose(2.0 * C[2, 2], C[0, 0] - C[0, 1], rtol=1e-12)
     return "isotropic" if isotropic else "square"
 
 
-def part_of(scene: Scene, with_images_below: float = 1e-4) -> MirroredPart:
+def find_symmetry_sector(scene: Scene, with_images_below: float = 1e-4) -> SymmetrySector:
     """The smallest part of a scene's film whose mirror images make the whole film. It is the whole
-    film where a mirror image would not keep film and probes, with their loads, to `TOUCH` of the
-    film's radius, and where nothing presses. Above the tolerance `with_images_below` electrodes
-    have to be images, too; below, the mesh follows electrode images where the scene has no
+    film where a mirror image would not keep film and probes, with their loads, to
+    `LENGTH_TOLERANCE` of the film's radius, and where nothing presses. Above the tolerance
+    `with_images_below` electrodes have to be images, too; below, the mesh follows electrode
+    images where the scene has no
     electrode. They cost as many elements as the electrodes themselves: under a disc anywhere that
     leaves 0.84 of the time at 1e-3, 0.78 at 1e-4 and 0.61 at 1e-5, also where an image is 1 µm
     beside an electrode."""
-    touches, slack = scene.loaded_probes, TOUCH * scene.film.radius
+    touches, slack = scene.loaded_probes, LENGTH_TOLERANCE * scene.film.radius
     pressed = any(any(touch.load.components) for touch in touches)
     symmetric = not scene.film.rim_displacement_um
     if not (pressed and symmetric and all(t.load.profile_entry.is_symmetric for t in touches)):
-        return WHOLE
+        return WHOLE_FILM
     follows_images = scene.numerics.tolerance <= with_images_below
-    with_images = WHOLE
+    with_images = WHOLE_FILM
     for mirror in _mirrors(scene, slack):
         if _patch_swap(mirror, scene, slack) is None:
             continue
@@ -92,24 +93,24 @@ def part_of(scene: Scene, with_images_below: float = 1e-4) -> MirroredPart:
         quarter = _patch_swap(-mirror, scene, slack) is not None
         for mirrored in ((0, 1), (axis,)) if quarter else ((axis,),):
             part = _part(frame, mirrored, scene, slack)
-            if not part.images:
+            if not part.reflected_electrodes:
                 return part
-            if follows_images and not with_images.mirrored:
+            if follows_images and not with_images.mirror_axes:
                 with_images = part
     return with_images
 
 
-def _part(frame: Array, mirrored: tuple[int, ...], scene: Scene, slack: float) -> MirroredPart:
+def _part(frame: Array, mirrored: tuple[int, ...], scene: Scene, slack: float) -> SymmetrySector:
     """A part, with the targets of its electrodes under mirror images."""
-    places = {name: outline.mapped(frame) for name, outline in _electrodes(scene).items()}
+    places = {name: outline.transform(frame) for name, outline in _electrodes(scene).items()}
     names, centres = list(places), np.array([outline.centroid for outline in places.values()])
     swaps: list[dict[str, str]] = [{}]
-    patch_swaps: list[dict[str, str]] = [{}]
+    patch_reflections: list[dict[str, str]] = [{}]
     images = {}
-    for number, signs in enumerate(MirroredPart(frame, mirrored).signs[1:], 1):
+    for number, signs in enumerate(SymmetrySector(frame, mirrored).signs[1:], 1):
         swap = {}
         for name, outline in places.items():
-            image = outline.mapped(np.diag(signs))
+            image = outline.transform(np.diag(signs))
             nearest = names[np.linalg.norm(centres - image.centroid, axis=1).argmin()]
             if image.coincides(places[nearest], slack):
                 swap[name] = nearest
@@ -117,8 +118,8 @@ def _part(frame: Array, mirrored: tuple[int, ...], scene: Scene, slack: float) -
                 swap[name] = f"{name}/{number}"
                 images[swap[name]] = name, image
         swaps.append(swap)
-        patch_swaps.append(_patch_swap(frame.T @ np.diag(signs) @ frame, scene, slack) or {})
-    return MirroredPart(frame, mirrored, tuple(swaps), tuple(patch_swaps), images)
+        patch_reflections.append(_patch_swap(frame.T @ np.diag(signs) @ frame, scene, slack) or {})
+    return SymmetrySector(frame, mirrored, tuple(swaps), tuple(patch_reflections), images)
 
 
 def _patch_swap(mirror: Array, scene: Scene, slack: float) -> dict[str, str] | None:
@@ -127,16 +128,16 @@ def _patch_swap(mirror: Array, scene: Scene, slack: float) -> dict[str, str] | N
     swap: dict[str, str] = {}
     things: dict[str, tuple[Outline, Any, Array]] = {}
     for touch in scene.loaded_probes:
-        own = affecting(touch.probe, Affects.MECHANICS).items()
+        own = select_by_effect(touch.probe, Affects.MECHANICS).items()
         what = _upright(touch), {key: value for key, value in own if key not in _SAID}
         things[touch.patch] = touch.outline, what, np.array(touch.load.components)
     for name, (patch, *_) in scene.film.layers.items():
         things[name] = patch.outline, (patch.model_dump(include=_MATERIAL),), np.zeros(3)
     for name, (outline, what, force) in things.items():
-        image, pushed = outline.mapped(mirror), mirror @ force[:2]
+        image, pushed = outline.transform(mirror), mirror @ force[:2]
         for twin, (other, as_well, other_force) in things.items():
             apart = np.abs(pushed - other_force[:2]).max()
-            alike = apart <= TOUCH * np.abs(force).max() and what == as_well
+            alike = apart <= LENGTH_TOLERANCE * np.abs(force).max() and what == as_well
             if alike and image.coincides(other, slack):
                 swap[name] = twin
     return swap if len(swap) == len(things) else None
@@ -163,7 +164,7 @@ def _mirrors(scene: Scene, slack: float) -> Iterator[Array]:
     landmarks instead."""
     yield np.diag([1.0, -1.0])
     yield np.diag([-1.0, 1.0])
-    if isotropy(scene.film) != "isotropic":
+    if classify_isotropy(scene.film) != "isotropic":
         return
     points = _landmarks(touch.outline for touch in scene.loaded_probes)
     if np.abs(points).max() <= slack:
@@ -179,7 +180,7 @@ def _mirrors(scene: Scene, slack: float) -> Iterator[Array]:
 
 
 def _landmarks(outlines: Iterable[Outline]) -> Array:
-    return np.concatenate([np.empty((0, 2)), *(outline.landmarks for outline in outlines)])
+    return np.concatenate([np.empty((0, 2)), *(outline.defining_points for outline in outlines)])
 
 
 def _frame(mirror: Array) -> tuple[Array, int]:

@@ -18,10 +18,10 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Mask
-from pvdf_fem.report.kind import placed
+from pvdf_fem.report.kind import place_probe
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.surrogate.model import QUANTITIES, ROTATION, Domain
-from pvdf_fem.surrogate.table import pressed_outline
+from pvdf_fem.surrogate.charge_spline import estimate_pressed_outline
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain, TouchColumn
 
 #: Pitch of the rings over the root of the areas of probe and smallest electrode: charges in the
 #: thesis's sensor are then within 2e-3.
@@ -32,14 +32,16 @@ FOLDS = 11  #: Parts of the places, of which one is left out at a time to see th
 STEP = 1e-5  #: Of central differences over the reach.
 
 
-def pitch_of(scene: Scene) -> float:
+def choose_pitch_mm(scene: Scene) -> float:
     """Distance in mm between neighbouring places that resolves a scene's charges."""
     least = min(electrode.outline.area for electrode in scene.electrode_list)
-    pressed = pressed_outline(scene, scene.load.force_N).area if scene.single_probe else 0.0
+    pressed = (
+        estimate_pressed_outline(scene, scene.load.force_N).area if scene.single_probe else 0.0
+    )
     return 1e3 * PITCH * math.sqrt(least + pressed)
 
 
-def places_on_rings(reach_mm: float, pitch_mm: float, first_deg: float) -> Array:
+def make_ring_places(reach_mm: float, pitch_mm: float, first_deg: float) -> Array:
     """Places (n, 2) in mm on rings up to the reach, starting from an angle.
 
     Rings have a multiple of twelve places: turns by thirds and quarters keep them.
@@ -60,28 +62,28 @@ class MapPlaces:
 
     scene: Scene
     reach_mm: float
-    pitch_mm: float | None = None  #: `pitch_of` the scene where it is None.
+    pitch_mm: float | None = None  #: `choose_pitch_mm` the scene where it is None.
 
     @cached_property
     def places_mm(self) -> Array:
         """(n, 2)."""
         probe = self.scene.single_probe
         first = 90.0 + (probe.rotation_deg if probe else 0.0)
-        return places_on_rings(self.reach_mm, self.pitch_mm or pitch_of(self.scene), first)
+        return make_ring_places(self.reach_mm, self.pitch_mm or choose_pitch_mm(self.scene), first)
 
     @cached_property
     def scenes(self) -> list[Scene]:
         """The scenes to solve; SceneError without a probe, or where it does not fit."""
-        return placed(self.scene, self.places_mm)
+        return place_probe(self.scene, self.places_mm)
 
 
 @dataclass(frozen=True, eq=False)
 class ChargeMap:
     """Interpolated charges: a `Model` of touches with a fixed force and rotation."""
 
-    quantities: ClassVar[tuple[str, ...]] = QUANTITIES
-    cheap: ClassVar[bool] = True
-    at_rest_pC: ClassVar[None] = None
+    quantities: ClassVar[tuple[str, ...]] = TOUCH_QUANTITIES
+    is_fast: ClassVar[bool] = True
+    unloaded_charges_pC: ClassVar[None] = None
     scene: Scene  #: The probe's place does not matter.
     domain: Domain
     spline: RBFInterpolator
@@ -120,7 +122,7 @@ class ChargeMap:
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
         """Charges (n, electrodes) in pC of touches (n, 4), and slopes (n, electrodes, 4)."""
-        places, step = touches[:, :ROTATION], STEP * self.domain.reach_mm
+        places, step = touches[:, : TouchColumn.ROTATION], STEP * self.domain.reach_mm
         steps = step * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
         near = self.charges((places[:, None] + steps).reshape(-1, 2)).reshape(len(places), 4, -1)
         slopes = (near[:, ::2] - near[:, 1::2]).swapaxes(1, 2) / (2.0 * step)

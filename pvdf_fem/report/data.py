@@ -17,25 +17,25 @@ import pandas as pd
 from pydantic import BeforeValidator, Field
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import channels
+from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.files import FileError, read_text
-from pvdf_fem.scene.change import plain, spelled
-from pvdf_fem.scene.mistakes import MOST_MISTAKES
-from pvdf_fem.scene.quantity import Section
+from pvdf_fem.scene.changes import normalize_key, to_plain_value
+from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, choose, flattened, problem
-from pvdf_fem.solver.adaptive import rest_forces
-from pvdf_fem.surrogate.model import QUANTITIES, SCENE_KEYS
+from pvdf_fem.scene.scene_file import SceneError, flatten, format_error, suggest
+from pvdf_fem.scene.validation_errors import MAX_ERRORS
+from pvdf_fem.solver.adaptive import compute_unloaded_integrals
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TOUCH_SCENE_KEYS
 
 MOST_BYTES = 5_000_000  #: Largest table in bytes.
 PREVIEW_ROWS = 8  #: About the number of rows in a preview.
 ERROR_MM = "error_mm"  #: Column with errors of places that others found.
 #: Short names for a touch's keys.
-SHORT = dict(zip(QUANTITIES, SCENE_KEYS, strict=True))
+SHORT = dict(zip(TOUCH_QUANTITIES, TOUCH_SCENE_KEYS, strict=True))
 
 
 #: Changes of a scene by dotted key.
-Changes = Annotated[dict[str, Any], BeforeValidator(flattened)]
+Changes = Annotated[dict[str, Any], BeforeValidator(flatten)]
 Name = Annotated[str, Field(min_length=1, max_length=60)]
 
 
@@ -75,14 +75,14 @@ class Readings:
         scenes, problems = [], dict[str, None]()
         keys = [c for c in self.shown.columns if c in SHORT or "." in c]
         for number, row in enumerate(self.frame.to_dict("records"), start=1):
-            given = {SHORT.get(c, spelled(c)): row[c] for c in keys if not pd.isna(row[c])}
+            given = {SHORT.get(c, normalize_key(c)): row[c] for c in keys if not pd.isna(row[c])}
             try:
-                scenes.append(base.with_(**{**self.source.set, **plain(given)}))
+                scenes.append(base.with_(**{**self.source.set, **to_plain_value(given)}))
             except SceneError as error:
                 where = f"data.{self.name}, row {number}"
                 problems |= dict.fromkeys(f"{where}: {told}" for told in error.problems)
         if problems:
-            raise SceneError(list(problems)[:MOST_MISTAKES])
+            raise SceneError(list(problems)[:MAX_ERRORS])
         return scenes
 
     def charges(self, scenes: Sequence[Scene], names: Sequence[str], reading: str) -> Array:
@@ -91,7 +91,7 @@ class Readings:
         charges = self.frame.reindex(columns=list(names)).to_numpy(float, copy=True)
         if self.source.unit == "V":  # what the amplifiers do, undone
             for row, scene in zip(charges, scenes, strict=True):
-                for c in channels(scene):
+                for c in make_channels(scene):
                     j = list(names).index(c.name) if c.name in names else slice(0)
                     row[j] = 1e12 * c.capacitance * (row[j] - c.offset) / c.gain
         if reading == self.reading:
@@ -107,7 +107,7 @@ class Readings:
     def row_names(self) -> list[str]:
         """Names of rows: their labels, else their keys."""
         cells = self.frame[list(self.source.labels)] if self.source.labels else self.shown
-        texts = (map(cell_text, row) for row in cells.itertuples(index=False))
+        texts = (map(format_cell, row) for row in cells.itertuples(index=False))
         return [", ".join(text for text in row if text) for row in texts]
 
     def thinned(self) -> Self:
@@ -116,7 +116,7 @@ class Readings:
         return replace(self, frame=self.frame.iloc[::every].reset_index(drop=True))
 
 
-def cell_text(cell: Any) -> str:
+def format_cell(cell: Any) -> str:
     """A cell as a table shows it."""
     return f"{cell:g}" if isinstance(cell, float) else str(cell)
 
@@ -135,17 +135,17 @@ def read_data(name: str, source: DataSource, scene: Scene, folder: Path) -> Read
             numbers = pd.to_numeric(frame[column].astype(str), errors="coerce")
             for row in frame.index[frame[column].notna() & ~np.isfinite(numbers)]:
                 reason = f"is no finite number, in row {row + 1}; correct the cell"
-                problems.append(problem(f"{where}.{column}", frame[column][row], reason))
+                problems.append(format_error(f"{where}.{column}", frame[column][row], reason))
             frame = frame.assign(**{column: numbers.astype(float)})
         elif column not in known and "." not in column:
-            reason = f"is no key of a scene and no electrode; {choose(column, known)}"
+            reason = f"is no key of a scene and no electrode; {suggest(column, known)}"
             reason += ", or name it in `labels`"
-            problems.append(problem(f"{where}.columns", column, reason))
+            problems.append(format_error(f"{where}.columns", column, reason))
     if source.unit == "V" and any(row.readout is None for row in rows[1:]):
         reason = 'is of readings, and the scene has no [readout]; add one, or give "pC"'
-        problems.append(problem(f"{where}.unit", source.unit, reason))
+        problems.append(format_error(f"{where}.unit", source.unit, reason))
     if problems:
-        raise SceneError(problems[:MOST_MISTAKES])
+        raise SceneError(problems[:MAX_ERRORS])
     reading = source.reading or (scene.readout.reading if scene.readout else "total")
     names = tuple(electrode for electrode in electrodes if electrode in frame.columns)
     return Readings(name, source, frame.reset_index(drop=True), names, reading)
@@ -154,13 +154,15 @@ def read_data(name: str, source: DataSource, scene: Scene, folder: Path) -> Read
 def _kept(where: str, source: DataSource, frame: pd.DataFrame) -> pd.DataFrame:
     """The rows kept by `where`, with their columns."""
     problems = [
-        problem(f"{where}.{key}", column, f"is no column; {choose(column, list(frame.columns))}")
+        format_error(
+            f"{where}.{key}", column, f"is no column; {suggest(column, list(frame.columns))}"
+        )
         for key, columns in (("where", source.where), ("labels", source.labels))
         for column in columns
         if column not in frame.columns
     ]
     if problems:
-        raise SceneError(problems[:MOST_MISTAKES])
+        raise SceneError(problems[:MAX_ERRORS])
     frame = frame.assign(**{label: frame[label].fillna("") for label in source.labels})
     for column, wanted in source.where.items():
         frame = frame[frame[column].isin(wanted if isinstance(wanted, list) else [wanted])]
@@ -190,7 +192,9 @@ def _frame(where: str, source: DataSource, folder: Path) -> pd.DataFrame:
     except (FileError, ValueError) as error:
         first = str(error).partition("\n")[0]
         reason = f"is no table ({first}); give a CSV file with a header"
-        raise SceneError([problem(f"{where}.file", source.file or "(table)", reason)]) from None
+        raise SceneError(
+            [format_error(f"{where}.file", source.file or "(table)", reason)]
+        ) from None
 
 
 def _rests(scenes: Sequence[Scene], names: Sequence[str]) -> Array:
@@ -198,7 +202,9 @@ def _rests(scenes: Sequence[Scene], names: Sequence[str]) -> Array:
     values = np.full((len(scenes), len(names)), np.nan)
     for row, scene in zip(values, scenes, strict=True):
         film = scene.film
-        charges = rest_forces(scene, needed=False).charges((film.d31_pC_N, film.d32_pC_N))
+        charges = compute_unloaded_integrals(scene, needed=False).charges(
+            (film.d31_pC_N, film.d32_pC_N)
+        )
         known = dict(zip((e.name for e in scene.electrode_list), charges.tolist(), strict=True))
         row[:] = [known.get(name, np.nan) for name in names]
     return values

@@ -20,19 +20,19 @@ from pydantic import Field
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.report.data import Changes, Name, Readings
-from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.results import ReportResults
 from pvdf_fem.report.task import Task
-from pvdf_fem.scene.change import number_at
-from pvdf_fem.scene.quantity import Section
+from pvdf_fem.scene.changes import get_number
+from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, choose, problem
+from pvdf_fem.scene.scene_file import SceneError, format_error, suggest
 
 QUICK_TOLERANCE = 1e-2  #: Least tolerance of the scenes of a preview.
 PLACE = ("probe.x_mm", "probe.y_mm")  #: Keys of the place of the probe.
 
 
 @contextmanager
-def blamed(key: str) -> Iterator[None]:
+def prefix_errors(key: str) -> Iterator[None]:
     """Report scenes' mistakes within the context as mistakes at a report script's key."""
     try:
         yield
@@ -53,7 +53,7 @@ class Inputs:
     def scene_of(self, *changes: Mapping[str, Any]) -> Scene:
         """The scene with changes, in a preview no finer than `QUICK_TOLERANCE`."""
         scene = self.scene
-        with blamed("set"):
+        with prefix_errors("set"):
             for table in changes:
                 scene = scene.with_(**table) if table else scene
         if self.quick and scene.numerics.tolerance < QUICK_TOLERANCE:
@@ -102,7 +102,7 @@ class Kind(Section):
         return ()
 
     @abstractmethod
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """What it draws of ``solved.charges(...)`` and ``solved.rows(task)``; raises
         `NothingToShow` where too many of its scenes have no charges, or a task has no rows."""
 
@@ -116,8 +116,10 @@ class Kind(Section):
             return None
         if self.data not in inputs.data:
             known = list(inputs.data)
-            advice = choose(self.data, known) if known else "add a table [data.NAME]"
-            raise SceneError([problem("data", self.data, f"is no data of the report; {advice}")])
+            advice = suggest(self.data, known) if known else "add a table [data.NAME]"
+            raise SceneError(
+                [format_error("data", self.data, f"is no data of the report; {advice}")]
+            )
         readings = inputs.data[self.data]
         return readings.thinned() if inputs.quick else readings
 
@@ -135,10 +137,10 @@ class Kind(Section):
         """SceneError for data without a drawn row."""
         if self.data is not None and not rows:
             reason = f"has no row {lack}; change the data or `set`"
-            raise SceneError([problem("data", self.data, reason)])
+            raise SceneError([format_error("data", self.data, reason)])
 
 
-class OfElectrodes(Kind):
+class ElectrodeKind(Kind):
     """A kind about some electrodes, by default all."""
 
     electrodes: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
@@ -149,35 +151,37 @@ class OfElectrodes(Kind):
         if given is None:
             return tuple(known)
         problems = [
-            problem("electrodes", name, f"is no electrode of the scene; {choose(name, known)}")
+            format_error(
+                "electrodes", name, f"is no electrode of the scene; {suggest(name, known)}"
+            )
             for name in given
             if name not in known
         ]
         if len({*given}) < len(given):
-            problems.append(problem("electrodes", list(given), "has a name twice; remove one"))
+            problems.append(format_error("electrodes", list(given), "has a name twice; remove one"))
         if problems:
             raise SceneError(problems)
         return given
 
 
-def differ_in(keys: Sequence[str], scene: Scene, other: Scene) -> bool:
+def differ_only_in(keys: Sequence[str], scene: Scene, other: Scene) -> bool:
     """Whether two scenes are equal but for numbers by some keys."""
     try:
-        return other.with_(**{key: number_at(scene, key) for key in keys}) == scene
+        return other.with_(**{key: get_number(scene, key) for key in keys}) == scene
     except (SceneError, AttributeError, LookupError, TypeError):  # one has no such key
         return False
 
 
-def placed(scene: Scene, places_mm: Array) -> list[Scene]:
+def place_probe(scene: Scene, places_mm: Array) -> list[Scene]:
     """The scene with its probe at places (n, 2); SceneError without a probe, or room for it."""
-    with blamed("set"):
+    with prefix_errors("set"):
         if scene.single_probe is None:
             reason = "has no probe to place; add [probe] to it, or probe.shape here"
-            raise SceneError([problem("scene", "(no probe)", reason)])
-    with blamed("reach_mm"):
+            raise SceneError([format_error("scene", "(no probe)", reason)])
+    with prefix_errors("reach_mm"):
         return [scene.with_(**dict(zip(PLACE, at, strict=True))) for at in places_mm.tolist()]
 
 
-def place_mm(scene: Scene) -> Array:
+def get_place_mm(scene: Scene) -> Array:
     """Place (2,) of the probe."""
-    return np.array([number_at(scene, key) for key in PLACE])
+    return np.array([get_number(scene, key) for key in PLACE])

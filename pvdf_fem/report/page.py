@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from pvdf_fem import __version__
 from pvdf_fem.report.kind import Content
-from pvdf_fem.report.script import Item, Other, Plan
+from pvdf_fem.report.script import Item, Other, ReportPlan
 
 VERDICT = "verdict.txt"  #: Has the verdict of the page in the same directory.
 LONG_TABLE = 12  #: Rows of a table above which it is folded.
@@ -60,7 +60,7 @@ class Entry:
         return [dict(row) for row in shown.to_dict("records")]
 
 
-def page_of(plan: Plan, entries: Sequence[Entry], out: Path, **state: Any) -> str:
+def render_page(plan: ReportPlan, entries: Sequence[Entry], out: Path, **state: Any) -> str:
     """The HTML for a page in a directory, with its `state`: numbers of solves and tasks ``done``
     and in ``total``, and whether the page ``is_preview``."""
     by_name = {entry.item.name: entry for entry in entries}
@@ -71,7 +71,7 @@ def page_of(plan: Plan, entries: Sequence[Entry], out: Path, **state: Any) -> st
         script=plan.script,
         sections=plan.sections,
         entries=entries,
-        verdict=verdict(entries),
+        verdict=make_verdict(entries),
         pictures=pictures,
         others=_others(plan, out),
         limits={
@@ -85,13 +85,13 @@ def page_of(plan: Plan, entries: Sequence[Entry], out: Path, **state: Any) -> st
     )
 
 
-def with_others(page: str, plan: Plan, out: Path) -> str:
+def update_other_reports(page: str, plan: ReportPlan, out: Path) -> str:
     """The HTML for a page in a directory, with present verdicts of further reports."""
     written = _template("page.others.html.j2").render(others=_others(plan, out))
     return re.sub(r'<ul class="others">.*?</ul>\n', lambda _: written, page, flags=re.DOTALL)
 
 
-def _others(plan: Plan, out: Path) -> list[tuple[Other, str | None]]:
+def _others(plan: ReportPlan, out: Path) -> list[tuple[Other, str | None]]:
     """Further reports with their verdicts, None for missing pages."""
     verdicts = list[str | None]()
     for page in (out / other.page for other in plan.others):
@@ -108,7 +108,7 @@ def _template(name: str) -> Template:
     return Environment(loader=loader, **how).get_template(name)
 
 
-def verdict(entries: Sequence[Entry]) -> str:
+def make_verdict(entries: Sequence[Entry]) -> str:
     """Up to two claims by finished items, as a sentence; empty before the first claim."""
     told = [(e.item.kind, e.content.claim) for e in entries if e.content and e.content.claim]
     judging = [claim for kind, claim in told if getattr(kind, "kind", "") in JUDGING]

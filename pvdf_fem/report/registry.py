@@ -14,8 +14,8 @@ from pvdf_fem.report.kinds.curve import Curve
 from pvdf_fem.report.kinds.isocharge import Isocharge
 from pvdf_fem.report.kinds.positions import Positions
 from pvdf_fem.report.kinds.sensor import Sensor
-from pvdf_fem.report.task import module_of
-from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.report.task import run_module
+from pvdf_fem.scene.scene_file import SceneError, format_error
 
 #: Kinds of ``[[section.figure]]``.
 FIGURES: Mapping[str, type[Kind]] = {
@@ -31,15 +31,15 @@ TABLES: Mapping[str, type[Kind]] = {
 }
 
 
-def kinds_of(path: Path) -> dict[str, type[Kind]]:
+def load_kinds(path: Path) -> dict[str, type[Kind]]:
     """Kinds defined in a Python file, by their words for `kind`. The file is run.
     Raises `SceneError` where the file cannot be run, or defines none."""
     try:
-        module = module_of(path)
+        module = run_module(path)
     except Exception as error:
         told = traceback.format_exception_only(error)[-1].strip()[:200]
         reason = f"cannot be run ({told}); mend the file"
-        raise SceneError([problem("kinds", str(path), reason)]) from error
+        raise SceneError([format_error("kinds", str(path), reason)]) from error
     found: dict[str, type[Kind]] = {}
     for value in vars(module).values():
         is_kind = isinstance(value, type) and issubclass(value, Kind)
@@ -48,5 +48,5 @@ def kinds_of(path: Path) -> dict[str, type[Kind]]:
             found |= dict.fromkeys(get_args(word.annotation) if word else (), value)
     if not found:
         reason = "has no kinds; derive a class from Kind, with a field kind: Literal[...]"
-        raise SceneError([problem("kinds", str(path), reason)])
+        raise SceneError([format_error("kinds", str(path), reason)])
     return found

@@ -10,26 +10,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from pvdf_fem.batch.batch import planned, records
+from pvdf_fem.batch.batch import plan_scenes, solve_planned
 from pvdf_fem.batch.store import Record, Store
-from pvdf_fem.batch.workers import Died
+from pvdf_fem.batch.workers import WorkerDied
 from pvdf_fem.files import make_directory, replace_file
 from pvdf_fem.progress import Progress, show_progress
 from pvdf_fem.report.kind import Inputs, Kind
-from pvdf_fem.report.page import VERDICT, Entry, page_of, verdict, with_others
-from pvdf_fem.report.script import Need, Plan, load
-from pvdf_fem.report.solved import NothingToShow, Solved
-from pvdf_fem.report.task import Rows, done, key
-from pvdf_fem.scene.given import taken
+from pvdf_fem.report.page import VERDICT, Entry, make_verdict, render_page, update_other_reports
+from pvdf_fem.report.results import NothingToShowError, ReportResults
+from pvdf_fem.report.script import ReportPlan, Requirements, load_script
+from pvdf_fem.report.task import Rows, compute_key, run_tasks
+from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.view.figures import content_of, style
+from pvdf_fem.view.figures import render_figure, use_style
 
 PAGE = "index.html"
 STORE = "solved.db"
 
 
 @dataclass(frozen=True)
-class Made:
+class MadeReport:
     """What a report has become."""
 
     page: Path
@@ -55,13 +55,13 @@ class Report:
     >>> print(made)
     """
 
-    plan: Plan
+    plan: ReportPlan
 
     @classmethod
     def load(cls, path: Path | str, kinds: Mapping[str, type[Kind]] | None = None) -> Self:
         """The report of a script. `kinds` are further kinds of figures and tables, by name. Raises
         `SceneError` with every mistake in the script, its scene and its data."""
-        return cls(load(taken("path", path, Path), kinds or {}))
+        return cls(load_script(coerce("path", path, Path), kinds or {}))
 
     def make(
         self,
@@ -71,7 +71,7 @@ class Report:
         full: bool = False,
         processes: int = -1,
         progress: Progress | bool | None = None,
-    ) -> Made:
+    ) -> MadeReport:
         """Solve the scenes, run the tasks and write ``index.html`` in a directory, anew with each
         figure. ``verdict.txt`` beside the page has the verdict.
 
@@ -87,35 +87,35 @@ class Report:
         work = _Work(out, self.plan, inputs, needed)
         work.begin()
         scenes = list(dict.fromkeys(scene for need in needed for scene in need.scenes))
-        tasks = {key(task): task for need in needed for task in need.tasks}
+        tasks = {compute_key(task): task for need in needed for task in need.tasks}
         with Store(out / STORE) as store, show_progress("scenes and tasks", progress) as show:
             stored = {name: rows for name in tasks if (rows := store.kept(name)) is not None}
             missing = {name: task for name, task in tasks.items() if name not in stored}
-            todo = planned(scenes, store)
+            todo = plan_scenes(scenes, store)
             total = todo.missing + len(missing)
             for name, rows in stored.items():
                 work.add(name, rows)
             how: Any = {"processes": processes, "progress": lambda n, _: show(n, total)}
-            for index, record in records(todo, store, **how):
+            for index, record in solve_planned(todo, store, **how):
                 work.add(scenes[index], record)
-            for count, (name, found) in enumerate(done(missing, store, processes), start=1):
+            for count, (name, found) in enumerate(run_tasks(missing, store, processes), start=1):
                 work.add(name, found)
                 show(todo.missing + count, total)
         failures = tuple(work.failures)
-        return Made(out / PAGE, len(scenes), todo.missing, len(tasks), len(missing), failures)
+        return MadeReport(out / PAGE, len(scenes), todo.missing, len(tasks), len(missing), failures)
 
     def refresh(self, out: Path | str) -> None:
         """Write the lines about other reports anew on the page in a directory, if there is one."""
         page = Path(out) / PAGE
         with suppress(FileNotFoundError):
-            write(page, with_others(page.read_text("utf-8"), self.plan, Path(out)))
+            write(page, update_other_reports(page.read_text("utf-8"), self.plan, Path(out)))
 
 
 @dataclass
 class _Part:
     """A figure or table on the way."""
 
-    need: Need
+    need: Requirements
     missing: set[Scene | str]  #: Scenes, and keys of tasks.
     entry: Entry
 
@@ -123,12 +123,16 @@ class _Part:
 class _Work:
     """A report in progress: computed results, and the page's content."""
 
-    def __init__(self, out: Path, plan: Plan, inputs: Inputs, needed: Sequence[Need]) -> None:
+    def __init__(
+        self, out: Path, plan: ReportPlan, inputs: Inputs, needed: Sequence[Requirements]
+    ) -> None:
         self.out, self.plan, self.inputs = out, plan, inputs
-        self.found: dict[Scene | str, Record | Rows | Died] = {}
+        self.found: dict[Scene | str, Record | Rows | WorkerDied] = {}
         self.failures: list[str] = []
         self.parts = {
-            need.item.name: _Part(need, {*need.scenes, *map(key, need.tasks)}, Entry(need.item))
+            need.item.name: _Part(
+                need, {*need.scenes, *map(compute_key, need.tasks)}, Entry(need.item)
+            )
             for need in needed
         }
         self.total = len(set[Scene | str]().union(*(of.missing for of in self.parts.values())))
@@ -147,7 +151,7 @@ class _Work:
             if not part.missing:
                 self._compose(part)
 
-    def add(self, wanted: Scene | str, found: Record | Rows | Died) -> None:
+    def add(self, wanted: Scene | str, found: Record | Rows | WorkerDied) -> None:
         """Take a scene's record, or a task's rows by key, and compose items that waited only for
         them."""
         self.found[wanted] = found
@@ -158,19 +162,19 @@ class _Work:
                     self._compose(part)
 
     def _compose(self, part: _Part) -> None:
-        item, solved = part.need.item, Solved(self.found)
+        item, solved = part.need.item, ReportResults(self.found)
         remarks = solved.failures(part.need.scenes, part.need.tasks)
         warnings = solved.warnings(part.need.scenes)
         try:
-            with style():
+            with use_style():
                 content = item.kind.compose(self.inputs, solved)
-                svg = content_of(content.figure, ".svg").decode() if content.figure else ""
+                svg = render_figure(content.figure, ".svg").decode() if content.figure else ""
             part.entry = Entry(item, content, svg, remarks=(*remarks, *warnings))
             table = content.frame.to_csv(index=False, lineterminator="\n")
             write(self.out / "data" / f"{item.name}.csv", table)
             if svg:
                 write(self.out / "figures" / f"{item.name}.svg", svg)
-        except NothingToShow as error:
+        except NothingToShowError as error:
             others = [remark for remark in remarks if remark != str(error)]
             part.entry = Entry(item, error=str(error), remarks=(*others, *warnings))
             remarks = [str(error), *others]
@@ -185,9 +189,9 @@ class _Work:
         """Write the page and the verdict with the results so far."""
         entries = [self.parts[item.name].entry for item in self.plan.items]
         state = {"done": len(self.found), "total": self.total, "is_preview": self.inputs.quick}
-        write(self.out / PAGE, page_of(self.plan, entries, self.out, **state))
+        write(self.out / PAGE, render_page(self.plan, entries, self.out, **state))
         preview = "Preview: " * self.inputs.quick
-        write(self.out / VERDICT, f"{preview}{text}\n" if (text := verdict(entries)) else "")
+        write(self.out / VERDICT, f"{preview}{text}\n" if (text := make_verdict(entries)) else "")
 
 
 def write(path: Path, text: str) -> None:

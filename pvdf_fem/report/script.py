@@ -9,16 +9,16 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import AfterValidator, Field, ValidationError
 
-from pvdf_fem.batch.batch import planned
+from pvdf_fem.batch.batch import plan_scenes
 from pvdf_fem.files import FileError, read_text
 from pvdf_fem.report.data import DataSource, Readings, read_data
-from pvdf_fem.report.kind import Inputs, Kind, blamed
+from pvdf_fem.report.kind import Inputs, Kind, prefix_errors
 from pvdf_fem.report.registry import FIGURES, TABLES
 from pvdf_fem.report.task import Task
-from pvdf_fem.scene.mistakes import MOST_MISTAKES, spelled_key, told
-from pvdf_fem.scene.quantity import Section, refusal
+from pvdf_fem.scene.keys import Section, make_validation_error
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import MOST_BYTES, SceneError, choose, parse_toml, problem
+from pvdf_fem.scene.scene_file import MOST_BYTES, SceneError, format_error, parse_toml, suggest
+from pvdf_fem.scene.validation_errors import MAX_ERRORS, describe_errors, join_key
 
 MOST_WORDS = 120  #: Of a section.
 PICTURES = 3  #: Of the first screen.
@@ -28,7 +28,7 @@ Model = TypeVar("Model", bound=Section)
 
 def _is_short(text: str) -> str:
     if (count := len(text.split())) > MOST_WORDS:
-        raise refusal(f"has {count} words, more than {MOST_WORDS}; say less")
+        raise make_validation_error(f"has {count} words, more than {MOST_WORDS}; say less")
     return text
 
 
@@ -88,7 +88,7 @@ class Item:
     full: Kind  #: With the values of its `full`.
 
 
-class Need(NamedTuple):
+class Requirements(NamedTuple):
     """What is to be computed for an item."""
 
     item: Item
@@ -97,7 +97,7 @@ class Need(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Plan:
+class ReportPlan:
     """A validated report script: its scene, data, sections and items."""
 
     script: Script
@@ -108,7 +108,7 @@ class Plan:
     others: tuple[Other, ...]
     files: tuple[Path, ...]  #: What was read.
 
-    def needs(self, quick: bool = False, full: bool = False) -> tuple[Inputs, list[Need]]:
+    def needs(self, quick: bool = False, full: bool = False) -> tuple[Inputs, list[Requirements]]:
         """Needs of the report's items, in preview or full form; the items of the
         first screen are first. Raises `SceneError` with all mistakes."""
         inputs, needed, problems = Inputs(self.scene, self.data, quick), [], list[str]()
@@ -116,13 +116,13 @@ class Plan:
             asked = replace(item, kind=item.full) if full else item
             try:
                 scenes, tasks = asked.kind.scenes(inputs), asked.kind.tasks(inputs)
-                needed.append(Need(asked, scenes, tasks))
+                needed.append(Requirements(asked, scenes, tasks))
             except SceneError as error:
                 problems += [f"{item.where}.{told}" for told in error.problems]
         if not problems:
-            planned([scene for need in needed for scene in need.scenes])
+            plan_scenes([scene for need in needed for scene in need.scenes])
             return inputs, needed
-        raise SceneError(problems[:MOST_MISTAKES], str(self.files[0]))
+        raise SceneError(problems[:MAX_ERRORS], str(self.files[0]))
 
     @property
     def summary(self) -> list[Item]:
@@ -134,7 +134,7 @@ class Plan:
         return [item for i, item in enumerate(found) if item not in found[:i]][:PICTURES]
 
 
-def load(path: Path, kinds: Kinds) -> Plan:
+def load_script(path: Path, kinds: Kinds) -> ReportPlan:
     """The plan of a script; `SceneError` with all its mistakes. `kinds` are further ones."""
     try:
         table = parse_toml(read_text(path, MOST_BYTES, "a report script"), str(path))
@@ -146,8 +146,8 @@ def load(path: Path, kinds: Kinds) -> Plan:
     data = {} if scene is None else reader.data(table, scene)
     items, others = reader.items(table), reader.all_valid(Other, table, "other")
     if reader.problems or script is None or scene is None:
-        raise SceneError(list(dict.fromkeys(reader.problems))[:MOST_MISTAKES], str(path))
-    plan = Plan(script, scene, data, sections, items, others, tuple(reader.files))
+        raise SceneError(list(dict.fromkeys(reader.problems))[:MAX_ERRORS], str(path))
+    plan = ReportPlan(script, scene, data, sections, items, others, tuple(reader.files))
     plan.needs()
     return plan
 
@@ -165,7 +165,7 @@ class _Reader:
         try:
             return model.model_validate(table)
         except ValidationError as error:
-            self.problems += told(error, where, model)
+            self.problems += describe_errors(error, where, model)
             return None
 
     def all_valid(self, model: type[Model], table: Table, name: str) -> tuple[Model, ...]:
@@ -179,13 +179,13 @@ class _Reader:
         try:
             if (given is None) == (example is None):
                 reason = "give one of `scene`, a path or a table [scene], and `example`"
-                raise SceneError([problem("scene", given or "(nothing)", reason)])
-            with blamed("scene" if example is None else "example"):
+                raise SceneError([format_error("scene", given or "(nothing)", reason)])
+            with prefix_errors("scene" if example is None else "example"):
                 if isinstance(example, str):
                     return Scene.example(example)
                 if isinstance(given, str):
                     self.files.append(self.files[0].parent / given)
-                    return Scene.load(self.files[-1])
+                    return Scene.from_file(self.files[-1])
                 return Scene().with_(**given) if isinstance(given, dict) else None
         except SceneError as error:
             self.problems += error.problems
@@ -196,7 +196,7 @@ class _Reader:
         found, tables = dict[str, Readings](), table.get("data")
         folder = self.files[0].parent
         for name, of in tables.items() if isinstance(tables, dict) else ():
-            source = self.valid(DataSource, of, spelled_key("data", [name]))
+            source = self.valid(DataSource, of, join_key("data", [name]))
             try:
                 if source is not None:
                     found[name] = read_data(name, source, scene, folder)
@@ -216,7 +216,9 @@ class _Reader:
                         continue
                     for key in kind.full.keys() & {"kind", "name", "full"}:
                         reason = "is the same in every form of a report; leave it out"
-                        self.problems.append(problem(f"{where}.full.{key}", kind.full[key], reason))
+                        self.problems.append(
+                            format_error(f"{where}.full.{key}", kind.full[key], reason)
+                        )
                     full = self.valid(type(kind), {**of, **kind.full}, f"{where}.full")
                     name = self._name(kind, where, names)
                     items.append(Item(number, where, name, kind, full or kind))
@@ -226,8 +228,8 @@ class _Reader:
         word = table.get("kind", "(nothing)")
         if isinstance(word, str) and word in known:
             return self.valid(known[word], table, where)
-        reason = f"is no kind there; {choose(word, list(known))}"
-        self.problems.append(problem(f"{where}.kind", word, reason))
+        reason = f"is no kind there; {suggest(word, list(known))}"
+        self.problems.append(format_error(f"{where}.kind", word, reason))
         return None
 
     def _name(self, kind: Kind, where: str, names: dict[str, str]) -> str:
@@ -237,7 +239,7 @@ class _Reader:
         name = kind.name or next(unused)
         if name in names:
             reason = f"is the name of {names[name]}; choose another"
-            self.problems.append(problem(f"{where}.name", name, reason))
+            self.problems.append(format_error(f"{where}.name", name, reason))
         names[name] = where
         return name
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 
+from pvdf_fem.scene.keys import Affects, Key, Section, make_validation_error
 from pvdf_fem.scene.outlines.circle import Circle
-from pvdf_fem.scene.outlines.outline import overlaps
-from pvdf_fem.scene.quantity import Affects, Key, Section, refusal
+from pvdf_fem.scene.outlines.outline import has_overlap
 from pvdf_fem.scene.registry import LAW_CLASSES
 from pvdf_fem.scene.scene_file import quote
 from pvdf_fem.scene.shapes import EXPANSION, MODULUS, Patch
@@ -23,7 +23,9 @@ NumberOrPair = Annotated[
     Discriminator(lambda value: "<pair>" if isinstance(value, list | tuple) else "<number>"),
 ]
 #: A coefficient of the charge by stress.
-COEFFICIENT = Key("pC/N", (-1e5, 1e5), Affects.READING, usual=(1e-6, 1e5), mistaken={"C/N": 1e12})
+COEFFICIENT = Key(
+    "pC/N", (-1e5, 1e5), Affects.READING, usual_limits=(1e-6, 1e5), likely_units={"C/N": 1e12}
+)
 
 
 class Layer(NamedTuple):
@@ -31,7 +33,7 @@ class Layer(NamedTuple):
 
     patch: Patch
     stiffness: NDArray[np.float64]  #: Of plane stress in Pa, (3, 3).
-    strain_at_rest: NDArray[np.float64]  #: Elastic strain on the flat film, (3,).
+    prestrain: NDArray[np.float64]  #: Elastic strain on the flat film, (3,).
     expansion: float  #: In 1/K.
     density: float  #: In kg/m³.
 
@@ -41,12 +43,18 @@ class Film(Section):
 
     radius_mm: Annotated[
         float,
-        Key("mm", (1e-3, 1e5), usual=(0.3, 1e5), mistaken={"m": 1e3}),
+        Key("mm", (1e-3, 1e5), usual_limits=(0.3, 1e5), likely_units={"m": 1e3}),
     ] = 45.0
     """Radius of the clamped rim."""
     thickness_um: Annotated[
         float,
-        Key("µm", (1e-3, 1e5), Affects.SCALE, usual=(0.5, 1e5), mistaken={"mm": 1e3, "m": 1e6}),
+        Key(
+            "µm",
+            (1e-3, 1e5),
+            Affects.SCALE,
+            usual_limits=(0.5, 1e5),
+            likely_units={"mm": 1e3, "m": 1e6},
+        ),
     ] = 25.0
     """Thickness."""
     youngs_modulus_GPa: Annotated[NumberOrPair[float], MODULUS] = 2.0
@@ -59,7 +67,13 @@ class Film(Section):
     E/(2(1 + ν)) for an isotropic film."""
     density_kg_m3: Annotated[
         float,
-        Key("kg/m³", (1e-3, 1e5), Affects.DYNAMICS, usual=(50.0, 1e5), mistaken={"g/cm³": 1e3}),
+        Key(
+            "kg/m³",
+            (1e-3, 1e5),
+            Affects.DYNAMICS,
+            usual_limits=(50.0, 1e5),
+            likely_units={"g/cm³": 1e3},
+        ),
     ] = 1760.0
     """Density, for vibrations, for weight and for the heat of a warm probe."""
     thermal_expansion_per_K: Annotated[float, EXPANSION] = 110e-6
@@ -141,9 +155,13 @@ class Film(Section):
             # nearer to 1, ν12 ν21 makes a stiffness that is singular to rounding
             if value**2 * E2 >= E1 * (1 - 1e-9):
                 bound = np.sqrt(E1 / E2)
-                raise refusal(f"makes ν12 ν21 at least 1; give a value below {bound:.6g}")
+                raise make_validation_error(
+                    f"makes ν12 ν21 at least 1; give a value below {bound:.6g}"
+                )
         elif not 0 <= value < 0.5:
-            raise refusal("is outside of [0, 0.5); give Poisson's ratio of a real isotropic film")
+            raise make_validation_error(
+                "is outside of [0, 0.5); give Poisson's ratio of a real isotropic film"
+            )
         return value
 
     @field_validator("temperature_change_K")
@@ -153,14 +171,16 @@ class Film(Section):
             return -1.0 if value is None else value
         if value is not None:
             other = f"film.pretension_N_m = {quote(pretension)}"
-            raise refusal(f"stands beside {other}; remove one of the two")
+            raise make_validation_error(f"stands beside {other}; remove one of the two")
         return None
 
     @field_validator("rim_displacement_um")
     @classmethod
     def _has_pairs(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
         if value is not None and len(value) % 2 == 0:
-            raise refusal("has a cosine without its sine; give an odd number of coefficients")
+            raise make_validation_error(
+                "has a cosine without its sine; give an odd number of coefficients"
+            )
         return value
 
     @field_validator("bending", "coupling", mode="before")
@@ -168,14 +188,14 @@ class Film(Section):
     def _is_a_choice(cls, value: Any) -> Any:
         if isinstance(value, bool) or value == "auto":
             return value
-        raise refusal('is not known; give true, false or "auto"')
+        raise make_validation_error('is not known; give true, false or "auto"')
 
     @field_validator("compression")
     @classmethod
     def _wrinkles_are_alone(cls, value: str, info: ValidationInfo) -> str:
         for key in ("bending", "coupling"):
             if value == "tension-field" and info.data.get(key):
-                raise refusal(f"is of a film without {key}; give film.{key} = false")
+                raise make_validation_error(f"is of a film without {key}; give film.{key} = false")
         return value
 
     @field_validator("patches")
@@ -183,11 +203,13 @@ class Film(Section):
     def _are_on_the_film(cls, value: Any, info: ValidationInfo) -> Any:
         rim = Circle(np.zeros(2), info.data.get("radius_mm", np.nan) / 1e3)
         for i, patch in enumerate(value or ()):
-            if rim.radius > 0.0 and not overlaps(patch.outline, rim):
-                raise refusal(f"[{i}] lies outside of the rim; move it inwards or remove it")
+            if rim.radius > 0.0 and not has_overlap(patch.outline, rim):
+                raise make_validation_error(
+                    f"[{i}] lies outside of the rim; move it inwards or remove it"
+                )
             if patch.thermal_expansion_per_K is not None and info.data.get("pretension_N_m"):
                 reason = f"[{i}].thermal_expansion_per_K is for a film that is cooled"
-                raise refusal(f"{reason}; remove it or film.pretension_N_m")
+                raise make_validation_error(f"{reason}; remove it or film.pretension_N_m")
         return value or None
 
     @field_validator("law")
@@ -195,7 +217,9 @@ class Film(Section):
     def _is_of_an_isotropic_film(cls, value: str, info: ValidationInfo) -> str:
         unlike = isinstance(info.data.get("youngs_modulus_GPa"), tuple)
         if value == "neo-hookean" and (unlike or info.data.get("shear_modulus_GPa") is not None):
-            raise refusal("is of an isotropic film; give one film.youngs_modulus_GPa alone")
+            raise make_validation_error(
+                "is of an isotropic film; give one film.youngs_modulus_GPa alone"
+            )
         return value
 
     @property
@@ -232,7 +256,7 @@ class Film(Section):
         return float(epsilon_0 * self.permittivity - d @ self.stiffness @ d)
 
     @property
-    def zeroed(self) -> Film:
+    def reference_state(self) -> Film:
         """The film before warming and pressure; its charges are the charges at rest."""
         before = {"warming_K": None, "pressure_Pa": None, "pressure_follows": False}
         return self.model_copy(update=before)
@@ -243,24 +267,24 @@ class Film(Section):
         return self.density * self.thickness * (self.gravity_m_s2 or 0.0)
 
     @property
-    def spread_force(self) -> float:
+    def distributed_force(self) -> float:
         """Size in N of the loads on the whole film."""
         return float(abs((self.pressure_Pa or 0.0) + self.weight) * np.pi * self.radius**2)
 
     @property
-    def strain_at_rest(self) -> NDArray[np.float64]:
+    def prestrain(self) -> NDArray[np.float64]:
         """Elastic strain of the flat clamped film, (3,), with engineering shear."""
         if self.temperature_change_K is not None:
             change = self.temperature_change_K + (self.warming_K or 0.0)
             strain = -self.thermal_expansion_per_K * change
             return strain * np.array([1.0, 1.0, 0.0]) + 0.0  # no negative zeros
-        return np.asarray(np.linalg.solve(self.stiffness, self.stress_at_rest) + 0.0)
+        return np.asarray(np.linalg.solve(self.stiffness, self.prestress) + 0.0)
 
     @property
-    def stress_at_rest(self) -> NDArray[np.float64]:
+    def prestress(self) -> NDArray[np.float64]:
         """Stress in Pa, (3,), in the flat clamped film if compression is carried; without shear."""
         if self.pretension_N_m is None:
-            return self.stiffness @ self.strain_at_rest
+            return self.stiffness @ self.prestrain
         given = np.append(np.broadcast_to(self.pretension_N_m, 2), 0.0) / self.thickness
         loosened = self.thermal_expansion_per_K * (self.warming_K or 0.0)
         return np.asarray(given - self.stiffness @ [loosened, loosened, 0.0])
@@ -270,7 +294,9 @@ class Film(Section):
         """Plane-stress stiffness in Pa, shape (3, 3): components 11, 22, 12, engineering shear."""
         modulus = self.youngs_modulus_GPa
         E1, E2 = modulus if isinstance(modulus, tuple) else (modulus, modulus)
-        return 1e9 * plane_stress(E1, E2, self.poisson_ratio, self.shear_modulus_GPa)
+        return 1e9 * compute_plane_stress_stiffness(
+            E1, E2, self.poisson_ratio, self.shear_modulus_GPa
+        )
 
     @property
     def layers(self) -> dict[str, Layer]:
@@ -281,8 +307,8 @@ class Film(Section):
         C, E, nu = self.stiffness, patch.youngs_modulus_GPa, patch.poisson_ratio
         if E is not None:
             nu = float(C[0, 1] / np.sqrt(C[0, 0] * C[1, 1])) if nu is None else nu
-            C = 1e9 * plane_stress(E, E, nu)
-        strain = self.zeroed.strain_at_rest * (patch.bonded != "at rest")
+            C = 1e9 * compute_plane_stress_stiffness(E, E, nu)
+        strain = self.reference_state.prestrain * (patch.bonded != "at rest")
         if (alpha := patch.thermal_expansion_per_K) is not None:
             strain[:2] = -alpha * (self.temperature_change_K or 0.0)
         alpha = self.thermal_expansion_per_K if alpha is None else alpha
@@ -291,15 +317,15 @@ class Film(Section):
         return Layer(patch, C, strain, alpha, density)
 
     @property
-    def moves_at_rest(self) -> bool:
+    def has_unbalanced_prestress(self) -> bool:
         """Whether the clamped film, untouched, moves in its plane, since its stress is uneven."""
-        stretched = any(layer.strain_at_rest.any() for layer in self.layers.values())
+        stretched = any(layer.prestrain.any() for layer in self.layers.values())
         return stretched or self.rim_displacement_um is not None
 
     @property
-    def is_flat_at_rest(self) -> bool:
+    def is_flat_unloaded(self) -> bool:
         """Whether the clamped film, untouched, is in balance while it is flat."""
-        return not (self.moves_at_rest or self.spread_force)
+        return not (self.has_unbalanced_prestress or self.distributed_force)
 
     def rim_strain(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Strain (..., 3) of a displacement g (x, y) that is the rim's there, in units of a: g is
@@ -315,7 +341,7 @@ class Film(Section):
         return strain
 
     @property
-    def is_uneven(self) -> bool:
+    def is_inhomogeneous(self) -> bool:
         """Whether the film is uneven before a touch."""
         return bool(self.patches or self.rim_displacement_um)
 
@@ -329,7 +355,7 @@ class Air(Section):
     """The rim is in a rigid wall; without it air flows around the rim."""
 
 
-def plane_stress(E1: Any, E2: Any, nu12: Any, G: Any = None) -> NDArray[Any]:
+def compute_plane_stress_stiffness(E1: Any, E2: Any, nu12: Any, G: Any = None) -> NDArray[Any]:
     """Stiffness (3, 3) of an orthotropic sheet, Voigt, in the unit of its moduli. Numbers may be
     complex, for derivatives. Without `G`, Huber's estimate is taken."""
     nu21 = nu12 * E2 / E1

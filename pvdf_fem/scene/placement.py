@@ -12,15 +12,15 @@ from pydantic import ValidationError
 
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.ellipse import Ellipse
-from pvdf_fem.scene.outlines.outline import TOUCH, overlaps
+from pvdf_fem.scene.outlines.outline import LENGTH_TOLERANCE, has_overlap
 from pvdf_fem.scene.outlines.sphere import SphereShape
-from pvdf_fem.scene.outlines.tip import tip_of
-from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES, SPREAD_CLASSES, Load, said_at
-from pvdf_fem.scene.scene_file import problem
+from pvdf_fem.scene.outlines.tip import make_tip
+from pvdf_fem.scene.registry import FILM_LOAD_CLASSES, OBSERVABLE_ENTRIES, Load, find_load_key
+from pvdf_fem.scene.scene_file import format_error
 from pvdf_fem.scene.shapes import Electrode, Layout, Pressing, PressingProbe, Probe
 
 
-def misplacements(
+def find_placement_errors(
     radius_mm: float | None,
     electrodes: Layout | Mapping[str, Electrode],
     probes: Mapping[str, Any],
@@ -41,15 +41,19 @@ def misplacements(
     yield from _overlapping(probes)
 
 
-def clashes(film: Film, observable: str, probes: Mapping[str, Any], load: Load) -> Iterator[str]:
+def find_incompatible_keys(
+    film: Film, observable: str, probes: Mapping[str, Any], load: Load
+) -> Iterator[str]:
     """Complaints about effects that no film model has together. Probes are given by their keys,
     and have the scene's load where they do not say their own."""
     own = {key: getattr(probe, "load", None) for key, probe in probes.items()}
     kinds = {key: (said and said.kind) or load.kind for key, said in own.items()}
-    tips = {k: said_at(k, probes[k], "kind") for k, kind in kinds.items() if kind == "contact"}
+    tips = {
+        k: find_load_key(k, probes[k], "kind") for k, kind in kinds.items() if kind == "contact"
+    }
     outlines = [patch.outline for patch in film.patches or ()]
     pressed = film.d33_pC_N and any(
-        overlaps(outline, probe.outline) for outline in outlines for probe in probes.values()
+        has_overlap(outline, probe.outline) for outline in outlines for probe in probes.values()
     )
     given = {
         "film.compression": film.compression != "refuse" and film.compression,
@@ -73,7 +77,7 @@ def clashes(film: Film, observable: str, probes: Mapping[str, Any], load: Load) 
         "film.warming_K": (film.warming_K, (coupled,)),
         "film.coupling": (film.coupling, (edges,)),
         'film.law = "neo-hookean"': (soft, (wrinkles, bends, coupled)),
-        **{f"film.{key}": (getattr(film, key), tips.values()) for key in SPREAD_CLASSES},
+        **{f"film.{key}": (getattr(film, key), tips.values()) for key in FILM_LOAD_CLASSES},
     }
     for key, probe in probes.items():
         of_tip = (tips[key],) if key in tips else ()
@@ -81,51 +85,55 @@ def clashes(film: Film, observable: str, probes: Mapping[str, Any], load: Load) 
     for feature, (present, others) in unlike.items():
         for key in others:
             if present and given[key]:
-                yield problem(key, given[key], f"is not for {feature}; change it or remove that")
+                yield format_error(
+                    key, given[key], f"is not for {feature}; change it or remove that"
+                )
     if film.coupling and film.clamped_permittivity <= 0.0:
         reason = "is not for d31, d32 so large at film.permittivity; change those or remove it"
-        yield problem("film.coupling", film.coupling, reason)
+        yield format_error("film.coupling", film.coupling, reason)
     if film.bending is True and tips:
         reason = 'is not for tips; give "auto" or false, and its effect is estimated'
-        yield problem("film.bending", True, reason)
+        yield format_error("film.bending", True, reason)
 
 
 def _of_load(radius_mm: float | None, key: str, probe: Any, load: Load) -> Iterator[str]:
     """Complaints about the load of a probe, its own or the scene's."""
     try:
-        own = probe.load_in(load) if isinstance(probe, Pressing) else load
+        own = probe.resolve_load(load) if isinstance(probe, Pressing) else load
     except ValidationError as error:
         for wrong in error.errors():
-            name = said_at(key, probe, str(wrong["loc"][0]))
+            name = find_load_key(key, probe, str(wrong["loc"][0]))
             whose = "" if name.startswith(key) else f" (of {key})"
-            yield problem(name, wrong["input"], wrong["ctx"]["reason"] + whose)
+            yield format_error(name, wrong["input"], wrong["ctx"]["reason"] + whose)
         return
     yield from _of_tip(key, probe, own)
     outline, rim = probe.outline, (radius_mm or np.inf) / 1e3
-    if own.kind == "rigid" and abs(outline.reach - rim) <= TOUCH * rim < np.inf:
+    if own.kind == "rigid" and abs(outline.reach - rim) <= LENGTH_TOLERANCE * rim < np.inf:
         reason = "a rigid probe on the clamped rim cannot move; make the probe smaller"
-        yield problem(said_at(key, probe, "kind"), own.kind, f"{reason} or choose another kind")
+        yield format_error(
+            find_load_key(key, probe, "kind"), own.kind, f"{reason} or choose another kind"
+        )
     if own.profile_entry.needs_ellipse and not isinstance(outline, Ellipse):
         reason = f'is of discs and ellipses; give {key}.shape = "circle" or another profile'
-        yield problem(said_at(key, probe, "profile"), own.profile, reason)
+        yield format_error(find_load_key(key, probe, "profile"), own.profile, reason)
 
 
 def _of_tip(key: str, probe: Any, load: Load) -> Iterator[str]:
     """Complaints about a probe that is a tip but does not touch, or touches and is none."""
     touches, rounding = load.kind == "contact", probe.edge_radius_mm
     try:
-        tip_of(probe)
+        make_tip(probe)
     except ValueError as error:
         if touches or rounding is not None:
             reason = f'{error}; give shape = "sphere" or edge_radius_mm'
             name = "shape" if rounding is None else "edge_radius_mm"
-            yield problem(f"{key}.{name}", getattr(probe, name), reason)
+            yield format_error(f"{key}.{name}", getattr(probe, name), reason)
         return
     if not touches:
         reason = "is of a tip that the film touches where it must"
         name = "shape" if rounding is None else "edge_radius_mm"
-        change = f'give {said_at(key, probe, "kind")} = "contact" or another {name}'
-        yield problem(f"{key}.{name}", getattr(probe, name), f"{reason}; {change}")
+        change = f'give {find_load_key(key, probe, "kind")} = "contact" or another {name}'
+        yield format_error(f"{key}.{name}", getattr(probe, name), f"{reason}; {change}")
 
 
 _Electrodes = Layout | tuple[tuple[str, Electrode], ...]
@@ -155,14 +163,14 @@ def _of_layout(radius_mm: float | None, layout: Layout) -> Iterator[str]:
     electrodes = layout.electrodes
     smaller = f"electrodes.{electrodes[0].size_key} smaller"
     reach_mm = 1e3 * max(electrode.outline.reach for electrode in electrodes)
-    if radius_mm is not None and reach_mm > radius_mm * (1 + TOUCH):
+    if radius_mm is not None and reach_mm > radius_mm * (1 + LENGTH_TOLERANCE):
         reason = _beyond(reach_mm, radius_mm)
-        yield problem(key, value, f"{reason}; make the ring or {smaller}")
+        yield format_error(key, value, f"{reason}; make the ring or {smaller}")
     for a, b in combinations(electrodes, 2):
-        if overlaps(a.outline, b.outline):
+        if has_overlap(a.outline, b.outline):
             fewer = "electrodes.count or " if layout.layout == "ring" else ""
             change = f"make the ring larger or {fewer}{smaller}"
-            yield problem(key, value, f"electrodes {a.name} and {b.name} overlap; {change}")
+            yield format_error(key, value, f"electrodes {a.name} and {b.name} overlap; {change}")
             return
 
 
@@ -174,20 +182,20 @@ def _of_list(radius_mm: float | None, electrodes: Mapping[str, Electrode]) -> It
     for key, electrode in electrodes.items():
         if (other := first.setdefault(electrode.name, key)) != key:
             reason = f"is the name of {other} too; give every electrode a name of its own"
-            yield problem(f"{key}.name", electrode.name, reason)
+            yield format_error(f"{key}.name", electrode.name, reason)
     yield from _overlapping(electrodes)
 
 
 def _overlapping(shapes: Mapping[str, Electrode] | Mapping[str, PressingProbe]) -> Iterator[str]:
     outlines = [(key, shape.outline) for key, shape in shapes.items()]
     for (first_key, a), (key, b) in combinations(outlines, 2):
-        if overlaps(a, b):
+        if has_overlap(a, b):
             reason = f"{key} overlaps {first_key}; move one of them or make it smaller"
-            yield problem(f"{key}.x_mm", shapes[key].x_mm, reason)
+            yield format_error(f"{key}.x_mm", shapes[key].x_mm, reason)
 
 
 def _over_rim(key: str, shape: Electrode | Probe, radius_mm: float) -> Iterator[str]:
-    limit_mm = radius_mm * (1 + TOUCH)
+    limit_mm = radius_mm * (1 + LENGTH_TOLERANCE)
     reach_mm = shape.outline.reach * 1e3
     if reach_mm <= limit_mm:
         return
@@ -201,13 +209,13 @@ def _over_rim(key: str, shape: Electrode | Probe, radius_mm: float) -> Iterator[
         field = "x_mm" if abs(shape.x_mm) >= abs(shape.y_mm) else "y_mm"
         change = "move it inwards or make it smaller"
     reason = _beyond(reach_mm, radius_mm)
-    yield problem(f"{key}.{field}", getattr(shape, field), f"{reason}; {change}")
+    yield format_error(f"{key}.{field}", getattr(shape, field), f"{reason}; {change}")
 
 
 def _beyond(reach_mm: float, radius_mm: float) -> str:
     excess = reach_mm - radius_mm
     told = f"reaches {excess:.3g} mm over the rim at film.radius_mm = {radius_mm:g}"
-    meant = Film.key_of("radius_mm").meant(radius_mm)
+    meant = Film.key_of("radius_mm").ask_likely_unit(radius_mm)
     return f"{told} ({meant})" if meant else told
 
 
@@ -215,7 +223,9 @@ def _without_edges(observable: str, electrodes: Mapping[str, Electrode]) -> Iter
     needs = f'numerics.observable = "{observable}" needs rectangles with edges along x and y'
     for key, electrode in electrodes.items():
         if not electrode.is_rectangle:
-            yield problem(f"{key}.shape", electrode.shape, f'{needs}; change it or take "material"')
+            yield format_error(
+                f"{key}.shape", electrode.shape, f'{needs}; change it or take "material"'
+            )
         elif electrode.rotation_deg % 90 != 0:
-            turned = problem(f"{key}.rotation_deg", electrode.rotation_deg, needs)
+            turned = format_error(f"{key}.rotation_deg", electrode.rotation_deg, needs)
             yield f'{turned}; take a multiple of 90 or "material"'

@@ -15,8 +15,8 @@ from pydantic import (
     model_serializer,
 )
 
-from pvdf_fem.scene.quantity import Key, Section, refusal
-from pvdf_fem.scene.scene_file import choose, flattened, problem
+from pvdf_fem.scene.keys import Key, Section, make_validation_error
+from pvdf_fem.scene.scene_file import flatten, format_error, suggest
 
 Value = TypeVar("Value")
 
@@ -38,11 +38,11 @@ ByChannel = Annotated[
 
 def _is_not_zero(value: float) -> float:
     if not value:
-        raise refusal("reads nothing; give a number other than zero")
+        raise make_validation_error("reads nothing; give a number other than zero")
     return value
 
 
-def deviation(value: float | str, of: float) -> float:
+def resolve_deviation(value: float | str, of: float) -> float:
     """A standard deviation: a number, or ``"5 %"`` of a number's magnitude."""
     if isinstance(value, str):
         return abs(of) * float(value.rstrip("% ")) / 100.0
@@ -54,12 +54,14 @@ def _are_deviations(given: dict[str, Any]) -> ByName[Any]:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         is_share = isinstance(value, str) and re.fullmatch(r"\d+(\.\d*)? ?%", value)
         if not is_share and not (is_number and 0.0 < value < 1e12):
-            raise refusal(f'has {value!r:.60} for {key}; give a number in its unit, or "5 %"')
+            raise make_validation_error(
+                f'has {value!r:.60} for {key}; give a number in its unit, or "5 %"'
+            )
     return ByName(given)
 
 
 #: Standard deviations by the scene's keys: numbers, or shares like ``"5 %"``.
-Uncertain = Annotated[dict[str, Any], BeforeValidator(flattened), AfterValidator(_are_deviations)]
+Uncertain = Annotated[dict[str, Any], BeforeValidator(flatten), AfterValidator(_are_deviations)]
 
 
 class Readout(Section):
@@ -115,11 +117,11 @@ class Readout(Section):
             return value.get(electrode, type(self).model_fields[key].default)
         return value
 
-    def mistakes(self, electrodes: Sequence[str]) -> Iterator[str]:
+    def find_channel_errors(self, electrodes: Sequence[str]) -> Iterator[str]:
         """Complaints about channels for missing electrodes."""
         for key in type(self).model_fields:
             table = getattr(self, key)
             for name in table if isinstance(table, ByName) else ():
                 if name not in electrodes:
-                    reason = f"is of no electrode; {choose(name, electrodes)}"
-                    yield problem(f"readout.{key}.{name}", table[name], reason)
+                    reason = f"is of no electrode; {suggest(name, electrodes)}"
+                    yield format_error(f"readout.{key}.{name}", table[name], reason)

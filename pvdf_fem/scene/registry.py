@@ -17,9 +17,9 @@ from pydantic import (
     model_serializer,
 )
 
-from pvdf_fem.scene.quantity import Affects, Key, Section, refusal
+from pvdf_fem.scene.keys import Affects, Key, Section, make_validation_error
 from pvdf_fem.scene.readout import Readout
-from pvdf_fem.scene.scene_file import choose
+from pvdf_fem.scene.scene_file import suggest
 
 #: Class of each ``load.kind``.
 LOAD_CLASSES = {
@@ -31,7 +31,7 @@ LOAD_CLASSES = {
 
 
 #: Classes of loads on the whole film, by the film's keys.
-SPREAD_CLASSES = {
+FILM_LOAD_CLASSES = {
     "pressure_Pa": "pvdf_fem.film.loads.film_load:FilmPressure",
     "gravity_m_s2": "pvdf_fem.film.loads.weight:Weight",
 }
@@ -57,7 +57,7 @@ PROFILE_ENTRIES = {
     "gaussian": ProfileEntry("pvdf_fem.film.loads.profiles:Gaussian"),
 }
 #: Mark between a profile file's path and the SHA-256 of its content.
-PIN = "#sha256="
+DIGEST_MARK = "#sha256="
 TABLE_ENTRY = ProfileEntry("pvdf_fem.film.loads.profiles:TableProfile", is_symmetric=False)
 
 
@@ -75,14 +75,19 @@ OBSERVABLE_ENTRIES = {
 }
 
 #: Pairs of keys of a table; a key with a value removes its rival.
-RIVALS = {"depth_mm": "force_N", "temperature_change_K": "pretension_N_m"}
-RIVALS |= {rival: key for key, rival in RIVALS.items()}
+ALTERNATIVE_KEYS = {"depth_mm": "force_N", "temperature_change_K": "pretension_N_m"}
+ALTERNATIVE_KEYS |= {rival: key for key, rival in ALTERNATIVE_KEYS.items()}
 #: Load keys that a listed probe has beside its shape; a file may have them in `load`, too.
-FORCES = ("depth_mm", "force_N", "tangential_N")
+FORCE_KEYS = ("depth_mm", "force_N", "tangential_N")
 #: Forces and depths of loads; listed probes have them, too.
 DEPTH = Key("mm", (1e-6, 1e3), needs=("kind", "contact"), example=3.0)
 FORCE = Key(
-    "N", (0.0, 1e6), Affects.SCALE, usual=(0.0, 99.9), mistaken={"grams": 9.81e-3}, example=0.6
+    "N",
+    (0.0, 1e6),
+    Affects.SCALE,
+    usual_limits=(0.0, 99.9),
+    likely_units={"grams": 9.81e-3},
+    example=0.6,
 )
 TANGENTIAL = Key("N", (-1e6, 1e6), example=[0.5, 0.0])
 
@@ -105,12 +110,12 @@ class Load(Section):
     ] = None
     """A flat punch is sliding in the plane, or stuck, held by its guide unless tangential_N pushes
     it; sliding where it is not given."""
-    tilt: Annotated[Literal["held", "free"], Key(needs=("kind", "rigid"), idle="held")] = "held"
+    tilt: Annotated[Literal["held", "free"], Key(needs=("kind", "rigid"), neutral="held")] = "held"
     """held: the guide of a punch keeps it horizontal by moments. free: it leans as the film lets
     it, by small angles about x and y."""
     tangential_N: Annotated[tuple[float, float] | None, TANGENTIAL] = None
     """Force along x and y, of a dead load or a stuck punch."""
-    profile: Annotated[str, Key(needs=("kind", "dead"), idle="uniform")] = "uniform"
+    profile: Annotated[str, Key(needs=("kind", "dead"), neutral="uniform")] = "uniform"
     """How a dead load is spread: uniform, hertz (discs and ellipses), gaussian, or the path, from
     the working directory, of a CSV or NetCDF file with x_mm, y_mm and pressure on a grid in the
     probe's own axes, whose total is the force. A path that ends in #sha256= and a digest refuses
@@ -129,29 +134,39 @@ class Load(Section):
     @field_validator("profile")
     @classmethod
     def _is_a_profile(cls, value: str) -> str:
-        if value not in PROFILE_ENTRIES and not value.partition(PIN)[0].endswith((".csv", ".nc")):
-            known = choose(value, list(PROFILE_ENTRIES))
-            raise refusal(f"is no path that ends in .csv or .nc and no profile; {known}")
+        if value not in PROFILE_ENTRIES and not value.partition(DIGEST_MARK)[0].endswith(
+            (".csv", ".nc")
+        ):
+            known = suggest(value, list(PROFILE_ENTRIES))
+            raise make_validation_error(
+                f"is no path that ends in .csv or .nc and no profile; {known}"
+            )
         return value
 
     @field_validator("tangential_N")
     @classmethod
     def _is_borne(cls, value: Any, info: ValidationInfo) -> Any:
         if value is not None and info.data.get("kind") == "follower":
-            raise refusal('is not of a pressure normal to the film; remove it or give kind "dead"')
+            raise make_validation_error(
+                'is not of a pressure normal to the film; remove it or give kind "dead"'
+            )
         if value is not None and info.data.get("kind") == "contact":
-            raise refusal("is not of a tip, which a guide holds and the film slides on; remove it")
+            raise make_validation_error(
+                "is not of a tip, which a guide holds and the film slides on; remove it"
+            )
         if value is not None and info.data.get("contact") == "sliding":
-            raise refusal('slides off without friction; remove it or give contact = "stuck"')
+            raise make_validation_error(
+                'slides off without friction; remove it or give contact = "stuck"'
+            )
         return value
 
     @field_validator("force_N")
     @classmethod
     def _is_not_given_twice(cls, value: float, info: ValidationInfo) -> float:
         if info.data.get("depth_mm") is not None:
-            raise refusal("follows from depth_mm; remove one of the two")
+            raise make_validation_error("follows from depth_mm; remove one of the two")
         if value == 0.0 and info.data.get("kind") == "contact":
-            raise refusal("presses no tip on the film; give more, or remove [probe]")
+            raise make_validation_error("presses no tip on the film; give more, or remove [probe]")
         return value
 
     @model_serializer(mode="wrap")
@@ -190,14 +205,14 @@ class Load(Section):
 
 if TYPE_CHECKING:
 
-    class OwnLoad(Load):
+    class LoadOverrides(Load):
         """The load of a listed probe. What it does not say is None."""
 else:
     _own: Any = {
         key: (Annotated[(field.annotation | None, Field(), *field.metadata)], None)
         for key, field in Load.model_fields.items()
     }
-    OwnLoad = create_model("OwnLoad", __base__=Load, __module__=__name__, **_own)
+    LoadOverrides = create_model("LoadOverrides", __base__=Load, __module__=__name__, **_own)
 #: Needs of load and channel keys: a key and its value.
 _NEEDS = {
     name: needs
@@ -207,7 +222,7 @@ _NEEDS = {
 }
 
 
-def put(table: dict[str, Any], key: str, value: Any, rival: Any = None) -> None:
+def set_key(table: dict[str, Any], key: str, value: Any, rival: Any = None) -> None:
     """Change a key of a scene's table. Keys that need a different value are left behind, and the
     rival, too. Where a value of the `rival` is given, too, both stay and are refused."""
     if isinstance(value, dict):  # a value by channel leaves nothing behind
@@ -215,15 +230,15 @@ def put(table: dict[str, Any], key: str, value: Any, rival: Any = None) -> None:
         return
     for other, (decider, needed) in _NEEDS.items():
         if other in table and decider == key and value != needed:
-            put(table, other, None)
+            set_key(table, other, None)
             del table[other]
     if value is not None and rival is None:
-        table.pop(RIVALS.get(key, ""), None)
+        table.pop(ALTERNATIVE_KEYS.get(key, ""), None)
     table[key] = value
 
 
-def said_at(where: str, probe: Any, key: str) -> str:
+def find_load_key(where: str, probe: Any, key: str) -> str:
     """The key for a load's value at the probe `where`: the probe's key or the scene's key."""
     if key not in getattr(probe, "said", ()):
         return f"load.{key}"
-    return f"{where}.{key}" if key in FORCES else f"{where}.load.{key}"
+    return f"{where}.{key}" if key in FORCE_KEYS else f"{where}.load.{key}"

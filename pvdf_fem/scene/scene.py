@@ -8,38 +8,38 @@ biaxial sensor without a probe.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self, overload
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from pvdf_fem.scene.change import Replaced, change
+from pvdf_fem.scene.changes import Replaced, apply_changes
 from pvdf_fem.scene.film import Air, Film
-from pvdf_fem.scene.mistakes import MOST_MISTAKES, REASONS, mistakes
+from pvdf_fem.scene.keys import Affects, Key, Section
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.outlines.tip import Tip, tip_of
-from pvdf_fem.scene.placement import clashes, misplacements
-from pvdf_fem.scene.quantity import Affects, Key, Section
+from pvdf_fem.scene.outlines.tip import Tip, make_tip
+from pvdf_fem.scene.placement import find_incompatible_keys, find_placement_errors
 from pvdf_fem.scene.readout import Readout, Uncertain
-from pvdf_fem.scene.registry import FORCES, OBSERVABLE_ENTRIES, Load, OwnLoad
+from pvdf_fem.scene.registry import FORCE_KEYS, OBSERVABLE_ENTRIES, Load, LoadOverrides
 from pvdf_fem.scene.scene_file import (
     SceneError,
-    example_text,
-    examples,
-    flattened,
+    flatten,
+    format_error,
+    format_toml,
+    get_example_text,
     parse_toml,
-    problem,
     quote,
+    read_examples,
     read_scene_text,
-    write_toml,
 )
 from pvdf_fem.scene.shapes import LAYOUTS, Electrode, Electrodes, Layout, Probe, Probes
-from pvdf_fem.scene.stage import Stage, WantedModel
-from pvdf_fem.told import Grid, Parts, Told, with_named_arguments
+from pvdf_fem.scene.stage import ResponseDomain, Stage
+from pvdf_fem.scene.validation_errors import MAX_ERRORS, REASONS, describe_scene_errors
+from pvdf_fem.summary import Result, Summary, TextTable
 
 __all__ = [
     "Air",
@@ -51,10 +51,10 @@ __all__ = [
     "Probe",
     "Readout",
     "Replaced",
+    "ResponseDomain",
     "Scene",
     "SceneError",
     "Stage",
-    "WantedModel",
 ]
 
 
@@ -76,18 +76,6 @@ class Numerics(Section):
     1e-3."""
 
 
-if TYPE_CHECKING:
-
-    class _LoadOrReader:
-        """`scene.load` is the scene's load, while `Scene.load(path)` reads a file."""
-
-        @overload
-        def __get__(self, scene: None, owner: type[Scene]) -> Callable[[Path | str], Scene]: ...
-        @overload
-        def __get__(self, scene: Scene, owner: type[Scene]) -> Load: ...
-        def __get__(self, scene: Any, owner: Any) -> Any: ...
-
-
 @dataclass(frozen=True)
 class LoadedProbe:
     """A scene's probe with its load, key, and patch name in a mesh."""
@@ -105,14 +93,14 @@ class LoadedProbe:
     @property
     def tip(self) -> Tip:
         """The rigid tip that it is; ValueError of a probe that is none."""
-        return tip_of(self.probe)
+        return make_tip(self.probe)
 
 
-class Scene(Told, Section):
+class Scene(Result, Section):
     """A film with electrodes, optional probes, a load, readout and stage.
 
     Listed probes may have their own loads. Mistakes raise `SceneError`, listed under the keys of
-    the scene file; valid values that were probably meant otherwise are among the `doubts`.
+    the scene file; valid values that were probably meant otherwise are among the `warnings`.
 
     Examples
     --------
@@ -127,11 +115,8 @@ class Scene(Told, Section):
     """The electrodes: a layout, or a list of any."""
     probe: Probes | None = None
     """What presses on the film, or a list of several; nothing does where it is not given."""
-    if TYPE_CHECKING:
-        load: _LoadOrReader = _LoadOrReader()
-    else:
-        load: Load = Load()
-        """The force of the probe."""
+    load: Load = Load()
+    """The force of the probe."""
     numerics: Numerics = Numerics()
     """The accuracy of a solve."""
     readout: Annotated[Readout | None, Key(affects=Affects.INSTRUMENT)] = None
@@ -140,7 +125,7 @@ class Scene(Told, Section):
     """The film on the stage that positions the probe."""
     air: Annotated[Air | None, Key(affects=Affects.DYNAMICS)] = None
     """The air on both sides of the film, for vibrations."""
-    model: Annotated[WantedModel | None, Key(affects=Affects.INSTRUMENT)] = None
+    model: Annotated[ResponseDomain | None, Key(affects=Affects.INSTRUMENT)] = None
     """The model of the charges by the touch."""
     uncertain: Annotated[
         Uncertain | None,
@@ -152,16 +137,16 @@ class Scene(Told, Section):
 
         def __init__(self, /, *given: Any, **tables: Any) -> None:
             if given:
-                raise SceneError([problem("Scene", given[0], REASONS["nameless"])])
+                raise SceneError([format_error("Scene", given[0], REASONS["nameless"])])
             try:
                 super().__init__(**tables)
             except ValidationError as error:
-                raise SceneError(mistakes(error, tables, type(self))) from None
+                raise SceneError(describe_scene_errors(error, tables, type(self))) from None
 
     @model_validator(mode="after")
     def _shapes_have_their_places(self) -> Self:
         electrodes, observable = self.electrodes, self.numerics.observable
-        complaints = misplacements(
+        complaints = find_placement_errors(
             self.film.radius_mm,
             {f"electrodes[{i}]": electrode for i, electrode in enumerate(electrodes)}
             if isinstance(electrodes, tuple)
@@ -170,30 +155,34 @@ class Scene(Told, Section):
             self.load,
             observable,
         )
-        complaints = chain(complaints, clashes(self.film, observable, self._probes, self.load))
+        complaints = chain(
+            complaints, find_incompatible_keys(self.film, observable, self._probes, self.load)
+        )
         if self.readout is not None:
             names = [electrode.name for electrode in self.electrode_list]
-            complaints = chain(complaints, self.readout.mistakes(names))
-        if problems := list(islice(complaints, MOST_MISTAKES + 1)):
+            complaints = chain(complaints, self.readout.find_channel_errors(names))
+        if problems := list(islice(complaints, MAX_ERRORS + 1)):
             context = {"text": "\n".join(problems), "problems": problems}
             raise PydanticCustomError("misplaced", "{text}", context)
         return self
 
     @property
-    def doubts(self) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Doubtful but valid parts of a scene: a load on nothing, and values in wrong units."""
         found, tables = [], {"film": self.film, "load": self.load}
         tables |= {f"film.patches[{i}]": patch for i, patch in enumerate(self.film.patches or ())}
         if self.probe is None and self.load != Load():
             found.append("load: nothing presses, since there is no probe; add [probe]")
             del tables["load"]
-        for key in self.unheeded(f"load.{k}" for k in self.load.model_dump(exclude_defaults=True)):
+        for key in self.find_unused_load_keys(
+            f"load.{k}" for k in self.load.model_dump(exclude_defaults=True)
+        ):
             found.append(f"{key}: no probe has it, since each says its own; remove one of the two")
         for name, table in tables.items():
             for key in type(table).model_fields:
                 value, said = getattr(table, key), table.key_of(key)
-                if isinstance(value, float) and (meant := said.meant(value)):
-                    told = problem(f"{name}.{key}", value, f"is in {said.unit}")
+                if isinstance(value, float) and (meant := said.ask_likely_unit(value)):
+                    told = format_error(f"{name}.{key}", value, f"is in {said.unit}")
                     found.append(f"{told}; {meant}")
         return tuple(found)
 
@@ -221,7 +210,7 @@ class Scene(Told, Section):
         if not isinstance(self.probe, tuple):
             return (LoadedProbe("probe", "probe", self.probe, self.load),) if self.probe else ()
         return tuple(
-            LoadedProbe(f"probe[{i}]", f"probe {i + 1}", probe, probe.load_in(self.load))
+            LoadedProbe(f"probe[{i}]", f"probe {i + 1}", probe, probe.resolve_load(self.load))
             for i, probe in enumerate(self.probe)
         )
 
@@ -230,31 +219,35 @@ class Scene(Told, Section):
         """The loaded probes that are rigid tips."""
         return tuple(touch for touch in self.loaded_probes if touch.load.kind == "contact")
 
-    def loaded(self, touches: Sequence[LoadedProbe]) -> Scene:
+    def with_loaded_probes(self, touches: Sequence[LoadedProbe]) -> Scene:
         """The scene with other `loaded_probes`, or with some of them; their values go unchecked."""
         if not touches:
             return self.model_copy(update={"probe": None})
         if not isinstance(self.probe, tuple):
             (touch,) = touches
             return self.model_copy(update={"probe": touch.probe, "load": touch.load})
-        own = [OwnLoad.model_construct(**touch.load.model_dump()) for touch in touches]
+        own = [LoadOverrides.model_construct(**touch.load.model_dump()) for touch in touches]
         probes = tuple(
-            touch.probe.model_copy(update={**dict.fromkeys(FORCES), "load": load})
+            touch.probe.model_copy(update={**dict.fromkeys(FORCE_KEYS), "load": load})
             for touch, load in zip(touches, own, strict=True)
         )
         return self.model_copy(update={"probe": probes, "load": Load()})
 
-    def unheeded(self, keys: Iterable[str]) -> list[str]:
+    def find_unused_load_keys(self, keys: Iterable[str]) -> list[str]:
         """The load's keys, among `keys`, without effect on the listed probes."""
         probes = self.probe if isinstance(self.probe, tuple) else ()
         of_load = {key: key.removeprefix("load.") for key in keys if key.startswith("load.")}
-        return [k for k in of_load if probes and not any(p.heeds(of_load[k]) for p in probes)]
+        return [
+            k
+            for k in of_load
+            if probes and not any(p.inherits_load_key(of_load[k]) for p in probes)
+        ]
 
     def require_no_tips(self, what: str) -> None:
         """SceneError for a scene with tips: `what` cannot find contacts."""
         if self.tips:
             reason = f"is not for {what}, which does not find where a tip touches; give another"
-            raise SceneError([problem("load.kind", "contact", reason)])
+            raise SceneError([format_error("load.kind", "contact", reason)])
 
     def require_plain_charges(self, what: str, *known: str) -> None:
         """SceneError where charges are more than d31 and d32 times the stress at zero voltage and
@@ -265,15 +258,35 @@ class Scene(Told, Section):
         unknown = {k: v for k, v in given.items() if v and k.rpartition(".")[2] not in known}
         if unknown:
             reason = f"is not for {what}; remove it"
-            raise SceneError([problem(key, value, reason) for key, value in unknown.items()])
+            raise SceneError([format_error(key, value, reason) for key, value in unknown.items()])
 
     @property
     def single_probe(self) -> Probe | None:
         """The probe where only one will do; SceneError for a list."""
         if isinstance(self.probe, tuple):
             reason = "is a list [[probe]], and this serves one probe only; give a table [probe]"
-            raise SceneError([problem("probe", [probe.shape for probe in self.probe], reason)])
+            raise SceneError([format_error("probe", [probe.shape for probe in self.probe], reason)])
         return self.probe
+
+    @classmethod
+    def from_file(cls, path: Path | str) -> Scene:
+        """Read a scene file.
+
+        Parameters
+        ----------
+        path : path or str
+            A TOML file in UTF-8.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        SceneError
+            Listing all errors of the file under its path.
+        """
+        return cls.parse(read_scene_text(path), str(path))
 
     @classmethod
     def parse(cls, text: str, source: str = "<text>") -> Scene:
@@ -284,8 +297,10 @@ class Scene(Told, Section):
     def example(cls, name: str) -> Scene:
         """A scene that comes with the package: ``"triangle"``; SceneError tells the names."""
         others = "[[axes]]", "[[section]]"  # sweeps and reports
-        scenes = {k: text for k, text in examples().items() if not any(o in text for o in others)}
-        return cls.parse(example_text(name, scenes), name)
+        scenes = {
+            k: text for k, text in read_examples().items() if not any(o in text for o in others)
+        }
+        return cls.parse(get_example_text(name, scenes), name)
 
     def with_(self, tables: Mapping[str, Any] | None = None, /, **changes: Any) -> Scene:
         """Another scene, with some values changed.
@@ -310,23 +325,25 @@ class Scene(Told, Section):
             Listing all mistakes, as for a file.
         """
         own = self.to_json()
-        return self._from_tables(own, "", change(own, tables, changes))
+        return self._from_tables(own, "", apply_changes(own, tables, changes))
 
     def to_toml(self) -> str:
         """The scene as a scene file with every key; parsing it gives an equal scene."""
-        return write_toml(self.to_json())
+        return format_toml(self.to_json())
 
     def to_json(self) -> dict[str, Any]:
         """The tables of the scene file with every key."""
         return self.model_dump(mode="json", exclude_none=True)
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """Film, electrodes and probes, all keys, and doubts."""
         names = ", ".join(electrode.name for electrode in self.electrode_list)
         probes = " and ".join(probe.shape for probe in self._probes.values()) or "no probe"
-        rows = ((key, quote(value)) for key, value in flattened(self.to_json(), lists=True).items())
-        about = f"film of {self.film.radius_mm:g} mm", [f"electrodes {names}, {probes}"]
-        return *about, [Grid(("key", "value"), tuple(rows))], self.doubts
+        rows = ((key, quote(value)) for key, value in flatten(self.to_json(), lists=True).items())
+        table = TextTable(("key", "value"), tuple(rows))
+        film = f"film of {self.film.radius_mm:g} mm"
+        sentence = f"electrodes {names}, {probes}"
+        return Summary(film, [sentence], tables=[table], notes=self.warnings)
 
     @classmethod
     def _from_tables(
@@ -339,12 +356,3 @@ class Scene(Told, Section):
         if problems:
             raise SceneError(problems, source)
         return scene
-
-
-def load(path: Path | str) -> Scene:
-    """Scene from a scene file; raises `SceneError` for mistakes."""
-    return Scene.parse(read_scene_text(path), str(path))
-
-
-# The class alone has this attribute: an instance's dictionary, which comes first, has its load.
-setattr(Scene, "load", staticmethod(with_named_arguments(load)))  # noqa: B010

@@ -54,23 +54,23 @@ class SceneError(ValueError):
 def read_scene_text(path: Path | str) -> str:
     """The text of a scene file; SceneError unless a UTF-8 file with at most `MOST_BYTES`."""
     if not isinstance(path, str | Path):
-        raise SceneError([problem("path", path, "is no path; give the name of a file")])
+        raise SceneError([format_error("path", path, "is no path; give the name of a file")])
     try:
         return read_text(Path(path), MOST_BYTES, "a scene file")
     except FileError as error:
         raise SceneError([str(error)], str(path)) from None
 
 
-def examples() -> dict[str, str]:
+def read_examples() -> dict[str, str]:
     """The texts of the example files, scenes, sweeps and reports, by name."""
     paths = sorted(Path(__file__).parents[1].joinpath("examples").glob("*.toml"))
     return {path.stem: path.read_text("utf-8") for path in paths}
 
 
-def example_text(name: str, files: Mapping[str, str]) -> str:
+def get_example_text(name: str, files: Mapping[str, str]) -> str:
     """The text of an example file; SceneError with a suggestion for an unknown `name`."""
     if name not in files:
-        raise SceneError([f"{quote(name)}: is no example; {choose(name, list(files))}"])
+        raise SceneError([f"{quote(name)}: is no example; {suggest(name, list(files))}"])
     return files[name]
 
 
@@ -82,11 +82,11 @@ class KeyText(NamedTuple):
     text: str  #: The key with its default or an example, below lines of comment.
 
 
-def key_texts() -> Iterator[KeyText]:
+def read_key_texts() -> Iterator[KeyText]:
     """Scene keys from the example with every key."""
     table = ""
     lines: list[str] = []
-    for line in examples()["four_electrodes"].splitlines():
+    for line in read_examples()["four_electrodes"].splitlines():
         if heading := re.match(r"#?(\[+[\w.]+\]+)", line):
             table, lines = heading[1], []
         elif name := re.match(r'#?"?([\w.]+)"? = ', line):
@@ -99,7 +99,7 @@ def key_texts() -> Iterator[KeyText]:
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The table in a TOML text; SceneError naming source and line for what is not TOML."""
     if not isinstance(text, str):
-        raise SceneError([problem("text", text, "is no text; give the TOML of a scene file")])
+        raise SceneError([format_error("text", text, "is no text; give the TOML of a scene file")])
     if len(text) > MOST_BYTES:
         large = f"has {len(text)} characters, more than {MOST_BYTES}; a scene is small"
         raise SceneError([f"{source}: {large}, give another"], source)
@@ -121,7 +121,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
         raise SceneError([text], source) from None
 
 
-def write_toml(table: Mapping[str, Any]) -> str:
+def format_toml(table: Mapping[str, Any]) -> str:
     """TOML for a mapping of tables and lists of tables. Their values are scalars, lists and tables
     of scalars."""
     blocks = []
@@ -130,16 +130,19 @@ def write_toml(table: Mapping[str, Any]) -> str:
             (f"[[{name}]]", content) if isinstance(content, list) else (f"[{name}]", [content])
         )
         for row in rows:
-            lines = [heading, *(f"{_key(k)} = {toml_value(value)}" for k, value in row.items())]
+            lines = [
+                heading,
+                *(f"{_key(k)} = {format_toml_value(value)}" for k, value in row.items()),
+            ]
             blocks.append("\n".join(lines) + "\n")
     return "\n".join(blocks)
 
 
 def _key(name: str) -> str:
-    return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else toml_value(name)
+    return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else format_toml_value(name)
 
 
-def flattened(table: Any, prefix: str = "", *, lists: bool = False) -> Any:
+def flatten(table: Any, prefix: str = "", *, lists: bool = False) -> Any:
     """Values by dotted key in nested tables (TOML keys without quotes); with `lists` also in lists
     of tables, ``probe[0].x_mm``. In a change a list is a value."""
     if not isinstance(table, Mapping):
@@ -149,11 +152,11 @@ def flattened(table: Any, prefix: str = "", *, lists: bool = False) -> Any:
         rows = value if lists and isinstance(value, list) else []
         if rows and isinstance(rows[0], Mapping):
             for i, row in enumerate(rows):
-                flat |= flattened(row, f"{prefix}{key}[{i}].", lists=True)
+                flat |= flatten(row, f"{prefix}{key}[{i}].", lists=True)
             continue
         nested = isinstance(value, Mapping)
         name = f"{prefix}{key}"
-        flat |= flattened(value, f"{name}.", lists=lists) if nested else {name: value}
+        flat |= flatten(value, f"{name}.", lists=lists) if nested else {name: value}
     return flat
 
 
@@ -176,7 +179,7 @@ def parse_change(text: str) -> tuple[str, Any]:
     raise SceneError([f"{shown}: {reason}"])
 
 
-def toml_value(value: Any) -> str:
+def format_toml_value(value: Any) -> str:
     """A scalar, list or table as TOML in a line."""
     if isinstance(value, str):
         # JSON's escapes are TOML's, and further printable characters stand for themselves
@@ -184,9 +187,12 @@ def toml_value(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list):
-        return f"[{', '.join(map(toml_value, value))}]"
+        return f"[{', '.join(map(format_toml_value, value))}]"
     if isinstance(value, Mapping):
-        items = (f"{toml_value(str(key))} = {toml_value(item)}" for key, item in value.items())
+        items = (
+            f"{format_toml_value(str(key))} = {format_toml_value(item)}"
+            for key, item in value.items()
+        )
         return f"{{ {', '.join(items)} }}"
     return repr(value)
 
@@ -209,12 +215,12 @@ def quote(value: Any, depth: int = 0) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def problem(key: str, value: Any, reason: str) -> str:
+def format_error(key: str, value: Any, reason: str) -> str:
     """One complaint; `reason` names the mistake and the change to make."""
     return f"{key} = {quote(value)}: {reason}"
 
 
-def choose(word: Any, known: Sequence[str]) -> str:
+def suggest(word: Any, known: Sequence[str]) -> str:
     """Advice for a word missing among the known words."""
     near = difflib.get_close_matches(word, known, 1) if isinstance(word, str) else []
     return f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}"

@@ -20,17 +20,28 @@ from pydantic import (
     model_validator,
 )
 
+from pvdf_fem.scene.keys import Affects, Key, Section, make_validation_error
 from pvdf_fem.scene.outlines.circle import CircleShape
 from pvdf_fem.scene.outlines.ellipse import EllipseShape
-from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.outlines.polygon import PolygonShape, RectangleShape, SquareShape, TriangleShape
-from pvdf_fem.scene.outlines.shape import HEAT, SIZE, Shape, Touching
+from pvdf_fem.scene.outlines.shape import HEAT_KEYS, SIZE, Shape, Touching
 from pvdf_fem.scene.outlines.sphere import SphereShape
-from pvdf_fem.scene.quantity import Affects, Key, Section, refusal
-from pvdf_fem.scene.registry import DEPTH, FORCE, FORCES, RIVALS, TANGENTIAL, Load, OwnLoad, put
+from pvdf_fem.scene.registry import (
+    ALTERNATIVE_KEYS,
+    DEPTH,
+    FORCE,
+    FORCE_KEYS,
+    TANGENTIAL,
+    Load,
+    LoadOverrides,
+    set_key,
+)
 
 #: Material keys for the film and its patches.
-MODULUS = Key("GPa", (1e-6, 1e4), usual=(1e-6, 1500.0), mistaken={"MPa": 1e-3, "Pa": 1e-9})
+MODULUS = Key(
+    "GPa", (1e-6, 1e4), usual_limits=(1e-6, 1500.0), likely_units={"MPa": 1e-3, "Pa": 1e-9}
+)
 EXPANSION = Key("1/K", (-0.1, 0.1), Affects.STRAIN_AT_REST)
 #: Shapes of probes and electrodes. A new shape is named here.
 _SHAPES: list[type[Shape]] = [RectangleShape, CircleShape, EllipseShape, PolygonShape]
@@ -40,9 +51,13 @@ _OF_ELECTRODES_ONLY: list[type[Shape]] = [SquareShape]
 
 def _is_name(name: str) -> str:
     if not name or name != name.strip() or not name.isprintable():
-        raise refusal("is no name; give printable characters without blanks around them")
+        raise make_validation_error(
+            "is no name; give printable characters without blanks around them"
+        )
     if len(name) > 40 or re.search(r'[/\\,="]', name):
-        raise refusal('is too long or has one of / \\ , = " in it; choose a simpler name')
+        raise make_validation_error(
+            'is too long or has one of / \\ , = " in it; choose a simpler name'
+        )
     return name
 
 
@@ -95,7 +110,7 @@ class Pressing(Section):
     """Force along z."""
     tangential_N: Annotated[tuple[float, float] | None, TANGENTIAL] = None
     """Force along x and y."""
-    load: Annotated[OwnLoad | None, Key(example={"kind": "rigid"})] = None
+    load: Annotated[LoadOverrides | None, Key(example={"kind": "rigid"})] = None
     """Other keys of [load] that the probe has for itself."""
 
     @model_validator(mode="before")
@@ -106,15 +121,19 @@ class Pressing(Section):
         if not isinstance(own, Mapping):
             return table
         said = {key: value for key, value in own.items() if value is not None}
-        forces = {key: said.pop(key) for key in FORCES if key in said and table.get(key) is None}
+        forces = {
+            key: said.pop(key) for key in FORCE_KEYS if key in said and table.get(key) is None
+        }
         return {**table, **forces, "load": said or None}
 
     @field_validator("load")
     @classmethod
-    def _is_said_once(cls, value: OwnLoad | None) -> OwnLoad | None:
-        for key in FORCES:
+    def _is_said_once(cls, value: LoadOverrides | None) -> LoadOverrides | None:
+        for key in FORCE_KEYS:
             if getattr(value, key, None) is not None:
-                raise refusal(f"has {key}, which stands beside it too; remove one of the two")
+                raise make_validation_error(
+                    f"has {key}, which stands beside it too; remove one of the two"
+                )
         return value
 
     @property
@@ -123,11 +142,11 @@ class Pressing(Section):
         forces = self.model_dump(include=set(Pressing.model_fields), exclude_none=True)
         return {**forces.pop("load", {}), **forces}
 
-    def load_in(self, scene_load: Load) -> Load:
+    def resolve_load(self, scene_load: Load) -> Load:
         """Its load in a scene; ValidationError for keys that its kind does not bear."""
         return _merged(scene_load, tuple(self.said.items()))
 
-    def heeds(self, key: str) -> bool:
+    def inherits_load_key(self, key: str) -> bool:
         """Whether its load has a key from the scene's load."""
         return key in _over({key: None}, self.said) and key not in self.said
 
@@ -139,7 +158,7 @@ def _merged(load: Load, said: tuple[tuple[str, Any], ...]) -> Load:
 
 def _over(table: dict[str, Any], said: Mapping[str, Any]) -> dict[str, Any]:
     for key, value in said.items():
-        put(table, key, value, said.get(RIVALS.get(key, "")))
+        set_key(table, key, value, said.get(ALTERNATIVE_KEYS.get(key, "")))
     return table
 
 
@@ -202,7 +221,7 @@ ELECTRODES = {_word(shape): _flat(shape, _Named, "Electrode") for shape in _FLAT
 PATCHES = {_word(shape): _flat(shape, Bonded, "Patch") for shape in _FLAT}
 #: Keys that shapes do not share. A change of shape drops these keys.
 SIZES = {key for probe in PROBES.values() for key in probe.model_fields}
-SIZES -= {*Shape.model_fields, *HEAT}
+SIZES -= {*Shape.model_fields, *HEAT_KEYS}
 
 
 def _one_of(models: Mapping[str, type[Section]], default: str) -> Any:
@@ -254,7 +273,7 @@ class Layout(Section):
         if self.layout == "three":
             count, first_deg = 3, 270.0
         turns = 360.0 * np.arange(count) / count
-        places = [turn([self.ring_radius_mm, 0.0], first_deg + angle) for angle in turns]
+        places = [rotate([self.ring_radius_mm, 0.0], first_deg + angle) for angle in turns]
         places += [np.zeros(2)] if self.centre else []
         sizes = {key: getattr(self, key) for key in type(self).model_fields.keys() & SIZES}
         return tuple(
@@ -276,7 +295,7 @@ def _layout(electrode: type[Shape]) -> Any:
         if key not in Shape.model_fields | _Named.model_fields
     }
     shape = electrode.model_fields["shape"]
-    said = Key(needs=RING["shape"], idle="square")
+    said = Key(needs=RING["shape"], neutral="square")
     fields["shape"] = Annotated[shape.annotation, said], shape.default
     name = electrode.__name__.replace("Electrode", "Layout")
     return _made(name, Layout, electrode.__doc__, **fields)
@@ -288,7 +307,7 @@ LAYOUTS = {shape: _layout(electrode) for shape, electrode in ELECTRODES.items()}
 MODELS: dict[tuple[str, ...], type[Section]] = {
     **{("probe", "table", shape): model for shape, model in PROBES.items()},
     **{("probe", "list", shape): model for shape, model in LISTED_PROBES.items()},
-    **{("probe", "list", shape, "load"): OwnLoad for shape in LISTED_PROBES},
+    **{("probe", "list", shape, "load"): LoadOverrides for shape in LISTED_PROBES},
     **{("electrodes", "list", shape): model for shape, model in ELECTRODES.items()},
     **{("electrodes", "table", shape): model for shape, model in LAYOUTS.items()},
     **{("film", "patches", shape): model for shape, model in PATCHES.items()},

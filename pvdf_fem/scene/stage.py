@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, field_validator
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.outlines.outline import turn
-from pvdf_fem.scene.quantity import Key, Section, refusal
+from pvdf_fem.scene.keys import Key, Section, make_validation_error
+from pvdf_fem.scene.outlines.outline import rotate
 
 
 def _none_for_auto(value: Any) -> Any:
@@ -32,22 +32,22 @@ class Stage(Section):
     """From the axes of the stage to the axes of the film, counter-clockwise."""
 
     @property
-    def turn(self) -> Array:
+    def rotation(self) -> Array:
         """Orthogonal matrix (2, 2) from the film's axes to the stage's axes."""
-        return turn(np.eye(2), self.rotation_deg).T
+        return rotate(np.eye(2), self.rotation_deg).T
 
     def to_film(self, places_mm: ArrayLike, rotations_deg: ArrayLike) -> tuple[Array, Array]:
         """Places (..., 2) and rotations (...) on the film of those on the stage."""
-        places = (np.asarray(places_mm, dtype=float) - [self.x_mm, self.y_mm]) @ self.turn
+        places = (np.asarray(places_mm, dtype=float) - [self.x_mm, self.y_mm]) @ self.rotation
         return places, np.asarray(rotations_deg, dtype=float) - self.rotation_deg
 
     def to_stage(self, places_mm: ArrayLike, rotations_deg: ArrayLike) -> tuple[Array, Array]:
         """Places (..., 2) and rotations (...) on the stage of those on the film."""
-        places = np.asarray(places_mm, dtype=float) @ self.turn.T + [self.x_mm, self.y_mm]
+        places = np.asarray(places_mm, dtype=float) @ self.rotation.T + [self.x_mm, self.y_mm]
         return places, np.asarray(rotations_deg, dtype=float) + self.rotation_deg
 
 
-class WantedModel(Section):
+class ResponseDomain(Section):
     """Domain of the model for `pvdf-fem locate`, `track` and `explore`."""
 
     reach_mm: Annotated[float | None, Key("mm", (1e-3, 1e5), example=12.0)] = None
@@ -64,5 +64,5 @@ class WantedModel(Section):
     @classmethod
     def _is_a_range(cls, value: tuple[float, float]) -> tuple[float, float]:
         if value[0] >= value[1]:
-            raise refusal("is no range; give the least and the largest force")
+            raise make_validation_error("is no range; give the least and the largest force")
         return value

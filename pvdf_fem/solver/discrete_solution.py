@@ -10,19 +10,19 @@ import numpy as np
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.electrodes.outputs import Goal
-from pvdf_fem.electrodes.stress_integrals import Forces, goal_forces
+from pvdf_fem.electrodes.outputs import Output
+from pvdf_fem.electrodes.stress_integrals import StressIntegrals, compute_stress_integrals
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_result import ContactResult, compute_contact_results
 from pvdf_fem.film.space import evaluate_shape_functions
 from pvdf_fem.film.term import State
-from pvdf_fem.mesh.gmsh_mesh import electrode_patch, named
-from pvdf_fem.mesh.six_node import with_sorted_vertices
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name, name_mesh_parts
+from pvdf_fem.mesh.six_node import sort_vertices
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 
 @dataclass(frozen=True, eq=False)
-class Fields:
+class DiscreteSolution:
     """A discrete solution: equations, unknowns, and the electrodes' forces with their errors."""
 
     #: The solved equilibrium equations, for the film or a mirrored part of the film.
@@ -30,7 +30,7 @@ class Fields:
     #: Their unknowns, (unknowns,).
     q: Array
     #: Of the goals, with their errors.
-    forces: Forces
+    stress_integrals: StressIntegrals
 
     @cached_property
     def solved_dofs(self) -> Array:
@@ -42,9 +42,11 @@ class Fields:
         """State of `solved`."""
         return self.solved.state(self.q)
 
-    def forces_of(self, goals: Sequence[Goal]) -> Array:
+    def integrals_of(self, outputs: Sequence[Output]) -> Array:
         """The forces of other goals, (goals, 2)."""
-        return goal_forces(goals, self.solved.membrane, self.solved_dofs, self.solved.part)
+        return compute_stress_integrals(
+            outputs, self.solved.membrane, self.solved_dofs, self.solved.part
+        )
 
     @cached_property
     def contact_results(self) -> dict[str, ContactResult]:
@@ -55,16 +57,16 @@ class Fields:
     def equilibrium(self) -> Equilibrium:
         """The equations on the whole film, in the scene's axes."""
         solved, part = self.solved, self.solved.part
-        if not part.mirrored:
+        if not part.mirror_axes:
             return solved
-        return solved.with_(mesh=unfolded_mesh(solved.space.mesh, part), part=WHOLE)
+        return solved.with_(mesh=unfold_mesh(solved.space.mesh, part), part=WHOLE_FILM)
 
     @cached_property
     def displacement(self) -> Array:
         """Dofs of the whole film."""
         if self.equilibrium is self.solved:
             return self.solved_dofs
-        return unfolded_dofs(self.solved, self.solved_dofs, self.equilibrium)
+        return unfold_dofs(self.solved, self.solved_dofs, self.equilibrium)
 
     @cached_property
     def state(self) -> State:
@@ -74,7 +76,9 @@ class Fields:
         return self.equilibrium.membrane.state(self.displacement)
 
 
-def largest(basis: Basis, values: Array, elements: int = 8, intervals: int = 50) -> float:
+def find_largest_value(
+    basis: Basis, values: Array, elements: int = 8, intervals: int = 50
+) -> float:
     """Largest absolute value of a field with the nodal `values`, on a raster in the `elements` with
     the largest nodal values. The field is flat where it is largest: a raster misses less than a
     millionth."""
@@ -87,7 +91,7 @@ def largest(basis: Basis, values: Array, elements: int = 8, intervals: int = 50)
     return float(np.abs(functions @ values[dofs[:, highest]]).max())
 
 
-def unfolded_mesh(mesh: MeshTri2, part: MirroredPart) -> MeshTri2:
+def unfold_mesh(mesh: MeshTri2, part: SymmetrySector) -> MeshTri2:
     """The mesh of a part with its mirror images, in the axes of the scene."""
     nodes, triangles = mesh.doflocs, mesh.dofs.element_dofs.T
     # an image shares the nodes for which its change of signs makes no difference
@@ -97,30 +101,33 @@ def unfolded_mesh(mesh: MeshTri2, part: MirroredPart) -> MeshTri2:
     points = part.frame.T @ (flips * nodes).transpose(1, 0, 2).reshape(2, -1)[:, first]
     numbers = number.reshape(keys.shape)
     elements = np.concatenate([image[triangles] for image in numbers])
-    whole = MeshTri2(points, with_sorted_vertices(elements).T)
-    return named(whole, _subdomains(mesh, part), WHOLE)
+    whole = MeshTri2(points, sort_vertices(elements).T)
+    return name_mesh_parts(whole, _subdomains(mesh, part), WHOLE_FILM)
 
 
-def _subdomains(mesh: MeshTri2, part: MirroredPart) -> dict[str, Indices]:
+def _subdomains(mesh: MeshTri2, part: SymmetrySector) -> dict[str, Indices]:
     """The patches on the whole film: an electrode's image lies where the part's image lies."""
-    unfolded_patches, added = {}, {electrode_patch(image) for image in part.images}
+    unfolded_patches, added = (
+        {},
+        {make_subdomain_name(image) for image in part.reflected_electrodes},
+    )
     for name in (name for name in mesh.subdomains if name not in added):
         places = []
-        for image, swap in enumerate(part.swaps):
-            patches = {electrode_patch(a): electrode_patch(b) for a, b in swap.items()}
-            patches |= part.patch_swaps[image]
+        for image, swap in enumerate(part.electrode_reflections):
+            patches = {make_subdomain_name(a): make_subdomain_name(b) for a, b in swap.items()}
+            patches |= part.patch_reflections[image]
             places.append(mesh.subdomains[patches.get(name, name)] + image * mesh.nelements)
         unfolded_patches[name] = np.concatenate(places)
     return unfolded_patches
 
 
-def unfolded_dofs(solved: Equilibrium, x: Array, whole: Equilibrium) -> Array:
+def unfold_dofs(solved: Equilibrium, x: Array, whole: Equilibrium) -> Array:
     """A part's displacement `x` at the dofs on the whole film."""
     from scipy.spatial import cKDTree  # many scenes are solved without
 
     part = solved.part
     places = part.frame @ whole.space.basis.doflocs
-    mirrored = np.array([[axis in part.mirrored] for axis in (0, 1)])
+    mirrored = np.array([[axis in part.mirror_axes] for axis in (0, 1)])
     folded = np.where(mirrored, np.abs(places), places)
     _, source = cKDTree(solved.space.basis.doflocs.T).query(folded.T)
     displacement = x.reshape(-1, 3)[source]

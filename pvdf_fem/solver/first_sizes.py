@@ -11,13 +11,13 @@ from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_eff
 from pvdf_fem.film.loads.contact_estimate import estimate_contact_outlines
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.film.models import resolve_film_model
-from pvdf_fem.mesh.gmsh_mesh import FILM, outlines
-from pvdf_fem.mesh.size_field import Sizes
+from pvdf_fem.mesh.gmsh_mesh import FILM, collect_outlines
+from pvdf_fem.mesh.size_field import GradedSizes
 from pvdf_fem.scene.scene import Scene
 
 #: Default order of the displacement.
 ORDER = 3
-#: Relative error of the worst charge with the sizes from `first_sizes` and a factor of
+#: Relative error of the worst charge with the sizes from `choose_first_sizes` and a factor of
 #: 1, by order of the displacement.
 REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
 #: Element size at a punch over its width; tractions are singular along a punch's edge.
@@ -26,7 +26,7 @@ PUNCH_SHARE = 0.5
 EDGE_FACETS = 22
 
 
-def first_sizes(scene: Scene, order: int) -> Sizes:
+def choose_first_sizes(scene: Scene, order: int) -> GradedSizes:
     """Element sizes that meet the tolerance in most scenes.
 
     The size at an outline is a share of its area over its perimeter, which for a slender shape is
@@ -39,7 +39,7 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
     has_electrodes = len(scene.electrode_list) > 0
     growth, largest = (0.5, 0.55) if has_electrodes else (0.2, 0.4)
     contacts = estimate_contact_outlines(scene)
-    shapes = outlines(scene) | contacts
+    shapes = collect_outlines(scene) | contacts
     share = dict.fromkeys(shapes, at_electrode)
     for touch in scene.loaded_probes:
         at_this = PUNCH_SHARE if PROBE_LOADS[touch.load.kind].is_rigid else at_probe
@@ -50,14 +50,16 @@ def first_sizes(scene: Scene, order: int) -> Sizes:
     }
     reached = scene.numerics.tolerance / REACHED[order]
     factor = float(np.clip(reached ** (1.0 / (order + 1.0)), 0.4, 2.2))
-    sizes = Sizes(patches, growth, largest * scene.film.radius)
+    sizes = GradedSizes(patches, growth, largest * scene.film.radius)
     sizes = sizes.scaled(model.size_factor * factor)
     edges = {n: min(c.perimeter / EDGE_FACETS, sizes.patches[n]) for n, c in contacts.items()}
     sizes = replace(sizes, patches=sizes.patches | edges)
     return _with_layers(scene, sizes) if model.bends else sizes
 
 
-def _with_layers(scene: Scene, sizes: Sizes, most_along_rim: int = 80, most: int = 250) -> Sizes:
+def _with_layers(
+    scene: Scene, sizes: GradedSizes, most_along_rim: int = 80, most: int = 250
+) -> GradedSizes:
     """Sizes that resolve bending layers, where they matter enough.
 
     There are at most `most_along_rim` and `most` elements along the rim and along the probe; where

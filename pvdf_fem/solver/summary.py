@@ -1,73 +1,113 @@
-"""A solution as tables, in text and HTML: charges, meshes, the end, and earlier tries."""
+"""The summary of a solution: charges, contacts, readings, meshes and notes."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from pvdf_fem.told import Grid, Parts, Told, rounded, told_html
+from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
 
-def solution_parts(result: dict[str, Any], uncertainty: Told | None = None) -> Parts:
-    """Text about a solution from its JSON, with its uncertainty."""
-    _, _, tables, notes = uncertainty.parts() if uncertainty else ("", [], [], [])
-    return *_head(result), [*_tables(result), *tables], [*_remarks(result), *notes]
+def summarize_solution(result: dict[str, Any], uncertainty: Result | None = None) -> Summary:
+    """Summarize a solution from its JSON form.
+
+    Parameters
+    ----------
+    result : dict
+        The solution as `Solution.to_json` returns it.
+    uncertainty : Result, optional
+        Its uncertainty, whose tables and notes are appended.
+
+    Returns
+    -------
+    Summary
+        Status, reason and warnings; tables of charges, contacts, readings and meshes; notes.
+    """
+    sentences = [result.get("reason", result["stop"])]
+    sentences += [f"warning: {text}" for text in result["warnings"]]
+    tables = _make_tables(result)
+    notes = _make_notes(result)
+    if uncertainty is not None:
+        added = uncertainty.summary()
+        tables += added.tables
+        notes += added.notes
+    return Summary(result["status"], sentences, tables=tables, notes=notes)
 
 
-def solution_html(result: dict[str, Any]) -> str:
-    """The HTML of a solution, from its JSON."""
-    return told_html(*solution_parts(result))
-
-
-def _head(result: dict[str, Any]) -> tuple[str, list[str]]:
-    warnings = [f"warning: {text}" for text in result["warnings"]]
-    return result["status"], [result.get("reason", result["stop"]), *warnings]
-
-
-def _tables(result: dict[str, Any]) -> list[Grid]:
-    tables: list[Grid] = []
-    if charges := result.get("charges_pC"):
-        columns = ["total, pC", "± pC"]
-        if result["rest_charges_pC"]:  # not of a film that has no result without a touch
-            columns += ["at rest, pC", "± pC", "change by touch, pC", "± pC"]
-        rows = tuple((name, *_charge(result, name)) for name in charges)
-        tables.append(Grid((f"charges ({result['observable']})", *columns), rows))
+def _make_tables(result: dict[str, Any]) -> list[TextTable]:
+    """Return the tables of the results that the solution has."""
+    tables = []
+    if result.get("charges_pC"):
+        tables.append(_make_charge_table(result))
     for patch, contact in result.get("contacts", {}).items():
-        shown = "depth_mm", "force_N", "area_mm2", "mean_pressure_MPa"
-        tables.append(Grid.of({"contact of": [patch], **{k: [contact[k]] for k in shown}}))
-    if readings := result.get("readings_V"):
-        decays = ["none" if s is None else s for s in result["time_constants_s"].values()]
-        channels = {"readings at once": [*readings], "V": [*readings.values()]}
-        tables.append(Grid.of({**channels, "decay in s": decays}))
-    if history := result["history"]:
-        counts = "elements", "unknowns", "iterations"
-        meshes = {key: [mesh[key] for mesh in history] for key in counts}
-        errors = [mesh["worst_error"] for mesh in history]
-        meshes["worst error"] = [None if error is None else f"{error:.1e}" for error in errors]
-        meshes["seconds"] = [f"{mesh['seconds']:.3f}" for mesh in history]
-        meshes["ended"] = [mesh["status"] for mesh in history]
-        tables.append(Grid.of({"mesh": range(1, len(history) + 1), **meshes}))
+        columns: dict[str, Any] = {"contact of": [patch]}
+        for key in ("depth_mm", "force_N", "area_mm2", "mean_pressure_MPa"):
+            columns[key] = [contact[key]]
+        tables.append(TextTable.from_columns(columns))
+    if result.get("readings_V"):
+        tables.append(_make_readings_table(result))
+    if result["history"]:
+        tables.append(_make_mesh_table(result["history"]))
     return tables
 
 
-def _charge(result: dict[str, Any], name: str) -> list[str]:
-    """The charge of an electrode, at rest, and since, to the same digit, each with its error."""
-    cells = [*rounded(result["charges_pC"][name], result["charge_errors_pC"][name])]
-    places = len(cells[0].partition(".")[2])
-    for kind in ("rest_charge", "charge_change") if result["rest_charges_pC"] else ():
-        value, error = (result[f"{kind}{end}"][name] for end in ("s_pC", "_errors_pC"))
-        cells += [f"{value + 0.0:.{places}f}", f"{error:.2g}"]
+def _make_charge_table(result: dict[str, Any]) -> TextTable:
+    """Return the charges by electrode, with those of the unloaded film if there are any."""
+    heading = [f"charges ({result['observable']})", "total, pC", "± pC"]
+    if result["rest_charges_pC"]:  # a film without a stable unloaded state has none
+        heading += ["at rest, pC", "± pC", "change by touch, pC", "± pC"]
+    rows = [(name, *_format_charge(result, name)) for name in result["charges_pC"]]
+    return TextTable(tuple(heading), tuple(rows))
+
+
+def _format_charge(result: dict[str, Any], name: str) -> list[str]:
+    """Format an electrode's charges to the same decimal place, each followed by its error."""
+    total, error = format_with_error(result["charges_pC"][name], result["charge_errors_pC"][name])
+    cells = [total, error]
+    if result["rest_charges_pC"]:
+        decimals = len(total.partition(".")[2])
+        for kind in ("rest_charge", "charge_change"):
+            value = result[f"{kind}s_pC"][name] + 0.0  # no minus sign before a zero
+            cells.append(f"{value:.{decimals}f}")
+            cells.append(f"{result[f'{kind}_errors_pC'][name]:.2g}")
     return cells
 
 
-def _remarks(result: dict[str, Any]) -> list[str]:
-    remarks = [
-        f"tried on mesh {number}: {solver['solver']}, {solver['status']} after"
-        f" {solver['iterations']} iterations"
-        for number, mesh in enumerate(result["history"], 1)
-        for solver in mesh["tried"]
-    ]
-    if deflection := result.get("deflection_max_mm"):
-        remarks.append(f"deflection: {deflection:.4g} mm at most")
-    for key, word in (("included", "included"), ("left_out", "left out")):
-        remarks += [f"{word}: {text}" for text in result[key]]
-    return remarks
+def _make_readings_table(result: dict[str, Any]) -> TextTable:
+    """Return the amplifiers' readings by channel, with the time constants of their decay."""
+    readings = result["readings_V"]
+    decays = []
+    for time_constant in result["time_constants_s"].values():
+        decays.append("none" if time_constant is None else time_constant)
+    return TextTable.from_columns(
+        {
+            "readings at once": list(readings),
+            "V": list(readings.values()),
+            "decay in s": decays,
+        }
+    )
+
+
+def _make_mesh_table(history: list[dict[str, Any]]) -> TextTable:
+    """Return the meshes in the order of their solves."""
+    columns: dict[str, list[Any]] = {"mesh": list(range(1, len(history) + 1))}
+    for key in ("elements", "unknowns", "iterations"):
+        columns[key] = [mesh[key] for mesh in history]
+    errors = [mesh["worst_error"] for mesh in history]
+    columns["worst error"] = [None if error is None else f"{error:.1e}" for error in errors]
+    columns["seconds"] = [f"{mesh['seconds']:.3f}" for mesh in history]
+    columns["ended"] = [mesh["status"] for mesh in history]
+    return TextTable.from_columns(columns)
+
+
+def _make_notes(result: dict[str, Any]) -> list[str]:
+    """Return the failed solvers, the deflection, and included and neglected effects."""
+    notes = []
+    for number, mesh in enumerate(result["history"], start=1):
+        for solver in mesh["tried"]:
+            outcome = f"{solver['status']} after {solver['iterations']} iterations"
+            notes.append(f"tried on mesh {number}: {solver['solver']}, {outcome}")
+    if result.get("deflection_max_mm"):
+        notes.append(f"deflection: {result['deflection_max_mm']:.4g} mm at most")
+    notes += [f"included: {text}" for text in result["included"]]
+    notes += [f"neglected: {text}" for text in result["neglected"]]
+    return notes

@@ -22,24 +22,24 @@ from pvdf_fem.inverse.touch.locate import locate
 from pvdf_fem.inverse.touch.location import Location
 from pvdf_fem.inverse.touch.measurement import Measurement, as_float
 from pvdf_fem.progress import Progress, show_progress
-from pvdf_fem.scene.change import spelled, steps_of
-from pvdf_fem.scene.given import SceneLike, model_of, scene_of, taken
+from pvdf_fem.scene.arguments import SceneLike, as_response, as_scene, coerce
+from pvdf_fem.scene.changes import normalize_key, parse_key
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.studies.request_errors import find_noise_and_response_errors
 from pvdf_fem.studies.scene_grid import SceneGrid
-from pvdf_fem.surrogate import model as touched
-from pvdf_fem.surrogate.build import build_response
-from pvdf_fem.surrogate.model import FORCE, ROTATION, Domain
+from pvdf_fem.surrogate import touch_domain
 from pvdf_fem.surrogate.response import Response
-from pvdf_fem.surrogate.response_file import mechanics_of
+from pvdf_fem.surrogate.response_builder import build_response
+from pvdf_fem.surrogate.response_key import make_mechanical_key
+from pvdf_fem.surrogate.touch_domain import Domain, TouchColumn
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray
 
 STEPS = 12  #: Steps of the lattice of places from the centre to the reach, by default.
-PLACE = touched.SCENE_KEYS[:ROTATION]
+PLACE = touch_domain.TOUCH_SCENE_KEYS[: TouchColumn.ROTATION]
 OVER_PLACES = ("y_mm", "x_mm")
 #: Variables over places, with meanings and units.
 MAPS = {
@@ -64,7 +64,9 @@ class DesignStudy:
     def from_scene(cls, scene: Scene, vary: Mapping[str, Any]) -> Self:
         """Designs by keys of the scene with their values; `SceneError` with all mistakes."""
         reason = "is at every place of the reach anyhow; remove it"
-        placed = [problem(key, vary[key], reason) for key in vary if spelled(key) in PLACE]
+        placed = [
+            format_error(key, vary[key], reason) for key in vary if normalize_key(key) in PLACE
+        ]
         if placed:
             raise SceneError(placed)
         scene = scene.with_(stage=None)
@@ -77,9 +79,9 @@ class DesignStudy:
         grid = _grid(scene, axes)
         scenes, alike = grid.scenes(), dict[str, list[int]]()
         try:
-            own = mechanics_of(scene)
+            own = make_mechanical_key(scene)
             for index, varied in enumerate(scenes):
-                alike.setdefault(mechanics_of(varied), []).append(index)
+                alike.setdefault(make_mechanical_key(varied), []).append(index)
         except ValueError as error:
             raise SceneError([str(error)]) from None
         # a model of the scene itself serves further purposes
@@ -119,7 +121,7 @@ def _for_all_electrodes(
     readout = scene.readout
     fields = {} if readout is None else type(readout).model_fields
     by_name = [name for name, value in readout or () if isinstance(value, Mapping)]
-    if not by_name or not any(steps_of(key)[0] == "electrodes" for axis in axes for key in axis):
+    if not by_name or not any(parse_key(key)[0] == "electrodes" for axis in axes for key in axis):
         return scene, ()
     defaults = {f"readout.{name}": fields[name].default for name in by_name}
     changed = scene.with_(**defaults)
@@ -190,16 +192,16 @@ def design(
     >>> found = design("sensor.toml", vary, sigma=0.01, reach_mm=4.0, step_mm=2.0, tolerance=3e-2)
     >>> found.place_deviation_median_mm.to_pandas()
     """
-    vary = taken("vary", vary, dict[str, Any])
-    designs = DesignStudy.from_scene(scene_of(scene), vary)
+    vary = coerce("vary", vary, dict[str, Any])
+    designs = DesignStudy.from_scene(as_scene(scene), vary)
     if not callable(response) and response is not None:
-        response = model_of(response)
+        response = as_response(response)
     known = response.domain if isinstance(response, Response) else None
-    reach_mm = taken("reach_mm", reach_mm, float | None)
-    force_range_N = taken("force_range_N", force_range_N, tuple[float, float])
-    tolerance = taken("tolerance", tolerance, float)
+    reach_mm = coerce("reach_mm", reach_mm, float | None)
+    force_range_N = coerce("force_range_N", force_range_N, tuple[float, float])
+    tolerance = coerce("tolerance", tolerance, float)
     if reach_mm is None:
-        of_each = (touched.default_reach_mm(first) for first, _ in designs.models)
+        of_each = (touch_domain.choose_default_reach_mm(first) for first, _ in designs.models)
         reach_mm = known.reach_mm if known else min(of_each)
     domain = Domain(reach_mm, known.force_N if known else force_range_N)
     step_mm = reach_mm / STEPS if step_mm is None else step_mm
@@ -207,12 +209,14 @@ def design(
         raise ValueError("\n".join(dict.fromkeys(wrong)))
 
     def model_for(first: Scene) -> Response:
-        if isinstance(response, Response) and mechanics_of(response.scene) == mechanics_of(first):
+        if isinstance(response, Response) and make_mechanical_key(
+            response.scene
+        ) == make_mechanical_key(first):
             return response
         if callable(response):
             return response(first)
         wanted = domain.reach_mm, domain.force_N, tolerance, processes
-        return build_response(touched.centred(first), *wanted, progress=progress)
+        return build_response(touch_domain.centre_probe(first), *wanted, progress=progress)
 
     models = [model_for(first) for first, _ in designs.models]
     steps = int(reach_mm / step_mm + 1e-9)
@@ -237,8 +241,8 @@ def _bounds(
 ) -> Array:
     """Values for `MAPS` at probe places (n,), (maps, n)."""
     exact, scene = replace(model, error_bound=0.0), model.scene
-    touches = np.tile([*touched.touch_of(scene).values()], (len(x_mm), 1))
-    touches[:, :ROTATION] = np.stack([x_mm, y_mm], axis=-1)
+    touches = np.tile([*touch_domain.extract_touch(scene).values()], (len(x_mm), 1))
+    touches[:, : TouchColumn.ROTATION] = np.stack([x_mm, y_mm], axis=-1)
     measured = Measurement.from_response(exact, exact.names, sigma, noise_pC, None)
     readings = measured.readings(exact.evaluate(touches)[0])
     rows = (dict(zip(exact.names, row, strict=True)) for row in readings)
@@ -248,10 +252,16 @@ def _bounds(
 
 def _bound(found: Location, touch: Array) -> tuple[float, ...]:
     """Values for `MAPS` at a touch (4,), from locating its charges."""
-    apart_mm = [math.dist(other.values[:ROTATION], touch[:ROTATION]) for other in found.touches]
+    apart_mm = [
+        math.dist(other.values[: TouchColumn.ROTATION], touch[: TouchColumn.ROTATION])
+        for other in found.touches
+    ]
     if apart_mm:
         C = found.touches[int(np.argmin(apart_mm))].covariance
-        place_mm, force = math.sqrt(C[0, 0] + C[1, 1]), math.sqrt(C[2, 2]) / touch[FORCE]
+        place_mm, force = (
+            math.sqrt(C[0, 0] + C[1, 1]),
+            math.sqrt(C[2, 2]) / touch[TouchColumn.FORCE],
+        )
         if min(apart_mm) < place_mm:
             return place_mm, force, float(found.ambiguous)
     return (math.nan,) * len(MAPS)  # no search ended at the touch

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 from pvdf_fem.inverse.touch.measurement import find_reading_errors, get_channel_values
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.surrogate.build import mistakes
-from pvdf_fem.surrogate.model import Domain
+from pvdf_fem.surrogate.response_options import find_validation_errors
+from pvdf_fem.surrogate.touch_domain import Domain
 
 
 def find_noise_and_response_errors(
@@ -22,4 +22,4 @@ def find_noise_and_response_errors(
     """What is wrong with noise and readings, whatever the charges, and with a model of a scene."""
     any_charges = dict.fromkeys(get_channel_values(scene), math.pi)
     yield from find_reading_errors(scene, any_charges, sigma, noise_pC, reading)
-    yield from mistakes(scene, domain, tolerance)
+    yield from find_validation_errors(scene, domain, tolerance)

@@ -18,18 +18,18 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, ValidationError
 
-from pvdf_fem.scene.change import named, plain, spelled, steps_of
-from pvdf_fem.scene.mistakes import MOST_MISTAKES, told
-from pvdf_fem.scene.quantity import Finite, Length, Number, Section
+from pvdf_fem.scene.changes import find_changed_keys, normalize_key, parse_key, to_plain_value
+from pvdf_fem.scene.keys import Finite, Length, Number, Section
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import (
     SceneError,
-    choose,
+    format_error,
     parse_toml,
-    problem,
     quote,
     read_scene_text,
+    suggest,
 )
+from pvdf_fem.scene.validation_errors import MAX_ERRORS, describe_errors
 from pvdf_fem.studies.mapping_scheme import MappingScheme
 
 MOST_SCENES = 1_000_000  #: Largest number of scenes in a grid.
@@ -127,7 +127,9 @@ class SceneGrid:
         table, path = parse_toml(read_scene_text(path), str(path)), Path(path)
         given, axes = table.pop("scene", None), table.pop("axes", [])
         problems = [
-            problem(key, value, f"is no key of a sweep file; {choose(key, ['scene', 'axes'])}")
+            format_error(
+                key, value, f"is no key of a sweep file; {suggest(key, ['scene', 'axes'])}"
+            )
             for key, value in table.items()
         ]
         scene: Scene | None = None
@@ -135,12 +137,14 @@ class SceneGrid:
         try:
             if isinstance(given, str):
                 files.append(path.parent / given)
-                scene = Scene.load(files[-1])
+                scene = Scene.from_file(files[-1])
             elif isinstance(given, Mapping):
                 scene = Scene().with_(**given)
             else:
                 reason = "must be the path of a scene file or a table; give one"
-                problems.append(problem("scene", "(nothing)" if given is None else given, reason))
+                problems.append(
+                    format_error("scene", "(nothing)" if given is None else given, reason)
+                )
         except SceneError as error:
             problems += error.problems
         try:
@@ -148,7 +152,7 @@ class SceneGrid:
         except SceneError as error:
             problems += error.problems
         if problems or scene is None:
-            raise SceneError(problems[:MOST_MISTAKES], str(path))
+            raise SceneError(problems[:MAX_ERRORS], str(path))
         return cls(scene, read, tuple(files))
 
     @property
@@ -160,7 +164,7 @@ class SceneGrid:
         """The scenes, in the order of an array of `shape`: the last axis varies fastest.
 
         Scenes share objects for equal films and further equal parts, to save memory. Raises
-        `SceneError` with the distinct mistakes in the first `MOST_MISTAKES` wrong scenes.
+        `SceneError` with the distinct mistakes in the first `MAX_ERRORS` wrong scenes.
         """
         known: dict[Any, Any] = {}
         scenes, problems, refused = [], dict[str, str](), 0
@@ -170,9 +174,9 @@ class SceneGrid:
                 changes |= axis[index]
             try:
                 scene = self.scene.with_(**changes)
-                if unheeded := scene.unheeded(named(changes)):
+                if find_unused_load_keys := scene.find_unused_load_keys(find_changed_keys(changes)):
                     reason = "varies, and each probe says its own; remove one of the two"
-                    raise SceneError(f"{key}: {reason}" for key in unheeded)
+                    raise SceneError(f"{key}: {reason}" for key in find_unused_load_keys)
             except SceneError as error:
                 where = ", ".join(f"{key} = {quote(value)}" for key, value in changes.items())
                 for text in error.problems:
@@ -180,14 +184,14 @@ class SceneGrid:
                     own = text.partition(" = ")[0] in changes
                     problems.setdefault(text, text if own else f"{text} (with {where})")
                 refused += 1
-                if refused == MOST_MISTAKES:
+                if refused == MAX_ERRORS:
                     break
                 continue
             sections = ((name, getattr(scene, name)) for name in _SECTIONS)
             shared = {name: known.setdefault((name, value), value) for name, value in sections}
             scenes.append(Scene.model_construct(**shared))
         if problems:
-            raise SceneError([*problems.values()][:MOST_MISTAKES])
+            raise SceneError([*problems.values()][:MAX_ERRORS])
         return scenes
 
 
@@ -198,19 +202,19 @@ def _axes(
     mapping are not placed."""
     if not isinstance(axes, list | tuple) or not all(isinstance(a, Mapping) for a in axes):
         reason = 'must be a list of tables, [{"load.force_N": [1, 2]}]; in a file of [[axes]]'
-        raise SceneError([problem("axes", axes, reason)], source)
+        raise SceneError([format_error("axes", axes, reason)], source)
     if not axes:
         raise SceneError(["axes = (nothing): is required; add a table [[axes]]"], source)
     if len(axes) > MOST_AXES:
         reason = f"is the number of axes; at most {MOST_AXES} are allowed, put keys together"
-        raise SceneError([problem("axes", len(axes), reason)], source)
+        raise SceneError([format_error("axes", len(axes), reason)], source)
     problems: list[str] = []
     read = [_axis(f"axes[{i}]", table, scene, problems) for i, table in enumerate(axes)]
     valid = [axis for axis in read if axis]
     if not problems:
         problems += list(_clashes(valid)) or _overridden(valid)
     if problems:
-        raise SceneError(problems[:MOST_MISTAKES], source)
+        raise SceneError(problems[:MAX_ERRORS], source)
     return tuple(axis.expanded for axis in valid)
 
 
@@ -223,19 +227,21 @@ def _axis(
     name = varied.pop("name", None)
     if name is not None and not _is_name(name):
         reason = "is no name that NetCDF can hold; give at most 60 letters, digits and _"
-        problems.append(problem(f"{where}.name", name, reason))
+        problems.append(format_error(f"{where}.name", name, reason))
     if "mapping" in varied:
         lines = varied.pop("mapping")
         if varied:
             reason = "cannot vary together with a mapping; give it an axis of its own"
-            problems += [problem(f"{where}.{key}", value, reason) for key, value in _flat(varied)]
+            problems += [
+                format_error(f"{where}.{key}", value, reason) for key, value in _flat(varied)
+            ]
         return _mapping_axis(f"{where}.mapping", lines, scene, name or "place", problems)
     values: dict[str, Any] = {}
     for key, value in _flat(varied):
-        if spelled(key) in values:
+        if normalize_key(key) in values:
             again = "is the same key as one before; remove one"
-            problems.append(problem(f"{where}.{key}", value, again))
-        values[spelled(key)] = _values(f"{where}.{key}", value, problems)
+            problems.append(format_error(f"{where}.{key}", value, again))
+        values[normalize_key(key)] = _values(f"{where}.{key}", value, problems)
     lengths = {key: len(along) for key, along in values.items()}
     if not values:
         problems.append(f"{where} = (nothing): has no key of a scene; add one, with its values")
@@ -269,18 +275,18 @@ def _values(where: str, value: Any, problems: list[str]) -> tuple[Any, ...] | Va
         try:
             numbers = ValueRange.model_validate(value)
         except ValidationError as error:
-            problems += told(error, where, ValueRange)
+            problems += describe_errors(error, where, ValueRange)
             return ()
         if numbers.spacing == "log" and not numbers.start * numbers.stop > 0.0:
             reason = "both ends of equal ratios need one sign, and not 0; change them or spacing"
-            problems.append(problem(f"{where}.start", numbers.start, reason))
+            problems.append(format_error(f"{where}.start", numbers.start, reason))
             return ()
         return numbers
     if not isinstance(value, list | tuple | np.ndarray) or not len(value):
         reason = "must be a list, or a table of start, stop and count; put it in brackets"
-        problems.append(problem(where, value, reason))
+        problems.append(format_error(where, value, reason))
         return ()
-    return tuple(plain(value))
+    return tuple(to_plain_value(value))
 
 
 def _mapping_axis(
@@ -294,7 +300,7 @@ def _mapping_axis(
             return None
         scheme = MappingScheme(scene, **lines.model_dump())
     except ValidationError as error:
-        problems += told(error, where, MappingLines)
+        problems += describe_errors(error, where, MappingLines)
         return None
     except ValueError as error:
         problems.append(f"{where}.{error}")
@@ -317,28 +323,28 @@ def _clashes(axes: Sequence[SweepAxis]) -> Iterator[str]:
     for i, axis in enumerate(axes):
         if axis.name in names:
             reason = "an axis before has this name; name the axis"
-            yield problem(f"axes[{i}]", axis.name, reason)
+            yield format_error(f"axes[{i}]", axis.name, reason)
         for key in filter(keys.__contains__, axis.values):
-            yield problem(f"axes[{i}]", key, "an axis before has this key; remove it from one")
+            yield format_error(f"axes[{i}]", key, "an axis before has this key; remove it from one")
         names.add(axis.name)
         keys |= axis.values.keys()
         if axis.name in RESERVED_NAMES or axis.name in coordinates - axis.values.keys():
             reason = "is the dataset's own name or that of another key; choose another"
-            yield problem(f"axes[{i}].name", axis.name, reason)
+            yield format_error(f"axes[{i}].name", axis.name, reason)
     if (count := math.prod(map(len, axes))) > MOST_SCENES:
-        yield problem("axes", count, f"is the number of their scenes; {_TOO_MANY}")
+        yield format_error("axes", count, f"is the number of their scenes; {_TOO_MANY}")
 
 
 def _overridden(axes: Sequence[SweepAxis]) -> Iterator[str]:
     """Complaints about keys within varied tables: the keys would not have the tables' values."""
-    tables = {steps_of(key): values for axis in axes for key, values in axis.values.items()}
+    tables = {parse_key(key): values for axis in axes for key, values in axis.values.items()}
     for i, axis in enumerate(axes):
         for key in axis.values:
-            steps = steps_of(key)
+            steps = parse_key(key)
             for depth in range(1, len(steps)):
                 if any(_has(value, steps[depth:]) for value in tables.get(steps[:depth], ())):
                     reason = "a table that varies has this key; remove it from one"
-                    yield problem(f"axes[{i}]", key, reason)
+                    yield format_error(f"axes[{i}]", key, reason)
 
 
 def _has(value: Any, steps: Sequence[Any]) -> bool:

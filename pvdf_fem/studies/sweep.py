@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.batch.batch import planned, records
+from pvdf_fem.batch.batch import plan_scenes, solve_planned
 from pvdf_fem.batch.store import Store
 from pvdf_fem.progress import Progress, show_progress
-from pvdf_fem.scene.given import SceneLike, scene_of, taken
+from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
 from pvdf_fem.studies.scene_grid import SceneGrid
 
 if TYPE_CHECKING:
@@ -53,13 +53,13 @@ def sweep(
     """
     from pvdf_fem.studies.sweep_dataset import make_sweep_dataset  # xarray is slow to import
 
-    how: dict[str, Any] = {"scheduler": taken("scheduler", scheduler, str | None)}
+    how: dict[str, Any] = {"scheduler": coerce("scheduler", scheduler, str | None)}
     if processes is not None:
-        how["processes"] = taken("processes", processes, int, (1, 4096))
+        how["processes"] = coerce("processes", processes, int, (1, 4096))
     if not isinstance(store, Store | None):
-        with Store(taken("store", store, Path)) as opened:
+        with Store(coerce("store", store, Path)) as opened:
             return sweep(scene, axes, opened, **how, progress=progress)
-    grid = SceneGrid.from_tables(scene_of(scene), axes)
-    todo = planned(grid.scenes(), store)
+    grid = SceneGrid.from_tables(as_scene(scene), axes)
+    todo = plan_scenes(grid.scenes(), store)
     with show_progress("scenes", progress) as show:
-        return make_sweep_dataset(grid, todo, records(todo, store, **how, progress=show))
+        return make_sweep_dataset(grid, todo, solve_planned(todo, store, **how, progress=show))

@@ -18,14 +18,20 @@ from pvdf_fem.files import replace_file
 from pvdf_fem.inverse.touch.locate_many import CHUNK_ROWS
 from pvdf_fem.inverse.touch.measurement import Measurement
 from pvdf_fem.progress import Progress
-from pvdf_fem.scene.given import SceneLike, model_of, scene_of
+from pvdf_fem.scene.arguments import SceneLike, as_response, as_scene
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.studies.request_errors import find_noise_and_response_errors
-from pvdf_fem.surrogate.build import build_response
-from pvdf_fem.surrogate.held_out import random_touches
-from pvdf_fem.surrogate.model import QUANTITIES, ROTATION, centred, period_deg, wanted_model
+from pvdf_fem.surrogate.charge_function import find_rotation_period_deg
 from pvdf_fem.surrogate.response import Response
+from pvdf_fem.surrogate.response_builder import build_response
+from pvdf_fem.surrogate.touch_domain import (
+    TOUCH_QUANTITIES,
+    TouchColumn,
+    centre_probe,
+    draw_touches,
+    resolve_response_settings,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,23 +92,25 @@ def dataset(
     >>> drawn = dataset("sensor.toml", 1000, seed=1, sigma=0.005)
     >>> drawn.reading_pC.sel(electrode="A").mean()
     """
-    scene = scene_of(scene)
+    scene = as_scene(scene)
     if wrong := [*find_request_errors(scene, touches, seed, sigma, noise_pC, reading)]:
         raise ValueError("\n".join(wrong))
     if response is None:
-        domain, tolerance = wanted_model(scene, sigma or 0.01)
+        domain, tolerance = resolve_response_settings(scene, sigma or 0.01)
         wanted = domain.reach_mm, domain.force_N, tolerance, processes
-        response = build_response(centred(scene), *wanted, progress=progress)
-    model = model_of(response).for_scene(scene, processes, progress=progress)
+        response = build_response(centre_probe(scene), *wanted, progress=progress)
+    model = as_response(response).for_scene(scene, processes, progress=progress)
     measured = Measurement.from_response(model, model.names, sigma, noise_pC, reading)
-    at = random_touches(model.domain, touches, seed)
+    at = draw_touches(model.domain, touches, seed)
     parts = np.array_split(at, 1 + touches // CHUNK_ROWS)
     charges = np.concatenate([model.evaluate(part)[0] for part in parts])
     # the touches use the seed's random numbers alone
     normal = np.random.default_rng([seed, 1]).standard_normal(charges.shape)
     signals = charges + measured.noise(charges) * normal
-    at[:, :ROTATION], turned = (scene.stage or Stage()).to_stage(at[:, :ROTATION], at[:, ROTATION])
-    at[:, ROTATION] = turned % period_deg(model)
+    at[:, : TouchColumn.ROTATION], turned = (scene.stage or Stage()).to_stage(
+        at[:, : TouchColumn.ROTATION], at[:, TouchColumn.ROTATION]
+    )
+    at[:, TouchColumn.ROTATION] = turned % find_rotation_period_deg(model)
     of_electrodes = charges, model.error_bound * np.abs(charges), measured.readings(signals)
     told = {
         "seed": seed,
@@ -127,7 +135,9 @@ def find_request_errors(
     for name, (value, least, most) in limits.items():
         if not (isinstance(value, int) and least <= value <= most):
             yield f"{name} = {value}: give a whole number from {least} to {most}"
-    yield from find_noise_and_response_errors(scene, *wanted_model(scene), sigma, noise_pC, reading)
+    yield from find_noise_and_response_errors(
+        scene, *resolve_response_settings(scene), sigma, noise_pC, reading
+    )
 
 
 def _dataset(
@@ -138,7 +148,7 @@ def _dataset(
 
     from pvdf_fem.studies.sweep_dataset import describe_key, make_attributes
 
-    columns = zip(QUANTITIES, at.T, strict=True)
+    columns = zip(TOUCH_QUANTITIES, at.T, strict=True)
     data = xarray.Dataset(
         {name: ("touch", values, describe_key(name)) for name, values in columns},
         {"electrode": ("electrode", [*model.names], {"long_name": "electrode"})},
@@ -164,7 +174,7 @@ def make_table(data: xarray.Dataset) -> pd.DataFrame:
     of the dataset are `attrs` of the table."""
     import pandas as pd  # slow to import
 
-    columns = {name: data[name].values for name in QUANTITIES}
+    columns = {name: data[name].values for name in TOUCH_QUANTITIES}
     for name in ELECTRODE_VARIABLES:
         by_electrode = zip(data.electrode.values, data[name].values.T, strict=True)
         columns |= {f"{name}.{electrode}": values for electrode, values in by_electrode}

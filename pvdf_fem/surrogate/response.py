@@ -17,17 +17,22 @@ from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.progress import Progress, TaskRunner, show_progress
-from pvdf_fem.scene.given import numbers, taken
-from pvdf_fem.scene.quantity import Affects, affecting
+from pvdf_fem.scene.arguments import coerce, coerce_array
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.surrogate.held_out import HeldOut, solves_of
-from pvdf_fem.surrogate.model import FORCE, QUANTITIES, AtRest, Domain, all_within, centred, rest_of
-from pvdf_fem.surrogate.probe_charges import ProbeCharges
-from pvdf_fem.surrogate.response_file import FileScene, mechanics_of, read, write
-from pvdf_fem.surrogate.table import force_powers, tabulated
+from pvdf_fem.summary import Result, Summary
+from pvdf_fem.surrogate.charge_function import UnloadedCharges, compute_unloaded_charges_pC
+from pvdf_fem.surrogate.charge_spline import evaluate_force_powers, tabulate_charges
+from pvdf_fem.surrogate.response_file import FileScene, read_response, write_response
+from pvdf_fem.surrogate.response_key import (
+    has_equal_electrodes,
+    has_same_readout,
+    require_same_mechanics,
+)
+from pvdf_fem.surrogate.stress.stress_modes import StressModes
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain, TouchColumn, require_within
 from pvdf_fem.surrogate.uniform_spline import UniformSpline
-from pvdf_fem.told import Parts, Told
+from pvdf_fem.surrogate.validation_solves import ValidationSolves, make_solve_tasks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,61 +43,8 @@ if TYPE_CHECKING:
 _VALUE_AND_SLOPES: Indices = np.array([0, 2, 4, 6, 1])
 
 
-def refuse_outside(domain: Domain, touches: Array, rounding: float = 1e-9) -> None:
-    """Raise `ValueError` for touches (n, 4) that are not finite, or outside of a domain."""
-    low, high = domain.force_N
-    more, less = 1.0 + rounding, 1.0 - rounding
-    limits = more * domain.reach_mm, less * low, more * high
-    if all_within(touches, *limits):
-        return
-    x, y, rotation, force = next(row for row in touches if not all_within(row[None], *limits))
-    raise ValueError(
-        f"touches: x = {x:g} mm, y = {y:g} mm, {rotation:g} deg, {force:g} N is outside of the"
-        f" response, {domain.reach_mm:g} mm about the centre and {low:g} to {high:g} N; build one"
-        " for a larger domain"
-    )
-
-
-def refuse_other_mechanics(known: Scene, other: Scene) -> None:
-    """Raise `ValueError` where the stress about the probe is not that of a known scene."""
-    if mechanics_of(known) == mechanics_of(other):
-        return
-    from pvdf_fem.batch.equivalence import MECHANICS  # with scikit-fem
-
-    there, here = (
-        {
-            f"{name}.{key}": value
-            for name, tables in affecting(centred(scene), *MECHANICS, Affects.READING).items()
-            if name != "electrodes"
-            for key, value in tables[0].items()
-        }
-        | {"film.density_kg_m3": scene.film.density_kg_m3 * bool(scene.film.weight)}
-        for scene in (known, other)
-    )
-    texts = [
-        f"{key} = {here.get(key)} is {there.get(key)} there"
-        for key in {**there, **here}
-        if here.get(key) != there.get(key)
-    ]
-    raise ValueError(
-        f"scene: the film deforms otherwise than in the response ({', '.join(texts)}); build a"
-        " response of this scene"
-    )
-
-
-def reads_alike(known: Scene, other: Scene) -> bool:
-    """Whether two scenes read the same charges from the same stress, whatever their names."""
-    film, other_film = (affecting(scene.film, Affects.READING) for scene in (known, other))
-    return film == other_film and _outlines(known) == _outlines(other)
-
-
-def _outlines(scene: Scene) -> list[str]:
-    """The electrodes without their names."""
-    return [repr(e.model_copy(update={"name": ""})) for e in scene.electrode_list]
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class Response(Told):
+class Response(Result):
     """Charges of the electrodes by the touch.
 
     Examples
@@ -102,8 +54,8 @@ class Response(Told):
     >>> charges_pC, derivatives = response.evaluate([[2.0, 1.0, 0.0, 0.5]])  # x, y, rotation, force
     """
 
-    quantities: ClassVar[tuple[str, ...]] = QUANTITIES  #: Of one probe.
-    cheap: ClassVar[bool] = True
+    quantities: ClassVar[tuple[str, ...]] = TOUCH_QUANTITIES  #: Of one probe.
+    is_fast: ClassVar[bool] = True
     #: Film, electrodes and probe; the probe's place and the force do not matter.
     scene: FileScene
     domain: Domain
@@ -117,15 +69,15 @@ class Response(Told):
     tolerance: float = 1e-3
     #: What to know of it, and what would help where the bound exceeds the tolerance.
     remarks: tuple[str, ...] = ()
-    stress: ProbeCharges | None = None
-    held_out: HeldOut | None = None
-    at_rest_pC: AtRest | None = None
+    stress_modes: StressModes | None = None
+    validation: ValidationSolves | None = None
+    unloaded_charges_pC: UnloadedCharges | None = None
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """Electrodes and domain, the error bound, and remarks."""
         about = f"charges of {', '.join(self.names)} for {self.domain}"
         notes = [f"errors: up to {self.error_bound:.2g} of a charge", *self.remarks]
-        return self.status, [about], [], notes
+        return Summary(self.status, [about], notes=notes)
 
     def to_json(self) -> dict[str, Any]:
         """What `pvdf-fem model --json` prints besides the file."""
@@ -153,12 +105,14 @@ class Response(Told):
         The derivatives (n, electrodes, 4) are in pC per mm, degree and N. `touches` (n, 4) are x
         and y in mm, rotation in degrees and force in N. Raises `ValueError` outside of the domain.
         """
-        touches = numbers("touches", touches).reshape(-1, len(QUANTITIES))
-        refuse_outside(self.domain, touches)
+        touches = coerce_array("touches", touches).reshape(-1, len(TOUCH_QUANTITIES))
+        require_within(self.domain, touches)
         # (n, value and derivatives by place, powers, electrodes)
-        by_place = self.spline.with_gradient(touches[:, :FORCE])
+        by_place = self.spline.with_gradient(touches[:, : TouchColumn.FORCE])
         by_place = by_place.reshape(len(touches), 4, -1, len(self.names))
-        by_force = force_powers(self.domain, touches[:, FORCE], by_place.shape[2])
+        by_force = evaluate_force_powers(
+            self.domain, touches[:, TouchColumn.FORCE], by_place.shape[2]
+        )
         # (n, value and derivatives by place x value and derivative by force, electrodes)
         products = np.matmul(by_force[:, None], by_place).reshape(len(touches), 8, -1)
         charges_and_slopes = products.take(_VALUE_AND_SLOPES, axis=1)
@@ -182,37 +136,39 @@ class Response(Told):
         as for `build_response`. Raises `ValueError` for a scene whose film deforms otherwise, and
         `NotConvergedError` when half of the touches fail.
         """
-        refuse_other_mechanics(self.scene, scene)
+        require_same_mechanics(self.scene, scene)
         made = replace(self, scene=scene)
-        if reads_alike(self.scene, scene):
+        if has_same_readout(self.scene, scene):
             return made
-        if self.stress is None or self.held_out is None:
+        if self.stress_modes is None or self.validation is None:
             raise ValueError("response: keeps no stress about the probe; build it again")
         with show_progress("s of one core", progress) as show:
             work = TaskRunner(processes, show)
             axes = self.spline.axes
-            made = replace(made, spline=tabulated(self.stress, scene, self.domain, axes, work))
+            made = replace(
+                made, spline=tabulate_charges(self.stress_modes, scene, self.domain, axes, work)
+            )
             if not check:
-                return replace(made, held_out=None, at_rest_pC=None)
-            if _outlines(self.scene) == _outlines(scene):
+                return replace(made, validation=None, unloaded_charges_pC=None)
+            if has_equal_electrodes(self.scene, scene):
                 kept = made.measured()
                 if kept.status is Status.CONVERGED:
                     return kept
-            touches = self.held_out.touches
-            found = [*work.run(solves_of(scene, touches, self.tolerance))]
-        return replace(made, held_out=HeldOut.of(touches, found)).measured()
+            touches = self.validation.touches
+            found = [*work.run(make_solve_tasks(scene, touches, self.tolerance))]
+        return replace(made, validation=ValidationSolves.of(touches, found)).measured()
 
     def measured(self, safety: float = 5.0) -> Response:
         """This response with the error that it has at the touches held out: the bound is the
         largest error times `safety`, and the error of the full solves."""
-        assert self.held_out is not None
-        touches = self.held_out.touches
-        errors, stated = self.held_out.relative_errors(self.scene.film, self.evaluate(touches)[0])
+        assert self.validation is not None
+        touches = self.validation.touches
+        errors, stated = self.validation.relative_errors(self.scene.film, self.evaluate(touches)[0])
         bounds = safety * errors.max(axis=1) + stated
-        bound, rest = float(bounds.max()), rest_of(self.scene)
-        at_rest: AtRest = (tuple(rest[0].tolist()), tuple(rest[1].tolist()))
+        bound, rest = float(bounds.max()), compute_unloaded_charges_pC(self.scene)
+        at_rest: UnloadedCharges = (tuple(rest[0].tolist()), tuple(rest[1].tolist()))
         known = at_rest if np.isfinite(rest).all() else None
-        made = replace(self, error_bound=bound, remarks=(), at_rest_pC=known)
+        made = replace(self, error_bound=bound, remarks=(), unloaded_charges_pC=known)
         if made.status is Status.CONVERGED:
             return made
         met = np.hypot(touches[:, 0], touches[:, 1])[bounds > self.tolerance].min()
@@ -230,7 +186,7 @@ class Response(Told):
         ax: Axes | None = None,
     ) -> Figure:
         """Draw the charge of an electrode by the place of the probe, with lines of equal charge."""
-        from pvdf_fem.view.touch_map import charge_map
+        from pvdf_fem.view.touch_map import draw_charge_map
 
         if electrode not in self.names:
             known = ", ".join(self.names)
@@ -242,13 +198,13 @@ class Response(Told):
             return self.evaluate(touches)[0][:, number]
 
         title = f"Charge of {electrode} by the probe's place, {force_N:g} N, {rotation_deg:g}°"
-        return charge_map(self.scene, self.domain.reach_mm, charge, title, ax)
+        return draw_charge_map(self.scene, self.domain.reach_mm, charge, title, ax)
 
     def save(self, path: Path | str) -> None:
         """Write the response to a file, which replaces an older one only when it is complete."""
-        write(taken("path", path, Path), self)
+        write_response(coerce("path", path, Path), self)
 
     @classmethod
     def load(cls, path: Path | str) -> Response:
         """Read a response; raises `ResponseError`, a `FileError`, for what holds no sound one."""
-        return read(taken("path", path, Path), cls)
+        return read_response(coerce("path", path, Path), cls)

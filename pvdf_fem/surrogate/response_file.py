@@ -18,11 +18,9 @@ from numpy.typing import NDArray
 from pydantic import PlainValidator, TypeAdapter, ValidationInfo
 
 from pvdf_fem.files import FileError, open_regular_file, replace_file
-from pvdf_fem.scene.quantity import affecting
-from pvdf_fem.scene.scene import Numerics, Scene
-from pvdf_fem.surrogate.model import Domain, centred
+from pvdf_fem.scene.scene import Scene
 
-FORMAT = b"pvdf_fem response 7, SHA-256 "
+FORMAT = b"pvdf_fem response 8, SHA-256 "
 
 Kept = TypeVar("Kept")
 
@@ -42,39 +40,7 @@ class ResponseError(FileError):
     """A file holds no sound response; the text names the file and says what to do."""
 
 
-def mechanics_of(scene: Scene) -> str:
-    """What the stress about a scene's probe depends on, wherever it is and whatever its force.
-
-    Raises `ValueError` without a probe, and for a depth in place of a force.
-    """
-    from pvdf_fem.batch.equivalence import MECHANICS
-    from pvdf_fem.film.models import resolve_film_model  # with scikit-fem
-
-    if scene.single_probe is None:
-        raise ValueError("scene: has no probe; give it one")
-    if (depth_mm := scene.load.depth_mm) is not None:
-        raise ValueError(f"load.depth_mm = {depth_mm:g}: a response is of forces; remove it")
-    scene.require_plain_charges("a response")
-    observable = scene.numerics.observable
-    pressed = centred(scene).model_copy(update={"numerics": Numerics(observable=observable)})
-    weight, bends = scene.film.weight, resolve_film_model(pressed).bends
-    return f"{affecting(pressed, *MECHANICS)} {weight} {bends} {observable}"
-
-
-def response_key(scene: Scene, domain: Domain, tolerance: float) -> str:
-    """Hash of what a response is built from: mechanics, domain, tolerance, and the code.
-
-    A file that is named by it is never loaded when it is stale. Electrodes, d31, d32, readout and
-    the probe's place do not count, see `Response.for_scene`.
-    """
-    from pvdf_fem.batch.store import NUMERICAL_FOLDERS, code_version  # with scikit-fem
-
-    code = code_version((*NUMERICAL_FOLDERS, "surrogate"))
-    text = f"{code} {mechanics_of(scene)} {domain.reach_mm} {domain.force_N} {tolerance}"
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def write(path: Path, response: Any) -> None:
+def write_response(path: Path, response: Any) -> None:
     """Write a dataclass of dataclasses, numbers, arrays and scenes; `FileError` if the file is not
     writable."""
     arrays: list[NDArray[Any]] = []
@@ -100,7 +66,7 @@ def _head(content: bytes) -> bytes:
     return FORMAT + hashlib.sha256(content).hexdigest().encode() + b"\n"
 
 
-def read(path: Path, kind: type[Kept]) -> Kept:
+def read_response(path: Path, kind: type[Kept]) -> Kept:
     """A dataclass that was written."""
     with open_regular_file(path, "a response") as file:
         head = file.read(len(_head(b"")))

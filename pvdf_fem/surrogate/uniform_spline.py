@@ -19,7 +19,7 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.surrogate.response_file import FileArray
 
 #: Steps by which a grid goes on where the spline is not asked for: nobody then feels how it ends.
-BEYOND = 6
+PADDING_STEPS = 6
 
 # Powers 1, u, u^2, u^3 of the place u in a cell, times these matrices, are the four cubic B-splines
 # that overlap the cell, and their derivatives by u.

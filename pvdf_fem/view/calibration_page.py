@@ -16,8 +16,15 @@ from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.files import replace_file
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.view.figures import COLOURS, GREY, content_of, look_of, new_figure, style
-from pvdf_fem.view.touch_map import draw_on_stage
+from pvdf_fem.view.figures import (
+    COLOURS,
+    GREY,
+    get_line_style,
+    make_figure,
+    render_figure,
+    use_style,
+)
+from pvdf_fem.view.touch_map import draw_sensor_on_stage
 
 _PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{verdict}: calibration</title>
@@ -39,7 +46,7 @@ class CalibrationData:
     channels: Sequence[str]
     unit: str  #: Of readings.
     rows: Indices  #: Of the touches in their file, (touches,).
-    left_out: Mask  #: Touches that did not count, (touches,).
+    neglected: Mask  #: Touches that did not count, (touches,).
     #: readings, predicted: (touches, channels).
     readings: Array
     predicted: Array
@@ -48,13 +55,15 @@ class CalibrationData:
     found_mm: Array
 
 
-def write_page(
+def write_calibration_page(
     data: CalibrationData, verdict: str, summary: str, about: Mapping[str, str], path: Path
 ) -> None:
     """Write one self-contained HTML page: a verdict in words, what it is about by name, a summary
     in HTML, and pictures that stand side by side where there is room."""
-    with style():
-        texts = [content_of(draw(data), ".svg").decode() for draw in (_parity, _residuals, _places)]
+    with use_style():
+        texts = [
+            render_figure(draw(data), ".svg").decode() for draw in (_parity, _residuals, _places)
+        ]
     pictures = "".join(text[text.index("<svg") :] for text in texts)
     pictures = re.sub("<metadata>.*?</metadata>", "", pictures, flags=re.DOTALL)
     lines = (f"{escape(name)}: <code>{escape(text)}</code><br>" for name, text in about.items())
@@ -67,8 +76,8 @@ def write_page(
 
 
 def _parity(data: CalibrationData) -> Figure:
-    figure, unit = new_figure(95.0, 95.0), data.unit
-    ax, kept = figure.subplots(), ~data.left_out
+    figure, unit = make_figure(95.0, 95.0), data.unit
+    ax, kept = figure.subplots(), ~data.neglected
     _by_channel(ax, data, data.predicted.T, data.readings.T)
     ends = _range([data.readings[kept], data.predicted[kept]])
     ax.plot(ends, ends, color=GREY, linewidth=0.8, zorder=0)
@@ -79,7 +88,7 @@ def _parity(data: CalibrationData) -> Figure:
 
 
 def _residuals(data: CalibrationData) -> Figure:
-    figure, kept = new_figure(95.0, 95.0), ~data.left_out
+    figure, kept = make_figure(95.0, 95.0), ~data.neglected
     ax, percent = figure.subplots(), 100.0 * (data.readings / data.predicted - 1.0)
     _by_channel(ax, data, np.tile(data.rows, (len(data.channels), 1)), percent.T)
     ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
@@ -91,8 +100,8 @@ def _residuals(data: CalibrationData) -> Figure:
 def _by_channel(ax: Axes, data: CalibrationData, x: Array, y: Array) -> None:
     """Values of channels (channels, touches), crossed out where touches were left out."""
     for j, channel in enumerate(data.channels):
-        ax.plot(x[j], y[j], label=channel, **{**look_of(j), "linestyle": "none"})
-        ax.plot(x[j, data.left_out], y[j, data.left_out], "x", color="black")
+        ax.plot(x[j], y[j], label=channel, **{**get_line_style(j), "linestyle": "none"})
+        ax.plot(x[j, data.neglected], y[j, data.neglected], "x", color="black")
 
 
 def _range(values: Sequence[Array], margin: float = 0.05) -> Array:
@@ -102,15 +111,15 @@ def _range(values: Sequence[Array], margin: float = 0.05) -> Array:
 
 
 def _places(data: CalibrationData) -> Figure:
-    figure, given, found = new_figure(95.0, 95.0), data.given_mm, data.found_mm
+    figure, given, found = make_figure(95.0, 95.0), data.given_mm, data.found_mm
     ax, stage = figure.subplots(), data.scene.stage or Stage()
     touched = np.abs(given - [stage.x_mm, stage.y_mm]).max()
     bounds = [electrode.outline.shape.bounds for electrode in data.scene.electrode_list]
-    draw_on_stage(ax, data.scene, max(1.1 * touched, 1e3 * np.abs(bounds).max()))
+    draw_sensor_on_stage(ax, data.scene, max(1.1 * touched, 1e3 * np.abs(bounds).max()))
     ax.plot(*given.T, "o", color=COLOURS[0], label="in the file")
     ax.plot(*found.T, "s", color=COLOURS[1], label="as calibrated")
     ax.plot(*np.stack([given, found], axis=1).T, color=GREY, linewidth=0.8, zorder=0)
-    ax.plot(*given[data.left_out].T, "x", color="black", markersize=9.0, label="left out")
+    ax.plot(*given[data.neglected].T, "x", color="black", markersize=9.0, label="left out")
     ax.set(xlabel="x on the stage (mm)", ylabel="y on the stage (mm)", title="Places")
     figure.legend(loc="outside lower center", ncols=3)
     return figure

@@ -21,13 +21,13 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.view.figures import (
     HALO,
     MARKERS,
-    colour_bar,
-    colours_of,
+    add_colour_bar,
+    choose_colours,
     draw_film,
     draw_rim,
-    look_of,
-    new_figure,
-    style,
+    get_line_style,
+    make_figure,
+    use_style,
 )
 
 if TYPE_CHECKING:
@@ -37,19 +37,19 @@ FEW = 5  #: Values of an axis that are drawn as a curve each.
 SIGNS = {"um": "µm", "degree": "°"}  #: Units as figures have them.
 
 
-def frequency_response(
+def draw_frequency_response(
     frequencies: Array, charges: Mapping[str, Any], resonances: Array, scene: Scene
 ) -> Figure:
     """A figure of all charges' complex amplitudes over the force's, with marks at resonances, and
     where something damps the film of the scene, as the title says, phases without jumps below."""
     film, sound = scene.film.loss_tangent or 0.0, bool(scene.air and scene.air.baffle)
     phases = np.degrees(np.unwrap(np.angle([*charges.values()])))
-    with style():
+    with use_style():
         damped = bool(film or sound)
-        figure = new_figure(130.0, 110.0 if damped else 80.0)
+        figure = make_figure(130.0, 110.0 if damped else 80.0)
         size, *below = figure.subplots(1 + damped, sharex=True, squeeze=False)[:, 0]
         for j, (name, charge) in enumerate(charges.items()):
-            look = {**look_of(j), "marker": ""}
+            look = {**get_line_style(j), "marker": ""}
             size.loglog(frequencies, np.abs(charge), label=name, **look)
             for ax in below:
                 ax.semilogx(frequencies, phases[j], **look)
@@ -95,12 +95,12 @@ def _turns(ax: Axes, phases: Array) -> None:
     ax.yaxis.set_major_locator(MultipleLocator(45.0 * 2.0**fewer))
 
 
-def mode_shapes(
+def draw_mode_shapes(
     shapes: Sequence[tuple[str, Array]], basis: Basis, radius_mm: float, heading: str
 ) -> Figure:
     """A figure of the deflections of modes over their largest, (dofs,) on a basis, by title."""
     levels = np.linspace(-1.0, 1.0, 21)
-    with style():
+    with use_style():
         figure, panels = _panels(len(shapes))
         for ax, (title, deflection) in zip(panels, shapes, strict=True):
             mesh, w = basis.refinterp(deflection, nrefs=3)
@@ -125,7 +125,7 @@ def _panels(
 ) -> tuple[Figure, list[Axes]]:
     """A figure with panels on equal axes, few abreast for a phone."""
     rows, columns = math.ceil(count / abreast), min(count, abreast)
-    figure = new_figure(panel_mm * columns + 30.0, (panel_mm + 8.0) * rows + 10.0)
+    figure = make_figure(panel_mm * columns + 30.0, (panel_mm + 8.0) * rows + 10.0)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=same_y)
     for ax in panels.flat[count:]:
         ax.remove()
@@ -134,7 +134,7 @@ def _panels(
     return figure, list(panels.flat[:count])
 
 
-def sweep_chart(data: Dataset) -> Figure:
+def draw_sweep(data: Dataset) -> Figure:
     """A figure of charges in a sweep: curves by a single axis; by two axes a map per electrode, or,
     where an axis has up to `FEW` values, a curve per value. Scenes without charges are marked, with
     their status. ValueError for more axes says how to select from them."""
@@ -148,7 +148,7 @@ def sweep_chart(data: Dataset) -> Figure:
         if len(varied := _varied(data, axis)) == 1 and varied[0].dtype.kind == "f":
             data = data.isel({axis: np.argsort(varied[0].values, kind="stable")})
     keys = [_varied(data, axis) for axis in sorted(axes, key=lambda axis: data.sizes[axis])]
-    with style():
+    with use_style():
         if len(keys) == 1:
             return _curves(data, keys[0])
         draw = _families if data.sizes[keys[0][0].dims[0]] <= FEW else _maps
@@ -205,12 +205,12 @@ def _mark_failed(ax: Axes, x: Array, y: Array, status: Array, **look: Any) -> li
 
 
 def _curves(data: Dataset, along: list[DataArray]) -> Figure:
-    figure = new_figure(130.0, 95.0)
+    figure = make_figure(130.0, 95.0)
     ax, bars = figure.subplots(), []
     x = _draw_axis(ax.xaxis, along)
     for j, name in enumerate(data.electrode.values):
         charge, error = data.charge_pC.values[:, j], data.charge_error_pC.values[:, j]
-        bars.append(ax.errorbar(x, charge, error, label=str(name), **look_of(j)))
+        bars.append(ax.errorbar(x, charge, error, label=str(name), **get_line_style(j)))
     look: Any = {"transform": ax.get_xaxis_transform(), "clip_on": False}
     marks = _mark_failed(ax, x, np.full(x.size, 0.02), data.status.values, **look)
     figure.legend(handles=bars, loc="outside upper left", ncols=6, title="electrode")
@@ -229,7 +229,7 @@ def _families(data: Dataset, by: list[DataArray], along: list[DataArray]) -> Fig
         look: Any = {"transform": ax.get_xaxis_transform(), "clip_on": False}
         charges, errors = data.charge_pC.values[..., j], data.charge_error_pC.values[..., j]
         bars = [
-            ax.errorbar(x, *curve, label=name, **look_of(i))
+            ax.errorbar(x, *curve, label=name, **get_line_style(i))
             for i, (*curve, name) in enumerate(zip(charges, errors, names, strict=True))
         ]
         for status in data.status.values:
@@ -251,7 +251,7 @@ def _maps(data: Dataset, down: list[DataArray], across: list[DataArray]) -> Figu
     for ax, name, charge in zip(panels, data.electrode.values, data.charge_pC.T, strict=True):
         x, y = _draw_axis(ax.xaxis, across), _draw_axis(ax.yaxis, down)
         known = charge.values[np.isfinite(charge.values)]
-        colours, low, high = colours_of(known if known.size else [0.0, 1.0])
+        colours, low, high = choose_colours(known if known.size else [0.0, 1.0])
         look: Any = {"cmap": colours, "vmin": low, "vmax": high, "edgecolors": "face"}
         drawn = ax.pcolormesh(_edges(x), _edges(y), charge.values.T, **look)
         marks = _mark_failed(ax, *np.meshgrid(x, y), data.status.values)
@@ -271,18 +271,18 @@ def _edges(values: Array) -> Array:
     return np.concatenate([values[:1], 0.5 * (values[1:] + values[:-1]), values[-1:]])
 
 
-def design_chart(data: Dataset, chosen: Dataset) -> Figure:
+def draw_designs(data: Dataset, chosen: Dataset) -> Figure:
     """A figure of designs: the median deviation of the place along the longest axis, a curve per
     value on the second axis, further axes from the chosen design; and the map of this one."""
     sizes = data.place_deviation_median_mm.sizes
     varied = sorted((axis for axis in sizes if sizes[axis] > 1), key=lambda axis: -sizes[axis])
     curves = data.sel({axis: chosen[axis].item() for axis in sizes if axis not in varied[:2]})
-    with style():
-        figure = new_figure(120.0, 190.0 if varied else 110.0)  # a phone shows both
+    with use_style():
+        figure = make_figure(120.0, 190.0 if varied else 110.0)  # a phone shows both
         *above, below = figure.subplots(2 if varied else 1, squeeze=False)[:, 0]
         for ax in above:
             _draw_deviations(ax, curves.place_deviation_median_mm, [str(a) for a in varied[:2]])
-        draw_design(below, chosen)
+        draw_design_map(below, chosen)
     return figure
 
 
@@ -292,14 +292,14 @@ def _draw_deviations(ax: Axes, medians: DataArray, axes: list[str]) -> None:
     for number, value in enumerate(medians[family[0]] if family else [None]):
         curve = medians if value is None else medians.sel({family[0]: value})
         label = None if value is None else _texts(value.expand_dims("value"))[0]
-        ax.plot(x, curve, label=label, **look_of(number))
+        ax.plot(x, curve, label=label, **get_line_style(number))
     ax.set(xlabel=_label([medians[along]]), ylabel="median deviation of the place (mm)")
     ax.set_ylim(0.0, 1.05 * float(medians.max()))
     if family:
         ax.legend(title=_label([medians[family[0]]]))
 
 
-def draw_design(ax: Axes, chosen: Dataset, most_mm: float | None = None) -> None:
+def draw_design_map(ax: Axes, chosen: Dataset, most_mm: float | None = None) -> None:
     """Draw the map of one design on axes in mm, titled by its keys: the deviation of the place up
     to a limit, by default twice the median, its electrodes, and dots at ambiguous places."""
     median = float(chosen.place_deviation_median_mm)
@@ -315,7 +315,7 @@ def draw_design(ax: Axes, chosen: Dataset, most_mm: float | None = None) -> None
     keys = [_told(chosen[name]) for name in chosen.coords if "key" in chosen[name].attrs]
     found = f"median {median:.3g} mm; dots: {float(chosen.ambiguous_share):.0%} ambiguous"
     ax.set_title(f"{', '.join(keys)}\n{found}".strip())
-    colour_bar(ax, drawn, "deviation of the place (mm)", extend="max")
+    add_colour_bar(ax, drawn, "deviation of the place (mm)", extend="max")
 
 
 def _told(key: DataArray) -> str:

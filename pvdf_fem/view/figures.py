@@ -1,7 +1,7 @@
 """Figures: functions that draw on a given `ax`, a common style, and reproducible files.
 
 Nothing here touches matplotlib's global state: make a `matplotlib.figure.Figure` within `style()`,
-draw on its axes, and write it with `save`.
+draw on its axes, and write it with `save_figure`.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ _NO_DATE: dict[str, dict[str, None]] = {
 
 
 @contextmanager
-def style() -> Iterator[None]:
+def use_style() -> Iterator[None]:
     """A context in which new figures have the common look."""
     with matplotlib.rc_context(_STYLE):
         yield
@@ -65,25 +65,25 @@ class NotebookFigure(Figure):
     """A figure without a window, shown by notebooks."""
 
     def _repr_png_(self) -> bytes:
-        return content_of(self, ".png")
+        return render_figure(self, ".png")
 
 
-def new_figure(width_mm: float = 160.0, height_mm: float = 100.0) -> Figure:
+def make_figure(width_mm: float = 160.0, height_mm: float = 100.0) -> Figure:
     """An empty figure that belongs to no window."""
     return NotebookFigure(figsize=(width_mm / 25.4, height_mm / 25.4), dpi=DPI)  # in inches
 
 
-def save(figure: Figure, path: str | Path) -> None:
+def save_figure(figure: Figure, path: str | Path) -> None:
     """Write a figure in the format of the path's extension; the same figure gives the same bytes.
     Raises `FileError`, and ValueError with matplotlib's extensions."""
     path = Path(path)
-    content = content_of(figure, path.suffix.lower())  # a full disk confuses some writers
+    content = render_figure(figure, path.suffix.lower())  # a full disk confuses some writers
     with replace_file(path) as temporary:
         temporary.write_bytes(content)
 
 
-def content_of(figure: Figure, suffix: str) -> bytes:
-    """The file that `save` writes for an extension with its dot."""
+def render_figure(figure: Figure, suffix: str) -> bytes:
+    """The file that `save_figure` writes for an extension with its dot."""
     with matplotlib.rc_context({**_STYLE, **_REPRODUCIBLE}):
         if layout := figure.get_layout_engine():
             layout.execute(figure)
@@ -93,33 +93,33 @@ def content_of(figure: Figure, suffix: str) -> bytes:
     return content.getvalue()
 
 
-def map_axes() -> Axes:
+def make_map_axes() -> Axes:
     """Axes for a map in a new figure."""
-    figure = new_figure(120.0, 100.0)
+    figure = make_figure(120.0, 100.0)
     figure.set_layout_engine("compressed")  # the other one cuts labels beside a colour bar
     return figure.subplots()
 
 
-def figure_of(ax: Axes) -> Figure:
+def get_figure(ax: Axes) -> Figure:
     """The figure that axes belong to."""
     figure = ax.get_figure(root=True)
     assert figure is not None
     return figure
 
 
-def colour_bar(ax: Axes, drawn: ScalarMappable, label: str, **ticks: Any) -> None:
+def add_colour_bar(ax: Axes, drawn: ScalarMappable, label: str, **ticks: Any) -> None:
     """Put a colour bar beside a map."""
-    figure_of(ax).colorbar(drawn, ax=ax, label=label, fraction=0.046, pad=0.03, **ticks)
+    get_figure(ax).colorbar(drawn, ax=ax, label=label, fraction=0.046, pad=0.03, **ticks)
 
 
-def look_of(number: int) -> dict[str, Any]:
+def get_line_style(number: int) -> dict[str, Any]:
     """Colour, dashes and marker for an electrode's curve."""
     turn, colour = divmod(number, len(COLOURS))
     look = {"color": COLOURS[colour], "linestyle": ("-", "--")[turn % 2]}
     return {**look, "marker": MARKERS[number % len(MARKERS)]}
 
 
-def colours_of(
+def choose_colours(
     values: ArrayLike, sequential: str = "viridis", both_signs: float = 0.05
 ) -> tuple[str, float, float]:
     """A colour map with its limits: `DIVERGING` about zero for values with both signs, else a
@@ -166,7 +166,7 @@ def draw_film(
         draw_electrode(ax, electrode.outline, [electrode.name])
 
 
-def named_lines(
+def draw_labelled_contours(
     ax: Axes,
     x: Array,
     y: Array,

@@ -17,11 +17,11 @@ from skfem import MeshTri1
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.film_data import FilmData
-from pvdf_fem.electrodes.point_values import PointValues, values_at
+from pvdf_fem.electrodes.point_values import PointValues, evaluate_at
 from pvdf_fem.film.loads.contact_result import compute_contact_pressure
 from pvdf_fem.film.membrane import compute_principal_values
-from pvdf_fem.mesh.gmsh_mesh import FILM, electrode_patch
-from pvdf_fem.scene.given import taken
+from pvdf_fem.mesh.gmsh_mesh import FILM, make_subdomain_name
+from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.view import figures
 from pvdf_fem.view.figures import COLOURS, GREY
@@ -44,7 +44,7 @@ class FilmMap:
     about: Callable[[FilmData], Array] | None = None
 
 
-def sampled(
+def sample_field(
     film: FilmData, shown: FilmMap, most: float = 6e4
 ) -> tuple[PointValues, Indices, Array]:
     """Points in the elements, small triangles (n, 3) not shared by elements, and a field there.
@@ -63,14 +63,14 @@ def sampled(
 
 
 def _grid(film: FilmData, shown: FilmMap) -> tuple[Triangulation, Array]:
-    at, triangles, values = sampled(film, shown)
+    at, triangles, values = sample_field(film, shown)
     return Triangulation(at.x_mm.ravel(), at.y_mm.ravel(), triangles), values.ravel()
 
 
 def _levels(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
     """Colours between about ten round levels; a flat film gets a small range."""
     grid, values = _grid(film, shown)
-    colours, low, high = figures.colours_of([0.0, *values], shown.colours)
+    colours, low, high = figures.choose_colours([0.0, *values], shown.colours)
     levels = MaxNLocator(10, min_n_ticks=2).tick_values(low, high if high > low else low + 1e-9)
     return ax.tricontourf(grid, values, levels=levels, cmap=colours)
 
@@ -78,7 +78,7 @@ def _levels(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
 def _shades(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
     """Colours from the least to the largest value. A root spreads those far from the probe."""
     grid, values = _grid(film, shown)
-    colours, low, high = figures.colours_of(values, shown.colours)
+    colours, low, high = figures.choose_colours(values, shown.colours)
     start = np.clip(0.0, low, high)
 
     def root(v: Array) -> Array:
@@ -100,7 +100,7 @@ def _directions(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
     across, step = np.linspace(-reach, reach, 36, retstep=True)
     places = np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2)
     places = places[np.hypot(*places.T) < 0.99 * film.scene.film.radius_mm]
-    stress = values_at(film.equilibrium, film.state, *places.T).stress_MPa
+    stress = evaluate_at(film.equilibrium, film.state, *places.T).stress_MPa
     small, large = compute_principal_values(stress)
     angle = 0.5 * np.arctan2(2.0 * stress[:, 2], stress[:, 0] - stress[:, 1])
     apart = (large - small) / (np.abs(large) + np.abs(small))
@@ -113,7 +113,7 @@ def _directions(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
 
 def _mesh(ax: Axes, film: FilmData, shown: FilmMap) -> None:
     """The elements, those of patches filled."""
-    sides, electrodes = _sides_mm(film), set(map(electrode_patch, film.charges_pC))
+    sides, electrodes = _sides_mm(film), set(map(make_subdomain_name, film.charges_pC))
     for name, elements in film.mesh.subdomains.items():
         if name != FILM:
             colour = COLOURS[0] if name in electrodes else COLOURS[1]
@@ -188,10 +188,10 @@ MAPS = {
 }
 
 
-def require_map(name: str, scene: Scene) -> FilmMap:
+def resolve_map(name: str, scene: Scene) -> FilmMap:
     """The quantity of a name; ValueError for an unknown quantity, or a quantity missing in a
     scene."""
-    if taken("quantity", name, str) not in MAPS:
+    if coerce("quantity", name, str) not in MAPS:
         raise ValueError(f"quantity {name!r}: is none; choose from {', '.join(MAPS)}")
     if name == "contact" and all(t.load.kind != name for t in scene.loaded_probes):
         advice = 'load.kind = "contact" and a probe with a round edge make one'
@@ -199,21 +199,21 @@ def require_map(name: str, scene: Scene) -> FilmMap:
     return MAPS[name]
 
 
-def film_map(
+def draw_film_map(
     film: FilmData, name: str, ax: Axes | None = None, reach_mm: float | None = None
 ) -> Figure:
     """`Solution.plot`."""
-    shown, scene = require_map(name, film.scene), film.scene
+    shown, scene = resolve_map(name, film.scene), film.scene
     if reach_mm is not None:
-        reach_mm = taken("reach_mm", reach_mm, float, (1e-6, 1e6), "mm")
+        reach_mm = coerce("reach_mm", reach_mm, float, (1e-6, 1e6), "mm")
     if ax is None:
-        with figures.style():
-            return film_map(film, name, figures.map_axes(), reach_mm)
-    ax, radius_mm = taken("ax", ax, Axes), scene.film.radius_mm
+        with figures.use_style():
+            return draw_film_map(film, name, figures.make_map_axes(), reach_mm)
+    ax, radius_mm = coerce("ax", ax, Axes), scene.film.radius_mm
     figures.draw_rim(ax, radius_mm, radius_mm if reach_mm is None else reach_mm)
     ax.set_title(_pressed(scene))
     if drawn := shown.draw(ax, film, shown):
-        figures.colour_bar(ax, drawn, shown.label)
+        figures.add_colour_bar(ax, drawn, shown.label)
     few = len(scene.electrode_list) <= FEW
     for electrode in scene.electrode_list:
         charge, error = (of[electrode.name] for of in (film.charges_pC, film.charge_errors_pC))
@@ -226,7 +226,7 @@ def film_map(
         ax.plot(*edge_mm.T, color=COLOURS[1], path_effects=[figures.HALO])
     if shown.about and reach_mm is None:
         _enlarge(ax, shown.about(film), radius_mm)
-    return figures.figure_of(ax)
+    return figures.get_figure(ax)
 
 
 def _pressed(scene: Scene) -> str:

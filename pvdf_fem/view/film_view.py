@@ -16,11 +16,11 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.film_data import FilmData
-from pvdf_fem.electrodes.point_values import PointValues, values_along
+from pvdf_fem.electrodes.point_values import PointValues, evaluate_along
 from pvdf_fem.files import replace_file
-from pvdf_fem.scene.given import taken
-from pvdf_fem.view.figures import COLOURS, colours_of
-from pvdf_fem.view.film_map import FilmMap, require_map, sampled
+from pvdf_fem.scene.arguments import coerce
+from pvdf_fem.view.figures import COLOURS, choose_colours
+from pvdf_fem.view.film_map import FilmMap, resolve_map, sample_field
 
 #: A program that ends with 0 where VTK renders, and by a signal where VTK misses its libraries.
 TRIAL = """
@@ -45,19 +45,19 @@ def require_rendering() -> None:
         )
 
 
-def film_view(data: FilmData, name: str, scale: float | None, html: str | Path | None) -> Any:
+def make_film_view(data: FilmData, name: str, scale: float | None, html: str | Path | None) -> Any:
     """`Solution.view`."""
-    shown, scene = require_map(name, data.scene), data.scene
-    scale, html = taken("scale", scale, float | None), taken("html", html, Path | None)
+    shown, scene = resolve_map(name, data.scene), data.scene
+    scale, html = coerce("scale", scale, float | None), coerce("html", html, Path | None)
     pyvista = _imported("pyvista")
     require_rendering()
     if scale is None:
         deepest = 1e3 * float(np.abs(data.state.dofs[2::3]).max())
         scale = 0.25 * scene.film.radius_mm / (deepest or 1.0)
     plotter = pyvista.Plotter(off_screen=True if html else None)
-    film = film_mesh(data, shown, scale)
+    film = make_film_surface(data, shown, scale)
     bar = {"title": _plain(shown.label), "color": "black", "fmt": "%.3g"}
-    colours, *limits = colours_of(film.active_scalars, shown.colours)
+    colours, *limits = choose_colours(film.active_scalars, shown.colours)
     plotter.add_mesh(film, cmap=colours, clim=limits, scalar_bar_args=bar, smooth_shading=True)
     above = np.array([0.0, 0.0, 2e-3 * scene.film.radius_mm])  # or the film would hide lines
     lines = film.contour(9, scalars=film.points[:, 2]).translate(above)
@@ -67,7 +67,7 @@ def film_view(data: FilmData, name: str, scale: float | None, html: str | Path |
     edges += [(touch.outline, COLOURS[1]) for touch in scene.loaded_probes]
     for outline, colour in edges:
         corners_mm = 1e3 * np.array(outline.shape.exterior.coords)
-        along = values_along(data.equilibrium, data.state, corners_mm)
+        along = evaluate_along(data.equilibrium, data.state, corners_mm)
         line = pyvista.lines_from_points(_hanging(along, scale) + above)
         plotter.add_mesh(line, color=colour, line_width=4)
     plotter.set_background("white")
@@ -78,9 +78,9 @@ def film_view(data: FilmData, name: str, scale: float | None, html: str | Path |
     return plotter
 
 
-def film_mesh(data: FilmData, shown: FilmMap, scale: float = 1.0) -> Any:
+def make_film_surface(data: FilmData, shown: FilmMap, scale: float = 1.0) -> Any:
     """The deflected film in mm as a pyvista surface, with a field's values."""
-    at, triangles, values = sampled(data, shown)
+    at, triangles, values = sample_field(data, shown)
     points = _hanging(at, scale).reshape(-1, 3)
     surface = _imported("pyvista").PolyData.from_regular_faces(points, triangles)
     surface.point_data[_plain(shown.label)] = values.ravel()

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pvdf_fem.arrays import Array, make_polar_grid
-from pvdf_fem.scene.given import taken
+from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.view import figures
@@ -24,7 +24,7 @@ RASTER = (33, 97)  #: Numbers of distances from the centre and of directions, th
 LEVELS: Array = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 1000.0])
 
 
-def charge_map(
+def draw_charge_map(
     scene: Scene, reach_mm: float, charge: Callable[[Array], Array], title: str, ax: Axes | None
 ) -> Figure:
     """A map of an electrode's charge by the probe's place, with lines of equal charge.
@@ -35,23 +35,23 @@ def charge_map(
         Charges in pC, (n,), of probes at places (n, 2) in mm.
     """
     if ax is None:
-        with figures.style():
-            return charge_map(scene, reach_mm, charge, title, figures.map_axes())
-    ax, places = taken("ax", ax, Axes), make_polar_grid(reach_mm, *RASTER)
+        with figures.use_style():
+            return draw_charge_map(scene, reach_mm, charge, title, figures.make_map_axes())
+    ax, places = coerce("ax", ax, Axes), make_polar_grid(reach_mm, *RASTER)
     x, y = np.moveaxis(places, -1, 0)
     charges = charge(places.reshape(-1, 2)).reshape(x.shape)
-    colours, low, high = figures.colours_of(charges)
+    colours, low, high = figures.choose_colours(charges)
     filled = ax.contourf(x, y, charges, levels=np.linspace(low, high, 256), cmap=colours)
     levels = [at for at in MaxNLocator(10).tick_values(low, high) if low < at < high]
     centres = [1e3 * known.outline.centroid for known in scene.electrode_list]
-    figures.named_lines(ax, x, y, charges, levels, np.array(centres))
+    figures.draw_labelled_contours(ax, x, y, charges, levels, np.array(centres))
     figures.draw_film(ax, scene.film.radius_mm, scene.electrode_list, 1.15 * reach_mm)
     ax.set_title(title)
-    figures.colour_bar(ax, filled, "charge (pC), with the charge at rest", ticks=levels)
-    return figures.figure_of(ax)
+    figures.add_colour_bar(ax, filled, "charge (pC), with the charge at rest", ticks=levels)
+    return figures.get_figure(ax)
 
 
-def likelihood_map(
+def draw_likelihood_map(
     scene: Scene,
     reach_mm: float,
     touches: Sequence[Mapping[str, Any]],
@@ -68,18 +68,18 @@ def likelihood_map(
     stage, best = scene.stage or Stage(), touches[0]
     deviations, middle = best["standard_deviations"], np.array([best["x_mm"], best["y_mm"]])
     wide = min(6.0 * max(deviations["x_mm"], deviations["y_mm"]), reach_mm)
-    with figures.style():
-        figure = figures.new_figure(120.0, 190.0)  # one above the other: a phone shows them
+    with figures.use_style():
+        figure = figures.make_figure(120.0, 190.0)  # one above the other: a phone shows them
         figure.set_layout_engine("compressed")
         film, near = figure.subplots(2)
         centre = np.array([stage.x_mm, stage.y_mm])
         drawn = _likelihood(film, apart, make_polar_grid(reach_mm, *RASTER) + centre)
-        draw_on_stage(film, scene, 1.15 * reach_mm)
+        draw_sensor_on_stage(film, scene, 1.15 * reach_mm)
         across = np.linspace(-wide, wide, 41)
         _likelihood(near, apart, np.stack(np.meshgrid(across, across), axis=-1) + middle)
         near.set(xlim=middle[0] + across[[0, -1]], ylim=middle[1] + across[[0, -1]])
         near.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
-        near.plot(*deviation_ellipse(best).T, color=COLOURS[1])
+        near.plot(*compute_deviation_ellipse(best).T, color=COLOURS[1])
         for ax in (film, near):
             ax.grid(False)
             _touches(ax, touches)
@@ -93,26 +93,28 @@ def likelihood_map(
     return figure
 
 
-def ellipses_map(
+def draw_touch_ellipses(
     scene: Scene, reach_mm: float, touches: Sequence[Mapping[str, Any]], keys: Sequence[str]
 ) -> Figure:
     """Touches in JSON form with standard-deviation ellipses around their places; `keys` name the x
     coordinates."""
-    with figures.style():
-        ax = figures.map_axes()
-        draw_on_stage(ax, scene, 1.15 * reach_mm)
+    with figures.use_style():
+        ax = figures.make_map_axes()
+        draw_sensor_on_stage(ax, scene, 1.15 * reach_mm)
         for touch in touches:
             for key in keys:
                 share = max(float(touch["weight"]), 0.2)
-                ax.plot(*deviation_ellipse(touch, key).T, color=COLOURS[1], alpha=share)
+                ax.plot(*compute_deviation_ellipse(touch, key).T, color=COLOURS[1], alpha=share)
                 label = f"{touch[key[:-4] + 'force_N']:.3g} N"
                 at = touch[key], touch[key[:-4] + "y_mm"]
                 ax.annotate(label, at, (5, 5), textcoords="offset points", alpha=share)
         ax.set_title("Touches with ellipses of one σ")
-        return figures.figure_of(ax)
+        return figures.get_figure(ax)
 
 
-def deviation_ellipse(touch: Mapping[str, Any], x_key: str = "x_mm", points: int = 97) -> Array:
+def compute_deviation_ellipse(
+    touch: Mapping[str, Any], x_key: str = "x_mm", points: int = 97
+) -> Array:
     """Points in mm, (points, 2), on the ellipse around a touch's place, with the standard
     deviations as shadows; the touch is given in JSON form."""
     keys = [x_key, x_key.replace("x_mm", "y_mm")]
@@ -144,11 +146,11 @@ def _likelihood(ax: Axes, apart: Callable[[Array], Array], places: Array) -> Any
     return ax.contourf(x, y, shades, levels=LEVELS, cmap="Blues_r", norm=bands)
 
 
-def draw_on_stage(ax: Axes, scene: Scene, reach_mm: float) -> None:
+def draw_sensor_on_stage(ax: Axes, scene: Scene, reach_mm: float) -> None:
     """Draw rim and electrodes on the stage, up to a reach in mm from the film's centre."""
     stage = scene.stage or Stage()
     centre_mm = np.array([stage.x_mm, stage.y_mm])
     figures.draw_rim(ax, scene.film.radius_mm, reach_mm, centre_mm)
     for electrode in scene.electrode_list:
-        outline = electrode.outline.mapped(stage.turn, centre_mm / 1e3)
+        outline = electrode.outline.transform(stage.rotation, centre_mm / 1e3)
         figures.draw_electrode(ax, outline, [electrode.name])

@@ -22,9 +22,9 @@ from scipy.optimize import brentq
 from pvdf_fem import Scene
 from pvdf_fem.arrays import Array
 from pvdf_fem.report.data import Changes
+from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.quantity import Section
 from reports.reference.axisymmetric import Kind, axisymmetric_membrane
 from reports.reference.axisymmetric_wrinkled import wrinkled_membrane
 from reports.reference.circular_plate import von_karman_plate
@@ -67,7 +67,7 @@ class RoundFilm:
     @property
     def pretension(self) -> float:
         """N0/(E h)."""
-        return float(self.scene.film.stress_at_rest[0]) / self.modulus
+        return float(self.scene.film.prestress[0]) / self.modulus
 
     @property
     def patch(self) -> float:
@@ -152,7 +152,7 @@ def plate(film: RoundFilm) -> Sum:
     h, a = material.thickness, material.radius
     stiffness = float(material.stiffness[0, 0]) * h**3 / 12.0
     pressure = film.scene.load.force / (math.pi * a**2) * a**4 / (stiffness * h)
-    rest = float(material.stress_at_rest[0]) * h * a**2 / stiffness
+    rest = float(material.prestress[0]) * h * a**2 / stiffness
     found = von_karman_plate(pressure, poisson_ratio=material.poisson_ratio, pretension=rest)
     return lambda r: stiffness / a**2 * np.sum(found.tensions(r / a), axis=0)
 

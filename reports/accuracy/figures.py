@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from pvdf_fem.view.drawing import WIDTH_MM
-from pvdf_fem.view.figures import COLOURS, GREY, HALO, LABEL_SIZE, new_figure
+from pvdf_fem.view.curves import WIDTH_MM
+from pvdf_fem.view.figures import COLOURS, GREY, HALO, LABEL_SIZE, make_figure
 from reports.accuracy.cases import SOURCES
 from reports.accuracy.measure import STAGES
 from reports.accuracy.results import OURS, PEER
@@ -25,7 +25,7 @@ COLOUR = dict(zip(SOURCES, COLOURS, strict=False))
 
 def errors_against_time(runs: pd.DataFrame) -> Figure:
     """A curve for each case, coloured by what is known of it, and the medians by tolerance."""
-    figure = new_figure(WIDTH_MM, 92.0)
+    figure = make_figure(WIDTH_MM, 92.0)
     ax = figure.subplots()
     for _, rows in runs.groupby("case", sort=False):
         colour = COLOUR[rows.source.iloc[0]]
@@ -59,7 +59,7 @@ def logarithmic(ax: Axes) -> None:
 
 def stated_against_true(told: pd.DataFrame) -> Figure:
     """Dots in units of the tolerance by group, and lines of equal ratios."""
-    figure = new_figure(WIDTH_MM, 100.0)
+    figure = make_figure(WIDTH_MM, 100.0)
     ax, ends = figure.subplots(), np.array([1e-4, 10.0])
     for group, colour in zip(told.group.unique(), COLOURS, strict=False):
         rows = told[told.group == group]
@@ -78,7 +78,7 @@ def beside_peer(runs: pd.DataFrame, names: Sequence[str]) -> Figure:
     """True errors against seconds of both codes, a panel for each case."""
     columns = min(len(names), 3)
     rows = -(-len(names) // columns)
-    figure = new_figure(1.25 * WIDTH_MM, 12.0 + 52.0 * rows)
+    figure = make_figure(1.25 * WIDTH_MM, 12.0 + 52.0 * rows)
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for ax, name in zip(axes.flat, names, strict=False):
         for code, dashes, colour in ((OURS, "o-", COLOURS[0]), (PEER, "s:", COLOURS[1])):
@@ -99,7 +99,7 @@ def beside_peer(runs: pd.DataFrame, names: Sequence[str]) -> Figure:
 def stage_bars(frame: pd.DataFrame) -> Figure:
     """A bar of the seconds of stages for each case and tolerance."""
     names = [f"{row.case}, {percent(row.tolerance)}" for row in frame.itertuples()]
-    figure = new_figure(WIDTH_MM, 24.0 + 6.0 * len(names))
+    figure = make_figure(WIDTH_MM, 24.0 + 6.0 * len(names))
     ax, start = figure.subplots(), np.zeros(len(names))
     for stage, colour in zip(STAGES, COLOURS, strict=False):
         ax.barh(names, frame[stage], left=start, color=colour, height=0.6, label=stage)

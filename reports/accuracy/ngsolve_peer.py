@@ -120,7 +120,7 @@ class Discretisation:
         """F (3, 2), and second Piola-Kirchhoff stress and elastic strain in Voigt's order."""
         gradient = ng.CF(tuple(ng.Grad(part) for part in parts), dims=(3, 2))
         F = gradient + ng.CF((1, 0, 0, 1, 0, 0), dims=(3, 2))
-        E, rest = 0.5 * (F.trans * F - ng.Id(2)), self.scene.film.strain_at_rest.tolist()
+        E, rest = 0.5 * (F.trans * F - ng.Id(2)), self.scene.film.prestrain.tolist()
         strain = [E[0, 0] + rest[0], E[1, 1] + rest[1], 2.0 * E[0, 1] + rest[2]]
         C = self.scene.film.stiffness.tolist()
         return F, [sum(C[i][j] * strain[j] for j in range(3) if C[i][j]) for i in range(3)], strain
@@ -144,7 +144,7 @@ class Discretisation:
         film, force = self.scene.film, self.scene.load.force
         stiffness = film.thickness * film.stiffness[:2, :2].mean()
         induced = 0.3 * math.cbrt(stiffness * (force / film.radius) ** 2)
-        tension = induced + max(film.thickness * film.stress_at_rest[:2].mean(), 0.0)
+        tension = induced + max(film.thickness * film.prestress[:2].mean(), 0.0)
         w, v = self.deflections.TnT()
         laplace = ng.BilinearForm(tension * ng.grad(w) * ng.grad(v) * ng.dx).Assemble()
         load = ng.LinearForm(self.pressure * v * ng.dx(self.probe)).Assemble()

@@ -12,7 +12,7 @@ import pandas as pd
 
 from pvdf_fem.report.data import Name
 from pvdf_fem.report.kind import Inputs, Kind
-from pvdf_fem.report.solved import NothingToShow, Solved
+from pvdf_fem.report.results import NothingToShowError, ReportResults
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.scene import Scene
 from reports.accuracy.cases import Case, cases
@@ -71,17 +71,17 @@ class OfCases(Kind):
             found += [*self.solves(case, inputs).values(), *self.peers(case, inputs)]
         return found
 
-    def frame(self, inputs: Inputs, solved: Solved) -> pd.DataFrame:
-        """A row for each charge of each solve that was done; `NothingToShow` if there is none."""
+    def frame(self, inputs: Inputs, solved: ReportResults) -> pd.DataFrame:
+        """A row for each charge of each completed solve; `NothingToShowError` without any."""
         rows = [row for case in self.chosen(inputs) for row in self._rows(case, inputs, solved)]
         if not rows:
-            raise NothingToShow("no case has both a solve and charges that are known")
+            raise NothingToShowError("no case has both a solve and charges that are known")
         return with_errors(pd.DataFrame(rows))
 
-    def _rows(self, case: Case, inputs: Inputs, solved: Solved) -> Iterator[dict[str, Any]]:
+    def _rows(self, case: Case, inputs: Inputs, solved: ReportResults) -> Iterator[dict[str, Any]]:
         about: dict[str, Any] = {"case": case.name, "source": case.source}
         known: dict[str, tuple[float, float]] = {}
-        with suppress(NothingToShow):  # the reason stands below the figure
+        with suppress(NothingToShowError):  # the reason stands below the figure
             known = known_of(case, solved)
         runs: list[tuple[Task, dict[str, Any]]] = [
             (task, {"code": OURS, "tolerance": tolerance})
@@ -89,7 +89,7 @@ class OfCases(Kind):
         ]
         runs += [(task, {"code": PEER}) for task in self.peers(case, inputs)]
         for task, how in runs:
-            with suppress(NothingToShow):
+            with suppress(NothingToShowError):
                 for row in solved.rows(task):
                     charge, doubt = known.get(row.get("electrode") or "", (np.nan, np.nan))
                     yield {**about, **how, **row, "known_pC": charge, "doubt_pC": doubt}
@@ -102,7 +102,7 @@ def truth_of(case: Case) -> Task | None:
     return Timed(case.finer) if case.truth == "finer" else Known(case.scene, case.truth)
 
 
-def known_of(case: Case, solved: Solved) -> dict[str, tuple[float, float]]:
+def known_of(case: Case, solved: ReportResults) -> dict[str, tuple[float, float]]:
     """Charges that are known and the doubt about them in pC, by electrode."""
     task = truth_of(case)
     rows: Rows = [{"electrode": k, "charge_pC": q} for k, q in case.charges_pC.items()]
@@ -133,7 +133,7 @@ def worst(frame: pd.DataFrame) -> pd.DataFrame:
     return converged.loc[converged.groupby(by, dropna=False, sort=False).true.idxmax()]
 
 
-def of_drawn(scene: Scene, solved: Solved) -> pd.DataFrame:
+def of_drawn(scene: Scene, solved: ReportResults) -> pd.DataFrame:
     """The errors of a drawn scene, a row for each electrode."""
     names, pair = [electrode.name for electrode in scene.electrode_list], [scene, finer(scene)]
     charges, known = solved.charges(pair, names, "total")

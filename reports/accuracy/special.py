@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from pvdf_fem.report.kind import Content, Inputs, Kind
-from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.results import ReportResults
 from pvdf_fem.scene.scene import Scene
 from reports.accuracy.cases import FINER, SOURCES, Case
 from reports.accuracy.drawn import KINDS, drawn_scenes, finer
@@ -43,7 +43,7 @@ class ErrorVsTime(OfCases):
     stem: ClassVar[str] = "error-vs-time"
     rank: ClassVar[int] = 0
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """Curves, the medians of all cases, and a table by tolerance."""
         frame = self.frame(inputs, solved)
         runs = worst(frame)
@@ -98,7 +98,7 @@ class StatedErrors(OfCases):
         drawn = [scene for scenes in self.drawn(inputs).values() for scene in scenes]
         return drawn + [finer(scene) for scene in drawn]
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """A dot for each charge, and a table by groups."""
         known = self.frame(inputs, solved)
         pieces = [known[known.code == OURS].assign(group="cases")]
@@ -129,7 +129,7 @@ class CaseTable(OfCases):
 
     stem: ClassVar[str] = "cases"
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """A row for each case."""
         frame = self.frame(inputs, solved)
         rows, runs = [], worst(frame)
@@ -159,7 +159,7 @@ class BesideNGSolve(OfCases):
         """The cases that NGSolve solves."""
         return [case for case in super().chosen(inputs) if case.peer]
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """Panels of the cases, and the seconds to be within `errors`."""
         names = [case.name for case in self.chosen(inputs)]
         frame = self.frame(inputs, solved)
@@ -204,7 +204,7 @@ class Stages(OfCases):
     stem: ClassVar[str] = "stages"
     rank: ClassVar[int] = 2
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """A bar for each case and tolerance."""
         frame = self.frame(inputs, solved).drop_duplicates(["case", "tolerance"])
         total = frame[list(STAGES)].sum()
@@ -231,7 +231,7 @@ class SweepCost(Kind):
         asked, places = (self.tolerances[:1], 2) if inputs.quick else (self.tolerances, self.places)
         return [Swept(scene.with_(**{"numerics.tolerance": of}), places) for of in asked]
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """A row for each tolerance."""
         frame = pd.DataFrame(
             {"tolerance": task.scene.numerics.tolerance, **row}

@@ -18,15 +18,15 @@ import numpy as np
 from pydantic import Field
 
 from pvdf_fem import Response, Scene, build_response, design
-from pvdf_fem.report.kind import Content, Inputs, Kind, blamed
-from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.kind import Content, Inputs, Kind, prefix_errors
+from pvdf_fem.report.results import ReportResults
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.scene_file import SceneError
 from pvdf_fem.studies.design import DesignStudy, find_best_design, make_table
-from pvdf_fem.surrogate.model import Domain, centred
-from pvdf_fem.view.charts import draw_design
-from pvdf_fem.view.drawing import WIDTH_MM, axis_label
-from pvdf_fem.view.figures import look_of, new_figure
+from pvdf_fem.surrogate.touch_domain import Domain, centre_probe
+from pvdf_fem.view.charts import draw_design_map
+from pvdf_fem.view.curves import WIDTH_MM, format_axis_label
+from pvdf_fem.view.figures import get_line_style, make_figure
 
 if TYPE_CHECKING:
     import xarray
@@ -84,7 +84,7 @@ class Bounds(Task):
     def _model(self, scene: Scene) -> Response:
         """The model of a scene, for any electrodes, d31 and d32."""
         film = scene.film.model_copy(update={"d31_pC_N": 8.0, "d32_pC_N": 8.0})
-        alone = centred(Scene(film=film, probe=scene.probe, load=scene.load))
+        alone = centre_probe(Scene(film=film, probe=scene.probe, load=scene.load))
         return model_of(alone, self.reach_mm, self.forces_N, self.tolerance)
 
 
@@ -106,7 +106,7 @@ class OfDesigns(Kind):
         first, *others = vary
         scene = self.scene(inputs)
         domain, noise = Domain(self.reach_mm, self.forces_N), (self.sigma, self.noise_pC)
-        with blamed("vary"):
+        with prefix_errors("vary"):
             designs = DesignStudy.from_scene(scene, vary)
             if wrong := [*designs.mistakes(domain, self.step_mm, self.tolerance, *noise)]:
                 raise SceneError(wrong)
@@ -116,7 +116,7 @@ class OfDesigns(Kind):
         parts = [{first: [value], **{key: vary[key] for key in others}} for value in vary[first]]
         return [Bounds(scene, json.dumps(part), **asked) for part in parts]
 
-    def found(self, inputs: Inputs, solved: Solved) -> xarray.Dataset:
+    def found(self, inputs: Inputs, solved: ReportResults) -> xarray.Dataset:
         """What the tasks found, along the keys."""
         import xarray
 
@@ -141,7 +141,7 @@ class Deviations(OfDesigns):
 
     stem: ClassVar[str] = "deviations"
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """Panels below each other."""
         data = self.found(inputs, solved)
         *family, along = (str(axis) for axis in data.scene.dims)
@@ -151,12 +151,12 @@ class Deviations(OfDesigns):
             else [data.isel({family[0]: i}) for i in range(len(data[family[0]]))]
         )
         x = np.arange(len(data[along])) if self.names else data[along].values
-        figure = new_figure(WIDTH_MM, 150.0)
+        figure = make_figure(WIDTH_MM, 150.0)
         panels = figure.subplots(len(PANELS), sharex=True)
         for ax, (name, label, factor) in zip(panels, PANELS, strict=True):
             for number, curve in enumerate(curves):
                 of = _shown(curve[family[0]].item()) if family else None
-                look = look_of(number) | ({"linestyle": "none"} if self.names else {})
+                look = get_line_style(number) | ({"linestyle": "none"} if self.names else {})
                 ax.plot(x, factor * curve[name], label=of, **look)
             ax.set_ylabel(label)
             ax.set_ylim(0.0, 1.08 * factor * float(data[name].max()) or 1.0)
@@ -168,9 +168,9 @@ class Deviations(OfDesigns):
                 panels[-1].set_xscale("log")
                 panels[-1].set_xticks(x, map(_shown, x.tolist()))
                 panels[-1].set_xticks([], minor=True)
-            panels[-1].set_xlabel(axis_label(data[along].attrs["key"]))
+            panels[-1].set_xlabel(format_axis_label(data[along].attrs["key"]))
         if family:
-            title = axis_label(data[family[0]].attrs["key"])
+            title = format_axis_label(data[family[0]].attrs["key"])
             figure.legend(
                 *panels[0].get_legend_handles_labels(),
                 loc="outside upper left",
@@ -223,16 +223,16 @@ class DesignMaps(OfDesigns):
 
     stem: ClassVar[str] = "maps"
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """Maps with one scale."""
         data = self.found(inputs, solved)
         first = data.scene.dims[0]
         chosen = [find_best_design(data.sel({first: of.item()})) for of in data[first]]
-        figure = new_figure(1.4 * WIDTH_MM, 70.0 * ((len(chosen) + 1) // 2))
+        figure = make_figure(1.4 * WIDTH_MM, 70.0 * ((len(chosen) + 1) // 2))
         panels = figure.subplots(-(-len(chosen) // 2), 2, squeeze=False).ravel()
         most_mm = 2.0 * max(float(of.place_deviation_median_mm) for of in chosen)
         for ax, of in zip(panels, chosen, strict=False):
-            draw_design(ax, of, most_mm)
+            draw_design_map(ax, of, most_mm)
         for ax in panels[len(chosen) :]:
             ax.remove()
         return Content(

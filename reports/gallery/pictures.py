@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 from PIL import Image, PngImagePlugin
 
 from pvdf_fem import Scene, Solution, solve
-from pvdf_fem.batch.batch import solve_all
+from pvdf_fem.batch.batch import solve_scenes
 from pvdf_fem.report.kind import Inputs
-from pvdf_fem.report.registry import kinds_of
+from pvdf_fem.report.registry import load_kinds
 from pvdf_fem.report.report import Report
-from pvdf_fem.report.script import Need
-from pvdf_fem.report.solved import Solved
-from pvdf_fem.view.figures import save, style
+from pvdf_fem.report.results import ReportResults
+from pvdf_fem.report.script import Requirements
+from pvdf_fem.view.figures import save_figure, use_style
 
 #: Key of the text in a PNG file.
 KEY = "pvdf_fem"
@@ -42,9 +42,9 @@ def rotation() -> tuple[Figure, Shown]:
     the report on the thesis."""
     inputs, asked = turned()
     scenes = asked.scenes
-    solved = dict(zip(scenes, solve_all(scenes, processes=1), strict=True))
-    with style():
-        figure = asked.item.kind.compose(inputs, Solved(solved)).figure
+    solved = dict(zip(scenes, solve_scenes(scenes, processes=1), strict=True))
+    with use_style():
+        figure = asked.item.kind.compose(inputs, ReportResults(solved)).figure
     assert figure is not None
     return figure, shown([solve(scenes[0])])
 
@@ -56,9 +56,9 @@ PICTURES: dict[str, Callable[[], tuple[Figure, Shown]]] = {
 }
 
 
-def turned() -> tuple[Inputs, Need]:
+def turned() -> tuple[Inputs, Requirements]:
     """The figure of the rotation, with what it is made of and its scenes."""
-    report = Report.load(THESIS / "report.toml", kinds_of(THESIS / "special.py"))
+    report = Report.load(THESIS / "report.toml", load_kinds(THESIS / "special.py"))
     inputs, needed = report.plan.needs()
     return inputs, next(asked for asked in needed if asked.item.name == "rotation")
 
@@ -75,7 +75,7 @@ def write(name: str, folder: Path) -> Path:
     """Draw a picture and write it with what it shows."""
     figure, content = PICTURES[name]()
     path = folder / f"{name}.png"
-    save(figure, path)
+    save_figure(figure, path)
     text = PngImagePlugin.PngInfo()
     text.add_text(KEY, json.dumps(content))
     with Image.open(path) as image:

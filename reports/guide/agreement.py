@@ -12,11 +12,11 @@ from typing import NamedTuple
 import pandas as pd
 
 from pvdf_fem import solve
-from pvdf_fem.batch.batch import planned, solve_all
+from pvdf_fem.batch.batch import plan_scenes, solve_scenes
 from pvdf_fem.batch.store import Store
-from pvdf_fem.report.registry import kinds_of
+from pvdf_fem.report.registry import load_kinds
 from pvdf_fem.report.report import STORE, Report
-from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.results import ReportResults
 from pvdf_fem.solver.nonlinear.status import Status
 from reports.accuracy.drawn import drawn_scenes
 
@@ -84,20 +84,20 @@ def stated_and_true(seed: int = 1, count: int = 3) -> Markdown:
 
 def with_the_thesis() -> tuple[str, pd.DataFrame]:
     """Printed charges beside ours: all, where the report's solves are stored, or a few."""
-    report = Report.load(THESIS / "report.toml", kinds_of(THESIS / "special.py"))
+    report = Report.load(THESIS / "report.toml", load_kinds(THESIS / "special.py"))
     inputs, needed = report.plan.needs()
     item, scenes, _ = next(asked for asked in needed if asked.item.name == "charges")
     where = "all printed charges, from the solves of `./run report`"
     store = OUT / STORE
     with Store(store) if store.is_file() else nullcontext() as kept:
-        if len(planned(scenes, kept).blocks) > FEW_SOLVES:
+        if len(plan_scenes(scenes, kept).blocks) > FEW_SOLVES:
             few = inputs.data["charges"]
             rows = few.frame[few.frame.source == "Table 3.4"].reset_index(drop=True)
             inputs = replace(inputs, data={"charges": replace(few, frame=rows)})
             scenes = item.kind.scenes(inputs)
             where = "Table 3.4 only, solved for this page; `./run report` compares all charges"
-        records = solve_all(scenes, kept, processes=1)
-    solved = Solved(dict(zip(scenes, records, strict=True)))
+        records = solve_scenes(scenes, kept, processes=1)
+    solved = ReportResults(dict(zip(scenes, records, strict=True)))
     return where, item.kind.compose(inputs, solved).frame
 
 

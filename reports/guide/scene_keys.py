@@ -17,15 +17,15 @@ from itertools import chain, pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from pvdf_fem.scene.change import plain
+from pvdf_fem.scene.changes import to_plain_value
 from pvdf_fem.scene.film import Air, Film
-from pvdf_fem.scene.quantity import Key, Section
+from pvdf_fem.scene.keys import Key, Section
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import Numerics, Scene
-from pvdf_fem.scene.scene_file import example_text, examples, toml_value
+from pvdf_fem.scene.scene_file import format_toml_value, get_example_text, read_examples
 from pvdf_fem.scene.shapes import ELECTRODES, LAYOUTS, PATCHES, PROBES, Bonded, Layout, Pressing
-from pvdf_fem.scene.stage import Stage, WantedModel
+from pvdf_fem.scene.stage import ResponseDomain, Stage
 
 EXAMPLE = Path(__file__).parents[2] / "geometry" / "four_electrodes.toml"
 #: Tables of a scene file and their models; shapes of one kind stand side by side.
@@ -41,7 +41,7 @@ TABLES: Mapping[str, tuple[type[Section], ...]] = {
     "[readout]": (Readout,),
     "[stage]": (Stage,),
     "[air]": (Air,),
-    "[model]": (WantedModel,),
+    "[model]": (ResponseDomain,),
 }
 #: What tables of several shapes are, in the example.
 ABOUT = {
@@ -149,7 +149,7 @@ def _entry(model: type[Section], name: str, used: bool) -> list[str]:
         return []
     mark = "" if used and default is not None else "#"
     lines = _comment(f"{meaning(model, name)} {condition(model, name)}")
-    return [*lines, f"{mark}{name} = {toml_value(plain(value))}"]
+    return [*lines, f"{mark}{name} = {format_toml_value(to_plain_value(value))}"]
 
 
 def _default(model: type[Section], name: str) -> Any:
@@ -180,7 +180,7 @@ def scene_page() -> str:
             lines += ["", f"`{shape}`: {about}", ""] if caption else []
             lines += table_of(model, keys)
     lines += ["", "## `[uncertain]`", "", UNCERTAIN]
-    commented = example_text("four_electrodes", examples()).rstrip()
+    commented = get_example_text("four_electrodes", read_examples()).rstrip()
     lines += ["", "## A scene with every key", "", "```toml", commented, "```"]
     return "\n".join(lines) + "\n"
 

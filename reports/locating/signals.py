@@ -13,13 +13,12 @@ from scipy.signal import lfilter
 
 from pvdf_fem import Response, Scene, Tracker, build_response, calibrate, solve
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import channels
+from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.progress import ignore_progress
 from pvdf_fem.report.task import Rows, Task
-from pvdf_fem.scene.change import number_at
+from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.surrogate.held_out import random_touches
-from pvdf_fem.surrogate.model import QUANTITIES, Domain, scene_of_touch
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain, apply_touch, draw_touches
 
 SEED = 20261123
 #: What is sought: all of it can be told, as d31 is known. A factor of d31 and d32 is one of gains.
@@ -45,22 +44,22 @@ class Sensor(Task):
         """One row: errors of parameters over their deviations, and the places of the touches in mm:
         those given, the true ones, and those of the calibration."""
         draw, film = np.random.default_rng([SEED, self.number]), self.scene.film
-        tension = float(film.thickness * film.stress_at_rest[0])
+        tension = float(film.thickness * film.prestress[0])
         thought = self.scene.with_(**{"film.pretension_N_m": tension})
         names = [electrode.name for electrode in thought.electrode_list]
         off = iter(draw.uniform(-1.0, 1.0, len(FACTORS) + len(names) + len(SHIFTS)))
         keys = {
-            key: number_at(thought, key) * (1.0 + of * next(off)) for key, of in FACTORS.items()
+            key: get_number(thought, key) * (1.0 + of * next(off)) for key, of in FACTORS.items()
         }
         gains = {name: 1.0 + GAIN * next(off) for name in names}
         keys |= {key: of * next(off) for key, of in SHIFTS.items()}
         true = thought.with_(**keys, **{"readout.gain": gains})
-        touches = random_touches(TOUCHED, self.touches, int(draw.integers(2**31)))
+        touches = draw_touches(TOUCHED, self.touches, int(draw.integers(2**31)))
         moved = touches.copy()
         moved[:, :2] += PLACE_MM * draw.standard_normal((len(touches), 2))
         readings = np.array([self._read(true, touch) for touch in moved])
         readings *= 1.0 + SIGMA * draw.standard_normal(readings.shape)
-        columns = dict(zip((*QUANTITIES, *names), (*touches.T, *readings.T), strict=True))
+        columns = dict(zip((*TOUCH_QUANTITIES, *names), (*touches.T, *readings.T), strict=True))
         how: dict[str, Any] = {"sigma": SIGMA, "place_sd": PLACE_MM, "reading": "change"}
         begun = time.process_time()
         found = calibrate(thought, columns, UNKNOWN, **how).to_json()
@@ -79,8 +78,8 @@ class Sensor(Task):
         """What the channels read of a touch (4,) on the stage: changes times gains in pC."""
         place, rotation = (scene.stage or Stage()).to_film(touch[:2], touch[2])
         on_film = np.array([*place, rotation, touch[3]])
-        changes = solve(scene_of_touch(scene, on_film, self.tolerance)).charge_changes_pC
-        return np.array([channel.gain * changes[channel.name] for channel in channels(scene)])
+        changes = solve(apply_touch(scene, on_film, self.tolerance)).charge_changes_pC
+        return np.array([channel.gain * changes[channel.name] for channel in make_channels(scene)])
 
 
 # ------------------------------------------------------------------------------------------- taps
@@ -111,7 +110,7 @@ class Taps(Task):
         domain = Domain(self.reach_mm + 4.0, (low / 4.0, 2.0 * high))
         how: dict[str, Any] = {"tolerance": 100.0 * self.tolerance, "progress": ignore_progress}
         model = build_response(scene, domain.reach_mm, domain.force_N, processes=1, **how)
-        touches = random_touches(Domain(self.reach_mm, self.forces_N), self.taps, SEED)
+        touches = draw_touches(Domain(self.reach_mm, self.forces_N), self.taps, SEED)
         for number, touch in enumerate(touches):
             duration = 0.05 * 10.0 ** ((number + 0.5) / len(touches))
             found = self._followed(model, touch, duration, np.random.default_rng([SEED, number]))
@@ -125,7 +124,7 @@ class Taps(Task):
         nodes = np.cbrt(touch[3]) * (0.5 - 0.5 * np.cos(np.pi * np.arange(FORCES + 1) / FORCES))
         changes = [np.zeros(len(scene.electrode_list))]
         for force in nodes[1:] ** 3:
-            there = scene_of_touch(scene, np.array([*touch[:3], force]), self.tolerance)
+            there = apply_touch(scene, np.array([*touch[:3], force]), self.tolerance)
             changes.append(np.array([*solve(there).charge_changes_pC.values()]))
         return BarycentricInterpolator(nodes, np.array(changes))
 
@@ -134,7 +133,7 @@ class Taps(Task):
         squared half sine."""
         t = np.arange(round((BEGIN_S + duration + REST_S) * RATE_HZ)) / RATE_HZ
         fine = np.linspace(t[0], t[-1], (len(t) - 1) * STEPS + 1)
-        share, channel = np.clip((fine - BEGIN_S) / duration, 0.0, 1.0), channels(scene)[0]
+        share, channel = np.clip((fine - BEGIN_S) / duration, 0.0, 1.0), make_channels(scene)[0]
         force, step = touch[3] * np.sin(np.pi * share) ** 2, fine[1] / channel.time_constant
         changes_pC = np.diff(self._charges(scene, touch)(np.cbrt(force)), axis=0, prepend=0.0)
         # all channels are alike, and charges change evenly in a step
@@ -146,11 +145,11 @@ class Taps(Task):
     ) -> Rows:
         """The row of a tap, and rows of its samples."""
         t, force, values = self._readings(model.scene, touch, duration)
-        peak = scene_of_touch(model.scene, touch, self.tolerance)
+        peak = apply_touch(model.scene, touch, self.tolerance)
         peak_pC = np.array([*solve(peak).charge_changes_pC.values()])
         # the sum of the samples up to the peak has this noise
         noise_A = 1e-12 * NOISE * np.abs(peak_pC).mean() * (2.0 * RATE_HZ / duration) ** 0.5
-        noise_V = noise_A * channels(model.scene)[0].resistance
+        noise_V = noise_A * make_channels(model.scene)[0].resistance
         values += OFFSET_V + DRIFT_V_S * t[:, None] + noise_V * draw.standard_normal(values.shape)
         tracker, begun = Tracker(model), time.perf_counter()
         told = [vars(tracker.update(*sample)) for sample in zip(t.tolist(), values, strict=True)]

@@ -21,9 +21,9 @@ from scipy.stats import norm
 from pvdf_fem import Replaced, Scene
 from pvdf_fem.arrays import Array
 from pvdf_fem.report.kind import Content, Inputs, Kind
-from pvdf_fem.report.solved import NothingToShow, Solved
-from pvdf_fem.view.drawing import RING, WIDTH_MM
-from pvdf_fem.view.figures import COLOURS, GREY, draw_film, new_figure
+from pvdf_fem.report.results import NothingToShowError, ReportResults
+from pvdf_fem.view.curves import RING, WIDTH_MM
+from pvdf_fem.view.figures import COLOURS, GREY, draw_film, make_figure
 from reports.locating.signals import Sensor, Taps
 from reports.locating.touches import LAYOUTS, NOISE, PLACE_AND_FORCE, Located, Pair
 
@@ -56,7 +56,7 @@ class OfTasks(Kind):
         """None."""
         return []
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """The figure, with its numbers in the caption."""
         rows = [pd.DataFrame(solved.rows(task)) for task in self.tasks(inputs)]
         frame, figure, numbers = self.drawn(inputs, rows)
@@ -89,7 +89,7 @@ def sort_of(rows: pd.DataFrame, sort: str) -> pd.DataFrame:
 
 def found_figure(scene: Scene, true: Any, found: Any, pulls: Mapping[str, Any]) -> Figure:
     """True places (n, 2) in mm and those found; shares of errors over their deviations, by name."""
-    figure = new_figure(WIDE_MM, 84.0)
+    figure = make_figure(WIDE_MM, 84.0)
     film, shares = figure.subplots(1, 2, width_ratios=[1.2, 1.0])
     draw_film(film, scene.film.radius_mm, scene.electrode_list, SHOWN_MM)
     both = np.array([np.vstack(true), np.vstack(found)], dtype=float)
@@ -121,7 +121,7 @@ class ErrorMap(OfTouches):
     def drawn(self, inputs: Inputs, rows: list[pd.DataFrame]) -> Drawn:
         """A column for each number of electrodes."""
         task, places = self.tasks(inputs)[0], sort_of(rows[0], "place")
-        figure, bands = new_figure(WIDE_MM, 94.0), BoundaryNorm(LEVELS_MM, 256)
+        figure, bands = make_figure(WIDE_MM, 94.0), BoundaryNorm(LEVELS_MM, 256)
         figure.set_layout_engine("compressed")
         axes = figure.subplots(2, len(LAYOUTS), sharex=True, sharey=True)
         look = {"vmin": 0.0, "vmax": max(places.rival_mm.max(), 1.0), "cmap": "plasma_r"}
@@ -228,7 +228,7 @@ class Calibrated(OfTasks):
         frame = pd.concat(rows)
         found = frame[frame.status == "calibrated"]
         if found.empty:
-            raise NothingToShow(f"no sensor is calibrated: {frame.reason.iloc[0]}")
+            raise NothingToShowError(f"no sensor is calibrated: {frame.reason.iloc[0]}")
         pulls, first = np.vstack(found.pulls), found.iloc[0]
         apart = {of: np.subtract(first[of], first.true) for of in ("given", "found")}
         numbers = {
@@ -256,7 +256,7 @@ class TapCourse(OfTasks):
         """The course of the first tap."""
         taps, samples = sort_of(rows[0], "tap"), sort_of(rows[0], "sample")
         first, t = taps.iloc[0], 1e3 * (samples.t_s - taps.begin_s.iloc[0])
-        figure = new_figure(WIDE_MM, 90.0)
+        figure = make_figure(WIDE_MM, 90.0)
         force, place = figure.subplots(2, sharex=True)
         force.plot(t, samples.true_N, color=GREY, label="true")
         force.plot(t, samples.force_N, label="tracked")

@@ -13,14 +13,19 @@ import pandas as pd
 
 from pvdf_fem import Replaced, Response, Scene, build_response, locate, locate_many, solve
 from pvdf_fem.arrays import Array
-from pvdf_fem.batch.batch import solve_all
+from pvdf_fem.batch.batch import solve_scenes
 from pvdf_fem.progress import ignore_progress
-from pvdf_fem.report.charge_map import places_on_rings
-from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.charge_map import make_ring_places
+from pvdf_fem.report.results import ReportResults
 from pvdf_fem.report.task import Rows, Task
-from pvdf_fem.surrogate.build import ResponseOptions
-from pvdf_fem.surrogate.held_out import random_touches
-from pvdf_fem.surrogate.model import FORCE, QUANTITIES, ROTATION, Domain, X, Y, scene_of_touch
+from pvdf_fem.surrogate.response_options import ResponseOptions
+from pvdf_fem.surrogate.touch_domain import (
+    TOUCH_QUANTITIES,
+    Domain,
+    TouchColumn,
+    apply_touch,
+    draw_touches,
+)
 
 SEED = 20261124
 #: Electrodes that the touches of a probe are located with.
@@ -37,7 +42,7 @@ DRAWS = 200  #: Of the noise at a place of the map.
 ONCE, BATCH = 40, 20_000  #: Touches that are located one by one and at once, to time them.
 PAIR_N = (0.3, 1.5)  #: Least and largest force of a touch of a pair.
 LIKELY = 0.01  #: Least share of the likelihood of a rival.
-COARSE = ResponseOptions(error=1e-2, held_out=6)
+COARSE = ResponseOptions(error=1e-2, validation_touches=6)
 
 
 @dataclass(frozen=True)
@@ -78,8 +83,8 @@ class Located(Task):
 
     def _solved(self, model: Response, touches: Array) -> tuple[Array, Array]:
         """The touches whose full solves converge, and their charges (n, electrodes)."""
-        scenes = [scene_of_touch(model.scene, row, TRUTH * self.tolerance) for row in touches]
-        solved = Solved(dict(zip(scenes, solve_all(scenes, processes=1), strict=True)))
+        scenes = [apply_touch(model.scene, row, TRUTH * self.tolerance) for row in touches]
+        solved = ReportResults(dict(zip(scenes, solve_scenes(scenes, processes=1), strict=True)))
         charges = solved.charges(scenes, model.names, "total")
         known = np.isfinite(charges).all(axis=1)
         return touches[known], charges[known]
@@ -87,16 +92,23 @@ class Located(Task):
     def _random(self, model: Response) -> Rows:
         """Touches of any place, rotation and force, whose rotation is known; and at `NOISE` those
         whose rotation is sought too, where there are charges enough."""
-        touches = random_touches(model.domain, self.touches, SEED)
+        touches = draw_touches(model.domain, self.touches, SEED)
         touches, charges = self._solved(model, touches)
         draw, frames = np.random.default_rng(SEED).standard_normal(charges.shape), []
-        ways = [(0.0, touches[:, ROTATION]), (NOISE, touches[:, ROTATION]), (NOISE, None)]
-        for noise, known in ways[: 2 if len(model.names) < len(QUANTITIES) else 3]:
+        ways = [
+            (0.0, touches[:, TouchColumn.ROTATION]),
+            (NOISE, touches[:, TouchColumn.ROTATION]),
+            (NOISE, None),
+        ]
+        for noise, known in ways[: 2 if len(model.names) < len(TOUCH_QUANTITIES) else 3]:
             noisy, sigma = charges * (1.0 + noise * draw), max(noise, TRUTH * self.tolerance)
             found = locate_many(model, noisy, sigma, rotations_deg=known, calibrated=True)
-            frame = pd.DataFrame(touches, columns=QUANTITIES)
+            frame = pd.DataFrame(touches, columns=TOUCH_QUANTITIES)
             for name in PLACE_AND_FORCE:
-                column, scale = QUANTITIES.index(name), frame.force_N if name == "force_N" else 1.0
+                column, scale = (
+                    TOUCH_QUANTITIES.index(name),
+                    frame.force_N if name == "force_N" else 1.0,
+                )
                 frame[f"{name}_error"] = (found.values[:, column] - frame[name]) / scale
                 stated = found.deviations[:, found.unknown.index(name)]
                 frame[f"{name}_deviation"] = stated / scale
@@ -107,13 +119,15 @@ class Located(Task):
     def _places(self, model: Response) -> Iterator[dict[str, Any]]:
         """Places all over the film: the error that 68 % of the draws of the noise do not exceed,
         and the distance of the farthest rival."""
-        places = places_on_rings(self.reach_mm * (1.0 - 1e-6), self.pitch_mm, 90.0)
+        places = make_ring_places(self.reach_mm * (1.0 - 1e-6), self.pitch_mm, 90.0)
         still = np.tile([0.0, 1.0], (len(places), 1))  # 0°, 1 N
         touches, charges = self._solved(model, np.hstack([places, still]))
         draw = np.random.default_rng(SEED).standard_normal((DRAWS, *charges.shape))
         rows = (charges * (1.0 + NOISE * draw)).reshape(-1, len(model.names))
         values = locate_many(model, rows, NOISE, rotations_deg=np.zeros(len(rows))).values
-        errors = np.hypot(*(values.reshape(DRAWS, -1, 4) - touches)[..., :ROTATION].T).T
+        errors = np.hypot(
+            *(values.reshape(DRAWS, -1, 4) - touches)[..., : TouchColumn.ROTATION].T
+        ).T
         sizes = np.quantile(np.nan_to_num(errors, nan=np.inf), 0.683, axis=0, method="higher")
         for (x, y, *_), row, size in zip(touches.tolist(), charges, sizes.tolist(), strict=True):
             listed = locate(model, _given(model, row), NOISE, known={"rotation_deg": 0.0}).touches
@@ -128,14 +142,14 @@ def _given(model: Response, charges: Array) -> dict[str, float]:
 
 def _speed(model: Response) -> dict[str, Any]:
     """Milliseconds of `locate` in the median, and touches in a second by `locate_many`."""
-    touches = random_touches(model.domain, BATCH, SEED)
+    touches = draw_touches(model.domain, BATCH, SEED)
     charges, took = model.evaluate(touches)[0], []
     for row in charges[:ONCE]:
         begun = time.perf_counter()
         locate(model, _given(model, row), NOISE)
         took.append(1e3 * (time.perf_counter() - begun))
     begun = time.perf_counter()
-    locate_many(model, charges, NOISE, rotations_deg=touches[:, ROTATION])
+    locate_many(model, charges, NOISE, rotations_deg=touches[:, TouchColumn.ROTATION])
     rate = BATCH / (time.perf_counter() - begun)
     return {"locate_ms": float(np.median(took)), "per_second": rate}
 
@@ -153,7 +167,9 @@ class Pair(Task):
     def run(self) -> Rows:
         """A row for each touch, beside the nearest of the pairs that are listed."""
         draw, probe = np.random.default_rng(self.number), self.scene.single_probe
-        several = random_touches(Domain(self.reach_mm, PAIR_N), 20, self.number)[:, [X, Y, FORCE]]
+        several = draw_touches(Domain(self.reach_mm, PAIR_N), 20, self.number)[
+            :, [TouchColumn.X, TouchColumn.Y, TouchColumn.FORCE]
+        ]
         apart = np.hypot(*(several - several[0])[:, :2].T)
         true = several[[0, int(np.argmax(apart >= self.apart_mm))]]
         pressing = probe.model_dump(exclude_none=True) if probe else {}

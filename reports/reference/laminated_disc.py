@@ -23,7 +23,7 @@ class Ply:
     stiffness: Array
     thickness: float
     height: float  #: Of its middle over the film's; NaN in a membrane, where it does not matter.
-    strain_at_rest: float
+    prestrain: float
     radius: float
 
 
@@ -90,7 +90,7 @@ class LaminatedDisc:
         for ply in self.plies:
             A, z = ply.thickness * ply.stiffness, np.nan_to_num(ply.height)
             D = A * (z * z + np.isfinite(ply.height) * ply.thickness**2 / 12.0)
-            N, on = ply.strain_at_rest * A.sum(axis=1), r < ply.radius
+            N, on = ply.prestrain * A.sum(axis=1), r < ply.radius
             stiffness[on] += np.block([[A, z * A], [z * A, D]])
             rest[on] += np.concatenate([N, z * N])
         return stiffness, rest
@@ -151,7 +151,7 @@ class LaminatedDisc:
         """Charges in C of the electrodes, (n,), by coefficients in C/N along x and y."""
         r, areas, *_ = self._points
         film, strains = self.plies[0], self._strains(self._balanced)[:, :2]
-        radial, hoop = film.stiffness @ (strains + film.strain_at_rest).T
+        radial, hoop = film.stiffness @ (strains + film.prestrain).T
         d, direction, radius = self.electrodes.T[..., None]
         cosine = (r**2 + d**2 - radius**2) / (2.0 * r * np.maximum(d, 1e-9))
         half_arc = np.arccos(np.clip(cosine, -1.0, 1.0))

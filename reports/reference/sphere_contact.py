@@ -51,7 +51,7 @@ class Film(Protocol):
     @property
     def stiffness(self) -> Array: ...
     @property
-    def stress_at_rest(self) -> Array: ...
+    def prestress(self) -> Array: ...
     @property
     def d31(self) -> float: ...
 
@@ -114,7 +114,7 @@ class Sphere:
     def _stiffness(self) -> tuple[float, float, float]:
         """Stiffness in N/m, Poisson's ratio, and the tension at rest in N/m."""
         film, C = self.film, self.film.stiffness
-        tension = float(film.stress_at_rest[0]) * film.thickness
+        tension = float(film.prestress[0]) * film.thickness
         return float(C[0, 0]) * film.thickness, float(C[0, 1] / C[0, 0]), tension
 
     def _tensions(self, r: float, u: float, pull: float) -> tuple[float, float, float]:

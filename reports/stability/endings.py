@@ -13,7 +13,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.solver.nonlinear.wrinkling import load_strain
+from pvdf_fem.solver.nonlinear.wrinkling import estimate_load_strain
 from reports.accuracy.cases import known_charges
 from reports.reference.laminated_disc import LaminatedDisc, Ply
 from reports.stability.scenes import enlarged, extreme_scene
@@ -51,7 +51,7 @@ def compared(solution: Solution, known_pC: Array, name: str, doubts_pC: Array | 
     """Largest difference of a charge from a known one, beyond the doubt of that, over the
     tolerance, as `name`; and the error that the solve states of this charge."""
     film, charges = solution.scene.film, charges_of(solution)
-    parts = 1e12 * np.abs(solution.fields.forces.values) @ np.abs([film.d31, film.d32])
+    parts = 1e12 * np.abs(solution.discrete.stress_integrals.values) @ np.abs([film.d31, film.d32])
     units = solution.scene.numerics.tolerance * np.maximum(np.abs(charges), CANCELLED * parts)
     differences = np.maximum(np.abs(charges - known_pC) - doubts_pC, 0.0) / units
     if not np.isfinite(differences).all():
@@ -65,7 +65,7 @@ def one_dimension(scene: Scene) -> Array:
     """Charges in pC by a problem in one dimension; NaN where that has no solution. The probe is a
     disc or a sphere at the centre; electrodes are as in `reports.accuracy.cases`, those of a plate
     are centred discs."""
-    wrinkles = scene.film.strain_at_rest[0] < 0.0  # what carries no compression does
+    wrinkles = scene.film.prestrain[0] < 0.0  # what carries no compression does
     truth = "wrinkled" if wrinkles else "one_dimensional"
     try:
         if scene.film.bending is True:
@@ -79,7 +79,7 @@ def one_dimension(scene: Scene) -> Array:
 def _plate(scene: Scene) -> Array:
     """Charges in pC of centred discs on a plate, at small slopes."""
     film, (probe,) = scene.film, scene.loaded_probes
-    rest = float(film.strain_at_rest[0])
+    rest = float(film.prestrain[0])
     ply = Ply(film.stiffness[:2, :2], film.thickness, 0.0, rest, film.radius)
     areas = [probe.outline.area, *(electrode.outline.area for electrode in scene.electrode_list)]
     edge, *radii = np.sqrt(np.array(areas) / np.pi)
@@ -126,8 +126,8 @@ class Extreme(Task):
         scene = drawn.with_(**{"numerics.tolerance": self.tolerance})
         row: Row = {
             "number": self.number,
-            "load_strain": load_strain(scene),
-            "rest_strain": float(scene.film.strain_at_rest[0]),
+            "load_strain": estimate_load_strain(scene),
+            "rest_strain": float(scene.film.prestrain[0]),
         }
         found, solution = ended(scene)
         if solution is not None:

@@ -14,13 +14,13 @@ from matplotlib.patches import Patch
 from pydantic import Field
 
 from pvdf_fem.report.data import Changes
-from pvdf_fem.report.kind import QUICK_TOLERANCE, Content, Inputs, Kind, blamed
+from pvdf_fem.report.kind import QUICK_TOLERANCE, Content, Inputs, Kind, prefix_errors
 from pvdf_fem.report.kinds.curve import Values
-from pvdf_fem.report.solved import NothingToShow, Solved
-from pvdf_fem.scene.quantity import Section
+from pvdf_fem.report.results import NothingToShowError, ReportResults
+from pvdf_fem.scene.keys import Section
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.view.drawing import WIDTH_MM, axis_label
-from pvdf_fem.view.figures import COLOURS, GREY, MARKERS, figure_of, new_figure
+from pvdf_fem.view.curves import WIDTH_MM, format_axis_label
+from pvdf_fem.view.figures import COLOURS, GREY, MARKERS, get_figure, make_figure
 from reports.stability.endings import CRASHED, Extreme, Law, OnStrip
 
 CONVERGED = str(Status.CONVERGED)
@@ -57,7 +57,7 @@ class Strip(Section):
         values = list(self.values)
         if inputs.quick:
             values = [values[i] for i in np.linspace(0, len(values) - 1, QUICK_VALUES).astype(int)]
-        with blamed(f"strips.{self.name}"):
+        with prefix_errors(f"strips.{self.name}"):
             scene = inputs.scene_of(changes, self.set)
         return [OnStrip(scene, self.key, value, self.reference) for value in values]
 
@@ -75,7 +75,7 @@ class Ranges(Kind):
         """A solve for each value of each range."""
         return [task for strip in self.strips for task in strip.tasks(inputs, self.set)]
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """Tiles, and a table with a row for each range."""
         rows = [
             {"range": strip.name, "reference": strip.reference, **row}
@@ -84,7 +84,7 @@ class Ranges(Kind):
             for row in solved.rows(task)
         ]
         frame = _filled(pd.DataFrame(rows))
-        figure = new_figure(WIDTH_MM, ROW * len(self.strips) + 26.0)
+        figure = make_figure(WIDTH_MM, ROW * len(self.strips) + 26.0)
         ax, letters = figure.subplots(), _letters(frame)
         for line, strip in enumerate(self.strips):
             _draw_strip(ax, line, strip, frame[frame["range"] == strip.name], letters)
@@ -136,7 +136,7 @@ def _draw_strip(
     ax: Axes, line: int, strip: Strip, rows: pd.DataFrame, letters: Mapping[str, str]
 ) -> None:
     """The tiles of a range under its name."""
-    words = axis_label(re.sub(r"\[\d+\]$", "", strip.key))
+    words = format_axis_label(re.sub(r"\[\d+\]$", "", strip.key))
     unit = words[words.rfind("(") + 1 : -1] if words.endswith(")") else ""
     first, last = (f"{rows.value.iloc[i]:g}".replace("-", "−") for i in (0, -1))
     ends = f"{first} … {last} {unit}".rstrip()
@@ -192,14 +192,14 @@ class Extremes(Kind):
         tolerance = max(self.tolerance, QUICK_TOLERANCE) if inputs.quick else self.tolerance
         return [Extreme(number, self.seed, tolerance) for number in range(count)]
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """A figure, or the table of statuses."""
         rows = [row for task in self.tasks(inputs) for row in solved.rows(task)]
         of: Content = getattr(self, f"_{self.show}")(_filled(pd.DataFrame(rows)))
         return of
 
     def _map(self, frame: pd.DataFrame) -> Content:
-        figure = new_figure(WIDTH_MM, 95.0)
+        figure = make_figure(WIDTH_MM, 95.0)
         ax = figure.subplots()
         rest = frame.rest_strain.where(frame.rest_strain.abs() > 1e-9, 0.0)
         _by_status(ax, frame, frame.load_strain, rest)
@@ -222,8 +222,8 @@ class Extremes(Kind):
     def _errors(self, frame: pd.DataFrame) -> Content:
         known = frame[frame.error.notna()]
         if known.empty:
-            raise NothingToShow("no scene has a finer result")
-        figure = new_figure(WIDTH_MM, 80.0)
+            raise NothingToShowError("no scene has a finer result")
+        figure = make_figure(WIDTH_MM, 80.0)
         ax = figure.subplots()
         least = 1e-4
         for name, column, marker, colour in (
@@ -250,7 +250,7 @@ class Extremes(Kind):
         return Content(caption, frame.reindex(columns=columns), figure)
 
     def _times(self, frame: pd.DataFrame) -> Content:
-        solved, figure = frame[frame.unknowns > 0], new_figure(WIDTH_MM, 80.0)
+        solved, figure = frame[frame.unknowns > 0], make_figure(WIDTH_MM, 80.0)
         ax = figure.subplots()
         _by_status(ax, solved, solved.unknowns, solved.seconds)
         ax.set(xscale="log", yscale="log", xlabel="unknowns on the last mesh")
@@ -283,7 +283,7 @@ def _by_status(ax: Axes, frame: pd.DataFrame, x: pd.Series, y: pd.Series) -> Non
         look: dict[str, Any] = {"color": COLOURS[number % len(COLOURS)], "markersize": 4}
         label = f"{status.replace('_', ' ')} ({of.sum()})"
         ax.plot(x[of], y[of], MARKERS[number], label=label, alpha=0.8, **look)
-    figure_of(ax).legend(loc="outside upper left", ncols=2, fontsize=7)
+    get_figure(ax).legend(loc="outside upper left", ncols=2, fontsize=7)
 
 
 class Pair(Section):
@@ -312,7 +312,7 @@ class Laws(Kind):
             for law in self.laws
         ]
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """A table of ratios."""
         found = [solved.rows(task)[0]["ratio"] for task in self.tasks(inputs)]
         frame = pd.DataFrame(

@@ -21,13 +21,13 @@ from pydantic import Field
 from pvdf_fem import Scene, modes, respond, solve
 from pvdf_fem.report.data import Changes
 from pvdf_fem.report.kind import PLACE, Content, Inputs, Kind
-from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.results import ReportResults
 from pvdf_fem.report.task import Rows, Task
-from pvdf_fem.scene.quantity import Section
+from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Replaced
-from pvdf_fem.solver.sensitivity.rates import force_rates
-from pvdf_fem.view.drawing import RING, WIDTH_MM, signed
-from pvdf_fem.view.figures import COLOURS, GREY, new_figure
+from pvdf_fem.solver.sensitivity.rates import compute_integral_rates
+from pvdf_fem.view.curves import RING, WIDTH_MM, format_signed
+from pvdf_fem.view.figures import COLOURS, GREY, make_figure
 
 HERE = Path(__file__).parent
 #: Places of section 3.1.2, beside electrode A, on a part and on the whole of A, and of 3.4.3.
@@ -78,7 +78,7 @@ class Rates(Touch):
     def run(self) -> Rows:
         """A row for each electrode; rates are per unit of `SHEARED`."""
         solution = solve(self.scene)
-        rates = force_rates(solution, SHEARED) @ [8.0, 8.0]
+        rates = compute_integral_rates(solution, SHEARED) @ [8.0, 8.0]
         pairs = zip(solution.charges_pC.values(), rates.T.tolist(), strict=True)
         return [{"charge_pC": charge, "rates": of} for charge, of in pairs]
 
@@ -116,7 +116,7 @@ def _heat(*touches: Rows) -> Numbers:
     """Charge of A in percent by a finger 10 K warmer than the film: after 1 s on the whole of A, on
     a part of A and beside A, and after 10 ms beside A."""
     percents = [_percents(*touches[i : i + 2])[0] for i in range(0, len(touches), 2)]
-    return {"heat": [signed(of, 0 if i < 3 else 1) for i, of in enumerate(percents)]}
+    return {"heat": [format_signed(of, 0 if i < 3 else 1) for i, of in enumerate(percents)]}
 
 
 def _percents(before: Rows, after: Rows) -> list[float]:
@@ -180,7 +180,7 @@ class Told(Kind):
         kind, scenes, _ = NUMBERS[name]
         return [kind(scene_of(inputs, changes)) for changes in scenes]
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """Numbers in their places, and links."""
         numbers: Numbers = {}
         for name in self.numbers:
@@ -220,14 +220,14 @@ class Effects(Kind):
                 both = (plain, {**plain, **effect.set})
                 yield where, effect.name, [Touch(scene_of(inputs, changes)) for changes in both]
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """Dots and rings of the largest changes."""
         rows = [
             (where, name, *_percents(*map(solved.rows, pair)))
             for where, name, pair in self._pairs(inputs)
         ]
         frame = pd.DataFrame(rows, columns=["probe", "effect", *(f"{n}_percent" for n in "ABCD")])
-        figure = new_figure(WIDTH_MM, 8.0 * len(self.effects) + 24.0)
+        figure = make_figure(WIDTH_MM, 8.0 * len(self.effects) + 24.0)
         ax = figure.subplots()
         names, largest = frame.effect, frame.iloc[:, 2:].abs().max(axis=1)
         first, ring = len(self.effects), {**RING, "markeredgecolor": COLOURS[1], "zorder": 3}

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, SceneError, Solution, solve
-from pvdf_fem.batch.plan import plan
-from pvdf_fem.batch.store import key
-from pvdf_fem.scene.change import steps_of
-from pvdf_fem.scene.quantity import Section
+from pvdf_fem.batch.plan import plan_solves
+from pvdf_fem.batch.store import make_record_key
+from pvdf_fem.scene.changes import parse_key
+from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.registry import PROFILE_ENTRIES
 from pvdf_fem.scene.shapes import ELECTRODES, MODELS, PROBES
-from pvdf_fem.surrogate.response import refuse_other_mechanics
+from pvdf_fem.surrogate.response_key import require_same_mechanics
 from reports.guide.scene_keys import TABLES
 from tests.helpers.discs import on_mesh
 
@@ -108,7 +108,7 @@ def changed_alone(changes: Changes, tables: list[str]) -> Iterator[tuple[str, Sc
     base = BASE.with_(changes)
     for where in tables:
         table: Any = base
-        for step in steps_of(where) if where else ():
+        for step in parse_key(where) if where else ():
             table = table[step] if isinstance(step, int) else getattr(table, step)
         for name in type(table).model_fields:
             for value in others(table, name):
@@ -148,16 +148,16 @@ def refusal(function: Callable[..., Any], *arguments: Any) -> str:
 def test_scenes_share_what_a_key_does_not_change(changes, tables):
     """Solves, records of a store, and responses, which name what they are refused by."""
     base, wrong = BASE.with_(changes), []
-    has_response = not refusal(refuse_other_mechanics, base, base)
+    has_response = not refusal(require_same_mechanics, base, base)
     for name, changed in changed_alone(changes, tables):
         both = base, changed
         limits = changed.numerics.model_copy(update={"observable": "material"}) == base.numerics
-        if not refusal(plan, both) and len(plan(both).blocks) == 1:
+        if not refusal(plan_solves, both) and len(plan_solves(both).blocks) == 1:
             wrong += [name] * (not (limits and films_are_alike(*both)))
-        if key(base) == key(changed):
+        if make_record_key(base) == make_record_key(changed):
             charges = pytest.approx(solved(base).charges_pC, rel=1e-9)
             wrong += [name] * (not (limits and solved(changed).charges_pC == charges))
-        if has_response and (told := refusal(refuse_other_mechanics, *both)):
+        if has_response and (told := refusal(require_same_mechanics, *both)):
             wrong += [name] * (name not in told)
         elif has_response and name not in MOVED:
             wrong += [name] * (not films_are_alike(*both))

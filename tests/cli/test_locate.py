@@ -14,10 +14,10 @@ import pytest
 
 from pvdf_fem import Scene
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
-from pvdf_fem.surrogate import build
-from pvdf_fem.surrogate.model import Domain
+from pvdf_fem.surrogate import response_builder as build
+from pvdf_fem.surrogate.touch_domain import Domain
 from tests.helpers.touch_models import bumps, random_touches
-from tests.surrogate import made_response
+from tests.surrogate import random_response
 
 NAMES = ("x_mm", "y_mm", "rotation_deg", "force_N")
 TOUCHES = random_touches(6, seed=2, reach_mm=9.0)
@@ -78,7 +78,7 @@ def built(folder, monkeypatch):
         calls.append((reach_mm, force_N, tolerance))
         found = {"domain": Domain(reach_mm, force_N), "tolerance": tolerance}
         bound = {"error_bound": 0.5 * tolerance, "remarks": ("a remark",)}
-        model = replace(made_response.response(), scene=scene, **found, **bound)
+        model = replace(random_response.response(), scene=scene, **found, **bound)
         model.save(file)
         return model
 

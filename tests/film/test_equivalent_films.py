@@ -42,7 +42,7 @@ def pressure(kind):
 def stretched(**film):
     """A film that is cooled, and one that is stretched to its tension."""
     cooled = TRIANGLE.with_(**film)
-    tension = cooled.film.thickness * cooled.film.stress_at_rest[:2]
+    tension = cooled.film.thickness * cooled.film.prestress[:2]
     return pair(cooled, {}, {"film.pretension_N_m": tension.tolist()}, 1e-12)
 
 

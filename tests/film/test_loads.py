@@ -7,7 +7,7 @@ import xarray
 from pvdf_fem import Scene, solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.load_spec import SolveOptions
-from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.solver.nonlinear.status import Status
 from tests.helpers.discs import graded_mesh
 from tests.helpers.refusals import keys, refused
@@ -67,7 +67,7 @@ def test_a_table_and_a_function_turn_with_their_probe(tmp_path, kind):
     expected = moments(turned, pressure=lambda x, y: 3.0 * bilinear(x, y))
     found = moments(turned.with_(**{"load.profile": str(path)}))
     assert np.hstack(found) == pytest.approx(np.hstack(expected), rel=1e-9)
-    assert found[1] == pytest.approx(np.add(turn([0.6, -0.4], 40.0), [5.0, 1.0]), rel=1e-4)
+    assert found[1] == pytest.approx(np.add(rotate([0.6, -0.4], 40.0), [5.0, 1.0]), rel=1e-4)
 
 
 @pytest.mark.parametrize(

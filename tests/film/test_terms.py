@@ -203,7 +203,7 @@ def test_kernel_is_the_derivative_that_jax_makes_of_the_energy(sample):
         F = [[u.grad[i, j] + float(i == j) for j in (0, 1)] for i in range(3)]
         C = [[sum(row[a] * row[b] for row in F) for a in (0, 1)] for b in (0, 1)]
         E = [0.5 * (C[0][0] - 1.0), 0.5 * (C[1][1] - 1.0), C[0][1]]
-        E = [e + e0 for e, e0 in zip(E, film.strain_at_rest, strict=True)]
+        E = [e + e0 for e, e0 in zip(E, film.prestrain, strict=True)]
         pairs = [(i, j) for i in range(3) for j in range(3)]
         return 0.5 * film.thickness * sum(film.stiffness[i, j] * E[i] * E[j] for i, j in pairs)
 

@@ -13,11 +13,11 @@ from pvdf_fem.film.loads.uneven_strain import (
     compute_mean_warming,
     describe_heat_effects,
 )
-from pvdf_fem.mesh.symmetry import WHOLE, part_of
-from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, find_symmetry_sector
+from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.scene import Replaced
 from pvdf_fem.solver import adaptive as solving
-from pvdf_fem.solver.adaptive import rest_charges
+from pvdf_fem.solver.adaptive import compute_unloaded_charges
 from tests.helpers.discs import charges, graded_mesh
 from tests.helpers.laminated import laminated
 
@@ -108,7 +108,7 @@ def test_an_uneven_rim_is_that_of_plane_elasticity(coefficients, n, phase):
     places = 30e-3 * np.exp(1j * np.pi / 2 * np.arange(4))
     turned = places * np.exp(-1j * phase)
     stresses = 4.0 * (n + 1) * A * (turned**n).real  # S11 + S22; harmonic, as squares' means are
-    changes = rest_charges(scene) - 48e-12
+    changes = compute_unloaded_charges(scene) - 48e-12
     assert changes == pytest.approx(9e-6 * 8e-12 * stresses, rel=5e-3, abs=1e-14)
 
 
@@ -147,7 +147,7 @@ def oblique():
     """A warm probe and three electrodes about a mirror line that makes 35° with x."""
 
     def disc(radius_mm, distance, angle=35.0):
-        x, y = turn([distance, 0.0], angle)
+        x, y = rotate([distance, 0.0], angle)
         return {"shape": "circle", "radius_mm": radius_mm, "x_mm": x, "y_mm": y}
 
     electrodes = [{"name": f"E{a}", **disc(1.5, 10.0, a)} for a in (35.0, 105.0, -35.0)]
@@ -160,19 +160,25 @@ TAPED = Scene().with_(film={"patches": TAPES}, probe=RECTANGLE, numerics={"toler
 
 @pytest.mark.parametrize(("scene", "most"), [(oblique(), 1e-3), (TAPED, 5e-3)])
 def test_a_part_of_a_symmetric_film_has_all_of_it(monkeypatch, scene, most):
-    assert len(part_of(scene).mirrored) == 1
+    assert len(find_symmetry_sector(scene).mirror_axes) == 1
     on_part = solve(scene)
     for name in scene.film.layers:
         patch = on_part.mesh.subdomains[name]
-        assert on_part.fields.equilibrium.space.weights[patch].sum() == pytest.approx(9e-6)
-    monkeypatch.setattr(solving, "part_of", lambda scene: WHOLE)
+        assert on_part.discrete.equilibrium.space.weights[patch].sum() == pytest.approx(9e-6)
+    monkeypatch.setattr(solving, "find_symmetry_sector", lambda scene: WHOLE_FILM)
     assert [*on_part.charges_pC.values()] == pytest.approx(charges(scene), rel=most)
 
 
 def test_what_is_unlike_is_no_mirror_image():
     finger = {"shape": "circle", "x_mm": 9.0, "radius_mm": 2.0, "force_N": 1.0, **WARM}
     pairs = ([finger, {**finger, "x_mm": -9.0, "temperature_K": t}] for t in (10.0, 5.0))
-    assert [part_of(Scene().with_(probe=pair)).mirrored for pair in pairs] == [(0, 1), (1,)]
+    assert [find_symmetry_sector(Scene().with_(probe=pair)).mirror_axes for pair in pairs] == [
+        (0, 1),
+        (1,),
+    ]
     lopsided = [{**TAPES[0], "thickness_um": 40.0}, *TAPES[1:]]
-    assert part_of(TAPED.with_(film={"patches": lopsided})) is WHOLE
-    assert part_of(Scene().with_(**{"film.rim_displacement_um": [1.0, 0.5, 0.0]})) is WHOLE
+    assert find_symmetry_sector(TAPED.with_(film={"patches": lopsided})) is WHOLE_FILM
+    assert (
+        find_symmetry_sector(Scene().with_(**{"film.rim_displacement_um": [1.0, 0.5, 0.0]}))
+        is WHOLE_FILM
+    )

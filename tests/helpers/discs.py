@@ -11,8 +11,8 @@ from skfem import MeshTri2
 from pvdf_fem import Scene, Solution, solve
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.models import resolve_film_model
-from pvdf_fem.mesh.gmsh_mesh import mesh_scene, outlines
-from pvdf_fem.mesh.size_field import Sizes
+from pvdf_fem.mesh.gmsh_mesh import collect_outlines, mesh_scene
+from pvdf_fem.mesh.size_field import GradedSizes
 
 LOADS = {
     "dead": {"load.kind": "dead"},
@@ -27,16 +27,16 @@ TRIANGLE = Scene.parse('[probe]\nshape = "triangle"\nx_mm = 5.0714\ny_mm = 0.875
 def uniform_mesh(scene: Scene, size_mm: float) -> MeshTri2:
     """A mesh of one element size."""
     size = size_mm / 1e3
-    return model_mesh(scene, Sizes(dict.fromkeys(outlines(scene), size), 1.0, size))
+    return model_mesh(scene, GradedSizes(dict.fromkeys(collect_outlines(scene), size), 1.0, size))
 
 
 def graded_mesh(scene: Scene, patch_mm: float, film_mm: float, growth: float = 0.4) -> MeshTri2:
     """A mesh that is fine along the outlines of all patches."""
-    patches = dict.fromkeys(outlines(scene), patch_mm / 1e3)
-    return model_mesh(scene, Sizes(patches, growth, film_mm / 1e3))
+    patches = dict.fromkeys(collect_outlines(scene), patch_mm / 1e3)
+    return model_mesh(scene, GradedSizes(patches, growth, film_mm / 1e3))
 
 
-def model_mesh(scene: Scene, sizes: Sizes) -> MeshTri2:
+def model_mesh(scene: Scene, sizes: GradedSizes) -> MeshTri2:
     """A mesh whose elements are as regular as the scene's film model needs them."""
     return mesh_scene(scene, sizes, least_jacobian=resolve_film_model(scene).least_jacobian)
 

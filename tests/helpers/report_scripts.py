@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from typing import Any
 
-from pvdf_fem.scene.scene_file import toml_value
+from pvdf_fem.scene.scene_file import format_toml_value
 
 TOUCHES = """
 case, x_mm, y_mm, A, B, C, D
@@ -73,4 +73,6 @@ def script() -> dict[str, Any]:
 
 def text_of(table: dict[str, Any]) -> str:
     """A script as TOML."""
-    return "".join(f"{toml_value(key)} = {toml_value(value)}\n" for key, value in table.items())
+    return "".join(
+        f"{format_toml_value(key)} = {format_toml_value(value)}\n" for key, value in table.items()
+    )

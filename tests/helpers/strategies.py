@@ -6,11 +6,11 @@ from typing import Any, Literal, get_args, get_origin
 
 from hypothesis import strategies as st
 
-from pvdf_fem.scene.change import plain
-from pvdf_fem.scene.quantity import Section
-from pvdf_fem.scene.registry import Load, OwnLoad
-from pvdf_fem.scene.scene import Air, Film, Numerics, Readout, Stage, WantedModel
-from pvdf_fem.scene.scene_file import write_toml
+from pvdf_fem.scene.changes import to_plain_value
+from pvdf_fem.scene.keys import Section
+from pvdf_fem.scene.registry import Load, LoadOverrides
+from pvdf_fem.scene.scene import Air, Film, Numerics, Readout, ResponseDomain, Stage
+from pvdf_fem.scene.scene_file import format_toml
 from pvdf_fem.scene.shapes import ELECTRODES, LAYOUTS, LISTED_PROBES, PATCHES, PROBES
 
 Tables = dict[str, Any]
@@ -18,7 +18,7 @@ Tables = dict[str, Any]
 #: Tables of a scene by where they stand; those of shapes have a model for each shape.
 TABLES: list[tuple[str, type[Section]]] = [
     *(("film", Film), ("load", Load), ("numerics", Numerics), ("readout", Readout)),
-    *(("stage", Stage), ("air", Air), ("model", WantedModel), ("probe[0].load", OwnLoad)),
+    *(("stage", Stage), ("air", Air), ("model", ResponseDomain), ("probe[0].load", LoadOverrides)),
     *(("electrodes", model) for model in LAYOUTS.values()),
     *(("electrodes[0]", model) for model in ELECTRODES.values()),
     *(("probe", model) for model in PROBES.values()),
@@ -32,11 +32,11 @@ GIVEN["side_mm"] = 3.0
 
 def example(model: type[Section], name: str) -> Any:
     """A value that a key takes: its default, or else its example."""
-    model = Load if model is OwnLoad else model
+    model = Load if model is LoadOverrides else model
     field = model.model_fields[name]
     default = None if field.is_required() else field.default
     found = model.key_of(name).example if default is None else default
-    return plain(GIVEN.get(name) if found is None else found)
+    return to_plain_value(GIVEN.get(name) if found is None else found)
 
 
 def table_of(model: type[Section], *names: str) -> Tables:
@@ -120,4 +120,4 @@ def tables(draw: st.DrawFn) -> Tables:
 def electrode(name: str = "A", **keys: object) -> str:
     """One [[electrodes]] table as text, at the centre unless told otherwise."""
     row = {"name": name, "x_mm": 0.0, "y_mm": 0.0, **keys}
-    return write_toml({"electrodes": [row]})
+    return format_toml({"electrodes": [row]})

@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.scene.outlines.outline import turn
-from pvdf_fem.scene.outlines.polygon import rectangle, triangle
-from pvdf_fem.surrogate.model import QUANTITIES, Domain
+from pvdf_fem.scene.outlines.outline import rotate
+from pvdf_fem.scene.outlines.polygon import make_rectangle_corners, make_triangle_corners
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain
 
 DOMAIN = Domain(12.0, (0.1, 5.0))
 
@@ -22,9 +22,9 @@ class Bumps:
     They fall off about the electrodes' centres e (n, 2), and have the probe's symmetries.
     """
 
-    quantities: ClassVar = QUANTITIES
-    cheap: ClassVar = True
-    at_rest_pC: ClassVar = None
+    quantities: ClassVar = TOUCH_QUANTITIES
+    is_fast: ClassVar = True
+    unloaded_charges_pC: ClassVar = None
     scene: Scene
     points_mm: np.ndarray
     electrodes_mm: np.ndarray
@@ -59,8 +59,8 @@ class Bumps:
 
 
 POINTS = {
-    "triangle": triangle(7.0),
-    "rectangle": rectangle(14.0, 7.0),
+    "triangle": make_triangle_corners(7.0),
+    "rectangle": make_rectangle_corners(14.0, 7.0),
     "circle": np.zeros((1, 2)),
 }
 
@@ -68,7 +68,7 @@ POINTS = {
 def bumps(shape: str = "triangle", electrodes: int = 4, **changes) -> Bumps:
     """Electrodes on the ring of 10 mm, the first at +x."""
     angles = 360.0 * np.arange(electrodes) / electrodes
-    places = np.array([turn([10.0, 0.0], angle) for angle in angles])
+    places = np.array([rotate([10.0, 0.0], angle) for angle in angles])
     names = tuple("ABCDEFGH"[:electrodes])
     list_of = [
         {"name": name, "x_mm": x, "y_mm": y, "shape": "square", "side_mm": 3.0}

@@ -13,8 +13,8 @@ from pvdf_fem import Scene
 from pvdf_fem.inverse.calibration import reading_model as model
 from pvdf_fem.inverse.calibration.parameters import read_parameter
 from pvdf_fem.inverse.calibration.touch_table import TOUCH_KEYS
-from pvdf_fem.scene.outlines.outline import turn
-from pvdf_fem.scene.outlines.polygon import triangle
+from pvdf_fem.scene.outlines.outline import rotate
+from pvdf_fem.scene.outlines.polygon import make_triangle_corners
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.sensitivity.parameters import COEFFICIENTS
@@ -34,7 +34,7 @@ TRUE = {
     "stage.rotation_deg": 2.0,
 }
 UNKNOWN = ("film.pretension_N_m", "gains", "shift", "turn")
-PLACES_MM = np.array([turn([10.0, 0.0], 90.0 * k) for k in range(4)])
+PLACES_MM = np.array([rotate([10.0, 0.0], 90.0 * k) for k in range(4)])
 #: What forces of the electrodes depend on.
 KEYS = (*TOUCH_KEYS, "film.pretension_N_m")
 
@@ -43,13 +43,13 @@ def forces(at):
     """Forces X, Y (electrodes, 2) in N under the probe at the values of `KEYS`. Those of the
     untouched film are half its tension."""
     x, y, rotation, force, tension = at
-    apart = turn(triangle(7.0), rotation) + np.array([x, y]) - PLACES_MM[:, None]
+    apart = rotate(make_triangle_corners(7.0), rotation) + np.array([x, y]) - PLACES_MM[:, None]
     widths = np.array([[81.0, 49.0], [36.0, 81.0]])
     shares = 1.0 / (1.0 + np.square(apart) @ (1.0 / widths).T)
     return 0.5 * tension + 60.0 * force / (0.1 * tension + force) ** 0.5 * shares.mean(axis=1)
 
 
-def solved(scene, goals):
+def solved(scene, outputs):
     """What a calibration asks of a solution."""
     at = np.array([read_parameter(scene, key) for key in KEYS])
     return SimpleNamespace(
@@ -76,10 +76,10 @@ def rest(scene, needed):
 
 def made_up(patch):
     """Let calibrations solve the made-up sensor."""
-    patch.setattr(model, "goals_of", lambda scene: None)
-    patch.setattr(model, "solve_goals", solved)
-    patch.setattr(model, "force_rates", rates)
-    patch.setattr(model, "rest_forces", rest)
+    patch.setattr(model, "make_outputs", lambda scene: None)
+    patch.setattr(model, "solve_outputs", solved)
+    patch.setattr(model, "compute_integral_rates", rates)
+    patch.setattr(model, "compute_unloaded_integrals", rest)
 
 
 def drawn(count, place_sd, seed):

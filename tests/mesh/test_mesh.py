@@ -12,11 +12,16 @@ from skfem import Basis, ElementTriP2
 
 from pvdf_fem import Scene
 from pvdf_fem.film.space import Space
-from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene, outlines
-from pvdf_fem.mesh.six_node import compression
-from pvdf_fem.mesh.size_field import SizeField, Sizes, element_sizes, refined_sizes
+from pvdf_fem.mesh.gmsh_mesh import MeshError, collect_outlines, mesh_scene
+from pvdf_fem.mesh.six_node import compute_jacobian_ratios
+from pvdf_fem.mesh.size_field import (
+    GradedSizes,
+    SizeField,
+    compute_element_sizes,
+    compute_refined_sizes,
+)
 from pvdf_fem.scene.outlines.ellipse import Ellipse
-from pvdf_fem.solver.first_sizes import first_sizes
+from pvdf_fem.solver.first_sizes import choose_first_sizes
 from tests.helpers.discs import RECTANGLE, graded_mesh
 
 ON_A = "x_mm = 10\nwidth_mm = 3\nheight_mm = 3"
@@ -65,7 +70,7 @@ def test_patches_are_where_their_outlines_are(placed):
     assert set(mesh.subdomains) == {"film", *names}
     basis = area_basis(mesh)
     points = np.asarray(basis.global_coordinates())
-    for name, outline in outlines(scene).items():
+    for name, outline in collect_outlines(scene).items():
         patch = mesh.subdomains[name]
         assert len(np.unique(patch)) == len(patch)
         weights = basis.dx[patch]
@@ -99,9 +104,9 @@ def outline_edges(mesh, name):
 
 @pytest.mark.parametrize(("electrode_mm", "probe_mm"), [(0.3, 2.0), (1.0, 0.5)])
 def test_sizes_are_obeyed_along_outlines_and_grow_with_the_distance(electrode_mm, probe_mm):
-    shapes = outlines(RECTANGLE)
+    shapes = collect_outlines(RECTANGLE)
     patches = {name: (probe_mm if name == "probe" else electrode_mm) / 1e3 for name in shapes}
-    mesh = mesh_scene(RECTANGLE, Sizes(patches, 0.4, 8e-3))
+    mesh = mesh_scene(RECTANGLE, GradedSizes(patches, 0.4, 8e-3))
     lengths = np.linalg.norm(np.diff(mesh.p[:, mesh.facets], axis=1)[:, 0], axis=0)
     for name in shapes:
         on_outline = lengths[outline_edges(mesh, name)]
@@ -121,7 +126,9 @@ def test_an_error_an_eighth_as_large_takes_sizes_half_as_large():
     """Equal shares e h^3: a reduction by 8 halves all sizes."""
     mesh = graded_mesh(RECTANGLE, 1.5, 8.0)
     even = np.ones(mesh.nelements)
-    whole, halved = (refined_sizes(mesh, even, reduction).sizes for reduction in (1.0, 0.125))
+    whole, halved = (
+        compute_refined_sizes(mesh, even, reduction).sizes for reduction in (1.0, 0.125)
+    )
     assert halved == pytest.approx(0.5 * whole, rel=0.05)
 
 
@@ -154,8 +161,8 @@ FAR = math.sqrt(268.5**2 - 0.0514**2 / 4) - 0.0514 / 2
 )
 def test_no_element_folds_beside_an_arc(changes):
     scene = Scene().with_(**changes)
-    mesh = mesh_scene(scene, first_sizes(scene, 3))
-    assert compression(mesh).min() > 0.1
+    mesh = mesh_scene(scene, choose_first_sizes(scene, 3))
+    assert compute_jacobian_ratios(mesh).min() > 0.1
     assert mesh.nelements < 3000
 
 
@@ -163,10 +170,10 @@ def test_a_cusp_between_arcs_takes_few_elements():
     """A disc that touches the rim: elements in the cusp stay distorted however small they are."""
     electrode = {"name": "A", "shape": "circle", "radius_mm": 8.0, "x_mm": 37.0, "y_mm": 0.0}
     scene = Scene().with_(electrodes=[electrode])
-    mesh = mesh_scene(scene, Sizes({"electrode A": 4.0e-3}, 0.5, 10.0e-3))
-    assert 0.1 < compression(mesh).min() < 0.2
-    again = mesh_scene(scene, SizeField.of_elements(mesh, element_sizes(mesh)))
-    assert compression(again).min() > 0.1
+    mesh = mesh_scene(scene, GradedSizes({"electrode A": 4.0e-3}, 0.5, 10.0e-3))
+    assert 0.1 < compute_jacobian_ratios(mesh).min() < 0.2
+    again = mesh_scene(scene, SizeField.from_element_sizes(mesh, compute_element_sizes(mesh)))
+    assert compute_jacobian_ratios(again).min() > 0.1
     assert again.nelements < 2 * mesh.nelements
 
 
@@ -193,11 +200,11 @@ def test_a_thin_gap_takes_no_more_elements_than_a_wide_one(pair):
     counts = []
     for gap_mm in (1.0, 1e-2, 1e-4, 1e-6):
         scene = Scene.parse(NEARLY[pair](gap_mm))
-        mesh = mesh_scene(scene, first_sizes(scene, 3))
-        assert compression(mesh).min() > 0.1
+        mesh = mesh_scene(scene, choose_first_sizes(scene, 3))
+        assert compute_jacobian_ratios(mesh).min() > 0.1
         counts.append(mesh.nelements)
         weights = Space(mesh, 3).weights
-        for name, outline in outlines(scene).items():
+        for name, outline in collect_outlines(scene).items():
             assert weights[mesh.subdomains[name]].sum() == pytest.approx(outline.area, rel=1e-6)
     assert max(counts[1:]) < 2.2 * counts[0]
 
@@ -206,8 +213,8 @@ def test_a_thin_gap_takes_no_more_elements_than_a_wide_one(pair):
 def test_the_number_of_elements_is_known_before_gmsh_runs(text):
     told = []
     scene = Scene.parse(text)
-    sizes = first_sizes(scene, 3)
+    sizes = choose_first_sizes(scene, 3)
     mesh = mesh_scene(scene, sizes, require=told.append)
     assert 0.6 * mesh.nelements < told[0] < 1.6 * mesh.nelements
-    finer = SizeField.of_elements(mesh, 0.5 * element_sizes(mesh))
+    finer = SizeField.from_element_sizes(mesh, 0.5 * compute_element_sizes(mesh))
     assert 0.4 < finer.elements / mesh_scene(scene, finer).nelements < 2.5

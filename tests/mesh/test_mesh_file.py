@@ -13,7 +13,7 @@ import pytest
 from pvdf_fem import Scene, solve
 from pvdf_fem.files import FileError
 from pvdf_fem.film.space import Space
-from pvdf_fem.mesh.gmsh_mesh import electrode_patch, outlines
+from pvdf_fem.mesh.gmsh_mesh import collect_outlines, make_subdomain_name
 from pvdf_fem.mesh.mesh_file import READERS, MeshFileError, read_mesh
 from pvdf_fem.solver.history import Stop
 from pvdf_fem.solver.solution import Solution
@@ -36,7 +36,7 @@ def by_gmsh(path: Path, unit: float, version: float) -> None:
             tools.append(occ.addRectangle(x * unit, y * unit, 0, 3 * unit, 3 * unit))
         _, pieces = occ.fragment([(2, film)], [(2, tool) for tool in tools])
         occ.synchronize()
-        for name, piece in zip(("film", "probe", electrode_patch("A")), pieces, strict=False):
+        for name, piece in zip(("film", "probe", make_subdomain_name("A")), pieces, strict=False):
             gmsh.model.addPhysicalGroup(2, [tag for _, tag in piece], name=name)
         rim = gmsh.model.getBoundary(pieces[0], combined=True, oriented=False)
         gmsh.model.addPhysicalGroup(1, [tag for _, tag in rim], name="rim")
@@ -75,9 +75,9 @@ def test_a_mesh_of_the_user(tmp_path: Path, unit: float, version: float) -> None
     """In m or mm; MSH 2.2 lists an element once for each of its groups."""
     by_gmsh(tmp_path / "a.msh", unit, version)
     mesh = read_mesh(tmp_path / "a.msh", SCENE)
-    assert set(mesh.subdomains) == {"film", *outlines(SCENE)}
+    assert set(mesh.subdomains) == {"film", *collect_outlines(SCENE)}
     weights = Space(mesh, 2).weights
-    for name, outline in outlines(SCENE).items():
+    for name, outline in collect_outlines(SCENE).items():
         assert weights[mesh.subdomains[name]].sum() == pytest.approx(outline.area, rel=1e-3)
 
 

@@ -8,8 +8,8 @@ import pytest
 from matplotlib.lines import Line2D
 
 from pvdf_fem import Scene
-from pvdf_fem.view.drawing import curves_figure, sure
-from pvdf_fem.view.figures import draw_film, new_figure
+from pvdf_fem.view.curves import draw_curves, format_significant
+from pvdf_fem.view.figures import draw_film, make_figure
 
 
 def table(data: float | None) -> pd.DataFrame:
@@ -25,7 +25,7 @@ def table(data: float | None) -> pd.DataFrame:
 )
 def test_differences_are_drawn_below_panels_that_have_data_only(data, strips):
     rows = [[("a panel", table(x)) for x in row] for row in data]
-    figure = curves_figure(rows, "turn (°)", "charge (pC)")
+    figure = draw_curves(rows, "turn (°)", "charge (pC)")
     assert len(figure.axes) == sum(map(len, data)) + strips
     points = [y for ax in figure.axes for x, y in map(Line2D.get_data, ax.lines) if len(x) == 1]
     given = [x for row in data for x in row if x is not None]
@@ -37,12 +37,12 @@ def test_differences_are_drawn_below_panels_that_have_data_only(data, strips):
 
 def test_a_number_has_the_digits_that_its_error_leaves():
     given = [(1234.56, 0.0), (1234.56, 3.0), (0.0123, 0.1), (-5.0, 1e-9), (np.nan, 1.0)]
-    assert [sure(*of) for of in given] == ["1234.6", "1235", "0.012", "−5.0000", "–"]
+    assert [format_significant(*of) for of in given] == ["1234.6", "1235", "0.012", "−5.0000", "–"]
 
 
 @pytest.mark.parametrize(("reach_mm", "seen_mm"), [(8.0, 8.0), (9.0, 11.5)])
 def test_a_map_shows_electrodes_at_its_edge_whole(reach_mm, seen_mm):
     """Of squares of 3 mm at 10 mm from the centre."""
-    ax = new_figure(80.0, 80.0).subplots()
+    ax = make_figure(80.0, 80.0).subplots()
     draw_film(ax, 45.0, Scene().electrode_list, reach_mm)
     assert ax.get_xlim() == pytest.approx((-1.02 * seen_mm, 1.02 * seen_mm))

@@ -18,8 +18,8 @@ from pvdf_fem.batch import batch as sweep
 from pvdf_fem.cli.main import main
 from pvdf_fem.report.kind import Kind
 from pvdf_fem.report.page import LONG_TABLE
-from pvdf_fem.report.registry import kinds_of
-from pvdf_fem.report.solved import NothingToShow
+from pvdf_fem.report.registry import load_kinds
+from pvdf_fem.report.results import NothingToShowError
 from tests.helpers.browsers import browser_or_skip, faults_of
 from tests.helpers.report_scripts import script, text_of
 
@@ -48,7 +48,7 @@ def made(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def scene(made):
-    return Scene.load(made / "scenes" / "scene.toml")
+    return Scene.from_file(made / "scenes" / "scene.toml")
 
 
 def test_page_has_all_figures_and_needs_nothing_else(made):
@@ -113,7 +113,7 @@ class Square(Kind):
     side_mm: float
 
     def compose(self, inputs, solved):
-        raise NothingToShow("is too small") if self.side_mm < 0.0 else ZeroDivisionError
+        raise NothingToShowError("is too small") if self.side_mm < 0.0 else ZeroDivisionError
 
 
 def test_faults_are_told_in_their_places_and_do_not_stop_the_others(tmp_path, capfd):
@@ -269,9 +269,9 @@ def test_a_report_that_was_killed_goes_on_to_the_same_page(tmp_path, counted, mo
     assert counted.ran == ["a", "b", "die"]
     assert '<svg id="svg-sensor"' in counted.page
     assert 'data-label="word"' not in counted.page
-    whole = Report.load(path, kinds_of(counted.kinds)).make(tmp_path / "whole", processes=1)
+    whole = Report.load(path, load_kinds(counted.kinds)).make(tmp_path / "whole", processes=1)
     counted.log.write_text("die\n")
-    monkeypatch.setattr(sweep, "records_of", None)  # every scene is known
+    monkeypatch.setattr(sweep, "make_records", None)  # every scene is known
     assert main([*map(str, asked)]) == 0
     assert counted.ran == ["die", "die", "c"]
     assert counted.page == whole.page.read_text("utf-8")
@@ -311,7 +311,7 @@ def test_a_page_has_the_verdicts_of_others_and_of_itself(tmp_path, counted):
     folder.mkdir()
     folder.joinpath("index.html").touch()
     folder.joinpath("verdict.txt").write_text(r"It is \1 & good.")
-    Report.load(tmp_path / "report.toml", kinds_of(counted.kinds)).refresh(counted.out)
+    Report.load(tmp_path / "report.toml", load_kinds(counted.kinds)).refresh(counted.out)
     line = rf'<li><a href="{page}">Another &lt;one&gt;</a>: It is \1 &amp; good.</li>'
     refreshed = counted.page
     assert refreshed == re.sub("<li>Another.*</li>", lambda _: line, before) != before

@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 
 from pvdf_fem import Scene
-from pvdf_fem.batch.batch import solve_all
+from pvdf_fem.batch.batch import solve_scenes
 from pvdf_fem.report.kind import Inputs
-from pvdf_fem.report.registry import kinds_of
-from pvdf_fem.report.solved import Solved
-from pvdf_fem.report.task import key
+from pvdf_fem.report.registry import load_kinds
+from pvdf_fem.report.results import ReportResults
+from pvdf_fem.report.task import compute_key
 from reports.__main__ import kinds_file
 from reports.accuracy import results
 from reports.accuracy.cases import RoundFilm, cases
@@ -25,11 +25,11 @@ COARSE = {"numerics.tolerance": 1e-2}
 
 def made(kind, **keys):
     """What a kind composes of tasks that were run, and of scenes that were solved."""
-    item = kinds_of(kinds_file("accuracy"))[kind](kind=kind, **keys)
-    rows = {key(task): task.run() for task in item.tasks(INPUTS)}
+    item = load_kinds(kinds_file("accuracy"))[kind](kind=kind, **keys)
+    rows = {compute_key(task): task.run() for task in item.tasks(INPUTS)}
     scenes = item.scenes(INPUTS)
-    records = dict(zip(scenes, solve_all(scenes, processes=1), strict=True))
-    return item.compose(INPUTS, Solved({**records, **rows}))
+    records = dict(zip(scenes, solve_scenes(scenes, processes=1), strict=True))
+    return item.compose(INPUTS, ReportResults({**records, **rows}))
 
 
 def test_a_charge_is_the_integral_of_the_tension_over_its_electrode():

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pvdf_fem.report.kind import Inputs
-from pvdf_fem.report.solved import Solved
-from pvdf_fem.report.task import key
+from pvdf_fem.report.results import ReportResults
+from pvdf_fem.report.task import compute_key
 from reports.__main__ import script
 from tests.helpers.touch_models import bumps
 
@@ -21,8 +21,10 @@ def test_figures_have_what_design_finds(name, monkeypatch):
     inputs = Inputs(plan.scene, {}, quick=True)
     tasks = item.kind.tasks(inputs)
     module = sys.modules[type(tasks[0]).__module__]
-    monkeypatch.setattr(module, "model_of", lambda scene, *_: bumps("circle").for_scene(scene))
-    content = item.kind.compose(inputs, Solved({key(task): task.run() for task in tasks}))
+    monkeypatch.setattr(module, "as_response", lambda scene, *_: bumps("circle").for_scene(scene))
+    content = item.kind.compose(
+        inputs, ReportResults({compute_key(task): task.run() for task in tasks})
+    )
     medians = content.frame.place_deviation_median_mm
     assert np.isfinite(medians).all()
     if name == "maps":

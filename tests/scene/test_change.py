@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene
-from pvdf_fem.scene.change import spelled
+from pvdf_fem.scene.changes import normalize_key
 from pvdf_fem.scene.scene import Film, Replaced
 from pvdf_fem.scene.scene_file import parse_change
 from pvdf_fem.scene.shapes import PROBES, SIZES
@@ -36,7 +36,7 @@ def test_with_changes_dotted_keys_and_leaves_the_scene_alone():
 
 @pytest.mark.parametrize("key", ["electrodes[1].x_mm", "electrodes.1.x_mm", "electrodes[01].x_mm"])
 def test_every_spelling_of_a_key_means_the_same(key):
-    assert spelled(key) == "electrodes[1].x_mm"
+    assert normalize_key(key) == "electrodes[1].x_mm"
     assert LISTED.with_(**{key: np.int64(-8)}).electrodes[1].x_mm == -8.0
     if key != "electrodes[1].x_mm":
         assert keys(refused(LISTED.with_, {"electrodes[1].x_mm": -8.0, key: 1})) == [key]

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from pvdf_fem import Scene
-from pvdf_fem.scene.quantity import in_words
-from pvdf_fem.scene.registry import FORCES
-from pvdf_fem.scene.scene_file import flattened
+from pvdf_fem.scene.keys import split_unit
+from pvdf_fem.scene.registry import FORCE_KEYS
+from pvdf_fem.scene.scene_file import flatten
 from pvdf_fem.scene.shapes import MODELS
 from reports.guide.scene_keys import TABLES as TOLD
 from reports.guide.scene_keys import meaning
@@ -35,13 +35,15 @@ def test_each_key_says_its_meaning_unit_and_range():
             assert meaning(model, name), (model, name)
             is_number = re.search(r"\b(float|int)\b", str(field.annotation))
             assert not is_number or key.within, (model, name)
-            assert in_words(name)[1] in ("", key.unit), (model, name)
+            assert split_unit(name)[1] in ("", key.unit), (model, name)
             assert field.default is not None or key.example is not None or not is_number
 
 
 def told_at(where, name):
     """The key in complaints: the forces of a listed probe are told beside its shape."""
-    return f"probe[0].{name}" if where == "probe[0].load" and name in FORCES else f"{where}.{name}"
+    return (
+        f"probe[0].{name}" if where == "probe[0].load" and name in FORCE_KEYS else f"{where}.{name}"
+    )
 
 
 def wrong_values(value, key):
@@ -120,15 +122,18 @@ def test_a_key_without_the_one_that_it_needs_is_refused(where, model):
 @pytest.mark.parametrize("where", ["film", "load", "film.patches[0]"])
 def test_a_number_in_another_unit_is_doubted_or_refused_with_what_was_meant(where):
     model = next(model for place, model in TABLES if place == where)
+    checked = []
     for name in model.model_fields:
         value, key = example(model, name), model.key_of(name)
-        for number in (value / size for size in key.mistaken.values()):
-            if key.usual[0] <= abs(number) <= key.usual[1]:
+        for number in (value / size for size in key.likely_units.values()):
+            if key.usual_limits[0] <= abs(number) <= key.usual_limits[1]:
                 continue
             tables = {"probe": {}, **placed(where, {**table_of(model, name), name: number})}
             scene = scene_or_mistakes(tables)
-            told = scene.doubts if isinstance(scene, Scene) else scene
+            told = scene.warnings if isinstance(scene, Scene) else scene
             assert any(f" {value:.3g} {key.unit} " in line for line in told), name
+            checked.append(name)
+    assert checked
 
 
 SECTIONS = re.compile(rf"({'|'.join(Scene.model_fields)})\b")
@@ -142,7 +147,7 @@ def test_a_scene_comes_back_or_is_refused_by_key(tables, data):
     if not isinstance(scene, Scene):
         assert all(SECTIONS.match(problem) for problem in scene)
         return
-    pairs = flattened(scene.to_json())
+    pairs = flatten(scene.to_json())
     shuffled = dict(data.draw(st.permutations([*pairs.items()])))
     again = [Scene.parse(scene.to_toml()), Scene.model_validate_json(scene.model_dump_json())]
     again += [scene.with_(), pickle.loads(pickle.dumps(scene)), Scene().with_(shuffled)]

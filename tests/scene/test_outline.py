@@ -11,21 +11,30 @@ from hypothesis import strategies as st
 
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.ellipse import Ellipse
-from pvdf_fem.scene.outlines.outline import mean_over, overlaps, turn
-from pvdf_fem.scene.outlines.polygon import Polygon, defect, rectangle, triangle
+from pvdf_fem.scene.outlines.outline import average_over, has_overlap, rotate
+from pvdf_fem.scene.outlines.polygon import (
+    Polygon,
+    find_polygon_defect,
+    make_rectangle_corners,
+    make_triangle_corners,
+)
 from tests.helpers.damage import drawn
 
 angles = st.floats(-720.0, 720.0)
 shifts = st.tuples(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0))
-SQUARE = rectangle(2.0, 2.0)
+SQUARE = make_rectangle_corners(2.0, 2.0)
 L_SHAPE = np.array([[0, 0], [4, 0], [4, 1], [1, 1], [1, 4], [0, 4]], dtype=float)
 ROUND = 2.0 * np.pi * np.arange(100_000) / 100_000
 #: Outlines with their areas and centroids.
 OUTLINES = {
     # without a local origin, cancellation costs ten digits
-    "small and far off": (Polygon(rectangle(1e-3, 1e-3) + 500.0), 1e-6, [500.0, 500.0]),
-    "rectangle": (Polygon(rectangle(14.0, 7.0)), 98.0, [0.0, 0.0]),
-    "triangle": (Polygon(triangle(7.0)), 49.0 * math.sqrt(3) / 4, [0.0, 0.0]),
+    "small and far off": (
+        Polygon(make_rectangle_corners(1e-3, 1e-3) + 500.0),
+        1e-6,
+        [500.0, 500.0],
+    ),
+    "rectangle": (Polygon(make_rectangle_corners(14.0, 7.0)), 98.0, [0.0, 0.0]),
+    "triangle": (Polygon(make_triangle_corners(7.0)), 49.0 * math.sqrt(3) / 4, [0.0, 0.0]),
     # two rectangles, 4 by 1 about (2, 1/2) and 1 by 3 about (1/2, 5/2)
     "clockwise": (Polygon(L_SHAPE[::-1]), 7.0, [9.5 / 7, 9.5 / 7]),
     "disc": (Circle(np.array([3.0, 4.0]), 2.0), 4.0 * math.pi, [3.0, 4.0]),
@@ -40,18 +49,18 @@ OUTLINES = {
 @drawn(0.25)
 def test_measures_follow_a_motion(name, angle, shift):
     here, area, centroid = OUTLINES[name]
-    frame = turn(np.eye(2), angle).T
-    there = here.mapped(frame, np.array(shift))
+    frame = rotate(np.eye(2), angle).T
+    there = here.transform(frame, np.array(shift))
     assert there.area == pytest.approx(area, rel=1e-12)
     assert there.polygon.area == pytest.approx(area, rel=1e-12)
     assert there.centroid == pytest.approx(frame @ centroid + shift, abs=1e-11)
-    again = there.mapped(frame.T, -frame.T @ shift)
+    again = there.transform(frame.T, -frame.T @ shift)
     assert again.coincides(here, 1e-11)
     assert again.signature(1.0, 6) == here.signature(1.0, 6)
-    assert not there.mapped(np.eye(2), [1e-3, 0.0]).coincides(there, 0.99e-3)
+    assert not there.transform(np.eye(2), [1e-3, 0.0]).coincides(there, 0.99e-3)
     mirror = np.diag([1.0, -1.0])
-    assert here.mapped(mirror).coincides(here, 1e-9) == (name in ("rectangle",))
-    assert here.mapped(mirror).mapped(mirror).coincides(here, 1e-12)
+    assert here.transform(mirror).coincides(here, 1e-9) == (name in ("rectangle",))
+    assert here.transform(mirror).transform(mirror).coincides(here, 1e-12)
 
 
 @pytest.mark.parametrize("name", OUTLINES)
@@ -65,31 +74,35 @@ def test_the_boundary_has_the_area_the_perimeter_and_no_distance(name):
         found = outline.signed_distance(points + step * outwards)
         assert found == pytest.approx(step, rel=1e-2)
     fine = Polygon(outline.at(ROUND)) if isinstance(outline, Ellipse) else outline
-    assert outline.reach == pytest.approx(np.linalg.norm(fine.landmarks, axis=1).max(), rel=1e-7)
-    assert outline.lowest == pytest.approx(fine.landmarks.min(axis=0), abs=1e-6)
-    around = np.linalg.norm(np.diff(fine.landmarks, axis=0, append=fine.landmarks[:1]), axis=1)
+    assert outline.reach == pytest.approx(
+        np.linalg.norm(fine.defining_points, axis=1).max(), rel=1e-7
+    )
+    assert outline.lower_left == pytest.approx(fine.defining_points.min(axis=0), abs=1e-6)
+    around = np.linalg.norm(
+        np.diff(fine.defining_points, axis=0, append=fine.defining_points[:1]), axis=1
+    )
     assert outline.perimeter == pytest.approx(around.sum(), rel=1e-8)
 
 
 def test_means_over_shapes_are_those_of_their_points():
     square = Polygon(SQUARE + 3.0).shape
-    assert mean_over(square, lambda at: at[:, 0]) == pytest.approx(3.0)
-    assert mean_over(square, lambda at: (at[:, 1] - 3.0) ** 2) == pytest.approx(1 / 3, rel=2e-3)
+    assert average_over(square, lambda at: at[:, 0]) == pytest.approx(3.0)
+    assert average_over(square, lambda at: (at[:, 1] - 3.0) ** 2) == pytest.approx(1 / 3, rel=2e-3)
     needle = Polygon([[0.0, 0.0], [2.0, 1.9], [2.0, 1.90001]]).shape  # between the raster's points
-    assert mean_over(needle, lambda at: at[:, 1] / at[:, 0]) == pytest.approx(0.95, rel=1e-5)
+    assert average_over(needle, lambda at: at[:, 1] / at[:, 0]) == pytest.approx(0.95, rel=1e-5)
 
 
 @given(angle=angles)
 def test_turn_is_counter_clockwise_and_quarters_are_exact(angle):
     expected = np.exp(1j * math.radians(angle))
-    assert turn([1.0, 0.0], angle) == pytest.approx([expected.real, expected.imag], abs=1e-12)
+    assert rotate([1.0, 0.0], angle) == pytest.approx([expected.real, expected.imag], abs=1e-12)
     quarters = round(angle / 9.0)
     exact = np.array([[0.3, 0.1], [-0.1, 0.3], [-0.3, -0.1], [0.1, -0.3]])[quarters % 4]
-    assert (turn([0.3, 0.1], 90.0 * quarters) == exact).all()
+    assert (rotate([0.3, 0.1], 90.0 * quarters) == exact).all()
 
 
 def test_triangle_is_equilateral_with_a_vertex_up():
-    corners = triangle(7.0)
+    corners = make_triangle_corners(7.0)
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
     assert sides == pytest.approx(7.0)
     assert corners[0] == pytest.approx([0.0, 7.0 / math.sqrt(3)])
@@ -104,7 +117,7 @@ REFLECTION = np.eye(2) - 2.0 * np.outer(NORMAL, NORMAL)
 OUTWARD = np.stack([[NORMAL[1], -NORMAL[0]], NORMAL])
 BEYOND = POINT + (SQUARE + np.array([0.0, 1.0])) @ OUTWARD
 SPIKE = [POINT, POINT + NORMAL + [-0.2, 0.2], POINT + NORMAL + [0.2, -0.2]]
-TWIN = TOUCHED.mapped(REFLECTION, 2.0 * (POINT @ NORMAL) * NORMAL)
+TWIN = TOUCHED.transform(REFLECTION, 2.0 * (POINT @ NORMAL) * NORMAL)
 DISC = Circle(np.zeros(2), 1.0)
 #: Two outlines that touch, and the direction in which the second one leaves the first.
 TOUCHING = {
@@ -125,27 +138,29 @@ TOUCHING = {
 @drawn(0.25)
 def test_touching_is_no_overlap_but_a_millionth_deeper_is(name, shift, angle):
     here, there, away = TOUCHING[name]
-    frame = turn(np.eye(2), angle).T
-    first = here.mapped(frame, np.array(shift))
+    frame = rotate(np.eye(2), angle).T
+    first = here.transform(frame, np.array(shift))
     for step, meet in ((0.0, False), (1e-6, False), (-1e-6, True)):
-        second = there.mapped(frame, frame @ (step * np.array(away)) + shift)
-        assert overlaps(first, second) is meet
-        assert overlaps(second, first) is meet
+        second = there.transform(frame, frame @ (step * np.array(away)) + shift)
+        assert has_overlap(first, second) is meet
+        assert has_overlap(second, first) is meet
 
 
-@pytest.mark.parametrize("outer", [Polygon(rectangle(6.0, 6.0)), Circle(np.zeros(2), 3.0), TOUCHED])
+@pytest.mark.parametrize(
+    "outer", [Polygon(make_rectangle_corners(6.0, 6.0)), Circle(np.zeros(2), 3.0), TOUCHED]
+)
 @pytest.mark.parametrize("inner", [Polygon(SQUARE + 0.3), Circle(np.array([0.3, 0.3]), 1.0)])
 def test_an_outline_within_another_overlaps_it(outer, inner):
-    assert overlaps(outer, inner)
-    assert overlaps(inner, outer)
-    assert overlaps(inner, inner)
+    assert has_overlap(outer, inner)
+    assert has_overlap(inner, outer)
+    assert has_overlap(inner, inner)
 
 
 def test_overlaps_that_polygons_do_not_show():
-    assert overlaps(TOUCHED, Polygon(rectangle(1e-4, 20.0)))  # a needle across
+    assert has_overlap(TOUCHED, Polygon(make_rectangle_corners(1e-4, 20.0)))  # a needle across
     notched = Polygon([[0, 0], [6, 0], [6, 6], [4, 6], [4, 2], [2, 2], [2, 6], [0, 6]])
-    assert not overlaps(notched, Circle(np.array([3.0, 4.0]), 1.0))
-    assert overlaps(notched, Circle(np.array([3.0, 4.0]), 1.01))
+    assert not has_overlap(notched, Circle(np.array([3.0, 4.0]), 1.0))
+    assert has_overlap(notched, Circle(np.array([3.0, 4.0]), 1.01))
 
 
 def test_polygons_on_the_same_corners_are_told_apart():
@@ -173,4 +188,4 @@ def test_polygons_on_the_same_corners_are_told_apart():
 )
 def test_defects_of_polygons_in_any_unit(vertices, is_defect):
     for unit in (1.0, 1e-3):
-        assert (defect(unit * np.array(vertices)) is not None) is is_defect
+        assert (find_polygon_defect(unit * np.array(vertices)) is not None) is is_defect

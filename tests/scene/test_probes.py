@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 
 from pvdf_fem import Scene
-from pvdf_fem.scene.change import number_at
-from pvdf_fem.scene.registry import Load, OwnLoad
-from pvdf_fem.solver.sensitivity.parameters import touched
+from pvdf_fem.scene.changes import get_number
+from pvdf_fem.scene.registry import Load, LoadOverrides
+from pvdf_fem.solver.sensitivity.parameters import map_probe_keys
 from pvdf_fem.studies.scene_grid import SceneGrid
 from tests.helpers.damage import drawn
 from tests.helpers.refusals import keys, refused, refused_text, scene_or_mistakes
@@ -91,7 +91,7 @@ def test_what_a_probe_does_not_say_follows_the_scenes_load():
 @pytest.mark.parametrize("key", ["probe[0].force_N", "probe.0.load.force_N"])
 def test_a_probes_force_is_changed_wherever_it_is_said(own, key):
     scene = Scene.parse(f"[[probe]]\n{own}").with_(**{key: 0.3})
-    assert loads(scene)[0].force_N == number_at(scene, key) == 0.3
+    assert loads(scene)[0].force_N == get_number(scene, key) == 0.3
     assert Scene.parse(scene.to_toml()) == scene
     both = {"probe[0].force_N": 1.0, "probe[0].load.force_N": 2.0}
     assert keys(refused(scene.with_, both)) == ["probe[0].load.force_N"]
@@ -99,19 +99,23 @@ def test_a_probes_force_is_changed_wherever_it_is_said(own, key):
 
 def test_keys_of_a_load_that_no_probe_has_are_told_and_do_not_vary():
     both = Scene.parse("[[probe]]\nforce_N = 1\n[[probe]]\nx_mm = 9\nload = { force_N = 2 }")
-    assert both.doubts == ()
-    assert [doubt[:14] for doubt in both.with_(**{"load.force_N": 2}).doubts] == ["load.force_N: "]
+    assert both.warnings == ()
+    assert [doubt[:14] for doubt in both.with_(**{"load.force_N": 2}).warnings] == [
+        "load.force_N: "
+    ]
     one = Scene.parse("[[probe]]\nforce_N = 1\n[[probe]]\nx_mm = 9")
-    assert one.with_(**{"load.force_N": 2}).doubts == ()
-    numbers = {key: [number for _, number, _ in found] for key, found in touched(one).items()}
+    assert one.with_(**{"load.force_N": 2}).warnings == ()
+    numbers = {
+        key: [number for _, number, _ in found] for key, found in map_probe_keys(one).items()
+    }
     assert (numbers["load.force_N"], numbers["probe[0].force_N"]) == ([1], [0])
-    assert "load.force_N" not in touched(both)
+    assert "load.force_N" not in map_probe_keys(both)
     for axis in ({"load.force_N": [1, 2]}, {"load": [{"force_N": 1}, {"force_N": 2}]}):
         assert len(SceneGrid.from_tables(one, [axis]).scenes()) == 2
         assert "load.force_N" in keys(refused(SceneGrid.from_tables(both, [axis]).scenes))
 
 
-@given(load=rows(Load), own=rows(OwnLoad))
+@given(load=rows(Load), own=rows(LoadOverrides))
 @drawn(1.0)
 def test_a_merged_load_is_what_with_makes_of_the_scenes_load(load, own):
     tip = {"edge_radius_mm": 0.5} if {**load, **own}.get("kind") == "contact" else {}

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pvdf_fem.batch.equivalence import MECHANICS
-from pvdf_fem.batch.store import key
-from pvdf_fem.scene.quantity import affecting
+from pvdf_fem.batch.equivalence import MECHANICAL_EFFECTS
+from pvdf_fem.batch.store import make_record_key
+from pvdf_fem.scene.keys import select_by_effect
 from pvdf_fem.scene.scene import Film, Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.studies.scene_grid import SceneGrid
@@ -27,7 +27,7 @@ def test_empty_file_is_the_thesis_sensor_without_a_probe():
     assert scene.probe is None
     film = scene.film
     assert (film.radius, film.thickness, film.density) == (0.045, 25e-6, 1760.0)
-    assert film.strain_at_rest == pytest.approx(np.array([110e-6, 110e-6, 0.0]), rel=1e-15)
+    assert film.prestrain == pytest.approx(np.array([110e-6, 110e-6, 0.0]), rel=1e-15)
     assert (film.d31, film.d32) == (8e-12, 8e-12)
     assert (scene.load.force, scene.load.kind) == (1.0, "dead")
     assert (scene.numerics.tolerance, scene.numerics.observable) == (1e-3, "material")
@@ -68,9 +68,9 @@ def test_stiffness_is_the_inverse_of_the_compliance(film, constants):
 def test_loads_on_the_whole_film_add_up():
     film = Film(pressure_Pa=100.0, gravity_m_s2=-1000.0)
     weight_Pa = -1000.0 * 1760.0 * 25e-6
-    assert film.spread_force == pytest.approx(abs(100.0 + weight_Pa) * math.pi * 0.045**2)
-    assert Film().is_flat_at_rest
-    assert not film.is_flat_at_rest
+    assert film.distributed_force == pytest.approx(abs(100.0 + weight_Pa) * math.pi * 0.045**2)
+    assert Film().is_flat_unloaded
+    assert not film.is_flat_unloaded
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_a_layer_is_stretched_with_the_film_or_not_at_all_and_warmed_like_it(key
     film = Film(patches=[patch], temperature_change_K=-2.0, warming_K=0.5)
     [layer] = film.layers.values()
     expected = [alpha * (cooled - 0.5), alpha * (cooled - 0.5), 0.0]
-    assert layer.strain_at_rest == pytest.approx(np.array(expected), rel=1e-12)
+    assert layer.prestrain == pytest.approx(np.array(expected), rel=1e-12)
     assert layer.stiffness == pytest.approx(film.stiffness, rel=1e-12)
     assert (layer.density, layer.expansion) == (film.density, alpha)
 
@@ -125,16 +125,16 @@ def test_files_of_the_geometry_folder():
     assert len(replace(grid, axes=tuple(ends)).scenes()) == 2**4
     others = {"mapping_lines", "thickness_spacing", "report", "triangel"}
     for name in {path.stem for path in GEOMETRY.glob("*.toml")} - others:
-        assert Scene.example(name) == Scene.load(GEOMETRY / f"{name}.toml")
+        assert Scene.example(name) == Scene.from_file(GEOMETRY / f"{name}.toml")
     assert Scene.example("four_electrodes") == Scene()
     for name in others:
         assert refused(Scene.example, name) == [f'"{name}"']
 
 
 def test_a_load_on_nothing_is_doubted():
-    [doubt] = Scene.parse("[load]\nforce_N = 500.0").doubts
+    [doubt] = Scene.parse("[load]\nforce_N = 500.0").warnings
     assert doubt.startswith("load: ")
-    assert Scene.parse("[film]\nd31_pC_N = 0.0\n[probe]\n[load]\nforce_N = 2.0").doubts == ()
+    assert Scene.parse("[film]\nd31_pC_N = 0.0\n[probe]\n[load]\nforce_N = 2.0").warnings == ()
 
 
 def test_equal_scenes_have_equal_texts():
@@ -151,8 +151,10 @@ def test_amplifiers_stage_and_model_are_no_matter_of_a_solve():
     scene = scene.with_(uncertain={"film.thickness_um": "5.5 %", "load.force_N": 0.1})
     assert scene != scene.with_(**{"readout.gain.B": 0.96})
     assert scene.model.tolerance is None
-    assert key(scene) == key(Scene())
-    assert affecting(scene, *MECHANICS) == affecting(Scene(), *MECHANICS)
+    assert make_record_key(scene) == make_record_key(Scene())
+    assert select_by_effect(scene, *MECHANICAL_EFFECTS) == select_by_effect(
+        Scene(), *MECHANICAL_EFFECTS
+    )
 
 
 def test_the_films_centre_and_axes_on_the_stage():

@@ -62,9 +62,9 @@ def test_the_lowest_point_of_a_sphere_is_as_curved_as_any_other_and_a_face_is_fl
 def test_a_carried_tip_has_the_heights_of_the_place_where_it_was(name):
     tip, motion = TIPS[name], np.array([0.3, 0.7])
     points = np.random.default_rng(3).normal(size=(20, 2)) + CENTRE
-    moved = tip.carried(motion, 0.0).height(points + motion)
+    moved = tip.moved_by(motion, 0.0).height(points + motion)
     assert moved.value == pytest.approx(tip.height(points).value, abs=1e-12)
-    larger = tip.carried(np.zeros(2), 0.1)
+    larger = tip.moved_by(np.zeros(2), 0.1)
     assert larger.core_perimeter == pytest.approx(1.1 * tip.core_perimeter)
     assert (larger.face is None) == (name == "sphere")
     if larger.face is not None:
@@ -74,11 +74,11 @@ def test_a_carried_tip_has_the_heights_of_the_place_where_it_was(name):
 def test_an_ellipse_is_found_through_points_on_it():
     for contact in (Ellipse(np.add(CENTRE, [0.2, 0.1]), [0.9, 0.5], 0.6), Circle(CENTRE, 0.7)):
         points, _ = contact.boundary_rule(6)
-        fitted = TIPS["sphere"].fitted(points)
+        fitted = TIPS["sphere"].fit_outline(points)
         assert fitted.area == pytest.approx(contact.area, rel=1e-9)
         assert fitted.centroid == pytest.approx(contact.centroid)
         assert np.abs(fitted.signed_distance(points)).max() < 1e-9
-    assert TIPS["disc"].grown(0.2).area == pytest.approx(1.7**2 * np.pi)
+    assert TIPS["disc"].make_offset_outline(0.2).area == pytest.approx(1.7**2 * np.pi)
 
 
 def test_an_edge_that_crosses_itself_at_a_corner_loses_the_loop():
@@ -87,7 +87,7 @@ def test_an_edge_that_crosses_itself_at_a_corner_loses_the_loop():
     corners = 1.2 * (TRIANGLE - TRIANGLE.mean(axis=0)) + TRIANGLE.mean(axis=0)
     loop = corners[0] + 1e-2 * np.array([[6.0, -3.0], [-8.0, 3.0]])
     crossing = np.concatenate([loop, corners[1:]])
-    assert tip.fitted(corners).area == pytest.approx(1.44 * tip.core.area)
+    assert tip.fit_outline(corners).area == pytest.approx(1.44 * tip.core.area)
     assert not shapely.Polygon(crossing).is_valid
-    assert tip.fitted(crossing).shape.is_valid
-    assert tip.fitted(crossing).area == pytest.approx(1.44 * tip.core.area, rel=0.1)
+    assert tip.fit_outline(crossing).shape.is_valid
+    assert tip.fit_outline(crossing).area == pytest.approx(1.44 * tip.core.area, rel=0.1)

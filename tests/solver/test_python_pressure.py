@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, SceneError, gradients, solve
-from pvdf_fem.dynamics.forced import respond
+from pvdf_fem.dynamics.frequency_response import respond
 from pvdf_fem.scene.scene_file import quote
 from tests.helpers.discs import LOADS
 from tests.helpers.refusals import keys, refused

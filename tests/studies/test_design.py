@@ -10,7 +10,7 @@ import pytest
 
 from pvdf_fem import Scene, design, locate_many
 from pvdf_fem.studies.design import find_best_design
-from pvdf_fem.surrogate.model import default_reach_mm
+from pvdf_fem.surrogate.touch_domain import choose_default_reach_mm
 from tests.helpers.touch_models import bumps
 
 RING = bumps("circle").scene.with_(electrodes={"layout": "ring", "shape": "circle", "radius_mm": 1})
@@ -67,7 +67,11 @@ def test_one_model_serves_all_designs_whose_films_deform_alike():
     vary = {"film.radius_mm": [18.0, 45.0], "electrodes.count": [4, 6], "load.force_N": [0.5, 1]}
     data = studied(vary, response=model_of, reach_mm=None)
     assert asked == [18.0, 45.0]
-    assert data.attrs["reach_mm"] == default_reach_mm(RING.with_(**{"film.radius_mm": 18.0})) < 12.0
+    assert (
+        data.attrs["reach_mm"]
+        == choose_default_reach_mm(RING.with_(**{"film.radius_mm": 18.0}))
+        < 12.0
+    )
     assert data.place_deviation_mm.dims == ("radius_mm", "count", "force_N", "y_mm", "x_mm")
 
 

@@ -9,7 +9,7 @@ import xarray
 
 from pvdf_fem import Scene, dataset, locate_many
 from pvdf_fem.studies.touch_dataset import make_table, write_dataset
-from pvdf_fem.surrogate.model import QUANTITIES
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES
 from tests.helpers.touch_models import bumps
 
 READOUT = {"gain": {"A": 2.0, "B": -1.0}, "offset_V": {"C": 0.1}, "reading": "total"}
@@ -23,7 +23,7 @@ def drawn(touches=2000, seed=1, sigma=0.01, scene=None, **how):
 
 
 def rows_of(data):
-    return np.stack([data[name].values for name in QUANTITIES], axis=1)
+    return np.stack([data[name].values for name in TOUCH_QUANTITIES], axis=1)
 
 
 def test_a_seed_draws_the_same_again():

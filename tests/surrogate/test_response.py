@@ -9,15 +9,15 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from pvdf_fem import NotConvergedError, Scene, build_response
-from pvdf_fem.solver.nonlinear.fallback import equilibrate
+from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.surrogate import probe_stress
-from pvdf_fem.surrogate.held_out import random_touches
-from pvdf_fem.surrogate.model import Domain, default_reach_mm
-from pvdf_fem.surrogate.places import Places
-from pvdf_fem.surrogate.probe_charges import PolarRaster, ProbeCharges
+from pvdf_fem.surrogate.stress import probe_stress
+from pvdf_fem.surrogate.stress.centre_grid import CentreGrid
+from pvdf_fem.surrogate.stress.polar_grid import PolarGrid
+from pvdf_fem.surrogate.stress.stress_modes import StressModes
+from pvdf_fem.surrogate.touch_domain import Domain, choose_default_reach_mm, draw_touches
 from pvdf_fem.surrogate.uniform_spline import UniformAxis, UniformSpline
-from tests.surrogate import made_response
+from tests.surrogate import random_response
 
 DISC = Scene().with_(**{"probe.shape": "circle", "probe.radius_mm": 5.0})
 PROBES = {
@@ -41,14 +41,14 @@ def stress(place, centre, seen):
 def test_charges_of_a_polynomial_stress(shape):
     """It is given in the probe's frame at few places, and integrated in the film's at others."""
     scene = PROBES[shape]
-    places = Places.of(scene.probe, 10.0, 2)
-    raster = PolarRaster(26.0, 0.5, 30 * places.angles, 20.0)
+    places = CentreGrid.of(scene.probe, 10.0, 2)
+    raster = PolarGrid(26.0, 0.5, 30 * places.angles, 20.0)
     fields = []
     for x, y, _ in places.unique_places:
         centre = np.array([-x, -y])
         field = stress(raster.samples_mm - centre, centre, raster.samples_mm)
         fields.append(raster.means(np.stack([field, 3.0 * field])))
-    charges = ProbeCharges.of(places, raster, fields)
+    charges = StressModes.of(places, raster, fields)
     outlines = [electrode.outline for electrode in scene.electrode_list]
     positions = np.array([[2.0, 1.0], [-5.0, 6.0], [9.0, 1.0]])
     found = charges.charges_pC(outlines, positions, 0.7, (18.0, 2.0), at_once=1)
@@ -66,7 +66,7 @@ def test_charges_of_a_polynomial_stress(shape):
 
 def test_interpolation_over_the_rim_is_exact_for_polynomials():
     """Of the place, and of low order in twice the rotation."""
-    places = Places.of(PROBES["rectangle"].probe, 10.0, 3, 5)
+    places = CentreGrid.of(PROBES["rectangle"].probe, 10.0, 3, 5)
     centres = np.random.default_rng(1).uniform(-6.0, 6.0, (9, 2))
 
     def polynomial(c, rotation):
@@ -100,10 +100,10 @@ def test_values_and_gradients_are_those_of_the_cubic_spline():
 
 
 def test_the_jacobian_is_the_derivative():
-    made = made_response.response()
+    made = random_response.response()
     spline = UniformSpline(made.spline.axes, made.spline.coefficients.astype(float))
     made = replace(made, spline=spline)
-    touches = random_touches(Domain(7.0, (0.2, 4.0)), 20)
+    touches = draw_touches(Domain(7.0, (0.2, 4.0)), 20)
     _, jacobian = made.evaluate(touches)
     for i, step in enumerate(np.diag([1e-4, 1e-4, 1e-3, 1e-5])):
         ahead, behind = (made.evaluate(touches + s * step)[0] for s in (1, -1))
@@ -116,7 +116,7 @@ def test_the_jacobian_is_the_derivative():
 )
 @pytest.mark.parametrize("others", [1, 40])
 def test_a_touch_outside_is_refused_among_few_and_many(touch, others):
-    made, more, less = made_response.response(), 1.0 + 1e-12, 1.0 - 1e-12
+    made, more, less = random_response.response(), 1.0 + 1e-12, 1.0 - 1e-12
     edge = [[0.0, more * 8.0, 0.0, less * 0.1], [-8.0, 0.0, 0.0, more * 5.0]]
     assert np.isfinite(made.evaluate(edge * others)[0]).all()
     with pytest.raises(ValueError, match=r"^touches: "):
@@ -147,16 +147,16 @@ def test_each_force_starts_nearer_to_its_solution_or_from_the_seed(monkeypatch):
     apart, broken = [], set()
 
     def watched(equilibrium, q):
-        result = equilibrate(equilibrium, q)
+        result = find_equilibrium(equilibrium, q)
         if q is not None:
             apart.append(np.linalg.norm(result.q - q) / np.linalg.norm(result.q))
         lost = ("seed" if q is None else "start") in broken
         return replace(result, status=Status.MAX_ITERATIONS) if lost else result
 
     def solved(forces):
-        return [stress for _, stress in probe_stress.stresses(DISC, forces, 3.0)]
+        return [stress for _, stress in probe_stress.solve_stresses(DISC, forces, 3.0)]
 
-    monkeypatch.setattr(probe_stress, "equilibrate", watched)
+    monkeypatch.setattr(probe_stress, "find_equilibrium", watched)
     near = solved([1.0, 0.9, 0.81, 0.729])
     constant, line, parabola = apart
     assert parabola < 0.1 * line < 0.01 * constant
@@ -171,7 +171,7 @@ def test_each_force_starts_nearer_to_its_solution_or_from_the_seed(monkeypatch):
 def test_the_probe_stress_of_a_film_that_wrinkles():
     """Heated by 10 K the film is slack without its load: Newton's method for the membrane fails."""
     hot = DISC.with_(**{"film.temperature_change_K": 10.0, "film.compression": "tension-field"})
-    [(_, stress)] = probe_stress.stresses(hot, [1.0], 3.0)
+    [(_, stress)] = probe_stress.solve_stresses(hot, [1.0], 3.0)
     assert np.linalg.eigvalsh(stress[..., [[0, 2], [2, 1]]]).min() > -1e-3 * np.abs(stress).max()
 
 
@@ -187,4 +187,8 @@ def test_touches_stay_away_from_the_rim_wherever_the_probe_is(film_mm, probe, re
     """The reach is the same to the last digit: a response is found by it."""
     scene = Scene().with_(**{"film.radius_mm": film_mm}, probe=probe)
     moved = scene.with_(**{"probe.x_mm": 0.7, "probe.y_mm": 0.2, "probe.rotation_deg": 33.0})
-    assert default_reach_mm(scene) == default_reach_mm(moved) == pytest.approx(reach_mm, abs=1e-4)
+    assert (
+        choose_default_reach_mm(scene)
+        == choose_default_reach_mm(moved)
+        == pytest.approx(reach_mm, abs=1e-4)
+    )

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import example, given
 
 from pvdf_fem import Response
-from pvdf_fem.surrogate.model import Domain
 from pvdf_fem.surrogate.response_file import FORMAT, ResponseError
+from pvdf_fem.surrogate.touch_domain import Domain
 from tests.helpers.damage import damages, decayed, drawn
-from tests.surrogate import made_response as kept
+from tests.surrogate import random_response as kept
 
 
 def test_a_response_survives_a_file(tmp_path):
@@ -24,7 +24,7 @@ def test_a_response_survives_a_file(tmp_path):
     made.save(tmp_path / "triangle.response")
     again = Response.load(str(tmp_path / "triangle.response"))
     assert (again.domain, again.error_bound) == (Domain(8.0, (0.5, 5.0)), 0.25)
-    names = ("names", "scene", "tolerance", "remarks", "stress", "at_rest_pC")
+    names = ("names", "scene", "tolerance", "remarks", "stress_modes", "unloaded_charges_pC")
     assert [getattr(again, name) for name in names] == [getattr(made, name) for name in names]
     made, touches = replace(made, domain=again.domain), [[1.0, -2.0, 33.0, 1.5]]
     for before, after in zip(made.evaluate(touches), again.evaluate(touches), strict=True):

@@ -13,7 +13,7 @@ from skfem import MeshTri2
 from pvdf_fem import Scene, Solution, solve
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
-from pvdf_fem.mesh.size_field import Sizes
+from pvdf_fem.mesh.size_field import GradedSizes
 from pvdf_fem.solver.nonlinear.status import Status
 from tests.helpers.discs import free_disc, uniform_mesh
 from tests.helpers.solvers import newton_result
@@ -59,7 +59,7 @@ def disc(force: float, size: float = 4.0, **shape: Any) -> SimpleNamespace:
     if "patch_radius" not in shape:
         return solved(scene, uniform_mesh(scene, size))
     outline, a = scene.probe.outline, scene.film.radius
-    sizes = Sizes({"probe": 0.4 * outline.radius, "electrode A": 0.08 * a}, 0.3, 0.16 * a)
+    sizes = GradedSizes({"probe": 0.4 * outline.radius, "electrode A": 0.08 * a}, 0.3, 0.16 * a)
     return solved(scene, mesh_scene(scene, sizes.scaled(size)))
 
 

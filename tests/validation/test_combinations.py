@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from pvdf_fem import Response, Scene, SceneError, build_response, gradients, solve, sweep
 from pvdf_fem.progress import ignore_progress
-from pvdf_fem.scene.change import number_at
+from pvdf_fem.scene.changes import get_number
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.solver.sensitivity.parameters import PLACE_NAMES, parameters_of
-from pvdf_fem.surrogate.build import ResponseOptions
+from pvdf_fem.solver.sensitivity.parameters import PLACE_NAMES, list_parameters
+from pvdf_fem.surrogate.response_options import ResponseOptions
 from tests.helpers.damage import drawn
 from tests.helpers.discs import values
 from tests.helpers.features import (
@@ -31,7 +31,7 @@ from tests.helpers.features import (
 )
 
 #: A response of a few seconds.
-COARSE = ResponseOptions(error=1e-2, held_out=3, attempts=1)
+COARSE = ResponseOptions(error=1e-2, validation_touches=3, max_builds=1)
 KEY = re.compile(r"(film|electrodes|probe|load|numerics|readout|stage|air|scene|axes|reach_mm)\b")
 
 
@@ -123,7 +123,7 @@ def test_sweeps_have_the_charges_of_fresh_solves(changes, grid):
 def test_gradients_are_those_of_fresh_solves(changes, data):
     scene = scene_of(changes)
     try:
-        known = parameters_of(scene)
+        known = list_parameters(scene)
     except SceneError:
         assume(False)
     assume(known)
@@ -131,8 +131,8 @@ def test_gradients_are_those_of_fresh_solves(changes, data):
     solution = solve(scene)
     assume(solution.status is Status.CONVERGED)
     step = 0.4 if key.endswith(PLACE_NAMES[:2]) else 8.0 if key.endswith("deg") else 0.0
-    step = step or 0.1 * (abs(number_at(scene, key)) or 0.5)
-    at = number_at(scene, key)
+    step = step or 0.1 * (abs(get_number(scene, key)) or 0.5)
+    at = get_number(scene, key)
     ends = [solve(scene.with_(**{key: at + s})) for s in (-step, step)]
     assume(all(end.status is Status.CONVERGED for end in ends))
     low, high = (np.array(values(end.charges_pC)) for end in ends)

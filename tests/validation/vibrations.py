@@ -33,7 +33,7 @@ INCH, POUND = 25.4e-3, 4.4482216152605
 )
 def drum() -> Iterator[Number]:
     film = Scene().film
-    per_area = {"tension": film.stress_at_rest[0], "areal_density": film.density}
+    per_area = {"tension": film.prestress[0], "areal_density": film.density}
     zeros = disc_frequencies(6, radius=film.radius, **per_area)
     modes = "(0, 1)", "(1, 1)", "(1, 1)", "(2, 1)", "(2, 1)", "(0, 2)"
     known = {i: pair for i, pair in enumerate(zip(modes, zeros.tolist(), strict=True))}

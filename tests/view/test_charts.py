@@ -13,7 +13,7 @@ from pvdf_fem.batch.store import Record
 from pvdf_fem.studies.design import design, find_best_design
 from pvdf_fem.studies.sweep import sweep
 from pvdf_fem.view import charts
-from pvdf_fem.view.charts import design_chart, frequency_response, sweep_chart
+from pvdf_fem.view.charts import draw_designs, draw_frequency_response, draw_sweep
 from tests.helpers.sweep_cases import BASE, made_up
 from tests.helpers.touch_models import bumps
 
@@ -26,13 +26,13 @@ def swept(monkeypatch: pytest.MonkeyPatch, *axes: dict) -> object:
         records = zip(made_up(scenes, frames), failed, strict=True)
         return [Record("unstable", "", tuple("ABCD")) if no else r for r, no in records]
 
-    monkeypatch.setattr(batch, "records_of", solved)
+    monkeypatch.setattr(batch, "make_records", solved)
     return sweep(BASE, axes, processes=1)
 
 
 def test_curves_of_one_axis_with_the_failed_scene_marked(monkeypatch):
     data = swept(monkeypatch, {"load.force_N": [2.0, 0.5, 8.0, 1.0, 4.0]}, {"probe.x_mm": [0.0]})
-    [ax] = sweep_chart(data).axes
+    [ax] = draw_sweep(data).axes
     sorted_data = data.squeeze("x_mm").sortby("force_N")
     for bars, name in zip(ax.containers, "ABCD", strict=True):
         np.testing.assert_array_equal(bars[0].get_xdata(), [0.5, 1.0, 2.0, 4.0, 8.0])
@@ -47,7 +47,7 @@ def test_curves_of_one_axis_with_the_failed_scene_marked(monkeypatch):
 def test_a_map_of_two_axes_for_each_electrode(monkeypatch):
     monkeypatch.setattr(charts, "FEW", 2)
     data = swept(monkeypatch, {"load.force_N": [1.0, 2.0, 3.0]}, {"probe.x_mm": [0.0, 3.0, 5.0]})
-    figure = sweep_chart(data)
+    figure = draw_sweep(data)
     for ax, name in zip(figure.axes[:4], "ABCD", strict=True):
         drawn = np.ma.filled(ax.collections[0].get_array(), np.nan)
         np.testing.assert_array_equal(drawn, data.charge_pC.sel(electrode=name))
@@ -64,7 +64,7 @@ def test_few_values_are_a_curve_each(monkeypatch):
     probes = {"probe": [{"shape": "circle"}, {"shape": "rectangle", "x_mm": 3.0}], "name": "tip"}
     for axes in ([forces, probes], [probes, forces]):
         data = swept(monkeypatch, *axes)
-        figure = sweep_chart(data)
+        figure = draw_sweep(data)
         for ax, name in zip(figure.axes, "ABCD", strict=True):
             for i, bars in enumerate(ax.containers):
                 charges = data.charge_pC.sel(electrode=name).isel(tip=i)
@@ -77,10 +77,10 @@ def test_phases_are_continuous_at_multiples_of_45_degrees():
     scene = Scene().with_(**{"film.loss_tangent": 0.05, "air": {"baffle": True}})
     charges = {"A": np.exp(1j * turns), "B": 2.0 * np.exp(0.5j * turns)}
     frequencies_Hz = np.geomspace(1.0, 100.0, 60)
-    _, phase = frequency_response(frequencies_Hz, charges, np.array([50.0]), scene).axes
+    _, phase = draw_frequency_response(frequencies_Hz, charges, np.array([50.0]), scene).axes
     np.testing.assert_allclose(phase.lines[0].get_ydata(), np.degrees(turns), atol=1e-9)
     np.testing.assert_array_equal(np.diff(phase.get_yticks()), 180.0)
-    free = frequency_response(np.array([1.0, 9.0]), {"A": np.ones(2)}, np.empty(0), Scene())
+    free = draw_frequency_response(np.array([1.0, 9.0]), {"A": np.ones(2)}, np.empty(0), Scene())
     assert len(free.axes) == 1  # without damping there are no phases
 
 
@@ -90,7 +90,7 @@ def test_designs_are_a_curve_for_each_value_and_the_map_of_the_best():
     sensor, counts = model.scene.with_(electrodes=ring), {"electrodes.count": [4, 6]}
     data = design(sensor, {**counts, **vary}, step_mm=4.0, response=model.for_scene)
     chosen = find_best_design(data)
-    curves, film, _ = design_chart(data, chosen).axes
+    curves, film, _ = draw_designs(data, chosen).axes
     medians = data.place_deviation_median_mm.sel(force_N=chosen.force_N.item())
     for line, count in zip(curves.lines, (4, 6), strict=True):
         np.testing.assert_array_equal(line.get_ydata(), medians.sel(count=count))

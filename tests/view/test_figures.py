@@ -8,12 +8,19 @@ import sys
 import pytest
 from matplotlib.axes import Axes
 
-from pvdf_fem.view.figures import DIVERGING, colours_of, figure_of, new_figure, save, style
+from pvdf_fem.view.figures import (
+    DIVERGING,
+    choose_colours,
+    get_figure,
+    make_figure,
+    save_figure,
+    use_style,
+)
 
 
 def axes() -> Axes:
-    with style():
-        return new_figure().add_subplot()
+    with use_style():
+        return make_figure().add_subplot()
 
 
 @pytest.mark.parametrize("extension", ["svg", "png", "pdf"])
@@ -22,12 +29,12 @@ def test_files_are_reproducible(tmp_path, extension):
     for name in ("one", "two"):
         (ax := axes()).plot([0.0, 4.0, 8.0], [900.0, 800.0, 600.0], "o-", label="35°")
         ax.legend()
-        save(figure_of(ax), path := tmp_path / f"{name}.{extension}")
+        save_figure(get_figure(ax), path := tmp_path / f"{name}.{extension}")
         contents.append(path.read_bytes())
     assert contents[0] == contents[1]
     assert len(contents[0]) > 1000
     with pytest.raises(ValueError, match="svg"):
-        save(figure_of(ax), tmp_path / "figure.docx")
+        save_figure(get_figure(ax), tmp_path / "figure.docx")
 
 
 def test_no_window_system_is_touched():
@@ -36,8 +43,8 @@ def test_no_window_system_is_touched():
 
 
 def test_colours_are_palest_at_zero_or_spread_over_one_sign():
-    assert colours_of([2.0, 5.0], "Blues") == ("Blues", 2.0, 5.0)
-    assert colours_of([-5.0, -2.0], "Blues") == ("Blues_r", -5.0, -2.0)
-    assert colours_of([-2.0, 5.0], "Blues") == (DIVERGING, -5.0, 5.0)
-    assert colours_of([-1e-3, 5.0]) == ("viridis", -1e-3, 5.0)
-    assert colours_of([0.0, -2.0], "Blues") == ("Blues_r", -2.0, 0.0)
+    assert choose_colours([2.0, 5.0], "Blues") == ("Blues", 2.0, 5.0)
+    assert choose_colours([-5.0, -2.0], "Blues") == ("Blues_r", -5.0, -2.0)
+    assert choose_colours([-2.0, 5.0], "Blues") == (DIVERGING, -5.0, 5.0)
+    assert choose_colours([-1e-3, 5.0]) == ("viridis", -1e-3, 5.0)
+    assert choose_colours([0.0, -2.0], "Blues") == ("Blues_r", -2.0, 0.0)

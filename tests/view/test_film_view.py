@@ -9,7 +9,7 @@ import pytest
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.view.film_map import MAPS
-from pvdf_fem.view.film_view import NoRenderingError, film_mesh, require_rendering
+from pvdf_fem.view.film_view import NoRenderingError, make_film_surface, require_rendering
 
 pytest.importorskip("pyvista", reason="views in 3-D need pyvista")
 
@@ -20,7 +20,7 @@ def solution():
 
 
 def test_the_surface_is_the_deflected_film(solution):
-    film = film_mesh(solution.film_data(), MAPS["stress"], scale=2.0)
+    film = make_film_surface(solution.film_data(), MAPS["stress"], scale=2.0)
     low_x, high_x, low_y, high_y, low_z, high_z = film.bounds
     assert (low_y, high_y) == pytest.approx((-45.0, 45.0), rel=1e-3)
     assert high_x - low_x == pytest.approx(90.0, rel=1e-3)

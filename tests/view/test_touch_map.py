@@ -10,7 +10,7 @@ import pytest
 from pvdf_fem import locate
 from pvdf_fem.inverse.posterior import profile_chi_square
 from pvdf_fem.inverse.touch.location import Location
-from pvdf_fem.view.touch_map import charge_map
+from pvdf_fem.view.touch_map import draw_charge_map
 from tests.helpers.touch_models import bumps
 
 TOUCH = np.array([[3.0, -4.0, 25.0, 0.7]])
@@ -29,7 +29,7 @@ def test_isocharge_lines_are_where_the_model_has_their_charge():
         touches = np.hstack([places, np.tile([30.0, 1.5], (len(places), 1))])
         return np.asarray(model.evaluate(touches)[0][:, 1])
 
-    ax = charge_map(model.scene, 12.0, charge, "B", None).axes[0]
+    ax = draw_charge_map(model.scene, 12.0, charge, "B", None).axes[0]
     filled, lines = ax.collections[:2]
     for level, path in zip(lines.levels, lines.get_paths(), strict=True):
         np.testing.assert_allclose(charge(path.vertices.reshape(-1, 2)), level, rtol=2e-3)

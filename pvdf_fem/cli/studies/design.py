@@ -117,7 +117,7 @@ def _write(data: xarray.Dataset, options: argparse.Namespace) -> None:
     """Print the designs, and write the files that are asked for."""
     from pvdf_fem.studies.design import find_best_design, make_table
     from pvdf_fem.studies.sweep_dataset import write_netcdf
-    from pvdf_fem.view.charts import design_chart
+    from pvdf_fem.view.charts import draw_designs
 
     rows = make_table(data)
     if options.json:
@@ -127,7 +127,7 @@ def _write(data: xarray.Dataset, options: argparse.Namespace) -> None:
         shown = rows.drop(columns="model_error_bound").rename(columns=_HEADS)
         print(shown.to_string(index=False, float_format="{:.3g}".format))
     if options.plot:
-        program.save_plot(design_chart(data, find_best_design(data)), options)
+        program.save_plot(draw_designs(data, find_best_design(data)), options)
     if options.output and options.output.suffix.lower() == ".nc":
         write_netcdf(data, options.output)
     elif options.output:

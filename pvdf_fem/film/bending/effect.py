@@ -91,8 +91,8 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
     C, h, a = film.stiffness[:2, :2], film.thickness, film.radius
     stiffness = float(C.max())
     D = h**3 / 12.0 * stiffness
-    rest = h * float(film.stress_at_rest[:2].mean())
-    force, probe, rigid = film.spread_force, None, False
+    rest = h * float(film.prestress[:2].mean())
+    force, probe, rigid = film.distributed_force, None, False
     if touch is not None:
         probe, by_touch = estimate_pressed_area(scene, touch)
         force, rigid = force + by_touch, PROBE_LOADS[touch.load.kind].is_rigid

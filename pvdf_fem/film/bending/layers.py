@@ -24,7 +24,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.bending.plate import Plate, compute_plate_stiffness
 from pvdf_fem.film.membrane import compute_principal_values
 from pvdf_fem.film.term import State
-from pvdf_fem.mesh.size_field import element_sizes
+from pvdf_fem.mesh.size_field import compute_element_sizes
 
 #: Element sizes in bending lengths among which the next mesh's are sought.
 WIDTHS = np.geomspace(0.01, 1e4, 400)
@@ -66,7 +66,7 @@ class BendingLayers:
         _, largest = compute_principal_values(state.stress)
         tension = np.maximum(film.thickness * largest.max(axis=1), np.finfo(float).tiny)
         lengths = np.sqrt(np.sqrt(D[0, 0] * D[1, 1]) / tension)
-        widths = element_sizes(plate.space.mesh) / lengths
+        widths = compute_element_sizes(plate.space.mesh) / lengths
         values = plate.form.stiffness @ (plate.form.strains @ state.dofs[2::3])
         return cls(plate, expansion, lengths, widths, values)
 

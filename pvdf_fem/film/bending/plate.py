@@ -27,7 +27,7 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.space import Space, evaluate_shape_gradients, evaluate_shape_hessians
 from pvdf_fem.film.term import Assembly, State, Term
 from pvdf_fem.mesh.gmsh_mesh import RIM
-from pvdf_fem.mesh.six_node import compression
+from pvdf_fem.mesh.six_node import compute_jacobian_ratios
 from pvdf_fem.scene.film import Film
 
 
@@ -229,7 +229,7 @@ def _along_edges(space: Space, D: Array) -> _Edges:
         ((1.0, 0.0), (-1.0, 1.0), (1.0, 1.0)),
         ((0.0, 0.0), (0.0, 1.0), (-1.0, 0.0)),
     )
-    needed = PENALTY.distorted * (compression(space.mesh) ** -2.0 - 1.0)
+    needed = PENALTY.distorted * (compute_jacobian_ratios(space.mesh) ** -2.0 - 1.0)
     by_edge, penalty = [], np.maximum(needed, PENALTY.regular)
     for origin, direction, outward in around:
         points = np.add.outer(origin, np.zeros(len(places))) + np.outer(direction, (places + 1) / 2)

@@ -27,7 +27,7 @@ from pvdf_fem.film.membrane import IDENTITY, compute_strain, compute_strain_rate
 from pvdf_fem.film.point_load import estimate_load_share
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import ElementStress, State, Term
-from pvdf_fem.mesh.gmsh_mesh import electrode_patch
+from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.readout import Readout
@@ -63,7 +63,7 @@ class FloatingElectrode:
 
     def with_voltage(self, forces: Array) -> Array:
         """Forces X, Y in N, (2,), by the whole stress, from the forces by the strain's stress."""
-        rest = self.film.stress_at_rest[:2] * self.outline.area
+        rest = self.film.prestress[:2] * self.outline.area
         return np.asarray(forces + self.share @ (forces - rest))
 
     def effect(self, scene: Scene, touch: LoadedProbe, own: float = 0.4) -> float:
@@ -84,7 +84,7 @@ class Coupling(Term):
 
     def __init__(self, electrode: FloatingElectrode, space: Space) -> None:
         self.electrode, self.space = electrode, space
-        self.elements: Indices = space.mesh.subdomains[electrode_patch(electrode.name)]
+        self.elements: Indices = space.mesh.subdomains[make_subdomain_name(electrode.name)]
         self._moduli = space.weights[self.elements, :, None] * electrode.e
 
     def charge(self, strain: Array) -> float:

@@ -55,14 +55,14 @@ class Laminate:
         self.space, self.film, self.added = space, film, added
         self.law: Law = LAWS[film.law](film.stiffness) if law is None else law
         #: Elastic strain of the film at rest without added strain, (3,).
-        self.strain_at_rest: Array = self.law.at_rest(film)
+        self.prestrain: Array = self.law.at_rest(film)
         #: Stress in Pa that `stress` leaves out.
         self._left_out: Array | None = None
         self.plies = list(self._plies(frame))
 
     def _plies(self, frame: Array) -> Iterator[Ply]:
         film, mesh, kind = self.film, self.space.mesh, LAWS[self.film.law]
-        stretched, warm, at_rest = np.zeros(3), np.zeros(1), self.strain_at_rest
+        stretched, warm, at_rest = np.zeros(3), np.zeros(1), self.prestrain
         if self.added is not None:
             places = self.space.places @ frame
             stretched, warm = film.rim_strain(places), self.added.temperature(places)[..., None]
@@ -81,13 +81,13 @@ class Laminate:
             yield Ply(self.law, ALL, 1.0, at_rest)
         for elements, layer in layers:
             ratio, heat = layer.patch.thickness / film.thickness, layer.expansion * warm * BIAXIAL
-            strain = layer.strain_at_rest + there(stretched, elements) - there(heat, elements)
+            strain = layer.prestrain + there(stretched, elements) - there(heat, elements)
             yield Ply(kind(layer.stiffness), elements, ratio, strain)
 
     def stress(self, strain: Array) -> Array:
         """The film's second Piola-Kirchhoff stress in Pa of a Green-Lagrange strain, both (..., 3),
         without the stress of what is `added`."""
-        stress = self.law.stress(strain, self.strain_at_rest)
+        stress = self.law.stress(strain, self.prestrain)
         return stress if self._left_out is None else stress - self._left_out
 
     def at(self, places: Array) -> Laminate:
@@ -96,7 +96,7 @@ class Laminate:
         if self.added is None:
             return self
         other = copy(self)
-        other.strain_at_rest = self.strain_at_rest + self.added.strain(places)
+        other.prestrain = self.prestrain + self.added.strain(places)
         other._left_out = self.added.stress(places)
         return other
 

@@ -34,7 +34,7 @@ class Law(ABC):
 
     def at_rest(self, film: Film) -> Array:
         """Elastic strain of the flat clamped film, (3,)."""
-        return film.strain_at_rest
+        return film.prestrain
 
     @abstractmethod
     def stress(self, strain: Array, at_rest: Array) -> Array:

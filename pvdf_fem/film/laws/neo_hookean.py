@@ -42,10 +42,10 @@ class NeoHookean(Law):
     def at_rest(self, film: Film, steps: int = 30) -> Array:
         """The strain by cooling or by the given pretension: Newton steps from Hooke's strain square
         the error."""
-        strain = film.strain_at_rest
+        strain = film.prestrain
         if film.pretension_N_m is None:
             return strain
-        wanted, none = film.stress_at_rest, np.zeros(3)
+        wanted, none = film.prestress, np.zeros(3)
         for _ in range(steps):  # by differences of an analytic function
             moved = np.array([self.stress(none, strain + 1e-20j * e).imag for e in np.eye(3)])
             strain = strain - np.linalg.solve(1e20 * moved.T, self.stress(none, strain) - wanted)

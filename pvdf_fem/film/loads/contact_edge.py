@@ -9,7 +9,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.loads.contact_estimate import format_face_patch
 from pvdf_fem.film.loads.rigid_tip import RigidTip
 from pvdf_fem.film.term import State
-from pvdf_fem.mesh.size_field import element_sizes
+from pvdf_fem.mesh.size_field import compute_element_sizes
 from pvdf_fem.scene.outlines.outline import Outline
 
 #: Rays from the core along which the contact's edge is sought.
@@ -38,7 +38,7 @@ def locate_contact_edge(
     touches = _gaps(tip, state, start + along[:, None, None] * outwards)[1] <= 0.0
     last = np.where(touches.any(axis=0), along[-1 - touches[::-1].argmax(axis=0)], width)
     touched = tip.overlap(state).is_touching.any(axis=1)
-    size = float(element_sizes(tip.space.mesh)[touched].mean())
+    size = float(compute_element_sizes(tip.space.mesh)[touched].mean())
     core = tip.tip.core_perimeter / (2.0 * np.pi)
     beside = last + size * np.linspace(begin, end, 4 * degree)[:, None]
     distances, gaps = _gaps(tip, state, start + beside[..., None] * outwards)
@@ -57,17 +57,17 @@ def locate_contact_edge(
 
 def measure_contact_outlines(tip: RigidTip, state: State) -> dict[str, Outline]:
     """Outlines of the film, before it deforms, on a tip and on its flat face, by patch name."""
-    outlines = {tip.spec.patch: tip.tip.fitted(locate_contact_edge(tip, state))}
+    outlines = {tip.spec.patch: tip.tip.fit_outline(locate_contact_edge(tip, state))}
     if tip.tip.face is not None:
         points = np.array(tip.tip.face.shape.exterior.coords)[:-1]
         carried = points - _moves(tip, state, points)[:, :2]
-        outlines[format_face_patch(tip.spec)] = tip.tip.fitted(carried)
+        outlines[format_face_patch(tip.spec)] = tip.tip.fit_outline(carried)
     return outlines
 
 
 def _rays(tip: RigidTip, width: float) -> tuple[Array, Array]:
     """Points on the core's outline, (`RAYS`, 2), and unit vectors away from it."""
-    line = tip.tip.grown(width).shape.exterior
+    line = tip.tip.make_offset_outline(width).shape.exterior
     points = [line.interpolate(t, normalized=True).coords[0] for t in np.arange(RAYS) / RAYS]
     distances = tip.tip.distances(np.array(points))
     return points - distances.value[:, None] * distances.normal, distances.normal

@@ -44,7 +44,7 @@ class ContactEstimate:
         """The guess for a tip of a scene."""
         force, face = estimate_load_force(touch.load, scene.film), touch.tip.face
         width = estimate_contact_width(touch, scene.film)
-        outline = touch.tip.grown(width)
+        outline = touch.tip.make_offset_outline(width)
         pressed = outline.area - (face.area if face else 0.0)
         depth = touch.load.depth or estimate_point_deflection(scene.film, force)
         softness = OVERLAP * min(scene.numerics.tolerance, 1e-2)
@@ -59,7 +59,9 @@ def estimate_load_force(load: Load, film: Film) -> float:
 def estimate_contact_outlines(scene: Scene) -> dict[str, Outline]:
     """Guessed contacts with a scene's tips on the film before it deforms, by patch name."""
     widths = ((touch, estimate_contact_width(touch, scene.film)) for touch in scene.tips)
-    return {t.patch: _before(t, scene.film, width).grown(width) for t, width in widths}
+    return {
+        t.patch: _before(t, scene.film, width).make_offset_outline(width) for t, width in widths
+    }
 
 
 def estimate_tip_outlines(scene: Scene) -> dict[str, Outline]:
@@ -83,11 +85,9 @@ def _before(touch: LoadedProbe, film: Film, width: float) -> Tip:
     nearest, farthest = tip.core_perimeter / (2.0 * np.pi) + width, float(np.hypot(*place))
     reach = film.radius - farthest**2 / film.radius
     deflection = estimate_point_deflection(film, force, min(nearest, 0.5 * reach), reach)
-    tension = (
-        estimate_tension(film, force, nearest) - film.thickness * film.stress_at_rest[:2].mean()
-    )
+    tension = estimate_tension(film, force, nearest) - film.thickness * film.prestress[:2].mean()
     stretch = STRETCH * tension / film.thickness / film.stiffness[:2, :2].sum(axis=0).mean()
-    return tip.carried(-DRIFT * (deflection / film.radius) ** 2 * place, -stretch)
+    return tip.moved_by(-DRIFT * (deflection / film.radius) ** 2 * place, -stretch)
 
 
 def format_face_patch(touch: LoadedProbe) -> str:
@@ -108,6 +108,6 @@ def estimate_contact_width(touch: LoadedProbe, film: Film) -> float:
         tension = estimate_tension(film, force, length / (2.0 * np.pi))
         low, high = (low, d) if tension * length * d / tip.radius > force else (d, high)
     d *= WIDER
-    while tip.grown(d).reach > 0.98 * film.radius and d > 0.0:
+    while tip.make_offset_outline(d).reach > 0.98 * film.radius and d > 0.0:
         d *= 0.8
     return d

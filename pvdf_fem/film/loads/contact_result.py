@@ -57,7 +57,7 @@ class ContactResult:
         touching = overlap.is_touching
         projected = weights * touching * np.linalg.det(state.deformation_gradient[..., :2, :])
         edge, poorer = (locate_contact_edge(tip, state, degree) for degree in DEGREES)
-        area = tip.tip.fitted(edge).area
+        area = tip.tip.fit_outline(edge).area
         # the points that touch cover the area only roughly
         share = area / float((weights * touching).sum())
         seen = share * float(projected.sum())
@@ -67,7 +67,7 @@ class ContactResult:
             -np.array([fx, fy]),
             -1e3 * np.array(moments),
             1e6 * area,
-            1e6 * abs(tip.tip.fitted(poorer).area - area),
+            1e6 * abs(tip.tip.fit_outline(poorer).area - area),
             1e6 * seen,
             1e3 * edge,
             1e-6 * float(fz) / seen,

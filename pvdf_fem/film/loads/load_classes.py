@@ -13,8 +13,8 @@ from pvdf_fem.film.loads.load_spec import SolveOptions
 from pvdf_fem.film.loads.probe_load import ProbeLoad
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import Load, Term
-from pvdf_fem.mesh.symmetry import MirroredPart
-from pvdf_fem.scene.registry import LOAD_CLASSES, SPREAD_CLASSES
+from pvdf_fem.mesh.symmetry import SymmetrySector
+from pvdf_fem.scene.registry import FILM_LOAD_CLASSES, LOAD_CLASSES
 from pvdf_fem.scene.scene import Scene
 
 #: Class of each ``load.kind``.
@@ -23,12 +23,12 @@ PROBE_LOADS: dict[str, type[ProbeLoad]] = {
 }
 #: Class of each load on the whole film, by the film's key.
 FILM_LOADS: dict[str, type[FilmLoad]] = {
-    key: resolve_name(path) for key, path in SPREAD_CLASSES.items()
+    key: resolve_name(path) for key, path in FILM_LOAD_CLASSES.items()
 }
 
 
 def make_loads(
-    scene: Scene, space: Space, part: MirroredPart, options: SolveOptions
+    scene: Scene, space: Space, sector: SymmetrySector, options: SolveOptions
 ) -> Iterator[Load]:
     """Make the loads of a scene: by its probes, and on the whole film.
 
@@ -37,9 +37,9 @@ def make_loads(
     scene : Scene
         The scene.
     space : Space
-        The finite-element space of the solved part.
-    part : MirroredPart
-        The solved part of the film.
+        The finite-element space of the solved sector.
+    sector : SymmetrySector
+        The solved sector.
     options : SolveOptions
         A pressure in Python, where there is one.
 
@@ -49,7 +49,7 @@ def make_loads(
         The load of each probe, then the loads on the whole film.
     """
     for spec in options.load_specs(scene):
-        yield PROBE_LOADS[spec.load.kind](spec, space, part)
+        yield PROBE_LOADS[spec.load.kind](spec, space, sector)
     for key, load_class in FILM_LOADS.items():
         if getattr(scene.film, key):
             yield load_class(scene.film, space)

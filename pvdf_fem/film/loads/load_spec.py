@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.loads.contact_estimate import ContactEstimate
 from pvdf_fem.scene.scene import LoadedProbe, Scene, SceneError
-from pvdf_fem.scene.scene_file import problem
+from pvdf_fem.scene.scene_file import format_error
 
 #: A pressure in arbitrary units, as a function of x and y in mm, both (n,), in the probe's own
 #: axes. It returns (n,) values, or one for all.
@@ -55,14 +55,16 @@ class SolveOptions:
             return cls()
         problems = []
         if not callable(pressure):
-            problems.append(problem("pressure", pressure, "is no function; give p(x_mm, y_mm)"))
+            problems.append(
+                format_error("pressure", pressure, "is no function; give p(x_mm, y_mm)")
+            )
         if scene.single_probe is None:
             problems.append("probe = (nothing): is required by a pressure; add [probe]")
         for key, needed in (("kind", "dead"), ("profile", "uniform")):
             value = getattr(scene.load, key)
             if value != needed:
                 reason = f'is incompatible with a pressure in Python; give "{needed}"'
-                problems.append(problem(f"load.{key}", value, reason))
+                problems.append(format_error(f"load.{key}", value, reason))
         if problems:
             raise SceneError(problems)
         return cls(pressure)

@@ -23,7 +23,7 @@ from pvdf_fem.film.loads.load_spec import LoadSpec
 from pvdf_fem.film.loads.profiles import make_profile
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import ElementForces, ElementMatrices, Load, State
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 UP: Array = np.array([0.0, 0.0, 1.0])
 
@@ -36,10 +36,10 @@ class ProbeLoad(Load):
     spec : LoadSpec
         The probe and its load.
     space : Space
-        The finite-element space of the solved part of the film.
-    part : MirroredPart
-        The solved part. Where a mirror image of the probe is another probe, the patch of this one
-        may have no elements in the part.
+        The finite-element space of the solved sector.
+    sector : SymmetrySector
+        The solved sector. Where a mirror image of the probe is another probe, the patch of this one
+        may have no elements in the sector.
     """
 
     #: Whether the film stays plane under the probe. Tractions are then singular along its edge.
@@ -47,15 +47,15 @@ class ProbeLoad(Load):
     #: Approximate share of the force that acts along the patch's edge.
     edge_share = 0.0
 
-    def __init__(self, spec: LoadSpec, space: Space, part: MirroredPart = WHOLE) -> None:
+    def __init__(self, spec: LoadSpec, space: Space, sector: SymmetrySector = WHOLE_FILM) -> None:
         self.spec = spec
         self.space = space
-        self.part = part
+        self.sector = sector
         #: Elements of the probe's patch, (n,).
         self.patch: Indices = space.mesh.subdomains[spec.patch]
-        #: Total force on the whole film in N, in the part's axes, (3,).
+        #: Total force on the whole film in N, in the sector's axes, (3,).
         self.components: Array = np.array(spec.load.components)
-        self.components[:2] = part.frame @ self.components[:2]
+        self.components[:2] = sector.frame @ self.components[:2]
 
     @property
     def force(self) -> float:
@@ -78,11 +78,11 @@ class ProbeLoad(Load):
         Parameters
         ----------
         weighted : (patch elements, points) array
-            Values times quadrature weights on the solved part.
+            Values times quadrature weights on the solved sector.
         """
-        image_count = len(self.part.signs)
+        image_count = len(self.sector.signs)
         patch_count = 1
-        if self.part.mirrored:
+        if self.sector.mirror_axes:
             # the mirror images complete this probe's patch, or are patches of other probes
             covered = float(self.space.weights[self.patch].sum()) * image_count
             patch_count = max(round(covered / self.spec.outline.area), 1)
@@ -127,7 +127,7 @@ class PatchLoad(ProbeLoad):
         if profile.order is None:
             return self.space.values[self.patch], self.space.weights[self.patch]
         places, values, weights = self.space.make_quadrature(self.patch, profile.order)
-        weights = weights * profile(places @ self.part.frame)
+        weights = weights * profile(places @ self.sector.frame)
         if len(weights) and not weights.any():
             raise profile.make_error("is zero wherever the probe presses; change it")
         return values, weights
@@ -177,7 +177,7 @@ class FollowerPressure(PatchLoad):
 
     def with_frozen_loads(self) -> DeadPressure:
         """Return the dead pressure of the same size."""
-        return DeadPressure(self.spec, self.space, self.part).with_components(self.components)
+        return DeadPressure(self.spec, self.space, self.sector).with_components(self.components)
 
 
 def integrate_traction(space: Space, elements: Selection, traction: Array) -> Array:

@@ -22,10 +22,10 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.files import FileError, decode_text, read_bytes
 from pvdf_fem.film.loads.load_spec import LoadSpec, Pressure, format_function_name
 from pvdf_fem.scene.outlines.ellipse import Ellipse
-from pvdf_fem.scene.outlines.outline import mean_over, turn
-from pvdf_fem.scene.registry import PIN, PROFILE_ENTRIES, said_at
+from pvdf_fem.scene.outlines.outline import average_over, rotate
+from pvdf_fem.scene.registry import DIGEST_MARK, PROFILE_ENTRIES, find_load_key
 from pvdf_fem.scene.scene import Scene, SceneError
-from pvdf_fem.scene.scene_file import problem
+from pvdf_fem.scene.scene_file import format_error
 
 
 class Profile(ABC):
@@ -45,11 +45,11 @@ class Profile(ABC):
 
     def mean(self, shape: shapely.Geometry) -> float:
         """About the mean over a shape on the film, in m."""
-        return mean_over(shape, self)
+        return average_over(shape, self)
 
     def make_error(self, reason: str) -> SceneError:
         """The error for a profile without an integral."""
-        return SceneError([problem(*self.source, reason)])
+        return SceneError([format_error(*self.source, reason)])
 
 
 class Uniform(Profile):
@@ -91,7 +91,7 @@ class CallableProfile(Profile):
 
     def __call__(self, points: Array) -> Array:
         probe, places = self.spec.probe, 1e3 * points.reshape(-1, 2)
-        x, y = turn(places - [probe.x_mm, probe.y_mm], -probe.rotation_deg).T.copy()
+        x, y = rotate(places - [probe.x_mm, probe.y_mm], -probe.rotation_deg).T.copy()
         try:
             values = np.asarray(self.pressure(x, y))
         except Exception as error:
@@ -113,7 +113,7 @@ class TableProfile(CallableProfile):
     def __init__(self, touch: LoadSpec) -> None:
         _, grid = _read(touch.load.profile)
         super().__init__(touch, lambda x, y: grid(np.stack([x, y], axis=-1)))
-        self.source = "load.profile", Path(touch.load.profile.partition(PIN)[0]).name
+        self.source = "load.profile", Path(touch.load.profile.partition(DIGEST_MARK)[0]).name
 
 
 def make_profile(touch: LoadSpec) -> Profile:
@@ -133,12 +133,14 @@ def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
 
     @cache
     def named(profile: str) -> str:
-        return f"{os.path.abspath(profile)}{PIN}{_read(profile)[0]}"
+        return f"{os.path.abspath(profile)}{DIGEST_MARK}{_read(profile)[0]}"
 
     def changed(scene: Scene) -> Scene:
-        keyed = ((said_at(t.key, t.probe, "profile"), t.load) for t in scene.loaded_probes)
+        keyed = ((find_load_key(t.key, t.probe, "profile"), t.load) for t in scene.loaded_probes)
         profiles = {key: load.profile for key, load in keyed}
-        in_files = {k: p for k, p in profiles.items() if p not in PROFILE_ENTRIES and PIN not in p}
+        in_files = {
+            k: p for k, p in profiles.items() if p not in PROFILE_ENTRIES and DIGEST_MARK not in p
+        }
         return scene.with_(**{k: named(p) for k, p in in_files.items()}) if in_files else scene
 
     return [changed(scene) for scene in scenes]
@@ -146,17 +148,17 @@ def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
 
 def _read(profile: str, most_bytes: int = 20_000_000) -> tuple[str, Callable[[Array], Array]]:
     """Digest and profile of a file."""
-    name, _, pin = profile.partition(PIN)
+    name, _, pin = profile.partition(DIGEST_MARK)
     try:
         content = read_bytes(Path(name), most_bytes, "a pressure profile")
         digest = sha256(content).hexdigest()
         if pin not in ("", digest):
             reason = "does not hold the profile that is to be solved, as its digest tells"
-            raise FileError(f"{name}: {reason}; restore the file, or name it without {PIN}")
+            raise FileError(f"{name}: {reason}; restore the file, or name it without {DIGEST_MARK}")
         return digest, _grid(name, content)
     except (FileError, KeyError, OSError, ValueError) as error:
         reason = f"cannot be used ({error}); give x_mm, y_mm and pressure on a grid that grows"
-        raise SceneError([problem("load.profile", profile, reason)]) from None
+        raise SceneError([format_error("load.profile", profile, reason)]) from None
 
 
 @lru_cache(maxsize=8)

@@ -16,7 +16,7 @@ from pvdf_fem.film.loads.load_spec import LoadSpec
 from pvdf_fem.film.loads.probe_load import DeadPressure
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import NO_INDICES, CombinedMotion, Constraints, ElementForces, State
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,13 @@ class Punch(DeadPressure):
     is_rigid = True
     edge_share = 1.0
 
-    def __init__(self, spec: LoadSpec, space: Space, part: MirroredPart = WHOLE) -> None:
-        super().__init__(spec, space, part)
+    def __init__(self, spec: LoadSpec, space: Space, sector: SymmetrySector = WHOLE_FILM) -> None:
+        super().__init__(spec, space, sector)
         self._nodes: Indices = np.unique(space.basis.element_dofs[:, self.patch])
-        #: From the punch's centroid to the nodes in m, in the part's axes, (nodes, 2).
-        self._arms: Array = space.basis.doflocs.T[self._nodes] - part.frame @ spec.outline.centroid
+        #: From the punch's centroid to the nodes in m, in the sector's axes, (nodes, 2).
+        self._arms: Array = (
+            space.basis.doflocs.T[self._nodes] - sector.frame @ spec.outline.centroid
+        )
         self.constraints = self._make_constraints()
 
     def _make_constraints(self) -> Constraints:

@@ -30,7 +30,7 @@ from pvdf_fem.film.term import (
     State,
     Term,
 )
-from pvdf_fem.mesh.symmetry import WHOLE, MirroredPart
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 #: Overlap over depth of the softest tip.
 LARGEST_SOFTNESS = 0.1
@@ -69,8 +69,8 @@ class RigidTip(ProbeLoad):
 
     edge_share = 0.5
 
-    def __init__(self, spec: LoadSpec, space: Space, part: MirroredPart = WHOLE) -> None:
-        super().__init__(spec, space, part)
+    def __init__(self, spec: LoadSpec, space: Space, sector: SymmetrySector = WHOLE_FILM) -> None:
+        super().__init__(spec, space, sector)
         assert spec.contact is not None
         self.tip = spec.tip
         #: Depth of the tip's lowest point in m, if given.
@@ -80,7 +80,7 @@ class RigidTip(ProbeLoad):
         self.components[2] = spec.contact.force
         #: The dof of an unknown depth, (1,) or (0,).
         self.depth_dof: Indices = NO_INDICES
-        # where only a mirror image of the tip presses on the solved part, nothing moves
+        # where only a mirror image of the tip presses on the solved sector, nothing moves
         if spec.auxiliary_node is not None and len(self.patch):
             self.depth_dof = 3 * (space.basis.N + spec.auxiliary_node) + np.array([2])
         self.constraints = Constraints(auxiliary_dofs=self.depth_dof)
@@ -88,7 +88,7 @@ class RigidTip(ProbeLoad):
 
     @property
     def has_unknown_depth(self) -> bool:
-        """Whether the depth is an unknown of the solved part."""
+        """Whether the depth is an unknown of the solved sector."""
         return len(self.depth_dof) > 0
 
     @property
@@ -114,7 +114,7 @@ class RigidTip(ProbeLoad):
         """Return a tip with a larger overlap; for the softest tip a pressure on the estimated
         contact."""
         if self.softness > 0.1 * LARGEST_SOFTNESS:
-            return DeadPressure(self.spec, self.space, self.part).with_components(self.components)
+            return DeadPressure(self.spec, self.space, self.sector).with_components(self.components)
         other = copy(self)
         other.softness = SOFTNESS_STEP * self.softness
         other._last_overlap = None
@@ -141,7 +141,7 @@ class RigidTip(ProbeLoad):
         weights = self.space.weights.ravel()[order]
         areas = np.cumsum(weights)
         moments = np.cumsum(weights * depths)
-        needed = self._force_on_part / self.penalty
+        needed = self._force_on_sector / self.penalty
         last = np.searchsorted(areas * depths - moments, needed, side="right") - 1
         return float((needed + moments[last]) / areas[last])
 
@@ -166,7 +166,7 @@ class RigidTip(ProbeLoad):
     def _compute_overlap(self, x: Array) -> Overlap:
         """Compute the overlap of the tip with the film that has the dofs `x`."""
         places = self.compute_places(x)
-        frame = self.part.frame
+        frame = self.sector.frame
         shape = places.shape[:2]
         height = self.tip.height(places[..., :2].reshape(-1, 2) @ frame)
         rates = -np.ones((*shape, 3))
@@ -194,8 +194,8 @@ class RigidTip(ProbeLoad):
         return places
 
     @property
-    def _force_on_part(self) -> float:
-        """The force along z in N on the solved part of the film."""
+    def _force_on_sector(self) -> float:
+        """The force along z in N on the solved sector."""
         if not len(self.patch):
             return 0.0
         weights = self.space.weights[self.patch]
@@ -218,7 +218,7 @@ class RigidTip(ProbeLoad):
         elements, weighted = self._touching_tractions(state)
         on_film = -self.overlap(state).rates[elements] * weighted[..., None]
         forces = self._sum_at_dofs(on_film, elements)
-        forces[self.depth_dof] = self._force_on_part - weighted.sum()
+        forces[self.depth_dof] = self._force_on_sector - weighted.sum()
         return forces
 
     def _sum_at_dofs(self, weighted: Array, elements: Indices) -> Array:
@@ -230,7 +230,7 @@ class RigidTip(ProbeLoad):
         """Return the energy of the overlap less the work of a given force, in J."""
         overlap = np.maximum(self.overlap(state).value, 0.0)
         energy = 0.5 * float((self.tractions(state) * overlap).sum())
-        return energy - self._force_on_part * float(state.dofs[self.depth_dof].sum())
+        return energy - self._force_on_sector * float(state.dofs[self.depth_dof].sum())
 
     def element_tangent(self, state: State) -> ElementMatrices:
         """Return the derivative of `residual` at a constant depth in N/m."""

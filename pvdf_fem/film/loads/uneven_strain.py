@@ -16,7 +16,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.effects import Charges, describe_charge_effect
 from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.outlines.outline import Outline, mean_over
+from pvdf_fem.scene.outlines.outline import Outline, average_over
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 
@@ -76,7 +76,7 @@ def _heated(scene: Scene, outline: Outline) -> float:
     """About the integral of the temperature over an electrode, in K mm²."""
     added, mean = UnevenStrain.of(scene), scene.film.warming_K or 0.0
     if added and added.warm:
-        mean += mean_over(outline.polygon, added.temperature)
+        mean += average_over(outline.polygon, added.temperature)
     return 1e6 * outline.area * mean
 
 

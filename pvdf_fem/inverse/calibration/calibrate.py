@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pvdf_fem.electrodes.channel import READINGS, channels, units_pC
+from pvdf_fem.electrodes.channel import READINGS, list_units_pC, make_channels
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.inverse.calibration.calibration import Calibration
 from pvdf_fem.inverse.calibration.diagnosis import (
@@ -22,7 +22,7 @@ from pvdf_fem.inverse.calibration.parameters import select_parameters
 from pvdf_fem.inverse.calibration.reading_model import ReadingModel
 from pvdf_fem.inverse.calibration.touch_table import read_touches
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
-from pvdf_fem.scene.given import Names, SceneLike, scene_of, taken
+from pvdf_fem.scene.arguments import Names, SceneLike, as_scene, coerce
 from pvdf_fem.scene.scene import Scene
 
 DEFAULT_UNKNOWN = ("film.pretension_N_m", "gains")
@@ -86,23 +86,27 @@ def calibrate(
     >>> print(found)
     >>> sensor = found.scene
     """
-    scene, unknown = scene_of(scene), taken("unknown", unknown, Names)
+    scene, unknown = as_scene(scene), coerce("unknown", unknown, Names)
     scene.require_plain_charges("a calibration")
     if reading is None:
         reading = scene.readout.reading if scene.readout else "change"
     deviations = {"sigma": sigma, "place_sd": place_sd}
     deviations |= {} if noise is None else {"noise": noise}
-    deviations = {name: taken(name, value, float) for name, value in deviations.items()}
+    deviations = {name: coerce(name, value, float) for name, value in deviations.items()}
     if mistakes := _mistakes(scene, {"reading": reading, "unit": unit}, deviations):
         raise ValueError("\n".join(mistakes))
-    wired = channels(scene)
-    in_unit = units_pC(wired)["V"] / units_pC(wired)[unit] * [channel.noise for channel in wired]
+    wired = make_channels(scene)
+    in_unit = (
+        list_units_pC(wired)["V"]
+        / list_units_pC(wired)[unit]
+        * [channel.noise for channel in wired]
+    )
     uncertain = ReadingNoise(
         deviations["sigma"],
         np.broadcast_to(deviations.get("noise", in_unit), len(wired)),
         deviations["place_sd"],
     )
-    unknowns = select_parameters(scene, unknown, taken("priors", priors or {}, dict[str, Any]))
+    unknowns = select_parameters(scene, unknown, coerce("priors", priors or {}, dict[str, Any]))
     given = read_touches(touches, scene)
     tolerance = min(max(options.tolerance_share * sigma, options.finest), options.coarsest)
     expected = options.expected_rounds * len(given)
@@ -132,7 +136,7 @@ def _mistakes(scene: Scene, words: Mapping[str, str], deviations: Mapping[str, f
     for name, value in deviations.items():
         if not 0.0 <= value < np.inf:
             mistakes.append(f"{name} = {value:g}: give a standard deviation, not negative")
-    quietest = min(channel.noise for channel in channels(scene))
+    quietest = min(channel.noise for channel in make_channels(scene))
     if not (deviations["sigma"] or deviations.get("noise", quietest)):
         mistakes.append("sigma = 0: readings have errors; give sigma or noise")
     return mistakes

@@ -14,12 +14,12 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.calibration.diagnosis import CalibrationStatus
 from pvdf_fem.inverse.calibration.fit import CalibrationFit
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.sensitivity.parameters import numbers_of
-from pvdf_fem.told import Grid, Parts, Told, rounded
+from pvdf_fem.solver.sensitivity.parameters import expand_pair_key
+from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration(Told):
+class Calibration(Result):
     """How a calibration ended, and the calibrated scene."""
 
     status: CalibrationStatus
@@ -38,7 +38,7 @@ class Calibration(Told):
         scene = self.fit.model.unknowns.scene_at(self.fit.values, self.fit.model.reading)
         deviations = {}
         for key in scene.uncertain or ():
-            if names := numbers_of(key, self.parameters):
+            if names := expand_pair_key(key, self.parameters):
                 deviations[key] = float(np.mean([self.parameters[n]["deviation"] for n in names]))
         return scene.with_(uncertain=deviations) if deviations else scene
 
@@ -119,7 +119,7 @@ class Calibration(Told):
     def write_page(self, path: Path, about: Mapping[str, str] | None = None) -> None:
         """Write one self-contained HTML page: the verdict, what the page is about by name, such as
         the file and the date, and pictures of readings, residuals and places."""
-        from pvdf_fem.view.calibration_page import CalibrationData, write_page
+        from pvdf_fem.view.calibration_page import CalibrationData, write_calibration_page
 
         model = self.fit.model
         touches, names = model.touches, [channel.name for channel in model.channels]
@@ -129,14 +129,15 @@ class Calibration(Told):
         sensor = model.unknowns.scene_at(self.fit.values, model.reading)
         file = names, model.unit, touches.rows, bad
         data = CalibrationData(sensor, *file, *read, *places)
-        write_page(data, self.status, self._repr_html_(), about or {}, path)
+        write_calibration_page(data, self.status, self._repr_html_(), about or {}, path)
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """Status, reason, the table of parameters, and what is said below it."""
         fit, rows, notes = self.fit, [], []
         if self.status is CalibrationStatus.CALIBRATED:
             rows = [
-                (n, *rounded(of["value"], of["deviation"])) for n, of in self.parameters.items()
+                (n, *format_with_error(of["value"], of["deviation"]))
+                for n, of in self.parameters.items()
             ]
             left = self.leave_one_out
             notes.append(
@@ -148,4 +149,5 @@ class Calibration(Told):
         notes.insert(0, f"chi-square: {fit.chi_square:.1f} with {freedom}")
         notes += [f"left out: row {row}: {why}" for row, why in self.outliers.items()]
         notes += [f"remark: {text}" for text in self.remarks]
-        return self.status, [self.reason], [Grid(("parameter", "value", "±"), tuple(rows))], notes
+        table = TextTable(("parameter", "value", "±"), tuple(rows))
+        return Summary(self.status, [self.reason], tables=[table], notes=notes)

@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.scene.change import number_at
+from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import choose
+from pvdf_fem.scene.scene_file import suggest
 from pvdf_fem.solver.sensitivity.parameters import (
     COEFFICIENTS,
     PRETENSION,
-    numbers_of,
-    parameters_of,
-    stretched,
+    expand_pair_key,
+    list_parameters,
+    prescribe_pretension,
 )
 
 GAIN = "gain."
@@ -82,7 +82,7 @@ def read_parameter(scene: Scene, key: str) -> float:
     section, _, name = key.partition(".")
     if section in READOUT_KEYS:
         return float((scene.readout or Readout()).of(READOUT_KEYS[section], name))
-    return number_at(scene if scene.stage else scene.with_(stage={}), key)
+    return get_number(scene if scene.stage else scene.with_(stage={}), key)
 
 
 def select_parameters(
@@ -91,19 +91,19 @@ def select_parameters(
     """The parameters that words name, of which some stand for several, with their priors. Raises
     ValueError with a line for each mistake."""
     if any(word.startswith(PRETENSION) for word in words):
-        scene = stretched(scene)
+        scene = prescribe_pretension(scene)
     known, names, mistakes = _known(scene), [], []
     for word in words:
         if word in known:
             names += known[word]
         else:
-            mistakes.append(f"unknown {word[:60]}: {choose(word, list(known))}")
+            mistakes.append(f"unknown {word[:60]}: {suggest(word, list(known))}")
     if not words:
         mistakes.append(f"unknown: nothing is sought; choose from {', '.join(known)}")
     given = {name: sd for word, sd in priors.items() for name in known.get(word, ())}
     for word, sd in priors.items():
         if word not in known:
-            mistakes.append(f"prior {word[:60]}: {choose(word, list(known))}")
+            mistakes.append(f"prior {word[:60]}: {suggest(word, list(known))}")
         elif not set(known[word]) & set(names):
             mistakes.append(f"prior {word}: is not sought; add it to the unknown ones")
         elif not 0.0 < sd < np.inf:
@@ -132,13 +132,13 @@ def _prior(name: str, value: float, given: Mapping[str, float]) -> float:
 def _known(scene: Scene) -> dict[str, list[str]]:
     """The parameters that each word names."""
     electrodes = [electrode.name for electrode in scene.electrode_list]
-    film = [key for key in parameters_of(scene) if key.startswith("film.")]
+    film = [key for key in list_parameters(scene) if key.startswith("film.")]
     groups = {
         "gains": [f"{GAIN}{name}" for name in electrodes],
         "offsets": [f"{OFFSET}{name}" for name in electrodes],
         "shift": list(SHIFT),
         "turn": [TURN],
     }
-    groups |= {key[:-2]: numbers_of(key[:-2], film) for key in film if key.endswith(".0")}
+    groups |= {key[:-2]: expand_pair_key(key[:-2], film) for key in film if key.endswith(".0")}
     single = [*film, *groups["gains"], *groups["offsets"], *SHIFT, TURN]
     return {**groups, **{name: [name] for name in single}}

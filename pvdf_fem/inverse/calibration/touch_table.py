@@ -14,7 +14,7 @@ import numpy as np
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.files import read_csv_rows, read_text
 from pvdf_fem.scene.scene import Scene, SceneError
-from pvdf_fem.scene.scene_file import choose, problem
+from pvdf_fem.scene.scene_file import format_error, suggest
 from pvdf_fem.solver.sensitivity.parameters import PLACE
 
 TOUCH_KEYS = (*PLACE, "load.force_N")
@@ -78,7 +78,7 @@ def _columns(source: Any) -> dict[str, Sequence[Any]]:
         names = source if isinstance(source, Mapping) else getattr(source, "columns", None)
         if names is None:
             reason = "is no table; give the path of a CSV file, or a dict of columns"
-            raise TouchesError(problem("touches", source, reason))
+            raise TouchesError(format_error("touches", source, reason))
         return {str(name): list(source[name]) for name in names}
     text = read_text(Path(source), 10_000_000, "a CSV file of touches")
     try:
@@ -100,7 +100,7 @@ def _heading_mistakes(given: Sequence[str], wanted: Sequence[str]) -> Iterator[s
     missing = [name for name in wanted if name not in given]
     yield from (f"column {name}: missing; give {', '.join(wanted)}" for name in missing)
     for name in (name for name in given if name not in wanted):
-        yield f"column {name[:40]}: unknown; remove it, or {choose(name, missing or wanted)}"
+        yield f"column {name[:40]}: unknown; remove it, or {suggest(name, missing or wanted)}"
 
 
 def _numbers(name: str, cells: Sequence[Any], mistakes: list[str]) -> Iterator[float]:

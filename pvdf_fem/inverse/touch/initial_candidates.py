@@ -22,10 +22,17 @@ from scipy.spatial import cKDTree
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.inverse.least_squares import compute_damped_steps, compute_normal_matrices
 from pvdf_fem.inverse.touch.location_problem import LocationProblem, evaluate_on_stage
-from pvdf_fem.surrogate.model import FORCE, ROTATION, Model, X, Y, period_deg, rotation_counts
+from pvdf_fem.surrogate.charge_function import (
+    ChargeFunction,
+    find_rotation_period_deg,
+    is_rotation_dependent,
+)
+from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 Single = NDArray[np.float32]
-_MOVING = np.array([X, Y, FORCE])  # coordinates of the slopes of a table
+_MOVING = np.array(
+    [TouchColumn.X, TouchColumn.Y, TouchColumn.FORCE]
+)  # coordinates of the slopes of a table
 
 
 @dataclass(frozen=True)
@@ -92,7 +99,7 @@ class CoarseGrid:
         """Coordinates (rows, n, 4) after a Gauss-Newton step from nodes (rows, n) for each row of
         the charges, with steps of the logarithm of the force, and chi-square expected there."""
         at, system = self.at[turns, nodes], self.system[turns, nodes].astype(float)
-        at[..., FORCE] += forces
+        at[..., TouchColumn.FORCE] += forces
         system[..., 0] += forces[..., None] * system[..., 3] - problem.charges_pC[:, None]
         system /= problem.deviations_pC[:, None, :, None]
         sought = np.flatnonzero(np.isin(_MOVING, problem.unknown))
@@ -119,7 +126,7 @@ class CoarseGrid:
             half = np.float32(self.half)
             along = np.clip(falls / (curvatures + np.float32(1e-30)), -half, half)
         else:
-            along = (log_forces[:, None] - self.at[turn, :, FORCE]).astype(np.float32)
+            along = (log_forces[:, None] - self.at[turn, :, TouchColumn.FORCE]).astype(np.float32)
             chi_square[np.abs(along) > 1.001 * self.half] += np.float32(1e30)
         curvatures *= along
         falls *= np.float32(2.0)
@@ -131,7 +138,7 @@ class CoarseGrid:
 
 @lru_cache(maxsize=8)
 def build_coarse_grid(
-    model: Model,
+    model: ChargeFunction,
     turn_deg: float,
     electrodes: tuple[int, ...],
     places: tuple[tuple[int, float], ...],
@@ -141,23 +148,28 @@ def build_coarse_grid(
     coordinates of `places` by their index. Made once."""
     reach, (lowest, highest) = model.domain.reach_mm, model.domain.force_N
     line, known = np.linspace(-reach, reach, lattice.across), dict(places)
-    x, y = (np.array([known[i]]) if i in known else line for i in (X, Y))
+    x, y = (np.array([known[i]]) if i in known else line for i in (TouchColumn.X, TouchColumn.Y))
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     grid = grid[np.hypot(*grid.T) <= reach * (1 + 1e-9)]
     if not known:
         angles = 2.0 * np.pi * np.arange(lattice.around) / lattice.around
         grid = np.concatenate([grid, reach * np.stack([np.cos(angles), np.sin(angles)], axis=1)])
-    period, count = period_deg(model), lattice.rotations if rotation_counts(model) else 1
+    period, count = (
+        find_rotation_period_deg(model),
+        lattice.rotations if is_rotation_dependent(model) else 1,
+    )
     forces = np.geomspace(lowest, highest, lattice.forces)
     at: Array = np.empty((count, len(forces), len(grid), 4))
-    at[..., :ROTATION], at[..., FORCE] = grid, np.log(forces)[:, None]
-    at[..., ROTATION] = (period * np.arange(count) / count)[:, None, None]
+    at[..., : TouchColumn.ROTATION], at[..., TouchColumn.FORCE] = grid, np.log(forces)[:, None]
+    at[..., TouchColumn.ROTATION] = (period * np.arange(count) / count)[:, None, None]
     at = at.reshape(count, -1, 4)
     system = np.empty((*at.shape[:2], len(electrodes), 4), np.float32)
     for of_turn, touches in zip(system, at.copy(), strict=True):
-        touches[:, FORCE] = force = np.exp(touches[:, FORCE]).clip(lowest, highest)
+        touches[:, TouchColumn.FORCE] = force = np.exp(touches[:, TouchColumn.FORCE]).clip(
+            lowest, highest
+        )
         charges, slopes = evaluate_on_stage(model, touches, turn_deg)
-        slopes[:, :, FORCE] *= force[:, None]
+        slopes[:, :, TouchColumn.FORCE] *= force[:, None]
         columns = np.concatenate([charges[..., None], slopes[..., _MOVING]], axis=-1)
         of_turn[:] = columns.take(electrodes, axis=1)
     q, s = system[..., 0].swapaxes(1, 2), system[..., 3].swapaxes(1, 2)
@@ -174,20 +186,22 @@ def find_initial_candidates(
     chi-square that is expected there. A sought rotation has all of the table's, a known one the
     nearest; unless there are to be few of `each` rotation, the best of all count as of one. `known`
     are coordinates (rows,) by index, places alike for all rows."""
-    places = tuple((i, float(known[i][0])) for i in (X, Y) if i in known)
+    places = tuple((i, float(known[i][0])) for i in (TouchColumn.X, TouchColumn.Y) if i in known)
     electrodes = tuple(problem.electrodes.tolist())
     table = build_coarse_grid(problem.response, problem.stage.rotation_deg, electrodes, places)
     count, rows = len(table.at), len(problem.charges_pC)
     turns = np.repeat(np.arange(count)[:, None], rows, axis=1)
-    if ROTATION in known:
-        phases = known[ROTATION] % table.period_deg / table.period_deg  # before the cast: any size
+    if TouchColumn.ROTATION in known:
+        phases = (
+            known[TouchColumn.ROTATION] % table.period_deg / table.period_deg
+        )  # before the cast: any size
         turns = np.rint(phases * count).astype(int)[None] % count
     few = min(few, table.neighbours.shape[1])
     shape = rows, len(turns), few
     nodes, forces, chi_square = np.empty(shape, dtype=int), np.empty(shape), np.empty(shape)
     for k, of_row in enumerate(turns):
         for turn, some in _alike(of_row, table.lattice.block):
-            held = known[FORCE][some] if FORCE in known else None
+            held = known[TouchColumn.FORCE][some] if TouchColumn.FORCE in known else None
             found = table.least(problem, some, turn, held, few)
             nodes[some, k], forces[some, k], chi_square[some, k] = found
     columns: list[Any] = [of.reshape(rows, -1) for of in (nodes, forces)]

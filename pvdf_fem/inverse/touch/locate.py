@@ -34,15 +34,16 @@ from pvdf_fem.inverse.touch.search import (
     search_everywhere,
 )
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
-from pvdf_fem.scene.given import Names, SceneLike, scene_of, taken
+from pvdf_fem.scene.arguments import Names, SceneLike, as_scene, coerce
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.surrogate.model import FORCE, QUANTITIES, Model, touch_of
+from pvdf_fem.surrogate.charge_function import ChargeFunction
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn, extract_touch
 
 PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
 
 
 def locate(
-    model: Model | SceneLike,
+    model: ChargeFunction | SceneLike,
     charges_pC: Mapping[str, float],
     sigma: Deviations = 0.01,
     *,
@@ -70,7 +71,7 @@ def locate(
         Standard deviations, one for all or one by electrode: over the charge or the change that is
         read, and in pC besides, by default that of the readout.
     unknown : sequence of str
-        Unknown quantities of every probe, from `QUANTITIES`.
+        Unknown quantities of every probe, from `TOUCH_QUANTITIES`.
     known : mapping, optional
         Values of the other quantities in the frame of the scene's stage; by default the scene's.
         With a scene they are the scene's.
@@ -99,26 +100,26 @@ def locate(
     >>> changes = {"A": 350.0, "B": 240.0, "C": 200.0, "D": 230.0}
     >>> print(locate(response, changes, sigma=0.01, reading="change"))
     """
-    noise, unknown = (sigma, noise_pC, reading), taken("unknown", unknown, Names)
-    known = taken("known", known, dict[str, Any] | None)
-    scene = model.scene if isinstance(model, Model) else scene_of(model)
+    noise, unknown = (sigma, noise_pC, reading), coerce("unknown", unknown, Names)
+    known = coerce("known", known, dict[str, Any] | None)
+    scene = model.scene if isinstance(model, ChargeFunction) else as_scene(model)
     given = _in_pC(scene, charges_pC, unit)
-    if not isinstance(model, Model):
+    if not isinstance(model, ChargeFunction):
         if known:
             raise ValueError("known: a scene has what is known; change the scene")
         return _by_solves(scene, given, unit, noise, unknown, touches, options, progress)
-    wrong = [*find_reading_errors(scene, given, *noise, model.at_rest_pC, unit)]
+    wrong = [*find_reading_errors(scene, given, *noise, model.unloaded_charges_pC, unit)]
     if touches != 1:
         wrong.append(f"touches = {touches}: a response is of one; give its scene instead")
     default, origin = get_scene_quantities(scene), (*get_centre_mm(scene), 0.0, 0.0)
     wrong += find_quantity_errors(model.domain, unknown, known or {}, default, origin)
     if wrong:
         raise ValueError("\n".join(wrong))
-    sought = np.array([i for i, name in enumerate(QUANTITIES) if name in unknown])
+    sought = np.array([i for i, name in enumerate(TOUCH_QUANTITIES) if name in unknown])
     values = {**default, **(known or {})}
-    fixed = {i: values[n] - origin[i] for i, n in enumerate(QUANTITIES) if n not in unknown}
-    if FORCE in fixed:
-        fixed[FORCE] = math.log(fixed[FORCE])
+    fixed = {i: values[n] - origin[i] for i, n in enumerate(TOUCH_QUANTITIES) if n not in unknown}
+    if TouchColumn.FORCE in fixed:
+        fixed[TouchColumn.FORCE] = math.log(fixed[TouchColumn.FORCE])
     measurement = Measurement.from_response(model, tuple(given), *noise, unit)
     readings = np.array([[*given.values()]], dtype=float)
     problem = measurement.problem(readings, sought)
@@ -176,12 +177,12 @@ def _by_solves(
 
 def get_scene_quantities(scene: Scene) -> dict[str, float]:
     """The quantities of a scene's touch by name, in the frame of its stage."""
-    touch = touch_of(scene)
+    touch = extract_touch(scene)
     if scene.stage is None or scene.single_probe is None:
         return touch
     x, y, rotation, force = touch.values()
     place, turned = scene.stage.to_stage([x, y], rotation)
-    return dict(zip(QUANTITIES, (*place.tolist(), float(turned), force), strict=True))
+    return dict(zip(TOUCH_QUANTITIES, (*place.tolist(), float(turned), force), strict=True))
 
 
 @dataclass(frozen=True, eq=False)

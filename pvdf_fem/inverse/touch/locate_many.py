@@ -31,9 +31,10 @@ from pvdf_fem.inverse.touch.search import (
     search_rows,
 )
 from pvdf_fem.inverse.touch.touch import TouchStatus, decide_status
-from pvdf_fem.scene.given import model_of, taken
-from pvdf_fem.surrogate.model import FORCE, QUANTITIES, ROTATION, Model
-from pvdf_fem.told import Columns, Grid, Parts
+from pvdf_fem.scene.arguments import as_response, coerce
+from pvdf_fem.summary import Summary, TabularResult, TextTable
+from pvdf_fem.surrogate.charge_function import ChargeFunction
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
 CHUNK_ROWS = 32768
@@ -41,7 +42,7 @@ SHORT = SearchOptions(max_steps=12)  #: Of searches with mistakes undone, few of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Touches(Columns):
+class Touches(TabularResult):
     """The likeliest touch found for each row of charges; other touches may be as likely."""
 
     #: x and y in mm, rotation in degrees, force in N, (n, 4); NaN, as all other numbers, unless
@@ -84,7 +85,7 @@ class Touches(Columns):
     def put(self, rows: Indices, problem: LocationProblem, ends: SearchResult) -> None:
         """Write down the ends of searches for some rows."""
         self.status[rows[~ends.converged]] = TouchStatus.NOT_FOUND
-        rows, ends = rows[ends.converged], ends.take(np.flatnonzero(ends.converged))
+        rows, ends = rows[ends.converged], ends.select(np.flatnonzero(ends.converged))
         self.values[rows], root, free, *fit, explained = describe_touches(problem, ends)
         self.chi_square[rows], self.p_value[rows] = fit
         self.covariances[rows] = root @ root.swapaxes(1, 2)
@@ -96,10 +97,10 @@ class Touches(Columns):
         reasons = explained, self.alternatives[rows] > 0, self.at_edge[rows]
         self.status[rows] = [*map(decide_status, *(of.tolist() for of in reasons))]
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """How many rows are located and explained, and the first and the last touches."""
         about = f"{int(self.explained.sum())} of {len(self.status)} rows are explained"
-        return "touches", [about], [Grid.of(self.columns())], []
+        return Summary("touches", [about], [TextTable.from_columns(self.columns())])
 
     def to_table(self) -> dict[str, NDArray[Any]]:
         """Columns (n,): touches, deviations (NaN where known), fit, alternatives, status, remark.
@@ -108,8 +109,8 @@ class Touches(Columns):
         ``at edge``.
         """
         deviations = np.full(self.values.shape, np.nan)
-        deviations[:, [QUANTITIES.index(name) for name in self.unknown]] = self.deviations
-        columns = ["_deviation_".join(name.rsplit("_", 1)) for name in QUANTITIES]
+        deviations[:, [TOUCH_QUANTITIES.index(name) for name in self.unknown]] = self.deviations
+        columns = ["_deviation_".join(name.rsplit("_", 1)) for name in TOUCH_QUANTITIES]
         found = np.isfinite(self.chi_square)
         remarks = self.explanations.copy()
         for word, rows in {"undetermined": ~self.determined, "at edge": self.at_edge}.items():
@@ -118,7 +119,7 @@ class Touches(Columns):
         remarks[few & ~found] += "; fewer channels than unknown quantities"
         counts = [None if np.isnan(count) else int(count) for count in self.alternatives]
         return {
-            **dict(zip(QUANTITIES, self.values.T, strict=True)),
+            **dict(zip(TOUCH_QUANTITIES, self.values.T, strict=True)),
             **dict(zip(columns, deviations.T, strict=True)),
             "chi_square": self.chi_square,
             "p_value": self.p_value,
@@ -131,7 +132,7 @@ class Touches(Columns):
 
 
 def locate_many(
-    model: Model,
+    model: ChargeFunction,
     charges_pC: ArrayLike | Mapping[str, ArrayLike],
     sigma: Deviations = 0.01,
     *,
@@ -172,12 +173,17 @@ def locate_many(
     >>> readings = [[350.0, 240.0, 200.0, 230.0], [330.0, 300.0, 210.0, 240.0]]
     >>> locate_many(response, readings, sigma=0.01, reading="change").status
     """
-    names, charges = _table(model_of(model), charges_pC)
-    calibrated = taken("calibrated", calibrated, bool)
+    names, charges = _table(as_response(model), charges_pC)
+    calibrated = coerce("calibrated", calibrated, bool)
     any_charges, noise = dict.fromkeys(names, math.pi), (sigma, noise_pC, reading)
-    mistakes = [*find_reading_errors(model.scene, any_charges, *noise, model.at_rest_pC, unit)]
-    known = {}
-    given = {"rotations_deg": (ROTATION, rotations_deg), "forces_N": (FORCE, forces_N)}
+    mistakes = [
+        *find_reading_errors(model.scene, any_charges, *noise, model.unloaded_charges_pC, unit)
+    ]
+    known: dict[int, Array] = {}
+    given = {
+        "rotations_deg": (TouchColumn.ROTATION, rotations_deg),
+        "forces_N": (TouchColumn.FORCE, forces_N),
+    }
     for name, (i, values) in given.items():
         if values is not None:
             known[i] = _numbers(values, name)
@@ -188,9 +194,9 @@ def locate_many(
     measurement = Measurement.from_response(model, names, *noise, unit)
     units = get_units_pC(model.scene, unit)
     charges = charges * [units[name] for name in names]
-    sought = np.array([i for i in range(len(QUANTITIES)) if i not in known])
+    sought = np.array([i for i in range(len(TOUCH_QUANTITIES)) if i not in known])
     status = _status(measurement, charges, known, sought)
-    found = Touches.empty(status, tuple(QUANTITIES[i] for i in sought), measurement.reading)
+    found = Touches.empty(status, tuple(TOUCH_QUANTITIES[i] for i in sought), measurement.reading)
     usable = np.flatnonzero(status == TouchStatus.LOCATED)
     for first in range(0, len(usable), CHUNK_ROWS):
         rows = usable[first : first + CHUNK_ROWS]
@@ -201,7 +207,7 @@ def locate_many(
             others = search_rows(
                 problem.rows(again), _held(known, rows[again]), DEFAULT_OPTIONS.retries
             )
-            ends.improve(again, others)
+            ends.replace_worse(again, others)
         strange = (
             np.arange(len(rows)) if calibrated else np.flatnonzero(~mark_explained(problem, ends))
         )
@@ -221,7 +227,7 @@ def locate_many(
 
 def _held(known: Mapping[int, Array], rows: Indices) -> dict[int, Array]:
     """Coordinates that some rows know, from quantities of all rows."""
-    return {i: np.log(of[rows]) if i == FORCE else of[rows] for i, of in known.items()}
+    return {i: np.log(of[rows]) if i == TouchColumn.FORCE else of[rows] for i, of in known.items()}
 
 
 def find_explanations(
@@ -234,7 +240,7 @@ def find_explanations(
         ends = search_rows(problem, held, 1, SHORT)
         rows = np.flatnonzero(mark_explained(problem, ends))
         if rows.size:
-            yield text, problem, ends.take(rows), rows
+            yield text, problem, ends.select(rows), rows
 
 
 def _everywhere(
@@ -243,13 +249,15 @@ def _everywhere(
     """What `locate` finds for a row, and with its end so far; improves the end."""
     row, known = np.array([k]), {i: float(values[k]) for i, values in held.items()}
     alone = problem.rows(row)
-    every = concatenate_results([ends.take(row), search_everywhere(alone, known, DEFAULT_OPTIONS)])
-    ends.improve(row, every.take(every.ranking.argsort()[:1]))
+    every = concatenate_results(
+        [ends.select(row), search_everywhere(alone, known, DEFAULT_OPTIONS)]
+    )
+    ends.replace_worse(row, every.select(every.ranking.argsort()[:1]))
     return make_location(alone, every)
 
 
 def _table(
-    model: Model, charges_pC: ArrayLike | Mapping[str, ArrayLike]
+    model: ChargeFunction, charges_pC: ArrayLike | Mapping[str, ArrayLike]
 ) -> tuple[tuple[str, ...], Array]:
     """Names of electrodes, and their charges (n, electrodes)."""
     if not hasattr(charges_pC, "keys"):
@@ -281,7 +289,7 @@ def _status(
     usual = np.clip(readings, -LARGEST_PC, LARGEST_PC)  # numbers of any size are told, not squared
     small = np.abs(measurement.signals(usual)) < LEAST_PC
     lowest, highest = measurement.response.domain.force_N
-    forces = known.get(FORCE, np.full(len(readings), lowest))
+    forces = known.get(TouchColumn.FORCE, np.full(len(readings), lowest))
     # the last reasons win
     reasons = {
         TouchStatus.UNDETERMINED: np.full(len(readings), not determinable),

@@ -18,7 +18,7 @@ from pvdf_fem.inverse.touch.location_problem import (
     get_base_quantity,
 )
 from pvdf_fem.inverse.touch.touch import DETERMINED_RATIO, Touch, TouchStatus, decide_status
-from pvdf_fem.told import Grid, Parts, Told, rounded
+from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,7 +35,7 @@ class Explanation(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Location(Told):
+class Location(Result):
     """Candidate touches for measured charges; a touch is by a single probe or by two at once."""
 
     touches: tuple[Touch, ...]  #: The likeliest first; empty when no search ended.
@@ -47,7 +47,7 @@ class Location(Told):
     #: Mistakes in readings that would explain them, where no touch does.
     explanations: tuple[Explanation, ...] = ()
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """Status, number of touches with remarks, a table per touch, and footnotes."""
         grids = [self._grid(number, touch) for number, touch in enumerate(self.touches, 1)]
         how = f"{len(self.touches)} {'touch' if len(self.touches) == 1 else 'touches'} listed"
@@ -55,21 +55,22 @@ class Location(Told):
             notes = ["the nearest touch does not fit the readings, so ± tells nothing of the truth"]
         else:
             notes = ["± : the true value is within, with a probability of 68 %"] if grids else []
-        return self.status, [f"{how}, from {READINGS[self.reading]}", *self.remarks], grids, notes
+        sentences = [f"{how}, from {READINGS[self.reading]}", *self.remarks]
+        return Summary(self.status, sentences, tables=grids, notes=notes)
 
-    def _grid(self, number: int, touch: Touch) -> Grid:
+    def _grid(self, number: int, touch: Touch) -> TextTable:
         deviations, rows = self.compute_deviations(touch), []
         for name, value in touch.by_name.items():
             if name in deviations:
                 error = deviations[name]
                 finest = min(error, touch.deviations[name])
-                rows.append((name, rounded(value, finest)[0], f"{error:.2g}"))
+                rows.append((name, format_with_error(value, finest)[0], f"{error:.2g}"))
             else:
                 rows.append((name, f"{value:.6g}", "known"))
         rows.append(("chi-square", f"{touch.chi_square:.3g}", ""))
         rows.append(("degrees of freedom", f"{self.degrees_of_freedom}", ""))
         rows.append(("share of likelihood", f"{touch.weight:.3g}", ""))
-        return Grid((f"touch {number}", "", "±"), tuple(rows))
+        return TextTable((f"touch {number}", "", "±"), tuple(rows))
 
     @property
     def status(self) -> TouchStatus:
@@ -111,7 +112,7 @@ class Location(Told):
 
         As much as it is off, or less, with a probability of 68.3 %: one standard deviation if the
         errors are normal. All touches count, those on a ridge of the likelihood and about its
-        other maxima, too. A model by full solves (not `cheap`) gives `Touch.deviations` instead.
+        other maxima, too. A model by full solves (not `is_fast`) gives `Touch.deviations` instead.
         """
         return self.compute_deviations(self.best)
 
@@ -127,9 +128,9 @@ class Location(Told):
 
     def compute_covariance(self, touch: Touch) -> Array:
         """Covariance (unknown, unknown) about another touch."""
-        if not self.problem.response.cheap:
+        if not self.problem.response.is_fast:
             return touch.covariance
-        return self.posterior.covariance(touch.values[self.problem.unknown])
+        return self.posterior.compute_covariance(touch.values[self.problem.unknown])
 
     @cached_property
     def _rivals(self) -> list[set[str]]:
@@ -163,8 +164,8 @@ class Location(Told):
 
     @property
     def alternatives(self) -> int:
-        """Number of likely touches (weight above the limit) besides the best that have another place
-        or force, by more than the deviations; touches that are only turned do not count."""
+        """Number of likely touches (weight above the limit) besides the best that have another
+        place or force, by more than the deviations; touches that are only turned do not count."""
         return sum(bool(kinds - {"rotation_deg"}) for kinds in self._rivals)
 
     @property
@@ -216,16 +217,16 @@ class Location(Told):
         standard deviation and the rivals. What else was sought is the likeliest at each place.
         Where each charge takes a solve, and of two touches at once, there are ellipses alone.
         Raises ValueError without a touch of which x and y were sought."""
-        from pvdf_fem.view.touch_map import ellipses_map, likelihood_map
+        from pvdf_fem.view.touch_map import draw_likelihood_map, draw_touch_ellipses
 
         keys = [n for n in self.unknown if n.endswith("x_mm") and f"{n[:-4]}y_mm" in self.unknown]
         if not self.touches or not keys:
             raise ValueError("a map of the likelihood needs a touch of which x and y were sought")
         model, touches = self.problem.response, self.to_json()["touches"]
-        if not model.cheap:
-            return ellipses_map(model.scene, model.domain.reach_mm, touches, keys)
+        if not model.is_fast:
+            return draw_touch_ellipses(model.scene, model.domain.reach_mm, touches, keys)
         about = model.scene, model.domain.reach_mm, touches
-        return likelihood_map(*about, self._apart, self.remarks)
+        return draw_likelihood_map(*about, self._apart, self.remarks)
 
     def _apart(self, places_mm: Array) -> Array:
         """√(2 ln(L max/L)), (n,), of the likelihood L of places (n, 2)."""

@@ -18,21 +18,16 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.scene.change import steps_of
-from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.scene.changes import parse_key
+from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.surrogate.model import (
-    FORCE,
-    QUANTITIES,
-    ROTATION,
-    Model,
-    X,
-    Y,
-    all_within,
-    periods_deg,
-    probes_of,
-    rotation_counts,
+from pvdf_fem.surrogate.charge_function import (
+    ChargeFunction,
+    count_probes,
+    find_rotation_periods_deg,
+    is_rotation_dependent,
 )
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn, is_within
 
 #: Searches may go this far beyond the model's domain, over its reach and over its largest force.
 SEARCH_MARGIN = 1.05
@@ -55,45 +50,47 @@ EXTENT = 4.0
 
 def get_base_quantity(quantity: str) -> str:
     """The name of a model's quantity without probe and index: one of `LONGEST_STEPS`."""
-    return next(name for name in LONGEST_STEPS if name in steps_of(quantity))
+    return next(name for name in LONGEST_STEPS if name in parse_key(quantity))
 
 
-def slice_quantity(model: Model, quantity: int) -> slice:
-    """Where the rows of touches have a quantity of each probe, of `QUANTITIES` by index."""
-    return slice(quantity, len(QUANTITIES) * probes_of(model), len(QUANTITIES))
+def slice_quantity(model: ChargeFunction, quantity: int) -> slice:
+    """Where the rows of touches have a quantity of each probe, of `TOUCH_QUANTITIES` by index."""
+    return slice(quantity, len(TOUCH_QUANTITIES) * count_probes(model), len(TOUCH_QUANTITIES))
 
 
-def evaluate_on_stage(model: Model, touches: Array, turn_deg: float = 0.0) -> tuple[Array, Array]:
+def evaluate_on_stage(
+    model: ChargeFunction, touches: Array, turn_deg: float = 0.0
+) -> tuple[Array, Array]:
     """Charges and slopes by a model of touches along axes in which the film is turned."""
     if not turn_deg:
         return model.evaluate(touches)
-    to_film, turned = np.eye(touches.shape[1]), turn(np.eye(2), turn_deg)
-    for x in range(0, len(QUANTITIES) * probes_of(model), len(QUANTITIES)):
-        to_film[x : x + ROTATION, x : x + ROTATION] = turned
+    to_film, turned = np.eye(touches.shape[1]), rotate(np.eye(2), turn_deg)
+    for x in range(0, len(TOUCH_QUANTITIES) * count_probes(model), len(TOUCH_QUANTITIES)):
+        to_film[x : x + TouchColumn.ROTATION, x : x + TouchColumn.ROTATION] = turned
     on_film = touches @ to_film.T
-    on_film[:, slice_quantity(model, ROTATION)] -= turn_deg
+    on_film[:, slice_quantity(model, TouchColumn.ROTATION)] -= turn_deg
     charges, slopes = model.evaluate(on_film)
     return charges, slopes @ to_film
 
 
 @lru_cache(maxsize=8)
-def compute_longest_steps(model: Model) -> Array:
+def compute_longest_steps(model: ChargeFunction) -> Array:
     """Longest steps of searches in each coordinate, (k,)."""
     steps = np.array([LONGEST_STEPS[get_base_quantity(name)] for name in model.quantities])
-    for quantity in (X, Y):
+    for quantity in (TouchColumn.X, TouchColumn.Y):
         steps[slice_quantity(model, quantity)] *= model.domain.reach_mm
     return steps
 
 
 @lru_cache(maxsize=8)
-def compute_extents(model: Model) -> Array:
+def compute_extents(model: ChargeFunction) -> Array:
     """Size of a model's domain in each coordinate: what is known without any charge, (k,)."""
     lowest, highest = model.domain.log_force
     sizes = EXTENT * compute_longest_steps(model)
-    for quantity in (X, Y):
+    for quantity in (TouchColumn.X, TouchColumn.Y):
         sizes[slice_quantity(model, quantity)] = model.domain.reach_mm
-    sizes[slice_quantity(model, ROTATION)] = 0.5 * periods_deg(model)
-    sizes[slice_quantity(model, FORCE)] = highest - lowest
+    sizes[slice_quantity(model, TouchColumn.ROTATION)] = 0.5 * find_rotation_periods_deg(model)
+    sizes[slice_quantity(model, TouchColumn.FORCE)] = highest - lowest
     return sizes
 
 
@@ -101,7 +98,7 @@ def compute_extents(model: Model) -> Array:
 class LocationProblem:
     """Charges of some touches, to be explained by a model."""
 
-    response: Model
+    response: ChargeFunction
     electrodes: Indices  #: The model's electrodes that have charges.
     charges_pC: Array  #: With their standard deviations, (touches, electrodes).
     deviations_pC: Array
@@ -122,33 +119,35 @@ class LocationProblem:
     def touches(self, at: Array) -> Array:
         """Touches (n, k) at coordinates (n, k): x and y in mm, degrees, N."""
         touches = at.copy()
-        self.of_probes(touches)[..., :ROTATION] += self.centre_mm
-        if ROTATION in self.unknown:
-            touches[:, slice_quantity(self.response, ROTATION)] %= periods_deg(self.response)
+        self.of_probes(touches)[..., : TouchColumn.ROTATION] += self.centre_mm
+        if TouchColumn.ROTATION in self.unknown:
+            touches[:, slice_quantity(self.response, TouchColumn.ROTATION)] %= (
+                find_rotation_periods_deg(self.response)
+            )
         touches[:, self.forces] = np.exp(at[:, self.forces])
         return touches
 
     def coordinates(self, touches: Array) -> Array:
         """Coordinates (n, k) of touches."""
         at = touches.copy()
-        self.of_probes(at)[..., :ROTATION] -= self.centre_mm
+        self.of_probes(at)[..., : TouchColumn.ROTATION] -= self.centre_mm
         at[:, self.forces] = np.log(touches[:, self.forces])
         return at
 
     @cached_property
     def forces(self) -> slice:
         """Where the forces are among the coordinates."""
-        return slice_quantity(self.response, FORCE)
+        return slice_quantity(self.response, TouchColumn.FORCE)
 
     def of_probes(self, at: Array) -> Array:
         """The coordinates (n, k) of each probe, (n, probes, 4), as a view."""
-        count = self.forces.stop // len(QUANTITIES)
-        return at[:, : self.forces.stop].reshape(len(at), count, len(QUANTITIES))
+        count = self.forces.stop // len(TOUCH_QUANTITIES)
+        return at[:, : self.forces.stop].reshape(len(at), count, len(TOUCH_QUANTITIES))
 
     def compute_differences(self, at: Array, other: Array) -> Array:
         """Differences (..., k) of coordinates or of touches, less whole periods of rotations."""
-        apart, turns = at - other, slice_quantity(self.response, ROTATION)
-        periods = periods_deg(self.response)
+        apart, turns = at - other, slice_quantity(self.response, TouchColumn.ROTATION)
+        periods = find_rotation_periods_deg(self.response)
         apart[..., turns] -= periods * np.rint(apart[..., turns] / periods)
         return apart
 
@@ -162,7 +161,7 @@ class LocationProblem:
         """Differences of charges, then their slopes, over deviations, (n, electrodes, 1 + k). The
         coordinates `at` (n, k) are to explain the `rows` (n,) of the charges, by default the
         first. Slopes by coordinates that are not sought are zero."""
-        edge, forces = self.inside(at), self.forces
+        edge, forces = self.project_onto_domain(at), self.forces
         touches = edge.copy()
         touches[:, forces] = force = np.exp(edge[:, forces])
         charges, slopes = evaluate_on_stage(self.response, touches, self.stage.rotation_deg)
@@ -176,7 +175,7 @@ class LocationProblem:
         system *= self._weights[which]
         return system
 
-    def inside(self, at: Array) -> Array:
+    def project_onto_domain(self, at: Array) -> Array:
         """Coordinates (n, k) moved to the nearest points of the domain; `at` itself if there."""
         return self.project_onto(at, *self._domain)
 
@@ -186,17 +185,21 @@ class LocationProblem:
         return self.project_onto(at, SEARCH_MARGIN * reach_mm, lowest - more, highest + more)
 
     def project_onto(self, at: Array, reach_mm: float, lowest: float, highest: float) -> Array:
-        each = at[:, : self.forces.stop].reshape(-1, len(QUANTITIES))
-        if all_within(each, reach_mm, lowest, highest):
+        each = at[:, : self.forces.stop].reshape(-1, len(TOUCH_QUANTITIES))
+        if is_within(each, reach_mm, lowest, highest):
             return at
         given, of_probes = self.of_probes(at), self.of_probes(moved := at.copy())
-        of_probes[..., FORCE] = np.clip(given[..., FORCE], lowest, highest)
-        x_sought, y_sought = self._sought[X], self._sought[Y]
+        of_probes[..., TouchColumn.FORCE] = np.clip(given[..., TouchColumn.FORCE], lowest, highest)
+        x_sought, y_sought = self._sought[TouchColumn.X], self._sought[TouchColumn.Y]
         if x_sought == y_sought:
-            distance = np.hypot(given[..., X], given[..., Y])
-            of_probes[..., :ROTATION] *= (reach_mm / np.maximum(distance, reach_mm))[..., None]
+            distance = np.hypot(given[..., TouchColumn.X], given[..., TouchColumn.Y])
+            of_probes[..., : TouchColumn.ROTATION] *= (reach_mm / np.maximum(distance, reach_mm))[
+                ..., None
+            ]
         else:  # places move along the unknown coordinate only
-            sought, known = (X, Y) if x_sought else (Y, X)
+            sought, known = (
+                (TouchColumn.X, TouchColumn.Y) if x_sought else (TouchColumn.Y, TouchColumn.X)
+            )
             half_chord = np.sqrt(np.maximum(reach_mm**2 - given[..., known] ** 2, 0.0))
             of_probes[..., sought] = np.clip(given[..., sought], -half_chord, half_chord)
         return moved
@@ -210,10 +213,10 @@ class LocationProblem:
         """Which limits of the domain each of the touches `at` (n, k) is at, or beyond."""
         (reach_mm, lowest, highest), sought = self._domain, self.unknown.tolist()
         each, force = self.of_probes(at), at[:, self.forces]
-        beyond = np.hypot(each[..., X], each[..., Y]) >= reach_mm
-        far = np.asarray(beyond.any(axis=1) & (X in sought or Y in sought))
+        beyond = np.hypot(each[..., TouchColumn.X], each[..., TouchColumn.Y]) >= reach_mm
+        far = np.asarray(beyond.any(axis=1) & (TouchColumn.X in sought or TouchColumn.Y in sought))
         outside = (force <= lowest) | (force >= highest)
-        extreme = np.asarray(outside.any(axis=1) & (FORCE in sought))
+        extreme = np.asarray(outside.any(axis=1) & (TouchColumn.FORCE in sought))
         pairs = zip(far.tolist(), extreme.tolist(), strict=True)
         return [("reach_mm",) * wide + ("force_N",) * strong for wide, strong in pairs]
 
@@ -246,7 +249,9 @@ class LocationProblem:
     def _sought(self) -> Mask:
         sought = np.zeros(len(self.response.quantities), dtype=bool)
         sought[self.unknown] = True
-        sought[slice_quantity(self.response, ROTATION)] &= rotation_counts(self.response)
+        sought[slice_quantity(self.response, TouchColumn.ROTATION)] &= is_rotation_dependent(
+            self.response
+        )
         return sought
 
     @cached_property

@@ -17,12 +17,17 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.electrodes.channel import READINGS, channels, units_pC
-from pvdf_fem.electrodes.misread import misreadings
+from pvdf_fem.electrodes.channel import READINGS, list_units_pC, make_channels
+from pvdf_fem.electrodes.misreadings import list_misreadings
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.surrogate.model import QUANTITIES, AtRest, Domain, Model, rest_of
+from pvdf_fem.surrogate.charge_function import (
+    ChargeFunction,
+    UnloadedCharges,
+    compute_unloaded_charges_pC,
+)
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain
 
 LARGEST_PC = 1e12  #: Readings beyond this many pC are in another unit, or none.
 LEAST_PC = 1e-12  #: Charges or changes below this many pC count as zero.
@@ -36,10 +41,10 @@ class Measurement:
     """How charges follow from readings of some electrodes, and with which errors. Arrays are
     (electrodes,)."""
 
-    response: Model
+    response: ChargeFunction
     electrodes: Indices  #: Of the electrodes in the model.
     reading: str  #: Of `READINGS`.
-    unit: str  #: Of `units_pC`, in which readings were given.
+    unit: str  #: Of `list_units_pC`, in which readings were given.
     gains: Array
     offsets_pC: Array
     rest_pC: Array  #: Charges of the film without a touch; NaN where it has none.
@@ -50,7 +55,7 @@ class Measurement:
     @classmethod
     def from_response(
         cls,
-        model: Model,
+        model: ChargeFunction,
         names: Sequence[str],
         sigma: Deviations,
         noise_pC: Deviations | None,
@@ -58,7 +63,7 @@ class Measurement:
         unit: str = "pC",
     ) -> Measurement:
         """Measurement of named electrodes; `noise_pC` and `reading` are by default the readout's.
-        Raises `RestError` for changes of a film without charges at rest."""
+        Raises `UnloadedFilmError` for changes of a film without charges at rest."""
         electrodes = np.array([model.names.index(name) for name in names])
         by_name = get_channel_values(model.scene)
         gains, offsets, noise = np.array([by_name[name] for name in names]).T
@@ -78,8 +83,8 @@ class Measurement:
         if not np.isnan(self.rest_pC).any():
             (reading,) = READINGS.keys() - {self.reading}
             yield f"readings are {READINGS[reading]}", replace(self, reading=reading), np.asarray
-        given = [channels(self.response.scene)[i] for i in self.electrodes]
-        for mistake in misreadings(given, self.unit):
+        given = [make_channels(self.response.scene)[i] for i in self.electrodes]
+        for mistake in list_misreadings(given, self.unit):
             if mistake.exchanged <= 2:
                 yield mistake.text, self, mistake.undone
 
@@ -117,14 +122,14 @@ class Measurement:
 @lru_cache(maxsize=8)
 def get_channel_values(scene: Scene) -> dict[str, tuple[float, float, float]]:
     """Gain, and offset and noise in nominal pC, of each electrode."""
-    units = {c: 1e12 * c.capacitance for c in channels(scene)}
+    units = {c: 1e12 * c.capacitance for c in make_channels(scene)}
     return {c.name: (c.gain, unit * c.offset, unit * c.noise) for c, unit in units.items()}
 
 
 def get_units_pC(scene: Scene, unit: str) -> dict[str, float]:
     """A unit of readings in nominal pC, by electrode; 1 for what is none."""
-    wired = channels(scene)
-    units = units_pC(wired)
+    wired = make_channels(scene)
+    units = list_units_pC(wired)
     return {c.name: of for c, of in zip(wired, units.get(unit, units["pC"]).tolist(), strict=True)}
 
 
@@ -133,10 +138,16 @@ def get_reading(scene: Scene) -> str:
     return scene.readout.reading if scene.readout else "total"
 
 
-def compute_unloaded_charges(model: Model, reading: str) -> Array:
-    """Charges of the untouched film and their errors as `rest_of` has them, (2, electrodes), by the
-    model where it knows them."""
-    return rest_of(model.scene, reading) if model.at_rest_pC is None else np.array(model.at_rest_pC)
+def compute_unloaded_charges(model: ChargeFunction, reading: str) -> Array:
+    """Return the charges of the unloaded film and their errors in pC, (2, electrodes).
+
+    They are those of the response if it has them, else they are computed.
+    """
+    return (
+        compute_unloaded_charges_pC(model.scene, reading)
+        if model.unloaded_charges_pC is None
+        else np.array(model.unloaded_charges_pC)
+    )
 
 
 def _by_name(values: Deviations, names: Sequence[str]) -> Array:
@@ -163,7 +174,7 @@ def find_reading_errors(
     sigma: Deviations,
     noise_pC: Deviations | None = None,
     reading: str | None = None,
-    known_at_rest: AtRest | None = None,
+    known_at_rest: UnloadedCharges | None = None,
     unit: str = "pC",
 ) -> Iterator[str]:
     """What is wrong with readings, their unit and their deviations. Whether there are charges at
@@ -202,11 +213,11 @@ def find_reading_errors(
 
 
 def _find_unloaded_errors(scene: Scene, reading: str) -> Iterator[str]:
-    from pvdf_fem.solver.adaptive import RestError  # with gmsh
+    from pvdf_fem.solver.adaptive import UnloadedFilmError  # with gmsh
 
     try:
-        rest_of(scene, reading)
-    except RestError as error:
+        compute_unloaded_charges_pC(scene, reading)
+    except UnloadedFilmError as error:
         yield from error.problems
 
 
@@ -236,11 +247,11 @@ def find_quantity_errors(
     """What is wrong with the quantities sought and known. `default` has the scene's values of what
     is neither sought nor in `known`; `get_centre_mm` is the place of the film's centre in the same
     frame."""
-    names = ", ".join(QUANTITIES)
+    names = ", ".join(TOUCH_QUANTITIES)
     if not unknown:
         yield f"unknown: nothing is sought; choose from {names}"
     for name in dict.fromkeys([*unknown, *known]):
-        if name not in QUANTITIES:
+        if name not in TOUCH_QUANTITIES:
             yield f"{name}: no quantity of a touch; choose from {names}"
         elif name in unknown and name in known:
             yield f"{name}: both sought and known; remove one"
@@ -248,7 +259,7 @@ def find_quantity_errors(
             yield f"known.{name} = {_shown(known[name])}: give a finite number"
     fixed = {n: as_float(v) for n, v in {**default, **known}.items() if n not in unknown}
     reach, (lowest, highest) = domain.reach_mm, domain.force_N
-    places = {n: fixed[n] for n in QUANTITIES[:2] if n in fixed}
+    places = {n: fixed[n] for n in TOUCH_QUANTITIES[:2] if n in fixed}
     centre = {"x_mm": centre_mm[0], "y_mm": centre_mm[1]}
     if math.hypot(*(value - centre[n] for n, value in places.items())) > reach:
         place = ", ".join(f"{n} = {value:g}" for n, value in places.items())

@@ -24,7 +24,7 @@ from pvdf_fem.inverse.touch.touch import (
     compute_p_values,
     is_plausible,
 )
-from pvdf_fem.surrogate.model import ROTATION, X, Y
+from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 
 @dataclass(frozen=True)
@@ -90,12 +90,12 @@ def search_everywhere(
     excess = options.listed**0.5 + options.neglected * size
     likely = ~(np.sqrt(misfit) > np.sqrt(misfit.min(axis=1, keepdims=True)) + excess)
     at = at[likely][~mark_repeated(at[likely], misfit[likely], np.array(options.close))]
-    without_rotation = problem.unknown[problem.unknown != ROTATION]
+    without_rotation = problem.unknown[problem.unknown != TouchColumn.ROTATION]
     if 0 < len(without_rotation) < len(problem.unknown):
         at = run_levenberg_marquardt(
             replace(problem, unknown=without_rotation), at, options=options.search
         ).coordinates
-    return run_levenberg_marquardt(problem, at, hopeless=options.listed, options=options.search)
+    return run_levenberg_marquardt(problem, at, max_excess=options.listed, options=options.search)
 
 
 def search_rows(
@@ -109,12 +109,12 @@ def search_rows(
     at = find_initial_candidates(problem, known, few, each=False)[0][:, 0]
     rows, at = np.repeat(np.arange(len(at)), at.shape[1]), at.reshape(-1, at.shape[2])
     # neighbouring touches in sequence share the coefficients that the model reads
-    order = np.lexsort((at[:, Y], at[:, X]))
-    ends = run_levenberg_marquardt(problem, at[order], rows[order], options=how).take(
+    order = np.lexsort((at[:, TouchColumn.Y], at[:, TouchColumn.X]))
+    ends = run_levenberg_marquardt(problem, at[order], rows[order], options=how).select(
         np.argsort(order)
     )
     best = ends.ranking.reshape(len(problem.charges_pC), -1).argmin(axis=1)
-    return ends.take(np.searchsorted(rows, np.arange(len(best))) + best)
+    return ends.select(np.searchsorted(rows, np.arange(len(best))) + best)
 
 
 def mark_explained(problem: LocationProblem, ends: SearchResult) -> Mask:
@@ -129,7 +129,7 @@ def make_location(
     search was made."""
     quantities = problem.response.quantities
     names = tuple(quantities[i] for i in problem.unknown.tolist())
-    ends = ends and ends.take(find_distinct(problem, ends, options))
+    ends = ends and ends.select(find_distinct(problem, ends, options))
     if ends is None or not ends.converged.size:
         return Location((), names, -np.inf, problem)
     # likelihood times a normal prior of the domain's extents, integrated by Laplace's method
@@ -165,7 +165,7 @@ def describe_touches(
 
 def find_distinct(problem: LocationProblem, ends: SearchResult, options: LocateOptions) -> Indices:
     """The likely ends of searches that do not repeat a better one, the best first."""
-    ranking, turns = ends.ranking, slice_quantity(problem.response, ROTATION)
+    ranking, turns = ends.ranking, slice_quantity(problem.response, TouchColumn.ROTATION)
     order = ranking.argsort(kind="stable")
     rows = order[ranking[order] <= ranking.min() + options.listed]
     rows = rows[ends.converged[rows]]

@@ -14,25 +14,24 @@ from typing import ClassVar
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.electrodes.outputs import goals_of
+from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, get_base_quantity
-from pvdf_fem.scene.change import number_at, plain, steps_of
-from pvdf_fem.scene.outlines.shape import HEAT
+from pvdf_fem.scene.changes import get_number, parse_key, to_plain_value
+from pvdf_fem.scene.outlines.shape import HEAT_KEYS
 from pvdf_fem.scene.scene import Numerics, Scene, SceneError
 from pvdf_fem.scene.shapes import Pressing
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.solver.adaptive import solve_goals
+from pvdf_fem.solver.adaptive import solve_outputs
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
-from pvdf_fem.solver.sensitivity.parameters import parameters_of
-from pvdf_fem.solver.sensitivity.rates import charge_rates
-from pvdf_fem.surrogate.model import (
-    FORCE,
-    QUANTITIES,
-    ROTATION,
+from pvdf_fem.solver.sensitivity.parameters import list_parameters
+from pvdf_fem.solver.sensitivity.rates import compute_charge_rates
+from pvdf_fem.surrogate.charge_function import count_probes
+from pvdf_fem.surrogate.touch_domain import (
+    TOUCH_QUANTITIES,
     Domain,
-    probes_of,
-    room_mm,
-    wanted_model,
+    TouchColumn,
+    compute_clear_reach_mm,
+    resolve_response_settings,
 )
 
 UNSOLVED_PC = 1e15  #: Charges of a scene that cannot be solved.
@@ -48,8 +47,8 @@ class SolvedResponse:
     domain: Domain
     error_bound: float  #: Tolerance of the solves.
     count: Callable[[], None]  #: Called before each solve.
-    cheap: ClassVar[bool] = False
-    at_rest_pC: ClassVar[None] = None
+    is_fast: ClassVar[bool] = False
+    unloaded_charges_pC: ClassVar[None] = None
 
     @classmethod
     def from_scene(
@@ -67,12 +66,14 @@ class SolvedResponse:
             raise ValueError("\n".join(mistakes))
         listed = _listed(scene, touches, unknown)
         probes = [f"probe[{i}]." if touches > 1 else "" for i in range(touches)]
-        names = [probe + name for probe in probes for name in QUANTITIES]
+        names = [probe + name for probe in probes for name in TOUCH_QUANTITIES]
         for name, ends in (("tangential_N", ("[0]", "[1]")), ("temperature_K", ("",))):
             if name in unknown:
                 names += [probe + name + end for probe in probes for end in ends]
-        wanted = [wanted_model(make_single_probe_scene(listed, i))[0] for i in range(touches)]
-        reach_mm = min(room_mm(listed), *(domain.reach_mm for domain in wanted))
+        wanted = [
+            resolve_response_settings(make_single_probe_scene(listed, i))[0] for i in range(touches)
+        ]
+        reach_mm = min(compute_clear_reach_mm(listed), *(domain.reach_mm for domain in wanted))
         domain = Domain(reach_mm, wanted[0].force_N)
         periods = [touch.probe.period_deg for touch in listed.loaded_probes]
         sought = tuple(
@@ -83,7 +84,7 @@ class SolvedResponse:
             and (get_base_quantity(name) != "rotation_deg" or periods[_probe(name)])
         )
         made = cls(listed, tuple(names), sought, domain, tolerance, count)
-        if wrong := {made.key(name) for name in sought} - set(parameters_of(listed)):
+        if wrong := {made.key(name) for name in sought} - set(list_parameters(listed)):
             raise ValueError(f"unknown: charges have no derivative by {', '.join(sorted(wrong))}")
         return made
 
@@ -105,19 +106,21 @@ class SolvedResponse:
     @property
     def touch(self) -> Array:
         """The scene's touch (k,) in the frame of its stage."""
-        touch = np.array([number_at(self.scene, self.key(name)) for name in self.quantities])
+        touch = np.array([get_number(self.scene, self.key(name)) for name in self.quantities])
         stage = self.scene.stage or Stage()
-        for x in range(0, len(QUANTITIES) * probes_of(self), len(QUANTITIES)):
-            place, turned = stage.to_stage(touch[x : x + ROTATION], touch[x + ROTATION])
-            touch[x : x + FORCE] = [*place, turned]
+        for x in range(0, len(TOUCH_QUANTITIES) * count_probes(self), len(TOUCH_QUANTITIES)):
+            place, turned = stage.to_stage(
+                touch[x : x + TouchColumn.ROTATION], touch[x + TouchColumn.ROTATION]
+            )
+            touch[x : x + TouchColumn.FORCE] = [*place, turned]
         return touch
 
     @property
     def other_probe(self) -> Indices:
         """Index of each quantity at the other probe of two equal probes; empty for other probes."""
-        if probes_of(self) < 2 or make_single_probe_scene(self.scene, 0) != make_single_probe_scene(
-            self.scene, 1
-        ):
+        if count_probes(self) < 2 or make_single_probe_scene(
+            self.scene, 0
+        ) != make_single_probe_scene(self.scene, 1):
             return np.array([], dtype=int)
         swapped = [f"probe[{1 - _probe(n)}]{n[len('probe[0]') :]}" for n in self.quantities]
         return np.array([self.quantities.index(name) for name in swapped])
@@ -136,8 +139,8 @@ class SolvedResponse:
         for i, touch in enumerate(touches):
             self.count()
             try:
-                solution = solve_goals(scene := self.scene_of(touch), goals_of(scene))
-                slopes[i][:, self.unknown] = 1e12 * charge_rates(solution, keys).T
+                solution = solve_outputs(scene := self.scene_of(touch), make_outputs(scene))
+                slopes[i][:, self.unknown] = 1e12 * compute_charge_rates(solution, keys).T
                 charges[i] = [*solution.charges_pC.values()]
             except (SceneError, NotConvergedError):
                 continue
@@ -148,7 +151,7 @@ def make_single_probe_scene(scene: Scene, number: int) -> Scene:
     """One of a scene's probes on the centre, under 1 N and cold."""
     touch = scene.loaded_probes[number]
     place = dict.fromkeys(("x_mm", "y_mm", "rotation_deg"), 0.0)
-    unsaid = dict.fromkeys((*Pressing.model_fields, *HEAT))
+    unsaid = dict.fromkeys((*Pressing.model_fields, *HEAT_KEYS))
     probe = touch.probe.model_copy(update=place | unsaid)
     load = touch.load.model_copy(update={"force_N": 1.0, "tangential_N": None})
     numerics = Numerics(tolerance=1e-2, observable=scene.numerics.observable)
@@ -159,7 +162,7 @@ def _listed(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
     """The scene with a list of probes, each with a force of its own, apart where one is two, and
     cold where its temperature is sought."""
     probes = [*scene.loaded_probes] * (touches // len(scene.loaded_probes))
-    tables = [{**plain(touch.probe), "force_N": touch.load.force_N} for touch in probes]
+    tables = [{**to_plain_value(touch.probe), "force_N": touch.load.force_N} for touch in probes]
     for touch, table in zip(probes, tables, strict=True):
         if "temperature_K" in unknown:
             table["temperature_K"] = 0.0
@@ -196,4 +199,4 @@ def _mistakes(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator[st
 
 def _probe(name: str) -> int:
     """Index of the probe in a quantity's name."""
-    return int(steps_of(name)[1]) if name.startswith("probe[") else 0
+    return int(parse_key(name)[1]) if name.startswith("probe[") else 0

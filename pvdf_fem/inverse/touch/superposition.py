@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.batch.batch import solve_all
+from pvdf_fem.batch.batch import solve_scenes
 from pvdf_fem.film.loads.profiles import pin_profile_files
 from pvdf_fem.inverse.least_squares import (
     SearchResult,
@@ -29,7 +29,8 @@ from pvdf_fem.inverse.touch.touch import is_plausible
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
-from pvdf_fem.surrogate.model import FORCE, QUANTITIES, ROTATION, probes_of, rest_of
+from pvdf_fem.surrogate.charge_function import compute_unloaded_charges_pC, count_probes
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
 
 def search_by_solves(
@@ -69,7 +70,7 @@ def search_along_weak_direction(
     """
     moving, longest = problem.moving, problem.longest_steps[problem.moving]
     for _ in range(options.rounds):
-        best = ends.take(ends.ranking.argsort()[:1])
+        best = ends.select(ends.ranking.argsort()[:1])
         if not best.converged.any():
             break
         *_, directions = np.linalg.svd(best.jacobian[0][:, moving] * longest)
@@ -111,14 +112,14 @@ def _ordered(
     """The distinct ends; equal probes are in the order of their first coordinates. `other` is
     `Solves.other_probe`."""
     if other.size:
-        swap = ends.coordinates[:, 0] > ends.coordinates[:, len(QUANTITIES)]
+        swap = ends.coordinates[:, 0] > ends.coordinates[:, len(TOUCH_QUANTITIES)]
         ends.coordinates[swap], ends.jacobian[swap] = (
             ends.coordinates[swap][:, other],
             ends.jacobian[swap][..., other],
         )
     solved = ends.chi_square < 1e-6 * np.square(UNSOLVED_PC / problem.deviations_pC).min()
-    ends = ends.take(np.flatnonzero(solved))
-    return ends.take(find_distinct(problem, ends, options)) if ends.coordinates.size else ends
+    ends = ends.select(np.flatnonzero(solved))
+    return ends.select(find_distinct(problem, ends, options)) if ends.coordinates.size else ends
 
 
 def find_superposed_candidates(
@@ -129,9 +130,9 @@ def find_superposed_candidates(
     the sum of shares: the common tension stiffens the film."""
     model, reach_mm = problem.response, problem.response.domain.reach_mm
     electrodes, spread = problem.electrodes, problem.deviations_pC[0]
-    rest = np.nan_to_num(rest_of(model.scene)[0, electrodes])
+    rest = np.nan_to_num(compute_unloaded_charges_pC(model.scene)[0, electrodes])
     singles = pin_profile_files(
-        make_single_probe_scene(model.scene, i) for i in range(probes_of(model))
+        make_single_probe_scene(model.scene, i) for i in range(count_probes(model))
     )
     tables = [_single(one, reach_mm, options.pitch_mm, options.fine_mm) for one in singles]
     changes = np.concatenate([(c[:, electrodes] - rest) for _, c in tables]) / spread
@@ -157,8 +158,8 @@ def find_superposed_candidates(
     of_probes, share = problem.of_probes(at), shares[kept]
     starts = of_probes.copy()
     stage = model.scene.stage or Stage()
-    starts[..., :ROTATION] = places[chosen[kept]] @ stage.turn.T
-    starts[..., FORCE] = np.log(share) + stiffening * np.log(share.sum(axis=1))[:, None]
+    starts[..., : TouchColumn.ROTATION] = places[chosen[kept]] @ stage.rotation.T
+    starts[..., TouchColumn.FORCE] = np.log(share) + stiffening * np.log(share.sum(axis=1))[:, None]
     sought = np.isin(np.arange(at.shape[1]), problem.unknown)
     of_probes[...] = np.where(problem.of_probes(np.tile(sought, (len(at), 1))), starts, of_probes)
     return at
@@ -179,7 +180,7 @@ def _single(scene: Scene, reach_mm: float, pitch_mm: float, fine_mm: float) -> t
     keys = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
     rows = np.column_stack([solved, turns]).tolist()
     scenes = [scene.with_(**dict(zip(keys, row, strict=True))) for row in rows]
-    records = solve_all(scenes, processes=1)
+    records = solve_scenes(scenes, processes=1)
     good = [i for i, record in enumerate(records) if record.converged]
     if len(good) < 3:
         raise NotConvergedError(f"{records[0].status}: one touch alone: {records[0].reason}")

@@ -11,7 +11,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.touch.touch import compute_chi_square_limit
 from pvdf_fem.inverse.tracking.circuit import ChargeIntegrator, ReadoutCircuit
 from pvdf_fem.inverse.tracking.contact_problem import CandidatePlaces, ChargeSample, ContactProblem
-from pvdf_fem.surrogate.model import FORCE
+from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 
 class Contact:
@@ -52,7 +52,7 @@ class Contact:
                 self.places = self.model.located(peak) or self.places
         if self.places:
             self.at, self.chi_square = self.model.pressed(self.places.at[0], sample)
-            self.impulse += (time - self.end) * math.exp(self.at[FORCE])
+            self.impulse += (time - self.end) * math.exp(self.at[TouchColumn.FORCE])
         self.end = time
 
     @property

@@ -17,7 +17,8 @@ from pvdf_fem.inverse.touch.measurement import compute_unloaded_charges
 from pvdf_fem.inverse.touch.search import DEFAULT_OPTIONS, make_location, search_everywhere
 from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.surrogate.model import FORCE, QUANTITIES, Model
+from pvdf_fem.surrogate.charge_function import ChargeFunction
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
 SEARCH = SearchOptions(max_steps=8, chi_square_tolerance=np.inf, step_tolerance=0.05)
 
@@ -80,11 +81,13 @@ class ContactProblem(LocationProblem):
     options: TrackOptions = field(kw_only=True)
 
     @classmethod
-    def of(cls, model: Model, known: Mapping[int, float], options: TrackOptions) -> ContactProblem:
+    def of(
+        cls, model: ChargeFunction, known: Mapping[int, float], options: TrackOptions
+    ) -> ContactProblem:
         """The changes of a model's charges, to be measured by `of_sample`."""
         rest = compute_unloaded_charges(model, "change")[0]
         electrodes, stage = np.arange(len(rest)), model.scene.stage or Stage()
-        unknown = np.array([i for i in range(len(QUANTITIES)) if i not in known])
+        unknown = np.array([i for i in range(len(TOUCH_QUANTITIES)) if i not in known])
         none = electrodes, rest[None], np.ones((1, len(rest))), unknown, stage
         return cls(model, *none, rest_pC=rest, known=known, options=options)
 
@@ -115,25 +118,27 @@ class ContactProblem(LocationProblem):
     def linearise(self, at: Array, rows: Indices | None = None) -> Array:
         """As of a `LocationProblem`."""
         edge = at.copy()
-        edge[:, FORCE] = np.clip(at[:, FORCE], *self.response.domain.log_force)
-        system, beyond = super().linearise(edge, rows), (at - edge)[:, FORCE]
+        edge[:, TouchColumn.FORCE] = np.clip(
+            at[:, TouchColumn.FORCE], *self.response.domain.log_force
+        )
+        system, beyond = super().linearise(edge, rows), (at - edge)[:, TouchColumn.FORCE]
         if not beyond.any():
             return system
         which = slice(1) if rows is None else rows
         measured = self.charges_pC[which] - self.rest_pC[self.electrodes]
         measured = measured / self.deviations_pC[which]
-        change, slope = system[:, :, 0] + measured, system[:, :, 1 + FORCE]
+        change, slope = system[:, :, 0] + measured, system[:, :, 1 + TouchColumn.FORCE]
         power = (slope * change).sum(axis=1) / np.square(change).sum(axis=1)
         growth = np.exp(power * beyond)[:, None]
         system[:, :, 0] = growth * change - measured
         system[..., 1:] *= growth[..., None]
         further = beyond != 0.0
-        system[further, :, 1 + FORCE] = (power[:, None] * growth * change)[further]
+        system[further, :, 1 + TouchColumn.FORCE] = (power[:, None] * growth * change)[further]
         return system
 
     def pressed(self, at: Array, sample: ChargeSample) -> tuple[Array, float]:
         """Coordinates (4,) with the force of a sample at a place, and chi-square of its charges."""
-        problem = self.of_sample(sample, np.array([FORCE]))
+        problem = self.of_sample(sample, np.array([TouchColumn.FORCE]))
         end = run_levenberg_marquardt(problem, at[None], options=SEARCH)
         return end.coordinates[0], float(end.chi_square[0])
 

@@ -6,11 +6,11 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from pvdf_fem.told import Parts, Told, rounded
+from pvdf_fem.summary import Result, Summary, format_with_error
 
 
 @dataclass(frozen=True, repr=False)
-class TrackRow(Told):
+class TrackRow(Result):
     """What is known at a sample. Numbers that are not are NaN.
 
     The status is one of: ``settling`` (the baseline is not known yet), ``quiet``, ``starting`` (a
@@ -40,14 +40,14 @@ class TrackRow(Told):
     settling_s: float = 0.0
     missing: str = ""  #: Channels without a reading, by name: ``A C``.
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         """A line for people."""
         line = f"{self._when} s"
         if self.alternatives:
             for name, unit in (("x", "mm"), ("y", "mm"), ("force", "N"), ("rotation", "deg")):
                 value, error = (getattr(self, f"{name}{of}_{unit}") for of in ("", "_deviation"))
                 if error > 0.0:  # neither known nor NaN
-                    line += f", {name} {' ± '.join(rounded(value, error))} {unit}"
+                    line += f", {name} {' ± '.join(format_with_error(value, error))} {unit}"
         if self.alternatives > 1:
             line += f"; {self.alternatives} places are likely"
         if self.touch and not self.alternatives:
@@ -57,7 +57,7 @@ class TrackRow(Told):
         if self.alternatives and math.isnan(self.force_N):
             line += ": the force is far above the model's largest"
         line += f"; without {self.missing} for a while" if self.missing else ""
-        return f"touch {self.touch}" if self.touch else self.status, [line], [], []
+        return Summary(f"touch {self.touch}" if self.touch else self.status, [line])
 
     @property
     def _when(self) -> str:

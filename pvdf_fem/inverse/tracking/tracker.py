@@ -13,7 +13,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import channels
+from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.inverse.touch.locate import PLACE_AND_FORCE, get_scene_quantities
 from pvdf_fem.inverse.touch.measurement import find_quantity_errors, get_centre_mm
 from pvdf_fem.inverse.tracking.baseline import Baseline, ContactDetector
@@ -22,10 +22,10 @@ from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.contact_problem import CandidatePlaces, ContactProblem
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow
-from pvdf_fem.scene.given import Names, model_of, numbers, taken
-from pvdf_fem.scene.scene_file import choose
-from pvdf_fem.surrogate.model import FORCE, QUANTITIES, Model, period_deg
-from pvdf_fem.told import with_named_arguments
+from pvdf_fem.scene.arguments import Names, as_response, coerce, coerce_array
+from pvdf_fem.scene.scene_file import suggest
+from pvdf_fem.surrogate.charge_function import ChargeFunction, find_rotation_period_deg
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
 
 class Tracker:
@@ -56,17 +56,16 @@ class Tracker:
     >>> tracker.settling_ends_s, tracker.touches
     """
 
-    @with_named_arguments
     def __init__(
         self,
-        response: Model,
+        response: ChargeFunction,
         *,
         unknown: Sequence[str] = PLACE_AND_FORCE,
         unit: str = "V",
         options: TrackOptions = DEFAULTS,
     ) -> None:
-        scene, known = model_of(response).scene, get_scene_quantities(response.scene)
-        unknown = taken("unknown", unknown, Names)
+        scene, known = as_response(response).scene, get_scene_quantities(response.scene)
+        unknown = coerce("unknown", unknown, Names)
         origin = (*get_centre_mm(scene), 0.0, 0.0)
         mistakes = [*find_quantity_errors(response.domain, unknown, {}, known, origin)]
         if "force_N" not in unknown:
@@ -75,12 +74,14 @@ class Tracker:
             mistakes.append(f"unit = {unit}: choose from V, pC")
         if mistakes:
             raise ValueError("\n".join(mistakes))
-        fixed = {i: known[n] - origin[i] for i, n in enumerate(QUANTITIES) if n not in unknown}
+        fixed = {
+            i: known[n] - origin[i] for i, n in enumerate(TOUCH_QUANTITIES) if n not in unknown
+        }
         self.touches: list[TouchSummary] = []
         self._names, self._unit, self._circuit = (
             response.names,
             unit,
-            ReadoutCircuit.of(channels(scene)),
+            ReadoutCircuit.of(make_channels(scene)),
         )
         self._model = ContactProblem.of(response, fixed, options)
         self._options, self._time = options, -math.inf
@@ -99,10 +100,10 @@ class Tracker:
         """
         if isinstance(readings, Mapping):
             if unknown := readings.keys() - {*self._names}:
-                advice = choose(min(unknown), self._names)
+                advice = suggest(min(unknown), self._names)
                 raise ValueError(f"readings.{min(unknown)}: is of no channel; {advice}")
             readings = [readings.get(name, math.nan) for name in self._names]
-        values = numbers("readings", readings)
+        values = coerce_array("readings", readings)
         if values.shape != (len(self._names),):
             names = ", ".join(self._names)
             raise ValueError(f"readings: {values.size} given; give one for each of {names}")
@@ -221,8 +222,17 @@ class Tracker:
         low, high = model.response.domain.force_N
         status = "too_light" if force < low else "too_strong" if force > high else "touch"
         status = status if places.explained else "unexplained"
-        force = force if at[FORCE] < model.log_forces[1] else math.nan
+        force = force if at[TouchColumn.FORCE] < model.log_forces[1] else math.nan
         dx, dy, turn, relative = places.deviations.tolist()
-        numbers = x, y, force, rotation % period_deg(model.response), dx, dy, relative * force, turn
+        numbers = (
+            x,
+            y,
+            force,
+            rotation % find_rotation_period_deg(model.response),
+            dx,
+            dy,
+            relative * force,
+            turn,
+        )
         count = len(places.at)
         return TrackRow(t, status, len(self.touches) + 1, *numbers, chi_square, count)

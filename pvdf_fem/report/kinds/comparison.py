@@ -11,15 +11,15 @@ import pandas as pd
 from matplotlib.figure import Figure
 from pydantic import Field
 
-from pvdf_fem.report.data import SHORT, Readings, cell_text
-from pvdf_fem.report.kind import Content, Inputs, OfElectrodes, blamed
-from pvdf_fem.report.solved import NothingToShow, Solved
+from pvdf_fem.report.data import SHORT, Readings, format_cell
+from pvdf_fem.report.kind import Content, ElectrodeKind, Inputs, prefix_errors
+from pvdf_fem.report.results import NothingToShowError, ReportResults
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, problem
-from pvdf_fem.solver.sensitivity.uncertainty import require_known, uncertainty
-from pvdf_fem.view import drawing
-from pvdf_fem.view.figures import GREY, HALO, look_of, new_figure
+from pvdf_fem.scene.scene_file import SceneError, format_error
+from pvdf_fem.solver.sensitivity.uncertainty import require_differentiable, uncertainty
+from pvdf_fem.view import curves as drawing
+from pvdf_fem.view.figures import GREY, HALO, get_line_style, make_figure
 
 NAMED = 1  #: Number of the largest differences that have a name in the figure.
 
@@ -39,7 +39,7 @@ class Spread(Task):
         ]
 
 
-class Comparison(OfElectrodes):
+class Comparison(ElectrodeKind):
     """Readings in `data` beside computed charges, and a figure of the differences.
 
     A difference is computed less measured, in percent of the measured charge. By default
@@ -62,9 +62,9 @@ class Comparison(OfElectrodes):
     def tasks(self, inputs: Inputs) -> Sequence[Task]:
         """Deviations of the charges, where the scene has uncertain values."""
         scenes = dict.fromkeys(self.scenes(inputs))
-        with blamed("scene"):
+        with prefix_errors("scene"):
             for scene in scenes:
-                require_known(scene)
+                require_differentiable(scene)
         return [Spread(scene) for scene in scenes if scene.uncertain]
 
     def _asked(self, inputs: Inputs) -> tuple[Readings, list[Scene], tuple[str, ...]]:
@@ -73,10 +73,10 @@ class Comparison(OfElectrodes):
         names = self.names(scene) if self.electrodes else readings.names
         if not any(name in readings.names for name in names):
             reason = "has no readings of the electrodes; add columns with their names"
-            raise SceneError([problem("data", self.data, reason)])
+            raise SceneError([format_error("data", self.data, reason)])
         return readings, readings.scenes(scene), names
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """A row for each reading."""
         readings, scenes, names = self._asked(inputs)
         reading, what = self.read_as(inputs), readings.source.what
@@ -90,8 +90,8 @@ class Comparison(OfElectrodes):
         frame = frame[frame.charge_pC.notna()].reset_index(drop=True)
         size = frame.difference_percent.abs()
         if not size.notna().any():
-            raise NothingToShow("none of the scenes has charges")
-        bias = drawing.signed(frame.difference_percent.median(), 2)
+            raise NothingToShowError("none of the scenes has charges")
+        bias = drawing.format_signed(frame.difference_percent.median(), 2)
         over = self._over_deviations(frame, [scenes[row] for row in given], solved, reading)
         caption = (
             f"Below: computed less {what} charge, in percent of it; bias {bias} %, median size "
@@ -106,7 +106,7 @@ class Comparison(OfElectrodes):
         return Content(caption, frame.drop(columns=["row", "scene"]), figure, shown, claim)
 
     def _over_deviations(
-        self, frame: pd.DataFrame, scenes: Sequence[Scene], solved: Solved, reading: str
+        self, frame: pd.DataFrame, scenes: Sequence[Scene], solved: ReportResults, reading: str
     ) -> str:
         """Add the differences over their standard deviations to a frame; what there is to say."""
         if not (scenes and scenes[0].uncertain):
@@ -125,11 +125,11 @@ class Comparison(OfElectrodes):
 
 def _figure(frame: pd.DataFrame, names: tuple[str, ...], what: str) -> Figure:
     """Computed over measured charges, and below the differences, with names at the largest."""
-    figure = new_figure(drawing.WIDTH_MM, 106.0)
+    figure = make_figure(drawing.WIDTH_MM, 106.0)
     ax, strip = figure.subplots(2, sharex=True, gridspec_kw={"height_ratios": [3.0, 2.0]})
     for number, name in enumerate(names):
         own = frame[frame.electrode == name]
-        look = {**look_of(number), "linestyle": "none", "markersize": 4.0}
+        look = {**get_line_style(number), "linestyle": "none", "markersize": 4.0}
         ax.plot(own.charge_pC, own.computed_pC, **look, label=name)
         bars = 100.0 * own.error_pC / own.charge_pC.abs()
         strip.errorbar(own.charge_pC, own.difference_percent, bars, elinewidth=0.7, **look)
@@ -153,13 +153,13 @@ def _shown(
     """The page's table: named keys, by default every key, and charges with sure digits."""
     own = (*charges.columns, "row", "scene", "difference_over_deviation")
     keys = [key for key in frame.columns if key not in own and (key in kept or not kept)]
-    shown = frame[keys].map(cell_text)
+    shown = frame[keys].map(format_cell)
     shown["electrode"] = frame.electrode
-    shown[f"{what} (pC)"] = [drawing.sure(value, 0.5) for value in frame.charge_pC]
+    shown[f"{what} (pC)"] = [drawing.format_significant(value, 0.5) for value in frame.charge_pC]
     pairs = zip(frame.computed_pC, frame.error_pC, strict=True)
-    shown["computed (pC)"] = [drawing.sure(value, error) for value, error in pairs]
+    shown["computed (pC)"] = [drawing.format_significant(value, error) for value, error in pairs]
     shown["± (pC)"] = [f"{error:.1g}" for error in frame.error_pC]
-    shown["diff. (%)"] = [drawing.signed(value, 2) for value in frame.difference_percent]
+    shown["diff. (%)"] = [drawing.format_signed(value, 2) for value in frame.difference_percent]
     if "difference_over_deviation" in frame:
-        shown["diff. (σ)"] = [drawing.signed(of) for of in frame.difference_over_deviation]
+        shown["diff. (σ)"] = [drawing.format_signed(of) for of in frame.difference_over_deviation]
     return shown

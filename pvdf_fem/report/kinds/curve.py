@@ -7,15 +7,15 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from pvdf_fem.report.data import SHORT, Name
-from pvdf_fem.report.kind import Content, Inputs, blamed, differ_in
-from pvdf_fem.report.kinds.along import Along, Series
-from pvdf_fem.report.solved import Solved
-from pvdf_fem.scene.change import number_at, spelled
-from pvdf_fem.scene.quantity import Finite, refusal
+from pvdf_fem.report.kind import Content, Inputs, differ_only_in, prefix_errors
+from pvdf_fem.report.kinds.along_curves import Along, Series
+from pvdf_fem.report.results import ReportResults
+from pvdf_fem.scene.changes import get_number, normalize_key
+from pvdf_fem.scene.keys import Finite, make_validation_error
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, problem
+from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.studies.scene_grid import ValueRange
-from pvdf_fem.view import drawing
+from pvdf_fem.view import curves as drawing
 
 MOST_VALUES = 200  #: Of a curve.
 
@@ -26,9 +26,11 @@ def _list_or_range(value: Any) -> str:
 
 def _drawable(values: ValueRange) -> ValueRange:
     if values.count > MOST_VALUES:
-        raise refusal(f"has a count of {values.count}; give at most {MOST_VALUES}")
+        raise make_validation_error(f"has a count of {values.count}; give at most {MOST_VALUES}")
     if values.spacing == "log" and not values.start * values.stop > 0.0:
-        raise refusal("has no equal ratios; give both ends one sign, and not 0, or no spacing")
+        raise make_validation_error(
+            "has no equal ratios; give both ends one sign, and not 0, or no spacing"
+        )
     return values
 
 
@@ -63,7 +65,7 @@ class Curve(Along):
     @property
     def full_key(self) -> str:
         """The key along the curves, in full."""
-        return SHORT.get(self.x, spelled(self.x))
+        return SHORT.get(self.x, normalize_key(self.x))
 
     def series(self, inputs: Inputs) -> list[Series]:
         """Curves by the family's values, or by electrode."""
@@ -71,14 +73,14 @@ class Curve(Along):
         if inputs.quick:
             numbers = (*numbers[:-1:2], numbers[-1])  # as far as the full curve
         if list(numbers) != sorted(set(numbers)):
-            raise SceneError([problem("values", list(numbers), "do not grow; sort them")])
+            raise SceneError([format_error("values", list(numbers), "do not grow; sort them")])
         families: dict[str | None, dict[str, Any]] = {None: {}}
         for key, values in self.family.items():
-            full = SHORT.get(key, spelled(key))
-            families = {drawing.value_label(full, of): {full: of} for of in values}
+            full = SHORT.get(key, normalize_key(key))
+            families = {drawing.format_value(full, of): {full: of} for of in values}
         found = []
         for name, changes in families.items():
-            with blamed("x, values, family" if self.family else "x, values"):
+            with prefix_errors("x, values, family" if self.family else "x, values"):
                 scenes = [scene.with_(**{**changes, self.full_key: x}) for x in numbers]
             names = self.names(scenes[0])
             for group in [(n,) for n in names] if self.family else [names]:
@@ -87,12 +89,12 @@ class Curve(Along):
 
     def where_on(self, series: Series, scene: Scene) -> float | None:
         """The scene's value of `x` if the scene differs from the curve's in `x` only, else None."""
-        is_on = differ_in([self.full_key], series.scene, scene)
-        return number_at(scene, self.full_key) if is_on else None
+        is_on = differ_only_in([self.full_key], series.scene, scene)
+        return get_number(scene, self.full_key) if is_on else None
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """A panel per electrode, or a single panel."""
-        label = drawing.axis_label(self.full_key)
+        label = drawing.format_axis_label(self.full_key)
         log = getattr(self.values, "spacing", "") == "log"
         text = f"Charges against {label}; dots are solved."
         return self.drawn(inputs, solved, label, text, log)

@@ -14,14 +14,14 @@ from pydantic import Discriminator, Field, Tag
 
 from pvdf_fem.arrays import Array, make_polar_grid
 from pvdf_fem.report.charge_map import ChargeMap
-from pvdf_fem.report.kind import PLACE, Content, Inputs, differ_in, place_mm
-from pvdf_fem.report.kinds.mapped import Mapped
-from pvdf_fem.report.solved import Solved
-from pvdf_fem.scene.quantity import Finite, Whole, within
+from pvdf_fem.report.kind import PLACE, Content, Inputs, differ_only_in, get_place_mm
+from pvdf_fem.report.kinds.over_places import Mapped
+from pvdf_fem.report.results import ReportResults
+from pvdf_fem.scene.keys import Finite, Whole, within
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.view import figures
-from pvdf_fem.view.drawing import READING_LABELS, RING, WIDTH_MM, listed
-from pvdf_fem.view.figures import COLOURS, draw_film, named_lines, new_figure
+from pvdf_fem.view.curves import READING_LABELS, RING, WIDTH_MM, join_words
+from pvdf_fem.view.figures import COLOURS, draw_film, draw_labelled_contours, make_figure
 
 RADII, ANGLES = 41, 121  #: Raster of a panel.
 NEAR = 0.06  #: Distance, over the colour bar, from a level to an end that has no name.
@@ -69,11 +69,11 @@ class Isocharge(Mapped):
         """Data rows that differ from the scene only in the probe's place, and every scene."""
         readings = self.readings(inputs)
         scenes = readings.scenes(scene) if readings else []
-        near = [np.linalg.norm(place_mm(other)) <= reach_mm for other in scenes]
+        near = [np.linalg.norm(get_place_mm(other)) <= reach_mm for other in scenes]
         rows = [i for i, is_near in enumerate(near) if is_near]
-        return [i for i in rows if differ_in(PLACE, scene, scenes[i])], scenes
+        return [i for i in rows if differ_only_in(PLACE, scene, scenes[i])], scenes
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """A panel for each electrode."""
         scene, reading = self.scene(inputs), self.read_as(inputs)
         names, asked = self.names(scene), self.places(scene, inputs)
@@ -91,8 +91,9 @@ class Isocharge(Mapped):
         frame = pd.DataFrame(asked.places_mm, columns=["x_mm", "y_mm"])
         frame[[f"{name}_pC" for name in names]] = known
         text = (
-            f"Charge of {listed(names)} by the place of the probe, within {asked.reach_mm:.3g} mm "
-            f"of the film's centre; {len(known)} places are solved, and between them charges are "
+            f"Charge of {join_words(names)} by the place of the probe, within "
+            f"{asked.reach_mm:.3g} mm of the film's centre; {len(known)} places are solved, and "
+            "between them charges are "
             f"known to {100.0 * made.error_bound:.1g} %."
         )
         if len(points):
@@ -119,7 +120,7 @@ class Isocharge(Mapped):
             return pd.DataFrame(columns=POINTS, dtype=float)
         rows, scenes = self._rows(inputs, scene, made.domain.reach_mm)
         theirs = readings.charges(scenes, made.names, reading)[rows]
-        places = np.array([place_mm(scenes[i]) for i in rows])
+        places = np.array([get_place_mm(scenes[i]) for i in rows])
         ours, slopes = made.evaluate(np.pad(places, ((0, 0), (0, 2))))
         apart = np.abs(ours - rest - theirs) / np.linalg.norm(slopes, axis=-1)
         table = [
@@ -133,7 +134,7 @@ def _figure(count: int) -> Figure:
     columns = 1 if count == 1 else 2 if count <= 4 else 3
     rows = math.ceil(count / columns)
     wide = WIDTH_MM if columns < 3 else 1.25 * WIDTH_MM
-    figure = new_figure(wide, 12.0 + rows * (wide - 26.0) / columns)
+    figure = make_figure(wide, 12.0 + rows * (wide - 26.0) / columns)
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for ax in axes.flat[count:]:
         ax.remove()
@@ -160,13 +161,13 @@ def _draw(
     low, high = _limits(by_name)
     # charges fall by a factor: equal ratios show their lines far from the electrode, too
     shades = (np.geomspace if low > 0.0 else np.linspace)(low, high, SHADES + 1)
-    norm, colours = BoundaryNorm(shades, 256), figures.colours_of([low, high])[0]
+    norm, colours = BoundaryNorm(shades, 256), figures.choose_colours([low, high])[0]
     (x, y), reach = np.moveaxis(raster, -1, 0), float(raster.max())
     for ax, (name, values) in zip(figure.axes, by_name.items(), strict=True):
         filled = ax.contourf(x, y, values, shades, norm=norm, cmap=colours)
         here = points.loc[points.electrode == name, ["x_mm", "y_mm"]].to_numpy()
         centres = [1e3 * electrode.outline.centroid for electrode in scene.electrode_list]
-        named_lines(ax, x, y, values, levels[name], np.array([*centres, *here]))
+        draw_labelled_contours(ax, x, y, values, levels[name], np.array([*centres, *here]))
         draw_film(ax, scene.film.radius_mm, scene.electrode_list, 1.04 * reach)
         ax.plot(*here.T, **RING, markeredgecolor=COLOURS[1], markersize=4.0)
         ax.set(title=f"electrode {name}", xlabel="", ylabel="")

@@ -15,14 +15,14 @@ from pvdf_fem.inverse.touch.locate import locate
 from pvdf_fem.report.charge_map import ChargeMap, MapPlaces
 from pvdf_fem.report.crossings import Contours
 from pvdf_fem.report.data import ERROR_MM, Readings
-from pvdf_fem.report.kind import PLACE, Content, Inputs, differ_in, place_mm
-from pvdf_fem.report.kinds.mapped import Mapped
-from pvdf_fem.report.solved import NothingToShow, Solved
-from pvdf_fem.scene.quantity import Finite, within
+from pvdf_fem.report.kind import PLACE, Content, Inputs, differ_only_in, get_place_mm
+from pvdf_fem.report.kinds.over_places import Mapped
+from pvdf_fem.report.results import NothingToShowError, ReportResults
+from pvdf_fem.scene.keys import Finite, within
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import SceneError, problem
-from pvdf_fem.view.drawing import WIDTH_MM, label_points, listed
-from pvdf_fem.view.figures import COLOURS, draw_film, new_figure
+from pvdf_fem.scene.scene_file import SceneError, format_error
+from pvdf_fem.view.curves import WIDTH_MM, join_words, label_points
+from pvdf_fem.view.figures import COLOURS, draw_film, make_figure
 
 MOST_MAPS = 40  #: Of charges: one for each force, rotation or film among the touches.
 #: Ways to find a touch, and their numbers of charges.
@@ -52,7 +52,7 @@ class Positions(Mapped):
         if len(maps) > MOST_MAPS:
             reason = f"needs {len(maps)} maps of charges, for its forces, rotations and films; at"
             reason += f" most {MOST_MAPS} are allowed, keep fewer rows by `where`"
-            raise SceneError([problem("data", self.data, reason)])
+            raise SceneError([format_error("data", self.data, reason)])
         places = [scene for asked in maps for scene in asked.scenes]
         return places + ([] if readings.names else touches)
 
@@ -63,18 +63,18 @@ class Positions(Mapped):
         scenes, maps, of = readings.scenes(self.scene(inputs)), list[MapPlaces](), list[int]()
         self.names(scenes[0])
         for scene in scenes:
-            known = (i for i, m in enumerate(maps) if differ_in(PLACE, m.scene, scene))
+            known = (i for i, m in enumerate(maps) if differ_only_in(PLACE, m.scene, scene))
             of.append(next(known, len(maps)))
             if of[-1] == len(maps):
                 maps.append(self.places(scene, inputs))
         return readings, scenes, maps, of
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """A row for each touch."""
         readings, scenes, maps, of = self._asked(inputs)
         made = [self.charge_map(asked, solved) for asked in maps]
         contours = [Contours(charge_map) for charge_map in made]
-        true, names = np.array([place_mm(scene) for scene in scenes]), self.names(scenes[0])
+        true, names = np.array([get_place_mm(scene) for scene in scenes]), self.names(scenes[0])
         source = readings if readings.names else solved
         found = {way: np.full(true.shape, np.nan) for way in WAYS}
         for i, row in enumerate(source.charges(scenes, names, "total").tolist()):
@@ -85,7 +85,7 @@ class Positions(Mapped):
                 found["least squares"][i] = _fitted(made[of[i]], known, self.sigma)
         errors = {way: np.linalg.norm(places - true, axis=1) for way, places in found.items()}
         if not np.isfinite(list(errors.values())).any():
-            raise NothingToShow("no touch is found again")
+            raise NothingToShowError("no touch is found again")
         frame = readings.frame.drop(columns=[ERROR_MM], errors="ignore")
         for way, places in found.items():
             name = way.replace(" ", "_")
@@ -118,7 +118,7 @@ def _figure(scenes: list[Scene], true: Array, errors: dict[str, Array], names: l
     electrodes = dict.fromkeys(e for scene in scenes for e in scene.electrode_list)
     centres = [1e3 * electrode.outline.centroid for electrode in electrodes]
     reach = 1.25 * float(np.linalg.norm([*true, *centres], axis=1).max())
-    figure = new_figure(WIDTH_MM, WIDTH_MM)
+    figure = make_figure(WIDTH_MM, WIDTH_MM)
     ax = figure.subplots()
     radius = scenes[0].film.radius_mm
     draw_film(ax, radius, electrodes, min(reach, radius))
@@ -147,5 +147,5 @@ def _claim(errors: dict[str, Array], whose: str) -> str:
     medians = pd.DataFrame(errors).median().dropna()
     ours = [f"{size:.2g} mm by {way}" for way, size in medians.items() if way in WAYS]
     theirs = [f"the {of} error is {size:.2g} mm" for of, size in medians.items() if of not in WAYS]
-    text = f"touches are found again from {whose} to {listed(ours)} in the median"
+    text = f"touches are found again from {whose} to {join_words(ours)} in the median"
     return "; ".join([text, *theirs])

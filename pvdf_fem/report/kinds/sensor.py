@@ -9,10 +9,10 @@ import pandas as pd
 from matplotlib.patches import Polygon
 
 from pvdf_fem.report.kind import Content, Inputs, Kind
-from pvdf_fem.report.solved import Solved
+from pvdf_fem.report.results import ReportResults
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.view.drawing import WIDTH_MM
-from pvdf_fem.view.figures import COLOURS, draw_film, new_figure
+from pvdf_fem.view.curves import WIDTH_MM
+from pvdf_fem.view.figures import COLOURS, draw_film, make_figure
 
 
 class Sensor(Kind):
@@ -28,10 +28,10 @@ class Sensor(Kind):
         self.scene(inputs)
         return []
 
-    def compose(self, inputs: Inputs, solved: Solved) -> Content:
+    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
         """A map to scale."""
         scene, frame = self.scene(inputs), []
-        figure = new_figure(WIDTH_MM, WIDTH_MM - 6.0)
+        figure = make_figure(WIDTH_MM, WIDTH_MM - 6.0)
         ax = figure.subplots()
         for touch in scene.loaded_probes:
             edge = 1e3 * np.array(touch.outline.shape.exterior.coords)

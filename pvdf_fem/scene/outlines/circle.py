@@ -29,14 +29,14 @@ class Circle(Ellipse):
         return float(np.linalg.norm(self.centre) + self.radius)
 
     @property
-    def landmarks(self) -> Array:
+    def defining_points(self) -> Array:
         return self.centre[None]
 
     @property
     def size(self) -> float:
         return self.radius
 
-    def mapped(self, frame: Array, shift: Array | float = 0.0) -> Circle:
+    def transform(self, frame: Array, shift: Array | float = 0.0) -> Circle:
         return Circle(frame @ self.centre + shift, self.radius)
 
 
@@ -44,7 +44,7 @@ class CircleShape(Shape):
     """A disc about (x, y)."""
 
     period_deg = 0.0
-    is_mirrored = True
+    is_mirror_symmetric = True
     size_key = "radius_mm"
     shape: Literal["circle"] = "circle"
     radius_mm: Annotated[float, SIZE] = 1.0

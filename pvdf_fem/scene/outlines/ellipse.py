@@ -11,9 +11,9 @@ import shapely
 from pydantic import AfterValidator
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.outlines.outline import EllipseCurve, Outline, turn
+from pvdf_fem.scene.keys import make_validation_error
+from pvdf_fem.scene.outlines.outline import EllipseCurve, Outline, rotate
 from pvdf_fem.scene.outlines.shape import SIZE, Shape
-from pvdf_fem.scene.quantity import refusal
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class Ellipse(Outline):
         outward = z / np.where(radius > 0.0, radius, 1.0)[:, None]
         return (radius - 1.0) / np.linalg.norm(outward @ to_disc, axis=1)
 
-    def dip(self, other: Outline) -> float:
+    def compute_depth_in(self, other: Outline) -> float:
         """How deep the boundary reaches into another outline, in m; negative outside. Points deeper
         than their neighbours are sought between the neighbours again and again; the depth's error
         is quadratic in their distance."""
@@ -123,20 +123,20 @@ class Ellipse(Outline):
         return float(np.linalg.norm(self.at(angles), axis=1).max())
 
     @property
-    def lowest(self) -> Array:
+    def lower_left(self) -> Array:
         return self.centre - np.linalg.norm(self.axes, axis=1)
 
     @cached_property
-    def landmarks(self) -> Array:
+    def defining_points(self) -> Array:
         return self.centre + np.concatenate([self.axes.T, -self.axes.T])
 
-    def mapped(self, frame: Array, shift: Array | float = 0.0) -> Ellipse:
+    def transform(self, frame: Array, shift: Array | float = 0.0) -> Ellipse:
         return Ellipse(frame @ self.centre + shift, frame @ self.first, self.second)
 
 
 def _is_not_thin(semi_axes: tuple[float, float]) -> tuple[float, float]:
     if max(semi_axes) > 1000.0 * min(semi_axes):  # ends too sharp for the rounding of a mesh
-        raise refusal("is too thin; give axes whose ratio is 1000 at the most")
+        raise make_validation_error("is too thin; give axes whose ratio is 1000 at the most")
     return semi_axes
 
 
@@ -144,7 +144,7 @@ class EllipseShape(Shape):
     """An ellipse about (x, y), unrotated with its first axis along x."""
 
     period_deg = 180.0
-    is_mirrored = True
+    is_mirror_symmetric = True
     size_key = "semi_axes_mm"
     shape: Literal["ellipse"] = "ellipse"
     semi_axes_mm: Annotated[
@@ -156,4 +156,4 @@ class EllipseShape(Shape):
     def outline(self) -> Ellipse:
         first, second = self.semi_axes_mm
         centre = np.array([self.x_mm, self.y_mm]) / 1e3
-        return Ellipse(centre, turn([first / 1e3, 0.0], self.rotation_deg), second / 1e3)
+        return Ellipse(centre, rotate([first / 1e3, 0.0], self.rotation_deg), second / 1e3)

@@ -21,7 +21,7 @@ from shapely import affinity
 from pvdf_fem.arrays import Array
 
 #: Lengths closer than this, relative to the distance from the film's centre, count as equal.
-TOUCH = 1e-9
+LENGTH_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Outline(ABC):
 
     @property
     def size(self) -> float:
-        """A length in m by which outlines with equal class and `landmarks` may differ."""
+        """A length in m by which outlines with equal class and `defining_points` may differ."""
         return 0.0
 
     @property
@@ -76,12 +76,12 @@ class Outline(ABC):
 
     @property
     @abstractmethod
-    def lowest(self) -> Array:
+    def lower_left(self) -> Array:
         """Least x and least y, shape (2,), in m."""
 
     @property
     @abstractmethod
-    def landmarks(self) -> Array:
+    def defining_points(self) -> Array:
         """Points (n, 2) in m, counter-clockwise, that fix an outline with this class and `size`."""
 
     @property
@@ -95,7 +95,7 @@ class Outline(ABC):
         """The outline for shapely: an inscribed polygon."""
 
     @abstractmethod
-    def mapped(self, frame: Array, shift: Array | float = 0.0) -> Self:
+    def transform(self, frame: Array, shift: Array | float = 0.0) -> Self:
         """The outline after the map x -> frame x + shift with an orthogonal matrix (2, 2)."""
 
     @abstractmethod
@@ -104,7 +104,7 @@ class Outline(ABC):
         to first order next to the boundary, and have the right sign anywhere."""
 
     @abstractmethod
-    def dip(self, other: Outline) -> float:
+    def compute_depth_in(self, other: Outline) -> float:
         """How deep this boundary reaches into another outline, in m; negative outside. It is taken
         where two outlines only touch but for rounding; there a polygon dips with its corners, and
         into its sides the other outline dips."""
@@ -128,36 +128,38 @@ class Outline(ABC):
 
     def coincides(self, other: Outline, slack: float) -> bool:
         """Whether another outline is the same, to `slack` in m in each coordinate."""
-        if type(self) is not type(other) or len(self.landmarks) != len(other.landmarks):
+        if type(self) is not type(other) or len(self.defining_points) != len(other.defining_points):
             return False
-        first = np.abs(other.landmarks - self.landmarks[0]).max(axis=1).argmin()
-        apart = np.roll(other.landmarks, -first, axis=0) - self.landmarks
+        first = np.abs(other.defining_points - self.defining_points[0]).max(axis=1).argmin()
+        apart = np.roll(other.defining_points, -first, axis=0) - self.defining_points
         return bool(max(np.abs(apart).max(), abs(self.size - other.size)) <= slack)
 
     def signature(self, unit: float, digits: int) -> tuple[str | float, ...]:
         """Values that are equal for outlines that cover the same points, after rounding lengths to
         `digits` after the point in units of `unit` m."""
-        rounded = (np.round(self.landmarks / unit, digits) + 0.0).tolist()
+        rounded = (np.round(self.defining_points / unit, digits) + 0.0).tolist()
         first = rounded.index(min(rounded))
         ordered = [x for point in rounded[first:] + rounded[:first] for x in point]
         return (type(self).__name__, round(self.size / unit, digits), *ordered)
 
 
-def overlaps(a: Outline, b: Outline) -> bool:
+def has_overlap(a: Outline, b: Outline) -> bool:
     """Whether the interiors of two outlines meet; outlines that touch do not overlap."""
     # chords are much nearer to their arcs
     if not shapely.dwithin(a.shape, b.shape, 1e-4 * (a.perimeter + b.perimeter)):
         return False
-    slack = TOUCH * max(a.reach, b.reach)
+    slack = LENGTH_TOLERANCE * max(a.reach, b.reach)
     common = a.shape.intersection(b.shape)
     # 2 area / perimeter measures the width of the common part, however long it is
     if 2.0 * common.area > slack * common.length:
         return True
     # what the polygons do not show is between arcs and their chords
-    return max(a.dip(b), b.dip(a)) > slack
+    return max(a.compute_depth_in(b), b.compute_depth_in(a)) > slack
 
 
-def mean_over(shape: shapely.Geometry, field: Callable[[Array], Array], lines: int = 24) -> float:
+def average_over(
+    shape: shapely.Geometry, field: Callable[[Array], Array], lines: int = 24
+) -> float:
     """Approximate mean over a shape, in m, for a field (n,) at points (n, 2): on a raster with
     `lines` by `lines` cells, or at a single point for a shape between cells."""
     low, high = np.reshape(shape.bounds, (2, 2))
@@ -167,7 +169,7 @@ def mean_over(shape: shapely.Geometry, field: Callable[[Array], Array], lines: i
     return float(field(inside if len(inside) else one).mean())
 
 
-def turn(points: ArrayLike, angle_deg: float) -> Array:
+def rotate(points: ArrayLike, angle_deg: float) -> Array:
     """Points, shape (..., 2), turned counter-clockwise about the origin; quarters are exact."""
     quarters, remainder = divmod(angle_deg, 90.0)
     c, s = np.cos(np.radians(remainder)), np.sin(np.radians(remainder))

@@ -12,9 +12,9 @@ import shapely
 from pydantic import AfterValidator, Field
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.outlines.outline import Line, Outline, turn
+from pvdf_fem.scene.keys import make_validation_error
+from pvdf_fem.scene.outlines.outline import Line, Outline, rotate
 from pvdf_fem.scene.outlines.shape import PLACE, SIZE, Shape
-from pvdf_fem.scene.quantity import refusal
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Polygon(Outline):
         return float(np.linalg.norm(self.vertices, axis=1).max())
 
     @cached_property
-    def lowest(self) -> Array:
+    def lower_left(self) -> Array:
         return self.vertices.min(axis=0)
 
     @property
@@ -52,7 +52,7 @@ class Polygon(Outline):
         return self.vertices
 
     @property
-    def landmarks(self) -> Array:
+    def defining_points(self) -> Array:
         return self.vertices
 
     @property
@@ -68,7 +68,7 @@ class Polygon(Outline):
     def polygon(self) -> shapely.Polygon:
         return self.shape
 
-    def mapped(self, frame: Array, shift: Array | float = 0.0) -> Polygon:
+    def transform(self, frame: Array, shift: Array | float = 0.0) -> Polygon:
         return Polygon(self.vertices @ np.transpose(frame) + shift)
 
     def signed_distance(self, points: Array) -> Array:
@@ -76,7 +76,7 @@ class Polygon(Outline):
         distance = shapely.distance(self.shape.exterior, at)
         return np.where(shapely.contains(self.shape, at), -distance, distance)
 
-    def dip(self, other: Outline) -> float:
+    def compute_depth_in(self, other: Outline) -> float:
         return -float(other.signed_distance(self.vertices).min())
 
     def boundary_rule(self, count: int) -> tuple[Array, Array]:
@@ -88,19 +88,19 @@ class Polygon(Outline):
         return points.reshape(-1, 2), normals.reshape(-1, 2)
 
 
-def rectangle(width: float, height: float) -> Array:
+def make_rectangle_corners(width: float, height: float) -> Array:
     """Corners, shape (4, 2), of a rectangle about the origin with its width along x."""
     x, y = width / 2, height / 2
     return np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
 
 
-def triangle(side: float) -> Array:
+def make_triangle_corners(side: float) -> Array:
     """Corners, shape (3, 2), of an equilateral triangle about the origin, one corner on +y."""
     height = side * np.sqrt(3.0) / 2
     return np.array([[0.0, 2 * height / 3], [-side / 2, -height / 3], [side / 2, -height / 3]])
 
 
-def defect(vertices: Sequence[Sequence[float]]) -> str | None:
+def find_polygon_defect(vertices: Sequence[Sequence[float]]) -> str | None:
     """Why vertices are no simple polygon for a mesh, or None; the unit is arbitrary."""
     points = np.asarray(vertices, dtype=float)
     extent = float(np.ptp(points, axis=0).max())
@@ -131,7 +131,7 @@ def _moments(vertices: Array) -> tuple[float, Array]:
 
 class _PolygonalShape(Shape):
     def _placed(self, corners_mm: Array) -> Polygon:
-        turned = turn(corners_mm, self.rotation_deg)
+        turned = rotate(corners_mm, self.rotation_deg)
         return Polygon((turned + np.array([self.x_mm, self.y_mm])) / 1e3)
 
 
@@ -139,21 +139,21 @@ class TriangleShape(_PolygonalShape):
     """An equilateral triangle; (x, y) is its centroid, unrotated a vertex points to +y."""
 
     period_deg = 120.0
-    is_mirrored = True
+    is_mirror_symmetric = True
     shape: Literal["triangle"] = "triangle"
     side_mm: Annotated[float, SIZE] = 7.0
     """Length of a side."""
 
     @cached_property
     def outline(self) -> Polygon:
-        return self._placed(triangle(self.side_mm))
+        return self._placed(make_triangle_corners(self.side_mm))
 
 
 class SquareShape(_PolygonalShape):
     """A square about (x, y), unrotated with its edges along x and y."""
 
     period_deg = 90.0
-    is_mirrored = True
+    is_mirror_symmetric = True
     is_rectangle = True
     shape: Literal["square"] = "square"
     side_mm: Annotated[float, SIZE] = 3.0
@@ -161,14 +161,14 @@ class SquareShape(_PolygonalShape):
 
     @cached_property
     def outline(self) -> Polygon:
-        return self._placed(rectangle(self.side_mm, self.side_mm))
+        return self._placed(make_rectangle_corners(self.side_mm, self.side_mm))
 
 
 class RectangleShape(_PolygonalShape):
     """A rectangle about (x, y), unrotated with its width along x."""
 
     period_deg = 180.0
-    is_mirrored = True
+    is_mirror_symmetric = True
     is_rectangle = True
     size_key = "width_mm"
     shape: Literal["rectangle"] = "rectangle"
@@ -179,12 +179,12 @@ class RectangleShape(_PolygonalShape):
 
     @cached_property
     def outline(self) -> Polygon:
-        return self._placed(rectangle(self.width_mm, self.height_mm))
+        return self._placed(make_rectangle_corners(self.width_mm, self.height_mm))
 
 
 def _is_simple(vertices: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    if wrong := defect(vertices):
-        raise refusal(f"{wrong}; list the corners of a simple polygon once, in order")
+    if wrong := find_polygon_defect(vertices):
+        raise make_validation_error(f"{wrong}; list the corners of a simple polygon once, in order")
     return vertices
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import Annotated, ClassVar
 
+from pvdf_fem.scene.keys import Affects, Key, Section
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.quantity import Affects, Key, Section
 
 #: Keys of a warm probe.
-HEAT = ("temperature_K", "contact_time_s")
+HEAT_KEYS = ("temperature_K", "contact_time_s")
 #: A size in the plane of the film, and a coordinate there.
 SIZE = Key("mm", (1e-4, 1e5), Affects.OUTLINE)
 PLACE = Key("mm", (-1e5, 1e5), Affects.OUTLINE)
@@ -30,7 +30,7 @@ class Shape(Section):
     #: The least rotation that brings the shape onto itself; 0 if any does.
     period_deg: ClassVar[float] = 360.0
     #: Whether the unrotated shape is its own mirror image in the y axis.
-    is_mirrored: ClassVar[bool] = False
+    is_mirror_symmetric: ClassVar[bool] = False
     #: Whether the unrotated shape has four sides along x and y, as the thesis's means need.
     is_rectangle: ClassVar[bool] = False
     #: The key to blame for a shape that is too large wherever it is.

@@ -8,16 +8,16 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import field_validator
 
+from pvdf_fem.scene.keys import Key, make_validation_error
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.shape import Touching
-from pvdf_fem.scene.quantity import Key, refusal
 
 
 class SphereShape(Touching):
     """A sphere whose lowest point is over (x, y)."""
 
     period_deg = 0.0
-    is_mirrored = True
+    is_mirror_symmetric = True
     size_key = "radius_mm"
     shape: Literal["sphere"] = "sphere"
     radius_mm: Annotated[float, Key("mm", (1e-4, 1e5))] = 5.0
@@ -27,7 +27,7 @@ class SphereShape(Touching):
     @classmethod
     def _has_no_edge(cls, value: float | None) -> float | None:
         if value is not None:
-            raise refusal("is of flat probes, and a sphere has no edge; remove it")
+            raise make_validation_error("is of flat probes, and a sphere has no edge; remove it")
         return value
 
     @cached_property

@@ -54,15 +54,15 @@ class Tip(ABC):
         """Distances of points (n, 2) from the core; zero on it."""
 
     @abstractmethod
-    def grown(self, distance: float) -> Outline:
+    def make_offset_outline(self, distance: float) -> Outline:
         """The outline around points nearer to the core than this distance."""
 
     @abstractmethod
-    def fitted(self, points: Array) -> Outline:
+    def fit_outline(self, points: Array) -> Outline:
         """The outline through points (n, 2) about the core, ordered counter-clockwise."""
 
     @abstractmethod
-    def carried(self, motion: Array, stretch: float) -> Self:
+    def moved_by(self, motion: Array, stretch: float) -> Self:
         """The tip moved by `motion` (2,) in m, its core larger by the factor 1 + `stretch`."""
 
     @property
@@ -105,7 +105,7 @@ class DiscTip(Tip):
     radius: float  #: Of the rounding.
     core: float = 0.0  #: Radius of the flat face.
 
-    def carried(self, motion: Array, stretch: float) -> DiscTip:
+    def moved_by(self, motion: Array, stretch: float) -> DiscTip:
         return replace(self, centre=self.centre + motion, core=(1.0 + stretch) * self.core)
 
     @property
@@ -126,10 +126,10 @@ class DiscTip(Tip):
         normal = np.where(outside[:, None], away / safe[:, None], 0.0)
         return Distances(np.where(outside, r - self.core, 0.0), normal, curvature)
 
-    def grown(self, distance: float) -> Circle:
+    def make_offset_outline(self, distance: float) -> Circle:
         return Circle(self.centre, self.core + distance)
 
-    def fitted(self, points: Array) -> Ellipse:
+    def fit_outline(self, points: Array) -> Ellipse:
         """The ellipse nearest to the points, by least squares of a conic's equation."""
         scale = float(np.linalg.norm(points - self.centre, axis=1).mean())
         x, y = ((points - self.centre) / scale).T
@@ -151,7 +151,7 @@ class PolygonTip(Tip):
     core: Polygon  #: The flat face.
     radius: float  #: Of the rounding, m.
 
-    def carried(self, motion: Array, stretch: float) -> PolygonTip:
+    def moved_by(self, motion: Array, stretch: float) -> PolygonTip:
         arms = self.core.vertices - self.core.centroid
         return replace(self, core=Polygon(self.core.vertices + motion + stretch * arms))
 
@@ -185,10 +185,10 @@ class PolygonTip(Tip):
         normal = np.where(outside[:, None], (points - nearest[rows, k]) / safe[:, None], 0.0)
         return Distances(value, normal, at_corner / safe)
 
-    def grown(self, distance: float) -> Polygon:
+    def make_offset_outline(self, distance: float) -> Polygon:
         return self._outline(self.core.shape.buffer(distance, quad_segs=4), distance)
 
-    def fitted(self, points: Array) -> Polygon:
+    def fit_outline(self, points: Array) -> Polygon:
         shape = shapely.Polygon(points)
         if not shape.is_valid:  # gmsh does not end on sides that cross at a narrow corner
             shape = max(shapely.get_parts(shape.buffer(0.0)), key=shapely.area)
@@ -200,7 +200,7 @@ class PolygonTip(Tip):
         return Polygon(np.array(shape.simplify(detail * width).exterior.coords)[:-1])
 
 
-def tip_of(probe: Touching) -> Tip:
+def make_tip(probe: Touching) -> Tip:
     """The rigid tip of a probe's shape; raises `ValueError` with the reason for other shapes."""
     outline, radius = probe.outline, (probe.rounding_mm or 0.0) / 1e3
     if not radius:

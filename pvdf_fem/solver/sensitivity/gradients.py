@@ -10,28 +10,28 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.film.models import resolve_film_model
-from pvdf_fem.scene.change import number_at
-from pvdf_fem.scene.given import Named, Names, SceneLike, scene_of, taken
+from pvdf_fem.scene.arguments import Names, SceneLike, ValuesByName, as_scene, coerce
+from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import choose, problem
+from pvdf_fem.scene.scene_file import format_error, suggest
 from pvdf_fem.solver.adaptive import solve
 from pvdf_fem.solver.history import Stop
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
-from pvdf_fem.solver.sensitivity.adjoint import adjoints
+from pvdf_fem.solver.sensitivity.adjoint import solve_adjoints
 from pvdf_fem.solver.sensitivity.parameters import (
     PLACE_NAMES,
-    parameters_of,
-    refusal,
-    touched,
+    explain_missing_derivative,
+    list_parameters,
+    map_probe_keys,
 )
-from pvdf_fem.solver.sensitivity.rates import rate_of
+from pvdf_fem.solver.sensitivity.rates import compute_rate
 from pvdf_fem.solver.solution import Solution
-from pvdf_fem.told import Columns, Grid, Parts, rounded
+from pvdf_fem.summary import Summary, TabularResult, TextTable, format_with_error
 
 TINY = np.finfo(float).tiny
 
 
-class Gradients(Columns, Named[dict[str, float]]):
+class Gradients(TabularResult, ValuesByName[dict[str, float]]):
     """Derivatives of charges by key and electrode, in pC per unit of the key.
 
     Attributes
@@ -59,15 +59,18 @@ class Gradients(Columns, Named[dict[str, float]]):
             found[f"{name}_error"] = [errors[name] for errors in self.errors.values()]
         return found
 
-    def parts(self) -> Parts:
+    def summary(self) -> Summary:
         names = [*self.solution.charges_pC]
         heading = [title for name in names for title in (name, "±")]
         rows = tuple(
-            (key, *(cell for n in names for cell in rounded(rates[n], self.errors[key][n])))
+            (
+                key,
+                *(cell for n in names for cell in format_with_error(rates[n], self.errors[key][n])),
+            )
             for key, rates in self.items()
         )
-        about, table = f"pC per unit of {', '.join(self)}", Grid(("by", *heading), rows)
-        return "derivatives of total charges", [about], [table], []
+        about, table = f"pC per unit of {', '.join(self)}", TextTable(("by", *heading), rows)
+        return Summary("derivatives of total charges", [about], tables=[table])
 
 
 def gradients(
@@ -83,7 +86,7 @@ def gradients(
     solution : Solution, Scene, or what `solve` takes for a scene
         A converged one, or a scene that is solved first.
     parameters : sequence of str, optional
-        Keys of the scene file as in `Scene.with_`, by default all of `parameters_of` the scene.
+        Keys of the scene file as in `Scene.with_`, by default all of `list_parameters` the scene.
     tolerance : float, optional
         Largest of the `Gradients.relative_errors` wanted. Where the solution's mesh leaves larger
         ones, the scene is solved again to smaller errors of its charges. By default the derivatives
@@ -100,7 +103,7 @@ def gradients(
     NotConvergedError
         When the solution is not converged, or no mesh meets the tolerance.
     ValueError
-        For a key that is not among `parameters_of` the scene, and for a tolerance out of range or
+        For a key that is not among `list_parameters` the scene, and for a tolerance out of range or
         of a solution on a mesh that was given.
 
     Examples
@@ -108,17 +111,17 @@ def gradients(
     >>> rates = gradients(solve(Scene.example("triangle")))
     >>> rates["probe.x_mm"]["A"], rates.errors["probe.x_mm"]["A"]
     """
-    scene = scene_of(solution)
+    scene = as_scene(solution)
     pressure = solution.pressure if isinstance(solution, Solution) else None
-    known = parameters_of(scene, pressure)
-    wanted = known if parameters is None else taken("parameters", parameters, Names)
+    known = list_parameters(scene, pressure)
+    wanted = known if parameters is None else coerce("parameters", parameters, Names)
     for key in wanted:
         if key not in known:
-            reason = refusal(scene, key, pressure)
-            reason = f"{reason}; {choose(key, known)}"
-            raise ValueError(problem("parameters", key, reason))
+            reason = explain_missing_derivative(scene, key, pressure)
+            reason = f"{reason}; {suggest(key, known)}"
+            raise ValueError(format_error("parameters", key, reason))
     if tolerance is not None:
-        tolerance = taken("tolerance", tolerance, float, (1e-9, 1.0))
+        tolerance = coerce("tolerance", tolerance, float, (1e-9, 1.0))
     if tolerance and isinstance(solution, Solution) and solution.stop is Stop.GIVEN_MESH:
         reason = "would leave the mesh that was given; give the scene instead, or no tolerance"
         raise ValueError(f"tolerance = {tolerance:g}: {reason}")
@@ -162,9 +165,9 @@ def _gradients_of(
     The true error is up to `saturation` times the change at the next order, least effective at
     corners. A derivative counts at least as the part `negligible` of its unit.
     """
-    scene, keys = solution.scene, parameters_of(solution.scene, solution.pressure)
-    adjoint, rich = adjoints(solution)
-    rates, better = (np.array([rate_of(of, key) for key in keys]) for of in (adjoint, rich))
+    scene, keys = solution.scene, list_parameters(solution.scene, solution.pressure)
+    adjoint, rich = solve_adjoints(solution)
+    rates, better = (np.array([compute_rate(of, key) for key in keys]) for of in (adjoint, rich))
     errors = np.abs(better - rates)
     sizes = np.abs(adjoint.forces) @ np.abs([scene.film.d31, scene.film.d32])
     unit = sizes / np.array([[_scale(scene, key)] for key in keys])
@@ -186,7 +189,7 @@ def _gradients_of(
 
 def _scale(scene: Scene, key: str) -> float:
     """A relevant change of a parameter, in the key's unit."""
-    touches = touched(scene).get(key)
+    touches = map_probe_keys(scene).get(key)
     if touches and key.endswith(PLACE_NAMES):
         probe = touches[0][0].probe
         if key.endswith("rotation_deg"):
@@ -194,4 +197,4 @@ def _scale(scene: Scene, key: str) -> float:
         return 1e3 * probe.outline.perimeter / (2.0 * np.pi)
     if touches and "_N" in key:
         return float(np.linalg.norm(touches[0][0].load.components)) or 1.0
-    return abs(number_at(scene, key)) or 1.0
+    return abs(get_number(scene, key)) or 1.0

@@ -13,7 +13,7 @@ from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.inverse.touch.search import LocateOptions, make_location
 from pvdf_fem.inverse.touch.solved_charges import SolvedResponse
 from pvdf_fem.inverse.touch.superposition import search_along_weak_direction
-from pvdf_fem.surrogate.model import Domain
+from pvdf_fem.surrogate.touch_domain import Domain
 from tests.helpers.touch_models import bumps
 
 DISC = {"shape": "circle", "radius_mm": 2.0}

@@ -10,7 +10,7 @@ from pvdf_fem.inverse.least_squares import SearchOptions
 from pvdf_fem.inverse.touch.locate import locate
 from pvdf_fem.inverse.touch.locate_many import locate_many
 from pvdf_fem.inverse.touch.search import LocateOptions
-from pvdf_fem.surrogate.model import QUANTITIES
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES
 from tests.helpers.touch_models import bumps, random_touches, read
 
 PLACE_MM = np.array([3.0, 4.0, 0.0, 1.0])
@@ -30,7 +30,7 @@ def test_the_covariance_is_the_inverse_information_where_charges_are_linear():
     charges = read(model, touch)
     # slopes are those before the last step
     options = LocateOptions(search=SearchOptions(chi_square_tolerance=1e-8))
-    asked = {"unknown": QUANTITIES, "noise_pC": 0.3, "options": options}
+    asked = {"unknown": TOUCH_QUANTITIES, "noise_pC": 0.3, "options": options}
     found = locate(model, charges, 1e-3, **asked)
     variance = (1e-6 + 1e-8 / 3.0) * np.square([*charges.values()]) + 0.09
     slopes = slopes_of(model, touch)
@@ -76,7 +76,7 @@ def test_charges_that_undo_each_other_name_the_free_direction():
 
 def test_a_disc_has_no_rotation():
     model = bumps("circle")
-    found = locate(model, read(model, PLACE_MM), unknown=QUANTITIES)
+    found = locate(model, read(model, PLACE_MM), unknown=TOUCH_QUANTITIES)
     best = found.best
     assert best.values[[0, 1, 3]] == pytest.approx(PLACE_MM[[0, 1, 3]], abs=1e-5)
     assert not best.determined

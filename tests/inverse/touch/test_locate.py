@@ -9,7 +9,7 @@ import pytest
 
 from pvdf_fem.inverse.touch.locate import locate, rank_probes
 from pvdf_fem.inverse.touch.locate_many import locate_many
-from pvdf_fem.surrogate.model import QUANTITIES, Domain
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain
 from tests.helpers.touch_models import POINTS, Bumps, bumps, random_touches, read
 
 PERIODS_DEG = {"triangle": 120.0, "rectangle": 180.0}
@@ -59,7 +59,7 @@ def test_all_touches_with_an_unknown_rotation_are_listed(shape):
     plain, winding = random_touches(30, seed=5), random_touches(600, seed=1)[WINDING[shape]]
     for touch, near in ((t, n) for of, n in ((plain, ROUGH), (winding, FINE)) for t in of):
         charges = read(model, touch)
-        found = locate(model, charges, 1e-3, unknown=QUANTITIES)
+        found = locate(model, charges, 1e-3, unknown=TOUCH_QUANTITIES)
         several += found.ambiguous
         inside = [one for one in found.touches if not one.at_edge]
         assert all(0.0 <= one.rotation_deg < period for one in inside)
@@ -144,7 +144,9 @@ def test_a_touch_beyond_the_domain_is_at_its_edge_and_no_model_is_asked_there(
     model = Watched(**vars(bumps("circle")))
     found = locate(model, read(bumps("circle"), touch))
     assert (found.best.at_edge, found.status) == (limits, status)
-    locate(replace(model, points_mm=POINTS["triangle"]), read(bumps(), touch), unknown=QUANTITIES)
+    locate(
+        replace(model, points_mm=POINTS["triangle"]), read(bumps(), touch), unknown=TOUCH_QUANTITIES
+    )
     x, y, _, force = np.concatenate(model.asked).T
     assert np.hypot(x, y).max() <= 12.0 * (1.0 + 1e-9)
     assert force.min() >= 0.1 * (1.0 - 1e-9)

@@ -8,8 +8,8 @@ import pytest
 
 from pvdf_fem.inverse.touch.locate import locate
 from pvdf_fem.inverse.touch.locate_many import locate_many
-from pvdf_fem.solver.adaptive import rest_charges
-from pvdf_fem.surrogate.model import QUANTITIES
+from pvdf_fem.solver.adaptive import compute_unloaded_charges
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES
 from tests.helpers.touch_models import bumps, read
 
 TOUCH = np.array([3.0, -4.0, 25.0, 0.7])
@@ -35,7 +35,7 @@ def model_with(shape="rectangle", **sections):
     """A stand-in whose charges without a touch are the scene's."""
     model = bumps(shape)
     scene = model.scene.with_(**sections)
-    return replace(model, scene=scene, rest_pC=1e12 * rest_charges(scene)[0])
+    return replace(model, scene=scene, rest_pC=1e12 * compute_unloaded_charges(scene)[0])
 
 
 def by_name(readings):
@@ -100,18 +100,18 @@ def test_the_mistake_in_readings_is_told(word, how, changed):
 
 @pytest.mark.parametrize(
     "unknown",
-    [("force_N",), ("x_mm",), ("rotation_deg",), ("y_mm", "force_N"), USUAL, QUANTITIES],
+    [("force_N",), ("x_mm",), ("rotation_deg",), ("y_mm", "force_N"), USUAL, TOUCH_QUANTITIES],
 )
 @pytest.mark.parametrize("given", [True, False])
 def test_what_is_not_sought_is_given_on_the_stage_or_is_the_scenes_touch(unknown, given):
     """The scene's touch is on the film."""
-    place = dict(zip(QUANTITIES[:3], TOUCH.tolist(), strict=False))
+    place = dict(zip(TOUCH_QUANTITIES[:3], TOUCH.tolist(), strict=False))
     sections = {"probe": {"shape": "rectangle", **place}, "load": {"force_N": 0.7}}
     model, touch = model_with(stage=STAGE, **({} if given else sections)), ON_STAGE
-    known = {n: v for n, v in zip(QUANTITIES, touch, strict=True) if n not in unknown}
+    known = {n: v for n, v in zip(TOUCH_QUANTITIES, touch, strict=True) if n not in unknown}
     found = locate(model, read(model, TOUCH), 1e-3, unknown=unknown, known=known if given else {})
     assert found.unknown == unknown
-    fits = found.touches if unknown == QUANTITIES else [found.best]
+    fits = found.touches if unknown == TOUCH_QUANTITIES else [found.best]
     assert any(one.values == pytest.approx(touch, abs=1e-4) for one in fits)
 
 

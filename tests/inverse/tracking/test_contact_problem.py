@@ -7,7 +7,7 @@ import pytest
 
 from pvdf_fem.inverse.tracking.contact_problem import ChargeSample, ContactProblem
 from pvdf_fem.inverse.tracking.options import DEFAULTS
-from pvdf_fem.surrogate.model import FORCE
+from pvdf_fem.surrogate.touch_domain import TouchColumn
 from tests.helpers.streams import Tap, charges_of, sensor
 
 TOUCH = Tap(0.0, 1.0, (4.0, -3.0), 0.8)
@@ -48,8 +48,8 @@ def test_what_sampling_misses_is_uncertain_in_the_force():
     power = np.diff(np.log(ends))[0] / np.diff(np.log(force))[0]
     samples = (replace(sample, missed=(share * size) ** 2) for share in (0.0, 0.02))
     exact, missed = (MODEL.located(of).deviations for of in samples)
-    wider = np.hypot(exact[FORCE], 0.02 / power)
-    assert missed[FORCE] == pytest.approx(wider, rel=0.05)
+    wider = np.hypot(exact[TouchColumn.FORCE], 0.02 / power)
+    assert missed[TouchColumn.FORCE] == pytest.approx(wider, rel=0.05)
     assert (exact[:2] < missed[:2]).all()
     assert (missed[:2] < 2.0 * exact[:2]).all()
 
@@ -84,5 +84,5 @@ def test_forces_are_told_beyond_those_of_the_model(force):
     sample = sampled(replace(TOUCH, force_N=force), 0.05)
     at, chi_square = MODEL.pressed(start, sample)
     np.testing.assert_array_equal(at[:3], start[:3])
-    assert np.exp(at[FORCE]) == pytest.approx(force, rel=0.1 if force != 0.8 else 1e-3)
+    assert np.exp(at[TouchColumn.FORCE]) == pytest.approx(force, rel=0.1 if force != 0.8 else 1e-3)
     assert (chi_square < 1e-2) == (force == 0.8)

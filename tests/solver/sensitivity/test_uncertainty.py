@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, solve, uncertainty
-from pvdf_fem.scene.change import number_at
+from pvdf_fem.scene.changes import get_number
 from tests.helpers.discs import values
 from tests.helpers.refusals import keys, refused
 
@@ -21,7 +21,7 @@ UNCERTAIN = {"film.thickness_um": "5 %", "film.d31_pC_N": 0.8, "load.force_N": "
 
 def by_solves(scene, key, size, part=0.05):
     """Changes of charges, in total and by the touch, by one deviation, from two solves."""
-    value = number_at(scene, key)
+    value = get_number(scene, key)
     fine = scene.with_({"numerics.tolerance": 1e-5})
     ends = [solve(fine.with_({key: value + sign * part * size})) for sign in (1.0, -1.0)]
     for kind in ("charges_pC", "charge_changes_pC"):
@@ -50,7 +50,7 @@ def test_deviations_are_roots_of_sums_of_squares_and_shares_add_up(found):
 
 def test_a_cooled_film_has_an_uncertain_pretension():
     """Other values are uncertain at this pretension."""
-    tension = float(SCENE.film.stress_at_rest[0] * SCENE.film.thickness)
+    tension = float(SCENE.film.prestress[0] * SCENE.film.thickness)
     given = SCENE.with_({"film.pretension_N_m": tension})
     uncertain = {"film.pretension_N_m": "30 %", "film.thickness_um": "5 %"}
     cooled, same = (uncertainty(scene, uncertain) for scene in (SCENE, given))

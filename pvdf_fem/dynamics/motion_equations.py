@@ -24,15 +24,15 @@ from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.air import AirLoad
-from pvdf_fem.dynamics.spectrum import pencil_of
-from pvdf_fem.electrodes.outputs import goals_of
-from pvdf_fem.electrodes.stress_integrals import goal_gradients
+from pvdf_fem.dynamics.spectrum import assemble_pencil
+from pvdf_fem.electrodes.outputs import make_outputs
+from pvdf_fem.electrodes.stress_integrals import differentiate_charges
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.probe_load import UP
 from pvdf_fem.film.low_rank import LowRankUpdate
 from pvdf_fem.film.term import Load, State
 from pvdf_fem.progress import Progress, ignore_progress
-from pvdf_fem.solver.next_order import factorised, next_order
+from pvdf_fem.solver.next_order import factorise_tangent, solve_next_order
 from pvdf_fem.solver.nonlinear.newton import factorise
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 from pvdf_fem.solver.solution import Solution
@@ -42,7 +42,7 @@ ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
-class Oscillation:
+class MotionEquations:
     """Linear equations of motion for unknowns or for amplitudes of vectors."""
 
     stiffness: Any  #: K in N/m.
@@ -55,19 +55,21 @@ class Oscillation:
     loss_tangent: float
 
     @classmethod
-    def of(cls, equilibrium: Equilibrium, q: Array) -> Oscillation:
+    def of(cls, equilibrium: Equilibrium, q: Array) -> MotionEquations:
         """About the state of the unknowns `q`, by a force of the first probe along z."""
         state, air = equilibrium.state(q), AirLoad.of(equilibrium)
-        stiffness, mass = pencil_of(equilibrium, q)
+        stiffness, mass = assemble_pencil(equilibrium, q)
         force = equilibrium.loads[0].with_components(UP).forces(state)
-        rates = goal_gradients(goals_of(equilibrium.scene), equilibrium.membrane, state.dofs)
+        rates = differentiate_charges(
+            make_outputs(equilibrium.scene), equilibrium.membrane, state.dofs
+        )
         f, g = (equilibrium.unknowns.fold(forces) for forces in (force, rates))
         loss = equilibrium.film.loss_tangent or 0.0
         elastic = _elastic(equilibrium, state) if loss else 0.0 * stiffness
         moving = LowRankUpdate(mass, air.root)
         return cls(stiffness, elastic, moving, f, g, air.volume, air.radiation, loss)
 
-    def projected(self, vectors: Any) -> Oscillation:
+    def projected(self, vectors: Any) -> MotionEquations:
         """Equations for amplitudes of `vectors` (unknowns, n), as dense matrices."""
         matrices = {k: getattr(self, k) @ vectors for k in ("stiffness", "elastic", "mass")}
         loads = {k: getattr(self, k) for k in ("force", "rates", "volume")}
@@ -98,7 +100,7 @@ class Oscillation:
         tolerance: float = 1e-7,
         most: int = 426,
         tests: int = 24,
-    ) -> Oscillation:
+    ) -> MotionEquations:
         """The projection on Ritz vectors, enough to keep charges at test frequencies in Hz within
         the tolerance, relative to the charge plus the largest charge at rest."""
         some = np.linspace(0, len(frequencies) - 1, tests).round().astype(int)
@@ -130,11 +132,11 @@ class Oscillation:
         return vector / np.sqrt(np.vdot(vector, self.mass @ vector).real)
 
 
-def oscillations(solution: Solution) -> tuple[Oscillation, Oscillation]:
+def linearize_about(solution: Solution) -> tuple[MotionEquations, MotionEquations]:
     """About a solution, and the same of the order above on the same mesh."""
-    solved, q, factors = factorised(solution.fields)
-    better = next_order(solved, q, factors)
-    return Oscillation.of(solved, q), Oscillation.of(better.rich, better.q)
+    solved, q, factors = factorise_tangent(solution.discrete)
+    better = solve_next_order(solved, q, factors)
+    return MotionEquations.of(solved, q), MotionEquations.of(better.rich, better.q)
 
 
 def _elastic(equilibrium: Equilibrium, state: State) -> Any:

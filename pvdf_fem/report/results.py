@@ -10,30 +10,30 @@ import pandas as pd
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.batch.store import Record
-from pvdf_fem.batch.workers import Died
-from pvdf_fem.report.task import Rows, Task, key
+from pvdf_fem.batch.workers import WorkerDied
+from pvdf_fem.report.task import Rows, Task, compute_key
 from pvdf_fem.scene.scene import Scene
 
 #: What reads a record, by an observable: values by electrode for d31 and d32.
 Reader: TypeAlias = Callable[[Record, str], Callable[[tuple[float, float]], Array]]
 
 
-class NothingToShow(Exception):  # noqa: N818
+class NothingToShowError(Exception):
     """Too few scenes have charges, or a task has no rows; the text says why."""
 
 
-class Solved:
+class ReportResults:
     """Records by scene, and rows of tasks by their keys. Charges are in pC, NaN where a solve gave
     none."""
 
-    def __init__(self, found: Mapping[Any, Record | Rows | Died]) -> None:
+    def __init__(self, found: Mapping[Any, Record | Rows | WorkerDied]) -> None:
         self._found: Mapping[Any, Any] = found
 
     def rows(self, task: Task) -> Rows:
-        """The rows of a task; raises `NothingToShow` where the task raised."""
-        found: Rows | Died = self._found[key(task)]
-        if isinstance(found, Died):
-            raise NothingToShow(_told(task, found))
+        """The rows of a task; raises `NothingToShowError` where the task raised."""
+        found: Rows | WorkerDied = self._found[compute_key(task)]
+        if isinstance(found, WorkerDied):
+            raise NothingToShowError(_told(task, found))
         return found
 
     def charges(self, scenes: Sequence[Scene], names: Sequence[str], reading: str) -> Array:
@@ -73,12 +73,12 @@ class Solved:
                 reason = f"{record.status}: {record.reason}"
                 found[reason] = found.get(reason, 0) + 1
         told = [f"{count} without charges: {reason}" for reason, count in found.items()]
-        results = ((task, self._found[key(task)]) for task in tasks)
-        return told + [_told(task, of) for task, of in results if isinstance(of, Died)]
+        results = ((task, self._found[compute_key(task)]) for task in tasks)
+        return told + [_told(task, of) for task, of in results if isinstance(of, WorkerDied)]
 
     def warnings(self, scenes: Sequence[Scene]) -> list[str]:
         """How many scenes have warnings, and the first warning."""
-        every = ((*one.doubts, *self._found[one].warnings) for one in dict.fromkeys(scenes))
+        every = ((*one.warnings, *self._found[one].warnings) for one in dict.fromkeys(scenes))
         warned = [told for told in every if told]
         if not warned:
             return []
@@ -94,5 +94,5 @@ class Solved:
         return values
 
 
-def _told(task: Task, end: Died) -> str:
+def _told(task: Task, end: WorkerDied) -> str:
     return f"{type(task).__name__}: {end.reason}"

@@ -11,12 +11,12 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.placement import misplacements
+from pvdf_fem.scene.placement import find_placement_errors
 from pvdf_fem.scene.registry import Load
-from pvdf_fem.scene.scene_file import choose, problem, quote
+from pvdf_fem.scene.scene_file import format_error, quote, suggest
 from pvdf_fem.scene.shapes import MODELS, Electrode, Electrodes, PressingProbe, Probe
 
-MOST_MISTAKES = 100  #: The largest number of mistakes that are told about one scene.
+MAX_ERRORS = 100  #: The largest number of mistakes that are told about one scene.
 
 #: Keys of neglected effects, with the change by each effect, and of other files.
 NOT_MODELLED = {
@@ -34,7 +34,7 @@ REASONS = {
     "int_type": "must be a whole number; write digits without a point or quotes",
     "missing": "is required; add it",
     "model_type": "must be a table; put its keys below a heading in brackets",
-    "nameless": "is no table by name; use Scene.load(path) or Scene().with_({...})",
+    "nameless": "is no table by name; use Scene.from_file(path) or Scene().with_({...})",
     "path_type": "must be a path; give the name of a file",
     "string_unicode": "is not Unicode text; write it with other characters",
     "string_type": "must be text; put it in quotes",
@@ -43,8 +43,10 @@ REASONS = {
 }
 
 
-def mistakes(error: ValidationError, data: Mapping[str, Any], model: type[BaseModel]) -> list[str]:
-    """Lines for mistakes in `data`, at most `MOST_MISTAKES`, from pydantic's `error`.
+def describe_scene_errors(
+    error: ValidationError, data: Mapping[str, Any], model: type[BaseModel]
+) -> list[str]:
+    """Lines for mistakes in `data`, at most `MAX_ERRORS`, from pydantic's `error`.
     A scene compares its shapes only when each table is valid by itself. Valid tables are compared
     here, to report both sorts of mistakes together."""
     errors = error.errors(include_url=False)
@@ -52,21 +54,21 @@ def mistakes(error: ValidationError, data: Mapping[str, Any], model: type[BaseMo
     if errors[0]["type"] == "misplaced":
         lines = iter(errors[0]["ctx"]["problems"])
     else:
-        lines = chain(told(error, "", model), _among_valid_tables(data))
-    shown = list(islice(lines, MOST_MISTAKES + 1))
-    if len(shown) > MOST_MISTAKES:
-        shown[MOST_MISTAKES:] = ["there are more mistakes; correct these first"]
+        lines = chain(describe_errors(error, "", model), _among_valid_tables(data))
+    shown = list(islice(lines, MAX_ERRORS + 1))
+    if len(shown) > MAX_ERRORS:
+        shown[MAX_ERRORS:] = ["there are more mistakes; correct these first"]
     return shown
 
 
-def told(error: ValidationError, where: str, model: type[BaseModel]) -> Iterator[str]:
+def describe_errors(error: ValidationError, where: str, model: type[BaseModel]) -> Iterator[str]:
     """Lines for mistakes in the table at a key, from pydantic's `error`. Union tags begin with
     ``<`` and are no keys."""
     errors = error.errors(include_url=False)
     return (_line(d, where, model) for d in errors if not _is_shortened(d))
 
 
-def spelled_key(where: str, steps: Sequence[int | str]) -> str:
+def join_key(where: str, steps: Sequence[int | str]) -> str:
     """The key some steps below a key: ``data.touches``, ``section[0].title``."""
     further = (f"[{step}]" if isinstance(step, int) else f".{_bare(step)}" for step in steps)
     return (where + "".join(further)).removeprefix(".")
@@ -88,7 +90,7 @@ def _line(details: ErrorDetails, where: str, model: type[BaseModel]) -> str:
     context = details.get("ctx", {})
     unknown = kind == "extra_forbidden"
     steps = [s for s in loc[: len(loc) - unknown] if not str(s).startswith("<")]
-    key = spelled_key(where, [*steps, *loc[len(loc) - unknown :]])
+    key = join_key(where, [*steps, *loc[len(loc) - unknown :]])
     reason = REASONS.get(kind, f"{details['msg'][:120]}; change it")
     if kind == "missing":
         return f"{key} = (nothing): {reason}"
@@ -103,18 +105,18 @@ def _line(details: ErrorDetails, where: str, model: type[BaseModel]) -> str:
         reason = f"must be one table; begin it with [{key}]"
     elif kind == "literal_error":
         known = _quoted(context["expected"])
-        reason = f"is not known; {choose(value, known)}"
+        reason = f"is not known; {suggest(value, known)}"
     elif kind == "union_tag_invalid":
         value = value["shape"] if isinstance(value, Mapping) else value.shape
         known = [tag.strip("<>") for tag in _quoted(context["expected_tags"])]
-        key, reason = f"{key}.shape", f"is not known; {choose(value, known)}"
+        key, reason = f"{key}.shape", f"is not known; {suggest(value, known)}"
     elif kind == "float_type" and isinstance(value, int) and not isinstance(value, bool):
         reason = "is too large; give a smaller number"
     elif kind in ("too_short", "too_long"):
         few, bound = ("few", "at least") if kind == "too_short" else ("many", "at most")
         limit = context["min_length" if kind == "too_short" else "max_length"]
         reason = f"has too {few} entries; give {bound} {limit}"
-    return problem(key, value, reason)
+    return format_error(key, value, reason)
 
 
 def _instead(key: str, loc: tuple[int | str, ...], model: type[BaseModel]) -> str:
@@ -126,7 +128,7 @@ def _instead(key: str, loc: tuple[int | str, ...], model: type[BaseModel]) -> st
     others = (place for place, table in MODELS.items() if loc[-1] in table.model_fields)
     if shapes := [place[-1] for place in others if where and place[:-1] == where[:-1]]:
         return f"give shape = {' or '.join(shapes)}, or choose from {', '.join(known)}"
-    return choose(loc[-1], known) if known else "remove it"
+    return suggest(loc[-1], known) if known else "remove it"
 
 
 def _keys_at(where: tuple[str, ...], model: type[BaseModel]) -> list[str]:
@@ -151,7 +153,7 @@ def _among_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
     electrodes, probe = data.get("electrodes", {}), data.get("probe")
     single = _valid(Probe, probe)
     observable = numerics.get("observable") if isinstance(numerics, dict) else ""
-    yield from misplacements(
+    yield from find_placement_errors(
         valid.radius_mm if valid else None,
         _valid_entries("electrodes", Electrode, electrodes) or _valid(Electrodes, electrodes) or {},
         {"probe": single} if single else _valid_entries("probe", PressingProbe, probe),
@@ -162,7 +164,7 @@ def _among_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
 
 def _valid_entries(name: str, model: Any, tables: Any) -> dict[str, Any]:
     """The models of a list's valid tables by their keys; none of what is no list."""
-    first = tables[:MOST_MISTAKES] if isinstance(tables, list) else []
+    first = tables[:MAX_ERRORS] if isinstance(tables, list) else []
     models = {f"{name}[{i}]": _valid(model, table) for i, table in enumerate(first)}
     return {key: model for key, model in models.items() if model is not None}
 

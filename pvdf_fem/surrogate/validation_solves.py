@@ -12,42 +12,33 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
-from pvdf_fem.surrogate.model import Domain, scene_of_touch
 from pvdf_fem.surrogate.response_file import FileArray
+from pvdf_fem.surrogate.touch_domain import apply_touch
 
 if TYPE_CHECKING:
-    from pvdf_fem.electrodes.stress_integrals import Forces
+    from pvdf_fem.electrodes.stress_integrals import StressIntegrals
 
 
-def random_touches(domain: Domain, count: int, seed: int = 0) -> Array:
-    """Touches (n, 4) all over a domain, evenly by place, rotation and logarithm of the force."""
-    u = np.random.default_rng(seed).uniform(size=(count, 4))
-    distance, angle = domain.reach_mm * np.sqrt(u[:, 0]), 2.0 * np.pi * u[:, 1]
-    low, high = domain.force_N
-    x, y, forces = distance * np.cos(angle), distance * np.sin(angle), low * (high / low) ** u[:, 3]
-    return np.stack([x, y, 360.0 * u[:, 2], forces], axis=-1)
-
-
-def solves_of(
+def make_solve_tasks(
     scene: Scene, touches: Array, tolerance: float, share: float = 0.1
 ) -> list[tuple[Any, ...]]:
     """Tasks of full solves of touches (n, 4), to a share of a response's tolerance."""
-    return [(forces_at, scene, touch, share * tolerance) for touch in touches]
+    return [(solve_stress_integrals, scene, touch, share * tolerance) for touch in touches]
 
 
-def forces_at(scene: Scene, touch: Array, tolerance: float) -> Forces | str:
+def solve_stress_integrals(scene: Scene, touch: Array, tolerance: float) -> StressIntegrals | str:
     """Forces X, Y of the electrodes under a touch (4,), or why there are none."""
-    from pvdf_fem.electrodes.outputs import goals_of  # with gmsh
-    from pvdf_fem.solver.adaptive import solve_goals
+    from pvdf_fem.electrodes.outputs import make_outputs  # with gmsh
+    from pvdf_fem.solver.adaptive import solve_outputs
 
-    touched = scene_of_touch(scene, touch, tolerance)
-    solution = solve_goals(touched, goals_of(touched))
+    touched = apply_touch(scene, touch, tolerance)
+    solution = solve_outputs(touched, make_outputs(touched))
     converged = solution.status is Status.CONVERGED
-    return solution.fields.forces if converged else solution.reason
+    return solution.discrete.stress_integrals if converged else solution.reason
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class ValidationSolves:
     """Forces X, Y of electrodes in full solves of touches, and their estimated errors."""
 
     touches: FileArray
@@ -56,7 +47,7 @@ class HeldOut:
     errors: FileArray
 
     @classmethod
-    def of(cls, touches: Array, found: Sequence[Forces | str]) -> HeldOut:
+    def of(cls, touches: Array, found: Sequence[StressIntegrals | str]) -> ValidationSolves:
         """The touches that have a solution, with their forces or else a reason.
 
         Raises `NotConvergedError` when fewer than half of the touches have a solution.
@@ -75,12 +66,12 @@ class HeldOut:
 
         The second value is the largest error that the full solves state of themselves.
         """
-        from pvdf_fem.electrodes.stress_integrals import Forces  # with scikit-fem
+        from pvdf_fem.electrodes.stress_integrals import StressIntegrals  # with scikit-fem
 
         d = film.d31_pC_N, film.d32_pC_N
         sizes = (np.abs(self.forces) * np.abs(d)).sum(axis=-1)
         sizes[sizes == 0.0] = 1.0
         both = zip(self.forces, self.errors, strict=True)
-        stated = np.array([Forces(*rows).charge_errors(d) for rows in both])
+        stated = np.array([StressIntegrals(*rows).charge_errors(d) for rows in both])
         apart = np.abs(charges_pC - (self.forces * d).sum(axis=-1))
         return apart / sizes, float((stated / sizes).max())

@@ -11,19 +11,23 @@ import pytest
 
 from pvdf_fem import NotConvergedError, Response, Scene, build_response, locate
 from pvdf_fem.batch import store
-from pvdf_fem.electrodes.stress_integrals import Forces
+from pvdf_fem.electrodes.stress_integrals import StressIntegrals
 from pvdf_fem.progress import TaskRunner
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.surrogate import held_out, response
-from pvdf_fem.surrogate.build import ResponseOptions, options_for
-from pvdf_fem.surrogate.held_out import HeldOut, forces_at, random_touches, solves_of
-from pvdf_fem.surrogate.model import Domain
-from pvdf_fem.surrogate.response_file import response_key
+from pvdf_fem.surrogate import response, validation_solves
+from pvdf_fem.surrogate.response_key import make_response_key
+from pvdf_fem.surrogate.response_options import ResponseOptions, choose_options
+from pvdf_fem.surrogate.touch_domain import Domain, draw_touches
+from pvdf_fem.surrogate.validation_solves import (
+    ValidationSolves,
+    make_solve_tasks,
+    solve_stress_integrals,
+)
 
 DISC = Scene().with_(**{"probe.shape": "circle", "probe.radius_mm": 5.0, "film.d31_pC_N": 18.0})
 SPHERE = Scene(probe={"shape": "sphere", "radius_mm": 5.0}, load={"kind": "contact"})
-OPTIONS = ResponseOptions(error=1e-2, held_out=4, attempts=1)
-COARSE = ResponseOptions(error=0.1, held_out=4, attempts=1)
+OPTIONS = ResponseOptions(error=1e-2, validation_touches=4, max_builds=1)
+COARSE = ResponseOptions(error=0.1, validation_touches=4, max_builds=1)
 SMALL = {"reach_mm": 3.0, "force_N": (0.8, 1.6), "processes": 1}
 
 
@@ -35,9 +39,9 @@ def built():
 def assert_true(made, tolerance):
     """Charges of touches that the build has not seen are within the bound, which is within the
     tolerance; returns the full solves of these touches."""
-    touches = random_touches(made.domain, 3, seed=9)
-    found = TaskRunner(1).run(solves_of(made.scene, touches, 2e-4, share=1.0))
-    solved = HeldOut.of(touches, [*found])
+    touches = draw_touches(made.domain, 3, seed=9)
+    found = TaskRunner(1).run(make_solve_tasks(made.scene, touches, 2e-4, share=1.0))
+    solved = ValidationSolves.of(touches, [*found])
     errors, _ = solved.relative_errors(made.scene.film, made.evaluate(solved.touches)[0])
     assert errors.max() < made.error_bound < tolerance
     return solved
@@ -59,8 +63,8 @@ def test_a_stiff_direction_and_a_probe_that_is_not_round(changes):
 
 def test_a_tip_is_true_to_the_solver_and_located():
     """Though the contact grows with the force, and elements along its edge with it."""
-    assert options_for(SPHERE, 1e-2).error == 0.5 * options_for(DISC, 1e-2).error == 5e-3
-    options = ResponseOptions(error=5e-2, held_out=3, attempts=1)
+    assert choose_options(SPHERE, 1e-2).error == 0.5 * choose_options(DISC, 1e-2).error == 5e-3
+    options = ResponseOptions(error=5e-2, validation_touches=3, max_builds=1)
     made = build_response(SPHERE, 3.0, (0.6, 1.2), 2e-2, 1, options=options)
     solved = assert_true(made, 2e-2)
     charges = solved.forces @ [SPHERE.film.d31_pC_N, SPHERE.film.d32_pC_N]
@@ -79,7 +83,7 @@ from pvdf_fem import Response, Tracker, locate, locate_many
 response = Response.load(sys.argv[1])
 touch = np.array([1.0, 0.5, 0.0, 1.0])
 charges = response.evaluate(touch)[0]
-changes = charges[0] - response.at_rest_pC[0]
+changes = charges[0] - response.unloaded_charges_pC[0]
 found = locate(response, dict(zip(response.names, charges[0].tolist())))
 many = locate_many(response, charges)
 changed = locate(response, dict(zip(response.names, changes.tolist())), reading="change")
@@ -115,7 +119,7 @@ def test_other_coefficients_and_electrodes_are_read_from_the_same_stress(
     found = built.for_scene(scene, 1)
     assert found.scene == scene
     assert_true(found, 1e-2)
-    monkeypatch.setattr(response, "solves_of", None)
+    monkeypatch.setattr(response, "make_solve_tasks", None)
     unchecked = built.for_scene(scene, 1, check=False)
     assert np.array_equal(unchecked.spline.coefficients, found.spline.coefficients)
     assert unchecked.error_bound == built.error_bound
@@ -127,39 +131,41 @@ def test_options_become_finer_until_the_tolerance_is_met(tmp_path, monkeypatch):
     """One attempt misses the tolerance, and has its true bound by the touches with a solution."""
 
     def failing(scene, touch, tolerance):
-        lost = np.array_equal(touch, random_touches(Domain(3.0, (0.8, 1.6)), 1)[0])
-        return "made to fail" if lost else forces_at(scene, touch, tolerance)
+        lost = np.array_equal(touch, draw_touches(Domain(3.0, (0.8, 1.6)), 1)[0])
+        return "made to fail" if lost else solve_stress_integrals(scene, touch, tolerance)
 
-    monkeypatch.setattr(held_out, "forces_at", failing)
+    monkeypatch.setattr(validation_solves, "solve_stress_integrals", failing)
     path, how = tmp_path / "disc.response", {**SMALL, "tolerance": 2e-3}
     made = build_response(DISC, options=COARSE, file=path, **how)
-    solved = made.held_out
+    solved = made.validation
     assert len(solved.touches) == 3
     errors, stated = solved.relative_errors(DISC.film, made.evaluate(solved.touches)[0])
     assert made.error_bound == pytest.approx(5.0 * errors.max() + stated)
     assert made.error_bound > made.tolerance == 2e-3
     assert (made.status, len(made.remarks)) == (Status.TOLERANCE, 2)
     assert Response.load(path).remarks == made.remarks
-    again = build_response(DISC, options=replace(COARSE, attempts=3), **how)
+    again = build_response(DISC, options=replace(COARSE, max_builds=3), **how)
     assert again.error_bound < 2e-3
-    assert again.stress.raster.step_mm < made.stress.raster.step_mm
+    assert again.stress_modes.raster.step_mm < made.stress_modes.raster.step_mm
 
 
 def test_a_build_ends_where_most_touches_have_no_solution():
-    touches, forces = random_touches(Domain(3.0, (0.8, 1.6)), 4), Forces(*np.ones((2, 1, 2)))
-    half = HeldOut.of(touches, ["fails", forces, forces, "fails"])
+    touches, forces = draw_touches(Domain(3.0, (0.8, 1.6)), 4), StressIntegrals(*np.ones((2, 1, 2)))
+    half = ValidationSolves.of(touches, ["fails", forces, forces, "fails"])
     np.testing.assert_array_equal(half.touches, touches[1:3])
     with pytest.raises(NotConvergedError):
-        HeldOut.of(touches, ["fails", forces, "fails", "fails"])
+        ValidationSolves.of(touches, ["fails", forces, "fails", "fails"])
 
 
 def test_keys_are_of_mechanics_domain_tolerance_and_code(monkeypatch):
     domain, near = Domain(12.0, (0.1, 5.0)), Domain(12.0, (0.1, 4.0))
     read = {"film.d31_pC_N": 3.0, "electrodes.side_mm": 2.0, "probe.x_mm": 2.0, "load.force_N": 3.0}
-    assert response_key(DISC, domain, 1e-3) == response_key(DISC.with_(**read), domain, 1e-3)
+    assert make_response_key(DISC, domain, 1e-3) == make_response_key(
+        DISC.with_(**read), domain, 1e-3
+    )
     thick = DISC.with_(**{"film.thickness_um": 30.0})
     of = [(DISC, domain, 1e-3), (DISC, near, 1e-3), (DISC, domain, 1e-4), (thick, domain, 1e-3)]
-    keys = {response_key(*each) for each in of}
+    keys = {make_response_key(*each) for each in of}
     versions = {True: "other tables", False: "the same solver"}
-    monkeypatch.setattr(store, "code_version", lambda folders: versions["surrogate" in folders])
-    assert len(keys | {response_key(DISC, domain, 1e-3)}) == 5
+    monkeypatch.setattr(store, "hash_code", lambda folders: versions["surrogate" in folders])
+    assert len(keys | {make_response_key(DISC, domain, 1e-3)}) == 5

@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.report.kind import Content, Inputs, OfElectrodes, place_mm
-from pvdf_fem.report.solved import NothingToShow, Solved
+from pvdf_fem.report.kind import Content, ElectrodeKind, Inputs, get_place_mm
+from pvdf_fem.report.results import NothingToShowError, ReportResults
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.view import drawing
+from pvdf_fem.view import curves as drawing
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Series:
     theirs: Array | None = None  #: Charges (scenes, names) in pC of others.
 
 
-class Along(OfElectrodes):
+class Along(ElectrodeKind):
     """A kind that draws charges along curves."""
 
     lack: ClassVar[str] = "that is on a curve"  #: What data lack that are not drawn.
@@ -69,7 +69,7 @@ class Along(OfElectrodes):
                     taken.setdefault((row, one.names, one.panel), found)
         return list(taken.values())
 
-    def frame(self, inputs: Inputs, solved: Solved) -> pd.DataFrame:
+    def frame(self, inputs: Inputs, solved: ReportResults) -> pd.DataFrame:
         """Charges of the curves, then charges for the data rows on a curve."""
         series, reading = self.series(inputs), self.read_as(inputs)
         tables = [self._table(solved, one, reading) for one in series]
@@ -77,21 +77,23 @@ class Along(OfElectrodes):
         tables += [table[table.charge_pC.notna()] for table in on_curves]
         return pd.concat([table for table in tables if len(table)], ignore_index=True)
 
-    def _table(self, solved: Solved, one: Series, reading: str) -> pd.DataFrame:
+    def _table(self, solved: ReportResults, one: Series, reading: str) -> pd.DataFrame:
         frame = solved.table(one.scenes, one.names, reading, one.theirs)
         title = "electrode " + frame.electrode + f", {one.panel}" * bool(one.panel)
         frame.insert(0, "panel", title if one.curve is not None else "")
         frame.insert(1, "curve", frame.electrode if one.curve is None else one.curve)
         frame.insert(2, "x", np.repeat(one.x, len(one.names)))
         if all(scene.single_probe for scene in one.scenes):
-            places = np.repeat([place_mm(scene) for scene in one.scenes], len(one.names), axis=0)
+            places = np.repeat(
+                [get_place_mm(scene) for scene in one.scenes], len(one.names), axis=0
+            )
             frame[["x_mm", "y_mm"]] = places
         return frame
 
     def drawn(
         self,
         inputs: Inputs,
-        solved: Solved,
+        solved: ReportResults,
         label: str,
         caption: str,
         log: bool = False,
@@ -99,13 +101,13 @@ class Along(OfElectrodes):
         """The figure with the curves, two or three electrodes in a row."""
         frame = self.frame(inputs, solved)
         if not frame.computed_pC.notna().any():
-            raise NothingToShow("none of the scenes has charges")
+            raise NothingToShowError("none of the scenes has charges")
         panels = [(str(title), rows) for title, rows in frame.groupby("panel", sort=False)]
         alike = math.gcd(len(panels), frame.electrode.nunique())
         columns = next(count for count in (2, 3, 1) if alike % count == 0)
         rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
         charge = drawing.READING_LABELS[self.read_as(inputs)]
-        figure = drawing.curves_figure(rows, label, charge, log)
+        figure = drawing.draw_curves(rows, label, charge, log)
         kept = frame.rename(columns={"x": self.key})
         if rings := self.rings(inputs):
             caption += f"{rings} Below: computed less these, in percent."

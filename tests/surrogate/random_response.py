@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.surrogate.model import Domain
 from pvdf_fem.surrogate.response import Response
+from pvdf_fem.surrogate.touch_domain import Domain
 from pvdf_fem.surrogate.uniform_spline import UniformAxis, UniformSpline
 
 

@@ -10,17 +10,17 @@ import xarray
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.point_values import COMPONENTS, PointValues
-from pvdf_fem.scene.given import taken
+from pvdf_fem.scene.arguments import coerce
 
 
-def ticks(radius_mm: float, step_mm: float, most: int = 2001) -> Array:
+def make_grid_coordinates(radius_mm: float, step_mm: float, most: int = 2001) -> Array:
     """Coordinates of a grid about the film's centre, (n,); ValueError for more than `most`."""
-    step_mm = taken("step_mm", step_mm, float, (2.0 * radius_mm / most, radius_mm), "mm")
+    step_mm = coerce("step_mm", step_mm, float, (2.0 * radius_mm / most, radius_mm), "mm")
     count = math.floor(radius_mm / step_mm + 1e-9)
     return step_mm * np.arange(-count, count + 1, dtype=np.float64)
 
 
-def dataset_of(values: PointValues, scene: str) -> xarray.Dataset:
+def make_field_dataset(values: PointValues, scene: str) -> xarray.Dataset:
     """Values at a grid's points (a row has constant y), with the scene's text."""
     grid = ("y_mm", "x_mm")
     about = {"long_name": "deflection", "units": "mm"}

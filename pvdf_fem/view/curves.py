@@ -17,8 +17,8 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 from scipy.interpolate import Akima1DInterpolator
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.quantity import in_words
-from pvdf_fem.view.figures import COLOURS, GREY, HALO, LABEL_SIZE, figure_of, new_figure
+from pvdf_fem.scene.keys import split_unit
+from pvdf_fem.view.figures import COLOURS, GREY, HALO, LABEL_SIZE, get_figure, make_figure
 
 #: Width of a figure in mm: readable on a phone.
 WIDTH_MM = 120.0
@@ -35,22 +35,22 @@ SAMPLES = 121  #: Of a curve.
 READING_LABELS = {"total": "charge (pC)", "change": "change by the touch (pC)"}
 
 
-def axis_label(key: str) -> str:
+def format_axis_label(key: str) -> str:
     """A key of a scene in words, with its unit: ``film.thickness_um`` is film thickness (µm)."""
-    words, unit = in_words(key)
+    words, unit = split_unit(key)
     words = words.removeprefix("load ").removeprefix("numerics ")
     return f"{words} ({unit.replace('degrees', '°')})" if unit else words
 
 
-def value_label(key: str, value: Any) -> str:
+def format_value(key: str, value: Any) -> str:
     """A value of a key, a number with its unit: ``25 µm``."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return str(value)
-    unit = in_words(key)[1].replace("degrees", "°")
+    unit = split_unit(key)[1].replace("degrees", "°")
     return f"{value:g}{'' if unit == '°' else ' '}{unit}" if unit else f"{key} = {value:g}"
 
 
-def colours_for(count: int) -> list[Any]:
+def choose_curve_colours(count: int) -> list[Any]:
     """Colours for curves: the common colours for a few curves, ordered shades for many."""
     if count <= len(COLOURS):
         return list(COLOURS[:count])
@@ -62,7 +62,7 @@ def colours_for(count: int) -> list[Any]:
 End: TypeAlias = tuple[float, float, str, Any]
 
 
-def curves_figure(
+def draw_curves(
     panels: Sequence[Sequence[tuple[str, pd.DataFrame]]],
     x_label: str,
     y_label: str,
@@ -75,12 +75,12 @@ def curves_figure(
     panels.
     """
     names = list(dict.fromkeys(name for row in panels for _, of in row for name in of.curve))
-    colours, ends = dict(zip(names, colours_for(len(names)), strict=True)), []
+    colours, ends = dict(zip(names, choose_curve_colours(len(names)), strict=True)), []
     with_data = [any(of.charge_pC.notna().any() for _, of in row) for row in panels]
     heights = [share for has in with_data for share in ([3.0, 1.0] if has else [3.0])]
     large, columns = 64.0 if len(panels) == 1 else 40.0, len(panels[0])
     wide = WIDTH_MM if columns < 3 else 1.25 * WIDTH_MM
-    figure = new_figure(wide, 12.0 + len(panels) * large + sum(with_data) * 22.0)
+    figure = make_figure(wide, 12.0 + len(panels) * large + sum(with_data) * 22.0)
     shared: dict[str, Any] = {"squeeze": False, "sharex": True, "sharey": "row"}
     shared["gridspec_kw"] = {"height_ratios": heights}
     axes = iter(figure.subplots(len(heights), columns, **shared))
@@ -110,7 +110,7 @@ def _name_curves(
     if last and max(last) - min(last) > EARLY * (high - low):
         lines = [Line2D([], [], color=colour) for colour in colours.values()]
         where: dict[str, Any] = {"loc": "outside upper left", "ncols": LEGEND_COLUMNS}
-        figure_of(first).legend(lines, list(colours), **where)
+        get_figure(first).legend(lines, list(colours), **where)
         return
     first.set_xlim(low, high * (high / low) ** room if log else high + room * (high - low))
     for ax, of in ends:
@@ -180,12 +180,12 @@ def label_points(ax: Axes, ends: Sequence[End]) -> None:
     """Write names right of points, staggered vertically to avoid overlaps."""
     if not ends:
         return
-    figure, size = figure_of(ax), LABEL_SIZE - 0.5
+    figure, size = get_figure(ax), LABEL_SIZE - 0.5
     figure.draw_without_rendering()  # lays the figure out
     point = figure.dpi / 72.0
     at = ax.transData.transform([end[:2] for end in ends])
     width = max(len(name) for _, _, name, _ in ends) * 0.65 * size * point
-    heights = spread(at, width, LINE_HEIGHT * size * point)
+    heights = space_labels(at, width, LINE_HEIGHT * size * point)
     for (x, y, name, colour), moved in zip(ends, (heights - at[:, 1]) / point, strict=True):
         look: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontsize": size}
         if abs(moved) > 0.6 * size:
@@ -195,7 +195,7 @@ def label_points(ax: Axes, ends: Sequence[End]) -> None:
         words.set(in_layout=False, path_effects=[HALO], zorder=5)
 
 
-def spread(at: Array, width: float, gap: float) -> Array:
+def space_labels(at: Array, width: float, gap: float) -> Array:
     """Heights (n,) of labels near places (n, 2), a gap apart where they are within a width."""
     order, heights = np.argsort(at[:, 1], kind="stable").tolist(), at[:, 1].copy()
     pairs = [(a, b) for a, b in combinations(order, 2) if abs(at[a, 0] - at[b, 0]) < width]
@@ -206,7 +206,7 @@ def spread(at: Array, width: float, gap: float) -> Array:
     return heights
 
 
-def sure(value: float, error: float = 0.0) -> str:
+def format_significant(value: float, error: float = 0.0) -> str:
     """A number with the digits that its error leaves, at most five; a dash for none."""
     if not math.isfinite(value):
         return "–"
@@ -216,11 +216,11 @@ def sure(value: float, error: float = 0.0) -> str:
     return f"{value:.{decimals}f}".replace("-", "−")
 
 
-def signed(value: float, decimals: int = 1) -> str:
+def format_signed(value: float, decimals: int = 1) -> str:
     """A number with its sign."""
     return f"{value:+.{decimals}f}".replace("-", "−") if math.isfinite(value) else "–"
 
 
-def listed(words: Sequence[str]) -> str:
+def join_words(words: Sequence[str]) -> str:
     """Words in a sentence: ``A, B and C``."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else list(words))

@@ -13,11 +13,11 @@ import numpy as np
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.change import plain
-from pvdf_fem.scene.mistakes import told
-from pvdf_fem.scene.quantity import Key
+from pvdf_fem.scene.changes import to_plain_value
+from pvdf_fem.scene.keys import Key
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import choose, problem
+from pvdf_fem.scene.scene_file import format_error, suggest
+from pvdf_fem.scene.validation_errors import describe_errors
 
 T = TypeVar("T")
 Value = TypeVar("Value")
@@ -39,14 +39,14 @@ Names = Annotated[
 ]
 
 
-class Named(dict[str, Value]):
+class ValuesByName(dict[str, Value]):
     """Values by name; an unknown name is refused with the known names."""
 
     def __missing__(self, name: Any) -> Value:
-        raise KeyError(f"{name!r:.60} is not there; {choose(name, list(self))}")
+        raise KeyError(f"{name!r:.60} is not there; {suggest(name, list(self))}")
 
 
-def scene_of(given: SceneLike) -> Scene:
+def as_scene(given: SceneLike) -> Scene:
     """The intended scene: from a path's file, from a dict's tables over the default scene, or from
     a result.
 
@@ -60,7 +60,7 @@ def scene_of(given: SceneLike) -> Scene:
     if isinstance(given, Scene):
         return given
     if isinstance(given, str | Path):
-        return Scene.load(given)
+        return Scene.from_file(given)
     if isinstance(given, Mapping):
         return Scene().with_(given)
     if isinstance(found := getattr(given, "scene", None), Scene):
@@ -69,14 +69,14 @@ def scene_of(given: SceneLike) -> Scene:
     raise TypeError(f"scene = {given!r:.60}: {reason}")
 
 
-def model_of(given: T) -> T:
+def as_response(given: T) -> T:
     """A model of the charges, from `build_response`; TypeError for anything else."""
     if hasattr(given, "evaluate"):
         return given
-    raise TypeError(problem("model", given, "is no model; give build_response(scene)"))
+    raise TypeError(format_error("model", given, "is no model; give build_response(scene)"))
 
 
-def taken(
+def coerce(
     name: str, given: Any, kind: Any, limits: tuple[float, float] | None = None, unit: str = ""
 ) -> Any:
     """An argument with a type, within limits; ValueError, a line for each mistake, otherwise."""
@@ -84,14 +84,14 @@ def taken(
     if isinstance(kind, type) and not issubclass(kind, int | float | str | Path):
         if isinstance(given, kind):
             return given
-        raise ValueError(problem(name, given, f"must be a {kind.__name__}; give one"))
+        raise ValueError(format_error(name, given, f"must be a {kind.__name__}; give one"))
     try:
-        return TypeAdapter(kind).validate_python(plain(given))
+        return TypeAdapter(kind).validate_python(to_plain_value(given))
     except ValidationError as error:
-        raise ValueError("\n".join(told(error, name, Scene))) from None
+        raise ValueError("\n".join(describe_errors(error, name, Scene))) from None
 
 
-def numbers(
+def coerce_array(
     name: str, given: Any, limits: tuple[float, float] | None = None, unit: str = ""
 ) -> Array:
     """Numbers as an array of any shape; ValueError for anything else, and out of limits."""
@@ -100,8 +100,10 @@ def numbers(
     except ValueError:  # lists of unequal lengths
         found = np.asarray(None)
     if found.dtype.kind not in "iuf":
-        raise ValueError(problem(name, given, "is no number and no array of numbers; give some"))
+        raise ValueError(
+            format_error(name, given, "is no number and no array of numbers; give some")
+        )
     if limits and not (found.size and np.all((limits[0] <= found) & (found <= limits[1]))):
         wanted = f"give numbers from {limits[0]:g} to {limits[1]:g} {unit}".rstrip()
-        raise ValueError(problem(name, given, f"is out of range; {wanted}"))
+        raise ValueError(format_error(name, given, f"is out of range; {wanted}"))
     return found.astype(float)

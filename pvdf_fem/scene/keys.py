@@ -17,7 +17,7 @@ from pydantic_core.core_schema import (
     with_info_after_validator_function,
 )
 
-from pvdf_fem.scene.scene_file import choose
+from pvdf_fem.scene.scene_file import suggest
 
 #: Units by the endings of keys.
 UNITS = {"um": "µm", "deg": "degrees", "MOhm": "MΩ", "per_K": "1/K", "pC_N": "pC/N", "N_m": "N/m"}
@@ -26,14 +26,14 @@ UNITS |= {unit: unit for unit in ("mm", "GPa", "Pa", "pF", "pC", "K", "N", "V", 
 _ENDING = re.compile(rf"_({'|'.join(sorted(UNITS, key=len, reverse=True))})$")
 
 
-def in_words(key: str) -> tuple[str, str]:
+def split_unit(key: str) -> tuple[str, str]:
     """What a key stands for and its unit: ``film.thickness_um`` is film thickness in µm."""
     ending = _ENDING.search(key)
     words = re.sub("[._]", " ", key[: ending.start()] if ending else key)
     return words, UNITS[ending[1]] if ending else ""
 
 
-def refusal(reason: str) -> PydanticCustomError:
+def make_validation_error(reason: str) -> PydanticCustomError:
     """The exception of a validator; `reason` names the mistake and the change to make."""
     return PydanticCustomError("scene", "{reason}", {"reason": reason})
 
@@ -69,16 +69,17 @@ class Key:
     #: A key above in the table and its value (None for every value) without which this key is
     #: refused ...
     needs: tuple[str, str | None] | None = None
-    idle: Any = None  #: ... unless its value is this, or zero, or false.
-    usual: tuple[float, float] | None = None  #: Numbers that nobody doubts; by default `within`.
-    #: Units in which a number outside of `usual` was probably given, with their size in `unit`.
-    mistaken: Mapping[str, float] = field(default_factory=dict)
+    neutral: Any = None  #: ... unless its value is this, or zero, or false.
+    #: Limits of usual numbers; by default `within`.
+    usual_limits: tuple[float, float] | None = None
+    #: Units in which a number outside of `usual_limits` was probably given, with their size.
+    likely_units: Mapping[str, float] = field(default_factory=dict)
     words: Iterable[str] = ()  #: All that a text may be, where it is a name in a registry.
     example: Any = None  #: A value for the example scene, where the default is none.
 
     def title(self, name: str) -> str:
         """The name of a key in words, with its unit: ``thickness (µm)`` of ``thickness_um``."""
-        words, unit = in_words(name)
+        words, unit = split_unit(name)
         return f"{words} ({unit})" if unit else words
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
@@ -105,12 +106,16 @@ class Key:
     def _needed(self, value: Any, info: ValidationInfo) -> Any:
         assert self.needs is not None
         key, needed = self.needs
-        if value and value != self.idle and key in info.data:
+        if value and value != self.neutral and key in info.data:
             found = info.data[key]
             if needed is None and found is None:
-                raise refusal(f"is of a table with {key}; give {key} too, or remove it")
+                raise make_validation_error(
+                    f"is of a table with {key}; give {key} too, or remove it"
+                )
             if needed is not None and isinstance(found, str) and found != needed:
-                raise refusal(f'is for {key} = "{needed}" only; remove it or change {key}')
+                raise make_validation_error(
+                    f'is for {key} = "{needed}" only; remove it or change {key}'
+                )
         return value
 
     def _ranged(self, value: float) -> float:
@@ -121,14 +126,16 @@ class Key:
         size = "small" if value < low else "large"
         reason = "must be positive" if value <= 0 < low else f"is too {size}"
         span = f"give a value from {low:g} to {high:g} {self.unit}".rstrip()
-        raise refusal("; ".join(filter(None, [reason, span, self.meant(value)])))
+        raise make_validation_error(
+            "; ".join(filter(None, [reason, span, self.ask_likely_unit(value)]))
+        )
 
-    def meant(self, value: float) -> str:
+    def ask_likely_unit(self, value: float) -> str:
         """The question whether another unit was meant; empty for a usual number."""
-        low, high = self.usual or self.within or (-1e300, 1e300)
+        low, high = self.usual_limits or self.within or (-1e300, 1e300)
         if value == 0.0 or low <= abs(value) <= high:
             return ""
-        for unit, size in self.mistaken.items():
+        for unit, size in self.likely_units.items():
             if low <= abs(meant := value * size) <= high:
                 return f"were {meant:.3g} {self.unit} meant, which are {value:g} {unit}?"
         return ""
@@ -153,7 +160,7 @@ class Section(BaseModel):
     if not TYPE_CHECKING:  # type checkers know the keys
 
         def __getattr__(self, name: str) -> Any:
-            known = choose(name, [*type(self).model_fields])
+            known = suggest(name, [*type(self).model_fields])
             raise AttributeError(f"{type(self).__name__} has no {name}; {known}")
 
     @classmethod
@@ -174,7 +181,7 @@ class Section(BaseModel):
         return copy
 
 
-def affecting(table: Section, *effects: Affects) -> dict[str, Any]:
+def select_by_effect(table: Section, *effects: Affects) -> dict[str, Any]:
     """Values for a table's keys with `effects`; lists of such for tables in it.
 
     Equal dictionaries have equal texts by `repr`.
@@ -184,7 +191,7 @@ def affecting(table: Section, *effects: Affects) -> dict[str, Any]:
         value = getattr(table, name)
         inner = value if isinstance(value, tuple) else (value,)
         if effect is None and inner and isinstance(inner[0], Section):
-            found[name] = [affecting(one, *effects) for one in inner]
+            found[name] = [select_by_effect(one, *effects) for one in inner]
         elif (effect or Affects.MECHANICS) in effects:
             found[name] = value
     return found

@@ -19,19 +19,19 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_estimate import estimate_contact_outlines, estimate_tip_outlines
 from pvdf_fem.film.space import Space, transfer_dofs
-from pvdf_fem.mesh.gmsh_mesh import PROBE, mesh_scene, outlines
-from pvdf_fem.mesh.size_field import Sizes
-from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.mesh.gmsh_mesh import PROBE, collect_outlines, mesh_scene
+from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.nonlinear.fallback import equilibrate
+from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
 from pvdf_fem.solver.nonlinear.newton import factorise
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
-from pvdf_fem.surrogate.probe_charges import PolarRaster
+from pvdf_fem.surrogate.stress.polar_grid import PolarGrid
 
 INSIDE = 0.999  #: Share of the film's radius within which the stress is evaluated.
 
 
-def probe_mesh(
+def mesh_probe(
     scene: Scene,
     ratio: float = 1.0,
     edge_size: float = 1 / 8,
@@ -48,16 +48,16 @@ def probe_mesh(
         Size along the edge of the probe over the root of its area, growth of the size per distance
         from the edge, largest size over the film's radius.
     """
-    pressed = (outlines(scene) | estimate_contact_outlines(scene))[PROBE]
+    pressed = (collect_outlines(scene) | estimate_contact_outlines(scene))[PROBE]
     edge = ratio * edge_size * float(np.sqrt(pressed.area))
-    sizes = Sizes({PROBE: edge}, ratio * growth, ratio * film_size * scene.film.radius)
+    sizes = GradedSizes({PROBE: edge}, ratio * growth, ratio * film_size * scene.film.radius)
     return mesh_scene(scene, sizes, contacts=estimate_tip_outlines(scene))
 
 
-def mean_stress_about_probe(
-    scene: Scene, place: Array, forces: Sequence[float], raster: PolarRaster, ratio: float
+def solve_mean_stress(
+    scene: Scene, place: Array, forces: Sequence[float], raster: PolarGrid, ratio: float
 ) -> Array:
-    """`PolarRaster.means` (forces, 3, ρ, θ) of the stress 11, 22, 12 in Pa about a probe.
+    """`PolarGrid.means` (forces, 3, ρ, θ) of the stress 11, 22, 12 in Pa about a probe.
 
     The stress is the second Piola-Kirchhoff stress in the axes of the scene's probe, which is put
     at `place`: x, y in mm and the rotation in degrees. Electrodes only make the mesh finer, whose
@@ -66,7 +66,7 @@ def mean_stress_about_probe(
     """
     x, y, rotation = map(float, place)
     scene = scene.with_(**{"probe.x_mm": x, "probe.y_mm": y, "probe.rotation_deg": rotation})
-    points = 1e-3 * (turn(raster.samples_mm, rotation) + np.array([x, y]))
+    points = 1e-3 * (rotate(raster.samples_mm, rotation) + np.array([x, y]))
     share = np.linalg.norm(points, axis=-1, keepdims=True) / scene.film.radius
     sampled = points * INSIDE / np.maximum(share, INSIDE)
 
@@ -76,7 +76,7 @@ def mean_stress_about_probe(
         return lambda stress: np.asarray(sample @ project(stress))
 
     try:
-        fields = [reading(space)(stress) for space, stress in stresses(scene, forces, ratio)]
+        fields = [reading(space)(stress) for space, stress in solve_stresses(scene, forces, ratio)]
     except NotConvergedError as error:
         raise NotConvergedError(f"probe at ({x:g}, {y:g}) mm with {error}") from None
     shape = (3, *points.shape[:2])
@@ -87,12 +87,12 @@ def mean_stress_about_probe(
 
 def _turned(rotation_deg: float) -> Array:
     """Matrix (3, 3) from S11, S22, S12 (row) in the film's axes to those of a turned probe."""
-    c, s = turn([1.0, 0.0], rotation_deg)
+    c, s = rotate([1.0, 0.0], rotation_deg)
     cc, cs, ss = c * c, c * s, s * s
     return np.array([[cc, ss, -cs], [ss, cc, cs], [2 * cs, -2 * cs, cc - ss]])
 
 
-def stresses(
+def solve_stresses(
     scene: Scene, forces: Sequence[float], ratio: float, order: int = 3
 ) -> Iterator[tuple[Space, Array]]:
     """Stress 11, 22, 12 in Pa under each force in N, (elements, points, 3), and its space.
@@ -105,7 +105,7 @@ def stresses(
     for force in forces:
         loaded = scene.with_(**{"load.force_N": force})
         if equilibrium is None or scene.tips:
-            last, equilibrium = equilibrium, Equilibrium(loaded, probe_mesh(loaded, ratio), order)
+            last, equilibrium = equilibrium, Equilibrium(loaded, mesh_probe(loaded, ratio), order)
             space = equilibrium.space
             known = [(at, transfer_dofs(last.space, x, space)) for at, x in known[-1:] if last]
         else:
@@ -121,9 +121,9 @@ def stresses(
 
 def _solved(loaded: Equilibrium, start: Array | None, force: float) -> Array:
     """The unknowns, from a start if that leads to them."""
-    result = equilibrate(loaded, start)
+    result = find_equilibrium(loaded, start)
     if start is not None and result.status is not Status.CONVERGED:
-        result = equilibrate(loaded, None)
+        result = find_equilibrium(loaded, None)
     if result.status is not Status.CONVERGED:
         raise NotConvergedError(f"{force:g} N: {result.status}; {result.status.advice}")
     return result.q

@@ -22,11 +22,11 @@ import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.outlines.outline import turn
+from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.scene import Probe
 
 
-class Image(NamedTuple):
+class SymmetryImage(NamedTuple):
     """An image of a place."""
 
     #: Indices of its rotation and angle.
@@ -39,7 +39,7 @@ class Image(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Places:
+class CentreGrid:
     """Places of the film's centre, seen from the probe."""
 
     #: Largest distance for which the stress is interpolated, r in the module's text.
@@ -63,7 +63,7 @@ class Places:
         rotations = 1
         if film_rotations and probe.period_deg:
             rotations = of_turns // 2 * math.ceil(2 * film_rotations / of_turns)
-        return cls(reach_mm, radii, angles, rotations, turns or angles, probe.is_mirrored)
+        return cls(reach_mm, radii, angles, rotations, turns or angles, probe.is_mirror_symmetric)
 
     @property
     def _diameter(self) -> Array:
@@ -94,19 +94,21 @@ class Places:
         """Places of the probe to solve, x and y in mm and rotation in degrees, (n, 3): for each
         distance those of `unique`."""
         turns, at = self.rotations_deg, [(row, *i) for row in self.centres_mm for i in self.unique]
-        return np.array([[*turn(-row[angle], turns[k]), turns[k]] for row, k, angle in at])
+        return np.array([[*rotate(-row[angle], turns[k]), turns[k]] for row, k, angle in at])
 
-    def images(self, rotation: int, angle: int) -> Iterator[Image]:
+    def images(self, rotation: int, angle: int) -> Iterator[SymmetryImage]:
         """The images of a place, itself among them."""
         count = self.angles
         for k in range(self.fold):
             # the film turns by 2 π k / fold with the rim, of which half a turn is none
             turned, steps = k * 2 * self.rotations // self.fold, k * (count // self.fold)
-            yield Image((rotation - turned) % self.rotations, (angle + steps) % count, False, steps)
+            yield SymmetryImage(
+                (rotation - turned) % self.rotations, (angle + steps) % count, False, steps
+            )
             if self.mirrored:
                 steps += count // 2
                 back = (-rotation - turned) % self.rotations
-                yield Image(back, (steps - angle) % count, True, steps)
+                yield SymmetryImage(back, (steps - angle) % count, True, steps)
 
     def expanded(self, fields: Array) -> Array:
         """Stress at all places, (rotations, radii, angles, forces, 3, ρ, θ), from the places to

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from pvdf_fem.scene.registry import FORCES, RIVALS, put
-from pvdf_fem.scene.scene_file import problem
+from pvdf_fem.scene.registry import ALTERNATIVE_KEYS, FORCE_KEYS, set_key
+from pvdf_fem.scene.scene_file import format_error
 from pvdf_fem.scene.shapes import LAYOUTS, RING, SIZES
 
 # Keys that decide which further keys exist, in order of change.
@@ -37,7 +37,7 @@ class Replaced(dict[str, Any]):
 
 
 @lru_cache(maxsize=1024)
-def steps_of(key: str) -> tuple[Any, ...]:
+def parse_key(key: str) -> tuple[Any, ...]:
     """Names and indices (int) in a dotted key; none if it is no key."""
     steps = re.findall(r"[^.[\]]+", key) if _KEY.fullmatch(key) else []
     return _beside(int(step) if re.fullmatch("[0-9]{1,9}", step) else step for step in steps)
@@ -46,72 +46,74 @@ def steps_of(key: str) -> tuple[Any, ...]:
 def _beside(steps: Iterable[Any]) -> tuple[Any, ...]:
     """The steps to a key; steps to the force of a listed probe lead beside the probe's shape."""
     match steps := tuple(steps):
-        case ("probe", int(), "load", key, *_) if key in FORCES:
+        case ("probe", int(), "load", key, *_) if key in FORCE_KEYS:
             return steps[:2] + steps[3:]
     return steps
 
 
-def number_at(scene: Any, key: str) -> float:
+def get_number(scene: Any, key: str) -> float:
     """The number that a scene has by a key."""
     value = scene
-    for step in steps_of(key):
+    for step in parse_key(key):
         value = value[step] if isinstance(step, int) else getattr(value, step)
     return float(value)
 
 
-def spelled(key: str) -> str:
+def normalize_key(key: str) -> str:
     """The canonical spelling of a key: ``electrodes.0.x_mm`` becomes ``electrodes[0].x_mm``."""
-    rest = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps_of(key))
+    rest = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in parse_key(key))
     return "".join(rest).removeprefix(".") or key
 
 
-def change(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) -> list[str]:
+def apply_changes(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) -> list[str]:
     """Change values in tables in place, by keys like ``load.force_N`` or ``probe[0].x_mm``, with a
     dict or None, and with keywords. Tables among the values are merged, and tables on the way are
     made. Returns complaints about keys that lead nowhere or are changed twice."""
     if not isinstance(given, Mapping | None):
         reason = 'must be a dict of keys with their values; give {"load.force_N": 2}'
-        return [problem("changes", given, reason)]
+        return [format_error("changes", given, reason)]
     changes = {**(given or {}), **named}
     found: dict[tuple[Any, ...], tuple[str, Any]] = {}
     problems = []
     for name, given in changes.items():
         key = _encodable(name)
-        if not (whole := steps_of(key) if isinstance(key, str) else ()):
+        if not (whole := parse_key(key) if isinstance(key, str) else ()):
             reason = "is no key; write one such as film.radius_mm or electrodes[0].x_mm"
-            problems.append(problem(str(key)[:80] or '""', given, reason))
-        for steps, value in leaves(whole, given) if whole else ():
+            problems.append(format_error(str(key)[:80] or '""', given, reason))
+        for steps, value in iterate_values(whole, given) if whole else ():
             told = ".".join([key, *map(str, steps[len(whole) :])])[:80]
             if steps in found:
                 reason = f"is the same key as {found[steps][0]}; remove one"
-                problems.append(problem(told, given, reason))
+                problems.append(format_error(told, given, reason))
             found.setdefault(steps, (told, value))
     # whole sections first, then keys that decide which further keys exist
     for steps in sorted(found, key=lambda s: (len(s), [*_FIRST, s[-1]].index(s[-1]))):
         told, value = found[steps]
-        _, rival = found.get((*steps[:-1], RIVALS.get(steps[-1])), ("", None))
+        _, rival = found.get((*steps[:-1], ALTERNATIVE_KEYS.get(steps[-1])), ("", None))
         try:
             _put(tables, steps, value, rival)
         except (AttributeError, LookupError, TypeError, ValueError) as error:
             indexed = [text for text in _BY_INDEX.values() if text in error.args]
             reason = indexed[0] if indexed else "leads nowhere; use a key of this scene"
-            problems.append(problem(told, {} if value is _TABLE else value, reason))
+            problems.append(format_error(told, {} if value is _TABLE else value, reason))
     return list(dict.fromkeys(problems))
 
 
-def leaves(steps: tuple[Any, ...], value: Any) -> Iterator[tuple[tuple[Any, ...], Any]]:
+def iterate_values(steps: tuple[Any, ...], value: Any) -> Iterator[tuple[tuple[Any, ...], Any]]:
     """Steps and value of a change; a merged table is followed by the changes of its keys."""
     if isinstance(value, Mapping) and not isinstance(value, Replaced):
         yield steps, _TABLE
         for key, item in value.items():
-            yield from leaves(_beside((*steps, _encodable(key))), item)
+            yield from iterate_values(_beside((*steps, _encodable(key))), item)
     else:
-        yield steps, plain(value)
+        yield steps, to_plain_value(value)
 
 
-def named(changes: Mapping[str, Any]) -> set[str]:
+def find_changed_keys(changes: Mapping[str, Any]) -> set[str]:
     """Keys named by changes, ``load.force_N``, and replaced sections."""
-    every = (leaf for key, value in changes.items() for leaf in leaves(steps_of(key), value))
+    every = (
+        leaf for key, value in changes.items() for leaf in iterate_values(parse_key(key), value)
+    )
     found = (steps for steps, value in every if value is not _TABLE)
     return {".".join([step for step in steps if isinstance(step, str)][:2]) for steps in found}
 
@@ -139,7 +141,7 @@ def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any, rival: Any)
     if steps == ("electrodes", "layout") and node.get("layout") != value:
         for key in node.keys() - (LAYOUTS["square"].model_fields.keys() - RING):
             del node[key]
-    put(node, last, value, rival)
+    set_key(node, last, value, rival)
 
 
 def _encodable(key: Any) -> Any:
@@ -147,14 +149,14 @@ def _encodable(key: Any) -> Any:
     return key.encode("utf-8", "backslashreplace").decode() if isinstance(key, str) else key
 
 
-def plain(value: Any) -> Any:
+def to_plain_value(value: Any) -> Any:
     """A value in the form from a TOML parser."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_none=True)
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):
-        return {_encodable(key): plain(item) for key, item in value.items()}
+        return {_encodable(key): to_plain_value(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [to_plain_value(item) for item in value]
     return value
