@@ -96,7 +96,7 @@ def _open_bar(unit: str, elapsed_s: float) -> Any:
     """Return a bar of tqdm, not drawn yet, for a job that began `elapsed_s` seconds ago."""
     from tqdm import tqdm  # here, since most commands end before they show a bar
 
-    class Bar(tqdm):
+    class Bar(tqdm):  # type: ignore[misc]
         monitor_interval = 0  # without a thread that redraws bars of slow jobs
 
     bar = Bar(
