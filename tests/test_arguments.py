@@ -142,7 +142,7 @@ MISTAKES = {
     "pf.sweep(S, {'load.force_N': [1]})": "axes",
     "S.with_('load.force_N=3')": "changes",
     "S.with_(load=3)": "load",
-    "pf.Scene.load(3)": "path",
+    "pf.Scene.from_file(3)": "path",
     "pf.Scene('mine.toml')": "Scene",
     "s.at([0, 1], [0, 1, 2])": "x_mm",
     "s.along([(0, 0)])": "line_mm",

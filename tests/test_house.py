@@ -78,6 +78,11 @@ def imports_of(module: str) -> Iterator[tuple[str, str]]:
 IMPORTS = sorted({found for module in MODULES for found in imports_of(module)})
 
 
+def test_modules_and_imports_are_found():
+    assert len(MODULES) > 150
+    assert len(IMPORTS) > 500
+
+
 def test_nothing_imports_upwards():
     upward = {
         f"{importer} -> {imported}"

@@ -8,11 +8,11 @@ from functools import partial
 from typing import Any
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.batch.plan import SweepPlan, plan
-from pvdf_fem.batch.records import records_of, with_rest
+from pvdf_fem.batch.plan import SweepPlan, plan_solves
+from pvdf_fem.batch.records import add_unloaded_integrals, make_records
 from pvdf_fem.batch.store import Record, Store
-from pvdf_fem.batch.workers import Died, on_cluster, on_processes
-from pvdf_fem.electrodes.unloaded import known_at_rest, untouched
+from pvdf_fem.batch.workers import WorkerDied, run_on_cluster, run_on_processes
+from pvdf_fem.electrodes.unloaded import find_uniform_integrals, unload
 from pvdf_fem.film.loads.profiles import pin_profile_files
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.progress import Progress, ignore_progress
@@ -27,20 +27,20 @@ Run = Callable[..., Iterator[tuple[int, Any]]]
 Films = dict[Scene, Record]  #: Records of untouched films.
 
 
-def solve_all(scenes: Sequence[Scene], store: Store | None = None, **how: Any) -> list[Record]:
+def solve_scenes(scenes: Sequence[Scene], store: Store | None = None, **how: Any) -> list[Record]:
     """Records of scenes, in their order; `how` they are solved is as in `sweep`."""
-    todo = planned(scenes, store)
-    by_index = dict(records(todo, store, **how))
+    todo = plan_scenes(scenes, store)
+    by_index = dict(solve_planned(todo, store, **how))
     return [by_index[first] for first in todo.first.tolist()]
 
 
-def planned(scenes: Sequence[Scene], store: Store | None = None) -> SweepPlan:
+def plan_scenes(scenes: Sequence[Scene], store: Store | None = None) -> SweepPlan:
     """The plan for scenes; stored scenes need no solve."""
     scenes = pin_profile_files(scenes)
-    return plan(scenes, None if store is None else [scene in store for scene in scenes])
+    return plan_solves(scenes, None if store is None else [scene in store for scene in scenes])
 
 
-def records(
+def solve_planned(
     todo: SweepPlan,
     store: Store | None = None,
     *,
@@ -55,11 +55,11 @@ def records(
             record = store.get(todo.scenes[index])
             assert record is not None  # rows are never removed
             yield index, record
-    run: Run = partial(on_processes, processes=processes)
+    run: Run = partial(run_on_processes, processes=processes)
     if scheduler:
-        run = partial(on_cluster, scheduler=scheduler)
+        run = partial(run_on_cluster, scheduler=scheduler)
     films = _moving(todo)
-    at_rest = solve_all(films, store, processes=processes, scheduler=scheduler) if films else []
+    at_rest = solve_scenes(films, store, processes=processes, scheduler=scheduler) if films else []
     done, total = 0, todo.missing
     progress(done, total)
     for number, result in _solves(todo, store, run, dict(zip(films, at_rest, strict=True))):
@@ -95,12 +95,12 @@ def _tasks(
 
 
 def _kept(
-    scenes: list[Scene], result: list[Record] | Died, store: Store | None, films: Films
+    scenes: list[Scene], result: list[Record] | WorkerDied, store: Store | None, films: Films
 ) -> list[Record]:
     """The records of scenes with charges at rest, which join the store unless scenes crashed."""
-    records = _crashed(scenes, result.reason) if isinstance(result, Died) else result
-    at_rest = [films.get(untouched(scene)) for scene in scenes]
-    records = [*map(with_rest, records, scenes, at_rest)]
+    records = _crashed(scenes, result.reason) if isinstance(result, WorkerDied) else result
+    at_rest = [films.get(unload(scene)) for scene in scenes]
+    records = [*map(add_unloaded_integrals, records, scenes, at_rest)]
     if store is not None:
         pairs = zip(scenes, records, strict=True)
         store.put((scene, record) for scene, record in pairs if record.status != CRASHED)
@@ -111,13 +111,13 @@ def _moving(todo: SweepPlan) -> list[Scene]:
     """A plan's distinct untouched films that need a solve for charges at rest and have no solve of
     their own."""
     missing = (scene for number in range(len(todo.blocks)) for scene in todo.scenes_of(number))
-    films = dict.fromkeys(film for scene in missing if (film := untouched(scene)) != scene)
-    return [film for film in films if known_at_rest(film) is None]
+    films = dict.fromkeys(film for scene in missing if (film := unload(scene)) != scene)
+    return [film for film in films if find_uniform_integrals(film) is None]
 
 
 def _solved(task: Task) -> list[Record]:
     try:
-        return records_of(*task)
+        return make_records(*task)
     except GmshMissingError:  # no scene can be solved
         raise
     except Exception as error:  # must not end the solves of the other scenes

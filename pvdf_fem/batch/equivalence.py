@@ -27,10 +27,10 @@ from pvdf_fem.scene.shapes import Probe
 # thickness if they agree to this many digits.
 DIGITS = 9
 # Effects of keys that change the film's deformation.
-MECHANICS = (Affects.MECHANICS, Affects.OUTLINE, Affects.STRAIN_AT_REST, Affects.SCALE)
+MECHANICAL_EFFECTS = (Affects.MECHANICS, Affects.OUTLINE, Affects.STRAIN_AT_REST, Affects.SCALE)
 
 
-def mechanics(scene: Scene) -> tuple[str, Array]:
+def compute_mechanical_key(scene: Scene) -> tuple[str, Array]:
     """What the deformation of a scene's film depends on, its tolerance and its limits included, and
     a frame. Scenes with equal texts share a solve. The frame, (2, 2), is the orthogonal matrix from
     the scene's axes to axes in which the equivalent scenes' probes share a place."""
@@ -40,7 +40,10 @@ def mechanics(scene: Scene) -> tuple[str, Array]:
         return scene.to_toml(), np.eye(2)
     unlike = load.tangential_N or load.profile != "uniform" or isinstance(probe, tuple)
     if film.is_inhomogeneous or film.distributed_force or (probe is not None and unlike):
-        return f"{select_by_effect(scene, *MECHANICS)} {film.weight} {model.bends}", np.eye(2)
+        return (
+            f"{select_by_effect(scene, *MECHANICAL_EFFECTS)} {film.weight} {model.bends}",
+            np.eye(2),
+        )
     # with bending "auto", the electrodes decide whether the film bends
     common = f"{select_by_effect(scene, Affects.MECHANICS)} {model.bends}"
     common += "".join(f" {strain:.{DIGITS}e}" for strain in film.prestrain[:2])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.batch.equivalence import mechanics
+from pvdf_fem.batch.equivalence import compute_mechanical_key
 from pvdf_fem.film.loads.profiles import pin_profile_files
 from pvdf_fem.scene.scene import Scene
 
@@ -18,7 +18,7 @@ from pvdf_fem.scene.scene import Scene
 class Block:
     """Scenes that one solve serves."""
 
-    mechanics: str  #: What the solve depends on.
+    compute_mechanical_key: str  #: What the solve depends on.
     indices: tuple[int, ...]  #: The scenes' indices in the plan.
     #: Orthogonal matrices from the scenes' axes to the first scene's axes, (n, 2, 2).
     frames: Array
@@ -53,7 +53,7 @@ class SweepPlan:
         return "\n".join(f"{count:>8} {text}" for shown, count, text in rows if shown)
 
 
-def plan(scenes: Sequence[Scene], stored: Sequence[bool] | None = None) -> SweepPlan:
+def plan_solves(scenes: Sequence[Scene], stored: Sequence[bool] | None = None) -> SweepPlan:
     """The plan for scenes, its blocks in the order of their first scenes. Scenes need no solve
     where `stored` says that their records are known."""
     scenes, index_of = pin_profile_files(scenes), dict[Scene, int]()
@@ -63,7 +63,7 @@ def plan(scenes: Sequence[Scene], stored: Sequence[bool] | None = None) -> Sweep
     for scene, index in index_of.items():
         if index in known:
             continue
-        text, frame = mechanics(scene)
+        text, frame = compute_mechanical_key(scene)
         indices, frames = alike.setdefault(text, ([], []))
         indices.append(index)
         frames.append(frame)

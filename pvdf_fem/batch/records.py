@@ -11,14 +11,14 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.batch.equivalence import DIGITS
 from pvdf_fem.batch.store import Record
 from pvdf_fem.electrodes.observables import OBSERVABLES, Observable
-from pvdf_fem.electrodes.outputs import Goal, goals_of
-from pvdf_fem.electrodes.stress_integrals import Forces
-from pvdf_fem.electrodes.unloaded import known_at_rest, untouched
+from pvdf_fem.electrodes.outputs import Output, make_outputs
+from pvdf_fem.electrodes.stress_integrals import StressIntegrals
+from pvdf_fem.electrodes.unloaded import find_uniform_integrals, unload
 from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.adaptive import RestError, solve_goals
-from pvdf_fem.solver.admissible import cancelled_charges
+from pvdf_fem.solver.acceptance import warn_of_cancelled_charges
+from pvdf_fem.solver.adaptive import UnloadedFilmError, solve_outputs
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.solution import Solution
 
@@ -26,53 +26,57 @@ from pvdf_fem.solver.solution import Solution
 _RETRIED = (Status.TOLERANCE, Status.SLACK, Status.MESH_FAILED)
 
 
-def records_of(scenes: Sequence[Scene], frames: Array) -> list[Record]:
+def make_records(scenes: Sequence[Scene], frames: Array) -> list[Record]:
     """Records of scenes whose films deform alike. `frames` (n, 2, 2) are the orthogonal matrices
     from their axes to those of the first scene. The mesh follows the first scene's electrodes if
     further scenes' electrodes lie on them, otherwise only the probe. Scenes that miss the tolerance
     together are solved separately."""
     scene = scenes[0]
-    goals, indices = _distinct_goals(scenes, frames)
-    followed = _followed(goals, scene)
+    outputs, indices = _distinct_goals(scenes, frames)
+    followed = _followed(outputs, scene)
     if followed is not None:
-        solution = solve_goals(scene, followed)
+        solution = solve_outputs(scene, followed)
     else:
         # Scenes with different electrodes share a solve only if electrodes just read the stress
         # (`FilmModel.electrodes_only_read`): the film may be solved without them.
         film = scene.film.model_copy(update={"bending": resolve_film_model(scene).bends})
-        solution = solve_goals(scene.model_copy(update={"electrodes": (), "film": film}), goals)
+        solution = solve_outputs(scene.model_copy(update={"electrodes": (), "film": film}), outputs)
     if len(scenes) > 1 and solution.status in _RETRIED:
-        return [records_of([scene], frames[:1])[0] for scene in scenes]
-    return _records(solution, followed or goals, scenes, indices)
+        return [make_records([scene], frames[:1])[0] for scene in scenes]
+    return _records(solution, followed or outputs, scenes, indices)
 
 
-def with_rest(record: Record, scene: Scene, film: Record | None) -> Record:
+def add_unloaded_integrals(record: Record, scene: Scene, film: Record | None) -> Record:
     """A scene's record with its forces at rest, or with a warning about their absence. `film`
     is the record of the untouched film if that needs a solve and is another scene; if its solve
     crashed, so has the scene."""
-    if (known := known_at_rest(untouched(scene))) is not None:
+    if (known := find_uniform_integrals(unload(scene))) is not None:
         return _rested(record, known)
     solved = film or record
     if solved.status not in Status.__members__.values():
         return replace(record, status=solved.status, reason=solved.reason)
     if solved.converged:
         return _rested(record, solved.forces_by(str(scene.numerics.observable)))
-    told = RestError.of(scene, solved.status, solved.reason).problems if record.converged else ()
+    told = (
+        UnloadedFilmError.of(scene, solved.status, solved.reason).problems
+        if record.converged
+        else ()
+    )
     return replace(record, warnings=(*record.warnings, *told))
 
 
-def _rested(record: Record, at_rest: Forces) -> Record:
+def _rested(record: Record, at_rest: StressIntegrals) -> Record:
     values, errors = at_rest.values.tolist(), at_rest.errors.tolist()
     return replace(record, rest_forces=values, rest_force_errors=errors)
 
 
 def _records(
     solution: Solution,
-    goals: Sequence[Goal],
+    outputs: Sequence[Output],
     scenes: Sequence[Scene],
     indices: Sequence[Sequence[int]],
 ) -> list[Record]:
-    """Records of scenes; `indices` are, by scene, the positions of its electrodes in `goals`."""
+    """Records of scenes; `indices` are, by scene, the positions of its electrodes in `outputs`."""
     names = [tuple(electrode.name for electrode in scene.electrode_list) for scene in scenes]
     converged = solution.status is Status.CONVERGED
     shared = Record(
@@ -88,15 +92,15 @@ def _records(
     # a thicker film under more force may share the solve, and not what bending would change
     left_out = resolve_film_model(solution.scene).warnings
     others = [text for text in solution.warnings if text not in left_out]
-    forces = {name: _forces(solution, goals, known) for name, known in OBSERVABLES.items()}
+    forces = {name: _forces(solution, outputs, known) for name, known in OBSERVABLES.items()}
     records = []
     for scene, electrodes, rows in zip(scenes, names, indices, strict=True):
         defined = {
             name: values[rows].tolist()
             for name, values in forces.items()
-            if all(OBSERVABLES[name].defined_for(goals[row]) for row in rows)
+            if all(OBSERVABLES[name].defined_for(outputs[row]) for row in rows)
         }
-        solved = solution.fields.forces.of(rows)
+        solved = solution.discrete.stress_integrals.of(rows)
         records.append(
             replace(
                 shared,
@@ -106,32 +110,32 @@ def _records(
                 warnings=(
                     *resolve_film_model(scene).warnings,
                     *others,
-                    *cancelled_charges(scene, solved),
+                    *warn_of_cancelled_charges(scene, solved),
                 ),
             )
         )
     return records
 
 
-def _distinct_goals(scenes: Sequence[Scene], frames: Array) -> tuple[list[Goal], list[list[int]]]:
+def _distinct_goals(scenes: Sequence[Scene], frames: Array) -> tuple[list[Output], list[list[int]]]:
     """Distinct goals over the scenes, and by scene the goal indices of its electrodes."""
-    goals: list[Goal] = []
+    outputs: list[Output] = []
     index_of: dict[tuple[object, ...], int] = {}
     indices: list[list[int]] = []
     for scene, frame in zip(scenes, frames, strict=True):
         indices.append([])
-        for goal in (replace(goal, patch=None, frame=frame) for goal in goals_of(scene)):
-            directions = np.round(goal.directions, DIGITS).tobytes()
-            place = goal.placed.signature(scene.film.radius, DIGITS)
-            key = place, directions, goal.observable, goal.d
+        for output in (replace(output, patch=None, frame=frame) for output in make_outputs(scene)):
+            directions = np.round(output.directions, DIGITS).tobytes()
+            place = output.placed.signature(scene.film.radius, DIGITS)
+            key = place, directions, output.observable, output.d
             if key not in index_of:
-                index_of[key] = len(goals)
-                goals.append(goal)
+                index_of[key] = len(outputs)
+                outputs.append(output)
             indices[-1].append(index_of[key])
-    return goals, indices
+    return outputs, indices
 
 
-def _followed(goals: Sequence[Goal], scene: Scene) -> list[Goal] | None:
+def _followed(outputs: Sequence[Output], scene: Scene) -> list[Output] | None:
     """The goals on a mesh that follows a scene's electrodes, or None if a goal is no electrode in
     this scene with parallel axes."""
     patches = {
@@ -139,21 +143,21 @@ def _followed(goals: Sequence[Goal], scene: Scene) -> list[Goal] | None:
         for electrode in scene.electrode_list
     }
     followed = []
-    for goal in goals:
-        patch = patches.get(goal.placed.signature(scene.film.radius, DIGITS))
-        if patch is None or not np.isin(goal.frame, (-1.0, 0.0, 1.0)).all():
+    for output in outputs:
+        patch = patches.get(output.placed.signature(scene.film.radius, DIGITS))
+        if patch is None or not np.isin(output.frame, (-1.0, 0.0, 1.0)).all():
             return None
-        followed.append(replace(goal, patch=patch))
+        followed.append(replace(output, patch=patch))
     return followed
 
 
-def _forces(solution: Solution, goals: Sequence[Goal], observable: Observable) -> Array:
+def _forces(solution: Solution, outputs: Sequence[Output], observable: Observable) -> Array:
     """The forces X, Y by an observable, (goals, 2); zero for electrodes it is not defined for."""
-    forces = np.zeros((len(goals), 2))
-    solved = np.array([goal.observable == observable.name for goal in goals], bool)
-    forces[solved] = solution.fields.forces.values[solved]
-    others = [i for i in np.flatnonzero(~solved).tolist() if observable.defined_for(goals[i])]
+    forces = np.zeros((len(outputs), 2))
+    solved = np.array([output.observable == observable.name for output in outputs], bool)
+    forces[solved] = solution.discrete.stress_integrals.values[solved]
+    others = [i for i in np.flatnonzero(~solved).tolist() if observable.defined_for(outputs[i])]
     if others:
-        asked = [replace(goals[i], observable=observable.name) for i in others]
-        forces[others] = solution.fields.forces_of(asked)
+        asked = [replace(outputs[i], observable=observable.name) for i in others]
+        forces[others] = solution.discrete.integrals_of(asked)
     return forces

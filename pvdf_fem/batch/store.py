@@ -23,7 +23,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from pvdf_fem.electrodes.stress_integrals import Forces
+from pvdf_fem.electrodes.stress_integrals import StressIntegrals
 from pvdf_fem.files import FileError
 from pvdf_fem.film.loads.profiles import pin_profile_files
 from pvdf_fem.scene.keys import Affects, select_by_effect
@@ -74,7 +74,7 @@ class Record:
     rest_force_errors: list[list[float]] = field(default_factory=list)
 
     @property
-    def at_rest(self) -> Forces:
+    def at_rest(self) -> StressIntegrals:
         """`rest_forces` with their errors; NaN if not known."""
         return self._forces(self.rest_forces, self.rest_force_errors)
 
@@ -83,7 +83,7 @@ class Record:
         """Whether there are charges."""
         return self.status == "converged"
 
-    def forces_by(self, observable: str) -> Forces:
+    def forces_by(self, observable: str) -> StressIntegrals:
         """The electrodes' forces; NaN for a record without charges. Their errors are NaN for an
         observable different from the scene's, too."""
         return self._forces(self.forces.get(observable), self.force_errors.get(observable))
@@ -103,9 +103,11 @@ class Record:
         errors = self.forces_by(observable).charge_errors((d31_pC_N, d32_pC_N))
         return dict(zip(self.electrodes, errors.tolist(), strict=True))
 
-    def _forces(self, values: Any, errors: Any) -> Forces:
+    def _forces(self, values: Any, errors: Any) -> StressIntegrals:
         unknown = np.full((len(self.electrodes), 2), np.nan)
-        return Forces(*(np.array(given) if given else unknown for given in (values, errors)))
+        return StressIntegrals(
+            *(np.array(given) if given else unknown for given in (values, errors))
+        )
 
 
 class Store:
@@ -145,7 +147,7 @@ class Store:
 
     def get(self, scene: Scene) -> Record | None:
         """The record of a scene; None if missing, or if its row is damaged."""
-        fields = self.kept(key(scene))
+        fields = self.kept(make_record_key(scene))
         if fields is None:
             return None
         return Record(**fields | {name: tuple(fields[name]) for name in ("electrodes", "warnings")})
@@ -164,7 +166,7 @@ class Store:
 
     def put(self, records: Iterable[tuple[Scene, Record]]) -> None:
         """Add the records of scenes in a single transaction."""
-        self.keep({key(scene): vars(record) for scene, record in records})
+        self.keep({make_record_key(scene): vars(record) for scene, record in records})
 
     def keep(self, values: Mapping[str, Any]) -> None:
         """Add values for JSON, by key, in a single transaction."""
@@ -215,27 +217,27 @@ class Store:
         self.close()
 
 
-def key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
+def make_record_key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
     """Hash over the scene's fields that affect a record and over the code in `folders`."""
     (scene,) = pin_profile_files([scene])
     # with coupling, amplifiers and the permittivity act on the film
     effects = [*Affects] if scene.film.coupling else set(Affects) - {Affects.INSTRUMENT}
     solved = repr(select_by_effect(scene, *effects))
-    return hashlib.sha256((code_version(folders) + solved).encode()).hexdigest()
+    return hashlib.sha256((hash_code(folders) + solved).encode()).hexdigest()
 
 
 @cache
-def code_version(folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
+def hash_code(folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
     """Hash over modules in folders of the package and the libraries' versions."""
     digest = hashlib.sha256()
     for name in NUMERICAL_PACKAGES:
         digest.update(f"{name} {metadata.version(name)}\n".encode())
-    for module in modules_in(folders):
+    for module in list_modules(folders):
         digest.update(module.read_bytes())
     return digest.hexdigest()
 
 
-def modules_in(folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> list[Path]:
+def list_modules(folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> list[Path]:
     """Modules in folders of the package, and shared modules."""
     package = Path(__file__).parents[1]
     modules = (module for folder in folders for module in package.joinpath(folder).rglob("*.py"))

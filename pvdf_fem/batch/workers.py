@@ -34,18 +34,18 @@ class ClusterLostError(ClusterError):
 
 
 @dataclass(frozen=True)
-class Died:
+class WorkerDied:
     """Replaces a missing result, with the reason."""
 
     reason: str
 
 
-def on_processes(
+def run_on_processes(
     function: Callable[[Task], Result], tasks: Iterable[tuple[int, Task]], processes: int
-) -> Iterator[tuple[int, Result | Died]]:
+) -> Iterator[tuple[int, Result | WorkerDied]]:
     """Numbers and results of tasks in order of completion. When a process dies, the processes are
     replaced, and tasks without a result are done again separately. A task that kills its process
-    again ends as `Died`. Of errors `GmshMissingError` alone is raised. Tasks are read when
+    again ends as `WorkerDied`. Of errors `GmshMissingError` alone is raised. Tasks are read when
     processes are free. `processes` = -1: a process per core; 1: no new process. New processes run
     linear algebra on a single thread, and end with the calling process."""
     count = joblib.effective_n_jobs(processes)
@@ -55,7 +55,7 @@ def on_processes(
         return
     # the processes stay for later calls, and joblib's own `Parallel` of a caller takes them over
     keep: Any = {"timeout": 300, "env": ONE_THREAD}
-    keep |= {"initializer": end_with, "initargs": (os.getpid(),)}
+    keep |= {"initializer": exit_with_parent, "initargs": (os.getpid(),)}
 
     def executor() -> Any:
         return get_memmapping_executor(count, **keep)
@@ -67,7 +67,7 @@ def on_processes(
         raise
 
 
-def end_with(parent: int) -> None:
+def exit_with_parent(parent: int) -> None:
     """End this process soon after its parent, perhaps after a kill."""
 
     def watch() -> None:
@@ -78,9 +78,9 @@ def end_with(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def on_cluster(
+def run_on_cluster(
     function: Callable[[Task], Result], tasks: Iterable[tuple[int, Task]], scheduler: str
-) -> Iterator[tuple[int, Result | Died]]:
+) -> Iterator[tuple[int, Result | WorkerDied]]:
     """Task numbers and results from a Dask cluster's workers, in order of completion. The scheduler
     at an address like ``tcp://127.0.0.1:8786`` gives a dead worker's tasks to further workers, at
     most a few times. Tasks are read when workers are free. Raises `ClusterError` when dask is not
@@ -117,7 +117,7 @@ def _results(
     tasks: Iterable[tuple[int, Task]],
     executor: Callable[[], Executor],
     workers: Callable[[], int],
-) -> Iterator[tuple[int, Result | Died]]:
+) -> Iterator[tuple[int, Result | WorkerDied]]:
     """Numbers of tasks and their results. Twice `workers` tasks are under way. An `executor` with a
     dead process has lost its tasks and is replaced."""
     tasks, running = iter(tasks), dict[Future[Result], tuple[int, Task]]()
@@ -142,7 +142,7 @@ def _results(
             elif isinstance(error := future.exception(), GmshMissingError):
                 raise error  # no task can be done
             elif error:
-                yield number, Died(f"{type(error).__name__}: {error}")
+                yield number, WorkerDied(f"{type(error).__name__}: {error}")
             else:
                 yield number, future.result()
 

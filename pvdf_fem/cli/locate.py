@@ -56,7 +56,8 @@ examples:
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9 \\
       --unknown x,y,force,rotation --sigma 0.005 --json
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9 --plot touch.png
-  pvdf-fem locate eight.toml --touches 2 --charges A=1164,B=906,C=860,D=1009,...
+  pvdf-fem locate ring.toml --touches 2 \\
+      --charges A=1443,B=1559,C=1993,D=1471,E=1433,F=1514,G=2076
   pvdf-fem locate sensor.toml --changes A=0.857,B=0.683,C=0.552,D=0.593 --unit V
   pvdf-fem locate sensor.toml --csv readings.csv --output touches.csv
   read-amplifier | pvdf-fem locate sensor.toml --csv - --quick | show-touches

@@ -155,6 +155,19 @@ def _key_names() -> str:
 
 
 def make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line."""
+    parser, _ = _make_parsers()
+    return parser
+
+
+def make_command_parsers() -> dict[str, argparse.ArgumentParser]:
+    """Return the parser of each command, by the command's name."""
+    _, parsers = _make_parsers()
+    return parsers
+
+
+def _make_parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.ArgumentParser]]:
+    """Return the parser of the whole command line, and those of its commands by name."""
     parser = ArgumentParser(
         "pvdf-fem",
         description=_DESCRIPTION,
@@ -195,7 +208,7 @@ def make_parser() -> argparse.ArgumentParser:
     touching = response_model, locate, track, calibrate, design, dataset
     for command in (respond, sweep, *touching, explore):
         command.add_to(commands)
-    return parser
+    return parser, dict(commands.choices)
 
 
 def _example(options: argparse.Namespace) -> int:
@@ -261,10 +274,10 @@ def _mesh(options: argparse.Namespace) -> int:
     from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
     from pvdf_fem.film.models import resolve_film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
-    from pvdf_fem.solver.first_sizes import ORDER, first_sizes
+    from pvdf_fem.solver.first_sizes import ORDER, choose_first_sizes
 
     try:
-        sizes, jacobian = first_sizes(scene, ORDER), resolve_film_model(scene).least_jacobian
+        sizes, jacobian = choose_first_sizes(scene, ORDER), resolve_film_model(scene).least_jacobian
         contacts = estimate_tip_outlines(scene)
         mesh = mesh_scene(scene, sizes, least_jacobian=jacobian, contacts=contacts)
         write_mesh(mesh, options.file)

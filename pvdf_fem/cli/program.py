@@ -134,7 +134,7 @@ def read_scene(options: argparse.Namespace, *mistakes: str) -> Scene:
         except SceneError as error:
             problems += [f"--set {told}" for told in error.problems]
     try:
-        given: Scene = Scene.load(options.scene)
+        given: Scene = Scene.from_file(options.scene)
         scene = given.with_(**changes) if changes else given
     except SceneError as error:
         problems += error.problems

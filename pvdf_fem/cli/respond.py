@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
         elif options.plot:
             print(response)
         else:
-            for text in response.left_out:
+            for text in response.neglected:
                 print(f"left out: {text}", file=sys.stderr)
             response.to_dataframe().to_csv(sys.stdout, index=False, lineterminator="\n")
     return ExitCode.CONVERGED

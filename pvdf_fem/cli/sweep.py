@@ -153,7 +153,7 @@ def _sweep(options: argparse.Namespace) -> int:
         mistakes.append(f"--plot: draws one or two axes, not {count}; leave it out")
     if mistakes:
         raise InputError(*mistakes)
-    from pvdf_fem.batch.batch import planned
+    from pvdf_fem.batch.batch import plan_scenes
     from pvdf_fem.batch.store import Store, StoreError
     from pvdf_fem.batch.workers import ClusterError, ClusterLostError
 
@@ -162,10 +162,10 @@ def _sweep(options: argparse.Namespace) -> int:
     require_distinct(output, *grid.files)
     try:
         if options.plan and not path.exists():
-            print(planned(scenes))
+            print(plan_scenes(scenes))
             return ExitCode.CONVERGED
         with Store(path) as store:
-            plan = planned(scenes, store)
+            plan = plan_scenes(scenes, store)
             if options.plan or not options.quiet:
                 print(plan, flush=True)
             if options.plan:
@@ -181,13 +181,13 @@ def _sweep(options: argparse.Namespace) -> int:
 def _run(
     grid: SceneGrid, plan: SweepPlan, store: Store, output: Path, options: argparse.Namespace
 ) -> int:
-    from pvdf_fem.batch.batch import records
+    from pvdf_fem.batch.batch import solve_planned
     from pvdf_fem.progress import show_progress
     from pvdf_fem.studies.sweep_dataset import make_sweep_dataset, write_netcdf
 
     where: dict[str, Any] = {"processes": options.processes, "scheduler": options.scheduler}
     with show_progress("scenes", False if options.quiet else options.progress) as progress:
-        solved = records(plan, store, **where, progress=progress)
+        solved = solve_planned(plan, store, **where, progress=progress)
         data = make_sweep_dataset(grid, plan, solved)
     write_netcdf(data, output)
     if options.plot:

@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
     from pvdf_fem.inverse.touch.touch import TouchStatus
     from pvdf_fem.inverse.tracking.results import TrackRow
     from pvdf_fem.inverse.tracking.tracker import Tracker
-    from pvdf_fem.solver.adaptive import rest_charges
+    from pvdf_fem.solver.adaptive import compute_unloaded_charges
 
     mistakes: list[str] = []
     unknown, choice = sought(options.unknown, mistakes), ModelChoice.of(options, mistakes)
@@ -91,7 +91,9 @@ def run(options: argparse.Namespace) -> int:
         mistakes.append(f"--unit V: {options.scene} has no [readout]; add one, or give pC")
     if mistakes:
         raise InputError(*mistakes)
-    rest_charges(scene)  # without charges at rest the scene is refused, before a model is built
+    compute_unloaded_charges(
+        scene
+    )  # without charges at rest the scene is refused, before a model is built
     electrodes = [electrode.name for electrode in scene.electrode_list]
     source = None if options.signals == "-" else Path(options.signals)
     name = source or "standard input"

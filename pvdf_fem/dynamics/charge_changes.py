@@ -9,7 +9,7 @@ import numpy as np
 
 from pvdf_fem.dynamics.air import SOUND_SPEED
 from pvdf_fem.dynamics.modes import format_air_note
-from pvdf_fem.electrodes.channel import Channel, channels
+from pvdf_fem.electrodes.channel import Channel, make_channels
 from pvdf_fem.scene.arguments import SceneLike, as_scene
 from pvdf_fem.scene.scene_file import SceneError
 from pvdf_fem.solver.adaptive import solve
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
 class ChargeChanges(TabularResult):
     """Changes of charges and readings against a solution, by frequency or by time."""
 
-    left_out: tuple[str, ...]
+    neglected: tuple[str, ...]
 
     def summary(self) -> Summary:
         """The span, the first and the last rows, and what is left out."""
         (name, along), *others = self.columns().items()
         shown = {name: along} | {key: column for key, column in others if "error" not in key}
         span = f"{name} {along.min():g} to {along.max():g}" if along.size else "none"
-        notes = [f"left out: {text}" for text in self.left_out]
+        notes = [f"left out: {text}" for text in self.neglected]
         table = TextTable.from_columns(shown)
         return Summary("changes by the force", [span], tables=[table], notes=notes)
 
     def to_json(self) -> dict[str, Any]:
         """The columns, and what is left out."""
-        return {**super().to_json(), "left_out": list(self.left_out)}
+        return {**super().to_json(), "neglected": list(self.neglected)}
 
 
 def resolve_loaded_solution(solution: Solution | SceneLike) -> tuple[Solution, Sequence[Channel]]:
@@ -47,7 +47,7 @@ def resolve_loaded_solution(solution: Solution | SceneLike) -> tuple[Solution, S
     if scene.single_probe is None:
         raise SceneError(["probe = (nothing): is required; add the one whose force changes"])
     solution = solution if isinstance(solution, Solution) else solve(scene)
-    return solution, channels(scene) if scene.readout is not None else ()
+    return solution, make_channels(scene) if scene.readout is not None else ()
 
 
 def label_in_pC(solution: Solution, charges: Any) -> dict[str, Any]:
@@ -65,4 +65,4 @@ def list_neglected_effects(solution: Solution) -> tuple[str, ...]:
     sound = f"damping by sound: {100.0 * share:.1g} % of that with air.baffle = true at 1 kHz"
     remarks = {format_air_note(scene): scene.air is None, losses: scene.film.loss_tangent is None}
     remarks[sound] = scene.air is not None and not scene.air.baffle
-    return (*solution.left_out, *(text for text, told in remarks.items() if told))
+    return (*solution.neglected, *(text for text, told in remarks.items() if told))

@@ -37,7 +37,7 @@ class FrequencyResponse(ChargeChanges):
     charge_errors_pC_N: dict[str, Array]  #: Estimated discretisation errors, absolute.
     readings_V_N: dict[str, ComplexArray]  #: Of the channels; empty without ``[readout]``.
     resonances_Hz: Array  #: Those that the force excites, without losses, up to the last frequency.
-    left_out: tuple[str, ...]  #: What the model neglects.
+    neglected: tuple[str, ...]  #: What the model neglects.
 
     def plot(self) -> Figure:
         """Draw amplitudes with the resonances marked, and phases if something damps the film."""

@@ -32,14 +32,14 @@ from pvdf_fem.progress import Progress, SolveCounter, show_progress
 from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
 from pvdf_fem.scene.film import Air
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.estimate import corrected
-from pvdf_fem.solver.history import Clock
+from pvdf_fem.solver.adaptive_loop import AdaptiveLoop, TooManyUnknownsError
+from pvdf_fem.solver.estimate import correct_in_richer_space
+from pvdf_fem.solver.history import StageTimer
 from pvdf_fem.solver.mesh_level import UNKNOWNS_PER_ELEMENT
 from pvdf_fem.solver.nonlinear.budget import Budget
-from pvdf_fem.solver.nonlinear.fallback import equilibrate
-from pvdf_fem.solver.nonlinear.newton import NewtonResult, Tried
+from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
+from pvdf_fem.solver.nonlinear.newton import FailedAttempt, NewtonResult
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
-from pvdf_fem.solver.refinement import MeshLoop, TooManyUnknownsError
 from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class Modes(Result):
     loaded: bool  #: About the loaded film, not the flat one.
     status: Status  #: `Status.CONVERGED`, or why there are no modes.
     reason: str  #: The status in words, with what to change.
-    left_out: tuple[str, ...] = ()  #: What the model neglects.
+    neglected: tuple[str, ...] = ()  #: What the model neglects.
     seconds: dict[str, float] = field(default_factory=dict)  #: mesh, solve, modes, total.
     _spectra: Mapping[str, Spectrum] = field(default_factory=dict)
 
@@ -127,7 +127,7 @@ class Modes(Result):
         if converged:
             lowest = ", ".join(f"{frequency:.4g}" for frequency in self.frequencies_Hz[:3])
             reason = f"{len(self.frequencies_Hz)} modes of the {self._about}, from {lowest} Hz on"
-        notes = [f"left out: {text}" for text in self.left_out]
+        notes = [f"left out: {text}" for text in self.neglected]
         return Summary(self.status, [reason], tables=grids, notes=notes)
 
     def to_json(self) -> dict[str, Any]:
@@ -139,7 +139,7 @@ class Modes(Result):
                 end = "in_air_Hz" if where == AIR else "Hz"
                 results[f"frequencies_{end}"] = spectrum.frequencies.tolist()
                 results[f"frequency_errors_{end}"] = spectrum.errors.tolist()
-        told = {"left_out": list(self.left_out), "seconds": self.seconds}
+        told = {"neglected": list(self.neglected), "seconds": self.seconds}
         return {"status": str(self.status), **results, "loaded": self.loaded, **told}
 
 
@@ -183,9 +183,9 @@ def modes(
     cold = {} if loaded else dict.fromkeys(bare.warm_probes)
     bare = bare.with_(**{"film.bending": bends}, **cold)
     expected = 4 * count * 2 * (2 if scene.air else 1)  # Lanczos steps of both pencils
-    problem = _ModalProblem(bare, count, loaded, share, _budget_of(bare), Clock())
+    problem = _ModalProblem(bare, count, loaded, share, _budget_of(bare), StageTimer())
     steps = problem.first_sizes, problem.solve_on, problem.next_sizes
-    loop = MeshLoop(bare, *steps, problem.budget, problem.clock, UNKNOWNS_PER_ELEMENT[2])
+    loop = AdaptiveLoop(bare, *steps, problem.budget, problem.clock, UNKNOWNS_PER_ELEMENT[2])
     try:
         with show_progress("solves", progress) as show:
             problem.step = SolveCounter(show, expected)
@@ -212,7 +212,7 @@ class _Attempt:
     equilibrium: Equilibrium
     status: Status
     iterations: int = 0
-    tried: tuple[Tried, ...] = ()
+    failed_attempts: tuple[FailedAttempt, ...] = ()
     spectra: Mapping[str, Spectrum] = field(default_factory=dict)
 
     @property
@@ -239,7 +239,7 @@ class _ModalProblem:
     loaded: bool
     bending_share: float  # part of the highest frequency that bending adds, roughly
     budget: Budget
-    clock: Clock
+    clock: StageTimer
     sizes: GradedSizes | None = None  # those of the last mesh
     step: Callable[[], None] = lambda: None  # called at each linear solve
     flat_error: float = 4e-4  # error of the flat disc over (wavenumber x element size)^4, measured
@@ -274,15 +274,17 @@ class _ModalProblem:
         coarse, rich = (Equilibrium(self.scene, mesh, p) for p in (order, order + 1))
         q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
         least = self.scene.film.prestress[:2].min()
-        solver: tuple[int, tuple[Tried, ...]] = (0, ())
+        solver: tuple[int, tuple[FailedAttempt, ...]] = (0, ())
         if not coarse.is_flat:
             with self.clock("solve"):
-                result = equilibrate(coarse, budget=self.budget)
-                solver = len(result.iterations), result.tried
+                result = find_equilibrium(coarse, budget=self.budget)
+                solver = len(result.iterations), result.failed_attempts
                 self.budget.spend(coarse, result.fresh_count)
                 if not result.converged or result.factors is None:
                     return _Attempt(coarse, result.status, *solver)
-                correction = corrected(coarse, result.q, result.factors, rich, self.budget)
+                correction = correct_in_richer_space(
+                    coarse, result.q, result.factors, rich, self.budget
+                )
                 if isinstance(correction, NewtonResult):
                     return _Attempt(coarse, correction.status, *solver)
                 q, q_rich = result.q, correction.q

@@ -39,7 +39,7 @@ class Transient(ChargeChanges):
     charges_pC: dict[str, Array]
     charge_errors_pC: dict[str, Array]  #: Estimated discretisation errors, absolute.
     readings_V: dict[str, Array]  #: Of the channels; empty without ``[readout]``.
-    left_out: tuple[str, ...]  #: What the model neglects.
+    neglected: tuple[str, ...]  #: What the model neglects.
 
     def columns(self) -> dict[str, Array]:
         """Times, changes of the charges with their errors, and readings."""
@@ -79,7 +79,7 @@ def transient(
     times = coerce_array("times_s", times_s, (-1e9, 1e9), "s").ravel()
     highest_Hz = coerce("highest_Hz", highest_Hz, float, (1e-3, MAX_FREQUENCY_HZ), "Hz")
     solution, read = resolve_loaded_solution(solution)
-    if not solution.fields.equilibrium.conservative:
+    if not solution.discrete.equilibrium.conservative:
         raise SceneError([format_error("load.kind", "follower", 'has no modes; give "dead"')])
     modes, better = (_modes(o, np.linspace(0.0, highest_Hz, 24)) for o in linearize_about(solution))
     charges, readings = _charges(*modes, touch, times), {}

@@ -58,7 +58,7 @@ class Channel:
         return self.gain * turn * self.resistance / (1.0 + turn * self.time_constant)
 
 
-def units_pC(channels: Sequence[Channel]) -> dict[str, Array]:
+def list_units_pC(channels: Sequence[Channel]) -> dict[str, Array]:
     """Nominal pC per unit of readings, by unit, (channels,)."""
     volt = 1e12 * np.array([channel.capacitance for channel in channels])
     charges = {"pC": 1.0, "fC": 1e-3, "nC": 1e3, "µC": 1e6, "C": 1e12}
@@ -66,7 +66,7 @@ def units_pC(channels: Sequence[Channel]) -> dict[str, Array]:
     return units | {"V": volt, "mV": 1e-3 * volt, "µV": 1e-6 * volt}
 
 
-def electrode_capacitance(area: float, thickness: float, permittivity: float) -> float:
+def compute_capacitance(area: float, thickness: float, permittivity: float) -> float:
     """Capacitance in F of an electrode of an area in m² on a film of a thickness in m: ε0 εr A/h.
     Stray fields at the edges are neglected: the thesis's electrode is 120 times as wide as the film
     is thick."""
@@ -75,7 +75,7 @@ def electrode_capacitance(area: float, thickness: float, permittivity: float) ->
     return epsilon_0 * permittivity * area / thickness
 
 
-def channels(scene: Scene) -> tuple[Channel, ...]:
+def make_channels(scene: Scene) -> tuple[Channel, ...]:
     """The channels of a scene's electrodes; ideal ones where it has no ``[readout]``."""
     readout, film, found = scene.readout or Readout(), scene.film, []
     for electrode in scene.electrode_list:
@@ -85,7 +85,7 @@ def channels(scene: Scene) -> tuple[Channel, ...]:
             resistance = readout.of("feedback_resistance_MOhm", name)
         else:
             area = electrode.outline.area
-            capacitance = electrode_capacitance(area, film.thickness, film.permittivity)
+            capacitance = compute_capacitance(area, film.thickness, film.permittivity)
             capacitance += readout.of("cable_capacitance_pF", name) / 1e12
             resistance = readout.of("input_resistance_MOhm", name)
         gain, offset, noise = (readout.of(key, name) for key in ("gain", "offset_V", "noise_V"))
@@ -94,9 +94,11 @@ def channels(scene: Scene) -> tuple[Channel, ...]:
     return tuple(found)
 
 
-def readings_V(scene: Scene, charges_pC: ArrayLike, changes_pC: ArrayLike) -> Array:
+def compute_readings_V(scene: Scene, charges_pC: ArrayLike, changes_pC: ArrayLike) -> Array:
     """Readings in V just after a sudden touch, (electrodes,), of total charges or of their changes
     by the touch, (electrodes,) both, whichever the scene's readout reads."""
     total = scene.readout is not None and scene.readout.reading == "total"
     read = np.asarray(charges_pC if total else changes_pC, dtype=float) / 1e12
-    return np.array([c.reading(charge) for c, charge in zip(channels(scene), read, strict=True)])
+    return np.array(
+        [c.reading(charge) for c, charge in zip(make_channels(scene), read, strict=True)]
+    )

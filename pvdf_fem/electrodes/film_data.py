@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.point_values import PointValues, values_in_elements
+from pvdf_fem.electrodes.point_values import PointValues, evaluate_in_elements
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_result import ContactResult
 from pvdf_fem.film.term import State
@@ -42,4 +42,4 @@ class FilmData:
 
     def in_elements(self, local: Array) -> PointValues:
         """Values at local points (2, points) in the elements, (elements, points)."""
-        return values_in_elements(self.equilibrium, self.state, local)
+        return evaluate_in_elements(self.equilibrium, self.state, local)

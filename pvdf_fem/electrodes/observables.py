@@ -15,8 +15,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.outputs import Goal
-from pvdf_fem.electrodes.sampling import Sampling, area_samplings, edge_samplings
+from pvdf_fem.electrodes.outputs import Output
+from pvdf_fem.electrodes.sampling import Sampling, sample_areas, sample_edges
 from pvdf_fem.film.laws.laminate import Laminate
 from pvdf_fem.film.membrane import IDENTITY, compute_strain
 from pvdf_fem.film.space import Space
@@ -46,18 +46,18 @@ class Observable(ABC):
         its derivative times the step."""
 
     @abstractmethod
-    def samplings(self, goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
+    def samplings(self, outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
         """Points at which the electrodes sample the stress. Raises `ValueError` for an electrode
         that the observable is not defined for."""
 
-    def defined_for(self, goal: Goal) -> bool:
+    def defined_for(self, output: Output) -> bool:
         """Whether the electrode has a charge by this observable."""
         # an edge has the voltage's stress on one side
-        return not self.needs_edges or (goal.has_edges and goal.floating is None)
+        return not self.needs_edges or (output.has_edges and output.floating is None)
 
-    def require(self, goals: Sequence[Goal]) -> None:
+    def require(self, outputs: Sequence[Output]) -> None:
         """Raise ValueError for an electrode that the observable is not defined for."""
-        if not all(self.defined_for(goal) for goal in goals):
+        if not all(self.defined_for(output) for output in outputs):
             reason = (
                 "needs electrodes that are rectangles along x and y at no voltage; use material"
             )
@@ -74,8 +74,8 @@ class Material(Observable):
         """Second Piola-Kirchhoff stress S in Pa, film axes."""
         return film.stress(compute_strain(gradient))
 
-    def samplings(self, goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
-        return area_samplings(goals, space)
+    def samplings(self, outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
+        return sample_areas(outputs, space)
 
 
 class ThesisEdge(Observable):
@@ -103,9 +103,9 @@ class ThesisEdge(Observable):
         J = np.sqrt((1.0 + 2.0 * e11) * (1.0 + 2.0 * e22) - e12 * e12)
         return np.stack([xx, yy, xy], axis=-1) / J[..., None]
 
-    def samplings(self, goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
-        self.require(goals)
-        return edge_samplings(goals, space)
+    def samplings(self, outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
+        self.require(outputs)
+        return sample_edges(outputs, space)
 
 
 OBSERVABLES: dict[str, Observable] = {

@@ -24,7 +24,7 @@ from pvdf_fem.scene.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
-class Goal:
+class Output:
     """An electrode whose charge a solution is asked for."""
 
     outline: Outline  #: In m, in the axes of the electrode's own scene.
@@ -74,7 +74,7 @@ class Goal:
         """Elements in a mesh that follows the electrode."""
         return mesh.subdomains[self.patch]
 
-    def images(self, part: SymmetrySector) -> list[Goal]:
+    def images(self, part: SymmetrySector) -> list[Output]:
         """Electrodes whose forces on a part of the film add up to the goal's forces."""
         if not part.mirror_axes:
             return [self]
@@ -87,27 +87,29 @@ class Goal:
         return images
 
 
-def goals_of(scene: Scene) -> tuple[Goal, ...]:
+def make_outputs(scene: Scene) -> tuple[Output, ...]:
     """The electrodes in a scene, on a mesh that follows their outlines."""
     d, observable = (scene.film.d31, scene.film.d32), scene.numerics.observable
     floating = {electrode.name: electrode for electrode in resolve_film_model(scene).floating}
     return tuple(
-        Goal(e.outline, observable, d, make_subdomain_name(e.name), floating=floating.get(e.name))
+        Output(e.outline, observable, d, make_subdomain_name(e.name), floating=floating.get(e.name))
         for e in scene.electrode_list
     )
 
 
-def images_of(goals: Sequence[Goal], part: SymmetrySector) -> tuple[list[Goal], Indices]:
+def reflect_outputs(
+    outputs: Sequence[Output], part: SymmetrySector
+) -> tuple[list[Output], Indices]:
     """Images of the goals on a part of the film, and the goal index for every image."""
-    images = [image for goal in goals for image in goal.images(part)]
-    return images, np.repeat(np.arange(len(goals)), len(part.signs))
+    images = [image for output in outputs for image in output.images(part)]
+    return images, np.repeat(np.arange(len(outputs)), len(part.signs))
 
 
-def areas_of(goals: Sequence[Goal]) -> Array:
+def output_areas(outputs: Sequence[Output]) -> Array:
     """Areas of the outlines in m^2, (goals,)."""
-    return np.array([goal.outline.area for goal in goals])
+    return np.array([output.outline.area for output in outputs])
 
 
-def coefficients_of(goals: Sequence[Goal]) -> Array:
+def piezo_coefficients(outputs: Sequence[Output]) -> Array:
     """d31, d32 by goal in C/N, (goals, 2)."""
-    return np.reshape([goal.d for goal in goals], (-1, 2))
+    return np.reshape([output.d for output in outputs], (-1, 2))

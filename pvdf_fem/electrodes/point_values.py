@@ -68,7 +68,7 @@ class PointValues(TabularResult):
         return Summary(f"{count} points of the film", [span], tables=[table])
 
 
-def values_at(
+def evaluate_at(
     equilibrium: Equilibrium,
     state: State,
     x_mm: ArrayLike,
@@ -103,7 +103,7 @@ def values_at(
     return _point_values(equilibrium, values, x, y)
 
 
-def values_in_elements(equilibrium: Equilibrium, state: State, local: Array) -> PointValues:
+def evaluate_in_elements(equilibrium: Equilibrium, state: State, local: Array) -> PointValues:
     """Values at the same local points (2, points) of all elements, in arrays (elements, points)."""
     elements = np.arange(equilibrium.space.mesh.nelements)
     points = np.repeat(local[:, None], len(elements), axis=1)
@@ -134,7 +134,7 @@ def _values(equilibrium: Equilibrium, state: State, elements: Indices, local: Ar
     return np.stack([1e3 * places, 1e3 * displacement, slopes, strain, 1e-6 * stress])
 
 
-def values_along(
+def evaluate_along(
     equilibrium: Equilibrium, state: State, line_mm: ArrayLike, points: int = 200
 ) -> PointValues:
     """Values at this number of points at equal distances along a polyline, its ends included."""
@@ -147,4 +147,4 @@ def values_along(
     ends = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
     distance = np.linspace(0.0, ends[-1], points)
     x, y = (np.interp(distance, ends, along) for along in corners.T)
-    return replace(values_at(equilibrium, state, x, y), distance_mm=distance)
+    return replace(evaluate_at(equilibrium, state, x, y), distance_mm=distance)

@@ -20,7 +20,7 @@ from skfem import MeshTri2
 from skfem.quadrature import get_quadrature
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.electrodes.outputs import Goal, areas_of
+from pvdf_fem.electrodes.outputs import Output, output_areas
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.points import PlacedQuadrature, compute_local_coordinates
 from pvdf_fem.mesh.six_node import find_curved_elements
@@ -33,7 +33,7 @@ Geometries = NDArray[np.object_]
 class Sampling:
     """Sampling points of electrodes for the stress, in rows with a single element."""
 
-    goals: Indices  #: Index of the electrode that a row of points belongs to, (n,).
+    outputs: Indices  #: Index of the electrode that a row of points belongs to, (n,).
     #: The forces that the points add to: 0 is X (component 11 or xx), 1 is Y.
     axes: tuple[int, ...]
     elements: Indices  #: (n,)
@@ -54,12 +54,12 @@ class Sampling:
         return np.matmul(nodal.swapaxes(2, 3), self.gradients)
 
 
-def area_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
+def sample_areas(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
     """Points over the areas of electrodes, for both forces."""
-    follows = np.array([goal.patch is not None for goal in goals], dtype=bool)
+    follows = np.array([output.patch is not None for output in outputs], dtype=bool)
     followed, others = np.flatnonzero(follows), np.flatnonzero(~follows)
     if len(followed):
-        patches = [goals[i].elements(space.mesh) for i in followed.tolist()]
+        patches = [outputs[i].elements(space.mesh) for i in followed.tolist()]
         elements, owners = np.concatenate(patches), np.repeat(followed, list(map(len, patches)))
         gradients, weights = space.gradients[elements], space.weights[elements]
         points = space.basis.quadrature[0][:, None]
@@ -67,22 +67,22 @@ def area_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
         yield Sampling(owners, (0, 1), elements, gradients, weights, local)
     if len(others):
         # a stress of St. Venant and Kirchhoff has degree 2 (order - 1), 6 for the highest order
-        outlines = [goals[i].placed for i in others.tolist()]
-        owners, elements, points, weights = area_points(space.mesh, outlines, degree=6)
+        outlines = [outputs[i].placed for i in others.tolist()]
+        owners, elements, points, weights = place_area_points(space.mesh, outlines, degree=6)
         local = compute_local_coordinates(space.mesh, elements, points)
         gradients = space.gradients_at(elements, local)
         yield Sampling(others[owners], (0, 1), elements, gradients, weights, local)
 
 
-def edge_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
+def sample_edges(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
     """Points along the edges of rectangles: left and right edges for X, lower and upper edges for
     Y. Left and lower are meant in the electrode's own scene. The stress on an edge is the mean of
     its traces from both sides. Beyond a mirror line the stress is taken before the line."""
-    lines = np.concatenate([_edge_lines(goal, axis) for goal in goals for axis in (0, 1)])
+    lines = np.concatenate([_edge_lines(output, axis) for output in outputs for axis in (0, 1)])
     cut = line_quadrature(space.mesh, lines)
     owners, axes = np.divmod(cut.owners // 2, 2)
-    lengths = np.array([2.0 * np.ptp(goal.corners, axis=0)[::-1] for goal in goals])
-    weights = (areas_of(goals)[owners] / lengths[owners, axes])[:, None] * cut.weights
+    lengths = np.array([2.0 * np.ptp(output.corners, axis=0)[::-1] for output in outputs])
+    weights = (output_areas(outputs)[owners] / lengths[owners, axes])[:, None] * cut.weights
     gradients = space.gradients_at(cut.elements, cut.points)
     for axis in (0, 1):
         rows = np.flatnonzero(axes == axis)
@@ -90,13 +90,13 @@ def edge_samplings(goals: Sequence[Goal], space: Space) -> Iterator[Sampling]:
         yield Sampling(owners[rows], (axis,), elements, gradients[rows], weights[rows], local)
 
 
-def _edge_lines(goal: Goal, axis: int) -> Array:
+def _edge_lines(output: Output, axis: int) -> Array:
     """Left and right (axis 0), or lower and upper edges (2, 2, 2) in the mesh's axes."""
-    lines = np.stack([goal.corners, np.roll(goal.corners, -1, axis=0)], axis=1)
-    return goal.place(lines[lines[:, 0, axis] == lines[:, 1, axis]])
+    lines = np.stack([output.corners, np.roll(output.corners, -1, axis=0)], axis=1)
+    return output.place(lines[lines[:, 0, axis] == lines[:, 1, axis]])
 
 
-def area_points(
+def place_area_points(
     mesh: MeshTri2, outlines: Sequence[Outline], degree: int
 ) -> tuple[Indices, Indices, Array, Array]:
     """Quadrature over outline areas, exact for polynomials of a `degree` in every element: outline

@@ -15,8 +15,8 @@ from skfem import MeshTri2
 
 from pvdf_fem.arrays import COMPLEX_STEP, Array, Selection
 from pvdf_fem.electrodes.observables import OBSERVABLES, Observable
-from pvdf_fem.electrodes.outputs import Goal, areas_of, coefficients_of, images_of
-from pvdf_fem.electrodes.sampling import Sampling, area_points
+from pvdf_fem.electrodes.outputs import Output, output_areas, piezo_coefficients, reflect_outputs
+from pvdf_fem.electrodes.sampling import Sampling, place_area_points
 from pvdf_fem.film.laws.laminate import Laminate
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
@@ -25,24 +25,24 @@ from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 #: The tolerance of a charge is relative to the charge, or to this share of its parts if larger
 #: |d31 X| + |d32 Y|, where they cancel.
-CANCELLED = 0.05
+CANCELLATION_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Forces:
+class StressIntegrals:
     """Forces of a solution's electrodes, with their estimated errors."""
 
     values: Array  #: X and Y of each electrode in N, (goals, 2).
     errors: Array  #: Their estimated errors in N, with signs, (goals, 2).
 
     @classmethod
-    def unknown(cls, goals: int) -> Forces:
-        """NaN for forces and errors at `goals` electrodes."""
-        return cls(np.full((goals, 2), np.nan), np.full((goals, 2), np.nan))
+    def unknown(cls, outputs: int) -> StressIntegrals:
+        """NaN for forces and errors at `outputs` electrodes."""
+        return cls(np.full((outputs, 2), np.nan), np.full((outputs, 2), np.nan))
 
-    def of(self, rows: Selection | Sequence[int]) -> Forces:
+    def of(self, rows: Selection | Sequence[int]) -> StressIntegrals:
         """The forces of some electrodes."""
-        return Forces(self.values[rows], self.errors[rows])
+        return StressIntegrals(self.values[rows], self.errors[rows])
 
     def charges(self, d: ArrayLike) -> Array:
         """Charges d31 X + d32 Y, (goals,), in the units of `d` = d31, d32 times N."""
@@ -58,28 +58,30 @@ class Forces:
         return np.asarray(np.maximum(errors, chance * mean * parts))
 
 
-def goal_forces(
-    goals: Sequence[Goal], membrane: Membrane, x: Array, part: SymmetrySector = WHOLE_FILM
+def compute_stress_integrals(
+    outputs: Sequence[Output], membrane: Membrane, x: Array, part: SymmetrySector = WHOLE_FILM
 ) -> Array:
     """The forces X, Y for every electrode in N, (goals, 2), by a displacement `x` in m."""
-    forces = np.zeros((len(goals), 2))
-    for observable, sampling, directions in _samplings(goals, membrane.space, part):
+    forces = np.zeros((len(outputs), 2))
+    for observable, sampling, directions in _samplings(outputs, membrane.space, part):
         film = _sampled(membrane, sampling, part)
         stress = observable.stress(film, sampling.gradient(membrane.space, x))
         integrals = (sampling.weights[..., None] * stress).sum(axis=1)
         for axis in sampling.axes:
             along = (integrals * directions[:, axis]).sum(axis=1)
-            forces[:, axis] += np.bincount(sampling.goals, along, len(goals))
+            forces[:, axis] += np.bincount(sampling.outputs, along, len(outputs))
     if membrane.added is not None:
-        forces += area_integrals(goals, membrane.added.stress, membrane.space.mesh, part)[:, :2]
-    for i, goal in enumerate(goals):
-        if goal.floating is not None:
-            forces[i] = goal.floating.with_voltage(forces[i])
+        forces += integrate_over_outputs(outputs, membrane.added.stress, membrane.space.mesh, part)[
+            :, :2
+        ]
+    for i, output in enumerate(outputs):
+        if output.floating is not None:
+            forces[i] = output.floating.with_voltage(forces[i])
     return forces
 
 
-def area_integrals(
-    goals: Sequence[Goal],
+def integrate_over_outputs(
+    outputs: Sequence[Output],
     field: Callable[[Array], Array],
     mesh: MeshTri2,
     part: SymmetrySector = WHOLE_FILM,
@@ -87,24 +89,24 @@ def area_integrals(
 ) -> Array:
     """Integrals over electrodes, (goals, n), of a field (..., n) at places (..., 2) in the scene's
     axes; exact for polynomials of this degree in every element."""
-    images, owners = images_of(goals, part)
-    rows, _, points, weights = area_points(mesh, [image.placed for image in images], degree)
+    images, owners = reflect_outputs(outputs, part)
+    rows, _, points, weights = place_area_points(mesh, [image.placed for image in images], degree)
     by_row = (weights[..., None] * field(points @ part.frame)).sum(axis=1)
-    total = np.zeros((len(goals), by_row.shape[-1]))
+    total = np.zeros((len(outputs), by_row.shape[-1]))
     np.add.at(total, owners[rows], by_row)
     return total
 
 
-def goal_gradients(
-    goals: Sequence[Goal], membrane: Membrane, x: Array, part: SymmetrySector = WHOLE_FILM
+def differentiate_charges(
+    outputs: Sequence[Output], membrane: Membrane, x: Array, part: SymmetrySector = WHOLE_FILM
 ) -> Array:
     """Derivatives of the electrode charges by the dofs in C/m, (dofs, goals). The parameters are
-    those of `goal_forces`."""
-    space, d = membrane.space, np.reshape([goal.sensitivity for goal in goals], (-1, 2))
-    result = np.zeros((space.dof_count, len(goals)))
-    for observable, sampling, directions in _samplings(goals, space, part):
+    those of `compute_stress_integrals`."""
+    space, d = membrane.space, np.reshape([output.sensitivity for output in outputs], (-1, 2))
+    result = np.zeros((space.dof_count, len(outputs)))
+    for observable, sampling, directions in _samplings(outputs, space, part):
         axes = list(sampling.axes)
-        weights = (d[sampling.goals][:, axes, None] * directions[:, axes]).sum(axis=1)
+        weights = (d[sampling.outputs][:, axes, None] * directions[:, axes]).sum(axis=1)
         film = _sampled(membrane, sampling, part)
         gradient = sampling.gradient(space, x)
         slopes = np.empty_like(gradient)
@@ -116,56 +118,59 @@ def goal_gradients(
         slopes *= sampling.weights[..., None, None]
         local = np.matmul(sampling.gradients, slopes.swapaxes(2, 3)).sum(axis=1)
         dofs = space.element_dofs[sampling.elements]
-        np.add.at(result, (dofs, sampling.goals[:, None]), local.reshape(dofs.shape))
+        np.add.at(result, (dofs, sampling.outputs[:, None]), local.reshape(dofs.shape))
     return result
 
 
-def charges_of(goals: Sequence[Goal], forces: Array) -> Array:
+def combine_charges(outputs: Sequence[Output], forces: Array) -> Array:
     """Charge of each electrode in C, (goals,), from its forces in N, (goals, 2)."""
-    return _charges(forces, coefficients_of(goals))
+    return _charges(forces, piezo_coefficients(outputs))
 
 
-def larger(errors: Array, others: Array, goals: Sequence[Goal]) -> Array:
+def select_larger_errors(errors: Array, others: Array, outputs: Sequence[Output]) -> Array:
     """The estimate of the force errors (goals, 2) that makes the larger charge error, by goal."""
-    first, second = (np.abs(charges_of(goals, estimate)) for estimate in (errors, others))
+    first, second = (np.abs(combine_charges(outputs, estimate)) for estimate in (errors, others))
     return np.where((first >= second)[:, None], errors, others)
 
 
-def force_errors(errors: Array, forces: Array, goals: Sequence[Goal]) -> Array:
+def distribute_charge_errors(errors: Array, forces: Array, outputs: Sequence[Output]) -> Array:
     """Errors of forces (goals, 2) that add up to the charge errors in C, (goals,)."""
-    d = coefficients_of(goals)
+    d = piezo_coefficients(outputs)
     parts = np.abs(d * forces)
     total = parts.sum(axis=1, keepdims=True)
     relative = errors[:, None] / np.where(total > 0.0, total, np.inf)
     return np.asarray(relative * np.abs(forces) * np.sign(d))
 
 
-def charge_sizes(
-    goals: Sequence[Goal], state: State, forces: Array, space: Space, negligible: float = 1e-6
+def compute_charge_scales(
+    outputs: Sequence[Output], state: State, forces: Array, space: Space, negligible: float = 1e-6
 ) -> Array:
     """Reference sizes in C for relative charge errors, (goals,), from the `forces` X, Y in N. This
-    is the charge itself, but at least the part `CANCELLED` of |d31 X| + |d32 Y|. An electrode on
+    is the charge itself, but at least the part `CANCELLATION_SHARE` of |d31 X| + |d32 Y|. An electrode on
     slack film, or held under a probe, has next to no charge, and a relative error has no meaning
     there. A size is therefore at least the part `negligible` of the charge by the film's mean
     stress."""
     stress = np.abs(state.stress[..., :2]) * space.weights[..., None]
     mean = stress.sum(axis=(0, 1)) / space.weights.sum()
-    charges, d = charges_of(goals, forces), np.abs(coefficients_of(goals))
+    charges, d = combine_charges(outputs, forces), np.abs(piezo_coefficients(outputs))
     least = np.maximum(
-        CANCELLED * _charges(np.abs(forces), d), negligible * areas_of(goals) * (d @ mean)
+        CANCELLATION_SHARE * _charges(np.abs(forces), d),
+        negligible * output_areas(outputs) * (d @ mean),
     )
     sizes = np.maximum(np.abs(charges), least)
     return np.where(sizes > 0.0, sizes, 1.0)
 
 
-def area_defects(goals: Sequence[Goal], space: Space, part: SymmetrySector = WHOLE_FILM) -> Array:
+def measure_area_defects(
+    outputs: Sequence[Output], space: Space, part: SymmetrySector = WHOLE_FILM
+) -> Array:
     """Missing or excess area of the electrodes' curved elements over the electrode areas,
     (goals,)."""
-    areas = areas_of(goals)
+    areas = output_areas(outputs)
     meshed = areas.copy()
-    for i, goal in enumerate(goals):
-        if goal.patch is not None:
-            images = goal.images(part)
+    for i, output in enumerate(outputs):
+        if output.patch is not None:
+            images = output.images(part)
             meshed[i] = sum(space.weights[image.elements(space.mesh)].sum() for image in images)
     return np.abs(meshed / areas - 1.0)
 
@@ -183,10 +188,10 @@ def _sampled(membrane: Membrane, sampling: Sampling, part: SymmetrySector) -> La
 
 
 def _samplings(
-    goals: Sequence[Goal], space: Space, part: SymmetrySector
+    outputs: Sequence[Output], space: Space, part: SymmetrySector
 ) -> Iterator[tuple[Observable, Sampling, Array]]:
     """Observables, their sampling points for the stress, and `directions` of their goals."""
-    images, owners = images_of(goals, part)
+    images, owners = reflect_outputs(outputs, part)
     for name, observable in OBSERVABLES.items():
         indices = np.array([i for i, image in enumerate(images) if image.observable == name], int)
         if not len(indices):
@@ -194,5 +199,5 @@ def _samplings(
         chosen = [images[i] for i in indices]
         directions = np.stack([image.directions for image in chosen])
         for sampling in observable.samplings(chosen, space):
-            of_goals = replace(sampling, goals=owners[indices[sampling.goals]])
-            yield observable, of_goals, directions[sampling.goals]
+            of_goals = replace(sampling, outputs=owners[indices[sampling.outputs]])
+            yield observable, of_goals, directions[sampling.outputs]

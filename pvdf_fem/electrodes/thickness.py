@@ -25,7 +25,7 @@ from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
 from pvdf_fem.scene.scene import Scene
 
 
-def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
+def compute_thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
     """Charges in C by d33 for the electrodes on the whole film, (electrodes,)."""
     d33, mesh = equilibrium.film.d33_pC_N or 0.0, equilibrium.space.mesh
     forces, pressed = equilibrium.film_forces(state), np.zeros(mesh.nelements)
@@ -39,7 +39,7 @@ def thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
     return -0.5e-12 * d33 * np.array(on)
 
 
-def thickness_remarks(
+def describe_thickness_effect(
     scene: Scene,
     charges_pC: Charges = None,
     options: SolveOptions = DEFAULT_OPTIONS,

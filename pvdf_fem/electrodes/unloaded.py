@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.outputs import areas_of, goals_of
-from pvdf_fem.electrodes.stress_integrals import Forces, area_integrals
+from pvdf_fem.electrodes.outputs import make_outputs, output_areas
+from pvdf_fem.electrodes.stress_integrals import StressIntegrals, integrate_over_outputs
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.uneven_strain import UnevenStrain
 from pvdf_fem.film.models import resolve_film_model
@@ -14,7 +14,7 @@ from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import Scene
 
 
-def untouched(scene: Scene) -> Scene:
+def unload(scene: Scene) -> Scene:
     """The scene without its probes, before the film warms, without voltages. It bends if the
     touched film does."""
     bends = {"bending": resolve_film_model(scene).bends, "coupling": False}
@@ -23,28 +23,34 @@ def untouched(scene: Scene) -> Scene:
     return scene.model_copy(update={**bare, "film": film, "load": Load()})
 
 
-def known_at_rest(film: Scene) -> Forces | None:
+def find_uniform_integrals(film: Scene) -> StressIntegrals | None:
     """Forces X, Y by electrode on an untouched film; None where a solve has to tell.
 
     A flat film has a uniform stress, and observables give area times stress. A film that moves in
     its plane or bears its weight is not flat. Only a bending film may bear compression. A film in a
     tension field carries none.
     """
-    goals, model, law = goals_of(film), resolve_film_model(film), resolve_film_model(film).film_law
+    outputs, model, law = (
+        make_outputs(film),
+        resolve_film_model(film),
+        resolve_film_model(film).film_law,
+    )
     stress = law.stress(np.zeros((1, 3)), law.at_rest(film.film))[0]
     if not film.film.is_flat_unloaded or not (model.wrinkles or stress[:2].min() >= 0.0):
         return None
-    forces = areas_of(goals)[:, None] * stress[:2]
-    return Forces(forces, np.zeros_like(forces))
+    forces = output_areas(outputs)[:, None] * stress[:2]
+    return StressIntegrals(forces, np.zeros_like(forces))
 
 
-def heat_charges(scene: Scene, solved: Equilibrium) -> Array:
+def compute_heat_charges(scene: Scene, solved: Equilibrium) -> Array:
     """Pyroelectric charges in C, (electrodes,), by warming of the whole film and under warm probes,
     on the mesh in `solved`."""
-    goals, film, added = goals_of(scene), scene.film, UnevenStrain.of(scene)
-    kelvins = (film.warming_K or 0.0) * areas_of(goals)
+    outputs, film, added = make_outputs(scene), scene.film, UnevenStrain.of(scene)
+    kelvins = (film.warming_K or 0.0) * output_areas(outputs)
     if added is not None:
         mesh, part = solved.space.mesh, solved.part
-        warm = area_integrals(goals, lambda x: added.temperature(x)[..., None], mesh, part)
+        warm = integrate_over_outputs(
+            outputs, lambda x: added.temperature(x)[..., None], mesh, part
+        )
         kelvins = kelvins + warm[:, 0]
     return 1e-6 * (film.pyroelectric_uC_m2K or 0.0) * kelvins

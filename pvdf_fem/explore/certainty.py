@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import channels
+from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.explore.controls import find_section, format_title, to_point_list
 from pvdf_fem.explore.picture import solve_text
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
 from pvdf_fem.solver.sensitivity.gradients import gradients
-from pvdf_fem.solver.sensitivity.parameters import touched
+from pvdf_fem.solver.sensitivity.parameters import map_probe_keys
 from pvdf_fem.solver.solution import Solution
 from pvdf_fem.summary import TextTable
 from pvdf_fem.view.touch_map import compute_deviation_ellipse
@@ -33,7 +33,9 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     why there are none. `noise` is the standard deviation of readings, relative to them, to which
     the readout's is added."""
     solution = solve_text(text)
-    keys = [key for key, ((_, _, name), *_) in touched(solution.scene).items() if name in SOUGHT]
+    keys = [
+        key for key, ((_, _, name), *_) in map_probe_keys(solution.scene).items() if name in SOUGHT
+    ]
     values = {key: get_number(solution.scene, key) for key in keys}
     try:
         covariance = _covariance(solution, values, noise)
@@ -63,7 +65,7 @@ def _covariance(solution: Solution, values: dict[str, float], noise: float) -> A
     read = solution.charge_changes_pC if changes else solution.charges_pC
     if not np.isfinite([*read.values()]).all():
         raise ValueError("changes by the touch are not known; the warnings say why")
-    own = [1e12 * c.noise * c.capacitance / abs(c.gain) for c in channels(scene)]
+    own = [1e12 * c.noise * c.capacitance / abs(c.gain) for c in make_channels(scene)]
     spread = np.hypot(noise * np.array([*read.values()]), own)
     if not spread.all():
         raise ValueError("noise = 0: readings without noise tell everything; give some noise")

@@ -15,7 +15,7 @@ from matplotlib.image import imsave
 from matplotlib.tri import Triangulation
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.point_values import values_in_elements
+from pvdf_fem.electrodes.point_values import evaluate_in_elements
 from pvdf_fem.film.space import evaluate_shape_functions
 from pvdf_fem.mesh.points import compute_local_coordinates
 from pvdf_fem.scene.scene import Scene
@@ -42,8 +42,8 @@ class Quantity(NamedTuple):
 
 def _stress(solution: Solution) -> Array:
     """S11 + S22 in MPa, continuous."""
-    fields, basis = solution.fields, solution.basis
-    stress = values_in_elements(fields.equilibrium, fields.state, basis.X).stress_MPa
+    fields, basis = solution.discrete, solution.basis
+    stress = evaluate_in_elements(fields.equilibrium, fields.state, basis.X).stress_MPa
     return np.asarray(basis.project(stress[..., 0] + stress[..., 1]))
 
 

@@ -17,7 +17,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from joblib.externals.loky import get_reusable_executor
 
-from pvdf_fem.batch.workers import ONE_THREAD, end_with
+from pvdf_fem.batch.workers import ONE_THREAD, exit_with_parent
 from pvdf_fem.explore.certainty import estimate_certainty
 from pvdf_fem.explore.controls import describe_controls, describe_outlines
 from pvdf_fem.explore.results import collect_results
@@ -58,7 +58,7 @@ def describe_view(start: Scene, at: str, change: str) -> dict[str, Any]:
 
 def _process() -> Any:
     """The solver process, replaced if dead; it ends with this process."""
-    begin = {"initializer": end_with, "initargs": (os.getpid(),)}
+    begin = {"initializer": exit_with_parent, "initargs": (os.getpid(),)}
     return get_reusable_executor(max_workers=1, timeout=None, env=ONE_THREAD, **begin)
 
 

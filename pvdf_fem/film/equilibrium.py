@@ -59,7 +59,7 @@ class Equilibrium:
         """The equations of another `scene`, `mesh`, `order`, `part` or `options`, set up anew."""
         own = {"scene": self.scene, "mesh": self.space.mesh, "order": self.space.order}
         space = None if changes.keys() & {"mesh", "order"} else self.space
-        own |= {"part": self.part, "posed": self.options, "space": space}
+        own |= {"part": self.part, "options": self.options, "space": space}
         return Equilibrium(**(own | changes))
 
     def with_terms(self, terms: Iterable[Term]) -> Equilibrium:

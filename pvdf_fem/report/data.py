@@ -17,14 +17,14 @@ import pandas as pd
 from pydantic import BeforeValidator, Field
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import channels
+from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.files import FileError, read_text
 from pvdf_fem.scene.changes import normalize_key, to_plain_value
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, flatten, format_error, suggest
 from pvdf_fem.scene.validation_errors import MAX_ERRORS
-from pvdf_fem.solver.adaptive import rest_forces
+from pvdf_fem.solver.adaptive import compute_unloaded_integrals
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TOUCH_SCENE_KEYS
 
 MOST_BYTES = 5_000_000  #: Largest table in bytes.
@@ -91,7 +91,7 @@ class Readings:
         charges = self.frame.reindex(columns=list(names)).to_numpy(float, copy=True)
         if self.source.unit == "V":  # what the amplifiers do, undone
             for row, scene in zip(charges, scenes, strict=True):
-                for c in channels(scene):
+                for c in make_channels(scene):
                     j = list(names).index(c.name) if c.name in names else slice(0)
                     row[j] = 1e12 * c.capacitance * (row[j] - c.offset) / c.gain
         if reading == self.reading:
@@ -202,7 +202,9 @@ def _rests(scenes: Sequence[Scene], names: Sequence[str]) -> Array:
     values = np.full((len(scenes), len(names)), np.nan)
     for row, scene in zip(values, scenes, strict=True):
         film = scene.film
-        charges = rest_forces(scene, needed=False).charges((film.d31_pC_N, film.d32_pC_N))
+        charges = compute_unloaded_integrals(scene, needed=False).charges(
+            (film.d31_pC_N, film.d32_pC_N)
+        )
         known = dict(zip((e.name for e in scene.electrode_list), charges.tolist(), strict=True))
         row[:] = [known.get(name, np.nan) for name in names]
     return values

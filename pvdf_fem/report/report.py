@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from pvdf_fem.batch.batch import planned, records
+from pvdf_fem.batch.batch import plan_scenes, solve_planned
 from pvdf_fem.batch.store import Record, Store
-from pvdf_fem.batch.workers import Died
+from pvdf_fem.batch.workers import WorkerDied
 from pvdf_fem.files import make_directory, replace_file
 from pvdf_fem.progress import Progress, show_progress
 from pvdf_fem.report.kind import Inputs, Kind
@@ -91,12 +91,12 @@ class Report:
         with Store(out / STORE) as store, show_progress("scenes and tasks", progress) as show:
             stored = {name: rows for name in tasks if (rows := store.kept(name)) is not None}
             missing = {name: task for name, task in tasks.items() if name not in stored}
-            todo = planned(scenes, store)
+            todo = plan_scenes(scenes, store)
             total = todo.missing + len(missing)
             for name, rows in stored.items():
                 work.add(name, rows)
             how: Any = {"processes": processes, "progress": lambda n, _: show(n, total)}
-            for index, record in records(todo, store, **how):
+            for index, record in solve_planned(todo, store, **how):
                 work.add(scenes[index], record)
             for count, (name, found) in enumerate(run_tasks(missing, store, processes), start=1):
                 work.add(name, found)
@@ -127,7 +127,7 @@ class _Work:
         self, out: Path, plan: ReportPlan, inputs: Inputs, needed: Sequence[Requirements]
     ) -> None:
         self.out, self.plan, self.inputs = out, plan, inputs
-        self.found: dict[Scene | str, Record | Rows | Died] = {}
+        self.found: dict[Scene | str, Record | Rows | WorkerDied] = {}
         self.failures: list[str] = []
         self.parts = {
             need.item.name: _Part(
@@ -151,7 +151,7 @@ class _Work:
             if not part.missing:
                 self._compose(part)
 
-    def add(self, wanted: Scene | str, found: Record | Rows | Died) -> None:
+    def add(self, wanted: Scene | str, found: Record | Rows | WorkerDied) -> None:
         """Take a scene's record, or a task's rows by key, and compose items that waited only for
         them."""
         self.found[wanted] = found

@@ -10,7 +10,7 @@ import pandas as pd
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.batch.store import Record
-from pvdf_fem.batch.workers import Died
+from pvdf_fem.batch.workers import WorkerDied
 from pvdf_fem.report.task import Rows, Task, compute_key
 from pvdf_fem.scene.scene import Scene
 
@@ -26,13 +26,13 @@ class ReportResults:
     """Records by scene, and rows of tasks by their keys. Charges are in pC, NaN where a solve gave
     none."""
 
-    def __init__(self, found: Mapping[Any, Record | Rows | Died]) -> None:
+    def __init__(self, found: Mapping[Any, Record | Rows | WorkerDied]) -> None:
         self._found: Mapping[Any, Any] = found
 
     def rows(self, task: Task) -> Rows:
         """The rows of a task; raises `NothingToShowError` where the task raised."""
-        found: Rows | Died = self._found[compute_key(task)]
-        if isinstance(found, Died):
+        found: Rows | WorkerDied = self._found[compute_key(task)]
+        if isinstance(found, WorkerDied):
             raise NothingToShowError(_told(task, found))
         return found
 
@@ -74,7 +74,7 @@ class ReportResults:
                 found[reason] = found.get(reason, 0) + 1
         told = [f"{count} without charges: {reason}" for reason, count in found.items()]
         results = ((task, self._found[compute_key(task)]) for task in tasks)
-        return told + [_told(task, of) for task, of in results if isinstance(of, Died)]
+        return told + [_told(task, of) for task, of in results if isinstance(of, WorkerDied)]
 
     def warnings(self, scenes: Sequence[Scene]) -> list[str]:
         """How many scenes have warnings, and the first warning."""
@@ -94,5 +94,5 @@ class ReportResults:
         return values
 
 
-def _told(task: Task, end: Died) -> str:
+def _told(task: Task, end: WorkerDied) -> str:
     return f"{type(task).__name__}: {end.reason}"

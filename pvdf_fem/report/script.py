@@ -9,7 +9,7 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import AfterValidator, Field, ValidationError
 
-from pvdf_fem.batch.batch import planned
+from pvdf_fem.batch.batch import plan_scenes
 from pvdf_fem.files import FileError, read_text
 from pvdf_fem.report.data import DataSource, Readings, read_data
 from pvdf_fem.report.kind import Inputs, Kind, prefix_errors
@@ -120,7 +120,7 @@ class ReportPlan:
             except SceneError as error:
                 problems += [f"{item.where}.{told}" for told in error.problems]
         if not problems:
-            planned([scene for need in needed for scene in need.scenes])
+            plan_scenes([scene for need in needed for scene in need.scenes])
             return inputs, needed
         raise SceneError(problems[:MAX_ERRORS], str(self.files[0]))
 
@@ -185,7 +185,7 @@ class _Reader:
                     return Scene.example(example)
                 if isinstance(given, str):
                     self.files.append(self.files[0].parent / given)
-                    return Scene.load(self.files[-1])
+                    return Scene.from_file(self.files[-1])
                 return Scene().with_(**given) if isinstance(given, dict) else None
         except SceneError as error:
             self.problems += error.problems

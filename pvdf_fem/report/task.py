@@ -27,8 +27,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from pvdf_fem.batch.store import Store, code_version
-from pvdf_fem.batch.workers import Died, on_processes
+from pvdf_fem.batch.store import Store, hash_code
+from pvdf_fem.batch.workers import WorkerDied, run_on_processes
 from pvdf_fem.film.loads.profiles import pin_profile_files
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.scene.scene import Scene
@@ -103,7 +103,7 @@ def _code_of(name: str, path: str) -> str:
     """Hash over the package's modules and the modules beside a module."""
     package = Path(__file__).parents[1]
     folders = sorted(of.name for of in package.iterdir() if of.is_dir() and of.name not in _ASIDE)
-    digest = hashlib.sha256(code_version(tuple(folders)).encode())
+    digest = hashlib.sha256(hash_code(tuple(folders)).encode())
     for module in sorted(Path(path).parent.glob("*.py")):
         digest.update(module.read_bytes())
     return digest.hexdigest()
@@ -111,17 +111,17 @@ def _code_of(name: str, path: str) -> str:
 
 def run_tasks(
     tasks: Mapping[str, Task], store: Store, processes: int
-) -> Iterator[tuple[str, Rows | Died]]:
-    """Keys and rows of tasks in order of completion; the rows join the store. `Died` replaces the
+) -> Iterator[tuple[str, Rows | WorkerDied]]:
+    """Keys and rows of tasks in order of completion; the rows join the store. `WorkerDied` replaces the
     rows of a task that raised, or killed its process."""
     names = list(tasks)
-    for number, found in on_processes(_rows_of, enumerate(tasks.values()), processes):
-        if not isinstance(found, Died):
+    for number, found in run_on_processes(_rows_of, enumerate(tasks.values()), processes):
+        if not isinstance(found, WorkerDied):
             store.keep({names[number]: found})
         yield names[number], found
 
 
-def _rows_of(task: Task) -> Rows | Died:
+def _rows_of(task: Task) -> Rows | WorkerDied:
     try:
         # in the store's form: fresh and kept results make equal pages
         return json.loads(json.dumps(task.run(), default=lambda number: number.item()))
@@ -129,4 +129,4 @@ def _rows_of(task: Task) -> Rows | Died:
         raise
     except Exception as error:  # must not end the other tasks
         traceback.print_exc(file=sys.stderr)
-        return Died(f"{type(error).__name__}: {error}")
+        return WorkerDied(f"{type(error).__name__}: {error}")

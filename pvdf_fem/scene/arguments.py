@@ -60,7 +60,7 @@ def as_scene(given: SceneLike) -> Scene:
     if isinstance(given, Scene):
         return given
     if isinstance(given, str | Path):
-        return Scene.load(given)
+        return Scene.from_file(given)
     if isinstance(given, Mapping):
         return Scene().with_(given)
     if isinstance(found := getattr(given, "scene", None), Scene):

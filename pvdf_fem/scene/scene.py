@@ -8,11 +8,11 @@ biaxial sensor without a probe.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self, overload
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import ValidationError, model_validator
 from pydantic_core import PydanticCustomError
@@ -76,18 +76,6 @@ class Numerics(Section):
     1e-3."""
 
 
-if TYPE_CHECKING:
-
-    class _LoadOrReader:
-        """`scene.load` is the scene's load, while `Scene.load(path)` reads a file."""
-
-        @overload
-        def __get__(self, scene: None, owner: type[Scene]) -> Callable[[Path | str], Scene]: ...
-        @overload
-        def __get__(self, scene: Scene, owner: type[Scene]) -> Load: ...
-        def __get__(self, scene: Any, owner: Any) -> Any: ...
-
-
 @dataclass(frozen=True)
 class LoadedProbe:
     """A scene's probe with its load, key, and patch name in a mesh."""
@@ -127,11 +115,8 @@ class Scene(Result, Section):
     """The electrodes: a layout, or a list of any."""
     probe: Probes | None = None
     """What presses on the film, or a list of several; nothing does where it is not given."""
-    if TYPE_CHECKING:
-        load: _LoadOrReader = _LoadOrReader()
-    else:
-        load: Load = Load()
-        """The force of the probe."""
+    load: Load = Load()
+    """The force of the probe."""
     numerics: Numerics = Numerics()
     """The accuracy of a solve."""
     readout: Annotated[Readout | None, Key(affects=Affects.INSTRUMENT)] = None
@@ -284,6 +269,26 @@ class Scene(Result, Section):
         return self.probe
 
     @classmethod
+    def from_file(cls, path: Path | str) -> Scene:
+        """Read a scene file.
+
+        Parameters
+        ----------
+        path : path or str
+            A TOML file in UTF-8.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        SceneError
+            Listing all errors of the file under its path.
+        """
+        return cls.parse(read_scene_text(path), str(path))
+
+    @classmethod
     def parse(cls, text: str, source: str = "<text>") -> Scene:
         """Scene from the text of a scene file; `source` names it in a `SceneError`."""
         return cls._from_tables(parse_toml(text, source), source)
@@ -351,12 +356,3 @@ class Scene(Result, Section):
         if problems:
             raise SceneError(problems, source)
         return scene
-
-
-def load(path: Path | str) -> Scene:
-    """Scene from a scene file; raises `SceneError` for mistakes."""
-    return Scene.parse(read_scene_text(path), str(path))
-
-
-# The class alone has this attribute: an instance's dictionary, which comes first, has its load.
-setattr(Scene, "load_script", staticmethod(load))  # noqa: B010

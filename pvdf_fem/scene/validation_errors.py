@@ -34,7 +34,7 @@ REASONS = {
     "int_type": "must be a whole number; write digits without a point or quotes",
     "missing": "is required; add it",
     "model_type": "must be a table; put its keys below a heading in brackets",
-    "nameless": "is no table by name; use Scene.load(path) or Scene().with_({...})",
+    "nameless": "is no table by name; use Scene.from_file(path) or Scene().with_({...})",
     "path_type": "must be a path; give the name of a file",
     "string_unicode": "is not Unicode text; write it with other characters",
     "string_type": "must be text; put it in quotes",

@@ -1,6 +1,6 @@
 """Scene to solution: mesh, solve, estimate, and refine until every charge is within the tolerance.
 
-A first mesh comes from sizes that the tolerance sets a priori (`first_sizes`); while an estimated
+A first mesh comes from sizes that the tolerance sets a priori (`choose_first_sizes`); while an estimated
 charge error exceeds the tolerance, the next mesh follows its error indicators. Of a symmetric scene
 only a part is meshed; the whole film is put together when it is asked for.
 """
@@ -17,10 +17,14 @@ import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.outputs import Goal, goals_of
-from pvdf_fem.electrodes.stress_integrals import Forces, charges_of, larger
-from pvdf_fem.electrodes.thickness import thickness_remarks
-from pvdf_fem.electrodes.unloaded import known_at_rest, untouched
+from pvdf_fem.electrodes.outputs import Output, make_outputs
+from pvdf_fem.electrodes.stress_integrals import (
+    StressIntegrals,
+    combine_charges,
+    select_larger_errors,
+)
+from pvdf_fem.electrodes.thickness import describe_thickness_effect
+from pvdf_fem.electrodes.unloaded import find_uniform_integrals, unload
 from pvdf_fem.film.electric.coupling import describe_coupling
 from pvdf_fem.film.loads.contact_edge import measure_contact_outlines
 from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
@@ -37,31 +41,31 @@ from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, format_error
-from pvdf_fem.solver import admissible
-from pvdf_fem.solver.first_sizes import ORDER, first_sizes
-from pvdf_fem.solver.history import Clock, MeshRecord, Stop
+from pvdf_fem.solver import acceptance as admissible
+from pvdf_fem.solver.adaptive_loop import AdaptiveLoop, TooManyUnknownsError
+from pvdf_fem.solver.first_sizes import ORDER, choose_first_sizes
+from pvdf_fem.solver.history import MeshRecord, StageTimer, Stop
 from pvdf_fem.solver.mesh_level import (
     UNKNOWNS_PER_ELEMENT,
-    Attempt,
+    MeshLevel,
     Problem,
-    refined,
-    solve_on,
+    choose_next_sizes,
+    solve_on_mesh,
 )
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.solver.nonlinear.wrinkling import barely_loaded
-from pvdf_fem.solver.refinement import MeshLoop, TooManyUnknownsError
+from pvdf_fem.solver.nonlinear.wrinkling import is_barely_loaded
 from pvdf_fem.solver.solution import Solution
 
 #: Relative charge error above which a barely loaded film is called slack.
 UNKNOWN_CHARGE = 0.1
 
 
-class RestError(SceneError):
+class UnloadedFilmError(SceneError):
     """The untouched film has no charges at rest; the line names the key and the reason."""
 
     @classmethod
-    def of(cls, scene: Scene, status: str, reason: str) -> RestError:
+    def of(cls, scene: Scene, status: str, reason: str) -> UnloadedFilmError:
         """The error of a scene, by how the solve of its untouched film ended."""
         film = scene.film
         moved = ["rim_displacement_um", "patches"] if film.has_unbalanced_prestress else []
@@ -90,59 +94,59 @@ def solve(
     budget = coerce("budget", budget or Budget.of(scene), Budget)
     if mesh is not None:
         mesh = as_mesh(mesh, scene)
-    start, goals = time.perf_counter(), goals_of(scene)
-    solution = solve_goals(scene, goals, mesh=mesh, order=order, budget=budget, options=options)
+    start, outputs = time.perf_counter(), make_outputs(scene)
+    solution = solve_outputs(scene, outputs, mesh=mesh, order=order, budget=budget, options=options)
     warnings, at_rest = [*scene.warnings, *solution.warnings], None
     if solution.status is Status.CONVERGED:
-        warnings += admissible.cancelled_charges(scene, solution.fields.forces)
-        at_rest = _at_rest(untouched(scene), budget)
-    if isinstance(at_rest, RestError):
+        warnings += admissible.warn_of_cancelled_charges(scene, solution.discrete.stress_integrals)
+        at_rest = _at_rest(unload(scene), budget)
+    if isinstance(at_rest, UnloadedFilmError):
         warnings, at_rest = [*warnings, *at_rest.problems], None
     seconds = solution.seconds | {"total": time.perf_counter() - start}
     return replace(solution, warnings=tuple(warnings), at_rest=at_rest, seconds=seconds)
 
 
-def rest_forces(scene: Scene, needed: bool = True) -> Forces:
+def compute_unloaded_integrals(scene: Scene, needed: bool = True) -> StressIntegrals:
     """Forces X, Y by electrode on the untouched film, with their errors. Without a result the
-    forces are NaN, or raise `RestError` if `needed`."""
-    found = _kept_at_rest(untouched(scene))
-    if not isinstance(found, RestError):
+    forces are NaN, or raise `UnloadedFilmError` if `needed`."""
+    found = _kept_at_rest(unload(scene))
+    if not isinstance(found, UnloadedFilmError):
         return found
     if needed:
         raise found
-    return Forces.unknown(len(scene.electrode_list))
+    return StressIntegrals.unknown(len(scene.electrode_list))
 
 
-def rest_charges(scene: Scene) -> Array:
-    """Charges in C of `rest_forces`, (electrodes,)."""
-    return rest_forces(scene).charges((scene.film.d31, scene.film.d32))
+def compute_unloaded_charges(scene: Scene) -> Array:
+    """Charges in C of `compute_unloaded_integrals`, (electrodes,)."""
+    return compute_unloaded_integrals(scene).charges((scene.film.d31, scene.film.d32))
 
 
-def _at_rest(film: Scene, budget: Budget) -> Forces | RestError:
+def _at_rest(film: Scene, budget: Budget) -> StressIntegrals | UnloadedFilmError:
     """Electrode forces on an untouched film, or the reason for their absence."""
-    if (known := known_at_rest(film)) is not None:
+    if (known := find_uniform_integrals(film)) is not None:
         return known
-    solution = solve_goals(film, goals_of(film), budget=budget)
+    solution = solve_outputs(film, make_outputs(film), budget=budget)
     if solution.status is not Status.CONVERGED:
-        return RestError.of(film, solution.status, solution.reason)
-    return solution.fields.forces
+        return UnloadedFilmError.of(film, solution.status, solution.reason)
+    return solution.discrete.stress_integrals
 
 
 @lru_cache(maxsize=64)
-def _kept_at_rest(film: Scene) -> Forces | RestError:
+def _kept_at_rest(film: Scene) -> StressIntegrals | UnloadedFilmError:
     return _at_rest(film, Budget.of(film))
 
 
-def solve_goals(
+def solve_outputs(
     scene: Scene,
-    goals: Sequence[Goal],
+    outputs: Sequence[Output],
     *,
     mesh: MeshTri2 | None = None,
     order: int = ORDER,
     budget: Budget | None = None,
     options: SolveOptions = DEFAULT_OPTIONS,
 ) -> Solution:
-    """`solve` for the charges in `goals` instead of the scene's electrodes.
+    """`solve` for the charges in `outputs` instead of the scene's electrodes.
 
     The goals' charges meet the tolerance, and `forces` in the solution's `fields` are the goals'
     forces; a solution's charges by electrode have no meaning here.
@@ -154,7 +158,7 @@ def solve_goals(
         scene.require_no_tips("a mesh that is given")
     budget = Budget.of(scene) if budget is None else budget
 
-    solution = _solved(Problem(scene, goals, order, budget, Clock(), options), mesh)
+    solution = _solved(Problem(scene, outputs, order, budget, StageTimer(), options), mesh)
     included = (*options.notes, *solution.included)
     return replace(solution, scene=scene, pressure=options.pressure, included=included)
 
@@ -188,12 +192,12 @@ def _part(problem: Problem) -> SymmetrySector:
     return find_symmetry_sector(scene)
 
 
-def _mesh_loop(problem: Problem, part: SymmetrySector) -> MeshLoop[Attempt]:
-    return MeshLoop(
+def _mesh_loop(problem: Problem, part: SymmetrySector) -> AdaptiveLoop[MeshLevel]:
+    return AdaptiveLoop(
         problem.scene,
-        partial(first_sizes, problem.scene, problem.order),
-        partial(solve_on, problem, part),
-        refined,
+        partial(choose_first_sizes, problem.scene, problem.order),
+        partial(solve_on_mesh, problem, part),
+        choose_next_sizes,
         problem.budget,
         problem.clock,
         UNKNOWNS_PER_ELEMENT[problem.order],
@@ -202,31 +206,31 @@ def _mesh_loop(problem: Problem, part: SymmetrySector) -> MeshLoop[Attempt]:
     )
 
 
-def _contacts(scene: Scene, attempt: Attempt | None) -> dict[str, Outline]:
+def _contacts(scene: Scene, attempt: MeshLevel | None) -> dict[str, Outline]:
     """Contact outlines for a mesh: guessed, or found by an attempt."""
     if attempt is None:
         return estimate_tip_outlines(scene)
-    state = attempt.fields.solved_state
+    state = attempt.discrete.solved_state
     found = (measure_contact_outlines(tip, state) for tip in select_tips(attempt.equilibrium))
     return {name: outline for outlines in found for name, outline in outlines.items()}
 
 
-def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> Solution:
+def _solution(attempt: MeshLevel, stop: Stop, history: Sequence[MeshRecord]) -> Solution:
     """The attempt as a solution, with its status."""
-    problem, fields, change = attempt.problem, attempt.fields, None
-    if (changes := admissible.changes_by_wrinkles(attempt)) is not None:
-        by_charge = np.abs(charges_of(problem.goals, changes)) / attempt.charge_sizes
+    problem, fields, change = attempt.problem, attempt.discrete, None
+    if (changes := admissible.estimate_wrinkling_changes(attempt)) is not None:
+        by_charge = np.abs(combine_charges(problem.outputs, changes)) / attempt.charge_sizes
         change = float(by_charge.max(initial=0.0))
-        errors = larger(fields.forces.errors, changes, problem.goals)
-        fields = replace(fields, forces=replace(fields.forces, errors=errors))
+        errors = select_larger_errors(fields.stress_integrals.errors, changes, problem.outputs)
+        fields = replace(fields, stress_integrals=replace(fields.stress_integrals, errors=errors))
     scene, status = problem.scene, _status(attempt, stop, change)
     model = resolve_film_model(scene)
-    by_stress = fields.forces.charges((scene.film.d31_pC_N, scene.film.d32_pC_N)).tolist()
+    by_stress = fields.stress_integrals.charges((scene.film.d31_pC_N, scene.film.d32_pC_N)).tolist()
     names = [electrode.name for electrode in scene.electrode_list]
     # scenes solved together in a sweep share a list of goals, longer than the electrodes
     charges_pC = dict(zip(names, by_stress, strict=True)) if len(names) == len(by_stress) else None
     remarks = [model.remark, *describe_coupling(scene)]
-    remarks += thickness_remarks(scene, charges_pC, problem.options)
+    remarks += describe_thickness_effect(scene, charges_pC, problem.options)
     remarks += [*describe_heat_effects(scene, charges_pC), *describe_weight(scene)]
     reason = status.advice
     if status is Status.TOLERANCE:
@@ -243,24 +247,24 @@ def _solution(attempt: Attempt, stop: Stop, history: Sequence[MeshRecord]) -> So
         attempt.result.iterations,
         tuple(text for included, text in remarks if not included),
         tuple(text for included, text in remarks if included),
-        (*model.warnings, *admissible.warnings(fields.solved, fields.solved_state, change)),
+        (*model.warnings, *admissible.list_warnings(fields.solved, fields.solved_state, change)),
         problem.clock.seconds(),
-        _fields=fields,
+        _discrete=fields,
     )
 
 
-def _status(attempt: Attempt, stop: Stop, change: float | None) -> Status:
+def _status(attempt: MeshLevel, stop: Stop, change: float | None) -> Status:
     """How the solve ended; `change` is the relative change of a charge by wrinkles."""
-    scene, fields, status = attempt.problem.scene, attempt.fields, attempt.result.status
+    scene, fields, status = attempt.problem.scene, attempt.discrete, attempt.result.status
     if status is Status.CONVERGED:
-        status = admissible.refusal(fields, attempt.result.factors, change) or status
+        status = admissible.find_rejection_status(fields, attempt.result.factors, change) or status
     if stop is Stop.GIVEN_MESH:
         return status
     if status is Status.CONVERGED and attempt.bound > scene.numerics.tolerance:
         status = Status.TOLERANCE
     missed = status in (Status.MAX_ITERATIONS, Status.UNBALANCED)
-    if missed and admissible.meets_rim(fields):
+    if missed and admissible.is_tip_at_rim(fields):
         return Status.RIM
     unknown = status is Status.TOLERANCE and attempt.worst > UNKNOWN_CHARGE
-    slack = resolve_film_model(scene).wrinkles and barely_loaded(scene)
+    slack = resolve_film_model(scene).wrinkles and is_barely_loaded(scene)
     return Status.SLACK if slack and (missed or unknown) else status

@@ -10,8 +10,8 @@ import numpy as np
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.electrodes.outputs import Goal
-from pvdf_fem.electrodes.stress_integrals import Forces, goal_forces
+from pvdf_fem.electrodes.outputs import Output
+from pvdf_fem.electrodes.stress_integrals import StressIntegrals, compute_stress_integrals
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_result import ContactResult, compute_contact_results
 from pvdf_fem.film.space import evaluate_shape_functions
@@ -22,7 +22,7 @@ from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 
 @dataclass(frozen=True, eq=False)
-class Fields:
+class DiscreteSolution:
     """A discrete solution: equations, unknowns, and the electrodes' forces with their errors."""
 
     #: The solved equilibrium equations, for the film or a mirrored part of the film.
@@ -30,7 +30,7 @@ class Fields:
     #: Their unknowns, (unknowns,).
     q: Array
     #: Of the goals, with their errors.
-    forces: Forces
+    stress_integrals: StressIntegrals
 
     @cached_property
     def solved_dofs(self) -> Array:
@@ -42,9 +42,11 @@ class Fields:
         """State of `solved`."""
         return self.solved.state(self.q)
 
-    def forces_of(self, goals: Sequence[Goal]) -> Array:
+    def integrals_of(self, outputs: Sequence[Output]) -> Array:
         """The forces of other goals, (goals, 2)."""
-        return goal_forces(goals, self.solved.membrane, self.solved_dofs, self.solved.part)
+        return compute_stress_integrals(
+            outputs, self.solved.membrane, self.solved_dofs, self.solved.part
+        )
 
     @cached_property
     def contact_results(self) -> dict[str, ContactResult]:
@@ -57,14 +59,14 @@ class Fields:
         solved, part = self.solved, self.solved.part
         if not part.mirror_axes:
             return solved
-        return solved.with_(mesh=unfolded_mesh(solved.space.mesh, part), part=WHOLE_FILM)
+        return solved.with_(mesh=unfold_mesh(solved.space.mesh, part), part=WHOLE_FILM)
 
     @cached_property
     def displacement(self) -> Array:
         """Dofs of the whole film."""
         if self.equilibrium is self.solved:
             return self.solved_dofs
-        return unfolded_dofs(self.solved, self.solved_dofs, self.equilibrium)
+        return unfold_dofs(self.solved, self.solved_dofs, self.equilibrium)
 
     @cached_property
     def state(self) -> State:
@@ -74,7 +76,9 @@ class Fields:
         return self.equilibrium.membrane.state(self.displacement)
 
 
-def largest(basis: Basis, values: Array, elements: int = 8, intervals: int = 50) -> float:
+def find_largest_value(
+    basis: Basis, values: Array, elements: int = 8, intervals: int = 50
+) -> float:
     """Largest absolute value of a field with the nodal `values`, on a raster in the `elements` with
     the largest nodal values. The field is flat where it is largest: a raster misses less than a
     millionth."""
@@ -87,7 +91,7 @@ def largest(basis: Basis, values: Array, elements: int = 8, intervals: int = 50)
     return float(np.abs(functions @ values[dofs[:, highest]]).max())
 
 
-def unfolded_mesh(mesh: MeshTri2, part: SymmetrySector) -> MeshTri2:
+def unfold_mesh(mesh: MeshTri2, part: SymmetrySector) -> MeshTri2:
     """The mesh of a part with its mirror images, in the axes of the scene."""
     nodes, triangles = mesh.doflocs, mesh.dofs.element_dofs.T
     # an image shares the nodes for which its change of signs makes no difference
@@ -117,7 +121,7 @@ def _subdomains(mesh: MeshTri2, part: SymmetrySector) -> dict[str, Indices]:
     return unfolded_patches
 
 
-def unfolded_dofs(solved: Equilibrium, x: Array, whole: Equilibrium) -> Array:
+def unfold_dofs(solved: Equilibrium, x: Array, whole: Equilibrium) -> Array:
     """A part's displacement `x` at the dofs on the whole film."""
     from scipy.spatial import cKDTree  # many scenes are solved without
 

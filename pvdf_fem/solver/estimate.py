@@ -28,7 +28,7 @@ from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.term import State
 from pvdf_fem.film.unknowns import make_prolongation
 from pvdf_fem.solver.nonlinear.budget import Budget
-from pvdf_fem.solver.nonlinear.fallback import equilibrate
+from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
 from pvdf_fem.solver.nonlinear.newton import NewtonResult
 
 
@@ -68,7 +68,7 @@ class Correction:
     result: NewtonResult | None = None
 
 
-def corrected(
+def correct_in_richer_space(
     coarse: Equilibrium,
     q: Array,
     factors: SuperLU,
@@ -91,7 +91,7 @@ def corrected(
     if better is not None:
         return replace(correction, q=better)
     tolerance = options.last_step * rich.scene.numerics.tolerance
-    result = equilibrate(rich, start, tolerance, budget=budget)
+    result = find_equilibrium(rich, start, tolerance, budget=budget)
     if not result.converged:
         return result
     return replace(correction, q=result.q, result=result)
@@ -152,29 +152,29 @@ def _solve(
     return x
 
 
-def duals(correction: Correction, factors: SuperLU, goals: Array) -> Array:
+def solve_duals(correction: Correction, factors: SuperLU, outputs: Array) -> Array:
     """Dual solutions in the coarse space, (coarse unknowns, goals).
 
-    `goals` (rich dofs, goals) are the derivatives of the goals; `factors` is the coarse tangent.
+    `outputs` (rich dofs, goals) are the derivatives of the goals; `factors` is the coarse tangent.
     """
-    rich = correction.rich.unknowns.fold(goals)
+    rich = correction.rich.unknowns.fold(outputs)
     return factors.solve(correction.prolong.T @ rich, "T")
 
 
-def indicators(correction: Correction, dual: Array, goals: Array) -> Array:
+def compute_indicators(correction: Correction, dual: Array, outputs: Array) -> Array:
     """Absolute contributions by elements to the goals' errors, (elements, goals).
 
     Dual-weighted: the error's element energy against the part of the dual solution that the
     coarse space lacks, the latter from one Jacobi step on the dual residual.
-    `dual` (coarse unknowns, goals) is from `duals`, and `goals` (rich dofs, goals) are the
+    `dual` (coarse unknowns, goals) is from `solve_duals`, and `outputs` (rich dofs, goals) are the
     derivatives of the goals by the dofs of ``correction.rich``.
     """
     rich, state = correction.rich, correction.state
     error = rich.element_action(state, correction.q - correction.start)
     diagonal = rich.diagonal(state)
     shares = []
-    for goal, solution in zip(rich.unknowns.fold(goals).T, dual.T, strict=True):
-        missing = (goal - rich.action(state, correction.prolong @ solution)) / diagonal
+    for output, solution in zip(rich.unknowns.fold(outputs).T, dual.T, strict=True):
+        missing = (output - rich.action(state, correction.prolong @ solution)) / diagonal
         local = rich.unknowns.expand(missing)[rich.space.element_dofs]
         shares.append(np.abs((error * local).sum(axis=1)))
     return np.stack(shares, axis=-1)

@@ -17,7 +17,7 @@ from pvdf_fem.scene.scene import Scene
 
 #: Default order of the displacement.
 ORDER = 3
-#: Relative error of the worst charge with the sizes from `first_sizes` and a factor of
+#: Relative error of the worst charge with the sizes from `choose_first_sizes` and a factor of
 #: 1, by order of the displacement.
 REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
 #: Element size at a punch over its width; tractions are singular along a punch's edge.
@@ -26,7 +26,7 @@ PUNCH_SHARE = 0.5
 EDGE_FACETS = 22
 
 
-def first_sizes(scene: Scene, order: int) -> GradedSizes:
+def choose_first_sizes(scene: Scene, order: int) -> GradedSizes:
     """Element sizes that meet the tolerance in most scenes.
 
     The size at an outline is a share of its area over its perimeter, which for a slender shape is

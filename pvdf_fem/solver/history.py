@@ -35,15 +35,20 @@ class MeshRecord:
     worst_error: float | None
     seconds: float  #: Wall-clock time of mesh, solve and estimate.
     status: str
-    tried: tuple[tuple[str, str, int], ...] = ()  #: Failed before: solver, status, iterations.
+    failed_attempts: tuple[
+        tuple[str, str, int], ...
+    ] = ()  #: Failed before: solver, status, iterations.
 
     def to_json(self) -> dict[str, Any]:
         """The row as plain data."""
         names = ("solver", "status", "iterations")
-        return {**vars(self), "tried": [dict(zip(names, row, strict=True)) for row in self.tried]}
+        return {
+            **vars(self),
+            "tried": [dict(zip(names, row, strict=True)) for row in self.failed_attempts],
+        }
 
 
-class Clock:
+class StageTimer:
     """Adds up the seconds of named stages."""
 
     def __init__(self) -> None:

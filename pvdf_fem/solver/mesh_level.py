@@ -11,16 +11,16 @@ from scipy.sparse.linalg import SuperLU
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.outputs import Goal, coefficients_of
+from pvdf_fem.electrodes.outputs import Output, piezo_coefficients
 from pvdf_fem.electrodes.stress_integrals import (
-    Forces,
-    area_defects,
-    charge_sizes,
-    charges_of,
-    force_errors,
-    goal_forces,
-    goal_gradients,
-    larger,
+    StressIntegrals,
+    combine_charges,
+    compute_charge_scales,
+    compute_stress_integrals,
+    differentiate_charges,
+    distribute_charge_errors,
+    measure_area_defects,
+    select_larger_errors,
 )
 from pvdf_fem.film.bending.layers import BendingLayers, estimate_missing_fraction
 from pvdf_fem.film.equilibrium import Equilibrium
@@ -31,14 +31,19 @@ from pvdf_fem.film.unknowns import make_prolongation
 from pvdf_fem.mesh.size_field import SizeField, compute_refined_sizes
 from pvdf_fem.mesh.symmetry import SymmetrySector
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.discrete_solution import Fields
-from pvdf_fem.solver.estimate import Correction, corrected, duals, indicators
-from pvdf_fem.solver.history import Clock
+from pvdf_fem.solver.discrete_solution import DiscreteSolution
+from pvdf_fem.solver.estimate import (
+    Correction,
+    compute_indicators,
+    correct_in_richer_space,
+    solve_duals,
+)
+from pvdf_fem.solver.history import StageTimer
 from pvdf_fem.solver.nonlinear.budget import Budget
-from pvdf_fem.solver.nonlinear.fallback import equilibrate
-from pvdf_fem.solver.nonlinear.newton import NewtonResult, Tried
+from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
+from pvdf_fem.solver.nonlinear.newton import FailedAttempt, NewtonResult
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.solver.nonlinear.wrinkling import barely_loaded
+from pvdf_fem.solver.nonlinear.wrinkling import is_barely_loaded
 
 #: Unknowns per element, by order of the displacement.
 UNKNOWNS_PER_ELEMENT = {1: 1.5, 2: 6.0, 3: 13.5}
@@ -57,21 +62,21 @@ class Problem:
     """The problem on every mesh: scene, goals, order, budget, and posed loads."""
 
     scene: Scene
-    goals: Sequence[Goal]
+    outputs: Sequence[Output]
     order: int
     budget: Budget
-    clock: Clock
+    clock: StageTimer
     options: SolveOptions = DEFAULT_OPTIONS
 
 
 @dataclass(frozen=True, eq=False)
-class Attempt:
+class MeshLevel:
     """A solve on one mesh."""
 
     problem: Problem
     equilibrium: Equilibrium
     result: NewtonResult
-    fields: Fields
+    discrete: DiscreteSolution
     #: The solution in a richer space, if there is a solution.
     correction: Correction | None = None
     #: Bending layers that the elements do not resolve.
@@ -93,9 +98,9 @@ class Attempt:
         return len(self.result.iterations)
 
     @property
-    def tried(self) -> tuple[Tried, ...]:
+    def failed_attempts(self) -> tuple[FailedAttempt, ...]:
         """Solvers that failed before."""
-        return self.result.tried
+        return self.result.failed_attempts
 
     @property
     def worst(self) -> float:
@@ -110,31 +115,35 @@ class Attempt:
 
     @property
     def charge_errors(self) -> Array:
-        """Estimated charge errors, relative to `charge_sizes`, (goals,)."""
-        errors = self.fields.forces.charge_errors(coefficients_of(self.problem.goals))
+        """Estimated charge errors, relative to `compute_charge_scales`, (goals,)."""
+        errors = self.discrete.stress_integrals.charge_errors(
+            piezo_coefficients(self.problem.outputs)
+        )
         return errors / self.charge_sizes
 
     @cached_property
     def charge_sizes(self) -> Array:
-        """`charge_sizes` of the goals, (goals,)."""
-        fields, space = self.fields, self.equilibrium.space
-        return charge_sizes(self.problem.goals, fields.solved_state, fields.forces.values, space)
+        """`compute_charge_scales` of the goals, (goals,)."""
+        fields, space = self.discrete, self.equilibrium.space
+        return compute_charge_scales(
+            self.problem.outputs, fields.solved_state, fields.stress_integrals.values, space
+        )
 
 
-def solve_on(
-    problem: Problem, part: SymmetrySector, mesh: MeshTri2, coarser: Attempt | None = None
-) -> Attempt:
+def solve_on_mesh(
+    problem: Problem, part: SymmetrySector, mesh: MeshTri2, coarser: MeshLevel | None = None
+) -> MeshLevel:
     """Solve on the mesh of a part of the film, from the solution on a coarser mesh if present."""
     with problem.clock("solve"):
         equilibrium = Equilibrium(problem.scene, mesh, problem.order, part, problem.options)
         result = _equilibrated(problem, equilibrium, coarser)
         problem.budget.spend(equilibrium, result.fresh_count)
         forces = _forces(problem, equilibrium, result.q)
-    attempt = Attempt(
+    attempt = MeshLevel(
         problem,
         equilibrium,
         result,
-        Fields(equilibrium, result.q, Forces(forces, np.zeros_like(forces))),
+        DiscreteSolution(equilibrium, result.q, StressIntegrals(forces, np.zeros_like(forces))),
     )
     if not result.converged or result.factors is None:
         return attempt
@@ -144,28 +153,32 @@ def solve_on(
 
 def _forces(problem: Problem, equilibrium: Equilibrium, q: Array) -> Array:
     x = equilibrium.dofs(q)
-    return goal_forces(problem.goals, equilibrium.membrane, x, equilibrium.part)
+    return compute_stress_integrals(problem.outputs, equilibrium.membrane, x, equilibrium.part)
 
 
-def _with_errors(attempt: Attempt, iterations: int = 4) -> Attempt:
+def _with_errors(attempt: MeshLevel, iterations: int = 4) -> MeshLevel:
     """The attempt with estimated errors, or with the status of a failed solve in the richer space.
     Cost of an estimate without a solve in the richer space, in Newton `iterations`."""
     problem, equilibrium, result = attempt.problem, attempt.equilibrium, attempt.result
     assert result.factors is not None
     rich = equilibrium.with_(order=equilibrium.space.order + 1)
-    correction = corrected(equilibrium, result.q, result.factors, rich, problem.budget)
+    correction = correct_in_richer_space(
+        equilibrium, result.q, result.factors, rich, problem.budget
+    )
     if isinstance(correction, NewtonResult):
         problem.budget.spend(rich, correction.fresh_count)
-        tried = (*result.tried, *correction.as_tried("order above"))
-        return replace(attempt, result=replace(result, status=correction.status, tried=tried))
+        tried = (*result.failed_attempts, *correction.as_failed_attempts("order above"))
+        return replace(
+            attempt, result=replace(result, status=correction.status, failed_attempts=tried)
+        )
     if correction.result is None:
         problem.budget.spend(equilibrium, iterations)
     else:
         problem.budget.spend(rich, correction.result.fresh_count)
 
-    forces, model = attempt.fields.forces.values, equilibrium.model
+    forces, model = attempt.discrete.stress_integrals.values, equilibrium.model
     errors = model.saturation * (_forces(problem, rich, correction.q) - forces)
-    state = attempt.fields.solved_state
+    state = attempt.discrete.solved_state
     layers = model.layers(equilibrium.terms, equilibrium.unknowns.expansion, state)
     if layers is not None:
         changed = result.q + layers.change(result.factors)
@@ -173,31 +186,31 @@ def _with_errors(attempt: Attempt, iterations: int = 4) -> Attempt:
         by_layers = np.abs(_forces(problem, equilibrium, changed) - forces)
         errors += np.where(errors < 0.0, -by_layers, by_layers)
     if len(find_rigid_elements(equilibrium.terms)):
-        _, shares = error_indicators(correction, result.factors, problem.goals)
-        least = force_errors(UNCANCELLED * shares.sum(axis=0), forces, problem.goals)
-        errors = larger(errors, least, problem.goals)
+        _, shares = compute_error_indicators(correction, result.factors, problem.outputs)
+        least = distribute_charge_errors(UNCANCELLED * shares.sum(axis=0), forces, problem.outputs)
+        errors = select_larger_errors(errors, least, problem.outputs)
     # both orders share the elements, and the elements' missing area in a round electrode
-    lacking = area_defects(problem.goals, equilibrium.space, equilibrium.part)
+    lacking = measure_area_defects(problem.outputs, equilibrium.space, equilibrium.part)
     defects = lacking[:, None] * forces
-    charges, lost = (charges_of(problem.goals, some) for some in (errors, defects))
+    charges, lost = (combine_charges(problem.outputs, some) for some in (errors, defects))
     errors += np.where(charges * lost < 0.0, -1.0, 1.0)[:, None] * defects
-    fields = replace(attempt.fields, forces=Forces(forces, errors))
-    return replace(attempt, fields=fields, correction=correction, layers=layers)
+    fields = replace(attempt.discrete, stress_integrals=StressIntegrals(forces, errors))
+    return replace(attempt, discrete=fields, correction=correction, layers=layers)
 
 
-def error_indicators(
-    correction: Correction, factors: SuperLU, goals: Sequence[Goal], sizes: Array | float = 1.0
+def compute_error_indicators(
+    correction: Correction, factors: SuperLU, outputs: Sequence[Output], sizes: Array | float = 1.0
 ) -> tuple[Array, Array]:
     """Duals (unknowns, goals) and elements' shares (elements, goals) in the errors over `sizes`."""
     rich = correction.rich
     x = rich.dofs(correction.start)
-    gradients = goal_gradients(goals, rich.membrane, x, rich.part) / sizes
-    dual = duals(correction, factors, gradients)
-    return dual, indicators(correction, dual, gradients)
+    gradients = differentiate_charges(outputs, rich.membrane, x, rich.part) / sizes
+    dual = solve_duals(correction, factors, gradients)
+    return dual, compute_indicators(correction, dual, gradients)
 
 
 def _equilibrated(
-    problem: Problem, equilibrium: Equilibrium, coarser: Attempt | None
+    problem: Problem, equilibrium: Equilibrium, coarser: MeshLevel | None
 ) -> NewtonResult:
     """The equilibrium, from the coarser mesh's solution or from solutions with lower orders."""
     budget = problem.budget
@@ -205,12 +218,14 @@ def _equilibrated(
     # wrinkles takes longer than a start on the same mesh
     slack = equilibrium.film.prestress[:2].min() < 0.0 or equilibrium.model.wrinkles
     if coarser is not None and not slack:
-        x = transfer_dofs(coarser.equilibrium.space, coarser.fields.solved_dofs, equilibrium.space)
-        return equilibrate(equilibrium, equilibrium.restrict(x), budget=budget)
+        x = transfer_dofs(
+            coarser.equilibrium.space, coarser.discrete.solved_dofs, equilibrium.space
+        )
+        return find_equilibrium(equilibrium, equilibrium.restrict(x), budget=budget)
     start = _from_below(equilibrium, budget)
     if isinstance(start, Status):
         return NewtonResult(np.zeros(equilibrium.unknowns.count), start, (), None)
-    return equilibrate(equilibrium, start, budget=budget)
+    return find_equilibrium(equilibrium, start, budget=budget)
 
 
 def _from_below(
@@ -225,13 +240,13 @@ def _from_below(
     order = equilibrium.space.order
     if order == equilibrium.model.lowest_order:
         return None
-    if equilibrium.model.wrinkles and barely_loaded(equilibrium.scene):
+    if equilibrium.model.wrinkles and is_barely_loaded(equilibrium.scene):
         return None  # the solution of another order is far away
     lower = equilibrium.with_(order=order - 1).map_terms(lambda term: term.relaxed())
     start = _from_below(lower, budget)
     if isinstance(start, Status):
         return start
-    result = equilibrate(lower, start, tolerance, budget=budget)
+    result = find_equilibrium(lower, start, tolerance, budget=budget)
     budget.spend(lower, result.fresh_count)
     if result.status is Status.UNSTABLE and lower.model.bends:
         return result.status
@@ -242,8 +257,8 @@ def _from_below(
     )
 
 
-def refined(
-    attempt: Attempt, tolerance: float, most_unknowns: float, most_duals: int = 32
+def choose_next_sizes(
+    attempt: MeshLevel, tolerance: float, most_unknowns: float, most_duals: int = 32
 ) -> SizeField:
     """Element sizes at which the worst error would be `tolerance`, or coarser sizes. They follow
     the `most_duals` charges with the largest errors."""
@@ -252,8 +267,10 @@ def refined(
         raise ValueError("only a converged attempt can be refined")
     mesh, flat = attempt.equilibrium.space.mesh, find_rigid_elements(attempt.equilibrium.terms)
     worst = np.argsort(attempt.charge_errors)[-most_duals:]
-    goals = [attempt.problem.goals[i] for i in worst]
-    dual, by_goal = error_indicators(correction, factors, goals, attempt.charge_sizes[worst])
+    outputs = [attempt.problem.outputs[i] for i in worst]
+    dual, by_goal = compute_error_indicators(
+        correction, factors, outputs, attempt.charge_sizes[worst]
+    )
     shares = by_goal.max(axis=1)
     reduction = tolerance / attempt.worst
     most: Array | float = np.inf

@@ -8,17 +8,17 @@ from collections.abc import Sequence
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.outputs import Goal
+from pvdf_fem.electrodes.outputs import Output
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.solver.discrete_solution import Fields
-from pvdf_fem.solver.estimate import Correction, corrected
-from pvdf_fem.solver.mesh_level import error_indicators
+from pvdf_fem.solver.discrete_solution import DiscreteSolution
+from pvdf_fem.solver.estimate import Correction, correct_in_richer_space
+from pvdf_fem.solver.mesh_level import compute_error_indicators
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.newton import NewtonResult, factorise
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 
 
-def factorised(fields: Fields) -> tuple[Equilibrium, Array, SuperLU]:
+def factorise_tangent(fields: DiscreteSolution) -> tuple[Equilibrium, Array, SuperLU]:
     """The whole film's equations with their unknowns and the tangent's factors."""
     solved = fields.equilibrium
     q = solved.restrict(fields.displacement)
@@ -28,16 +28,16 @@ def factorised(fields: Fields) -> tuple[Equilibrium, Array, SuperLU]:
         raise NotConvergedError(f"{Status.SINGULAR}: {Status.SINGULAR.advice}") from None
 
 
-def next_order(solved: Equilibrium, q: Array, factors: SuperLU) -> Correction:
+def solve_next_order(solved: Equilibrium, q: Array, factors: SuperLU) -> Correction:
     """The solution in the order above on the same mesh; raises `NotConvergedError`."""
     rich = solved.with_(order=solved.space.order + 1)
-    correction = corrected(solved, q, factors, rich, Budget.of(solved.scene))
+    correction = correct_in_richer_space(solved, q, factors, rich, Budget.of(solved.scene))
     if isinstance(correction, NewtonResult):
         raise NotConvergedError(f"{correction.status}: {correction.status.advice}")
     return correction
 
 
-def error_shares(fields: Fields, goals: Sequence[Goal]) -> Array:
+def compute_error_shares(fields: DiscreteSolution, outputs: Sequence[Output]) -> Array:
     """Shares of the elements in the errors of charges by the mesh, in C, (elements, goals)."""
-    solved, q, factors = factorised(fields)
-    return error_indicators(next_order(solved, q, factors), factors, goals)[1]
+    solved, q, factors = factorise_tangent(fields)
+    return compute_error_indicators(solve_next_order(solved, q, factors), factors, outputs)[1]

@@ -13,20 +13,20 @@ from numpy.typing import ArrayLike
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array, finite_or_none
-from pvdf_fem.electrodes.channel import channels, readings_V
+from pvdf_fem.electrodes.channel import compute_readings_V, make_channels
 from pvdf_fem.electrodes.film_data import FilmData
-from pvdf_fem.electrodes.outputs import goals_of
-from pvdf_fem.electrodes.point_values import PointValues, values_along, values_at
-from pvdf_fem.electrodes.stress_integrals import Forces
-from pvdf_fem.electrodes.thickness import thickness_charges
-from pvdf_fem.electrodes.unloaded import heat_charges
+from pvdf_fem.electrodes.outputs import make_outputs
+from pvdf_fem.electrodes.point_values import PointValues, evaluate_along, evaluate_at
+from pvdf_fem.electrodes.stress_integrals import StressIntegrals
+from pvdf_fem.electrodes.thickness import compute_thickness_charges
+from pvdf_fem.electrodes.unloaded import compute_heat_charges
 from pvdf_fem.film.electric.coupling import find_floating_electrodes
 from pvdf_fem.film.loads.contact_result import ContactResult
 from pvdf_fem.film.loads.load_spec import Pressure
 from pvdf_fem.film.loads.pressure import PunchTilt
 from pvdf_fem.scene.arguments import ValuesByName, coerce, coerce_array
 from pvdf_fem.scene.scene import Scene, SceneError
-from pvdf_fem.solver.discrete_solution import Fields, largest
+from pvdf_fem.solver.discrete_solution import DiscreteSolution, find_largest_value
 from pvdf_fem.solver.history import MeshRecord, Stop
 from pvdf_fem.solver.nonlinear.newton import Iteration
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
@@ -64,50 +64,52 @@ class Solution(Result):
     history: tuple[MeshRecord, ...] = ()
     iterations: tuple[Iteration, ...] = ()  #: Newton's table on the last mesh.
     #: What the model neglects in this scene; what it has beyond the membrane; what to look at.
-    left_out: tuple[str, ...] = ()
+    neglected: tuple[str, ...] = ()
     included: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     #: ``mesh``, ``solve``, ``estimate``, ``refine`` and ``total``.
     seconds: dict[str, float] = field(default_factory=dict)
     #: Pressure given to `solve` in place of the scene's ``load.profile``.
     pressure: Pressure | None = None
-    _fields: Fields | None = None
-    at_rest: Forces | None = None  #: Forces of the electrodes on the untouched film, if known.
+    _discrete: DiscreteSolution | None = None
+    at_rest: StressIntegrals | None = (
+        None  #: Forces of the electrodes on the untouched film, if known.
+    )
     #: Deviations by the scene's uncertain numbers, from `pvdf_fem.uncertainty`.
     uncertainty: Result | None = None
 
     @property
-    def fields(self) -> Fields:
+    def discrete(self) -> DiscreteSolution:
         """The converged solution on its mesh; raises `NotConvergedError`."""
-        if self._fields is None or self.status is not Status.CONVERGED:
+        if self._discrete is None or self.status is not Status.CONVERGED:
             raise NotConvergedError(f"{self.status}: {self.reason}")
-        return self._fields
+        return self._discrete
 
     @property
     def mesh(self) -> MeshTri2:
         """Mesh in metres, with the patches as subdomains."""
-        return self.fields.equilibrium.space.mesh
+        return self.discrete.equilibrium.space.mesh
 
     @property
     def basis(self) -> Basis:
         """Scalar basis of each displacement component."""
-        return self.fields.equilibrium.space.basis
+        return self.discrete.equilibrium.space.basis
 
     @property
     def displacement(self) -> Array:
         """u, v, w in m at the dofs of `basis`, (dofs, 3)."""
-        return self.fields.displacement.reshape(-1, 3)
+        return self.discrete.displacement.reshape(-1, 3)
 
     @property
     def charges_pC(self) -> dict[str, float]:
         """Total charge by electrode: by the pretension, by the touch and, where the film has values
         for them, by the probe's pressure and heat."""
-        film, fields = self.scene.film, self.fields
-        charges = fields.forces.charges(self._coefficients)
+        film, fields = self.scene.film, self.discrete
+        charges = fields.stress_integrals.charges(self._coefficients)
         if film.pyroelectric_uC_m2K is not None:
-            charges += 1e12 * heat_charges(self.scene, fields.solved)
+            charges += 1e12 * compute_heat_charges(self.scene, fields.solved)
         if film.d33_pC_N is not None:
-            charges += 1e12 * thickness_charges(fields.equilibrium, fields.state)
+            charges += 1e12 * compute_thickness_charges(fields.equilibrium, fields.state)
         return self._by_electrode(charges)
 
     @property
@@ -142,8 +144,8 @@ class Solution(Result):
         return {name: error + rest[name] for name, error in self.charge_errors_pC.items()}
 
     @property
-    def _rest(self) -> Forces:
-        return self.at_rest or Forces.unknown(len(self.scene.electrode_list))
+    def _rest(self) -> StressIntegrals:
+        return self.at_rest or StressIntegrals.unknown(len(self.scene.electrode_list))
 
     @property
     def _coefficients(self) -> tuple[float, float]:
@@ -159,14 +161,14 @@ class Solution(Result):
         if self.scene.readout is None:
             raise SceneError(["readout = (nothing): is required by readings; add [readout]"])
         both = ([*charges.values()] for charges in (self.charges_pC, self.charge_changes_pC))
-        return self._by_electrode(readings_V(self.scene, *both))
+        return self._by_electrode(compute_readings_V(self.scene, *both))
 
     @property
     def electrode_voltages_V(self) -> dict[str, float]:
         """Voltage by electrode after a sudden touch, before the amplifier (no reading): zero under
         a charge amplifier, else the charge over the capacitance of electrode and cable, with the
         charge's sign."""
-        capacitances = {channel.name: channel.capacitance for channel in channels(self.scene)}
+        capacitances = {channel.name: channel.capacitance for channel in make_channels(self.scene)}
         wired = {electrode.name for electrode in find_floating_electrodes(self.scene)}
         changes = self.charge_changes_pC.items()
         return {n: 1e-12 * q / capacitances[n] if n in wired else 0.0 for n, q in changes}
@@ -174,11 +176,13 @@ class Solution(Result):
     def charges_by(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
         """Charges in pC by the stress with other coefficients, without heat's and d33's charges."""
         coefficients = coerce_array("d31_pC_N, d32_pC_N", [d31_pC_N, d32_pC_N])
-        return self._by_electrode(self.fields.forces.charges(coefficients))
+        return self._by_electrode(self.discrete.stress_integrals.charges(coefficients))
 
     def charge_errors_by(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
         """Estimated errors in pC of `charges_by`."""
-        return self._by_electrode(self.fields.forces.charge_errors((d31_pC_N, d32_pC_N)))
+        return self._by_electrode(
+            self.discrete.stress_integrals.charge_errors((d31_pC_N, d32_pC_N))
+        )
 
     def _by_electrode(self, values: Array) -> dict[str, float]:
         names = [electrode.name for electrode in self.scene.electrode_list]
@@ -187,13 +191,13 @@ class Solution(Result):
     @property
     def deflection_max_mm(self) -> float:
         """Largest deflection."""
-        fields = self.fields
-        return 1e3 * largest(fields.solved.space.basis, fields.solved_dofs[2::3])
+        fields = self.discrete
+        return 1e3 * find_largest_value(fields.solved.space.basis, fields.solved_dofs[2::3])
 
     @property
     def punches(self) -> dict[str, PunchTilt]:
         """How rigid punches lean and are held, by patch: ``probe``, or ``probe 1``, ``probe 2``."""
-        film, state = self.fields.equilibrium, self.fields.state
+        film, state = self.discrete.equilibrium, self.discrete.state
         forces = film.film_forces(state)
         told = {load.spec.patch: load.compute_tilt(state, forces) for load in film.loads}
         return {patch: leaning for patch, leaning in told.items() if leaning}
@@ -206,7 +210,7 @@ class Solution(Result):
         Raises ValueError, which names the first one, for points that are not on the film, unless
         values `outside` shall be ``"nan"``.
         """
-        return values_at(self.fields.equilibrium, self.fields.state, x_mm, y_mm, outside)
+        return evaluate_at(self.discrete.equilibrium, self.discrete.state, x_mm, y_mm, outside)
 
     def to_xarray(self, step_mm: float = 0.5) -> xarray.Dataset:
         """The fields on a square grid about the film's centre, NaN off the film.
@@ -231,24 +235,24 @@ class Solution(Result):
     def along(self, line_mm: ArrayLike, points: int = 200) -> PointValues:
         """Values at equally spaced points, ends included, on a line in mm through two or more
         corners ``((x0, y0), (x1, y1), ...)``."""
-        return values_along(self.fields.equilibrium, self.fields.state, line_mm, points)
+        return evaluate_along(self.discrete.equilibrium, self.discrete.state, line_mm, points)
 
     @property
     def contacts(self) -> dict[str, ContactResult]:
         """Contacts by the tip's patch: ``probe``, or ``probe 1``, ..."""
-        return self.fields.contact_results
+        return self.discrete.contact_results
 
     @property
     def force_balance(self) -> float:
         """|rim reaction + applied force|, along the applied force, over it."""
-        equilibrium, state = self.fields.solved, self.fields.solved_state
+        equilibrium, state = self.discrete.solved, self.discrete.solved_state
         applied = float(np.linalg.norm(equilibrium.applied_force(state)))
         return equilibrium.imbalance(state) / applied if applied else 0.0
 
     @property
     def unknowns(self) -> int:
         """Number of equations on the last mesh, perhaps on a part of the film."""
-        return self._fields.solved.unknowns.count if self._fields else 0
+        return self._discrete.solved.unknowns.count if self._discrete else 0
 
     def to_json(self) -> dict[str, Any]:
         """What `pvdf-fem solve --json` prints; without results unless converged."""
@@ -269,7 +273,7 @@ class Solution(Result):
                 results["readings_V"] = _known(self.readings_V)
                 results["time_constants_s"] = {
                     channel.name: finite_or_none(channel.time_constant)
-                    for channel in channels(self.scene)
+                    for channel in make_channels(self.scene)
                 }
             results |= {"uncertainty": self.uncertainty.to_json()} if self.uncertainty else {}
         return {
@@ -278,7 +282,7 @@ class Solution(Result):
             "observable": self.scene.numerics.observable,
             "unknowns": self.unknowns,
             "newton_iterations": len(self.iterations),
-            "left_out": list(self.left_out),
+            "neglected": list(self.neglected),
             "included": list(self.included),
             "warnings": list(self.warnings),
             "seconds": self.seconds,
@@ -340,10 +344,10 @@ class Solution(Result):
 
     def film_data(self) -> FilmData:
         """Fields and charges for `plot`, `view` and `to_vtu`."""
-        from pvdf_fem.solver.next_order import error_shares  # it imports the solvers
+        from pvdf_fem.solver.next_order import compute_error_shares  # it imports the solvers
 
-        fields, charges = self.fields, (self.charges_pC, self.charge_errors_pC)
-        shares = partial(error_shares, fields, goals_of(self.scene))
+        fields, charges = self.discrete, (self.charges_pC, self.charge_errors_pC)
+        shares = partial(compute_error_shares, fields, make_outputs(self.scene))
         film = fields.equilibrium, fields.state, self.unknowns
         return FilmData(*film, *charges, self.contacts, self.included, shares)
 

@@ -109,5 +109,5 @@ def _make_notes(result: dict[str, Any]) -> list[str]:
     if result.get("deflection_max_mm"):
         notes.append(f"deflection: {result['deflection_max_mm']:.4g} mm at most")
     notes += [f"included: {text}" for text in result["included"]]
-    notes += [f"left out: {text}" for text in result["left_out"]]
+    notes += [f"neglected: {text}" for text in result["neglected"]]
     return notes

@@ -137,7 +137,7 @@ class SceneGrid:
         try:
             if isinstance(given, str):
                 files.append(path.parent / given)
-                scene = Scene.load(files[-1])
+                scene = Scene.from_file(files[-1])
             elif isinstance(given, Mapping):
                 scene = Scene().with_(**given)
             else:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.batch.batch import planned, records
+from pvdf_fem.batch.batch import plan_scenes, solve_planned
 from pvdf_fem.batch.store import Store
 from pvdf_fem.progress import Progress, show_progress
 from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
@@ -60,6 +60,6 @@ def sweep(
         with Store(coerce("store", store, Path)) as opened:
             return sweep(scene, axes, opened, **how, progress=progress)
     grid = SceneGrid.from_tables(as_scene(scene), axes)
-    todo = planned(grid.scenes(), store)
+    todo = plan_scenes(grid.scenes(), store)
     with show_progress("scenes", progress) as show:
-        return make_sweep_dataset(grid, todo, records(todo, store, **how, progress=show))
+        return make_sweep_dataset(grid, todo, solve_planned(todo, store, **how, progress=show))

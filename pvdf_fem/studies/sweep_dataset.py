@@ -14,7 +14,7 @@ import xarray
 from pvdf_fem import __version__
 from pvdf_fem.batch.plan import SweepPlan
 from pvdf_fem.batch.store import Record
-from pvdf_fem.electrodes.channel import readings_V
+from pvdf_fem.electrodes.channel import compute_readings_V
 from pvdf_fem.files import replace_file
 from pvdf_fem.scene.keys import split_unit
 from pvdf_fem.studies.scene_grid import SceneGrid
@@ -59,7 +59,7 @@ def make_sweep_dataset(
             deflection[index] = record.deflection_max_mm
         if scenes[index].readout is not None:
             both = charge[index, columns], (charge[index] - rest[index])[columns]
-            reading[index, columns] = readings_V(scenes[index], *both)
+            reading[index, columns] = compute_readings_V(scenes[index], *both)
     dims, first = [axis.name for axis in grid.axes], plan.first
     over = {1: dims, 2: [*dims, "electrode"]}
 

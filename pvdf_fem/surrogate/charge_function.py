@@ -120,8 +120,8 @@ def compute_unloaded_charges_pC(scene: Scene, reading: str = "total") -> Array:
     RestError
         If the film has no unloaded equilibrium and `reading` is ``"change"``.
     """
-    from pvdf_fem.solver.adaptive import rest_forces  # imports gmsh
+    from pvdf_fem.solver.adaptive import compute_unloaded_integrals  # imports gmsh
 
-    integrals = rest_forces(scene, needed=reading == "change")
+    integrals = compute_unloaded_integrals(scene, needed=reading == "change")
     d_pC_N = (scene.film.d31_pC_N, scene.film.d32_pC_N)
     return np.stack([integrals.charges(d_pC_N), integrals.charge_errors(d_pC_N)])

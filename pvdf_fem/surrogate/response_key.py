@@ -24,7 +24,7 @@ def make_mechanical_key(scene: Scene) -> str:
     ValueError
         For a scene without a probe, and for a depth in place of a force.
     """
-    from pvdf_fem.batch.equivalence import MECHANICS
+    from pvdf_fem.batch.equivalence import MECHANICAL_EFFECTS
     from pvdf_fem.film.models import resolve_film_model  # imports scikit-fem
 
     if scene.single_probe is None:
@@ -38,7 +38,7 @@ def make_mechanical_key(scene: Scene) -> str:
     scene.require_plain_charges("a response")
     observable = scene.numerics.observable
     pressed = centre_probe(scene).model_copy(update={"numerics": Numerics(observable=observable)})
-    mechanics = select_by_effect(pressed, *MECHANICS)
+    mechanics = select_by_effect(pressed, *MECHANICAL_EFFECTS)
     bends = resolve_film_model(pressed).bends
     return f"{mechanics} {scene.film.weight} {bends} {observable}"
 
@@ -63,9 +63,9 @@ def make_response_key(scene: Scene, domain: Domain, tolerance: float) -> str:
     str
         64 hexadecimal digits.
     """
-    from pvdf_fem.batch.store import NUMERICAL_FOLDERS, code_version  # imports scikit-fem
+    from pvdf_fem.batch.store import NUMERICAL_FOLDERS, hash_code  # imports scikit-fem
 
-    code = code_version((*NUMERICAL_FOLDERS, "surrogate"))
+    code = hash_code((*NUMERICAL_FOLDERS, "surrogate"))
     key = make_mechanical_key(scene)
     text = f"{code} {key} {domain.reach_mm} {domain.force_N} {tolerance}"
     return hashlib.sha256(text.encode()).hexdigest()
@@ -102,10 +102,10 @@ def require_same_mechanics(response_scene: Scene, scene: Scene) -> None:
 
 def _collect_mechanical_values(scene: Scene) -> dict[str, Any]:
     """Return the values by key on which charges of a centred probe depend, without electrodes."""
-    from pvdf_fem.batch.equivalence import MECHANICS  # imports scikit-fem
+    from pvdf_fem.batch.equivalence import MECHANICAL_EFFECTS  # imports scikit-fem
 
     values: dict[str, Any] = {}
-    tables_by_name = select_by_effect(centre_probe(scene), *MECHANICS, Affects.READING)
+    tables_by_name = select_by_effect(centre_probe(scene), *MECHANICAL_EFFECTS, Affects.READING)
     for name, tables in tables_by_name.items():
         if name != "electrodes":
             for key, value in tables[0].items():

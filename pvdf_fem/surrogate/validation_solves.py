@@ -16,7 +16,7 @@ from pvdf_fem.surrogate.response_file import FileArray
 from pvdf_fem.surrogate.touch_domain import apply_touch
 
 if TYPE_CHECKING:
-    from pvdf_fem.electrodes.stress_integrals import Forces
+    from pvdf_fem.electrodes.stress_integrals import StressIntegrals
 
 
 class RelativeErrors(NamedTuple):
@@ -45,7 +45,7 @@ def make_solve_tasks(
     return [(solve_stress_integrals, scene, touch, share * tolerance) for touch in touches]
 
 
-def solve_stress_integrals(scene: Scene, touch: Array, tolerance: float) -> Forces | str:
+def solve_stress_integrals(scene: Scene, touch: Array, tolerance: float) -> StressIntegrals | str:
     """Solve the stress integrals of all electrodes under a touch.
 
     Parameters
@@ -59,17 +59,17 @@ def solve_stress_integrals(scene: Scene, touch: Array, tolerance: float) -> Forc
 
     Returns
     -------
-    Forces or str
+    StressIntegrals or str
         The reason if there is no solution.
     """
-    from pvdf_fem.electrodes.outputs import goals_of  # imports gmsh
-    from pvdf_fem.solver.adaptive import solve_goals
+    from pvdf_fem.electrodes.outputs import make_outputs  # imports gmsh
+    from pvdf_fem.solver.adaptive import solve_outputs
 
     touched = apply_touch(scene, touch, tolerance)
-    solution = solve_goals(touched, goals_of(touched))
+    solution = solve_outputs(touched, make_outputs(touched))
     if solution.status is not Status.CONVERGED:
         return solution.reason
-    return solution.fields.forces
+    return solution.discrete.stress_integrals
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +84,14 @@ class ValidationSolves:
     errors: FileArray
 
     @classmethod
-    def collect(cls, touches: Array, results: Sequence[Forces | str]) -> ValidationSolves:
+    def collect(cls, touches: Array, results: Sequence[StressIntegrals | str]) -> ValidationSolves:
         """Collect the touches that have a solution.
 
         Parameters
         ----------
         touches : ndarray, shape (n, 4)
             Rows of x and y in mm, rotation in degrees and force in N.
-        results : sequence of Forces or str
+        results : sequence of StressIntegrals or str
             Those of `solve_stress_integrals` for each touch.
 
         Raises
@@ -123,13 +123,13 @@ class ValidationSolves:
         -------
         RelativeErrors
         """
-        from pvdf_fem.electrodes.stress_integrals import Forces  # imports scikit-fem
+        from pvdf_fem.electrodes.stress_integrals import StressIntegrals  # imports scikit-fem
 
         d_pC_N = (film.d31_pC_N, film.d32_pC_N)
         sizes = (np.abs(self.integrals) * np.abs(d_pC_N)).sum(axis=-1)
         sizes[sizes == 0.0] = 1.0
         estimated = np.zeros_like(sizes)
         for row, (integrals, errors) in enumerate(zip(self.integrals, self.errors, strict=True)):
-            estimated[row] = Forces(integrals, errors).charge_errors(d_pC_N)
+            estimated[row] = StressIntegrals(integrals, errors).charge_errors(d_pC_N)
         differences = np.abs(charges_pC - (self.integrals * d_pC_N).sum(axis=-1))
         return RelativeErrors(differences / sizes, float((estimated / sizes).max()))

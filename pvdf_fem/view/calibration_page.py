@@ -46,7 +46,7 @@ class CalibrationData:
     channels: Sequence[str]
     unit: str  #: Of readings.
     rows: Indices  #: Of the touches in their file, (touches,).
-    left_out: Mask  #: Touches that did not count, (touches,).
+    neglected: Mask  #: Touches that did not count, (touches,).
     #: readings, predicted: (touches, channels).
     readings: Array
     predicted: Array
@@ -77,7 +77,7 @@ def write_calibration_page(
 
 def _parity(data: CalibrationData) -> Figure:
     figure, unit = make_figure(95.0, 95.0), data.unit
-    ax, kept = figure.subplots(), ~data.left_out
+    ax, kept = figure.subplots(), ~data.neglected
     _by_channel(ax, data, data.predicted.T, data.readings.T)
     ends = _range([data.readings[kept], data.predicted[kept]])
     ax.plot(ends, ends, color=GREY, linewidth=0.8, zorder=0)
@@ -88,7 +88,7 @@ def _parity(data: CalibrationData) -> Figure:
 
 
 def _residuals(data: CalibrationData) -> Figure:
-    figure, kept = make_figure(95.0, 95.0), ~data.left_out
+    figure, kept = make_figure(95.0, 95.0), ~data.neglected
     ax, percent = figure.subplots(), 100.0 * (data.readings / data.predicted - 1.0)
     _by_channel(ax, data, np.tile(data.rows, (len(data.channels), 1)), percent.T)
     ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
@@ -101,7 +101,7 @@ def _by_channel(ax: Axes, data: CalibrationData, x: Array, y: Array) -> None:
     """Values of channels (channels, touches), crossed out where touches were left out."""
     for j, channel in enumerate(data.channels):
         ax.plot(x[j], y[j], label=channel, **{**get_line_style(j), "linestyle": "none"})
-        ax.plot(x[j, data.left_out], y[j, data.left_out], "x", color="black")
+        ax.plot(x[j, data.neglected], y[j, data.neglected], "x", color="black")
 
 
 def _range(values: Sequence[Array], margin: float = 0.05) -> Array:
@@ -119,7 +119,7 @@ def _places(data: CalibrationData) -> Figure:
     ax.plot(*given.T, "o", color=COLOURS[0], label="in the file")
     ax.plot(*found.T, "s", color=COLOURS[1], label="as calibrated")
     ax.plot(*np.stack([given, found], axis=1).T, color=GREY, linewidth=0.8, zorder=0)
-    ax.plot(*given[data.left_out].T, "x", color="black", markersize=9.0, label="left out")
+    ax.plot(*given[data.neglected].T, "x", color="black", markersize=9.0, label="left out")
     ax.set(xlabel="x on the stage (mm)", ylabel="y on the stage (mm)", title="Places")
     figure.legend(loc="outside lower center", ncols=3)
     return figure

@@ -17,7 +17,7 @@ from skfem import MeshTri1
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.film_data import FilmData
-from pvdf_fem.electrodes.point_values import PointValues, values_at
+from pvdf_fem.electrodes.point_values import PointValues, evaluate_at
 from pvdf_fem.film.loads.contact_result import compute_contact_pressure
 from pvdf_fem.film.membrane import compute_principal_values
 from pvdf_fem.mesh.gmsh_mesh import FILM, make_subdomain_name
@@ -100,7 +100,7 @@ def _directions(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
     across, step = np.linspace(-reach, reach, 36, retstep=True)
     places = np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2)
     places = places[np.hypot(*places.T) < 0.99 * film.scene.film.radius_mm]
-    stress = values_at(film.equilibrium, film.state, *places.T).stress_MPa
+    stress = evaluate_at(film.equilibrium, film.state, *places.T).stress_MPa
     small, large = compute_principal_values(stress)
     angle = 0.5 * np.arctan2(2.0 * stress[:, 2], stress[:, 0] - stress[:, 1])
     apart = (large - small) / (np.abs(large) + np.abs(small))

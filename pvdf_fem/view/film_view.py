@@ -16,7 +16,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.film_data import FilmData
-from pvdf_fem.electrodes.point_values import PointValues, values_along
+from pvdf_fem.electrodes.point_values import PointValues, evaluate_along
 from pvdf_fem.files import replace_file
 from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.view.figures import COLOURS, choose_colours
@@ -67,7 +67,7 @@ def make_film_view(data: FilmData, name: str, scale: float | None, html: str | P
     edges += [(touch.outline, COLOURS[1]) for touch in scene.loaded_probes]
     for outline, colour in edges:
         corners_mm = 1e3 * np.array(outline.shape.exterior.coords)
-        along = values_along(data.equilibrium, data.state, corners_mm)
+        along = evaluate_along(data.equilibrium, data.state, corners_mm)
         line = pyvista.lines_from_points(_hanging(along, scale) + above)
         plotter.add_mesh(line, color=colour, line_width=4)
     plotter.set_background("white")

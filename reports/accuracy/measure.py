@@ -12,9 +12,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.batch.batch import planned, records
+from pvdf_fem.batch.batch import plan_scenes, solve_planned
 from pvdf_fem.report.task import Rows, Task
-from pvdf_fem.solver.first_sizes import first_sizes
+from pvdf_fem.solver.first_sizes import choose_first_sizes
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.studies.scene_grid import SceneGrid
 from reports.accuracy.cases import known_charges
@@ -87,7 +87,7 @@ class ByNGSolve(Task):
 
     def run(self) -> Rows:
         """A row for each order, factor and electrode."""
-        sizes = first_sizes(self.scene.with_(**{"numerics.tolerance": 1e-3}), 2)
+        sizes = choose_first_sizes(self.scene.with_(**{"numerics.tolerance": 1e-3}), 2)
         job = {
             "scene": self.scene.to_toml(),
             "orders": self.orders,
@@ -128,8 +128,8 @@ class Swept(Task):
             {"electrodes.ring_radius_mm": [6.0, 8.0, 10.0, 12.0, 14.0]},
         ]
         scenes = list(SceneGrid.from_tables(self.scene, axes).scenes())
-        plan, start = planned(scenes), time.process_time()
-        failed = sum(not record.converged for _, record in records(plan, processes=1))
+        plan, start = plan_scenes(scenes), time.process_time()
+        failed = sum(not record.converged for _, record in solve_planned(plan, processes=1))
         seconds = (time.process_time() - start) / len(scenes)
         singly = [_seconds(scene) for scene in scenes[:: max(len(scenes) // self.alone, 1)]]
         counts = {"scenes": len(scenes), "solves": len(plan.blocks), "failed": failed}

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image, PngImagePlugin
 
 from pvdf_fem import Scene, Solution, solve
-from pvdf_fem.batch.batch import solve_all
+from pvdf_fem.batch.batch import solve_scenes
 from pvdf_fem.report.kind import Inputs
 from pvdf_fem.report.registry import load_kinds
 from pvdf_fem.report.report import Report
@@ -42,7 +42,7 @@ def rotation() -> tuple[Figure, Shown]:
     the report on the thesis."""
     inputs, asked = turned()
     scenes = asked.scenes
-    solved = dict(zip(scenes, solve_all(scenes, processes=1), strict=True))
+    solved = dict(zip(scenes, solve_scenes(scenes, processes=1), strict=True))
     with use_style():
         figure = asked.item.kind.compose(inputs, ReportResults(solved)).figure
     assert figure is not None

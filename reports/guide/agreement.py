@@ -12,7 +12,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from pvdf_fem import solve
-from pvdf_fem.batch.batch import planned, solve_all
+from pvdf_fem.batch.batch import plan_scenes, solve_scenes
 from pvdf_fem.batch.store import Store
 from pvdf_fem.report.registry import load_kinds
 from pvdf_fem.report.report import STORE, Report
@@ -90,13 +90,13 @@ def with_the_thesis() -> tuple[str, pd.DataFrame]:
     where = "all printed charges, from the solves of `./run report`"
     store = OUT / STORE
     with Store(store) if store.is_file() else nullcontext() as kept:
-        if len(planned(scenes, kept).blocks) > FEW_SOLVES:
+        if len(plan_scenes(scenes, kept).blocks) > FEW_SOLVES:
             few = inputs.data["charges"]
             rows = few.frame[few.frame.source == "Table 3.4"].reset_index(drop=True)
             inputs = replace(inputs, data={"charges": replace(few, frame=rows)})
             scenes = item.kind.scenes(inputs)
             where = "Table 3.4 only, solved for this page; `./run report` compares all charges"
-        records = solve_all(scenes, kept, processes=1)
+        records = solve_scenes(scenes, kept, processes=1)
     solved = ReportResults(dict(zip(scenes, records, strict=True)))
     return where, item.kind.compose(inputs, solved).frame
 

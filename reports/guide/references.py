@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pvdf_fem
-from pvdf_fem.cli.main import make_parser as parser
+from pvdf_fem.cli.main import make_command_parsers, make_parser
 from pvdf_fem.report.data import DataSource
 from pvdf_fem.report.kind import Kind
 from pvdf_fem.report.registry import FIGURES
@@ -23,32 +23,32 @@ from reports.guide.scene_keys import cleaned, scene_page, table_of
 #: What public names return or take, by headings of the page.
 RESULTS: Mapping[str, tuple[str, ...]] = {
     "What results hold": (
-        "charges.point_values.PointValues",
-        "film.loads.touchdown.Touchdown",
-        "film.loads.pressure.Leaning",
-        "solvers.status.Status",
-        "solution.history.MeshRecord",
-        "derivatives.gradients.Gradients",
-        "derivatives.uncertainty.Uncertainty",
-        "dynamics.modes.Modes",
-        "dynamics.frequency_response.FrequencyResponse",
-        "dynamics.transient.Transient",
-        "calibration.calibration.Calibration",
-        "touch.location.Location",
-        "touch.touch.Touch",
-        "touch.locate_many.Touches",
-        "tracking.rows.Row",
-        "reporting.report.Made",
-        "reporting.kind.Content",
+        "pvdf_fem.electrodes.point_values.PointValues",
+        "pvdf_fem.film.loads.contact_result.ContactResult",
+        "pvdf_fem.film.loads.pressure.PunchTilt",
+        "pvdf_fem.solver.nonlinear.status.Status",
+        "pvdf_fem.solver.history.MeshRecord",
+        "pvdf_fem.solver.sensitivity.gradients.Gradients",
+        "pvdf_fem.solver.sensitivity.uncertainty.Uncertainty",
+        "pvdf_fem.dynamics.modes.Modes",
+        "pvdf_fem.dynamics.frequency_response.FrequencyResponse",
+        "pvdf_fem.dynamics.transient.Transient",
+        "pvdf_fem.inverse.calibration.calibration.Calibration",
+        "pvdf_fem.inverse.touch.location.Location",
+        "pvdf_fem.inverse.touch.touch.Touch",
+        "pvdf_fem.inverse.touch.locate_many.Touches",
+        "pvdf_fem.inverse.tracking.results.TrackRow",
+        "pvdf_fem.report.report.MadeReport",
+        "pvdf_fem.report.kind.Content",
     ),
     "What they take": (
-        "response.build.ResponseOptions",
-        "response.model.Domain",
-        "touch.locate.LocateOptions",
-        "sweeps.store.Store",
-        "reporting.kind.Kind",
-        "reporting.task.Task",
-        "readout.channel.Channel",
+        "pvdf_fem.surrogate.response_options.ResponseOptions",
+        "pvdf_fem.surrogate.touch_domain.Domain",
+        "pvdf_fem.inverse.touch.search.LocateOptions",
+        "pvdf_fem.batch.store.Store",
+        "pvdf_fem.report.kind.Kind",
+        "pvdf_fem.report.task.Task",
+        "pvdf_fem.electrodes.channel.Channel",
     ),
 }
 
@@ -110,11 +110,9 @@ def _alone(model: type[Section]) -> list[str]:
 
 def commands_page() -> str:
     """The help of the command and of its commands."""
-    whole = parser()
-    [commands] = [a for a in whole._actions if hasattr(a, "choices") and a.choices]
     lines = ["# Commands", "This is what `--help` prints.", "", "## `pvdf-fem`", ""]
-    lines += ["```text", whole.format_help().rstrip(), "```"]
-    for name, command in dict(commands.choices or {}).items():
+    lines += ["```text", make_parser().format_help().rstrip(), "```"]
+    for name, command in make_command_parsers().items():
         lines += ["", f"## `pvdf-fem {name}`", "", "```text", command.format_help().rstrip(), "```"]
     return "\n".join(lines) + "\n"
 
@@ -134,7 +132,7 @@ def api_page() -> str:
         left = [name for name in left if name not in named]
         lines += [f"## {heading}", "", inspect.cleandoc(text).replace("``", "`"), ""]
         for name in dict.fromkeys(named):
-            lines += _documented(name)
+            lines += _documented(f"pvdf_fem.{name}")
     assert not left, f"in no group of the package's docstring: {left}"
     for heading, names in RESULTS.items():
         lines += [f"## {heading}", ""]
@@ -145,7 +143,7 @@ def api_page() -> str:
 
 def _documented(path: str) -> list[str]:
     """What makes Sphinx show the docstrings of a class or function."""
-    module, _, name = f"pvdf_fem.{path}".rpartition(".")
+    module, _, name = path.rpartition(".")
     found = getattr(import_module(module), name)
     # the arguments of models and results are their keys and attributes
     takes_arguments = not inspect.isclass(found) or name in ("Tracker", "LocateOptions")

@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 
 from pvdf_fem import Response, Scene, Tracker, build_response, calibrate, solve
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import channels
+from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.progress import ignore_progress
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.changes import get_number
@@ -79,7 +79,7 @@ class Sensor(Task):
         place, rotation = (scene.stage or Stage()).to_film(touch[:2], touch[2])
         on_film = np.array([*place, rotation, touch[3]])
         changes = solve(apply_touch(scene, on_film, self.tolerance)).charge_changes_pC
-        return np.array([channel.gain * changes[channel.name] for channel in channels(scene)])
+        return np.array([channel.gain * changes[channel.name] for channel in make_channels(scene)])
 
 
 # ------------------------------------------------------------------------------------------- taps
@@ -133,7 +133,7 @@ class Taps(Task):
         squared half sine."""
         t = np.arange(round((BEGIN_S + duration + REST_S) * RATE_HZ)) / RATE_HZ
         fine = np.linspace(t[0], t[-1], (len(t) - 1) * STEPS + 1)
-        share, channel = np.clip((fine - BEGIN_S) / duration, 0.0, 1.0), channels(scene)[0]
+        share, channel = np.clip((fine - BEGIN_S) / duration, 0.0, 1.0), make_channels(scene)[0]
         force, step = touch[3] * np.sin(np.pi * share) ** 2, fine[1] / channel.time_constant
         changes_pC = np.diff(self._charges(scene, touch)(np.cbrt(force)), axis=0, prepend=0.0)
         # all channels are alike, and charges change evenly in a step
@@ -149,7 +149,7 @@ class Taps(Task):
         peak_pC = np.array([*solve(peak).charge_changes_pC.values()])
         # the sum of the samples up to the peak has this noise
         noise_A = 1e-12 * NOISE * np.abs(peak_pC).mean() * (2.0 * RATE_HZ / duration) ** 0.5
-        noise_V = noise_A * channels(model.scene)[0].resistance
+        noise_V = noise_A * make_channels(model.scene)[0].resistance
         values += OFFSET_V + DRIFT_V_S * t[:, None] + noise_V * draw.standard_normal(values.shape)
         tracker, begun = Tracker(model), time.perf_counter()
         told = [vars(tracker.update(*sample)) for sample in zip(t.tolist(), values, strict=True)]

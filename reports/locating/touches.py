@@ -13,7 +13,7 @@ import pandas as pd
 
 from pvdf_fem import Replaced, Response, Scene, build_response, locate, locate_many, solve
 from pvdf_fem.arrays import Array
-from pvdf_fem.batch.batch import solve_all
+from pvdf_fem.batch.batch import solve_scenes
 from pvdf_fem.progress import ignore_progress
 from pvdf_fem.report.charge_map import make_ring_places
 from pvdf_fem.report.results import ReportResults
@@ -84,7 +84,7 @@ class Located(Task):
     def _solved(self, model: Response, touches: Array) -> tuple[Array, Array]:
         """The touches whose full solves converge, and their charges (n, electrodes)."""
         scenes = [apply_touch(model.scene, row, TRUTH * self.tolerance) for row in touches]
-        solved = ReportResults(dict(zip(scenes, solve_all(scenes, processes=1), strict=True)))
+        solved = ReportResults(dict(zip(scenes, solve_scenes(scenes, processes=1), strict=True)))
         charges = solved.charges(scenes, model.names, "total")
         known = np.isfinite(charges).all(axis=1)
         return touches[known], charges[known]

@@ -13,7 +13,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.solver.nonlinear.wrinkling import load_strain
+from pvdf_fem.solver.nonlinear.wrinkling import estimate_load_strain
 from reports.accuracy.cases import known_charges
 from reports.reference.laminated_disc import LaminatedDisc, Ply
 from reports.stability.scenes import enlarged, extreme_scene
@@ -51,7 +51,7 @@ def compared(solution: Solution, known_pC: Array, name: str, doubts_pC: Array | 
     """Largest difference of a charge from a known one, beyond the doubt of that, over the
     tolerance, as `name`; and the error that the solve states of this charge."""
     film, charges = solution.scene.film, charges_of(solution)
-    parts = 1e12 * np.abs(solution.fields.forces.values) @ np.abs([film.d31, film.d32])
+    parts = 1e12 * np.abs(solution.discrete.stress_integrals.values) @ np.abs([film.d31, film.d32])
     units = solution.scene.numerics.tolerance * np.maximum(np.abs(charges), CANCELLED * parts)
     differences = np.maximum(np.abs(charges - known_pC) - doubts_pC, 0.0) / units
     if not np.isfinite(differences).all():
@@ -126,7 +126,7 @@ class Extreme(Task):
         scene = drawn.with_(**{"numerics.tolerance": self.tolerance})
         row: Row = {
             "number": self.number,
-            "load_strain": load_strain(scene),
+            "load_strain": estimate_load_strain(scene),
             "rest_strain": float(scene.film.prestrain[0]),
         }
         found, solution = ended(scene)

@@ -25,7 +25,7 @@ from pvdf_fem.report.results import ReportResults
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Replaced
-from pvdf_fem.solver.sensitivity.rates import force_rates
+from pvdf_fem.solver.sensitivity.rates import compute_integral_rates
 from pvdf_fem.view.curves import RING, WIDTH_MM, format_signed
 from pvdf_fem.view.figures import COLOURS, GREY, make_figure
 
@@ -78,7 +78,7 @@ class Rates(Touch):
     def run(self) -> Rows:
         """A row for each electrode; rates are per unit of `SHEARED`."""
         solution = solve(self.scene)
-        rates = force_rates(solution, SHEARED) @ [8.0, 8.0]
+        rates = compute_integral_rates(solution, SHEARED) @ [8.0, 8.0]
         pairs = zip(solution.charges_pC.values(), rates.T.tolist(), strict=True)
         return [{"charge_pC": charge, "rates": of} for charge, of in pairs]
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, SceneError, Solution, solve
-from pvdf_fem.batch.plan import plan
-from pvdf_fem.batch.store import key
+from pvdf_fem.batch.plan import plan_solves
+from pvdf_fem.batch.store import make_record_key
 from pvdf_fem.scene.changes import parse_key
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.registry import PROFILE_ENTRIES
@@ -152,9 +152,9 @@ def test_scenes_share_what_a_key_does_not_change(changes, tables):
     for name, changed in changed_alone(changes, tables):
         both = base, changed
         limits = changed.numerics.model_copy(update={"observable": "material"}) == base.numerics
-        if not refusal(plan, both) and len(plan(both).blocks) == 1:
+        if not refusal(plan_solves, both) and len(plan_solves(both).blocks) == 1:
             wrong += [name] * (not (limits and films_are_alike(*both)))
-        if key(base) == key(changed):
+        if make_record_key(base) == make_record_key(changed):
             charges = pytest.approx(solved(base).charges_pC, rel=1e-9)
             wrong += [name] * (not (limits and solved(changed).charges_pC == charges))
         if has_response and (told := refusal(require_same_mechanics, *both)):

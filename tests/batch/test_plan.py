@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from pvdf_fem import Replaced, Scene, solve
-from pvdf_fem.batch.batch import planned, solve_all
-from pvdf_fem.batch.plan import plan
+from pvdf_fem.batch.batch import plan_scenes, solve_scenes
+from pvdf_fem.batch.plan import plan_solves
 from pvdf_fem.scene.outlines.outline import rotate
-from pvdf_fem.solver.adaptive import solve_goals
+from pvdf_fem.solver.adaptive import solve_outputs
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.solution import Solution
 
@@ -32,7 +32,7 @@ STIFFER_ALONG_X = {"film.youngs_modulus_GPa": [3.0, 2.0]}
 
 
 def solves(*scenes: Scene) -> int:
-    return len(plan(scenes).blocks)
+    return len(plan_solves(scenes).blocks)
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_the_plan_tells_how_many_solves_there_are():
     forces = [{"film.thickness_um": h, "load.force_N": h / 25.0} for h in (25.0, 50.0)]
     rings = [{"electrodes.ring_radius_mm": r} for r in (8.0, 12.0)]
     scenes = [TRIANGLE.with_(**f, **r, **m) for f in forces for r in rings for m in ({}, MIRRORED)]
-    shared = plan([*scenes, scenes[0]])
+    shared = plan_solves([*scenes, scenes[0]])
     assert (shared.missing, len(shared.blocks)) == (8, 1)
     assert [line.split()[0] for line in str(shared).splitlines()] == ["9", "8", "1"]
 
@@ -90,9 +90,9 @@ def test_joined_scenes_have_the_charges_and_warnings_of_separate_solves(observab
         {"film.pretension_N_m": 50.0 / 3.0, "film.thickness_um": 50.0, "load.force_N": 2.0},
     ]
     scenes = [scene.with_(**change) for change in changes]
-    assert len(planned(scenes).blocks) == 1
+    assert len(plan_scenes(scenes).blocks) == 1
     alone = [solve(scene) for scene in scenes]
-    for solution, record in zip(alone, solve_all(scenes, processes=1), strict=True):
+    for solution, record in zip(alone, solve_scenes(scenes, processes=1), strict=True):
         for name, charge in solution.charges_pC.items():
             assert record.charge_errors_pC(18.0, 2.0, observable)[name] <= 2e-3 * charge
             shared = record.charges_pC(18.0, 2.0, observable)[name]
@@ -104,7 +104,7 @@ def test_joined_scenes_have_the_charges_and_warnings_of_separate_solves(observab
 def test_images_of_a_scene_share_its_mesh():
     """Electrodes that lie on those of the first scene need no other mesh than its own."""
     scene = TRIANGLE.with_(**{"numerics.tolerance": 0.02})
-    first, turned = solve_all([scene, scene.with_(**TURNED)], processes=1)
+    first, turned = solve_scenes([scene, scene.with_(**TURNED)], processes=1)
     assert first.charges_pC(18.0, 2.0) == solve(scene).charges_pC
     # B of the turned scene lies where A of the first was, and its axes have changed places
     charge = first.charges_pC(2.0, 18.0)["A"]
@@ -114,14 +114,14 @@ def test_images_of_a_scene_share_its_mesh():
 def test_scenes_that_miss_the_tolerance_together_are_solved_alone(monkeypatch):
     counts = []
 
-    def solved(scene, goals):
+    def solved(scene, outputs):
         counts.append(len(scene.electrode_list))
         if not scene.electrode_list:
             return Solution(scene, Status.TOLERANCE, "", seconds={"total": 0.0})
-        return solve_goals(scene, goals)
+        return solve_outputs(scene, outputs)
 
-    monkeypatch.setattr("pvdf_fem.batch.records.solve_goals", solved)
+    monkeypatch.setattr("pvdf_fem.batch.records.solve_outputs", solved)
     scene = TRIANGLE.with_(**{"numerics.tolerance": 0.05})
-    alone = solve_all([scene, scene.with_(**{"electrodes.layout": "three"})], processes=1)
+    alone = solve_scenes([scene, scene.with_(**{"electrodes.layout": "three"})], processes=1)
     assert counts == [0, 4, 3]
     assert [record.status for record in alone] == ["converged"] * 2

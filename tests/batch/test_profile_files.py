@@ -7,9 +7,9 @@ import os
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.batch.batch import planned, records, solve_all
-from pvdf_fem.batch.plan import plan
-from pvdf_fem.batch.store import Store, key
+from pvdf_fem.batch.batch import plan_scenes, solve_planned, solve_scenes
+from pvdf_fem.batch.plan import plan_solves
+from pvdf_fem.batch.store import Store, make_record_key
 from tests.helpers.refusals import keys, refused
 
 PROFILE = "p.csv"
@@ -46,7 +46,7 @@ def fresh(scene: Scene) -> list[float]:
 
 def assert_solved_afresh(scenes: list[Scene], **how: object) -> None:
     """Charges are those of each scene solved alone, from the file as it is now."""
-    for scene, record in zip(scenes, solve_all(scenes, **how), strict=True):
+    for scene, record in zip(scenes, solve_scenes(scenes, **how), strict=True):
         found = [*record.charges_pC(8.0, 8.0).values()]
         assert found == pytest.approx(fresh(scene), rel=1e-9)
 
@@ -63,7 +63,7 @@ def test_a_store_sees_that_a_file_has_changed_or_is_another_one(processes, tmp_p
             heavier = SCENE.with_(**{"load.force_N": 2.0})
             assert_solved_afresh([SCENE, heavier], store=store, processes=processes)
             assert SCENE in store
-            known += [key(SCENE), key(LISTED)]
+            known += [make_record_key(SCENE), make_record_key(LISTED)]
     assert len(set(known)) == 6
 
 
@@ -71,9 +71,9 @@ def test_what_reads_another_file_than_was_planned_is_no_record(tmp_path):
     """As a process on another machine would, whose file of this name holds something else."""
     write(0.15)
     with Store(tmp_path / "s.db") as store:
-        todo = planned([SCENE], store)
+        todo = plan_scenes([SCENE], store)
         write(-0.15)
-        ((_, record),) = records(todo, store, processes=1)
+        ((_, record),) = solve_planned(todo, store, processes=1)
         assert not record.converged
         assert "load.profile" in record.reason
         assert SCENE not in store
@@ -85,7 +85,7 @@ def test_a_solution_says_which_content_was_solved():
     write(0.15)
     solution = solve(SCENE)
     again = Scene.parse(solution.scene.to_toml())
-    assert key(again) == key(SCENE)
+    assert make_record_key(again) == make_record_key(SCENE)
     assert fresh(again) == [*solution.charges_pC.values()]
     write(-0.15)
     assert keys(refused(solve, again)) == ["load.profile"]
@@ -96,7 +96,7 @@ def test_a_lopsided_profile_is_not_mirrored():
     write(0.0, 0.15)
     scene = SCENE.with_(**{"probe.x_mm": 3.0})
     mirrored = SCENE.with_(**{"probe.x_mm": -3.0, "probe.rotation_deg": 180.0})
-    assert len(plan([scene, mirrored]).blocks) == 2
+    assert len(plan_solves([scene, mirrored]).blocks) == 2
     assert_solved_afresh([scene, mirrored], processes=1)
     for each in (scene, mirrored):
         charges = fresh(each)

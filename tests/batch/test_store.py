@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pvdf_fem import Scene
-from pvdf_fem.batch.batch import solve_all
+from pvdf_fem.batch.batch import solve_scenes
 from pvdf_fem.batch.store import Record, Store, StoreError
 from tests.helpers.damage import decayed, drawn
 
@@ -46,9 +46,9 @@ def test_every_module_that_solves_changes_the_hash():
     """But for those that no charge depends on."""
     script = (
         "import sys, pvdf_fem.batch.records\n"
-        "from pvdf_fem.batch.store import modules_in\n"
+        "from pvdf_fem.batch.store import list_modules\n"
         "modules = {n: m.__file__ for n, m in sys.modules.items() if n.startswith('pvdf_fem')}\n"
-        "hashed = set(map(str, modules_in()))\n"
+        "hashed = set(map(str, list_modules()))\n"
         "print(*sorted(name for name, path in modules.items() if path not in hashed))\n"
     )
     command, root = [sys.executable, "-c", script], Path(__file__).parents[2]
@@ -87,7 +87,9 @@ def test_a_file_that_is_no_whole_store_is_refused_and_left_alone(tmp_path):
     whole = stored()
     (tmp_path / "page.db").write_bytes(whole[:8192] + b"\x55" * 4096 + whole[12288:])
     (tmp_path / "text.db").write_bytes(b"not a database" * 100)
-    for path in tmp_path.glob("*.db"):
+    paths = sorted(tmp_path.glob("*.db"))
+    assert [path.name for path in paths] == ["other.db", "page.db", "text.db"]
+    for path in paths:
         before = path.read_bytes()
         with pytest.raises(StoreError):
             Store(path)
@@ -123,9 +125,9 @@ def test_equal_scenes_are_solved_once_and_stored_ones_not_at_all(tmp_path):
     scenes = [SCENE, SCENE.with_(**{"load.force_N": 2.0}), SCENE]
     with Store(tmp_path / "s.db") as store:
         how = {"processes": 1, "progress": lambda *n: calls.append(n)}
-        first = solve_all(scenes, store, **how)
+        first = solve_scenes(scenes, store, **how)
         assert first[0] == first[2] != first[1]
-        assert solve_all(scenes, store, **how) == first
+        assert solve_scenes(scenes, store, **how) == first
         assert calls == [(0, 2), (1, 2), (2, 2), (0, 0)]
 
 
@@ -136,9 +138,9 @@ def test_a_store_that_cannot_be_written_is_read(tmp_path, monkeypatch):
     monkeypatch.setattr(sqlite3, "connect", lambda at, **how: connect(f"file:{at}?mode=ro", **how))
     monkeypatch.setattr("pvdf_fem.batch.batch.records_of", None)  # no solve is lost
     with Store(tmp_path / "s.db") as store:
-        assert solve_all([SCENE], store, processes=1) == [record()]
+        assert solve_scenes([SCENE], store, processes=1) == [record()]
         with pytest.raises(StoreError):
-            solve_all(SCENES, store, processes=1)
+            solve_scenes(SCENES, store, processes=1)
         with pytest.raises(StoreError):
             store.put([(SCENE, record())])
 

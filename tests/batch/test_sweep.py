@@ -17,8 +17,8 @@ import xarray
 
 from pvdf_fem import solve
 from pvdf_fem.batch import batch
-from pvdf_fem.batch.store import Record, Store, key
-from pvdf_fem.batch.workers import ClusterLostError, Died, on_processes
+from pvdf_fem.batch.store import Record, Store, make_record_key
+from pvdf_fem.batch.workers import ClusterLostError, WorkerDied, run_on_processes
 from pvdf_fem.studies.scene_grid import RESERVED_NAMES, SceneGrid
 from pvdf_fem.studies.sweep import sweep
 from pvdf_fem.studies.sweep_dataset import write_netcdf
@@ -34,7 +34,7 @@ AGAIN.set_forkserver_preload(["tests.helpers.sweep_cases", "pvdf_fem.studies.swe
 
 @pytest.fixture
 def invented(monkeypatch):
-    monkeypatch.setattr(batch, "records_of", made_up)
+    monkeypatch.setattr(batch, "make_records", made_up)
 
 
 def test_every_key_along_an_axis_is_a_coordinate(invented, tmp_path):
@@ -97,7 +97,7 @@ def test_a_scene_that_fails_is_stored_and_one_that_crashes_is_tried_again(tmp_pa
             raise MemoryError
         return records_of(scenes, frames)
 
-    monkeypatch.setattr(batch, "records_of", broken)
+    monkeypatch.setattr(batch, "make_records", broken)
     path = tmp_path / "s.db"
     data = sweep(BASE, axes, str(path), processes=1)
     assert data.status.values.tolist() == ["converged", "unstable", "crashed"]
@@ -108,7 +108,7 @@ def test_a_scene_that_fails_is_stored_and_one_that_crashes_is_tried_again(tmp_pa
             True,
             0,
         ]
-    monkeypatch.setattr(batch, "records_of", lambda scenes, frames: made_up(scenes, frames))
+    monkeypatch.setattr(batch, "make_records", lambda scenes, frames: made_up(scenes, frames))
     again = sweep(BASE, axes, path, processes=1)
     assert again.status.values.tolist() == ["converged", "unstable", "converged"]
     assert again.charge_pC[0].identical(data.charge_pC[0])
@@ -138,7 +138,9 @@ def test_killed_at_any_moment_it_goes_on_where_it_was(tmp_path):
 def _stored(path):
     with Store(path) as store:
         return {
-            key(scene) for scene in SceneGrid.from_tables(BASE, AXES).scenes() if scene in store
+            make_record_key(scene)
+            for scene in SceneGrid.from_tables(BASE, AXES).scenes()
+            if scene in store
         }
 
 
@@ -152,7 +154,7 @@ def test_what_another_program_has_solved_meanwhile_is_not_solved_again(tmp_path,
             run(path)
         return made_up(scenes, frames)
 
-    monkeypatch.setattr(batch, "records_of", watched)
+    monkeypatch.setattr(batch, "make_records", watched)
     data = sweep(BASE, AXES, path, processes=1)
     assert len(solves) == 2
     assert data.identical(run(tmp_path / "alone.db"))
@@ -161,9 +163,9 @@ def test_what_another_program_has_solved_meanwhile_is_not_solved_again(tmp_path,
 def test_processes_end_with_a_parent_that_is_killed(tmp_path):
     """Though a task would take ten minutes."""
     code = (
-        "from pvdf_fem.batch.workers import on_processes\n"
+        "from pvdf_fem.batch.workers import run_on_processes\n"
         "from tests.helpers.deaths import wait\n"
-        f"list(on_processes(wait, enumerate([{str(tmp_path)!r}] * 2), 2))\n"
+        f"list(run_on_processes(wait, enumerate([{str(tmp_path)!r}] * 2), 2))\n"
     )
     parent = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT)
     while len(list(tmp_path.iterdir())) < 2:
@@ -180,11 +182,11 @@ def test_processes_end_with_a_parent_that_is_killed(tmp_path):
 def test_a_process_that_dies_is_replaced(tmp_path):
     """A task that always kills its process has no result; a caller may use joblib meanwhile."""
     tasks = [(number, (tmp_path / "died", number)) for number in range(6)]
-    results = dict(on_processes(deaths.die, tasks, 2))
+    results = dict(run_on_processes(deaths.die, tasks, 2))
     assert results == {number: 10 * number for number in range(6)}
     assert joblib.Parallel(2)(joblib.delayed(math.sqrt)(x) for x in (4.0, 16.0)) == [2.0, 4.0]
-    results = dict(on_processes(deaths.die, enumerate((None, n) for n in range(5)), 2))
-    assert isinstance(results.pop(3), Died)
+    results = dict(run_on_processes(deaths.die, enumerate((None, n) for n in range(5)), 2))
+    assert isinstance(results.pop(3), WorkerDied)
     assert results == {number: 10 * number for number in (0, 1, 2, 4)}
 
 
@@ -204,9 +206,9 @@ def test_a_cluster_gives_the_same_dataset_until_it_stops(monkeypatch, tmp_path):
 
     with distributed.LocalCluster(**inside, dashboard_address=None) as cluster:
         where = {"scheduler": cluster.scheduler_address}
-        monkeypatch.setattr(batch, "records_of", made_up)
+        monkeypatch.setattr(batch, "make_records", made_up)
         assert sweep(BASE, AXES, **where).identical(run(tmp_path / "here.db"))
-        monkeypatch.setattr(batch, "records_of", stopping)
+        monkeypatch.setattr(batch, "make_records", stopping)
         with pytest.raises(ClusterLostError):
             sweep(BASE, AXES, path, **where)
     assert len(_stored(path)) >= 2
@@ -226,7 +228,7 @@ def test_the_command_prints_its_plan_and_writes_the_dataset(
     with xarray.open_dataset("s.nc") as data:
         assert data.charge_pC.sel(force_N=2.0, ring_radius_mm=8.0, electrode="A") == 6.0
     failed = Record("unstable", "no", tuple("ABCD"))
-    monkeypatch.setattr(batch, "records_of", lambda scenes, frames: [failed] * len(scenes))
+    monkeypatch.setattr(batch, "make_records", lambda scenes, frames: [failed] * len(scenes))
     done = command(*line, "--store", "other.db")
     assert (done.code, done.told) == (3, ["no charges in 4 scenes"])
     (tmp_path / "s.toml").write_text(

@@ -59,32 +59,37 @@ class Begun(BaseException):
 
 
 #: Functions with which work begins.
-WORK = ("solver.sensitivity.uncertainty.solve", "mesh.gmsh_mesh.mesh_scene", "dynamics.modes.modes")
-WORK += (
-    "dynamics.charge_changes.solve",
-    "batch.batch.planned",
-    "inverse.calibration.calibrate.ReadingModel",
+WORK = (
+    "pvdf_fem.solver.sensitivity.uncertainty.solve",
+    "pvdf_fem.mesh.gmsh_mesh.mesh_scene",
+    "pvdf_fem.dynamics.modes.modes",
+    "pvdf_fem.dynamics.charge_changes.solve",
+    "pvdf_fem.batch.batch.plan_scenes",
+    "pvdf_fem.inverse.calibration.calibrate.ReadingModel",
+    "pvdf_fem.surrogate.response_builder.build_response",
+    "pvdf_fem.inverse.touch.locate.locate",
+    "pvdf_fem.explore.server.serve",
+    "pvdf_fem.report.report.Report.make",
 )
-WORK += (
-    "surrogate.response_builder.build_response",
-    "inverse.touch.locate.locate",
-    "explore.server.serve",
-)
-
 #: Modules that hold such functions from their import on.
-HOLDERS = ("studies.touch_dataset", "studies.design", "report.kinds.positions", "report.report")
-HOLDERS += ("surrogate.stress.probe_stress",)
+HOLDERS = (
+    "pvdf_fem.studies.touch_dataset",
+    "pvdf_fem.studies.design",
+    "pvdf_fem.report.kinds.positions",
+    "pvdf_fem.report.report",
+    "pvdf_fem.surrogate.stress.probe_stress",
+)
 
 
 @pytest.fixture
 def begun(monkeypatch):
     """The exception that all work raises."""
     for name in HOLDERS:
-        import_module(f"pvdf_fem.{name}")
+        import_module(name)
 
     def begin(*given, **_):
         raise Begun(*given)
 
     for place in WORK:
-        monkeypatch.setattr(f"pvdf_fem.{place}", begin)
+        monkeypatch.setattr(place, begin)
     return Begun

@@ -117,7 +117,7 @@ def test_what_is_no_text_file_is_refused_at_once(tmp_path, name):
     STRANGE[name](path)
     tracemalloc.start()
     with pytest.raises(SceneError) as caught:
-        Scene.load(path)
+        Scene.from_file(path)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 10 * MOST_BYTES

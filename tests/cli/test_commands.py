@@ -47,7 +47,7 @@ def untimed(result):
     ],
 )
 def test_json_and_text_are_the_result_of_python(folder, command, line, found):
-    run, expected = command(*line.split(), "--json"), found(Scene.load("scene.toml"))
+    run, expected = command(*line.split(), "--json"), found(Scene.from_file("scene.toml"))
     assert (run.code, run.err, run.out.count("\n")) == (0, "", 1)
     assert untimed(run.json) == untimed(json.loads(json.dumps(expected.to_json())))
     run = command(*line.split(), "--plot", "a.svg")
@@ -61,7 +61,7 @@ def test_a_response_is_csv_by_frequency(folder, command):
     expected = respond("disc.toml", [2.0, 600.0])
     found = pd.read_csv(io.StringIO(run.out))
     pd.testing.assert_frame_equal(found, expected.to_dataframe(), rtol=1e-9)
-    assert (run.code, len(run.told)) == (0, len(expected.left_out))
+    assert (run.code, len(run.told)) == (0, len(expected.neglected))
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_patches_of_a_mesh_file_are_solved_on(folder, command):
 def test_touches_for_estimators_are_those_of_python(folder, models, command):
     asked = "--touches 30 --seed 5 --sigma 0.03 --noise 2 --set film.thickness_um=20"
     assert command("dataset", "disc.toml", *asked.split(), "--output", "touches.nc").code == 0
-    sensor = Scene.load("disc.toml").with_(**{"film.thickness_um": 20.0})
+    sensor = Scene.from_file("disc.toml").with_(**{"film.thickness_um": 20.0})
     expected = dataset(sensor, 30, 5, 0.03, noise_pC=2.0, response=bumps("circle"))
     assert models == [sensor]
     with xarray.open_dataset("touches.nc") as kept:
@@ -147,7 +147,7 @@ def test_a_sensor_is_calibrated_or_has_a_status(folder, command, monkeypatch, co
     assert Path("found.toml").exists() == (count == 6)
     told = command(*asked)
     if count == 6:
-        gain = Scene.load("found.toml").readout.gain["A"]
+        gain = Scene.from_file("found.toml").readout.gain["A"]
         assert gain == run.json["parameters"]["gain.A"]["value"]
         assert (told.code, told.err, told.out) == (0, "", f"{expected}\n")
     else:

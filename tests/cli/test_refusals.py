@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import shlex
-from contextlib import suppress
 from importlib.util import find_spec
 
 import pytest
 
+from pvdf_fem.cli.main import make_command_parsers, make_parser
 from pvdf_fem.scene.scene_file import read_examples
 
 TWO = 'probe = ["triangle", "triangle"]'
@@ -127,17 +128,57 @@ def test_what_cannot_be_written_is_refused_before_any_work(folder, begun, comman
     assert contents(folder) == before
 
 
-def test_each_command_has_help_with_examples_that_are_accepted(folder, begun, command):
-    """Up to where their work begins."""
-    told = command("--help").out
-    assert (command().code, command().out) == (2, told)
-    for name, text in read_examples().items():
-        folder.joinpath(f"{name}.toml").write_text(text)
-    for name in {*re.findall(r"^    (\w+)  ", told, re.M)} - {"report"}:  # solves its scenes
-        text = command(name, "--help").out.replace("\\\n", "")
-        lines = re.findall(r"^  pvdf-fem ([^|>\n]*)", text, re.M)
-        assert lines
-        for line in lines:
-            if "..." not in line and "tcp:" not in line:
-                with suppress(begun):
-                    assert command(*shlex.split(line)).code in (0, 3), line
+PARSERS = make_command_parsers()
+#: Commands that only print texts.
+WITHOUT_WORK = ("example", "keys")
+#: Files that examples name, besides those of the folder and of the package.
+OWN_KIND = """
+from typing import Literal
+from pvdf_fem.report.kinds.positions import Positions
+
+class OwnPositions(Positions):
+    kind: Literal["own-positions"]
+"""
+TWELVE_TOUCHES = "x_mm,y_mm,rotation_deg,force_N,A,B,C,D\n" + "".join(
+    f"{x},{y},0,1,{905 + x},{731 - x},{600 + y},{640 - y}\n" for x in range(4) for y in range(3)
+)
+
+
+def find_examples(parser):
+    """Return the command lines in the epilog of a parser, without `pvdf-fem` and redirections."""
+    text = parser.epilog.replace("\\\n", " ")
+    return [line.strip() for line in re.findall(r"pvdf-fem ([a-z][^|>&`\n]*)", text)]
+
+
+EXAMPLES = [line for p in (make_parser(), *PARSERS.values()) for line in find_examples(p)]
+
+
+def test_help_names_every_command(command):
+    text = command("--help").out
+    assert (command().code, command().out) == (2, text)
+    assert len(PARSERS) > 10
+    assert [name for name in PARSERS if not re.search(rf"^ +{name}\b", text, re.M)] == []
+
+
+def test_every_command_has_examples():
+    assert [name for name, parser in PARSERS.items() if not find_examples(parser)] == []
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_examples_in_the_help_are_accepted(folder, begun, command, monkeypatch, example):
+    """Each example is carried out up to the place where its work begins."""
+    files = {f"{name}.toml": text for name, text in read_examples().items()}
+    files |= {"own.py": OWN_KIND, "touches.csv": TWELVE_TOUCHES}
+    for name, text in files.items():
+        folder.joinpath(name).write_text(text)
+    words = shlex.split(example)
+    piped = "signals.csv" if words[0] == "track" else "readings.csv"
+    stdin = io.TextIOWrapper(io.BytesIO(folder.joinpath(piped).read_bytes()))
+    monkeypatch.setattr("sys.stdin", stdin)
+    if words[0] in WITHOUT_WORK:
+        assert command(*words).code == 0
+    elif "--list" in words:
+        assert command(*words).code == 3  # there is no model yet
+    else:
+        with pytest.raises(begun):
+            pytest.fail(f"ended before its work: {command(*words)}")

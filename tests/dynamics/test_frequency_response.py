@@ -10,8 +10,8 @@ from pvdf_fem import Scene, gradients, respond
 from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.dynamics.motion_equations import MotionEquations, linearize_about
 from pvdf_fem.dynamics.spectrum import assemble_pencil
-from pvdf_fem.electrodes.channel import channels
-from pvdf_fem.solver.next_order import factorised
+from pvdf_fem.electrodes.channel import make_channels
+from pvdf_fem.solver.next_order import factorise_tangent
 from tests.helpers.discs import LOADS, TRIANGLE, on_mesh
 from tests.helpers.refusals import keys, refused
 
@@ -33,7 +33,7 @@ def test_static_limit_is_the_static_derivative(load: str) -> None:
 def test_ritz_vectors_find_what_direct_solves_find(scene: Scene) -> None:
     """(K + i d K_e - omega^2 M + i omega^3 r v v^T) q = f with dense matrices."""
     solution = on_mesh(scene)
-    equilibrium, q, _ = factorised(solution.fields)
+    equilibrium, q, _ = factorise_tangent(solution.discrete)
     full = linearize_about(solution)[0]
     air, (stiffness, mass) = AirLoad.of(equilibrium), assemble_pencil(equilibrium, q)
     frequencies = np.array([90.0, 480.0])
@@ -49,7 +49,7 @@ def test_ritz_vectors_find_what_direct_solves_find(scene: Scene) -> None:
 
 def test_resonances_are_frequencies_of_the_loaded_film() -> None:
     solution = on_mesh(TRIANGLE)
-    equilibrium, q, _ = factorised(solution.fields)
+    equilibrium, q, _ = factorise_tangent(solution.discrete)
     stiffness, mass = (matrix.toarray() for matrix in assemble_pencil(equilibrium, q))
     all_of = np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)) / (2.0 * np.pi)
     found = respond(solution, [300.0, 700.0], refined=True)
@@ -65,7 +65,7 @@ def test_only_stretching_has_losses() -> None:
     """The flat film deflects against its tension alone, N laplace, and in the plane the moduli
     resist: K_e x = 0 of deflections, and K_e x = K x - N laplace x of the others."""
     solution = on_mesh(TRIANGLE.with_(**{"load.force_N": 0.0, "film.loss_tangent": 0.1}))
-    equilibrium, q, _ = factorised(solution.fields)
+    equilibrium, q, _ = factorise_tangent(solution.discrete)
     full, space = MotionEquations.of(equilibrium, q), equilibrium.space
     tension = equilibrium.film.prestress[0] * equilibrium.film.thickness
     laplace = tension * equilibrium.assembly.matrix(space.laplace())
@@ -91,7 +91,7 @@ def test_readings_are_those_of_the_channels() -> None:
     scene = TRIANGLE.with_(readout=readout)
     found = respond(on_mesh(scene), [1.0, 15.9, 300.0])
     assert list(found.readings_V_N) == list("ABCD")
-    for channel in channels(scene):
+    for channel in make_channels(scene):
         expected = channel.harmonic(found.frequencies_Hz) * found.charges_pC_N[channel.name] / 1e12
         np.testing.assert_allclose(found.readings_V_N[channel.name], expected, rtol=1e-12)
 

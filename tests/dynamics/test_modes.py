@@ -188,7 +188,7 @@ def test_unreachable_tolerance_is_said_before_meshing():
 
 
 def test_the_air_s_mass_is_told_as_modes_in_air_have_it():
-    told = modes(Scene(), 1).left_out[-1]
+    told = modes(Scene(), 1).neglected[-1]
     sizes = re.search(r"about ([\d.]+) times the film's mass, ([\d.]+) without a baffle", told)
     for baffle, size in zip((True, False), sizes.groups(), strict=True):
         found = modes(Scene().with_(air={"baffle": baffle}), 1)

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from pvdf_fem import Scene
-from pvdf_fem.electrodes.channel import Channel, channels
+from pvdf_fem.electrodes.channel import Channel, make_channels
 
 TAP = Channel("A", capacitance=135e-12, resistance=1e6, gain=-2.0, offset=0.01)
 
@@ -17,7 +17,7 @@ TAP = Channel("A", capacitance=135e-12, resistance=1e6, gain=-2.0, offset=0.01)
 def test_the_thesis_circuit_is_a_voltage_readout():
     """Its electrode, 11 times as permittive as the vacuum, loaded by 500 MΩ (App. 5)."""
     readout = {"kind": "voltage", "input_resistance_MOhm": 500.0}
-    (channel, *_) = channels(Scene().with_(readout=readout))
+    (channel, *_) = make_channels(Scene().with_(readout=readout))
     assert channel.capacitance == pytest.approx(35.062e-12, rel=1e-4)
     assert channel.time_constant == pytest.approx(17.531e-3, rel=1e-4)
     # App. 5 with the load in parallel at 15 and 20 Hz
@@ -29,8 +29,8 @@ def test_charge_amplifiers_know_neither_electrode_nor_cable_and_without_a_readou
     readout = {"feedback_capacitance_pF": 500.0, "feedback_resistance_MOhm": 1e3}
     for thickness in (9.0, 110.0):
         scene = Scene().with_(**{"readout": readout, "film.thickness_um": thickness})
-        assert {(c.capacitance, c.time_constant) for c in channels(scene)} == {(5e-10, 0.5)}
-    ideal = channels(Scene())
+        assert {(c.capacitance, c.time_constant) for c in make_channels(scene)} == {(5e-10, 0.5)}
+    ideal = make_channels(Scene())
     assert [c.name for c in ideal] == ["A", "B", "C", "D"]
     assert {(c.gain, c.offset, c.resistance) for c in ideal} == {(1.0, 0.0, math.inf)}
     assert list(ideal[0].harmonic([0.0, 20.0])) == [0.0, 1.0 / ideal[0].capacitance]

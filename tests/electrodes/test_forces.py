@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.electrodes.outputs import Goal, goals_of
+from pvdf_fem.electrodes.outputs import Output, make_outputs
 from pvdf_fem.electrodes.stress_integrals import (
-    CANCELLED,
-    Forces,
-    charge_sizes,
-    charges_of,
-    force_errors,
-    goal_forces,
-    larger,
+    CANCELLATION_SHARE,
+    StressIntegrals,
+    combine_charges,
+    compute_charge_scales,
+    compute_stress_integrals,
+    distribute_charge_errors,
+    select_larger_errors,
 )
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
@@ -25,12 +25,14 @@ from pvdf_fem.mesh.size_field import GradedSizes
 from pvdf_fem.scene.outlines.circle import Circle
 from tests.helpers.discs import RECTANGLE, graded_mesh
 
-FORCES = Forces(
+FORCES = StressIntegrals(
     np.array([[50.0, 50.0], [30.0, 70.0], [1e-12, 0.0]]),
     np.array([[0.2, -0.1], [0.1, -0.1], [0.0, 0.0]]),  # the second vanishes by chance
 )
 #: Goals with coefficients of either sign.
-GOALS = [Goal(Circle([0, 0], 1.0), "material", d) for d in ((8.0, 8.0), (20.0, -3.0), (-5.0, 2.0))]
+GOALS = [
+    Output(Circle([0, 0], 1.0), "material", d) for d in ((8.0, 8.0), (20.0, -3.0), (-5.0, 2.0))
+]
 
 
 def test_no_charge_is_stated_to_be_much_better_than_the_others():
@@ -40,23 +42,25 @@ def test_no_charge_is_stated_to_be_much_better_than_the_others():
         assert stated[0] == pytest.approx(0.2)
         assert stated[1] == pytest.approx(0.2 * 0.5 / 2, rel=1e-9)  # of the mean of 0.1 and 0
         assert 0.0 < stated[2] < 1e-12
-    assert np.all(Forces(0.0 * forces, 0.0 * errors).charge_errors((2.0, 2.0)) == 0.0)
+    assert np.all(StressIntegrals(0.0 * forces, 0.0 * errors).charge_errors((2.0, 2.0)) == 0.0)
 
 
 def test_charges_are_of_one_pair_of_coefficients_or_of_those_of_each_goal():
     assert FORCES.charges([18.0, 2.0]) == pytest.approx([1000.0, 680.0, 18e-12])
     assert FORCES.of([1]).charges([18.0, 2.0]) == pytest.approx([680.0])
     assert FORCES.of(slice(2)).errors.shape == (2, 2)
-    assert charges_of(GOALS, FORCES.values) == pytest.approx([800.0, 390.0, -5e-12])
+    assert combine_charges(GOALS, FORCES.values) == pytest.approx([800.0, 390.0, -5e-12])
     others = np.array([[0.0, 0.4], [0.01, 0.0], [0.0, 0.0]])
-    chosen = larger(FORCES.errors, others, GOALS)  # 3.2 beats 0.8, and 0.2 loses to 2.3
+    chosen = select_larger_errors(
+        FORCES.errors, others, GOALS
+    )  # 3.2 beats 0.8, and 0.2 loses to 2.3
     assert chosen == pytest.approx(np.stack([others[0], FORCES.errors[1], others[2]]))
 
 
 def test_errors_of_forces_add_up_to_the_error_of_a_charge():
     errors = np.array([1.0, 2.0, 3.0])
-    found = force_errors(errors, FORCES.values[[0, 1, 1]], GOALS)
-    assert charges_of(GOALS, found) == pytest.approx(errors)
+    found = distribute_charge_errors(errors, FORCES.values[[0, 1, 1]], GOALS)
+    assert combine_charges(GOALS, found) == pytest.approx(errors)
 
 
 def test_sizes_do_not_sink_below_what_the_mean_stress_makes_negligible():
@@ -64,11 +68,13 @@ def test_sizes_do_not_sink_below_what_the_mean_stress_makes_negligible():
     for change_K in (-20.0, 0.0):
         scene = RECTANGLE.with_(**{"film.temperature_change_K": change_K, "film.d32_pC_N": -8.0})
         membrane = Membrane(Space(graded_mesh(scene, 4.0, 12.0), 2), scene.film)
-        goals, x = goals_of(scene), np.zeros(membrane.space.dof_count)
-        forces, state = goal_forces(goals, membrane, x), membrane.state(x)
+        outputs, x = make_outputs(scene), np.zeros(membrane.space.dof_count)
+        forces, state = compute_stress_integrals(outputs, membrane, x), membrane.state(x)
         parts = np.abs(forces).sum(axis=1) * 8e-12  # which cancel: the charges are zero
-        sizes, least = (charge_sizes(goals, state, f * forces, membrane.space) for f in (1.0, 0.0))
-        assert sizes == pytest.approx(CANCELLED * parts if change_K else np.ones(4))
+        sizes, least = (
+            compute_charge_scales(outputs, state, f * forces, membrane.space) for f in (1.0, 0.0)
+        )
+        assert sizes == pytest.approx(CANCELLATION_SHARE * parts if change_K else np.ones(4))
         assert least == pytest.approx(1e-6 * parts if change_K else np.ones(4))
 
 

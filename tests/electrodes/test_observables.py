@@ -9,9 +9,9 @@ import pytest
 
 from pvdf_fem import Scene
 from pvdf_fem.electrodes.observables import OBSERVABLES
-from pvdf_fem.electrodes.outputs import goals_of
-from pvdf_fem.electrodes.sampling import area_points
-from pvdf_fem.electrodes.stress_integrals import goal_forces, goal_gradients
+from pvdf_fem.electrodes.outputs import make_outputs
+from pvdf_fem.electrodes.sampling import place_area_points
+from pvdf_fem.electrodes.stress_integrals import compute_stress_integrals, differentiate_charges
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
 from pvdf_fem.scene.outlines.circle import Circle
@@ -62,7 +62,10 @@ def gauss(low, high):
 def test_charges_integrate_the_stress_and_average_that_of_opposite_edges(membrane):
     scenes = (COLD.with_(**{"numerics.observable": name}) for name in OBSERVABLES)
     x = dofs(membrane.space, curved)
-    found = zip(*(goal_forces(goals_of(scene), membrane, x) for scene in scenes), strict=True)
+    found = zip(
+        *(compute_stress_integrals(make_outputs(scene), membrane, x) for scene in scenes),
+        strict=True,
+    )
     for (x0, x1, y0, y1), area, (inside, edges) in zip(BOXES, AREAS, found, strict=True):
         (x, wx), (y, wy) = gauss(x0, x1), gauss(y0, y1)
         S, _ = stresses(membrane, curved, *np.meshgrid(x, y, indexing="ij"))
@@ -76,11 +79,11 @@ def test_charges_integrate_the_stress_and_average_that_of_opposite_edges(membran
 @pytest.mark.parametrize("observable", OBSERVABLES)
 def test_charge_gradients_are_the_derivatives_of_the_charges(membrane, observable):
     scene = COLD.with_(**{"numerics.observable": observable, "film.d32_pC_N": -3.0})
-    x, goals = dofs(membrane.space, curved), goals_of(scene)
+    x, outputs = dofs(membrane.space, curved), make_outputs(scene)
     step = 1e-8 * np.random.default_rng(2).uniform(-1, 1, len(x))
-    ahead, behind = (goal_forces(goals, membrane, x + s * step) for s in (1.0, -1.0))
+    ahead, behind = (compute_stress_integrals(outputs, membrane, x + s * step) for s in (1.0, -1.0))
     expected = 0.5 * (ahead - behind) @ [scene.film.d31, scene.film.d32]
-    assert step @ goal_gradients(goals, membrane, x) == pytest.approx(expected, rel=1e-6)
+    assert step @ differentiate_charges(outputs, membrane, x) == pytest.approx(expected, rel=1e-6)
 
 
 # outlines that a mesh does not follow; the probe's round edge runs through the electrodes, so that
@@ -101,7 +104,7 @@ def test_areas_and_centroids_are_those_of_the_outlines(crossed):
     outlines = [Polygon(L_SHAPE), Polygon(L_SHAPE[::-1] * [-1, 1]), Circle([8e-3, 1e-3], 3e-3)]
     corners = mesh.p[:, mesh.t[:3, 0]].T  # of an element that the outline is a part of
     outlines += [Polygon(ring) for ring in (corners, corners[::-1])]
-    owners, _, points, weights = area_points(mesh, outlines, 2)
+    owners, _, points, weights = place_area_points(mesh, outlines, 2)
     x, y = np.moveaxis(points, -1, 0)
     for i, outline in enumerate(outlines):
         moments = [(weights * f)[owners == i].sum() for f in (np.ones_like(x), x, y)]
@@ -121,12 +124,14 @@ def test_cut_electrodes_have_the_charges_of_followed_ones(crossed, observable, c
         return [1e-3 * field for field in fields]
 
     x = dofs(crossed.space, waves)
-    followed = goals_of(SCENE.with_(**{"numerics.observable": observable}))
-    cut = [replace(goal, patch=None) for goal in followed]
-    forces = goal_forces(followed, crossed, x)
-    assert goal_forces(cut, crossed, x) == pytest.approx(forces, abs=close * np.abs(forces).max())
-    slopes = x @ goal_gradients(followed, crossed, x)
-    found = x @ goal_gradients(cut, crossed, x)
+    followed = make_outputs(SCENE.with_(**{"numerics.observable": observable}))
+    cut = [replace(output, patch=None) for output in followed]
+    forces = compute_stress_integrals(followed, crossed, x)
+    assert compute_stress_integrals(cut, crossed, x) == pytest.approx(
+        forces, abs=close * np.abs(forces).max()
+    )
+    slopes = x @ differentiate_charges(followed, crossed, x)
+    found = x @ differentiate_charges(cut, crossed, x)
     assert found == pytest.approx(slopes, abs=close * np.abs(slopes).max())
 
 
@@ -138,9 +143,9 @@ def test_axes_of_an_electrode_turn_with_its_frame(crossed, observable):
         return 0.02 * x + 0.01 * y, 0.03 * x - 0.01 * y, 0.1 * x - 0.2 * y
 
     frame = np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]])
-    goals = goals_of(SCENE.with_(**{"numerics.observable": observable}))
-    turned = [replace(goal, frame=frame, patch=None) for goal in goals]
-    found = goal_forces(turned, crossed, dofs(crossed.space, sheared))
+    outputs = make_outputs(SCENE.with_(**{"numerics.observable": observable}))
+    turned = [replace(output, frame=frame, patch=None) for output in outputs]
+    found = compute_stress_integrals(turned, crossed, dofs(crossed.space, sheared))
     stress = stresses(crossed, sheared, np.array(0.0), np.array(0.0))[observable != "material"]
     expected = 16e-6 * np.diag(frame.T @ stress @ frame)
     assert found == pytest.approx(np.tile(expected, (4, 1)), rel=1e-9)

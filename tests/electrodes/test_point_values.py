@@ -21,7 +21,7 @@ TAPED = TRIANGLE.with_(**COUPLED, **{"readout.kind": "voltage", "film.patches": 
 def test_values_at_quadrature_points_add_up_to_the_charges(scene, most):
     """With what is added to the strain's stress, by the rim and by voltages, and without tapes."""
     solution = solve(scene)
-    space, state = solution.fields.equilibrium.space, solution.fields.state
+    space, state = solution.discrete.equilibrium.space, solution.discrete.state
     for name, charge in solution.charges_pC.items():
         elements = solution.mesh.subdomains[f"electrode {name}"]
         x, y = 1e3 * solution.mesh.mapping().F(space.basis.X)[:, elements]
@@ -36,7 +36,7 @@ def test_values_at_quadrature_points_add_up_to_the_charges(scene, most):
 
 def test_values_are_those_of_the_fields():
     halved = solve(HALVED)
-    assert len(halved.fields.solved.part.signs) == 2
+    assert len(halved.discrete.solved.part.signs) == 2
     places, displacement = 1e3 * halved.basis.doflocs, 1e3 * halved.displacement
     inside = np.hypot(*places) <= halved.scene.film.radius_mm
     values = halved.at(*places[:, inside])

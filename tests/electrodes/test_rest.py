@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, SceneError, solve
-from pvdf_fem.solver.adaptive import rest_charges
+from pvdf_fem.solver.adaptive import compute_unloaded_charges
 from tests.helpers.discs import RECTANGLE, values
 
 
@@ -77,10 +77,10 @@ def test_a_plate_bears_compression_below_its_buckling_load():
         Scene().with_(**plate, **{"film.pretension_N_m": -part * critical}) for part in (0.95, 1.05)
     )
     expected = -16.0 * 9.0 * 0.95 * critical / 1000.0
-    assert 1e12 * rest_charges(bears) == pytest.approx(expected)
+    assert 1e12 * compute_unloaded_charges(bears) == pytest.approx(expected)
     assert [solve(scene).status for scene in (bears, buckles)] == ["converged", "unstable"]
     with pytest.raises(SceneError, match=r"film\.pretension_N_m"):
-        rest_charges(buckles)
+        compute_unloaded_charges(buckles)
 
 
 def test_a_warmed_film_counts_from_before_it_warmed():

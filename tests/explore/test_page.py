@@ -136,7 +136,7 @@ def test_words_and_numbers_change_the_scene_which_can_be_saved(visit, tmp_path):
         with visit.page.expect_download() as download:
             visit.page.get_by_text(name, exact=True).click()
         download.value.save_as(tmp_path / name)
-    assert Scene.load(tmp_path / "save scene file") == changed
+    assert Scene.from_file(tmp_path / "save scene file") == changed
     assert "data:image/png" in (tmp_path / "save picture").read_text("utf-8")
 
 

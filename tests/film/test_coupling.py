@@ -41,8 +41,8 @@ def test_covered_film_under_uniform_tension_is_stiffer_by_k_squared(cable_pF):
 
 def test_reading_is_the_voltage_of_the_equations():
     solution = solve(WIRED)
-    state = solution.fields.solved_state
-    terms = [term for term in solution.fields.solved.terms if isinstance(term, Coupling)]
+    state = solution.discrete.solved_state
+    terms = [term for term in solution.discrete.solved.terms if isinstance(term, Coupling)]
     voltages = {term.electrode.name: term.voltage(state) for term in terms}
     expected = {"C": 0.0, "D": 0.0, **voltages}
     assert solution.electrode_voltages_V == pytest.approx(expected, rel=1e-9)

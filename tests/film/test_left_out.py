@@ -110,10 +110,10 @@ def test_what_was_decided_is_said(key, value, others, joins):
     """The weight, which told in every scene would be noise, only where it matters."""
     scene = RECTANGLE.with_(**{"numerics.tolerance": 1e-2, key: value, **others})
     solution = solve(scene)
-    told, untold = (solution.included, solution.left_out)[:: 1 if joins else -1]
+    told, untold = (solution.included, solution.neglected)[:: 1 if joins else -1]
     (said,) = (text for text in told if key in text)
     assert not any(key in text for text in untold)
-    assert ("gravity" in " ".join(solution.left_out)) == (key == "film.gravity_m_s2" and not joins)
+    assert ("gravity" in " ".join(solution.neglected)) == (key == "film.gravity_m_s2" and not joins)
     assert not solution.warnings
     if value != -9.81:  # the weight tells its pressure
         assert f"{format_two_digits(100.0 * EFFECTS[key][2](scene))} %" in said

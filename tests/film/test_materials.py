@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.scene.film import Film
-from pvdf_fem.solver.adaptive import rest_charges, rest_forces
+from pvdf_fem.solver.adaptive import compute_unloaded_charges, compute_unloaded_integrals
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.solver.nonlinear.wrinkling import barely_loaded
+from pvdf_fem.solver.nonlinear.wrinkling import is_barely_loaded
 from reports.reference.neo_hookean_inflation import inflated
 from tests.helpers.discs import LOADS, TRIANGLE
 
@@ -31,7 +31,7 @@ def test_the_flat_film_has_the_tension_that_is_given(tension, thickness_um, modu
     scale = max(np.abs(stress).max(), 1.0)
     assert film.stiffness @ film.prestrain == pytest.approx(stress, abs=1e-14 * scale)
     if min(tension) >= 0.0:  # in compression no membrane is at rest
-        found = rest_charges(Scene(film=film)) / (9e-6 * 1e-12)
+        found = compute_unloaded_charges(Scene(film=film)) / (9e-6 * 1e-12)
         assert found == pytest.approx(stress @ [8.0, -2.0, 0.0], abs=1e-11 * scale)
 
 
@@ -42,7 +42,9 @@ def test_the_smaller_tension_decides_whether_a_flat_film_is_stable(across):
     assert solution.status is (Status.UNSTABLE if across else Status.CONVERGED)
     assert np.isnan(solution.rest_charges_pC["A"]) == bool(across)
     # wrinkles along x leave E h times the strain along x, which is (N1 - ν N2)/(E h)
-    tension = rest_forces(scene.with_(**WRINKLING)).values[0] / 9e-6 * scene.film.thickness
+    tension = (
+        compute_unloaded_integrals(scene.with_(**WRINKLING)).values[0] / 9e-6 * scene.film.thickness
+    )
     assert tension == pytest.approx([9.0 - 0.34 * across, 0.0], abs=1e-9)
     # cooled, E1 + ν12 E2 < 0 pushes along x, however negative the free strain is
     auxetic = {"film.youngs_modulus_GPa": [1.0, 10.0], "film.poisson_ratio": -0.3}
@@ -62,7 +64,7 @@ def test_slack_film_has_a_result_under_any_load(force_N, kind):
     result = solve(HEATED.with_(**changes))
     assert result.status is Status.CONVERGED
     assert result.force_balance < 1e-6
-    s11, s22, s12 = np.moveaxis(result.fields.state.stress, -1, 0)
+    s11, s22, s12 = np.moveaxis(result.discrete.state.stress, -1, 0)
     assert (s11 * s22 - s12**2).min() > -1e-9 * max(s11.max(), s22.max()) ** 2
 
 
@@ -78,7 +80,7 @@ def test_a_load_that_hardly_reaches_the_film_is_named():
         | {"x_mm": 0.3148, "y_mm": -1.3034, "rotation_deg": 65.1},
         load={"kind": "rigid", "contact": "stuck", "force_N": 3e-8},
     )
-    assert barely_loaded(scene)
+    assert is_barely_loaded(scene)
     solution = solve(scene)
     assert solution.status is Status.SLACK
     assert "charges_pC" not in solution.to_json()

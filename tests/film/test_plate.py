@@ -9,8 +9,8 @@ from scipy.special import iv, jv, kv
 
 from pvdf_fem import solve
 from pvdf_fem.dynamics.modes import modes
-from pvdf_fem.electrodes.outputs import goals_of
-from pvdf_fem.electrodes.stress_integrals import charges_of, goal_forces
+from pvdf_fem.electrodes.outputs import make_outputs
+from pvdf_fem.electrodes.stress_integrals import combine_charges, compute_stress_integrals
 from pvdf_fem.film.bending.layers import (
     BendingLayers,
     estimate_missing_fraction,
@@ -21,8 +21,8 @@ from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import FILM, PROBE, RIM
 from pvdf_fem.mesh.six_node import compute_jacobian_ratios
 from pvdf_fem.mesh.size_field import GradedSizes
-from pvdf_fem.solver.first_sizes import first_sizes
-from pvdf_fem.solver.nonlinear.newton import factorise, negative_pivots
+from pvdf_fem.solver.first_sizes import choose_first_sizes
+from pvdf_fem.solver.nonlinear.newton import count_negative_pivots, factorise
 from reports.reference.circular_plate import stretched_plate_deflection
 from tests.helpers.discs import (
     LOADS,
@@ -115,7 +115,7 @@ def test_layer_narrower_than_the_elements(widths):
 
 def change_by_layers(solution):
     """Change of the unknowns by what narrow layers may do, and the layers."""
-    solved, state = solution.fields.solved, solution.fields.solved_state
+    solved, state = solution.discrete.solved, solution.discrete.solved_state
     layers = solved.model.layers(solved.terms, solved.unknowns.expansion, state)
     return layers.change(factorise(solved.tangent(state))), layers
 
@@ -124,7 +124,7 @@ def test_a_part_of_what_narrow_layers_do_is_uncertain():
     solution, _, lost = stretched(200.0)
     change, layers = change_by_layers(solution)
     centre = np.hypot(*solution.basis.doflocs).argmin()
-    found = solution.fields.solved.dofs(change)[2::3][centre] / lost
+    found = solution.discrete.solved.dofs(change)[2::3][centre] / lost
     uncertain = estimate_uncertain_fraction(layers.widths.max())  # a fit, here within 6 %
     assert found == pytest.approx(-uncertain, rel=0.13)
 
@@ -132,9 +132,12 @@ def test_a_part_of_what_narrow_layers_do_is_uncertain():
 def test_the_stated_error_has_what_is_uncertain():
     scene = RECTANGLE.with_(**{"film.thickness_um": 9.0}, **PLATE)
     solution = solve(scene, mesh=graded_mesh(scene, 2.0, 8.0))
-    goals, solved, q = goals_of(scene), solution.fields.solved, solution.fields.q
+    outputs, solved, q = make_outputs(scene), solution.discrete.solved, solution.discrete.q
     without, with_layers = (
-        1e12 * charges_of(goals, goal_forces(goals, solved.membrane, solved.dofs(at)))
+        1e12
+        * combine_charges(
+            outputs, compute_stress_integrals(outputs, solved.membrane, solved.dofs(at))
+        )
         for at in (q, q + change_by_layers(solution)[0])
     )
     stated = np.array([*solution.charge_errors_pC.values()])
@@ -151,7 +154,7 @@ ORTHOTROPIC = {"film.youngs_modulus_GPa": [50.0, 1.0], "film.poisson_ratio": 0.3
 def test_clamped_film_resists_any_bending(order, material):
     """Elements from 1 to 40 mm, and beside a cusp where the probe's circle touches electrodes."""
     cusp = plate(20.0, 0.2, 100.0)
-    beside = model_mesh(cusp, first_sizes(cusp, 3))
+    beside = model_mesh(cusp, choose_first_sizes(cusp, 3))
     assert compute_jacobian_ratios(beside).min() > 0.2
     film = TRIANGLE.with_(**material).film
     for mesh in (graded_mesh(TRIANGLE, 1.0, 40.0, 1.5), *([] if material else [beside])):
@@ -159,7 +162,7 @@ def test_clamped_film_resists_any_bending(order, material):
         matrix = Plate(space, film, []).form.matrix
         free = np.setdiff1d(np.arange(space.basis.N), space.basis.get_dofs(RIM).all())
         assert abs(matrix - matrix.T).max() <= 1e-12 * abs(matrix).max()
-        assert negative_pivots(factorise(matrix[free][:, free].tocsc())) == 0
+        assert count_negative_pivots(factorise(matrix[free][:, free].tocsc())) == 0
 
 
 @pytest.mark.parametrize("order", [2, 3, 4])

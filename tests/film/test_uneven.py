@@ -17,7 +17,7 @@ from pvdf_fem.mesh.symmetry import WHOLE_FILM, find_symmetry_sector
 from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.scene import Replaced
 from pvdf_fem.solver import adaptive as solving
-from pvdf_fem.solver.adaptive import rest_charges
+from pvdf_fem.solver.adaptive import compute_unloaded_charges
 from tests.helpers.discs import charges, graded_mesh
 from tests.helpers.laminated import laminated
 
@@ -108,7 +108,7 @@ def test_an_uneven_rim_is_that_of_plane_elasticity(coefficients, n, phase):
     places = 30e-3 * np.exp(1j * np.pi / 2 * np.arange(4))
     turned = places * np.exp(-1j * phase)
     stresses = 4.0 * (n + 1) * A * (turned**n).real  # S11 + S22; harmonic, as squares' means are
-    changes = rest_charges(scene) - 48e-12
+    changes = compute_unloaded_charges(scene) - 48e-12
     assert changes == pytest.approx(9e-6 * 8e-12 * stresses, rel=5e-3, abs=1e-14)
 
 
@@ -164,7 +164,7 @@ def test_a_part_of_a_symmetric_film_has_all_of_it(monkeypatch, scene, most):
     on_part = solve(scene)
     for name in scene.film.layers:
         patch = on_part.mesh.subdomains[name]
-        assert on_part.fields.equilibrium.space.weights[patch].sum() == pytest.approx(9e-6)
+        assert on_part.discrete.equilibrium.space.weights[patch].sum() == pytest.approx(9e-6)
     monkeypatch.setattr(solving, "find_symmetry_sector", lambda scene: WHOLE_FILM)
     assert [*on_part.charges_pC.values()] == pytest.approx(charges(scene), rel=most)
 

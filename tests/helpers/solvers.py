@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.solver.nonlinear.initial_guess import seed
-from pvdf_fem.solver.nonlinear.newton import DeferredNewton, NewtonOptions, NewtonResult, newton
+from pvdf_fem.solver.nonlinear.initial_guess import compute_initial_guess
+from pvdf_fem.solver.nonlinear.newton import DeferredNewton, NewtonOptions, NewtonResult, run_newton
 
 
 def newton_result(
@@ -14,4 +14,4 @@ def newton_result(
     """How Newton's method with an exact line search ends, by default from the seed."""
     options = NewtonOptions() if options is None else options
     variant = DeferredNewton(equilibrium, options, near=False)
-    return newton(variant, seed(equilibrium) if start is None else start)
+    return run_newton(variant, compute_initial_guess(equilibrium) if start is None else start)

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from scipy.signal import lfilter
 
-from pvdf_fem.electrodes.channel import channels
-from pvdf_fem.solver.adaptive import rest_charges
+from pvdf_fem.electrodes.channel import make_channels
+from pvdf_fem.solver.adaptive import compute_unloaded_charges
 from tests.helpers.touch_models import Bumps, bumps
 
 RESISTIVE = {"kind": "voltage", "input_resistance_MOhm": 1.0, "cable_capacitance_pF": 100.0}
@@ -44,7 +44,7 @@ class Rested(Bumps):
 
     @cached_property
     def film_rest_pC(self):
-        return 1e12 * rest_charges(self.scene)
+        return 1e12 * compute_unloaded_charges(self.scene)
 
     def evaluate(self, touches):
         force = touches[:, 3, None]
@@ -85,7 +85,7 @@ def stream(
     courses = np.zeros((len(fine), len(model.names)))
     for tap in taps:
         courses += charges_of(model, tap, tap.force(fine))
-    for channel, course in zip(channels(model.scene), courses.T, strict=True):
+    for channel, course in zip(make_channels(model.scene), courses.T, strict=True):
         step = fine[1] / channel.time_constant
         kept, spread = np.exp(-step), -np.expm1(-step) / step if step else 1.0
         jumps = 1e-12 * spread * np.diff(course, prepend=0.0) / channel.capacitance

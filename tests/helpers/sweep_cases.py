@@ -10,7 +10,7 @@ import xarray
 
 from pvdf_fem import Scene
 from pvdf_fem.batch import batch
-from pvdf_fem.batch.store import Record, key
+from pvdf_fem.batch.store import Record, make_record_key
 from pvdf_fem.studies.sweep import sweep
 
 BASE = Scene().with_(**{"probe.shape": "triangle", "numerics.tolerance": 0.05})
@@ -38,8 +38,8 @@ def run(store: Path, log: Path | None = None, pause: float = 0.0) -> xarray.Data
         time.sleep(pause)
         if log is not None:
             with log.open("a") as file:
-                file.write(" ".join(map(key, scenes)) + "\n")
+                file.write(" ".join(map(make_record_key, scenes)) + "\n")
         return made_up(scenes, frames)
 
-    with mock.patch.object(batch, "records_of", solved):
+    with mock.patch.object(batch, "make_records", solved):
         return sweep(BASE, AXES, store, processes=1)

@@ -49,7 +49,7 @@ def forces(at):
     return 0.5 * tension + 60.0 * force / (0.1 * tension + force) ** 0.5 * shares.mean(axis=1)
 
 
-def solved(scene, goals):
+def solved(scene, outputs):
     """What a calibration asks of a solution."""
     at = np.array([read_parameter(scene, key) for key in KEYS])
     return SimpleNamespace(
@@ -76,10 +76,10 @@ def rest(scene, needed):
 
 def made_up(patch):
     """Let calibrations solve the made-up sensor."""
-    patch.setattr(model, "goals_of", lambda scene: None)
-    patch.setattr(model, "solve_goals", solved)
-    patch.setattr(model, "force_rates", rates)
-    patch.setattr(model, "rest_forces", rest)
+    patch.setattr(model, "make_outputs", lambda scene: None)
+    patch.setattr(model, "solve_outputs", solved)
+    patch.setattr(model, "compute_integral_rates", rates)
+    patch.setattr(model, "compute_unloaded_integrals", rest)
 
 
 def drawn(count, place_sd, seed):

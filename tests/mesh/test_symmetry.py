@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.electrodes.outputs import Goal, goals_of
-from pvdf_fem.electrodes.stress_integrals import goal_forces, goal_gradients
+from pvdf_fem.electrodes.outputs import Output, make_outputs
+from pvdf_fem.electrodes.stress_integrals import compute_stress_integrals, differentiate_charges
 from pvdf_fem.mesh.gmsh_mesh import RIM, mesh_scene
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, find_symmetry_sector
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.polygon import Polygon
-from pvdf_fem.solver.first_sizes import first_sizes
-from pvdf_fem.solver.history import Clock
-from pvdf_fem.solver.mesh_level import Problem, solve_on
+from pvdf_fem.solver.first_sizes import choose_first_sizes
+from pvdf_fem.solver.history import StageTimer
+from pvdf_fem.solver.mesh_level import Problem, solve_on_mesh
 from pvdf_fem.solver.nonlinear.budget import Budget
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE
 
@@ -76,9 +76,9 @@ OTHERS = {
 def on_part(scene):
     """The solution on the first mesh of a part of the film."""
     part, order = find_symmetry_sector(scene), 3
-    mesh = mesh_scene(scene, first_sizes(scene, order), part)
-    problem = Problem(scene, goals_of(scene), order, Budget.of(scene), Clock())
-    return solve_on(problem, part, mesh).fields
+    mesh = mesh_scene(scene, choose_first_sizes(scene, order), part)
+    problem = Problem(scene, make_outputs(scene), order, Budget.of(scene), StageTimer())
+    return solve_on_mesh(problem, part, mesh).discrete
 
 
 @pytest.mark.parametrize("name", OTHERS)
@@ -89,7 +89,7 @@ def test_no_symmetry_is_found_where_there_is_none(name):
 def test_films_that_bend_are_solved_on_the_whole():
     scene = RECTANGLE.with_(**{"film.bending": True})
     assert find_symmetry_sector(scene).mirror_axes
-    assert solve(scene).fields.solved.part is WHOLE_FILM
+    assert solve(scene).discrete.solved.part is WHOLE_FILM
 
 
 @pytest.mark.parametrize("name", SYMMETRIC)
@@ -111,9 +111,9 @@ def test_unfolded_solution_solves_the_whole_film(name):
     held = whole.unknowns.expand(whole.unknowns.restrict(fields.displacement))
     assert held == pytest.approx(fields.displacement, abs=1e-15)
     assert np.abs(whole.residual(fields.state)).max() < 1e-9 * scene.load.force
-    forces = goal_forces(goals_of(scene), whole.membrane, fields.displacement)
+    forces = compute_stress_integrals(make_outputs(scene), whole.membrane, fields.displacement)
     limit = 1e-11 * np.abs(forces).max()
-    assert fields.forces.values == pytest.approx(forces, rel=1e-11, abs=limit)
+    assert fields.stress_integrals.values == pytest.approx(forces, rel=1e-11, abs=limit)
     for name in ("rim_reaction", "applied_force"):
         of_part = getattr(fields.solved, name)(fields.solved_state)
         of_whole = getattr(whole, name)(fields.state)
@@ -129,20 +129,23 @@ def test_electrodes_anywhere_have_what_they_have_on_the_whole_film(name, observa
     shapes = [Polygon(square), Polygon(np.add(square, [6e-3, 1e-3]))]
     if observable == "material":
         shapes.append(Circle([-1e-3, 2e-3], 4e-3))
-    goals = [Goal(shape, observable, (1.0, 1.0), None, turn) for shape in shapes]
-    whole = goal_forces(goals, fields.equilibrium.membrane, fields.displacement)
-    assert fields.forces_of(goals) == pytest.approx(whole, rel=1e-6)
+    outputs = [Output(shape, observable, (1.0, 1.0), None, turn) for shape in shapes]
+    whole = compute_stress_integrals(outputs, fields.equilibrium.membrane, fields.displacement)
+    assert fields.integrals_of(outputs) == pytest.approx(whole, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["means along them", "rectangle at 45 degrees"])
 def test_gradients_of_charges_on_a_part(name):
     scene = SYMMETRIC[name]
-    fields, goals = on_part(scene), goals_of(scene)
+    fields, outputs = on_part(scene), make_outputs(scene)
     membrane, part, x = fields.solved.membrane, fields.solved.part, fields.solved_dofs
     step = 1e-7 * np.random.default_rng(1).standard_normal(len(x))
 
     def values(x):
-        return goal_forces(goals, membrane, x, part) @ [scene.film.d31, scene.film.d32]
+        return compute_stress_integrals(outputs, membrane, x, part) @ [
+            scene.film.d31,
+            scene.film.d32,
+        ]
 
-    slopes = goal_gradients(goals, membrane, x, part).T @ step
+    slopes = differentiate_charges(outputs, membrane, x, part).T @ step
     assert 0.5 * (values(x + step) - values(x - step)) == pytest.approx(slopes, rel=1e-6)

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from pvdf_fem import Scene, locate, solve
-from pvdf_fem.batch.batch import planned, solve_all
+from pvdf_fem.batch.batch import plan_scenes, solve_scenes
 from pvdf_fem.report.charge_map import ChargeMap, MapPlaces
 from pvdf_fem.report.crossings import Contours
 
@@ -77,7 +77,7 @@ def test_a_touch_is_found_by_contours_and_by_least_squares(circles):
 
 def test_a_map_agrees_with_fresh_solves_to_the_edge_of_its_disc():
     asked = MapPlaces(SCENE, 8.0)
-    records = solve_all(asked.scenes, processes=1)
+    records = solve_scenes(asked.scenes, processes=1)
     charges = np.array([list(r.charges_pC(8.0, 8.0).values()) for r in records])
     charge_map = ChargeMap.of(asked, charges)
     for place in ([1.0, 0.7], 8.0 * np.array([np.cos(0.3), np.sin(0.3)])):
@@ -91,8 +91,8 @@ def test_a_map_agrees_with_fresh_solves_to_the_edge_of_its_disc():
 def test_rings_share_solves_by_the_symmetry_of_the_probe():
     triangle = SCENE.with_(probe={"shape": "triangle", "side_mm": 4.0, "rotation_deg": 20.0})
     disc, turned = (MapPlaces(scene, 8.0, 2.0).scenes for scene in (SCENE, triangle))
-    assert len(planned(disc).blocks) == 6  # the centre, and a solve for each ring
-    assert len(planned(turned).blocks) < len(turned) / 4
+    assert len(plan_scenes(disc).blocks) == 6  # the centre, and a solve for each ring
+    assert len(plan_scenes(turned).blocks) < len(turned) / 4
 
 
 def test_a_map_without_enough_charges_is_refused():

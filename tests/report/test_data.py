@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.batch.batch import solve_all
-from pvdf_fem.electrodes.channel import channels
+from pvdf_fem.batch.batch import solve_scenes
+from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.report.data import DataSource, read_data
 from pvdf_fem.report.results import ReportResults
-from pvdf_fem.solver.adaptive import rest_charges
+from pvdf_fem.solver.adaptive import compute_unloaded_charges
 
 SCENE = Scene().with_(
     probe={"shape": "circle", "radius_mm": 2.0},
@@ -46,9 +46,9 @@ def test_a_file_is_read_beside_the_script(tmp_path, row):
 
 def test_voltages_are_charges_through_the_channels(tmp_path):
     charges = np.array([[600.0, 500.0, 400.0, 300.0]])
-    rest = 1e12 * rest_charges(SCENE)
+    rest = 1e12 * compute_unloaded_charges(SCENE)
     change = 1e-12 * (charges - rest)[0]
-    volts = [c.reading(q) for c, q in zip(channels(SCENE), change, strict=True)]
+    volts = [c.reading(q) for c, q in zip(make_channels(SCENE), change, strict=True)]
     table = "x_mm,A,B,C,D\n1," + ",".join(f"{float(v)!r}" for v in volts)
     found = readings(tmp_path, table, unit="V")  # changes, as the scene's readout reads them
     scenes = found.scenes(SCENE)
@@ -72,7 +72,7 @@ def test_changes_are_of_the_rest_that_was_solved_with_a_record():
     keys = {"film.radius_mm": 20.0, "electrodes.ring_radius_mm": 8.0, "numerics.tolerance": 1e-2}
     scene = SCENE.with_(**keys, **{"film.patches": [{**patch, "youngs_modulus_GPa": 3.0}]})
     scene = scene.model_copy(update={"readout": None})
-    solved, names = ReportResults({scene: solve_all([scene], processes=1)[0]}), ["C", "A"]
+    solved, names = ReportResults({scene: solve_scenes([scene], processes=1)[0]}), ["C", "A"]
     fresh = solve(scene)
     for reading, charges in {"total": fresh.charges_pC, "change": fresh.charge_changes_pC}.items():
         expected = [[charges[name] for name in names]]

@@ -48,7 +48,7 @@ def made(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def scene(made):
-    return Scene.load(made / "scenes" / "scene.toml")
+    return Scene.from_file(made / "scenes" / "scene.toml")
 
 
 def test_page_has_all_figures_and_needs_nothing_else(made):
@@ -271,7 +271,7 @@ def test_a_report_that_was_killed_goes_on_to_the_same_page(tmp_path, counted, mo
     assert 'data-label="word"' not in counted.page
     whole = Report.load(path, load_kinds(counted.kinds)).make(tmp_path / "whole", processes=1)
     counted.log.write_text("die\n")
-    monkeypatch.setattr(sweep, "records_of", None)  # every scene is known
+    monkeypatch.setattr(sweep, "make_records", None)  # every scene is known
     assert main([*map(str, asked)]) == 0
     assert counted.ran == ["die", "die", "c"]
     assert counted.page == whole.page.read_text("utf-8")

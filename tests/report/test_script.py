@@ -24,7 +24,7 @@ from tests.helpers.report_scripts import TOUCHES, script, text_of
 
 @pytest.fixture(autouse=True)
 def no_solves(monkeypatch):
-    monkeypatch.setattr(sweep, "records_of", lambda *_: pytest.fail("a scene was solved"))
+    monkeypatch.setattr(sweep, "make_records", lambda *_: pytest.fail("a scene was solved"))
 
 
 def load(folder, table: dict[str, Any]) -> Report:
@@ -182,7 +182,7 @@ def test_a_damaged_script_is_refused_by_key_before_any_solve(data, tmp_path_fact
     out, told = folder / "out", io.StringIO()
     command = ["report", str(folder / "report.toml"), "--out", str(out), "--processes", "1"]
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stderr(told):
-        patch.setattr(sweep, "records_of", solve)
+        patch.setattr(sweep, "make_records", solve)
         code = main(command)
     lines = told.getvalue().splitlines()
     assert not any("Traceback" in line for line in lines), told.getvalue()

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from pvdf_fem import Scene
-from pvdf_fem.batch.batch import solve_all
+from pvdf_fem.batch.batch import solve_scenes
 from pvdf_fem.report.kind import Inputs
 from pvdf_fem.report.registry import load_kinds
 from pvdf_fem.report.results import ReportResults
@@ -28,7 +28,7 @@ def made(kind, **keys):
     item = load_kinds(kinds_file("accuracy"))[kind](kind=kind, **keys)
     rows = {compute_key(task): task.run() for task in item.tasks(INPUTS)}
     scenes = item.scenes(INPUTS)
-    records = dict(zip(scenes, solve_all(scenes, processes=1), strict=True))
+    records = dict(zip(scenes, solve_scenes(scenes, processes=1), strict=True))
     return item.compose(INPUTS, ReportResults({**records, **rows}))
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from pvdf_fem import Scene
 from pvdf_fem.batch.store import Record
-from pvdf_fem.solver.adaptive import rest_charges
+from pvdf_fem.solver.adaptive import compute_unloaded_charges
 from reports.__main__ import script
 from reports.locating import signals, touches
 from reports.locating.signals import Taps
@@ -49,7 +49,7 @@ def made_up(monkeypatch):
         return of_scene(scene)
 
     monkeypatch.setattr(touches, "build_response", built)
-    monkeypatch.setattr(touches, "solve_all", lambda scenes, **how: [*map(record_of, scenes)])
+    monkeypatch.setattr(touches, "solve_scenes", lambda scenes, **how: [*map(record_of, scenes)])
     for name, value in {"BATCH": 50, "ONCE": 2, "DRAWS": 20}.items():
         monkeypatch.setattr(touches, name, value)
 
@@ -80,7 +80,7 @@ def test_touches_are_found_where_they_are(made_up):
 
 def test_a_tap_is_tracked_through_its_circuit(monkeypatch):
     def solved(scene):
-        changes = charges_of(scene, Rested) - 1e12 * rest_charges(scene)
+        changes = charges_of(scene, Rested) - 1e12 * compute_unloaded_charges(scene)
         names = [electrode.name for electrode in scene.electrode_list]
         return SimpleNamespace(charge_changes_pC=dict(zip(names, changes.tolist(), strict=True)))
 

@@ -22,7 +22,7 @@ def script(monkeypatch):
 
     def load(name, package, **members):
         monkeypatch.setitem(sys.modules, package, SimpleNamespace(**members))
-        monkeypatch.setattr(Response, "load_script", lambda path: MODEL)
+        monkeypatch.setattr(Response, "load", lambda path: MODEL)
         return importlib.import_module(f"reports.guide.loggers.{name}")
 
     return load

@@ -122,6 +122,7 @@ def test_a_key_without_the_one_that_it_needs_is_refused(where, model):
 @pytest.mark.parametrize("where", ["film", "load", "film.patches[0]"])
 def test_a_number_in_another_unit_is_doubted_or_refused_with_what_was_meant(where):
     model = next(model for place, model in TABLES if place == where)
+    checked = []
     for name in model.model_fields:
         value, key = example(model, name), model.key_of(name)
         for number in (value / size for size in key.likely_units.values()):
@@ -131,6 +132,8 @@ def test_a_number_in_another_unit_is_doubted_or_refused_with_what_was_meant(wher
             scene = scene_or_mistakes(tables)
             told = scene.warnings if isinstance(scene, Scene) else scene
             assert any(f" {value:.3g} {key.unit} " in line for line in told), name
+            checked.append(name)
+    assert checked
 
 
 SECTIONS = re.compile(rf"({'|'.join(Scene.model_fields)})\b")

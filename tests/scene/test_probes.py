@@ -6,7 +6,7 @@ from hypothesis import given
 from pvdf_fem import Scene
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.registry import Load, LoadOverrides
-from pvdf_fem.solver.sensitivity.parameters import touched
+from pvdf_fem.solver.sensitivity.parameters import map_probe_keys
 from pvdf_fem.studies.scene_grid import SceneGrid
 from tests.helpers.damage import drawn
 from tests.helpers.refusals import keys, refused, refused_text, scene_or_mistakes
@@ -105,9 +105,11 @@ def test_keys_of_a_load_that_no_probe_has_are_told_and_do_not_vary():
     ]
     one = Scene.parse("[[probe]]\nforce_N = 1\n[[probe]]\nx_mm = 9")
     assert one.with_(**{"load.force_N": 2}).warnings == ()
-    numbers = {key: [number for _, number, _ in found] for key, found in touched(one).items()}
+    numbers = {
+        key: [number for _, number, _ in found] for key, found in map_probe_keys(one).items()
+    }
     assert (numbers["load.force_N"], numbers["probe[0].force_N"]) == ([1], [0])
-    assert "load.force_N" not in touched(both)
+    assert "load.force_N" not in map_probe_keys(both)
     for axis in ({"load.force_N": [1, 2]}, {"load": [{"force_N": 1}, {"force_N": 2}]}):
         assert len(SceneGrid.from_tables(one, [axis]).scenes()) == 2
         assert "load.force_N" in keys(refused(SceneGrid.from_tables(both, [axis]).scenes))

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pvdf_fem.batch.equivalence import MECHANICS
-from pvdf_fem.batch.store import key
+from pvdf_fem.batch.equivalence import MECHANICAL_EFFECTS
+from pvdf_fem.batch.store import make_record_key
 from pvdf_fem.scene.keys import select_by_effect
 from pvdf_fem.scene.scene import Film, Scene
 from pvdf_fem.scene.stage import Stage
@@ -125,7 +125,7 @@ def test_files_of_the_geometry_folder():
     assert len(replace(grid, axes=tuple(ends)).scenes()) == 2**4
     others = {"mapping_lines", "thickness_spacing", "report", "triangel"}
     for name in {path.stem for path in GEOMETRY.glob("*.toml")} - others:
-        assert Scene.example(name) == Scene.load(GEOMETRY / f"{name}.toml")
+        assert Scene.example(name) == Scene.from_file(GEOMETRY / f"{name}.toml")
     assert Scene.example("four_electrodes") == Scene()
     for name in others:
         assert refused(Scene.example, name) == [f'"{name}"']
@@ -151,8 +151,10 @@ def test_amplifiers_stage_and_model_are_no_matter_of_a_solve():
     scene = scene.with_(uncertain={"film.thickness_um": "5.5 %", "load.force_N": 0.1})
     assert scene != scene.with_(**{"readout.gain.B": 0.96})
     assert scene.model.tolerance is None
-    assert key(scene) == key(Scene())
-    assert select_by_effect(scene, *MECHANICS) == select_by_effect(Scene(), *MECHANICS)
+    assert make_record_key(scene) == make_record_key(Scene())
+    assert select_by_effect(scene, *MECHANICAL_EFFECTS) == select_by_effect(
+        Scene(), *MECHANICAL_EFFECTS
+    )
 
 
 def test_the_films_centre_and_axes_on_the_stage():

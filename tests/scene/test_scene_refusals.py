@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from pvdf_fem import build_response, gradients, respond
-from pvdf_fem.batch.equivalence import mechanics
-from pvdf_fem.batch.plan import plan
+from pvdf_fem.batch.equivalence import compute_mechanical_key
+from pvdf_fem.batch.plan import plan_solves
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.surrogate.response_key import make_mechanical_key
 from tests.helpers.refusals import keys, refused, refused_text
@@ -180,13 +180,16 @@ def test_two_effects_are_combined_or_refused_by_key(one, other):
     ("refuses", "effect", "key"),
     [
         (build_response, "tape", "film: patches"),
-        *((serves, "warm", "probe.temperature_K") for serves in (build_response, mechanics)),
+        *(
+            (serves, "warm", "probe.temperature_K")
+            for serves in (build_response, compute_mechanical_key)
+        ),
         (build_response, "pressure", "film.pressure_Pa"),
         (build_response, "weight", "film.gravity_m_s2"),
         (make_mechanical_key, "coupled", "film.coupling"),
         (lambda scene: respond(scene, 20.0), "coupled", "film.coupling"),
         (lambda scene: respond(scene, 20.0), "d33", "film.d33_pC_N"),
-        (lambda scene: plan([scene]), "d33", "film.d33_pC_N"),
+        (lambda scene: plan_solves([scene]), "d33", "film.d33_pC_N"),
         *((serves, "d33", "film.d33_pC_N") for serves in (make_mechanical_key, gradients)),
     ],
 )
@@ -240,9 +243,9 @@ def test_unreadable_files_are_refused_with_path_and_line(tmp_path, raw, where):
     if raw is not None:
         path.write_bytes(raw)
     with pytest.raises(SceneError, match=rf"scene\.toml.*{where}"):
-        Scene.load(path)
+        Scene.from_file(path)
     path.write_text("[load]\nforce_N = 2", encoding="utf-8-sig")  # its mark is no mistake
-    assert Scene.load(str(path)).load.force == 2.0
+    assert Scene.from_file(str(path)).load.force == 2.0
 
 
 LONG = [[math.cos(t), math.sin(t)] for t in np.linspace(0, 6.28, 700).round(3)]

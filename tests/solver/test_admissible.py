@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 
 from pvdf_fem import solve
-from pvdf_fem.electrodes.outputs import goals_of
-from pvdf_fem.electrodes.stress_integrals import Forces
+from pvdf_fem.electrodes.outputs import make_outputs
+from pvdf_fem.electrodes.stress_integrals import StressIntegrals
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.solver import admissible
-from pvdf_fem.solver.adaptive import solve_goals
-from pvdf_fem.solver.discrete_solution import Fields
-from pvdf_fem.solver.nonlinear.newton import factorise, negative_pivots
+from pvdf_fem.solver import acceptance as admissible
+from pvdf_fem.solver.adaptive import solve_outputs
+from pvdf_fem.solver.discrete_solution import DiscreteSolution
+from pvdf_fem.solver.nonlinear.newton import count_negative_pivots, factorise
 from pvdf_fem.solver.nonlinear.status import Status
 from reports.reference.axisymmetric import axisymmetric_membrane
 from reports.reference.axisymmetric_wrinkled import wrinkled_membrane
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, free_disc, graded_mesh, values
 from tests.helpers.solvers import newton_result
 
-NO_FORCES = Forces(np.zeros((0, 2)), np.zeros((0, 2)))
+NO_FORCES = StressIntegrals(np.zeros((0, 2)), np.zeros((0, 2)))
 #: Under this probe a film without pretension is in compression.
 NEAR_RIM = {
     "film.temperature_change_K": 0.0,
@@ -49,8 +49,8 @@ def solved():
 )
 def test_forces_must_balance_and_wrinkles_change_little(solved, factor, change, status):
     problem, result = solved
-    fields = Fields(problem, factor * result.q, NO_FORCES)
-    assert admissible.refusal(fields, result.factors, change) is status
+    fields = DiscreteSolution(problem, factor * result.q, NO_FORCES)
+    assert admissible.find_rejection_status(fields, result.factors, change) is status
 
 
 def test_a_pressure_that_follows_beyond_its_limit_is_refused():
@@ -58,13 +58,13 @@ def test_a_pressure_that_follows_beyond_its_limit_is_refused():
     scene = TRIANGLE.with_(**LOADS["follower"])
     problem = Equilibrium(scene, graded_mesh(scene, 6.0, 14.0))
     result = newton_result(problem)
-    fields = Fields(problem, result.q, NO_FORCES)
-    assert admissible.refusal(fields, result.factors, None) is None
+    fields = DiscreteSolution(problem, result.q, NO_FORCES)
+    assert admissible.find_rejection_status(fields, result.factors, None) is None
     tangent = problem.tangent(fields.solved_state).tolil()
     tangent[0, 0] *= -1.0
     beyond = factorise(tangent.tocsc())
-    assert negative_pivots(beyond) == 1
-    assert admissible.refusal(fields, beyond, None) is Status.UNSTABLE
+    assert count_negative_pivots(beyond) == 1
+    assert admissible.find_rejection_status(fields, beyond, None) is Status.UNSTABLE
 
 
 def test_a_buckled_plate_is_refused():
@@ -73,10 +73,10 @@ def test_a_buckled_plate_is_refused():
         changes = {"film.temperature_change_K": change_K, "load.force_N": 0.0}
         scene = TRIANGLE.with_(**changes, **{"film.bending": True})
         film = Equilibrium(scene, graded_mesh(scene, 6.0, 12.0))
-        flat = Fields(film, np.zeros(film.unknowns.count), NO_FORCES)
+        flat = DiscreteSolution(film, np.zeros(film.unknowns.count), NO_FORCES)
         factors = factorise(film.tangent(flat.solved_state))
-        assert (negative_pivots(factors) > 0) == (status is not None)
-        assert admissible.refusal(flat, factors, None) is status
+        assert (count_negative_pivots(factors) > 0) == (status is not None)
+        assert admissible.find_rejection_status(flat, factors, None) is status
 
 
 @pytest.mark.parametrize("scene", [RECTANGLE, TRIANGLE])
@@ -151,8 +151,8 @@ def test_a_scene_of_a_sweep_may_be_in_compression():
     """It has no electrodes of its own, since its mesh follows none."""
     near_rim = RECTANGLE.with_(**NEAR_RIM)
     without = near_rim.model_copy(update={"electrodes": ()})
-    goals = [replace(goal, patch=None) for goal in goals_of(near_rim)]
-    errors = solve_goals(without, goals).fields.forces.charge_errors([8.0, 8.0])
+    outputs = [replace(output, patch=None) for output in make_outputs(near_rim)]
+    errors = solve_outputs(without, outputs).discrete.stress_integrals.charge_errors([8.0, 8.0])
     assert errors == pytest.approx(values(solve(near_rim).charge_errors_pC), rel=0.1)
 
 
@@ -170,7 +170,9 @@ def test_a_charge_that_cancels_is_warned_of():
     """Two forces of 1 N and of 0.999 N, with coefficients of opposite signs."""
     scene = TRIANGLE.with_(**{"film.d31_pC_N": 20.0, "film.d32_pC_N": -20.0})
     forces = np.array([[1.0, 0.999], [1.0, 0.5], [2.0, 1.0], [1.0, 0.5]])
-    uncertain = Forces(forces, 1e-4 * forces * [1.0, 0.5])
-    [warning] = admissible.cancelled_charges(scene, uncertain)
+    uncertain = StressIntegrals(forces, 1e-4 * forces * [1.0, 0.5])
+    [warning] = admissible.warn_of_cancelled_charges(scene, uncertain)
     assert re.findall(r"-?\d[\d.]*", warning)[:3] == ["0.02", "20", "-19.98"]
-    assert not list(admissible.cancelled_charges(scene, Forces(forces, 1e-8 * forces)))
+    assert not list(
+        admissible.warn_of_cancelled_charges(scene, StressIntegrals(forces, 1e-8 * forces))
+    )

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.solver.estimate import corrected
+from pvdf_fem.solver.estimate import correct_in_richer_space
 from pvdf_fem.solver.nonlinear.budget import Budget
-from pvdf_fem.solver.nonlinear.fallback import equilibrate
+from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
 from pvdf_fem.solver.nonlinear.newton import factorise
 from tests.helpers.discs import LOADS, TRIANGLE, graded_mesh
 
@@ -17,10 +17,10 @@ def corrected_and_exact(kind, stiffness):
     """A correction by a tangent times `stiffness`, the solution of the next order, and the norm."""
     scene = TRIANGLE.with_(**LOADS[kind])
     coarse = Equilibrium(scene, graded_mesh(scene, 6.0, 14.0), 2)
-    rich, q = coarse.with_(order=3), equilibrate(coarse).q
+    rich, q = coarse.with_(order=3), find_equilibrium(coarse).q
     factors = factorise(stiffness * coarse.tangent(coarse.state(q)))
-    correction = corrected(coarse, q, factors, rich, Budget.of(scene))
-    exact = equilibrate(rich, correction.start).q
+    correction = correct_in_richer_space(coarse, q, factors, rich, Budget.of(scene))
+    exact = find_equilibrium(rich, correction.start).q
 
     def size(q):
         change = q - exact

@@ -32,7 +32,7 @@ def test_kinds_may_be_mixed():
         {**DISC, "y_mm": 8.0, "load": {"kind": "follower"}, "force_N": 0.2},
     ]
     solution = solve(Scene(probe=kinds, numerics={"tolerance": 1e-2}))
-    equilibrium = solution.fields.equilibrium
+    equilibrium = solution.discrete.equilibrium
     sliding, held = (
         solution.displacement[np.unique(equilibrium.space.nodes[load.patch])]
         for load in equilibrium.loads[:2]

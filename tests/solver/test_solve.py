@@ -14,13 +14,13 @@ import pytest
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.solver import adaptive as solving
-from pvdf_fem.solver import history, refinement
+from pvdf_fem.solver import adaptive_loop, history
 from pvdf_fem.solver import mesh_level as attempt_module
+from pvdf_fem.solver.adaptive_loop import AdaptiveLoop, AdaptiveRules
 from pvdf_fem.solver.history import Stop
 from pvdf_fem.solver.mesh_level import SAFETY
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.solver.refinement import MeshLoop, Rules
 from pvdf_fem.solver.solution import Solution
 from pvdf_fem.summary import format_with_error
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, charges, on_mesh, values
@@ -63,7 +63,7 @@ def test_errors_at_a_rigid_probe_are_stated_even_where_their_signs_cancel(monkey
 
 def test_the_tolerance_is_relative_to_the_charge_itself():
     """Coefficients of opposite signs, which leave a tenth of the parts of a charge."""
-    X, Y = solve(TRIANGLE).fields.forces.values[0]
+    X, Y = solve(TRIANGLE).discrete.stress_integrals.values[0]
     scene = TRIANGLE.with_(**{"film.d31_pC_N": 10.0, "film.d32_pC_N": float(-9.0 * X / Y)})
     solution = solve(scene)
     finer = solve(scene.with_(**{"numerics.tolerance": 3e-5})).charges_pC
@@ -130,7 +130,7 @@ def test_newton_that_fails_on_a_finer_mesh_is_why_the_solve_ends(monkeypatch):
             return attempt
         return replace(attempt, result=replace(attempt.result, status=Status.MAX_ITERATIONS))
 
-    monkeypatch.setattr(solving, "solve_on", failing)
+    monkeypatch.setattr(solving, "solve_on_mesh", failing)
     solution = solve(SLOW)
     assert (solution.status, solution.stop) == (Status.TOLERANCE, Stop.FINER_FAILED)
     assert [mesh.status for mesh in solution.history] == ["converged", "max_iterations"]
@@ -141,8 +141,10 @@ def test_newton_that_fails_on_a_finer_mesh_is_why_the_solve_ends(monkeypatch):
 def test_no_charge_is_accepted_whose_likely_error_exceeds_the_tolerance(monkeypatch, excess):
     """On one mesh whose error is known; the likely error of a pressure has a factor of safety."""
     sizes = solving.first_sizes(RECTANGLE, 2)
-    monkeypatch.setattr(solving, "first_sizes", lambda scene, order: sizes)
-    monkeypatch.setattr(solving, "MeshLoop", partial(MeshLoop, rules=Rules(most_meshes=1)))
+    monkeypatch.setattr(solving, "choose_first_sizes", lambda scene, order: sizes)
+    monkeypatch.setattr(
+        solving, "AdaptiveLoop", partial(AdaptiveLoop, rules=AdaptiveRules(most_meshes=1))
+    )
     likely = SAFETY * worst(solve(RECTANGLE.with_(**{"numerics.tolerance": 0.1}), order=2))
     given = solve(RECTANGLE.with_(**{"numerics.tolerance": likely / excess}), order=2)
     ends = (Status.CONVERGED, Stop.ACCURATE), (Status.TOLERANCE, Stop.MESHES)
@@ -155,7 +157,7 @@ def test_no_charge_is_accepted_whose_likely_error_exceeds_the_tolerance(monkeypa
 def test_counted_work_does_not_depend_on_the_clock(monkeypatch):
     """On a clock of a second for each call, the same meshes are made for the same work."""
     usual, clock = within(SLOW, max_seconds=1.0), iter(range(10**9))
-    for module in (history, refinement):
+    for module in (history, adaptive_loop):
         monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=clock.__next__))
     slow = within(SLOW, max_seconds=1.0)
     assert slow.stop is usual.stop

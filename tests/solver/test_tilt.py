@@ -16,7 +16,7 @@ def tilting(**changes):
 
 
 def energy(solution):
-    fields = solution.fields
+    fields = solution.discrete
     return sum(term.energy(fields.state) for term in fields.equilibrium.terms)
 
 

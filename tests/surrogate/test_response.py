@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from pvdf_fem import NotConvergedError, Scene, build_response
-from pvdf_fem.solver.nonlinear.fallback import equilibrate
+from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.surrogate.stress import probe_stress
 from pvdf_fem.surrogate.stress.centre_grid import CentreGrid
@@ -147,7 +147,7 @@ def test_each_force_starts_nearer_to_its_solution_or_from_the_seed(monkeypatch):
     apart, broken = [], set()
 
     def watched(equilibrium, q):
-        result = equilibrate(equilibrium, q)
+        result = find_equilibrium(equilibrium, q)
         if q is not None:
             apart.append(np.linalg.norm(result.q - q) / np.linalg.norm(result.q))
         lost = ("seed" if q is None else "start") in broken
@@ -156,7 +156,7 @@ def test_each_force_starts_nearer_to_its_solution_or_from_the_seed(monkeypatch):
     def solved(forces):
         return [stress for _, stress in probe_stress.solve_stresses(DISC, forces, 3.0)]
 
-    monkeypatch.setattr(probe_stress, "equilibrate", watched)
+    monkeypatch.setattr(probe_stress, "find_equilibrium", watched)
     near = solved([1.0, 0.9, 0.81, 0.729])
     constant, line, parabola = apart
     assert parabola < 0.1 * line < 0.01 * constant

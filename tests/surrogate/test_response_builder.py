@@ -11,7 +11,7 @@ import pytest
 
 from pvdf_fem import NotConvergedError, Response, Scene, build_response, locate
 from pvdf_fem.batch import store
-from pvdf_fem.electrodes.stress_integrals import Forces
+from pvdf_fem.electrodes.stress_integrals import StressIntegrals
 from pvdf_fem.progress import TaskRunner
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.surrogate import response, validation_solves
@@ -150,7 +150,7 @@ def test_options_become_finer_until_the_tolerance_is_met(tmp_path, monkeypatch):
 
 
 def test_a_build_ends_where_most_touches_have_no_solution():
-    touches, forces = draw_touches(Domain(3.0, (0.8, 1.6)), 4), Forces(*np.ones((2, 1, 2)))
+    touches, forces = draw_touches(Domain(3.0, (0.8, 1.6)), 4), StressIntegrals(*np.ones((2, 1, 2)))
     half = ValidationSolves.collect(touches, ["fails", forces, forces, "fails"])
     np.testing.assert_array_equal(half.touches, touches[1:3])
     with pytest.raises(NotConvergedError):
@@ -167,5 +167,5 @@ def test_keys_are_of_mechanics_domain_tolerance_and_code(monkeypatch):
     of = [(DISC, domain, 1e-3), (DISC, near, 1e-3), (DISC, domain, 1e-4), (thick, domain, 1e-3)]
     keys = {make_response_key(*each) for each in of}
     versions = {True: "other tables", False: "the same solver"}
-    monkeypatch.setattr(store, "code_version", lambda folders: versions["surrogate" in folders])
+    monkeypatch.setattr(store, "hash_code", lambda folders: versions["surrogate" in folders])
     assert len(keys | {make_response_key(DISC, domain, 1e-3)}) == 5

@@ -16,7 +16,7 @@ from pvdf_fem import Response, Scene, SceneError, build_response, gradients, sol
 from pvdf_fem.progress import ignore_progress
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.solver.sensitivity.parameters import PLACE_NAMES, parameters_of
+from pvdf_fem.solver.sensitivity.parameters import PLACE_NAMES, list_parameters
 from pvdf_fem.surrogate.response_options import ResponseOptions
 from tests.helpers.damage import drawn
 from tests.helpers.discs import values
@@ -123,7 +123,7 @@ def test_sweeps_have_the_charges_of_fresh_solves(changes, grid):
 def test_gradients_are_those_of_fresh_solves(changes, data):
     scene = scene_of(changes)
     try:
-        known = parameters_of(scene)
+        known = list_parameters(scene)
     except SceneError:
         assume(False)
     assume(known)

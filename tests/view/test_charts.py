@@ -26,7 +26,7 @@ def swept(monkeypatch: pytest.MonkeyPatch, *axes: dict) -> object:
         records = zip(made_up(scenes, frames), failed, strict=True)
         return [Record("unstable", "", tuple("ABCD")) if no else r for r, no in records]
 
-    monkeypatch.setattr(batch, "records_of", solved)
+    monkeypatch.setattr(batch, "make_records", solved)
     return sweep(BASE, axes, processes=1)
 
 

@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
 from pvdf_fem import NotConvergedError, Scene, Solution, solve
-from pvdf_fem.electrodes.outputs import goals_of
-from pvdf_fem.solver.next_order import error_shares
+from pvdf_fem.electrodes.outputs import make_outputs
+from pvdf_fem.solver.next_order import compute_error_shares
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.view.figures import make_figure, render_figure, use_style
 from pvdf_fem.view.film_map import MAPS, sample_field
@@ -51,6 +51,7 @@ def test_deflection_map_shows_deflection_charges_and_outlines(solution):
 def test_maps_of_a_flat_film():
     flat = solve(Scene())
     flat.plot(ax=(ax := axes()))
+    assert len(labels(ax)) >= 4
     assert all("48 ± " in text for text in labels(ax))
     for name in ("stress", "principal directions", "error"):
         assert render_figure(flat.plot(name), ".png")
@@ -82,6 +83,7 @@ def test_strokes_are_along_the_larger_principal_stress(solution):
     [strokes] = [c for c in ax.collections if isinstance(c, LineCollection)]
     ends = np.array(strokes.get_segments())
     middles, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
+    assert len(middles) > 50
     for place, way in zip(middles[::50], along[::50], strict=True):
         s11, s22, s12 = solution.at(*place).stress_MPa
         _, vectors = np.linalg.eigh([[s11, s12], [s12, s22]])
@@ -92,7 +94,10 @@ def test_mesh_and_error_shares_are_of_all_elements(solution):
     mesh, errors = axes(), axes()
     solution.plot("mesh", ax=mesh)
     solution.plot("error", ax=errors)
-    count, shares = solution.mesh.nelements, error_shares(solution.fields, goals_of(solution.scene))
+    count, shares = (
+        solution.mesh.nelements,
+        compute_error_shares(solution.discrete, make_outputs(solution.scene)),
+    )
     assert f"{count} triangles" in mesh.get_title()
     lines, drawn = mesh.collections[-1], errors.collections[-1]
     assert isinstance(lines, LineCollection)

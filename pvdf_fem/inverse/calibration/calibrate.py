@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pvdf_fem.electrodes.channel import READINGS, channels, units_pC
+from pvdf_fem.electrodes.channel import READINGS, list_units_pC, make_channels
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.inverse.calibration.calibration import Calibration
 from pvdf_fem.inverse.calibration.diagnosis import (
@@ -95,8 +95,12 @@ def calibrate(
     deviations = {name: coerce(name, value, float) for name, value in deviations.items()}
     if mistakes := _mistakes(scene, {"reading": reading, "unit": unit}, deviations):
         raise ValueError("\n".join(mistakes))
-    wired = channels(scene)
-    in_unit = units_pC(wired)["V"] / units_pC(wired)[unit] * [channel.noise for channel in wired]
+    wired = make_channels(scene)
+    in_unit = (
+        list_units_pC(wired)["V"]
+        / list_units_pC(wired)[unit]
+        * [channel.noise for channel in wired]
+    )
     uncertain = ReadingNoise(
         deviations["sigma"],
         np.broadcast_to(deviations.get("noise", in_unit), len(wired)),
@@ -132,7 +136,7 @@ def _mistakes(scene: Scene, words: Mapping[str, str], deviations: Mapping[str, f
     for name, value in deviations.items():
         if not 0.0 <= value < np.inf:
             mistakes.append(f"{name} = {value:g}: give a standard deviation, not negative")
-    quietest = min(channel.noise for channel in channels(scene))
+    quietest = min(channel.noise for channel in make_channels(scene))
     if not (deviations["sigma"] or deviations.get("noise", quietest)):
         mistakes.append("sigma = 0: readings have errors; give sigma or noise")
     return mistakes

@@ -14,7 +14,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.calibration.diagnosis import CalibrationStatus
 from pvdf_fem.inverse.calibration.fit import CalibrationFit
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.sensitivity.parameters import numbers_of
+from pvdf_fem.solver.sensitivity.parameters import expand_pair_key
 from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
 
@@ -38,7 +38,7 @@ class Calibration(Result):
         scene = self.fit.model.unknowns.scene_at(self.fit.values, self.fit.model.reading)
         deviations = {}
         for key in scene.uncertain or ():
-            if names := numbers_of(key, self.parameters):
+            if names := expand_pair_key(key, self.parameters):
                 deviations[key] = float(np.mean([self.parameters[n]["deviation"] for n in names]))
         return scene.with_(uncertain=deviations) if deviations else scene
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.constants import g
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.misread import misreadings
+from pvdf_fem.electrodes.misreadings import list_misreadings
 from pvdf_fem.inverse.calibration.fit import CalibrationFit, ReadingNoise, fit_parameters
 from pvdf_fem.inverse.calibration.reading_model import ReadingModel
 from pvdf_fem.inverse.calibration.touch_table import TouchTable
@@ -121,7 +121,7 @@ def _propose_reading_corrections(model: ReadingModel) -> Iterator[Correction]:
     """Changes that need no solve."""
     touches, names = model.touches, [channel.name for channel in model.channels]
     read = touches.readings
-    for mistake in misreadings(model.channels, model.unit):
+    for mistake in list_misreadings(model.channels, model.unit):
         status = CalibrationStatus(mistake.kind)
         changed = replace(touches, readings=mistake.undone(read))
         yield Correction(status, mistake.text, changed, model.reading)

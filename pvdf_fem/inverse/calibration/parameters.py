@@ -21,9 +21,9 @@ from pvdf_fem.scene.scene_file import suggest
 from pvdf_fem.solver.sensitivity.parameters import (
     COEFFICIENTS,
     PRETENSION,
-    numbers_of,
-    parameters_of,
-    stretched,
+    expand_pair_key,
+    list_parameters,
+    prescribe_pretension,
 )
 
 GAIN = "gain."
@@ -91,7 +91,7 @@ def select_parameters(
     """The parameters that words name, of which some stand for several, with their priors. Raises
     ValueError with a line for each mistake."""
     if any(word.startswith(PRETENSION) for word in words):
-        scene = stretched(scene)
+        scene = prescribe_pretension(scene)
     known, names, mistakes = _known(scene), [], []
     for word in words:
         if word in known:
@@ -132,13 +132,13 @@ def _prior(name: str, value: float, given: Mapping[str, float]) -> float:
 def _known(scene: Scene) -> dict[str, list[str]]:
     """The parameters that each word names."""
     electrodes = [electrode.name for electrode in scene.electrode_list]
-    film = [key for key in parameters_of(scene) if key.startswith("film.")]
+    film = [key for key in list_parameters(scene) if key.startswith("film.")]
     groups = {
         "gains": [f"{GAIN}{name}" for name in electrodes],
         "offsets": [f"{OFFSET}{name}" for name in electrodes],
         "shift": list(SHIFT),
         "turn": [TURN],
     }
-    groups |= {key[:-2]: numbers_of(key[:-2], film) for key in film if key.endswith(".0")}
+    groups |= {key[:-2]: expand_pair_key(key[:-2], film) for key in film if key.endswith(".0")}
     single = [*film, *groups["gains"], *groups["offsets"], *SHIFT, TURN]
     return {**groups, **{name: [name] for name in single}}

@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from pvdf_fem.arrays import Array, Mask
-from pvdf_fem.electrodes.channel import Channel, channels
-from pvdf_fem.electrodes.outputs import goals_of
+from pvdf_fem.electrodes.channel import Channel, make_channels
+from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.inverse.calibration.options import DEFAULTS, CalibrateOptions
 from pvdf_fem.inverse.calibration.parameters import (
     GAIN,
@@ -27,10 +27,10 @@ from pvdf_fem.inverse.calibration.parameters import (
 from pvdf_fem.inverse.calibration.touch_table import TOUCH_KEYS, TouchTable, place_probe
 from pvdf_fem.progress import SolveCounter, ignore_progress
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.adaptive import rest_forces, solve_goals
+from pvdf_fem.solver.adaptive import compute_unloaded_integrals, solve_outputs
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.sensitivity.parameters import COEFFICIENTS
-from pvdf_fem.solver.sensitivity.rates import force_rates
+from pvdf_fem.solver.sensitivity.rates import compute_integral_rates
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class ReadingModel:
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
         """Channels of the electrodes."""
-        return channels(self.unknowns.scene)
+        return make_channels(self.unknowns.scene)
 
     @property
     def solved(self) -> Mask:
@@ -119,13 +119,16 @@ class ReadingModel:
             if (moved := place_probe(scene, arguments[i, :4])) is None:
                 continue
             self.count()
-            solution = solve_goals(moved, goals_of(moved))
+            solution = solve_outputs(moved, make_outputs(moved))
             self.failures[i] = f"{solution.status}: {solution.reason}"
             if solution.status is not Status.CONVERGED:
                 continue
             del self.failures[i]
             self.at[i], self.at_rest[i] = arguments[i], rest
-            self.forces[i] = solution.fields.forces.values, *force_rates(solution, self.keys)
+            self.forces[i] = (
+                solution.discrete.stress_integrals.values,
+                *compute_integral_rates(solution, self.keys),
+            )
             errors, charges = solution.charge_errors_pC, solution.charges_pC
             self.errors[i] = [errors[name] / max(abs(charges[name]), 1e-12) for name in charges]
 
@@ -134,7 +137,7 @@ class ReadingModel:
         where it has none and readings are totals."""
 
         def forces(at: Scene) -> Array:
-            return rest_forces(at, needed=self.reading == "change").values
+            return compute_unloaded_integrals(at, needed=self.reading == "change").values
 
         rows = [forces(scene), *np.zeros((len(TOUCH_KEYS), len(self.channels), 2))]
         for key in self.unknowns.film_keys:

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.electrodes.channel import READINGS, channels, units_pC
-from pvdf_fem.electrodes.misread import misreadings
+from pvdf_fem.electrodes.channel import READINGS, list_units_pC, make_channels
+from pvdf_fem.electrodes.misreadings import list_misreadings
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
@@ -44,7 +44,7 @@ class Measurement:
     response: ChargeFunction
     electrodes: Indices  #: Of the electrodes in the model.
     reading: str  #: Of `READINGS`.
-    unit: str  #: Of `units_pC`, in which readings were given.
+    unit: str  #: Of `list_units_pC`, in which readings were given.
     gains: Array
     offsets_pC: Array
     rest_pC: Array  #: Charges of the film without a touch; NaN where it has none.
@@ -63,7 +63,7 @@ class Measurement:
         unit: str = "pC",
     ) -> Measurement:
         """Measurement of named electrodes; `noise_pC` and `reading` are by default the readout's.
-        Raises `RestError` for changes of a film without charges at rest."""
+        Raises `UnloadedFilmError` for changes of a film without charges at rest."""
         electrodes = np.array([model.names.index(name) for name in names])
         by_name = get_channel_values(model.scene)
         gains, offsets, noise = np.array([by_name[name] for name in names]).T
@@ -83,8 +83,8 @@ class Measurement:
         if not np.isnan(self.rest_pC).any():
             (reading,) = READINGS.keys() - {self.reading}
             yield f"readings are {READINGS[reading]}", replace(self, reading=reading), np.asarray
-        given = [channels(self.response.scene)[i] for i in self.electrodes]
-        for mistake in misreadings(given, self.unit):
+        given = [make_channels(self.response.scene)[i] for i in self.electrodes]
+        for mistake in list_misreadings(given, self.unit):
             if mistake.exchanged <= 2:
                 yield mistake.text, self, mistake.undone
 
@@ -122,14 +122,14 @@ class Measurement:
 @lru_cache(maxsize=8)
 def get_channel_values(scene: Scene) -> dict[str, tuple[float, float, float]]:
     """Gain, and offset and noise in nominal pC, of each electrode."""
-    units = {c: 1e12 * c.capacitance for c in channels(scene)}
+    units = {c: 1e12 * c.capacitance for c in make_channels(scene)}
     return {c.name: (c.gain, unit * c.offset, unit * c.noise) for c, unit in units.items()}
 
 
 def get_units_pC(scene: Scene, unit: str) -> dict[str, float]:
     """A unit of readings in nominal pC, by electrode; 1 for what is none."""
-    wired = channels(scene)
-    units = units_pC(wired)
+    wired = make_channels(scene)
+    units = list_units_pC(wired)
     return {c.name: of for c, of in zip(wired, units.get(unit, units["pC"]).tolist(), strict=True)}
 
 
@@ -213,11 +213,11 @@ def find_reading_errors(
 
 
 def _find_unloaded_errors(scene: Scene, reading: str) -> Iterator[str]:
-    from pvdf_fem.solver.adaptive import RestError  # with gmsh
+    from pvdf_fem.solver.adaptive import UnloadedFilmError  # with gmsh
 
     try:
         compute_unloaded_charges_pC(scene, reading)
-    except RestError as error:
+    except UnloadedFilmError as error:
         yield from error.problems
 
 

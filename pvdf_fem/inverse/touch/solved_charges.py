@@ -14,17 +14,17 @@ from typing import ClassVar
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.electrodes.outputs import goals_of
+from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, get_base_quantity
 from pvdf_fem.scene.changes import get_number, parse_key, to_plain_value
 from pvdf_fem.scene.outlines.shape import HEAT_KEYS
 from pvdf_fem.scene.scene import Numerics, Scene, SceneError
 from pvdf_fem.scene.shapes import Pressing
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.solver.adaptive import solve_goals
+from pvdf_fem.solver.adaptive import solve_outputs
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
-from pvdf_fem.solver.sensitivity.parameters import parameters_of
-from pvdf_fem.solver.sensitivity.rates import charge_rates
+from pvdf_fem.solver.sensitivity.parameters import list_parameters
+from pvdf_fem.solver.sensitivity.rates import compute_charge_rates
 from pvdf_fem.surrogate.charge_function import count_probes
 from pvdf_fem.surrogate.touch_domain import (
     TOUCH_QUANTITIES,
@@ -84,7 +84,7 @@ class SolvedResponse:
             and (get_base_quantity(name) != "rotation_deg" or periods[_probe(name)])
         )
         made = cls(listed, tuple(names), sought, domain, tolerance, count)
-        if wrong := {made.key(name) for name in sought} - set(parameters_of(listed)):
+        if wrong := {made.key(name) for name in sought} - set(list_parameters(listed)):
             raise ValueError(f"unknown: charges have no derivative by {', '.join(sorted(wrong))}")
         return made
 
@@ -139,8 +139,8 @@ class SolvedResponse:
         for i, touch in enumerate(touches):
             self.count()
             try:
-                solution = solve_goals(scene := self.scene_of(touch), goals_of(scene))
-                slopes[i][:, self.unknown] = 1e12 * charge_rates(solution, keys).T
+                solution = solve_outputs(scene := self.scene_of(touch), make_outputs(scene))
+                slopes[i][:, self.unknown] = 1e12 * compute_charge_rates(solution, keys).T
                 charges[i] = [*solution.charges_pC.values()]
             except (SceneError, NotConvergedError):
                 continue

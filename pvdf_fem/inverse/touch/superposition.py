@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.batch.batch import solve_all
+from pvdf_fem.batch.batch import solve_scenes
 from pvdf_fem.film.loads.profiles import pin_profile_files
 from pvdf_fem.inverse.least_squares import (
     SearchResult,
@@ -70,7 +70,7 @@ def search_along_weak_direction(
     """
     moving, longest = problem.moving, problem.longest_steps[problem.moving]
     for _ in range(options.rounds):
-        best = ends.take(ends.ranking.argsort()[:1])
+        best = ends.select(ends.ranking.argsort()[:1])
         if not best.converged.any():
             break
         *_, directions = np.linalg.svd(best.jacobian[0][:, moving] * longest)
@@ -118,8 +118,8 @@ def _ordered(
             ends.jacobian[swap][..., other],
         )
     solved = ends.chi_square < 1e-6 * np.square(UNSOLVED_PC / problem.deviations_pC).min()
-    ends = ends.take(np.flatnonzero(solved))
-    return ends.take(find_distinct(problem, ends, options)) if ends.coordinates.size else ends
+    ends = ends.select(np.flatnonzero(solved))
+    return ends.select(find_distinct(problem, ends, options)) if ends.coordinates.size else ends
 
 
 def find_superposed_candidates(
@@ -180,7 +180,7 @@ def _single(scene: Scene, reach_mm: float, pitch_mm: float, fine_mm: float) -> t
     keys = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg")
     rows = np.column_stack([solved, turns]).tolist()
     scenes = [scene.with_(**dict(zip(keys, row, strict=True))) for row in rows]
-    records = solve_all(scenes, processes=1)
+    records = solve_scenes(scenes, processes=1)
     good = [i for i, record in enumerate(records) if record.converged]
     if len(good) < 3:
         raise NotConvergedError(f"{records[0].status}: one touch alone: {records[0].reason}")

@@ -13,7 +13,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import channels
+from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.inverse.touch.locate import PLACE_AND_FORCE, get_scene_quantities
 from pvdf_fem.inverse.touch.measurement import find_quantity_errors, get_centre_mm
 from pvdf_fem.inverse.tracking.baseline import Baseline, ContactDetector
@@ -81,7 +81,7 @@ class Tracker:
         self._names, self._unit, self._circuit = (
             response.names,
             unit,
-            ReadoutCircuit.of(channels(scene)),
+            ReadoutCircuit.of(make_channels(scene)),
         )
         self._model = ContactProblem.of(response, fixed, options)
         self._options, self._time = options, -math.inf

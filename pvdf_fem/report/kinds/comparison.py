@@ -17,7 +17,7 @@ from pvdf_fem.report.results import NothingToShowError, ReportResults
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, format_error
-from pvdf_fem.solver.sensitivity.uncertainty import require_known, uncertainty
+from pvdf_fem.solver.sensitivity.uncertainty import require_differentiable, uncertainty
 from pvdf_fem.view import curves as drawing
 from pvdf_fem.view.figures import GREY, HALO, get_line_style, make_figure
 
@@ -64,7 +64,7 @@ class Comparison(ElectrodeKind):
         scenes = dict.fromkeys(self.scenes(inputs))
         with prefix_errors("scene"):
             for scene in scenes:
-                require_known(scene)
+                require_differentiable(scene)
         return [Spread(scene) for scene in scenes if scene.uncertain]
 
     def _asked(self, inputs: Inputs) -> tuple[Readings, list[Scene], tuple[str, ...]]:

@@ -13,7 +13,7 @@ from pvdf_fem.film.models import FilmModel, resolve_film_model
 from pvdf_fem.scene.scene import Scene
 
 
-def iteration_seconds(
+def estimate_iteration_seconds(
     count: float,
     model: FilmModel,
     per_second: float = 1.4e5,
@@ -63,9 +63,11 @@ class Budget:
     def spend(self, equilibrium: Equilibrium, iterations: float) -> None:
         """Count Newton iterations with a new tangent."""
         count = equilibrium.unknowns.count
-        self.spent_seconds += iterations * iteration_seconds(count, equilibrium.model)
+        self.spent_seconds += iterations * estimate_iteration_seconds(count, equilibrium.model)
 
     def iterations(self, equilibrium: Equilibrium) -> int:
         """Most Newton iterations in the search for an equilibrium."""
         share = self.equilibrium_share * self.max_seconds
-        return int(share / iteration_seconds(equilibrium.unknowns.count, equilibrium.model))
+        return int(
+            share / estimate_iteration_seconds(equilibrium.unknowns.count, equilibrium.model)
+        )

@@ -12,7 +12,7 @@ from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.solver.nonlinear.newton import factorise
 
 
-def seed(equilibrium: Equilibrium) -> Array:
+def compute_initial_guess(equilibrium: Equilibrium) -> Array:
     """Unknowns of the linear membrane's deflection alone, scaled to the least energy: where the
     energy stops falling is bisected. Forces in the plane alone displace the film in its plane."""
     laplace = equilibrium.assembly.matrix(equilibrium.space.laplace())

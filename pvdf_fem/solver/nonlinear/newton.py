@@ -41,7 +41,7 @@ class Iteration:
 
 
 @dataclass(frozen=True)
-class Tried:
+class FailedAttempt:
     """A solver that was tried."""
 
     solver: str
@@ -58,7 +58,7 @@ class NewtonResult:
     status: Status
     iterations: tuple[Iteration, ...]  #: The table of the solve that led to `q`.
     factors: SuperLU | None  #: The last tangent; None for the flat film and without a result.
-    tried: tuple[Tried, ...] = ()  #: What was tried before.
+    failed_attempts: tuple[FailedAttempt, ...] = ()  #: What was tried before.
 
     @property
     def converged(self) -> bool:
@@ -68,15 +68,18 @@ class NewtonResult:
     @property
     def fresh_count(self) -> int:
         """Number of factorised tangents, earlier tries included."""
-        return sum(earlier.tangents for earlier in self.tried) + self._tangents
+        return sum(earlier.tangents for earlier in self.failed_attempts) + self._tangents
 
     @property
     def _tangents(self) -> int:
         return sum(row.fresh for row in self.iterations)
 
-    def as_tried(self, solver: str) -> tuple[Tried, ...]:
-        """Records of earlier tries and this result, for `tried` in a later result."""
-        return (*self.tried, Tried(solver, self.status, len(self.iterations), self._tangents))
+    def as_failed_attempts(self, solver: str) -> tuple[FailedAttempt, ...]:
+        """Records of earlier tries and this result, for `failed_attempts` in a later result."""
+        return (
+            *self.failed_attempts,
+            FailedAttempt(solver, self.status, len(self.iterations), self._tangents),
+        )
 
 
 def factorise(matrix: sp.csc_matrix | LowRankUpdate) -> SuperLU:
@@ -88,20 +91,20 @@ def factorise(matrix: sp.csc_matrix | LowRankUpdate) -> SuperLU:
     )
 
 
-def negative_pivots(factors: SuperLU) -> int:
+def count_negative_pivots(factors: SuperLU) -> int:
     """Number of negative eigenvalues in a symmetric matrix, by Sylvester's law of inertia."""
     if isinstance(factors, LowRankFactors):
         raised = int((np.linalg.eigvalsh(factors.small) < 0.0).sum())
-        return negative_pivots(factors.factors) - raised
+        return count_negative_pivots(factors.factors) - raised
     return int((factors.U.diagonal() < 0).sum())
 
 
-def beyond_limit(factors: SuperLU | None) -> bool:
+def has_negative_determinant(factors: SuperLU | None) -> bool:
     """Whether a tangent's determinant is negative."""
-    return factors is not None and negative_pivots(factors) % 2 == 1
+    return factors is not None and count_negative_pivots(factors) % 2 == 1
 
 
-def compressed(state: State) -> bool:
+def is_compressed(state: State) -> bool:
     """Whether a principal stress is compressive anywhere."""
     s11, s22, s12 = np.moveaxis(state.stress, -1, 0)
     return bool(np.any((s11 + s22 < 0.0) | (s11 * s22 < s12**2)))
@@ -112,10 +115,10 @@ def is_stable(equilibrium: Equilibrium, factors: SuperLU) -> bool:
     tangent cannot tell without an energy, nor for a membrane: a compressed membrane is unstable on
     fine meshes."""
     tells = equilibrium.conservative and equilibrium.model.bends
-    return not tells or negative_pivots(factors) == 0
+    return not tells or count_negative_pivots(factors) == 0
 
 
-def balanced(equilibrium: Equilibrium, state: State, factors: SuperLU, allowed: float) -> bool:
+def is_balanced(equilibrium: Equilibrium, state: State, factors: SuperLU, allowed: float) -> bool:
     """Whether a state's imbalance is at most `allowed`. By the residual the displacement is
     that far from the solution, in the energy norm; the rim's reaction shows load that is not
     borne."""
@@ -166,7 +169,7 @@ class Step:
     size: float  #: Relative size in the energy norm.
 
 
-class Variant(ABC):
+class NewtonVariant(ABC):
     """Tangent, step length and end for a variant of Newton's method."""
 
     max_iterations = 60
@@ -193,7 +196,7 @@ class Variant(ABC):
 
 
 @np.errstate(over="raise", invalid="raise")
-def newton(variant: Variant, q: Array) -> NewtonResult:
+def run_newton(variant: NewtonVariant, q: Array) -> NewtonResult:
     """Iterate from the unknowns `q` until the variant ends."""
     table: list[Iteration] = []
     equilibrium = variant.equilibrium
@@ -240,7 +243,7 @@ class NewtonOptions:
     patience: int = 30
 
 
-class DeferredNewton(Variant):
+class DeferredNewton(NewtonVariant):
     """Newton's method with an exact line search, whose tangents serve on near the solution. `near`
     says that the start is a solution of less resolution, not a mere seed."""
 
@@ -268,27 +271,27 @@ class DeferredNewton(Variant):
     def _fresh_tangent(self, state: State, size: float) -> Tangent:
         """The full tangent near the solution, otherwise the convex one. Where no stress is
         compressive they are the same, and positive definite."""
-        under_compression = compressed(state)
+        under_compression = is_compressed(state)
         if size <= self.options.near_size or not under_compression:
             factors = factorise(self.equilibrium.tangent(state))
-            if not under_compression or negative_pivots(factors) == 0:
+            if not under_compression or count_negative_pivots(factors) == 0:
                 return Tangent(factors)
-        return Tangent(factorise(convex_tangent(self.equilibrium, state)), convex=True)
+        return Tangent(factorise(make_convex_tangent(self.equilibrium, state)), convex=True)
 
     def length(self, step: Step) -> float:
         """Where the energy along the step is least, unless it is small."""
         if step.size <= self.options.local_size:
             return 1.0
-        return least_energy(self.equilibrium.energy_along(step.state, step.change, step.slope))
+        return find_least_energy(self.equilibrium.energy_along(step.state, step.change, step.slope))
 
     def ended(self, step: Step, state: State, table: Sequence[Iteration]) -> Status | None:
         assert self._tangent is not None
         moves = step.size > self.options.local_size**2 or self._tangent.convex
-        if moves and len(table) >= self.options.patience and compressed(state):
+        if moves and len(table) >= self.options.patience and is_compressed(state):
             return Status.UNSTABLE
         if not self._small(table):
             return None
-        self.factors, under_compression = self._tangent.factors, compressed(state)
+        self.factors, under_compression = self._tangent.factors, is_compressed(state)
         if self._tangent.convex or under_compression:
             self.factors = factorise(self.equilibrium.tangent(state))
         stable = not under_compression or is_stable(self.equilibrium, self.factors)
@@ -301,7 +304,7 @@ class DeferredNewton(Variant):
         return step * (step if fresh else step / table[-2].step) < self.options.tolerance**2
 
 
-class FullSteps(Variant):
+class UndampedNewton(NewtonVariant):
     """Undamped Newton from a near start."""
 
     max_iterations = 20
@@ -318,7 +321,7 @@ class FullSteps(Variant):
         return Status.CONVERGED if step.size < self.tolerance else None
 
 
-def convex_tangent(
+def make_convex_tangent(
     equilibrium: Equilibrium, state: State, least_tension: float = 1e-6
 ) -> sp.csc_matrix:
     """The tangent without the geometric stiffness of compressive stress: never indefinite.
@@ -327,7 +330,7 @@ def convex_tangent(
     return equilibrium.tangent(replace(state, stress=compute_tensile_part(state.stress) + floor))
 
 
-def least_energy(energy: Array) -> float:
+def find_least_energy(energy: Array) -> float:
     """The s > 0 with least energy among a quartic's stationary points; 1 without stationary
     points."""
     roots = np.roots(polynomial.polyder(energy)[::-1])

@@ -20,20 +20,20 @@ from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import compute_strain_rate
 from pvdf_fem.film.term import State
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.nonlinear.initial_guess import seed
+from pvdf_fem.solver.nonlinear.initial_guess import compute_initial_guess
 from pvdf_fem.solver.nonlinear.newton import (
     Iteration,
     NewtonResult,
+    NewtonVariant,
     Step,
     Tangent,
-    Variant,
     factorise,
-    newton,
+    run_newton,
 )
 from pvdf_fem.solver.nonlinear.status import Status
 
 
-def load_strain(scene: Scene) -> float:
+def estimate_load_strain(scene: Scene) -> float:
     """(F/(E h a))^(2/3): magnitude of the load's strain in a flat film."""
     film = scene.film
     stiffness = film.thickness * film.stiffness[:2, :2].mean()
@@ -42,15 +42,15 @@ def load_strain(scene: Scene) -> float:
     return float(np.cbrt(force / (stiffness * film.radius)) ** 2)
 
 
-def excess_strain(scene: Scene) -> float:
+def compute_excess_strain(scene: Scene) -> float:
     """Excess of a film over its rim, in the direction with least excess."""
     return -float(scene.film.prestrain[:2].max())
 
 
-def barely_loaded(scene: Scene, part: float = 0.1) -> bool:
+def is_barely_loaded(scene: Scene, part: float = 0.1) -> bool:
     """Whether the load's strain is below this `part` of the film's excess in every direction. The
     tension runs in lines; their width is the root of the ratio times the film's radius."""
-    return load_strain(scene) < part * excess_strain(scene)
+    return estimate_load_strain(scene) < part * compute_excess_strain(scene)
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class WrinklingOptions:
     line_search_trials: int = 6
 
 
-class PredictedStress(Variant):
+class PredictedStressNewton(NewtonVariant):
     """Newton's method for the exact law with predicted stresses, of a film that wrinkles. It ends
     with a step below `tolerance` in the energy norm."""
 
@@ -129,7 +129,7 @@ class PredictedStress(Variant):
         self._predicted = self.equilibrium.membrane.resultant(step.state.strain + rate)
 
 
-def from_larger_loads(
+def continue_from_larger_loads(
     equilibrium: Equilibrium,
     tolerance: float,
     affordable_iterations: int,
@@ -150,10 +150,12 @@ def from_larger_loads(
     table: list[Iteration] = []
     while True:
         loaded, left = equilibrium.with_scaled_loads(factor), most - len(table)
-        variant = PredictedStress(loaded, passing)
+        variant = PredictedStressNewton(loaded, passing)
         if factor == 1.0:
-            variant = PredictedStress(loaded, tolerance, WrinklingOptions(max_iterations=left))
-        result = newton(variant, seed(loaded) if q is None else q)
+            variant = PredictedStressNewton(
+                loaded, tolerance, WrinklingOptions(max_iterations=left)
+            )
+        result = run_newton(variant, compute_initial_guess(loaded) if q is None else q)
         table.extend(result.iterations)
         if (result.converged and factor == 1.0) or len(table) >= most:
             break
@@ -172,5 +174,5 @@ def from_larger_loads(
 
 def _taut(scene: Scene) -> float:
     """Factor on a load, at least 1, that makes its strain equal to the film's excess."""
-    strain, excess = load_strain(scene), excess_strain(scene)
+    strain, excess = estimate_load_strain(scene), compute_excess_strain(scene)
     return float((excess / strain) ** 1.5) if 0.0 < strain < excess else 1.0

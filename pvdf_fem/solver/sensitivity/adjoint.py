@@ -17,11 +17,15 @@ import numpy as np
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.outputs import Goal, goals_of
-from pvdf_fem.electrodes.stress_integrals import charges_of, goal_forces, goal_gradients
+from pvdf_fem.electrodes.outputs import Output, make_outputs
+from pvdf_fem.electrodes.stress_integrals import (
+    combine_charges,
+    compute_stress_integrals,
+    differentiate_charges,
+)
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.term import State
-from pvdf_fem.solver.next_order import factorised, next_order
+from pvdf_fem.solver.next_order import factorise_tangent, solve_next_order
 from pvdf_fem.solver.nonlinear.newton import factorise
 from pvdf_fem.solver.solution import Solution
 
@@ -31,7 +35,7 @@ class Adjoint:
     """A displacement with the adjoint solutions of its charges."""
 
     equilibrium: Equilibrium
-    goals: Sequence[Goal]
+    outputs: Sequence[Output]
     #: q, state: Unknowns of the displacement, and its fields.
     q: Array
     state: State
@@ -42,14 +46,14 @@ class Adjoint:
 
     @classmethod
     def of(
-        cls, equilibrium: Equilibrium, goals: Sequence[Goal], q: Array, factors: SuperLU
+        cls, equilibrium: Equilibrium, outputs: Sequence[Output], q: Array, factors: SuperLU
     ) -> Adjoint:
         """One solve per electrode with the tangent's `factors` at the unknowns `q`."""
         membrane, state = equilibrium.membrane, equilibrium.state(q)
-        rates = goal_gradients(goals, membrane, state.dofs)
+        rates = differentiate_charges(outputs, membrane, state.dofs)
         unknowns = factors.solve(equilibrium.unknowns.fold(rates), "T")
-        forces = goal_forces(goals, membrane, state.dofs)
-        return cls(equilibrium, goals, q, state, forces, unknowns)
+        forces = compute_stress_integrals(outputs, membrane, state.dofs)
+        return cls(equilibrium, outputs, q, state, forces, unknowns)
 
     @cached_property
     def dofs(self) -> Array:
@@ -60,16 +64,18 @@ class Adjoint:
     def in_other(self, other: Equilibrium) -> Array:
         """Q - λ · R of other equations on the mesh, (electrodes,), at the unknowns."""
         x = other.dofs(self.q)
-        explicit = charges_of(self.goals, goal_forces(self.goals, other.membrane, x))
+        explicit = combine_charges(
+            self.outputs, compute_stress_integrals(self.outputs, other.membrane, x)
+        )
         return explicit - other.residual(other.state(self.q)) @ self.unknowns
 
 
-def adjoints(solution: Solution) -> tuple[Adjoint, Adjoint]:
+def solve_adjoints(solution: Solution) -> tuple[Adjoint, Adjoint]:
     """Adjoint solutions for a solution, and for the order above on the same mesh."""
-    solved, q, factors = factorised(solution.fields)
-    goals = goals_of(solution.scene)
-    correction = next_order(solved, q, factors)
+    solved, q, factors = factorise_tangent(solution.discrete)
+    outputs = make_outputs(solution.scene)
+    correction = solve_next_order(solved, q, factors)
     rich, rich_q = correction.rich, correction.q
     rich_factors = factorise(rich.tangent(rich.state(rich_q)))
-    coarse = Adjoint.of(solved, goals, q, factors)
-    return coarse, Adjoint.of(rich, goals, rich_q, rich_factors)
+    coarse = Adjoint.of(solved, outputs, q, factors)
+    return coarse, Adjoint.of(rich, outputs, rich_q, rich_factors)

@@ -17,14 +17,14 @@ from pvdf_fem.scene.scene_file import format_error, suggest
 from pvdf_fem.solver.adaptive import solve
 from pvdf_fem.solver.history import Stop
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
-from pvdf_fem.solver.sensitivity.adjoint import adjoints
+from pvdf_fem.solver.sensitivity.adjoint import solve_adjoints
 from pvdf_fem.solver.sensitivity.parameters import (
     PLACE_NAMES,
-    parameters_of,
-    refusal,
-    touched,
+    explain_missing_derivative,
+    list_parameters,
+    map_probe_keys,
 )
-from pvdf_fem.solver.sensitivity.rates import rate_of
+from pvdf_fem.solver.sensitivity.rates import compute_rate
 from pvdf_fem.solver.solution import Solution
 from pvdf_fem.summary import Summary, TabularResult, TextTable, format_with_error
 
@@ -86,7 +86,7 @@ def gradients(
     solution : Solution, Scene, or what `solve` takes for a scene
         A converged one, or a scene that is solved first.
     parameters : sequence of str, optional
-        Keys of the scene file as in `Scene.with_`, by default all of `parameters_of` the scene.
+        Keys of the scene file as in `Scene.with_`, by default all of `list_parameters` the scene.
     tolerance : float, optional
         Largest of the `Gradients.relative_errors` wanted. Where the solution's mesh leaves larger
         ones, the scene is solved again to smaller errors of its charges. By default the derivatives
@@ -103,7 +103,7 @@ def gradients(
     NotConvergedError
         When the solution is not converged, or no mesh meets the tolerance.
     ValueError
-        For a key that is not among `parameters_of` the scene, and for a tolerance out of range or
+        For a key that is not among `list_parameters` the scene, and for a tolerance out of range or
         of a solution on a mesh that was given.
 
     Examples
@@ -113,11 +113,11 @@ def gradients(
     """
     scene = as_scene(solution)
     pressure = solution.pressure if isinstance(solution, Solution) else None
-    known = parameters_of(scene, pressure)
+    known = list_parameters(scene, pressure)
     wanted = known if parameters is None else coerce("parameters", parameters, Names)
     for key in wanted:
         if key not in known:
-            reason = refusal(scene, key, pressure)
+            reason = explain_missing_derivative(scene, key, pressure)
             reason = f"{reason}; {suggest(key, known)}"
             raise ValueError(format_error("parameters", key, reason))
     if tolerance is not None:
@@ -165,9 +165,9 @@ def _gradients_of(
     The true error is up to `saturation` times the change at the next order, least effective at
     corners. A derivative counts at least as the part `negligible` of its unit.
     """
-    scene, keys = solution.scene, parameters_of(solution.scene, solution.pressure)
-    adjoint, rich = adjoints(solution)
-    rates, better = (np.array([rate_of(of, key) for key in keys]) for of in (adjoint, rich))
+    scene, keys = solution.scene, list_parameters(solution.scene, solution.pressure)
+    adjoint, rich = solve_adjoints(solution)
+    rates, better = (np.array([compute_rate(of, key) for key in keys]) for of in (adjoint, rich))
     errors = np.abs(better - rates)
     sizes = np.abs(adjoint.forces) @ np.abs([scene.film.d31, scene.film.d32])
     unit = sizes / np.array([[_scale(scene, key)] for key in keys])
@@ -189,7 +189,7 @@ def _gradients_of(
 
 def _scale(scene: Scene, key: str) -> float:
     """A relevant change of a parameter, in the key's unit."""
-    touches = touched(scene).get(key)
+    touches = map_probe_keys(scene).get(key)
     if touches and key.endswith(PLACE_NAMES):
         probe = touches[0][0].probe
         if key.endswith("rotation_deg"):

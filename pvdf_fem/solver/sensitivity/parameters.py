@@ -22,7 +22,7 @@ COEFFICIENTS = ("film.d31_pC_N", "film.d32_pC_N")
 PRETENSION = "film.pretension_N_m"
 
 
-def parameters_of(scene: Scene, pressure: Pressure | None = None) -> tuple[str, ...]:
+def list_parameters(scene: Scene, pressure: Pressure | None = None) -> tuple[str, ...]:
     """Keys by which `gradients` differentiates, also for a solve under a pressure.
 
     A film with two moduli has ``film.youngs_modulus_GPa.0`` and ``.1``. A film with given
@@ -33,14 +33,14 @@ def parameters_of(scene: Scene, pressure: Pressure | None = None) -> tuple[str, 
     electrode voltages has no derivatives by d31 and d32 either.
     """
     scene.require_plain_charges("derivatives", "coupling", "warming_K", HEAT)
-    probes = tuple(key for key in touched(scene) if not _hindrance(scene, key, pressure))
+    probes = tuple(key for key in map_probe_keys(scene) if not _hindrance(scene, key, pressure))
     model = resolve_film_model(scene)
     differentiable = model.film_is_differentiable and model.electrodes_only_read
     film = _film_keys(scene.film) if differentiable else ()
     return (*probes, *film, *(COEFFICIENTS if model.electrodes_only_read else ()))
 
 
-def touched(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
+def map_probe_keys(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
     """By key of a probe or load: the probes, their numbers and the key's name."""
     found: dict[str, list[tuple[LoadedProbe, int, str]]] = {}
     for i, touch in enumerate(scene.loaded_probes):
@@ -57,8 +57,8 @@ def touched(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
 
 
 def _hindrance(scene: Scene, key: str, pressure: Pressure | None) -> str:
-    """Why the charges have no derivative by a key of `touched`; empty if they have."""
-    for touch, _, name in touched(scene)[key]:
+    """Why the charges have no derivative by a key of `map_probe_keys`; empty if they have."""
+    for touch, _, name in map_probe_keys(scene)[key]:
         if name in PLACE_NAMES and (touch.load.profile != "uniform" or pressure):
             return 'of a pressure profile has no derivative here; press with "uniform"'
         if name in PLACE_NAMES and PROBE_LOADS[touch.load.kind].rigid:
@@ -74,7 +74,7 @@ def _film_keys(film: Film) -> tuple[str, ...]:
     return tuple(f"film.{n}{end}" for n in names for end in ends.get(type(getattr(film, n)), ("",)))
 
 
-def stretched(scene: Scene) -> Scene:
+def prescribe_pretension(scene: Scene) -> Scene:
     """The scene with its pretension in N/m where the film is given as cooled."""
     film = scene.film
     if film.pretension_N_m is not None:
@@ -83,13 +83,13 @@ def stretched(scene: Scene) -> Scene:
     return scene.with_({PRETENSION: x if np.isclose(x, y, rtol=1e-9) else [x, y]})
 
 
-def numbers_of(key: str, known: Iterable[str]) -> list[str]:
+def expand_pair_key(key: str, known: Iterable[str]) -> list[str]:
     """Known keys that a key means: itself, or both numbers in a pair."""
     return [name for name in known if name in (key, f"{key}.0", f"{key}.1")]
 
 
-def refusal(scene: Scene, key: str, pressure: Pressure | None = None) -> str:
-    if key in touched(scene):
+def explain_missing_derivative(scene: Scene, key: str, pressure: Pressure | None = None) -> str:
+    if key in map_probe_keys(scene):
         return _hindrance(scene, key, pressure)
     if key in (*_film_keys(scene.film), *COEFFICIENTS):
         return "of a film that bends, wrinkles or feels voltages has no derivative"

@@ -24,8 +24,8 @@ from typing import TypeVar
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.outputs import goals_of
-from pvdf_fem.electrodes.unloaded import heat_charges
+from pvdf_fem.electrodes.outputs import make_outputs
+from pvdf_fem.electrodes.unloaded import compute_heat_charges
 from pvdf_fem.film.loads.pressure import DeadPressure
 from pvdf_fem.film.membrane import IDENTITY
 from pvdf_fem.film.space import evaluate_shape_functions
@@ -33,28 +33,28 @@ from pvdf_fem.mesh.points import make_facet_quadrature
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Probe, Scene
-from pvdf_fem.solver.next_order import factorised
+from pvdf_fem.solver.next_order import factorise_tangent
 from pvdf_fem.solver.sensitivity.adjoint import Adjoint
 from pvdf_fem.solver.sensitivity.parameters import (
     COEFFICIENTS,
     HEAT,
     PLACE_NAMES,
-    touched,
+    map_probe_keys,
 )
 from pvdf_fem.solver.solution import Solution
 
 Table = TypeVar("Table", bound=Section)
 
 
-def charge_rates(solution: Solution, keys: Sequence[str]) -> Array:
+def compute_charge_rates(solution: Solution, keys: Sequence[str]) -> Array:
     """Charge derivatives of a converged solution, without errors, in C per unit of the keys in
     `parameters_of` its scene, (keys, electrodes)."""
-    solved, q, factors = factorised(solution.fields)
-    adjoint = Adjoint.of(solved, goals_of(solution.scene), q, factors)
-    return np.array([rate_of(adjoint, key) for key in keys])
+    solved, q, factors = factorise_tangent(solution.discrete)
+    adjoint = Adjoint.of(solved, make_outputs(solution.scene), q, factors)
+    return np.array([compute_rate(adjoint, key) for key in keys])
 
 
-def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
+def compute_integral_rates(solution: Solution, keys: Sequence[str]) -> Array:
     """Derivatives of the electrodes' forces X, Y, without errors.
 
     Parameters
@@ -70,21 +70,23 @@ def force_rates(solution: Solution, keys: Sequence[str]) -> Array:
         In N per unit of the key.
     """
     units = [(1.0, 0.0), (0.0, 1.0)]
-    goals = [replace(goal, d=d) for goal in goals_of(solution.scene) for d in units]
-    solved, q, factors = factorised(solution.fields)
-    adjoint = Adjoint.of(solved, goals, q, factors)
-    rates = [rate_of(adjoint, key, with_heat=False) for key in keys]
+    outputs = [replace(output, d=d) for output in make_outputs(solution.scene) for d in units]
+    solved, q, factors = factorise_tangent(solution.discrete)
+    adjoint = Adjoint.of(solved, outputs, q, factors)
+    rates = [compute_rate(adjoint, key, with_heat=False) for key in keys]
     return np.reshape(rates, (len(keys), -1, 2))
 
 
-def rate_of(adjoint: Adjoint, key: str, *, with_heat: bool = True, step: float = 1e-3) -> Array:
+def compute_rate(
+    adjoint: Adjoint, key: str, *, with_heat: bool = True, step: float = 1e-3
+) -> Array:
     """dQ/dθ in C per unit of the key, (electrodes,), with the pyroelectric charge or without it. A
     differenced key is changed by `step` times its value; a place by `step` in mm or degrees, and a
     temperature in K."""
     scene = adjoint.equilibrium.scene
     if key in COEFFICIENTS:
         return 1e-12 * adjoint.forces[:, COEFFICIENTS.index(key)]
-    swept, touches = np.zeros(len(adjoint.goals)), touched(scene).get(key, [])
+    swept, touches = np.zeros(len(adjoint.outputs)), map_probe_keys(scene).get(key, [])
     for touch, i, name in touches:
         load = adjoint.equilibrium.loads[i]
         if name in PLACE_NAMES and load.on_patch:
@@ -101,19 +103,19 @@ def rate_of(adjoint: Adjoint, key: str, *, with_heat: bool = True, step: float =
 def _differenced(adjoint: Adjoint, key: str, step: float, with_heat: bool) -> Array:
     """dQ/dθ on a fixed mesh, (electrodes,), from fourth-order central differences of Q and R at
     fixed unknowns."""
-    equilibrium, rate = adjoint.equilibrium, np.zeros(len(adjoint.goals))
+    equilibrium, rate = adjoint.equilibrium, np.zeros(len(adjoint.outputs))
     for weight, change in ((8.0, step), (-8.0, -step), (-1.0, 2.0 * step), (1.0, -2.0 * step)):
-        moved = equilibrium.with_(scene=changed(equilibrium.scene, key, change))
+        moved = equilibrium.with_(scene=change_number(equilibrium.scene, key, change))
         charges = adjoint.in_other(moved)
         if with_heat:
-            charges = charges + heat_charges(moved.scene, equilibrium)
+            charges = charges + compute_heat_charges(moved.scene, equilibrium)
         rate += weight / (12.0 * step) * charges
     return rate
 
 
-def changed(scene: Scene, key: str, change: float) -> Scene:
+def change_number(scene: Scene, key: str, change: float) -> Scene:
     """The scene with a number changed, beyond the range of its key if need be."""
-    if touches := touched(scene).get(key):
+    if touches := map_probe_keys(scene).get(key):
         probes = list(scene.loaded_probes)
         for _, i, name in touches:
             probe, load = probes[i].probe, probes[i].load
@@ -148,7 +150,7 @@ def _swept(adjoint: Adjoint, load: DeadPressure, name: str, gauss_points: int = 
     facets, count = np.unique(mesh.t2f[:, load.patch], return_counts=True)
     facets = facets[(count == 1) & (mesh.f2t[1, facets] >= 0)]
     if not len(facets):
-        return np.zeros(len(adjoint.goals))
+        return np.zeros(len(adjoint.outputs))
     pair, (start, end) = mesh.f2t[:, facets], mesh.p[:, mesh.facets[:, facets]].swapaxes(0, 1)
     inside = np.where(np.isin(pair[0], load.patch), *pair)
     (a, b), (c, d) = end - start, mesh.p[:, mesh.t[:, inside]].mean(axis=1) - start

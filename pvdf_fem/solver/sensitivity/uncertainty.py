@@ -16,8 +16,8 @@ import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.outputs import goals_of
-from pvdf_fem.electrodes.unloaded import known_at_rest, untouched
+from pvdf_fem.electrodes.outputs import make_outputs
+from pvdf_fem.electrodes.unloaded import find_uniform_integrals, unload
 from pvdf_fem.film.loads.load_spec import Pressure
 from pvdf_fem.scene.arguments import SceneLike, as_scene
 from pvdf_fem.scene.changes import get_number, normalize_key
@@ -26,19 +26,19 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.solver.adaptive import solve as solve_certain
 from pvdf_fem.solver.first_sizes import ORDER
-from pvdf_fem.solver.next_order import factorised
+from pvdf_fem.solver.next_order import factorise_tangent
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 from pvdf_fem.solver.sensitivity.adjoint import Adjoint
 from pvdf_fem.solver.sensitivity.parameters import (
     COEFFICIENTS,
     PRETENSION,
-    numbers_of,
-    parameters_of,
-    refusal,
-    stretched,
+    expand_pair_key,
+    explain_missing_derivative,
+    list_parameters,
+    prescribe_pretension,
 )
-from pvdf_fem.solver.sensitivity.rates import changed, rate_of
+from pvdf_fem.solver.sensitivity.rates import change_number, compute_rate
 from pvdf_fem.solver.solution import Solution
 from pvdf_fem.summary import Result, Summary, TextTable, format_charges, format_with_error
 
@@ -114,7 +114,7 @@ def uncertainty(
     uncertain : mapping, optional
         Standard deviations by key, in the key's unit or as shares of the value, as
         ``{"film.thickness_um": "5 %"}``; by default the scene's `uncertain`. Keys are those of
-        `parameters_of` the scene. A cooled film may have an uncertain ``film.pretension_N_m``;
+        `list_parameters` the scene. A cooled film may have an uncertain ``film.pretension_N_m``;
         other numbers are then uncertain at this pretension.
 
     Raises
@@ -133,13 +133,13 @@ def uncertainty(
     at, sizes = _judged(scene, solution.pressure if isinstance(solution, Solution) else None)
     if not isinstance(solution, Solution):
         solution = solve_certain(scene)
-    solved, q, factors = factorised(solution.fields)
-    adjoint = Adjoint.of(solved.with_(scene=at), goals_of(at), q, factors)
+    solved, q, factors = factorise_tangent(solution.discrete)
+    adjoint = Adjoint.of(solved.with_(scene=at), make_outputs(at), q, factors)
     rest = _rest_adjoint(at)
     names = [electrode.name for electrode in at.electrode_list]
     total, change = dict[str, dict[str, float]](), dict[str, dict[str, float]]()
     for key, terms in sizes.items():
-        rates = sum((size * rate_of(adjoint, one) for one, size in terms.items()), np.zeros(1))
+        rates = sum((size * compute_rate(adjoint, one) for one, size in terms.items()), np.zeros(1))
         calm = sum((size * _rest_rate(at, rest, one) for one, size in terms.items()), np.zeros(1))
         for found, values in ((total, rates), (change, rates - calm)):
             found[key] = dict(zip(names, np.abs(1e12 * values).tolist(), strict=True))
@@ -157,7 +157,7 @@ def with_uncertain(
     return scene.with_(uncertain=None).with_(uncertain=uncertain)
 
 
-def require_known(scene: Scene, pressure: Pressure | None = None) -> None:
+def require_differentiable(scene: Scene, pressure: Pressure | None = None) -> None:
     """SceneError for uncertain keys that charges have no derivative by, under a pressure too."""
     if scene.uncertain:
         _judged(scene, pressure)
@@ -170,11 +170,13 @@ def _judged(scene: Scene, pressure: Pressure | None) -> tuple[Scene, dict[str, d
     if not given:
         raise SceneError(["uncertain = (nothing): give keys with their standard deviations"])
     at = _stretched(scene) if PRETENSION in given else scene
-    known, sizes, problems = parameters_of(at, pressure), dict[str, dict[str, float]](), []
+    known, sizes, problems = list_parameters(at, pressure), dict[str, dict[str, float]](), []
     for key, value in given.items():
-        keys = numbers_of(key, known)
+        keys = expand_pair_key(key, known)
         if not keys:
-            reason = f"{refusal(at, key, pressure)}; give some of {', '.join(known)}"
+            reason = (
+                f"{explain_missing_derivative(at, key, pressure)}; give some of {', '.join(known)}"
+            )
             problems.append(format_error(f"uncertain.{key}", value, reason))
         sizes[key] = {one: resolve_deviation(value, get_number(at, one)) for one in keys}
     if problems:
@@ -188,31 +190,31 @@ def _stretched(scene: Scene) -> Scene:
     if film.pretension_N_m is None and (film.patches or film.warming_K):
         reason = "is of a film that is cooled with patches or warms; give film.temperature_change_K"
         raise SceneError([format_error(f"uncertain.{PRETENSION}", scene.uncertain, reason)])
-    return stretched(scene)
+    return prescribe_pretension(scene)
 
 
 def _rest_adjoint(scene: Scene) -> Adjoint | None:
     """The untouched film with the adjoint solutions of its charges; None where it is known."""
-    film = untouched(scene)
-    if known_at_rest(film) is not None:
+    film = unload(scene)
+    if find_uniform_integrals(film) is not None:
         return None
-    solved, q, factors = factorised(solve_certain(film).fields)
-    return Adjoint.of(solved, goals_of(film), q, factors)
+    solved, q, factors = factorise_tangent(solve_certain(film).discrete)
+    return Adjoint.of(solved, make_outputs(film), q, factors)
 
 
 def _rest_rate(scene: Scene, rest: Adjoint | None, key: str, step: float = 1e-4) -> Array:
     """Derivative of the charges at rest, in C per unit of a key, (electrodes,)."""
-    film = untouched(scene)
+    film = unload(scene)
     if not key.startswith("film."):
         return np.zeros(len(scene.electrode_list))
     if rest is not None:
-        return rate_of(rest, key, with_heat=False)
+        return compute_rate(rest, key, with_heat=False)
     if key in COEFFICIENTS:
-        forces = known_at_rest(film)
+        forces = find_uniform_integrals(film)
         assert forces is not None
         return 1e-12 * forces.values[:, COEFFICIENTS.index(key)]
     change = step * (abs(get_number(scene, key)) or 1.0)
-    ends = [known_at_rest(changed(film, key, sign * change)) for sign in (1.0, -1.0)]
+    ends = [find_uniform_integrals(change_number(film, key, sign * change)) for sign in (1.0, -1.0)]
     d = scene.film.d31, scene.film.d32
     high, low = (np.zeros(len(scene.electrode_list)) if e is None else e.charges(d) for e in ends)
     return (high - low) / (2.0 * change)
@@ -275,7 +277,7 @@ def solve(
     >>> solution.charge_changes_pC["A"]
     """
     scene = with_uncertain(scene, uncertain)
-    require_known(scene, pressure)
+    require_differentiable(scene, pressure)
     solution = solve_certain(scene, mesh=mesh, order=order, budget=budget, pressure=pressure)
     if not scene.uncertain or solution.status is not Status.CONVERGED:
         return solution

@@ -24,7 +24,7 @@ from pvdf_fem.mesh.gmsh_mesh import PROBE, collect_outlines, mesh_scene
 from pvdf_fem.mesh.size_field import GradedSizes
 from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.nonlinear.fallback import equilibrate
+from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
 from pvdf_fem.solver.nonlinear.newton import factorise
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 from pvdf_fem.surrogate.stress.polar_grid import PolarGrid
@@ -206,7 +206,7 @@ def _solve_equilibrium(equilibrium: Equilibrium, guess: Array | None, force_N: f
     equilibrium : Equilibrium
         Equations of the loaded film.
     guess : ndarray or None
-        Unknowns; None for the guess of `equilibrate`.
+        Unknowns; None for the guess of `find_equilibrium`.
     force_N : float
         Named in the error.
 
@@ -215,9 +215,9 @@ def _solve_equilibrium(equilibrium: Equilibrium, guess: Array | None, force_N: f
     NotConvergedError
         With the force, the status and its advice.
     """
-    result = equilibrate(equilibrium, guess)
+    result = find_equilibrium(equilibrium, guess)
     if guess is not None and result.status is not Status.CONVERGED:
-        result = equilibrate(equilibrium, None)
+        result = find_equilibrium(equilibrium, None)
     if result.status is not Status.CONVERGED:
         raise NotConvergedError(f"{force_N:g} N: {result.status}; {result.status.advice}")
     return result.q

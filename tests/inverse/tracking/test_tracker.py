@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pvdf_fem.electrodes.channel import channels
+from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.inverse.tracking.tracker import Tracker
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES
 from tests.helpers.streams import RESISTIVE, Tap, charges_of, sensor, stream
@@ -95,7 +95,7 @@ def test_gains_offsets_and_readings_in_pC_count_and_touches_are_told_on_the_stag
     assert_found(touch, tap, mm=0.1)
     assert touch.rotation_deg == pytest.approx(30.0, abs=4.0 * touch.rotation_deviation_deg)
     scene = scene.with_(stage={"x_mm": 10.0, "y_mm": -1.0, "rotation_deg": 90.0})
-    nominal = readings * [1e12 * channel.capacitance for channel in channels(scene)]
+    nominal = readings * [1e12 * channel.capacitance for channel in make_channels(scene)]
     staged = only_touch(replace(model, scene=scene), t, nominal, unknown=unknown, unit="pC")
     found = (staged.x_mm, staged.y_mm, staged.rotation_deg, staged.force_N)
     expected = (10.0 - touch.y_mm, touch.x_mm - 1.0, touch.rotation_deg + 90.0, touch.force_N)

@@ -11,8 +11,8 @@ from pvdf_fem import NotConvergedError, Scene, solve
 from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.solver.sensitivity.gradients import gradients
-from pvdf_fem.solver.sensitivity.parameters import PLACE_NAMES, parameters_of
-from pvdf_fem.solver.sensitivity.rates import force_rates
+from pvdf_fem.solver.sensitivity.parameters import PLACE_NAMES, list_parameters
+from pvdf_fem.solver.sensitivity.rates import compute_integral_rates
 from reports.accuracy.drawn import random_scene
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, charges, graded_mesh, values
 
@@ -74,7 +74,7 @@ def test_each_but_the_place_on_one_mesh(changes, keys):
     """There the adjoint gives the derivative of the discrete charges: rounding is left."""
     scene = TURNED.with_(**changes)
     mesh, signs = graded_mesh(scene, 3.0, 15.0), np.random.default_rng(5)
-    known = [key for key in parameters_of(scene) if not key.endswith(PLACE_NAMES)]
+    known = [key for key in list_parameters(scene) if not key.endswith(PLACE_NAMES)]
     assert keys <= set(known)
     direction = {k: signs.choice([-1.0, 1.0]) * (get_number(scene, k) or 0.1) for k in known}
     found = gradients(solve(scene, mesh=mesh, order=2), known)
@@ -124,7 +124,7 @@ def turned():
 
 def test_rates_of_forces_make_those_of_charges(turned):
     keys = ["load.force_N", "probe.x_mm", "film.thickness_um"]
-    found, by_forces = gradients(turned, keys), force_rates(turned, keys) @ [8.0, 3.0]
+    found, by_forces = gradients(turned, keys), compute_integral_rates(turned, keys) @ [8.0, 3.0]
     for key, rates in zip(keys, by_forces, strict=True):
         assert values(found[key]) == pytest.approx(rates, rel=1e-9)
 

@@ -16,9 +16,9 @@ from pvdf_fem.mesh.size_field import GradedSizes, SizeField
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.history import Clock, MeshRecord, Stop
-from pvdf_fem.solver.nonlinear.budget import Budget, iteration_seconds
-from pvdf_fem.solver.nonlinear.newton import Tried
+from pvdf_fem.solver.history import MeshRecord, StageTimer, Stop
+from pvdf_fem.solver.nonlinear.budget import Budget, estimate_iteration_seconds
+from pvdf_fem.solver.nonlinear.newton import FailedAttempt
 from pvdf_fem.solver.nonlinear.status import Status
 
 
@@ -40,7 +40,7 @@ class Attempted(Protocol):
     @property
     def iterations(self) -> int: ...
     @property
-    def tried(self) -> tuple[Tried, ...]: ...
+    def failed_attempts(self) -> tuple[FailedAttempt, ...]: ...
 
 
 T = TypeVar("T", bound=Attempted)
@@ -58,7 +58,7 @@ class TooManyUnknownsError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Rules:
+class AdaptiveRules:
     """How meshes follow each other."""
 
     #: Sizes aim at this part of the tolerance. Each mesh that was slow lowers the aim by this
@@ -81,7 +81,7 @@ class Rules:
 
 
 @dataclass
-class MeshLoop(Generic[T]):
+class AdaptiveLoop(Generic[T]):
     """Solves on a sequence of meshes."""
 
     scene: Scene
@@ -92,13 +92,13 @@ class MeshLoop(Generic[T]):
     #: Element sizes for an attempt, the error aimed at, and the largest number of unknowns.
     next_sizes: Callable[[T, float, float], GradedSizes | SizeField]
     budget: Budget
-    clock: Clock
+    clock: StageTimer
     unknowns_per_element: float
     #: The part of the film that is meshed.
     part: SymmetrySector = WHOLE_FILM
     #: Outlines of contacts with tips by patch name, after the attempt before or None.
     contacts_of: Callable[[T | None], Mapping[str, Outline]] = lambda attempt: {}
-    rules: Rules = field(default_factory=Rules)
+    rules: AdaptiveRules = field(default_factory=AdaptiveRules)
     history: list[MeshRecord] = field(default_factory=list)
 
     def run(self) -> tuple[T, Stop]:
@@ -171,7 +171,7 @@ class MeshLoop(Generic[T]):
         if budget.bounds_first_mesh and least > budget.max_unknowns:
             allowed = f"numerics.max_unknowns allows {budget.max_unknowns}"
             raise TooManyUnknownsError(unknowns, allowed, Stop.UNKNOWNS)
-        work = self.rules.least_iterations * iteration_seconds(
+        work = self.rules.least_iterations * estimate_iteration_seconds(
             least, resolve_film_model(self.scene)
         )
         if work > budget.max_seconds:
@@ -189,7 +189,7 @@ class MeshLoop(Generic[T]):
                 attempt.worst if attempt.status is Status.CONVERGED else None,
                 time.perf_counter() - start,
                 str(attempt.status),
-                tuple((t.solver, str(t.status), t.iterations) for t in attempt.tried),
+                tuple((t.solver, str(t.status), t.iterations) for t in attempt.failed_attempts),
             )
         )
         return attempt

@@ -9,7 +9,7 @@ from itertools import combinations, permutations
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import Channel, units_pC
+from pvdf_fem.electrodes.channel import Channel, list_units_pC
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +31,8 @@ class Misreading:
         return np.asarray(readings[..., self.order] * self.factors)
 
 
-def misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misreading]:
-    """Possible mistakes in readings from channels in a unit from `units_pC`."""
+def list_misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misreading]:
+    """Possible mistakes in readings from channels in a unit from `list_units_pC`."""
     names, straight, ones = (
         [c.name for c in channels],
         tuple(range(len(channels))),
@@ -44,7 +44,7 @@ def misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misreading]:
         if len(moved) > 2:
             text += f": they are in columns {', '.join(column for _, column in moved)}"
         yield Misreading("swapped_channels", text, order, ones)
-    units = units_pC(channels)
+    units = list_units_pC(channels)
     ratios = {other: factor / units[unit] for other, factor in units.items()}
     for other, ratio in ratios.items():
         alike = [name for name, of in ratios.items() if np.allclose(of, ratio, atol=0.0)]

@@ -13,18 +13,22 @@ import numpy as np
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.stress_integrals import CANCELLED, Forces, goal_forces
+from pvdf_fem.electrodes.stress_integrals import (
+    CANCELLATION_SHARE,
+    StressIntegrals,
+    compute_stress_integrals,
+)
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import compute_principal_values
 from pvdf_fem.film.term import State
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.discrete_solution import Fields
-from pvdf_fem.solver.mesh_level import Attempt
+from pvdf_fem.solver.discrete_solution import DiscreteSolution
+from pvdf_fem.solver.mesh_level import MeshLevel
 from pvdf_fem.solver.nonlinear.newton import (
-    balanced,
-    beyond_limit,
-    compressed,
     factorise,
+    has_negative_determinant,
+    is_balanced,
+    is_compressed,
     is_stable,
 )
 from pvdf_fem.solver.nonlinear.status import Status
@@ -44,7 +48,9 @@ NEAR_RIM = 0.99
 MOST_CHANGE = 0.1
 
 
-def refusal(fields: Fields, factors: SuperLU | None, change: float | None) -> Status | None:
+def find_rejection_status(
+    fields: DiscreteSolution, factors: SuperLU | None, change: float | None
+) -> Status | None:
     """The status for a solution without equilibrium or stability; None for one that is.
 
     `change` is the relative change of a charge by wrinkles in a membrane.
@@ -52,25 +58,25 @@ def refusal(fields: Fields, factors: SuperLU | None, change: float | None) -> St
     if factors is None:  # the flat film
         return None
     equilibrium, state = fields.solved, fields.solved_state
-    if not balanced(equilibrium, state, factors, equilibrium.model.imbalance):
+    if not is_balanced(equilibrium, state, factors, equilibrium.model.imbalance):
         return Status.UNBALANCED
-    if meets_rim(fields):
+    if is_tip_at_rim(fields):
         return Status.RIM
-    if not equilibrium.conservative and beyond_limit(factors):
+    if not equilibrium.conservative and has_negative_determinant(factors):
         return Status.UNSTABLE
     # without compression the energy has no other stationary point
-    buckled = compressed(state) and not is_stable(equilibrium, factors)
+    buckled = is_compressed(state) and not is_stable(equilibrium, factors)
     return Status.UNSTABLE if buckled or (change or 0.0) > MOST_CHANGE else None
 
 
-def meets_rim(fields: Fields) -> bool:
+def is_tip_at_rim(fields: DiscreteSolution) -> bool:
     """Whether a tip touches the film up to the rim."""
     solved = fields.solved
     reach = max(term.reach(fields.solved_state) for term in solved.terms)
     return reach > NEAR_RIM * solved.film.radius
 
 
-def changes_by_wrinkles(attempt: Attempt) -> Array | None:
+def estimate_wrinkling_changes(attempt: MeshLevel) -> Array | None:
     """Forces X, Y in a wrinkling film minus forces in the membrane, in N, (goals, 2).
 
     A membrane in compression is a saddle point of its energy: on a fine enough mesh it folds,
@@ -80,9 +86,9 @@ def changes_by_wrinkles(attempt: Attempt) -> Array | None:
     this step made 0.4 to 0.9 of the full change. None for a film without compression, a film that
     may carry compression, or a law without tension field.
     """
-    solved, q, goals = attempt.equilibrium, attempt.fields.q, attempt.problem.goals
+    solved, q, outputs = attempt.equilibrium, attempt.discrete.q, attempt.problem.outputs
     carries = solved.model.bends or solved.model.wrinkles or not solved.membrane.law.linear
-    if carries or not attempt.result.converged or not compressed(attempt.fields.solved_state):
+    if carries or not attempt.result.converged or not is_compressed(attempt.discrete.solved_state):
         return None
     # a scene in a sweep may have no electrodes; `Scene.with_` refuses such a scene
     film = solved.film.model_copy(update={"bending": False, "compression": "tension-field"})
@@ -91,10 +97,13 @@ def changes_by_wrinkles(attempt: Attempt) -> Array | None:
     state = wrinkling.state(q)
     step = factorise(wrinkling.tangent(state)).solve(wrinkling.residual(state))
     x = wrinkling.dofs(q - step)
-    return goal_forces(goals, wrinkling.membrane, x, solved.part) - attempt.fields.forces.values
+    return (
+        compute_stress_integrals(outputs, wrinkling.membrane, x, solved.part)
+        - attempt.discrete.stress_integrals.values
+    )
 
 
-def warnings(equilibrium: Equilibrium, state: State, change: float | None) -> Iterator[str]:
+def list_warnings(equilibrium: Equilibrium, state: State, change: float | None) -> Iterator[str]:
     """What to look at: compression or wrinkles, strength, strain, slope; with value and place.
 
     `change` is the relative change of a charge by wrinkles, if known.
@@ -122,17 +131,17 @@ def warnings(equilibrium: Equilibrium, state: State, change: float | None) -> It
         )
 
 
-def cancelled_charges(scene: Scene, forces: Forces) -> Iterator[str]:
+def warn_of_cancelled_charges(scene: Scene, forces: StressIntegrals) -> Iterator[str]:
     """Charges much smaller than their parts: their errors exceed the tolerance."""
     d = np.array([scene.film.d31, scene.film.d32])
     parts, charges, errors = d * forces.values, forces.charges(d), forces.charge_errors(d)
-    little = np.abs(charges) < CANCELLED * np.abs(parts).sum(axis=1)
+    little = np.abs(charges) < CANCELLATION_SHARE * np.abs(parts).sum(axis=1)
     for i in np.flatnonzero(little & (errors > scene.numerics.tolerance * np.abs(charges))):
         first, second = 1e12 * parts[i]
         yield (
             f"charge {scene.electrode_list[i].name}: {1e12 * charges[i]:.4g} pC is what its parts"
             f" {first:.4g} and {second:.4g} pC (d31, d32) leave; its error of"
-            f" {1e12 * errors[i]:.2g} pC meets the tolerance relative to {CANCELLED:g} of them only"
+            f" {1e12 * errors[i]:.2g} pC meets the tolerance relative to {CANCELLATION_SHARE:g} of them only"
         )
 
 
