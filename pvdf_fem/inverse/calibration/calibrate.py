@@ -163,7 +163,7 @@ def _find_scene_errors(scene: Scene) -> Iterator[str]:
     """Find out whether the scene has a probe that touches can be calibrated with."""
     if scene.single_probe is None:
         yield "probe: is required; add the [probe] that touched the film"
-    elif PROBE_LOADS[scene.load.kind].rigid:
+    elif PROBE_LOADS[scene.load.kind].is_rigid:
         reason = "has no derivatives by the place; choose dead or follower"
         yield f'load.kind = "{scene.load.kind}": {reason}'
 
