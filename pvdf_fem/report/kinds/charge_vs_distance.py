@@ -64,7 +64,7 @@ class ChargeVsDistance(Along):
                 for angle, places in zip(self.angles_deg, scheme.positions_mm, strict=True):
                     along, x = (
                         place_probe(scene, places),
-                        tuple(scheme.distances_on(angle).tolist()),
+                        tuple(scheme.list_distances(angle).tolist()),
                     )
                     panel, curve = variant.title.strip(), f"{angle:g}°"
                     found.append(Series(scene, (name,), x, along, panel, curve))

@@ -14,7 +14,7 @@ from pvdf_fem.scene.changes import get_number, normalize_key
 from pvdf_fem.scene.keys import Finite, make_validation_error
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, format_error
-from pvdf_fem.studies.scene_grid import ValueRange
+from pvdf_fem.studies.sweep_axis import ValueRange
 from pvdf_fem.view import curves as drawing
 
 MOST_VALUES = 200  #: Of a curve.
