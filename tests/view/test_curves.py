@@ -8,8 +8,9 @@ import pytest
 from matplotlib.lines import Line2D
 
 from pvdf_fem import Scene
-from pvdf_fem.view.curves import draw_curves, format_significant
+from pvdf_fem.view.curves import draw_curves
 from pvdf_fem.view.figures import draw_film, make_figure
+from pvdf_fem.view.labels import format_significant
 
 
 def table(data: float | None) -> pd.DataFrame:
