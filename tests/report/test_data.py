@@ -29,7 +29,7 @@ def test_a_row_is_a_scene(tmp_path):
     assert (one.probe.x_mm, one.load.force_N, one.film.thickness_um) == (1.5, 2.0, 9.0)
     assert (two.probe.x_mm, two.load.force_N, two.film.d31_pC_N) == (-3.0, 1.0, 18.0)
     assert found.names == ("A",)
-    charges = found.charges([one, two], ["A", "B"], "total")
+    charges = found.get_charges([one, two], ["A", "B"], "total")
     np.testing.assert_array_equal(charges, [[100.25, np.nan], [80.0, np.nan]])
 
 
@@ -41,7 +41,7 @@ def test_a_file_is_read_beside_the_script(tmp_path, row):
     found = read_data("touches", source, SCENE, tmp_path)
     [scene] = found.make_scenes(SCENE)
     assert scene.probe.x_mm == 1.5
-    assert found.charges([scene], ["A"], "total") == pytest.approx(100.25)
+    assert found.get_charges([scene], ["A"], "total") == pytest.approx(100.25)
 
 
 def test_voltages_are_charges_through_the_channels(tmp_path):
@@ -55,7 +55,7 @@ def test_voltages_are_charges_through_the_channels(tmp_path):
     for names in ("ABCD", "B"):
         columns = ["ABCD".index(name) for name in names]
         for reading, known in (("total", charges), ("change", charges - rest)):
-            found_pC = found.charges(scenes, list(names), reading)
+            found_pC = found.get_charges(scenes, list(names), reading)
             np.testing.assert_allclose(found_pC, known[:, columns])
 
 
