@@ -198,6 +198,7 @@ def _solve_stress_modes(
     domain : Domain
         Touches for which the response is valid.
     tolerance : float
+        Largest error bound.
     options : ResponseOptions
         Those of the build.
     solve_tasks : sequence of tuple
