@@ -89,7 +89,7 @@ def estimate_wrinkling_changes(attempt: MeshLevel) -> Array | None:
     may carry compression, or a law without tension field.
     """
     solved, q, outputs = attempt.equilibrium, attempt.discrete.q, attempt.problem.outputs
-    carries = solved.model.bends or solved.model.wrinkles or not solved.membrane.law.linear
+    carries = solved.model.bends or solved.model.wrinkles or not solved.membrane.law.is_linear
     if carries or not attempt.result.converged or not is_compressed(attempt.discrete.solved_state):
         return None
     # a scene in a sweep may have no electrodes; `Scene.with_` refuses such a scene
