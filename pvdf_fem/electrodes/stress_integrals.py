@@ -182,7 +182,7 @@ def _charges(forces: Array, d: ArrayLike) -> Array:
 
 def _sampled(membrane: Membrane, sampling: Sampling, part: SymmetrySector) -> Laminate:
     """The film at the points; a linear law has one `stress` everywhere."""
-    if membrane.added is None or membrane.law.linear:
+    if membrane.added is None or membrane.law.is_linear:
         return membrane
     return membrane.at(sampling.places(membrane.space.mesh) @ part.frame)
 

@@ -85,7 +85,7 @@ class Touches(TabularResult):
     def put(self, rows: Indices, problem: LocationProblem, ends: SearchResult) -> None:
         """Write down the ends of searches for some rows."""
         self.status[rows[~ends.converged]] = TouchStatus.NOT_FOUND
-        rows, ends = rows[ends.converged], ends.take(np.flatnonzero(ends.converged))
+        rows, ends = rows[ends.converged], ends.select(np.flatnonzero(ends.converged))
         self.values[rows], root, free, *fit, explained = describe_touches(problem, ends)
         self.chi_square[rows], self.p_value[rows] = fit
         self.covariances[rows] = root @ root.swapaxes(1, 2)
@@ -207,7 +207,7 @@ def locate_many(
             others = search_rows(
                 problem.rows(again), _held(known, rows[again]), DEFAULT_OPTIONS.retries
             )
-            ends.improve(again, others)
+            ends.replace_worse(again, others)
         strange = (
             np.arange(len(rows)) if calibrated else np.flatnonzero(~mark_explained(problem, ends))
         )
@@ -240,7 +240,7 @@ def find_explanations(
         ends = search_rows(problem, held, 1, SHORT)
         rows = np.flatnonzero(mark_explained(problem, ends))
         if rows.size:
-            yield text, problem, ends.take(rows), rows
+            yield text, problem, ends.select(rows), rows
 
 
 def _everywhere(
@@ -249,8 +249,10 @@ def _everywhere(
     """What `locate` finds for a row, and with its end so far; improves the end."""
     row, known = np.array([k]), {i: float(values[k]) for i, values in held.items()}
     alone = problem.rows(row)
-    every = concatenate_results([ends.take(row), search_everywhere(alone, known, DEFAULT_OPTIONS)])
-    ends.improve(row, every.take(every.ranking.argsort()[:1]))
+    every = concatenate_results(
+        [ends.select(row), search_everywhere(alone, known, DEFAULT_OPTIONS)]
+    )
+    ends.replace_worse(row, every.select(every.ranking.argsort()[:1]))
     return make_location(alone, every)
 
 

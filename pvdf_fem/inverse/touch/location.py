@@ -130,7 +130,7 @@ class Location(Result):
         """Covariance (unknown, unknown) about another touch."""
         if not self.problem.response.is_fast:
             return touch.covariance
-        return self.posterior.covariance(touch.values[self.problem.unknown])
+        return self.posterior.compute_covariance(touch.values[self.problem.unknown])
 
     @cached_property
     def _rivals(self) -> list[set[str]]:

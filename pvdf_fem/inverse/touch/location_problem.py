@@ -161,7 +161,7 @@ class LocationProblem:
         """Differences of charges, then their slopes, over deviations, (n, electrodes, 1 + k). The
         coordinates `at` (n, k) are to explain the `rows` (n,) of the charges, by default the
         first. Slopes by coordinates that are not sought are zero."""
-        edge, forces = self.inside(at), self.forces
+        edge, forces = self.project_onto_domain(at), self.forces
         touches = edge.copy()
         touches[:, forces] = force = np.exp(edge[:, forces])
         charges, slopes = evaluate_on_stage(self.response, touches, self.stage.rotation_deg)
@@ -175,7 +175,7 @@ class LocationProblem:
         system *= self._weights[which]
         return system
 
-    def inside(self, at: Array) -> Array:
+    def project_onto_domain(self, at: Array) -> Array:
         """Coordinates (n, k) moved to the nearest points of the domain; `at` itself if there."""
         return self.project_onto(at, *self._domain)
 

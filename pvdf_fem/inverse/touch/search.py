@@ -95,7 +95,7 @@ def search_everywhere(
         at = run_levenberg_marquardt(
             replace(problem, unknown=without_rotation), at, options=options.search
         ).coordinates
-    return run_levenberg_marquardt(problem, at, hopeless=options.listed, options=options.search)
+    return run_levenberg_marquardt(problem, at, max_excess=options.listed, options=options.search)
 
 
 def search_rows(
@@ -110,11 +110,11 @@ def search_rows(
     rows, at = np.repeat(np.arange(len(at)), at.shape[1]), at.reshape(-1, at.shape[2])
     # neighbouring touches in sequence share the coefficients that the model reads
     order = np.lexsort((at[:, TouchColumn.Y], at[:, TouchColumn.X]))
-    ends = run_levenberg_marquardt(problem, at[order], rows[order], options=how).take(
+    ends = run_levenberg_marquardt(problem, at[order], rows[order], options=how).select(
         np.argsort(order)
     )
     best = ends.ranking.reshape(len(problem.charges_pC), -1).argmin(axis=1)
-    return ends.take(np.searchsorted(rows, np.arange(len(best))) + best)
+    return ends.select(np.searchsorted(rows, np.arange(len(best))) + best)
 
 
 def mark_explained(problem: LocationProblem, ends: SearchResult) -> Mask:
@@ -129,7 +129,7 @@ def make_location(
     search was made."""
     quantities = problem.response.quantities
     names = tuple(quantities[i] for i in problem.unknown.tolist())
-    ends = ends and ends.take(find_distinct(problem, ends, options))
+    ends = ends and ends.select(find_distinct(problem, ends, options))
     if ends is None or not ends.converged.size:
         return Location((), names, -np.inf, problem)
     # likelihood times a normal prior of the domain's extents, integrated by Laplace's method

@@ -70,7 +70,7 @@ def search_along_weak_direction(
     """
     moving, longest = problem.moving, problem.longest_steps[problem.moving]
     for _ in range(options.rounds):
-        best = ends.take(ends.ranking.argsort()[:1])
+        best = ends.select(ends.ranking.argsort()[:1])
         if not best.converged.any():
             break
         *_, directions = np.linalg.svd(best.jacobian[0][:, moving] * longest)
@@ -118,8 +118,8 @@ def _ordered(
             ends.jacobian[swap][..., other],
         )
     solved = ends.chi_square < 1e-6 * np.square(UNSOLVED_PC / problem.deviations_pC).min()
-    ends = ends.take(np.flatnonzero(solved))
-    return ends.take(find_distinct(problem, ends, options)) if ends.coordinates.size else ends
+    ends = ends.select(np.flatnonzero(solved))
+    return ends.select(find_distinct(problem, ends, options)) if ends.coordinates.size else ends
 
 
 def find_superposed_candidates(

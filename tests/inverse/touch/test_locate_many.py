@@ -99,7 +99,7 @@ def test_chunks_change_no_row_and_memory_does_not_grow_with_rows(monkeypatch):
     """Three times as many rows take no more than their results and inputs need."""
     model, touches, charges = rows(4500)
     whole = locate_many(model, charges[:600], rotations_deg=touches[:600, 2])
-    monkeypatch.setattr(module, "CHUNK", 500)
+    monkeypatch.setattr(module, "CHUNK_ROWS", 500)
     peaks = []
     for count in (1500, 4500):
         tracemalloc.start()
