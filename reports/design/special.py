@@ -45,7 +45,7 @@ PANELS = (
 
 
 @lru_cache(maxsize=2)
-def model_of(
+def build_cached_response(
     scene: Scene, reach_mm: float, forces_N: tuple[float, float], tolerance: float
 ) -> Response:
     """A model of the charges, built once by a process."""
@@ -85,7 +85,7 @@ class Bounds(Task):
         """The model of a scene, for any electrodes, d31 and d32."""
         film = scene.film.model_copy(update={"d31_pC_N": 8.0, "d32_pC_N": 8.0})
         alone = centre_probe(Scene(film=film, probe=scene.probe, load=scene.load))
-        return model_of(alone, self.reach_mm, self.forces_N, self.tolerance)
+        return build_cached_response(alone, self.reach_mm, self.forces_N, self.tolerance)
 
 
 class OfDesigns(Kind):

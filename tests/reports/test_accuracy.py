@@ -26,7 +26,7 @@ COARSE = {"numerics.tolerance": 1e-2}
 def made(kind, **keys):
     """What a kind composes of tasks that were run, and of scenes that were solved."""
     item = load_kinds(kinds_file("accuracy"))[kind](kind=kind, **keys)
-    rows = {compute_key(task): task.run() for task in item.tasks(INPUTS)}
+    rows = {compute_key(task): task.run() for task in item.list_tasks(INPUTS)}
     scenes = item.list_scenes(INPUTS)
     records = dict(zip(scenes, solve_scenes(scenes, processes=1), strict=True))
     return item.compose(INPUTS, ReportResults({**records, **rows}))

@@ -21,7 +21,9 @@ def test_figures_have_what_design_finds(name, monkeypatch):
     inputs = Inputs(plan.scene, {}, quick=True)
     tasks = item.kind.list_tasks(inputs)
     module = sys.modules[type(tasks[0]).__module__]
-    monkeypatch.setattr(module, "as_response", lambda scene, *_: bumps("circle").for_scene(scene))
+    monkeypatch.setattr(
+        module, "build_cached_response", lambda scene, *_: bumps("circle").for_scene(scene)
+    )
     content = item.kind.compose(
         inputs, ReportResults({compute_key(task): task.run() for task in tasks})
     )
