@@ -100,10 +100,15 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(*mistakes)
     from pvdf_fem.inverse.calibration.calibrate import calibrate
     from pvdf_fem.inverse.calibration.diagnosis import CalibrationStatus
+    from pvdf_fem.inverse.touch.measurement import get_units_pC
 
     deviations: dict[str, Any] = {
         n.replace("-", "_"): values[f"--{n}"] for n in DEVIATIONS if f"--{n}" in values
     }
+    if "noise" in deviations:  # in the unit of the readings
+        noise = deviations.pop("noise")
+        units_pC = get_units_pC(scene, options.unit)
+        deviations["noise_pC"] = {name: noise * unit_pC for name, unit_pC in units_pC.items()}
     try:
         found = calibrate(
             scene,
