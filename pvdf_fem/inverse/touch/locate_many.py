@@ -93,7 +93,9 @@ class Touches(TabularResult):
         told = self.deviations[rows]  # where calibrated
         self.deviations[rows] = np.where(np.isnan(told), curved, told)
         self.determined[rows] = ~free.any(axis=1)
-        self.at_edge[rows] = [bool(limits) for limits in problem.edges(ends.coordinates)]
+        self.at_edge[rows] = [
+            bool(limits) for limits in problem.find_active_limits(ends.coordinates)
+        ]
         reasons = explained, self.alternatives[rows] > 0, self.at_edge[rows]
         self.status[rows] = [*map(decide_status, *(of.tolist() for of in reasons))]
 
@@ -205,7 +207,7 @@ def locate_many(
         ends = search_rows(problem, held, 1)
         if (again := np.flatnonzero(~mark_explained(problem, ends))).size:
             others = search_rows(
-                problem.rows(again), _held(known, rows[again]), DEFAULT_OPTIONS.retries
+                problem.select_rows(again), _held(known, rows[again]), DEFAULT_OPTIONS.retries
             )
             ends.replace_worse(again, others)
         strange = (
@@ -248,7 +250,7 @@ def _everywhere(
 ) -> Location:
     """What `locate` finds for a row, and with its end so far; improves the end."""
     row, known = np.array([k]), {i: float(values[k]) for i, values in held.items()}
-    alone = problem.rows(row)
+    alone = problem.select_rows(row)
     every = concatenate_results(
         [ends.select(row), search_everywhere(alone, known, DEFAULT_OPTIONS)]
     )

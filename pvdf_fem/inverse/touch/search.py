@@ -119,7 +119,7 @@ def search_rows(
 
 def mark_explained(problem: LocationProblem, ends: SearchResult) -> Mask:
     """Which searches arrived where the charges are explained, (n,)."""
-    return ends.converged & is_plausible(ends.chi_square, problem.freedom)
+    return ends.converged & is_plausible(ends.chi_square, problem.degrees_of_freedom)
 
 
 def make_location(
@@ -138,10 +138,15 @@ def make_location(
     total = float(np.logaddexp.reduce(logs))
     weights = np.exp(logs - total).tolist()
     columns = zip(
-        *describe_touches(problem, ends), weights, problem.edges(ends.coordinates), strict=True
+        *describe_touches(problem, ends),
+        weights,
+        problem.find_active_limits(ends.coordinates),
+        strict=True,
     )
     touches = [Touch(quantities, names, *attributes) for attributes in columns]
-    if problem.freedom <= 0:  # chi-square is zero but for where searches stop, and ranks nothing
+    if (
+        problem.degrees_of_freedom <= 0
+    ):  # chi-square is zero but for where searches stop, and ranks nothing
         touches.sort(key=lambda touch: (touch.explained, touch.weight), reverse=True)
     spread = math.log(2.0 * math.pi) / 2.0 + np.log(problem.deviations_pC[0])
     return Location(tuple(touches), names, total - float(spread.sum()), problem)
@@ -152,13 +157,13 @@ def describe_touches(
 ) -> tuple[Array, Array, Mask, Array, Array, Mask]:
     """Of the touches at some ends: values (n, k), roots of their covariances, chi-square, its
     p-value, and whether the charges are explained, (n,)."""
-    values, sought = problem.touches(ends.coordinates), problem.unknown
+    values, sought = problem.to_touches(ends.coordinates), problem.unknown
     scale = problem.compute_touch_scale(values)[:, sought]
     slopes, extent = (
         ends.jacobian[:, :, sought] / scale[:, None],
         compute_extents(problem.response)[sought],
     )
-    chi_square, freedom = ends.chi_square, problem.freedom
+    chi_square, freedom = ends.chi_square, problem.degrees_of_freedom
     fit = chi_square, compute_p_values(chi_square, freedom), is_plausible(chi_square, freedom)
     return values, *compute_covariance_roots(slopes, extent * scale), *fit
 

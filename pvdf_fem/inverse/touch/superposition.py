@@ -43,7 +43,7 @@ def search_by_solves(
     coarse, how = replace(problem, response=rough, deviations_pC=spread), options.solved_search
     other = model.other_probe
     begun = [_begun(cold, model.touch, options) for cold in _cold(coarse)]
-    freedom, found = problem.freedom, []
+    freedom, found = problem.degrees_of_freedom, []
     for part in (slice(options.followed), slice(options.followed, None)):
         starts = np.concatenate([likely[part] for likely in begun])
         ends = run_levenberg_marquardt(coarse, starts, options=how)
@@ -68,7 +68,7 @@ def search_along_weak_direction(
     on one side of the fold does not see the touch on the other side. Along a valley a search may
     end before its bottom.
     """
-    moving, longest = problem.moving, problem.longest_steps[problem.moving]
+    moving, longest = problem.free_columns, problem.longest_steps[problem.free_columns]
     for _ in range(options.rounds):
         best = ends.select(ends.ranking.argsort()[:1])
         if not best.converged.any():
@@ -154,14 +154,16 @@ def find_superposed_candidates(
             kept.append(row)
         if len(kept) == options.starts:
             break
-    at = np.tile(problem.coordinates(touch[None]), (len(kept), 1))
-    of_probes, share = problem.of_probes(at), shares[kept]
+    at = np.tile(problem.to_coordinates(touch[None]), (len(kept), 1))
+    of_probes, share = problem.view_by_probe(at), shares[kept]
     starts = of_probes.copy()
     stage = model.scene.stage or Stage()
     starts[..., : TouchColumn.ROTATION] = places[chosen[kept]] @ stage.rotation.T
     starts[..., TouchColumn.FORCE] = np.log(share) + stiffening * np.log(share.sum(axis=1))[:, None]
     sought = np.isin(np.arange(at.shape[1]), problem.unknown)
-    of_probes[...] = np.where(problem.of_probes(np.tile(sought, (len(at), 1))), starts, of_probes)
+    of_probes[...] = np.where(
+        problem.view_by_probe(np.tile(sought, (len(at), 1))), starts, of_probes
+    )
     return at
 
 

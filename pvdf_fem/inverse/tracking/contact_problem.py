@@ -154,7 +154,7 @@ class ContactProblem(LocationProblem):
         if not touches or touches[0].force_N < self.response.domain.force_N[0]:
             return None
         values, best = np.array([touch.values for touch in touches]), touches[0]
-        at, scale = problem.coordinates(values), problem.compute_touch_scale(values)
+        at, scale = problem.to_coordinates(values), problem.compute_touch_scale(values)
         missed = math.sqrt(sample.missed) * sample.direction[problem.electrodes]
         whitened = (missed / problem.deviations_pC[0])[:, None]
         off = np.linalg.pinv(problem.linearise(at)[:, :, 1:]) @ whitened

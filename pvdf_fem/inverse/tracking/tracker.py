@@ -218,7 +218,7 @@ class Tracker:
     def _row(self, t: float, places: CandidatePlaces, at: Array, chi_square: float) -> TrackRow:
         """A touch on the stage at coordinates (4,), with the deviations of its places."""
         model = self._model
-        x, y, rotation, force = model.touches(at[None])[0].tolist()
+        x, y, rotation, force = model.to_touches(at[None])[0].tolist()
         low, high = model.response.domain.force_N
         status = "too_light" if force < low else "too_strong" if force > high else "touch"
         status = status if places.explained else "unexplained"
