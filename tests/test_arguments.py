@@ -149,7 +149,7 @@ MISTAKES = {
     "s.to_xarray(-1)": "step_mm",
     "s.plot(['stress'])": "quantity",
     "s.readings_V": "readout",
-    "pf.locate(S, [1, 2, 3])": "charges",
+    "pf.locate(S, [1, 2, 3])": "readings",
     "pf.Tracker(m).update(0, ['a', 2, 3, 4])": "readings",
     "pf.design(s, ['electrodes.count'])": "vary",
     "pf.Tracker()": "Tracker",

@@ -48,7 +48,7 @@ class AirLoad:
         degree = 10 + int(1.5 / largest) if scene.air else 0
         s = -0.5 if air.baffle else 0.5
         rule = int(min(8.0 + degree * largest, 19.0))  # the highest order that scikit-fem has
-        places, values, weights = space.rule(np.arange(space.mesh.nelements), rule)
+        places, values, weights = space.make_quadrature(np.arange(space.mesh.nelements), rule)
         points = np.repeat(np.arange(weights.size), values.shape[2])
         nodes = np.repeat(space.nodes, weights.shape[1], axis=0).ravel()
         entries = (values * weights[..., None]).ravel(), (nodes, points)

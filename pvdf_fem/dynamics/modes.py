@@ -174,7 +174,7 @@ def modes(
     if coerce("loaded", loaded, bool):
         scene.require_no_tips("frequencies about the load")
     else:  # on the flat film only rigid probes matter, by the unknowns that they bind together
-        rigid = [touch for touch in scene.loaded_probes if PROBE_LOADS[touch.load.kind].rigid]
+        rigid = [touch for touch in scene.loaded_probes if PROBE_LOADS[touch.load.kind].is_rigid]
         bare = scene.with_loaded_probes([replace(t, load=t.load.unloaded) for t in rigid])
     share = _bending_share(bare, count, loaded)
     bends = scene.film.bending

@@ -28,9 +28,9 @@ from pvdf_fem.dynamics.spectrum import assemble_pencil
 from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.electrodes.stress_integrals import differentiate_charges
 from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.pressure import UP
+from pvdf_fem.film.loads.probe_load import UP
 from pvdf_fem.film.low_rank import LowRankUpdate
-from pvdf_fem.film.term import State
+from pvdf_fem.film.term import Load, State
 from pvdf_fem.progress import Progress, ignore_progress
 from pvdf_fem.solver.next_order import factorise_tangent, solve_next_order
 from pvdf_fem.solver.nonlinear.newton import factorise
@@ -142,7 +142,7 @@ def linearize_about(solution: Solution) -> tuple[MotionEquations, MotionEquation
 def _elastic(equilibrium: Equilibrium, state: State) -> Any:
     """The film's stiffness in N/m without geometric stiffness by tension."""
     space, membrane = equilibrium.space, equilibrium.membrane
-    film = equilibrium.with_terms([t for t in equilibrium.terms if t.forces(state) is None])
+    film = equilibrium.with_terms([t for t in equilibrium.terms if not isinstance(t, Load)])
     tension = (state.stress * membrane.volumes[..., None])[..., [[0, 2], [2, 1]]]
     slopes = space.gradients
     by_tension = np.matmul(np.matmul(slopes, tension), slopes.swapaxes(2, 3)).sum(axis=1)

@@ -17,13 +17,12 @@ import numpy as np
 from pvdf_fem.arrays import (
     ALL,
     Array,
-    Selection,
     apply_matrix,
     move_components_first,
     move_components_last,
 )
 from pvdf_fem.film.laws.laminate import Laminate
-from pvdf_fem.film.term import State, Term
+from pvdf_fem.film.term import ElementMatrices, State, Term
 
 IDENTITY: Array = np.eye(3, 2)
 #: Pairs of displacement components with blocks in the tangent, up to symmetry.
@@ -119,8 +118,9 @@ class Membrane(Laminate, Term):
             diagonal += np.einsum("eii->ei", self._damping(state))
         return diagonal
 
-    def element_tangent(self, state: State) -> tuple[Selection, Array]:
-        return ALL, self.tangent_matrices(state)
+    def element_tangent(self, state: State) -> ElementMatrices:
+        """Return the tangents of all elements in N/m."""
+        return ElementMatrices(ALL, self.tangent_matrices(state))
 
     def tangent_matrices(self, state: State, together: int = 128) -> Array:
         """Tangents in N/m, (elements, element dofs, element dofs), computed for `together` elements

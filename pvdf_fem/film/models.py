@@ -175,7 +175,7 @@ class PlateModel(FilmModel):
         plate = Plate(
             space,
             film,
-            find_rigid_elements(terms, flat=True),
+            find_rigid_elements(terms, horizontal_only=True),
             effect.rim_tension,
             effect.probe_tension,
         )

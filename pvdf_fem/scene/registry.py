@@ -23,16 +23,16 @@ from pvdf_fem.scene.scene_file import suggest
 
 #: Class of each ``load.kind``.
 LOAD_CLASSES = {
-    "dead": "pvdf_fem.film.loads.pressure:DeadPressure",
-    "follower": "pvdf_fem.film.loads.pressure:FollowerPressure",
-    "rigid": "pvdf_fem.film.loads.pressure:Punch",
+    "dead": "pvdf_fem.film.loads.probe_load:DeadPressure",
+    "follower": "pvdf_fem.film.loads.probe_load:FollowerPressure",
+    "rigid": "pvdf_fem.film.loads.punch:Punch",
     "contact": "pvdf_fem.film.loads.rigid_tip:RigidTip",
 }
 
 
 #: Classes of loads on the whole film, by the film's keys.
 FILM_LOAD_CLASSES = {
-    "pressure_Pa": "pvdf_fem.film.loads.film_pressure:FilmPressure",
+    "pressure_Pa": "pvdf_fem.film.loads.film_load:FilmPressure",
     "gravity_m_s2": "pvdf_fem.film.loads.weight:Weight",
 }
 #: Class of each ``film.law``.

@@ -19,6 +19,7 @@ from pvdf_fem.electrodes.stress_integrals import (
     compute_stress_integrals,
 )
 from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.film.loads.contact_result import select_tips
 from pvdf_fem.film.membrane import compute_principal_values
 from pvdf_fem.film.term import State
 from pvdf_fem.scene.scene import Scene
@@ -72,7 +73,8 @@ def find_rejection_status(
 def is_tip_at_rim(fields: DiscreteSolution) -> bool:
     """Whether a tip touches the film up to the rim."""
     solved = fields.solved
-    reach = max(term.reach(fields.solved_state) for term in solved.terms)
+    reaches = [tip.reach(fields.solved_state) for tip in select_tips(solved)]
+    reach = max(reaches, default=0.0)
     return reach > NEAR_RIM * solved.film.radius
 
 

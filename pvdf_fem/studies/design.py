@@ -20,7 +20,8 @@ from pvdf_fem import __version__
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.touch.locate import locate
 from pvdf_fem.inverse.touch.location import Location
-from pvdf_fem.inverse.touch.measurement import Measurement, as_float
+from pvdf_fem.inverse.touch.measurement import Measurement
+from pvdf_fem.inverse.touch.validation import as_float
 from pvdf_fem.progress import Progress, show_progress
 from pvdf_fem.scene.arguments import SceneLike, as_response, as_scene, coerce
 from pvdf_fem.scene.changes import normalize_key, parse_key
@@ -244,7 +245,7 @@ def _bounds(
     touches = np.tile([*touch_domain.extract_touch(scene).values()], (len(x_mm), 1))
     touches[:, : TouchColumn.ROTATION] = np.stack([x_mm, y_mm], axis=-1)
     measured = Measurement.from_response(exact, exact.names, sigma, noise_pC, None)
-    readings = measured.readings(exact.evaluate(touches)[0])
+    readings = measured.to_readings(exact.evaluate(touches)[0])
     rows = (dict(zip(exact.names, row, strict=True)) for row in readings)
     found = (locate(exact, row, sigma, noise_pC=noise_pC) for row in rows)
     return np.array([_bound(*pair) for pair in zip(found, touches, strict=True)]).T

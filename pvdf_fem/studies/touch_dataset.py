@@ -106,12 +106,12 @@ def dataset(
     charges = np.concatenate([model.evaluate(part)[0] for part in parts])
     # the touches use the seed's random numbers alone
     normal = np.random.default_rng([seed, 1]).standard_normal(charges.shape)
-    signals = charges + measured.noise(charges) * normal
+    signals = charges + measured.compute_noise(charges) * normal
     at[:, : TouchColumn.ROTATION], turned = (scene.stage or Stage()).to_stage(
         at[:, : TouchColumn.ROTATION], at[:, TouchColumn.ROTATION]
     )
     at[:, TouchColumn.ROTATION] = turned % find_rotation_period_deg(model)
-    of_electrodes = charges, model.error_bound * np.abs(charges), measured.readings(signals)
+    of_electrodes = charges, model.error_bound * np.abs(charges), measured.to_readings(signals)
     told = {
         "seed": seed,
         "sigma": sigma,

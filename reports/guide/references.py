@@ -25,7 +25,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
     "What results hold": (
         "pvdf_fem.electrodes.point_values.PointValues",
         "pvdf_fem.film.loads.contact_result.ContactResult",
-        "pvdf_fem.film.loads.pressure.PunchTilt",
+        "pvdf_fem.film.loads.punch.PunchTilt",
         "pvdf_fem.solver.nonlinear.status.Status",
         "pvdf_fem.solver.history.MeshRecord",
         "pvdf_fem.solver.sensitivity.gradients.Gradients",
@@ -38,7 +38,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "pvdf_fem.inverse.touch.touch.Touch",
         "pvdf_fem.inverse.touch.locate_many.Touches",
         "pvdf_fem.inverse.tracking.results.TrackRow",
-        "pvdf_fem.report.report.Made",
+        "pvdf_fem.report.report.MadeReport",
         "pvdf_fem.report.kind.Content",
     ),
     "What they take": (

@@ -64,7 +64,7 @@ WORK = (
     "pvdf_fem.mesh.gmsh_mesh.mesh_scene",
     "pvdf_fem.dynamics.modes.modes",
     "pvdf_fem.dynamics.charge_changes.solve",
-    "pvdf_fem.batch.batch.planned",
+    "pvdf_fem.batch.batch.plan_scenes",
     "pvdf_fem.inverse.calibration.calibrate.ReadingModel",
     "pvdf_fem.surrogate.response_builder.build_response",
     "pvdf_fem.inverse.touch.locate.locate",

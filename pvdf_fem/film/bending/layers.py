@@ -2,8 +2,8 @@
 
 Beside a clamped edge, a punch or the edge of a pressure a film turns within the length
 l = sqrt(D/N). Much longer elements have the layer's energy by their penalty along the edge
-(`pvdf_fem.film.bending.plate`), but not its curvature. The penalty is constant, and the film's gain
-in length by turning is missing, too. A space of higher order on the same mesh sees little of it.
+(`pvdf_fem.film.bending.plate`), but not its curvature. The penalty is constant, and the film's
+gain in length by turning is missing, too. A space of higher order on the same mesh sees little of the gain.
 A part of the bending forces in wide elements therefore counts as uncertain; the uncertain forces
 are applied once more, and their effect is a second estimate of the error. The larger estimate
 counts.

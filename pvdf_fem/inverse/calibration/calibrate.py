@@ -127,7 +127,7 @@ def _mistakes(scene: Scene, words: Mapping[str, str], deviations: Mapping[str, f
     mistakes = []
     if scene.single_probe is None:
         mistakes.append("probe: the scene has none; add the [probe] that touched the film")
-    elif PROBE_LOADS[scene.load.kind].rigid:
+    elif PROBE_LOADS[scene.load.kind].is_rigid:
         reason = "has no derivatives by the place; take dead or follower"
         mistakes.append(f'load.kind = "{scene.load.kind}": {reason}')
     for name, word in words.items():

@@ -21,9 +21,6 @@ from pvdf_fem.inverse.touch.location import Explanation, Location
 from pvdf_fem.inverse.touch.measurement import (
     Deviations,
     Measurement,
-    as_float,
-    find_quantity_errors,
-    find_reading_errors,
     get_centre_mm,
     get_units_pC,
 )
@@ -33,6 +30,7 @@ from pvdf_fem.inverse.touch.search import (
     make_location,
     search_everywhere,
 )
+from pvdf_fem.inverse.touch.validation import as_float, find_quantity_errors, find_reading_errors
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
 from pvdf_fem.scene.arguments import Names, SceneLike, as_scene, coerce
 from pvdf_fem.scene.scene import Scene
@@ -112,7 +110,7 @@ def locate(
     if touches != 1:
         wrong.append(f"touches = {touches}: a response is of one; give its scene instead")
     default, origin = get_scene_quantities(scene), (*get_centre_mm(scene), 0.0, 0.0)
-    wrong += find_quantity_errors(model.domain, unknown, known or {}, default, origin)
+    wrong += find_quantity_errors(model.domain, unknown, known or {}, default, origin[:2])
     if wrong:
         raise ValueError("\n".join(wrong))
     sought = np.array([i for i, name in enumerate(TOUCH_QUANTITIES) if name in unknown])
@@ -122,7 +120,7 @@ def locate(
         fixed[TouchColumn.FORCE] = math.log(fixed[TouchColumn.FORCE])
     measurement = Measurement.from_response(model, tuple(given), *noise, unit)
     readings = np.array([[*given.values()]], dtype=float)
-    problem = measurement.problem(readings, sought)
+    problem = measurement.make_problem(readings, sought)
     if not problem.is_determinable:
         return make_location(problem, None, options)
     found = make_location(problem, search_everywhere(problem, fixed, options), options)
@@ -170,7 +168,7 @@ def _by_solves(
         )
         measurement = Measurement.from_response(solves, tuple(charges_pC), *noise, unit)
         readings = np.array([[*charges_pC.values()]], dtype=float)
-        problem = measurement.problem(readings, solves.unknown)
+        problem = measurement.make_problem(readings, solves.unknown)
         ends = search_by_solves(problem, solves, options) if problem.is_determinable else None
         return make_location(problem, ends, options)
 

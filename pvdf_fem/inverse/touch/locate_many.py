@@ -15,11 +15,8 @@ from pvdf_fem.inverse.least_squares import SearchOptions, SearchResult, concaten
 from pvdf_fem.inverse.touch.location import Location
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.inverse.touch.measurement import (
-    LARGEST_PC,
-    LEAST_PC,
     Deviations,
     Measurement,
-    find_reading_errors,
     get_units_pC,
 )
 from pvdf_fem.inverse.touch.search import (
@@ -31,6 +28,7 @@ from pvdf_fem.inverse.touch.search import (
     search_rows,
 )
 from pvdf_fem.inverse.touch.touch import TouchStatus, decide_status
+from pvdf_fem.inverse.touch.validation import LARGEST_PC, LEAST_PC, find_reading_errors
 from pvdf_fem.scene.arguments import as_response, coerce
 from pvdf_fem.summary import Summary, TabularResult, TextTable
 from pvdf_fem.surrogate.charge_function import ChargeFunction
@@ -203,7 +201,7 @@ def locate_many(
     for first in range(0, len(usable), CHUNK_ROWS):
         rows = usable[first : first + CHUNK_ROWS]
         held = _held(known, rows)
-        problem = measurement.problem(charges[rows], sought)
+        problem = measurement.make_problem(charges[rows], sought)
         ends = search_rows(problem, held, 1)
         if (again := np.flatnonzero(~mark_explained(problem, ends))).size:
             others = search_rows(
@@ -237,8 +235,8 @@ def find_explanations(
 ) -> Iterator[tuple[str, LocationProblem, SearchResult, Indices]]:
     """Mistakes that explain some of the readings (n, electrodes): a text, the problem without the
     mistake, ends of searches that explain readings, and their rows."""
-    for text, meant, undone in measurement.list_misreadings() if len(readings) else ():
-        problem = meant.problem(undone(readings), sought)
+    for text, meant, undone in measurement.list_alternatives() if len(readings) else ():
+        problem = meant.make_problem(undone(readings), sought)
         ends = search_rows(problem, held, 1, SHORT)
         rows = np.flatnonzero(mark_explained(problem, ends))
         if rows.size:
@@ -287,9 +285,9 @@ def _status(
     measurement: Measurement, readings: Array, known: Mapping[int, Array], sought: Indices
 ) -> NDArray[np.object_]:
     """What keeps rows from being located; `TouchStatus.LOCATED` for those that can be."""
-    determinable = measurement.problem(np.zeros_like(readings[:1]), sought).is_determinable
+    determinable = measurement.make_problem(np.zeros_like(readings[:1]), sought).is_determinable
     usual = np.clip(readings, -LARGEST_PC, LARGEST_PC)  # numbers of any size are told, not squared
-    small = np.abs(measurement.signals(usual)) < LEAST_PC
+    small = np.abs(measurement.to_signals(usual)) < LEAST_PC
     lowest, highest = measurement.response.domain.force_N
     forces = known.get(TouchColumn.FORCE, np.full(len(readings), lowest))
     # the last reasons win

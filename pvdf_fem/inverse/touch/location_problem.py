@@ -321,9 +321,9 @@ class LocationProblem:
         probes = self.view_by_probe(coordinates)
         forces = coordinates[:, self.force_columns]
         distance = np.hypot(probes[..., TouchColumn.X], probes[..., TouchColumn.Y])
-        is_far: Mask = (distance >= self.response.domain.reach_mm).any(axis=1)
+        is_far: Mask = np.any(distance >= self.response.domain.reach_mm, axis=1)
         is_far &= TouchColumn.X in unknown or TouchColumn.Y in unknown
-        is_extreme: Mask = ((forces <= lowest) | (forces >= highest)).any(axis=1)
+        is_extreme: Mask = np.any((forces <= lowest) | (forces >= highest), axis=1)
         is_extreme &= TouchColumn.FORCE in unknown
         limits = []
         for far, extreme in zip(is_far.tolist(), is_extreme.tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""How touches are followed in a stream of readings."""
+"""Options of the tracker: when contacts begin and end, and when they are located."""
 
 from __future__ import annotations
 
@@ -11,41 +11,47 @@ from pvdf_fem.arrays import Indices
 
 @dataclass(frozen=True)
 class TrackOptions:
-    """Numbers that decide when touches begin and end, and when they are located."""
+    """Thresholds of the tracker. Counts are numbers of samples."""
 
-    settle: int = 256  #: Quiet samples from which baseline and noise are learned at first.
-    #: Time constant of the baseline filter in samples; faster drift is taken for a touch.
-    memory: int = 2000
-    pause: int = 50  #: Pause in samples after which a touch is lost.
-    #: Bound on the probability of a false alarm in a sample, split evenly over the windows.
-    false_alarm: float = 1e-7
-    least_noise_V: float = 1e-7  #: Least standard deviation of a voltage.
-    first: int = 6  #: Samples of a touch before its place is sought.
-    #: Charges are located when they are this many standard deviations large ...
-    significant: float = 15.0
-    again: float = 0.2  #: ... and again when there are more samples by this share.
-    #: What sampling misses at light forces is off the direction of the charges by this share.
-    skew: float = 0.2
-    #: Forces are followed down to the model's least over e to this power, and up to the model's
-    #: largest times e to this power.
-    lightest: float = 7.0
-    strongest: float = 2.0
-    #: Last samples whose mean charges must be those of as many before for a touch to have ended,
-    #: and, of a long touch, share of its samples.
-    still: int = 6
+    #: Quiet samples from which the baseline and its noise are learned at first.
+    settling_samples: int = 256
+    #: Time constant of the baseline filter. Drifts that are faster are taken for contacts.
+    memory_samples: int = 2000
+    #: Longest pause within a contact, in sampling intervals. After a longer one it is lost.
+    max_pause_samples: int = 50
+    #: Bound on the probability of a false alarm at one sample, shared evenly by the windows.
+    false_alarm_probability: float = 1e-7
+    min_noise_V: float = 1e-7  #: Smallest standard deviation that a voltage may have.
+
+    #: A contact is located from this number of samples on ...
+    min_location_samples: int = 6
+    #: ... once its charges are this many standard deviations large, ...
+    min_significance: float = 15.0
+    #: ... and again each time the number of samples has grown by this share.
+    relocation_growth: float = 0.2
+    #: Share of the sampling error that is not along the direction of the charges.
+    sampling_skew: float = 0.2
+    #: How far forces are followed beyond those of the response, in logarithms of the force.
+    log_margin_below: float = 7.0
+    log_margin_above: float = 2.0
+
+    #: A contact has ended when the mean charges of its last samples equal those of as many samples
+    #: before. The number of these samples is the larger of a count and a share of the contact.
+    min_still_samples: int = 6
     still_share: float = 1.0 / 16.0
-    #: Share of its largest charges that a touch may leave, if four times as many samples are still.
-    left: float = 0.1
-    patience: int = 100  #: Samples in which the charges of a touch come out of the noise.
-    #: A touch is lost after `memory` samples when charges are uncertain by this share of the
-    #: largest.
-    lost: float = 0.3
+    #: Share of its largest charges that a contact may leave, if four times as many samples are
+    #: still.
+    max_residual_share: float = 0.1
+    #: Samples in which the charges of a contact must have come out of the noise.
+    patience_samples: int = 100
+    #: After `memory_samples` a contact is lost when the standard deviation of its charges exceeds
+    #: this share of the largest charges.
+    max_relative_error: float = 0.3
 
     @property
     def windows(self) -> Indices:
-        """Samples over which deviations are summed up to see a touch: up to a quarter of those
-        that noise is learned from."""
-        return 2 ** np.arange(int(np.log2(self.settle / 4.0)) + 1)
+        """Window lengths of the contact detector: powers of two up to `settling_samples` / 4."""
+        return 2 ** np.arange(int(np.log2(self.settling_samples / 4.0)) + 1)
 
 
 DEFAULTS = TrackOptions()

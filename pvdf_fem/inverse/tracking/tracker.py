@@ -1,52 +1,65 @@
-"""Touches in a stream of readings: when they begin and end, where they are, and their force.
+"""The tracker: touches in a stream of readings, when they begin and end, where, and their force.
 
-Readings are those of the channels of the response's scene (`scene.readout`). Places and rotations
-are in the frame of its stage.
+Each sample passes through four stages: the `SampleClock` (is it in time?), the `Baseline` (which
+voltages without a contact?), the `ContactDetector` (does a contact begin?), and during a contact
+the `Contact` (charges, end, place and force). Readings are those of the channels of the response's
+scene (`scene.readout`). Places and rotations are in the frame of its stage.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.inverse.touch.locate import PLACE_AND_FORCE, get_scene_quantities
-from pvdf_fem.inverse.touch.measurement import find_quantity_errors, get_centre_mm
-from pvdf_fem.inverse.tracking.baseline import Baseline, ContactDetector
+from pvdf_fem.inverse.touch.measurement import get_centre_mm
+from pvdf_fem.inverse.touch.validation import find_quantity_errors
+from pvdf_fem.inverse.tracking.baseline import Baseline
 from pvdf_fem.inverse.tracking.circuit import ReadoutCircuit
+from pvdf_fem.inverse.tracking.clock import ClockEvent, SampleClock
 from pvdf_fem.inverse.tracking.contact import Contact
+from pvdf_fem.inverse.tracking.contact_detector import ContactDetector, VoltageSample
 from pvdf_fem.inverse.tracking.contact_problem import CandidatePlaces, ContactProblem
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
-from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow
+from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
 from pvdf_fem.scene.arguments import Names, as_response, coerce, coerce_array
 from pvdf_fem.scene.scene_file import suggest
 from pvdf_fem.surrogate.charge_function import ChargeFunction, find_rotation_period_deg
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
+UNITS = ("V", "pC")  #: Units of readings.
+
 
 class Tracker:
-    """Follows touches from sample to sample; `touches` are summaries of the ended touches.
+    """A tracker of touches in a stream of readings.
 
     Parameters
     ----------
     response : Response
-        Its scene has the readout of the channels and the stage.
+        Charges as a function of the touch. Its scene has the readout of the channels and the
+        stage.
     unknown : sequence of str
-        What is sought, of ``x_mm``, ``y_mm``, ``rotation_deg`` and ``force_N``, which always is;
-        the rest is that of the response's scene.
-    unit : str
-        Of the readings: ``V``, or ``pC``: V times the channel's capacitance.
+        Quantities to find, of ``x_mm``, ``y_mm``, ``rotation_deg`` and ``force_N``. The force must
+        be among them; other quantities that are left out have the values of the scene.
+    unit : {"V", "pC"}
+        Unit of the readings. Readings in nominal pC are readings in V times the capacitance.
     options : TrackOptions
-        When touches begin and end, and when they are located.
+        When contacts begin and end, and when they are located.
+
+    Attributes
+    ----------
+    touches : list of TouchSummary
+        Summaries of the touches that have ended.
 
     Raises
     ------
     ValueError
-        With a line for each mistake in the options.
+        If an argument is wrong, with a line for each error.
 
     Examples
     --------
@@ -64,175 +77,263 @@ class Tracker:
         unit: str = "V",
         options: TrackOptions = DEFAULTS,
     ) -> None:
-        scene, known = as_response(response).scene, get_scene_quantities(response.scene)
+        self.response = as_response(response)
+        scene = self.response.scene
         unknown = coerce("unknown", unknown, Names)
+        scene_values = get_scene_quantities(scene)
         origin = (*get_centre_mm(scene), 0.0, 0.0)
-        mistakes = [*find_quantity_errors(response.domain, unknown, {}, known, origin)]
+        errors = [*find_quantity_errors(response.domain, unknown, {}, scene_values, origin[:2])]
         if "force_N" not in unknown:
-            mistakes.append("unknown: force_N is missing; the force of a touch is always sought")
-        if unit not in ("V", "pC"):
-            mistakes.append(f"unit = {unit}: choose from V, pC")
-        if mistakes:
-            raise ValueError("\n".join(mistakes))
-        fixed = {
-            i: known[n] - origin[i] for i, n in enumerate(TOUCH_QUANTITIES) if n not in unknown
-        }
+            errors.append("unknown: force_N is missing; add it, it is always unknown")
+        if unit not in UNITS:
+            errors.append(f"unit = {unit}: choose from {', '.join(UNITS)}")
+        if errors:
+            raise ValueError("\n".join(errors))
+        fixed = {}
+        for index, name in enumerate(TOUCH_QUANTITIES):
+            if name not in unknown:
+                fixed[index] = scene_values[name] - origin[index]
+
         self.touches: list[TouchSummary] = []
-        self._names, self._unit, self._circuit = (
-            response.names,
-            unit,
-            ReadoutCircuit.of(make_channels(scene)),
-        )
-        self._model = ContactProblem.of(response, fixed, options)
-        self._options, self._time = options, -math.inf
+        self._unit = unit
+        self._options = options
+        self._circuit = ReadoutCircuit.from_channels(make_channels(scene))
+        self._problem = ContactProblem.from_response(self.response, fixed, options)
+        self._clock = SampleClock()
         self._restart()
 
     def _restart(self) -> None:
-        self._step = math.inf
+        """Forget the baseline and the contact; touches that have ended stay."""
         self._baseline = Baseline(self._circuit, self._options)
-        self._watch, self._missing = ContactDetector(len(self._names), self._options), set[str]()
+        self._detector = ContactDetector(len(self.response.names), self._options)
         self._contact: Contact | None = None
+        self._missing = set[str]()
 
     def update(self, t: float, readings: Mapping[str, float] | Sequence[float]) -> TrackRow:
-        """What is known with a sample at a time in s; if that does not grow, all begins anew.
+        """Process a sample, and return the state of the tracker.
 
-        `readings` are those of the channels by name or in their order, NaN where there is none.
+        Parameters
+        ----------
+        t : float
+            Time of the sample in s. If it does not grow, everything begins anew.
+        readings : mapping of str to float, or sequence of float
+            Readings of the channels, by name or in the order of the response's electrodes; NaN
+            where there is none.
+
+        Raises
+        ------
+        ValueError
+            If a name is unknown, or the number of readings is wrong.
         """
-        if isinstance(readings, Mapping):
-            if unknown := readings.keys() - {*self._names}:
-                advice = suggest(min(unknown), self._names)
-                raise ValueError(f"readings.{min(unknown)}: is of no channel; {advice}")
-            readings = [readings.get(name, math.nan) for name in self._names]
-        values = coerce_array("readings", readings)
-        if values.shape != (len(self._names),):
-            names = ", ".join(self._names)
-            raise ValueError(f"readings: {values.size} given; give one for each of {names}")
-        values[np.isinf(values)] = math.nan
-        silent = [n for n, v in zip(self._names, values.tolist(), strict=True) if math.isnan(v)]
-        self._missing.update(silent)
-        voltage = self._circuit.voltages(values, self._unit == "pC")
-        options, step = self._options, t - self._time
-        most = options.pause if self._contact else options.memory
-        if math.isfinite(step) and 0.0 < step <= most * self._step:
-            touch = self._contact
-            row = self._follow(t, voltage, touch) if touch else self._watch_out(t, voltage)
-            known = self._step if math.isfinite(self._step) else step
-            self._step = known + (min(step, 2.0 * known) - known) / 16.0
+        values = self._coerce_readings(readings)
+        names = np.array(self.response.names)
+        missing = names[np.isnan(values)].tolist()
+        self._missing.update(missing)
+        voltages = self._circuit.compute_voltages(values, self._unit)
+
+        options = self._options
+        max_pause = options.max_pause_samples if self._contact else options.memory_samples
+        event = self._clock.classify(t, max_pause)
+        if event is not ClockEvent.TICK:
+            row = self._begin_anew(t, event)
+            self._clock.restart(t)
         else:
-            row = self._begin_anew(t)
-        self._time = t
-        if row.status == "settling":
+            if self._contact:
+                row = self._continue_contact(t, voltages, self._contact)
+            else:
+                row = self._watch_baseline(t, voltages)
+            self._clock.tick(t)
+        if row.status == TrackStatus.SETTLING:
             row = replace(row, settling_s=self.settling_ends_s - t)
-        return replace(row, missing=" ".join(silent)) if silent else row
+        return replace(row, missing=" ".join(missing)) if missing else row
+
+    def _coerce_readings(self, readings: Mapping[str, float] | Sequence[float]) -> Array:
+        """Return the readings as an array, (electrodes,), NaN where there is none."""
+        names = self.response.names
+        if isinstance(readings, Mapping):
+            unknown = readings.keys() - {*names}
+            if unknown:
+                name = min(unknown)
+                raise ValueError(f"readings.{name}: no such channel; {suggest(name, names)}")
+            readings = [readings.get(name, math.nan) for name in names]
+        values = coerce_array("readings", readings)
+        if values.shape != (len(names),):
+            advice = f"give one for each of {', '.join(names)}"
+            raise ValueError(f"readings: {values.size} values; {advice}")
+        values[np.isinf(values)] = math.nan
+        return values
 
     @property
     def settling_ends_s(self) -> float:
-        """When touches are looked for, if the samples go on as they do; NaN while that is unknown.
+        """Time from which contacts are detected, if samples come as before; NaN while unknown.
 
-        Until then the baseline and its noise are learned, from `TrackOptions.settle` samples.
+        Until then the baseline and its noise are learned, from `TrackOptions.settling_samples`
+        samples.
         """
-        wanted = self._options.settle + int(self._watch.windows[-1])
-        left = wanted - self._baseline.count - len(self._watch.samples)
-        return self._time + left * self._step if math.isfinite(self._step) else math.nan
+        needed = self._options.settling_samples + int(self._detector.windows[-1])
+        left = needed - self._baseline.sample_count - len(self._detector.samples)
+        if math.isinf(self._clock.interval_s):
+            return math.nan
+        return self._clock.time_s + left * self._clock.interval_s
 
-    def _begin_anew(self, t: float) -> TrackRow:
-        """After the first sample, a pause, or a time that did not grow."""
-        status = "lost" if t > self._time else "clock"
+    def _begin_anew(self, t: float, event: ClockEvent) -> TrackRow:
+        """Restart after the first sample, a pause, or a time that did not grow."""
+        status = TrackStatus.LOST if event is ClockEvent.PAUSE else TrackStatus.CLOCK
         if self._contact:
-            self._finish(self._time, self._contact, status)
-        first = self._time == -math.inf and math.isfinite(t)
+            self._finish_contact(self._clock.time_s, self._contact, status)
         self._restart()
-        return TrackRow(t, "settling" if first else status)
+        return TrackRow(t, TrackStatus.SETTLING if event is ClockEvent.FIRST else status)
 
-    def _watch_out(self, t: float, voltage: Array) -> TrackRow:
-        """Without a touch: follow the baseline with old samples, and see whether a touch begins."""
-        baseline, watch, deviation = self._baseline, self._watch, np.zeros_like(voltage)
-        error = deviation
-        settling = baseline.count < self._options.settle
-        if not settling:
-            error = baseline.relative_error(t)
-            deviation = np.nan_to_num((voltage - baseline.at(t)) / baseline.noise)
-        watch.samples.append((t, voltage, deviation))
-        if size := watch.touched(error):
-            return self._begin(size)
-        if len(watch.samples) > watch.windows[-1]:
-            old, quiet, _ = watch.samples.popleft()
-            baseline.follow(old, quiet)
-        return TrackRow(t, "settling" if settling else "quiet")
+    def _watch_baseline(self, t: float, voltages: Array) -> TrackRow:
+        """Process a sample without a contact: detect the begin of one, or follow the baseline."""
+        baseline = self._baseline
+        detector = self._detector
+        is_settling = baseline.sample_count < self._options.settling_samples
+        if is_settling:
+            baseline_error = np.zeros_like(voltages)
+            deviations = baseline_error
+        else:
+            baseline_error = baseline.compute_relative_error(t)
+            deviations = np.nan_to_num((voltages - baseline.predict(t)) / baseline.noise_V)
+        detector.samples.append(VoltageSample(t, voltages, deviations))
+        count = detector.count_contact_samples(baseline_error)
+        if count:
+            return self._begin_contact(count)
+        if detector.is_full:
+            self._follow_oldest_sample()
+        return TrackRow(t, TrackStatus.SETTLING if is_settling else TrackStatus.QUIET)
 
-    def _begin(self, size: int) -> TrackRow:
-        """Begin a touch with the last samples."""
-        samples = self._watch.samples
-        while len(samples) > size:
-            old, quiet, _ = samples.popleft()
-            self._baseline.follow(old, quiet)
+    def _follow_oldest_sample(self) -> None:
+        """Move the oldest sample from the detector into the baseline."""
+        oldest = self._detector.samples.popleft()
+        self._baseline.add(oldest.time_s, oldest.voltages)
+
+    def _begin_contact(self, count: int) -> TrackRow:
+        """Begin a contact with the last `count` samples."""
+        samples = self._detector.samples
+        while len(samples) > count:
+            self._follow_oldest_sample()
         self._missing = set()
-        start = samples[0][0] - self._step
-        contact = self._contact = Contact(
-            self._model, self._circuit, start, self._baseline.remaining(start)
-        )
-        for t, voltage, _ in samples:
-            self._add(contact, t, voltage)
-        return self._row_of(t, contact)
+        onset_s = samples[0].time_s - self._clock.interval_s
+        residual = self._baseline.predict_residual(onset_s)
+        contact = Contact(self._problem, self._circuit, onset_s, residual)
+        for sample in samples:
+            self._add_to_contact(contact, sample.time_s, sample.voltages)
+        self._contact = contact
+        return self._make_contact_row(samples[-1].time_s, contact)
 
-    def _add(self, contact: Contact, t: float, voltage: Array) -> None:
-        """Give a touch the voltages over the baseline, and the drift by the baseline's error."""
-        baseline, circuit, elapsed = self._baseline, self._circuit, t - contact.onset
-        error = baseline.noise * baseline.relative_error(t, elapsed / self._step)
-        drift = (circuit.capacitance + circuit.leak * elapsed) * error
-        contact.add(t, voltage - baseline.at(t) + baseline.remaining(t), baseline.noise, drift)
+    def _add_to_contact(self, contact: Contact, t: float, voltages: Array) -> None:
+        """Add a sample to a contact, with the drift that the error of the baseline adds."""
+        baseline = self._baseline
+        elapsed_s = t - contact.record.onset_s
+        extrapolated = elapsed_s / self._clock.interval_s
+        error_V = baseline.noise_V * baseline.compute_relative_error(t, extrapolated)
+        drift_pC = (self._circuit.capacitance + self._circuit.conductance * elapsed_s) * error_V
+        over_line = voltages - baseline.predict(t) + baseline.predict_residual(t)
+        contact.add(t, over_line, baseline.noise_V, drift_pC)
 
-    def _follow(self, t: float, voltage: Array, contact: Contact) -> TrackRow:
-        """During a touch."""
-        self._add(contact, t, voltage)
-        status = "quiet" if contact.ended() else "lost" if contact.lost() else ""
-        if not status:
-            return self._row_of(t, contact)
-        self._finish(t, contact, status.removeprefix("quiet"))
-        return TrackRow(t, status)
-
-    def _finish(self, t: float, contact: Contact, status: str = "") -> None:
-        """End the touch, for a reason if it is no plain end, and watch out for another."""
-        if not status:
+    def _continue_contact(self, t: float, voltages: Array, contact: Contact) -> TrackRow:
+        """Process a sample during a contact, which may end it."""
+        self._add_to_contact(contact, t, voltages)
+        if contact.record.detect_end():
             contact.close()
-        places = contact.places
-        row = TrackRow(contact.history[contact.largest].time, "starting", len(self.touches) + 1)
-        if places:
-            row = self._row(places.sample.time, places, places.at[0], places.chi_square)
-        missing = " ".join(sorted(self._missing))
-        told = asdict(row) | {"missing": missing} | ({"status": status} if status else {})
-        impulse = math.nan if math.isnan(row.force_N) else contact.impulse
-        self.touches.append(
-            TouchSummary(**told, onset_s=contact.onset, end_s=contact.end, impulse_N_s=impulse)
-        )
-        since, voltages = contact.after()
-        self._baseline.keep(since, t, voltages)
-        self._contact, self._watch = None, ContactDetector(len(self._names), self._options)
+            self._finish_contact(t, contact)
+            return TrackRow(t, TrackStatus.QUIET)
+        if contact.is_lost:
+            self._finish_contact(t, contact, TrackStatus.LOST)
+            return TrackRow(t, TrackStatus.LOST)
+        return self._make_contact_row(t, contact)
 
-    def _row_of(self, t: float, contact: Contact) -> TrackRow:
-        """The touch at the last sample."""
-        if contact.places is None:
-            return TrackRow(t, "starting", len(self.touches) + 1)
-        return self._row(t, contact.places, contact.at, contact.chi_square)
+    def _finish_contact(
+        self, t: float, contact: Contact, status: TrackStatus | None = None
+    ) -> None:
+        """Summarise a contact, and watch the baseline again.
 
-    def _row(self, t: float, places: CandidatePlaces, at: Array, chi_square: float) -> TrackRow:
-        """A touch on the stage at coordinates (4,), with the deviations of its places."""
-        model = self._model
-        x, y, rotation, force = model.to_touches(at[None])[0].tolist()
-        low, high = model.response.domain.force_N
-        status = "too_light" if force < low else "too_strong" if force > high else "touch"
-        status = status if places.explained else "unexplained"
-        force = force if at[TouchColumn.FORCE] < model.log_forces[1] else math.nan
-        dx, dy, turn, relative = places.deviations.tolist()
-        numbers = (
-            x,
-            y,
-            force,
-            rotation % find_rotation_period_deg(model.response),
-            dx,
-            dy,
-            relative * force,
-            turn,
+        Parameters
+        ----------
+        t : float
+            Time of the last sample.
+        contact : Contact
+            The contact that has ended.
+        status : TrackStatus, optional
+            Why the contact was cut off; None for a plain end.
+        """
+        self.touches.append(self._summarise(contact, status))
+        end_s, voltages = contact.record.get_voltages_after_end()
+        self._baseline.add_residual(end_s, t, voltages)
+        self._contact = None
+        self._detector = ContactDetector(len(self.response.names), self._options)
+
+    def _summarise(self, contact: Contact, status: TrackStatus | None) -> TouchSummary:
+        """Return the summary of a contact, with another status if one is given."""
+        record = contact.record
+        locator = contact.locator
+        places = locator.places
+        if places is None:
+            row = TrackRow(record.largest.time_s, TrackStatus.STARTING, len(self.touches) + 1)
+        else:
+            time_s = places.sample.time_s
+            row = self._make_touch_row(time_s, places, places.likeliest, places.chi_square)
+        values = {field.name: getattr(row, field.name) for field in fields(row)}
+        values["missing"] = " ".join(sorted(self._missing))
+        if status is not None:
+            values["status"] = status
+        return TouchSummary(
+            **values,
+            onset_s=record.onset_s,
+            end_s=record.end_s,
+            impulse_N_s=math.nan if math.isnan(row.force_N) else locator.impulse_N_s,
         )
-        count = len(places.at)
-        return TrackRow(t, status, len(self.touches) + 1, *numbers, chi_square, count)
+
+    def _make_contact_row(self, t: float, contact: Contact) -> TrackRow:
+        """Return the row of the last sample of a contact."""
+        locator = contact.locator
+        if locator.places is None:
+            return TrackRow(t, TrackStatus.STARTING, len(self.touches) + 1)
+        return self._make_touch_row(t, locator.places, locator.coordinates, locator.chi_square)
+
+    def _make_touch_row(
+        self, t: float, places: CandidatePlaces, coordinates: Array, chi_square: float
+    ) -> TrackRow:
+        """Return the row of a located touch, in the frame of the stage.
+
+        Parameters
+        ----------
+        t : float
+            Time of the sample in s.
+        places : CandidatePlaces
+            Candidates for the place, with their deviations.
+        coordinates : array, (4,)
+            Coordinates of the touch at this time.
+        chi_square : float
+            Chi-square of the charges at this time.
+        """
+        problem = self._problem
+        x_mm, y_mm, rotation_deg, force_N = problem.to_touches(coordinates[None])[0].tolist()
+        x_deviation, y_deviation, rotation_deviation, log_deviation = places.deviations.tolist()
+        lowest_N, highest_N = self.response.domain.force_N
+        if not places.is_explained:
+            status = TrackStatus.UNEXPLAINED
+        elif force_N < lowest_N:
+            status = TrackStatus.TOO_LIGHT
+        elif force_N > highest_N:
+            status = TrackStatus.TOO_STRONG
+        else:
+            status = TrackStatus.TOUCH
+        if coordinates[TouchColumn.FORCE] >= problem.log_force_range[1]:
+            force_N = math.nan
+        return TrackRow(
+            t,
+            status,
+            touch=len(self.touches) + 1,
+            x_mm=x_mm,
+            y_mm=y_mm,
+            force_N=force_N,
+            rotation_deg=rotation_deg % find_rotation_period_deg(self.response),
+            x_deviation_mm=x_deviation,
+            y_deviation_mm=y_deviation,
+            force_deviation_N=log_deviation * force_N,
+            rotation_deviation_deg=rotation_deviation,
+            chi_square=chi_square,
+            alternatives=len(places),
+        )

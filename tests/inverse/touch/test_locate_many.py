@@ -80,9 +80,9 @@ def test_columns_in_any_order_are_as_good_as_rows():
 @pytest.mark.parametrize(
     ("charges", "options", "key"),
     [
-        ({"A": [1.0], "E": [1.0]}, {}, r"charges\.E"),
+        ({"A": [1.0], "E": [1.0]}, {}, r"readings\.E"),
         ({"A": [1.0], "B": [1.0, 2.0]}, {}, "charges_pC"),
-        ({}, {}, "charges"),
+        ({}, {}, "readings"),
         ([[1.0] * 4, [1.0, 2.0, 3.0]], {}, "charges_pC"),
         ({"A": [1.0, "broken"]}, {}, r"charges_pC\.A"),
         (np.ones((2, 3)), {}, r"charges_pC of shape \(2, 3\)"),

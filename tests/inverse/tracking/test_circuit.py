@@ -5,10 +5,11 @@ import pytest
 
 from pvdf_fem.electrodes.channel import Channel
 from pvdf_fem.inverse.tracking.baseline import Baseline
-from pvdf_fem.inverse.tracking.circuit import ChargeIntegrator, ReadoutCircuit
+from pvdf_fem.inverse.tracking.charge_integrator import ChargeIntegrator
+from pvdf_fem.inverse.tracking.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.options import TrackOptions
 
-CIRCUIT = ReadoutCircuit.of([Channel("A", 1e-10, 1e6)])
+CIRCUIT = ReadoutCircuit.from_channels([Channel("A", 1e-10, 1e6)])
 NOISE = 2e-3
 
 
@@ -34,7 +35,7 @@ def test_the_sum_is_of_third_order_at_its_end():
 def test_what_comes_at_any_time_is_missed_within_its_deviation(resistance):
     """A charge that jumps, 500 times at random in a sampling interval of ten time constants, or of
     none: what does not leak is not missed."""
-    circuit = ReadoutCircuit.of([Channel("A", 1e-10, resistance)])
+    circuit = ReadoutCircuit.from_channels([Channel("A", 1e-10, resistance)])
     draw, q, t, sums, variances = np.random.default_rng(0), 100.0, np.arange(8) * 1e-3, [], []
     for late in draw.random(500):
         begun = t - 2e-3 - 1e-3 * late
@@ -43,7 +44,7 @@ def test_what_comes_at_any_time_is_missed_within_its_deviation(resistance):
         for at, v in zip(t[1:], (begun > 0.0)[1:] * decayed[1:], strict=True):
             charges = total.add(at, np.array([0.01 * q * v]), np.zeros(1))
         sums.append(charges[0])
-        variances.append(total.missed)
+        variances.append(total.sampling_variance)
     errors = np.array(sums) - q
     assert abs(errors.mean()) <= 3.0 * errors.std() / 500**0.5
     assert np.mean(variances) == pytest.approx(np.mean(np.square(errors)), rel=0.1, abs=1e-6)
@@ -53,19 +54,21 @@ def quiet(count, *, memory=2000, time_constant_s=np.inf, seed=0):
     """A baseline of 400 channels after noisy samples of a drift, and what draws more noise."""
     draw = np.random.default_rng(seed)
     channel = Channel("A", 1e-9, time_constant_s / 1e-9)
-    baseline = Baseline(ReadoutCircuit.of([channel] * 400), TrackOptions(memory=memory))
+    baseline = Baseline(
+        ReadoutCircuit.from_channels([channel] * 400), TrackOptions(memory_samples=memory)
+    )
     for k in range(count):
-        baseline.follow(1e-3 * k, 0.1 + 0.02e-3 * k + NOISE * draw.standard_normal(400))
+        baseline.add(1e-3 * k, 0.1 + 0.02e-3 * k + NOISE * draw.standard_normal(400))
     return baseline, draw
 
 
 @pytest.mark.parametrize(("count", "memory"), [(40, 2000), (300, 2000), (600, 50)])
 def test_noise_and_error_of_the_baseline_are_stated(count, memory):
     baseline, _ = quiet(count, memory=memory)
-    assert np.sqrt(np.mean(baseline.square)) == pytest.approx(NOISE, rel=0.06)
+    assert np.sqrt(np.mean(baseline.noise_variance)) == pytest.approx(NOISE, rel=0.06)
     time = 1e-3 * (count - 1)
-    errors = (baseline.at(time) - 0.1 - 0.02 * time) / NOISE
-    assert errors.std() == pytest.approx(baseline.relative_error(time)[0], rel=0.25)
+    errors = (baseline.predict(time) - 0.1 - 0.02 * time) / NOISE
+    assert errors.std() == pytest.approx(baseline.compute_relative_error(time)[0], rel=0.25)
 
 
 @pytest.mark.parametrize("time_constant_s", [np.inf, 0.02])
@@ -78,9 +81,11 @@ def test_what_a_touch_leaves_is_known_from_few_samples(time_constant_s, more):
 
     t = 0.4 + 1e-3 * np.arange(1, 7 + more)
     read = level(t)[:, None] + NOISE * draw.standard_normal((len(t), 400))
-    baseline.keep(0.4, t[5], read[:6] - np.array([baseline.at(time) for time in t[:6]]))
+    baseline.add_residual(
+        0.4, t[5], read[:6] - np.array([baseline.predict(time) for time in t[:6]])
+    )
     for time, voltages in zip(t[6:], read[6:], strict=True):
-        baseline.follow(time, voltages)
-    errors = (baseline.at(t[-1]) - level(t[-1])) / NOISE
+        baseline.add(time, voltages)
+    errors = (baseline.predict(t[-1]) - level(t[-1])) / NOISE
     assert abs(errors.mean()) < 0.1
-    assert errors.std() == pytest.approx(baseline.relative_error(t[-1])[0], rel=0.3)
+    assert errors.std() == pytest.approx(baseline.compute_relative_error(t[-1])[0], rel=0.3)
