@@ -81,8 +81,8 @@ CALLS = {
 #: What only developers give, and what is a callable or a truth value.
 UNCHECKED = ("self", "options", "progress")
 #: Arguments that go by another name in complaints.
-ALIASES = {"solution": "scene", "model": "(model|scene)", "response": "model"}
-ALIASES |= {"charges_pC": "charges(_pC)?", "d31_pC_N": ".*", "d32_pC_N": ".*"}
+ALIASES = {"solution": "scene", "response": "(response|model|scene)"}
+ALIASES |= {"d31_pC_N": ".*", "d32_pC_N": ".*"}
 
 
 def function_of(name):
