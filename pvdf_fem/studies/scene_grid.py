@@ -29,7 +29,7 @@ from pvdf_fem.scene.scene_file import (
     read_scene_text,
     suggest,
 )
-from pvdf_fem.scene.validation_errors import MAX_ERRORS, describe_errors
+from pvdf_fem.scene.validation.errors import MAX_ERRORS, describe_errors
 from pvdf_fem.studies.mapping_scheme import MappingScheme
 
 MOST_SCENES = 1_000_000  #: Largest number of scenes in a grid.

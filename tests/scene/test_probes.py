@@ -5,7 +5,7 @@ from hypothesis import given
 
 from pvdf_fem import Scene
 from pvdf_fem.scene.changes import get_number
-from pvdf_fem.scene.registry import Load, LoadOverrides
+from pvdf_fem.scene.load import Load, LoadOverrides
 from pvdf_fem.solver.sensitivity.parameters import map_probe_keys
 from pvdf_fem.studies.scene_grid import SceneGrid
 from tests.helpers.damage import drawn

@@ -65,7 +65,10 @@ class Laminate:
         stretched, warm, at_rest = np.zeros(3), np.zeros(1), self.prestrain
         if self.added is not None:
             places = self.space.places @ frame
-            stretched, warm = film.rim_strain(places), self.added.temperature(places)[..., None]
+            stretched, warm = (
+                film.compute_rim_strain(places),
+                self.added.temperature(places)[..., None],
+            )
             at_rest = at_rest + stretched - film.thermal_expansion_per_K * warm * BIAXIAL
 
         def there(values: Array, elements: Indices) -> Array:

@@ -17,7 +17,7 @@ from pvdf_fem.report.charge_map import ChargeMap
 from pvdf_fem.report.kind import PLACE, Content, Inputs, differ_only_in, get_place_mm
 from pvdf_fem.report.kinds.over_places import Mapped
 from pvdf_fem.report.results import ReportResults
-from pvdf_fem.scene.keys import Finite, Whole, within
+from pvdf_fem.scene.keys import Finite, Whole, limit_to
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.view import figures
 from pvdf_fem.view.curves import READING_LABELS, RING, WIDTH_MM, join_words
@@ -36,7 +36,7 @@ def _count_or_list(value: Any) -> str:
 #: Charges, or about how many; the tags are no part of a key.
 Levels = Annotated[
     Annotated[tuple[Finite, ...], Field(min_length=1, max_length=20), Tag("<list>")]
-    | Annotated[Whole, within(1, 20), Tag("<count>")],
+    | Annotated[Whole, limit_to(1, 20), Tag("<count>")],
     Discriminator(_count_or_list),
 ]
 

@@ -18,7 +18,7 @@ from pvdf_fem.report.data import ERROR_MM, Readings
 from pvdf_fem.report.kind import PLACE, Content, Inputs, differ_only_in, get_place_mm
 from pvdf_fem.report.kinds.over_places import Mapped
 from pvdf_fem.report.results import NothingToShowError, ReportResults
-from pvdf_fem.scene.keys import Finite, within
+from pvdf_fem.scene.keys import Finite, limit_to
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.view.curves import WIDTH_MM, join_words, label_points
@@ -41,7 +41,7 @@ class Positions(Mapped):
 
     kind: Literal["positions"]
     data: Annotated[str, Field(min_length=1)]
-    sigma: Annotated[Finite, within(1e-6, 1.0)] = 0.01
+    sigma: Annotated[Finite, limit_to(1e-6, 1.0)] = 0.01
 
     stem: ClassVar[str] = "positions"
     rank: ClassVar[int] = 5
