@@ -20,7 +20,7 @@ from pvdf_fem.film.loads.contact_estimate import estimate_load_force, estimate_p
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, LoadSpec, SolveOptions
 from pvdf_fem.film.loads.profiles import make_profile
-from pvdf_fem.film.term import State
+from pvdf_fem.film.term import Load, State
 from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
 from pvdf_fem.scene.scene import Scene
 
@@ -29,8 +29,9 @@ def compute_thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
     """Charges in C by d33 for the electrodes on the whole film, (electrodes,)."""
     d33, mesh = equilibrium.film.d33_pC_N or 0.0, equilibrium.space.mesh
     forces, pressed = equilibrium.film_forces(state), np.zeros(mesh.nelements)
-    by_term = (term.pressed(state, forces) for term in equilibrium.terms)
-    for elements, force in filter(None, by_term):
+    loads = (term for term in equilibrium.terms if isinstance(term, Load))
+    by_load = (load.face_forces(state, forces) for load in loads)
+    for elements, force in filter(None, by_load):
         pressed[elements] += force
     patches = (
         make_subdomain_name(electrode.name) for electrode in equilibrium.scene.electrode_list

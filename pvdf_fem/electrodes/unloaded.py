@@ -35,7 +35,7 @@ def find_uniform_integrals(film: Scene) -> StressIntegrals | None:
         resolve_film_model(film),
         resolve_film_model(film).film_law,
     )
-    stress = law.stress(np.zeros((1, 3)), law.at_rest(film.film))[0]
+    stress = law.stress(np.zeros((1, 3)), law.compute_prestrain(film.film))[0]
     if not film.film.is_flat_unloaded or not (model.wrinkles or stress[:2].min() >= 0.0):
         return None
     forces = output_areas(outputs)[:, None] * stress[:2]

@@ -18,12 +18,13 @@ import scipy.sparse as sp
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.loads.load_classes import ProbeLoad, select_probe_loads
+from pvdf_fem.film.loads.load_classes import select_probe_loads
 from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, SolveOptions
+from pvdf_fem.film.loads.probe_load import ProbeLoad
 from pvdf_fem.film.low_rank import LowRankUpdate
 from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.film.space import Space
-from pvdf_fem.film.term import State, Term
+from pvdf_fem.film.term import Load, State, Term
 from pvdf_fem.film.unknowns import FIXED, Assembly, Unknowns
 from pvdf_fem.mesh.gmsh_mesh import MIRRORS, RIM
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
@@ -76,7 +77,7 @@ class Equilibrium:
 
     def with_scaled_loads(self, factor: float) -> Equilibrium:
         """The film under its loads times a factor."""
-        return self.map_terms(lambda term: term.scaled(factor))
+        return self.map_terms(lambda term: term.scaled(factor) if isinstance(term, Load) else term)
 
     @property
     def loads(self) -> list[ProbeLoad]:
@@ -86,7 +87,7 @@ class Equilibrium:
     @property
     def force(self) -> float:
         """Sum of the magnitudes of the terms' forces, N."""
-        return sum(term.force for term in self.terms)
+        return sum(term.force for term in self.terms if isinstance(term, Load))
 
     @property
     def conservative(self) -> bool:
@@ -96,7 +97,7 @@ class Equilibrium:
     @cached_property
     def unknowns(self) -> Unknowns:
         """The map from unknowns to dofs: displacements that are even about the mirror lines."""
-        return Unknowns.of(self.space, self.clamped, self.terms)
+        return Unknowns.from_terms(self.space, self.clamped, self.terms)
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -216,8 +217,8 @@ class Equilibrium:
 
     def load_forces(self, state: State) -> Array:
         """External forces in N, (dofs,)."""
-        forces = (term.forces(state) for term in self.terms)
-        return sum((f for f in forces if f is not None), np.zeros(self.space.dof_count))
+        loads = (term for term in self.terms if isinstance(term, Load))
+        return sum((load.forces(state) for load in loads), np.zeros(self.space.dof_count))
 
     def rim_reaction(self, state: State) -> Array:
         """Force in N, (3,), by which the rim, and guides of punches, hold the film."""

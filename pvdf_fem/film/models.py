@@ -175,7 +175,7 @@ class PlateModel(FilmModel):
         plate = Plate(
             space,
             film,
-            find_rigid_elements(terms, flat=True),
+            find_rigid_elements(terms, horizontal_only=True),
             effect.rim_tension,
             effect.probe_tension,
         )
@@ -189,7 +189,7 @@ class PlateModel(FilmModel):
     def layers(self, terms: list[Term], expansion: sp.csr_matrix, state: State) -> BendingLayers:
         """Bending layers that the elements do not resolve."""
         plate = next(term for term in terms if isinstance(term, Plate))
-        return BendingLayers.of(plate, expansion, state)
+        return BendingLayers.from_state(plate, expansion, state)
 
     @property
     def warnings(self) -> tuple[str, ...]:

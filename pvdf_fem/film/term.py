@@ -1,16 +1,27 @@
-"""A term of the film's potential energy; an equilibrium makes the sum over terms stationary."""
+"""Terms of the film's potential energy: their interface, and everything that is optional in it.
+
+An equilibrium makes the sum of its terms stationary. A term needs an energy and its derivative,
+`Term.residual`; a load needs its forces. All other members have defaults:
+
+- `Term.element_tangent`, and with it products and diagonals of the tangent;
+- `Term.constraints`, for a term that fixes or joins dofs (`Constraints`);
+- `SolverHints`, for a term that changes abruptly or has no energy;
+- `NonlocalTangent`, for a term whose tangent couples dofs across elements.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array, Indices, Selection
 from pvdf_fem.film.space import Space
+
+NO_INDICES: Indices = np.empty(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -21,151 +32,232 @@ class State:
     deformation_gradient: Array
     #: Green-Lagrange strain, Voigt with engineering shear, (elements, points, 3).
     strain: Array
-    #: Second Piola-Kirchhoff stress in Pa, Voigt, (elements, points, 3), with everything added by
-    #: terms.
+    #: Second Piola-Kirchhoff stress in Pa, Voigt, (elements, points, 3), with the stress that terms
+    #: add.
     stress: Array
     #: The displacement in m, (dofs,).
     dofs: Array
-    #: Stress added by terms to the strain's stress, if present, (elements, 1, 3).
+    #: Stress that terms add to the strain's stress, if any does, (elements, 1, 3).
     added: Array | None = field(default=None, kw_only=True)
     #: Moduli in Pa that replace the strain's moduli in a tangent.
     moduli: Array | None = field(default=None, kw_only=True)
-    #: Tension that a tangent has everywhere, over the film's mean tension.
+    #: Artificial tension in a tangent, over the film's mean tension.
     damping: float = field(default=0.0, kw_only=True)
 
 
-class Assembly(Protocol):
-    """Sums matrices for elements or for deflections into matrices for unknowns."""
+class ElementMatrices(NamedTuple):
+    """Matrices of some elements."""
 
-    def of_deflections(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
-        """From a matrix (scalar dofs, scalar dofs) of the deflections."""
-
-    def of_dofs(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
-        """From a matrix (dofs, dofs)."""
+    elements: Selection  #: (n,)
+    matrices: Array  #: (n, element dofs, element dofs)
 
 
-class Term(ABC):
-    """A summand of the potential energy, or a load given by its forces.
+class ElementStress(NamedTuple):
+    """A stress that is constant over some elements."""
 
-    Arrays (dofs,) are forces in N or displacements in m in the film's `Space`;
-    the equilibrium decides which dofs are free. The defaults describe a load that does not depend
-    on the displacement.
-    """
+    elements: Indices  #: (n,)
+    stress: Array  #: Voigt, in Pa, (3,).
 
-    space: Space
-    #: Whether `residual` derives from `energy`.
-    conservative: bool = True
-    #: Dofs beside the film that the term moves, (n,).
-    auxiliary_dofs: Indices = np.empty(0, dtype=np.int64)
-    #: Dofs that the term holds at zero, (n,).
-    fixed_dofs: Indices = np.empty(0, dtype=np.int64)
-    #: Groups of dofs; the dofs within a group move by a common value.
+
+class ElementForces(NamedTuple):
+    """Forces on some elements, against the film's face."""
+
+    elements: Selection  #: (n,)
+    forces: Array  #: In N, (n,).
+
+
+class CombinedMotion(NamedTuple):
+    """Dofs that move together, by a combination of a few functions."""
+
+    dofs: Indices  #: (n,)
+    functions: Array  #: The functions' values at the dofs, (n, functions).
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """What a term demands of the dofs. Constraints add no equation: they map unknowns to dofs."""
+
+    #: Dofs that stay zero, (n,).
+    fixed_dofs: Indices = field(default_factory=NO_INDICES.copy)
+    #: Groups of dofs; the dofs of a group have a common value.
     shared_dofs: tuple[Indices, ...] = ()
-    #: Dofs (n,) that move by sums of functions, and the functions' values there, (n, m).
-    modes: tuple[tuple[Indices, Array], ...] = ()
-    #: Elements that the term keeps straight, (n,).
-    rigid_patch: Indices = np.empty(0, dtype=np.int64)
+    motions: tuple[CombinedMotion, ...] = ()
+    #: Dofs beside the film that the term moves, (n,). All others stay zero.
+    auxiliary_dofs: Indices = field(default_factory=NO_INDICES.copy)
+    #: Elements that stay plane, (n,).
+    rigid_elements: Indices = field(default_factory=NO_INDICES.copy)
 
     @property
-    def force(self) -> float:
-        """Size in N of the force that the term applies to the whole film; 0 unless it is a load."""
-        return 0.0
+    def can_tilt(self) -> bool:
+        """Whether the rigid elements may tilt, instead of staying horizontal."""
+        return len(self.motions) > 0
 
-    def forces(self, state: State) -> Array | None:
-        """External forces of a load in N, (dofs,), which `residual` has with a minus sign."""
-        return None
 
-    def with_frozen_loads(self) -> Term:
-        """A conservative approximation: its equilibrium starts the solve."""
+UNCONSTRAINED = Constraints()
+
+
+class Assembly(Protocol):
+    """Sums matrices of deflections or of dofs into matrices of the unknowns."""
+
+    def of_deflections(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
+        """Reduce a matrix (scalar dofs, scalar dofs) of the deflections."""
+
+    def of_dofs(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
+        """Reduce a matrix (dofs, dofs)."""
+
+
+class SolverHints:
+    """How a term helps the solver. The defaults suit smooth terms with an energy."""
+
+    def with_frozen_loads(self) -> Self | Term:
+        """Return a conservative approximation, whose equilibrium starts the solve."""
         return self
 
-    def relaxed(self) -> Term:
-        """A smoother approximation: its equilibrium starts the solve."""
+    def relaxed(self) -> Self | Term:
+        """Return a smoother approximation, whose equilibrium starts the solve."""
         return self
 
     def complete_initial_guess(self, x: Array) -> Array:
-        """The dofs `x` with values of the term's own dofs that suit the film."""
+        """Return the dofs `x` with suitable values of the term's auxiliary dofs."""
         return x
 
-    def reach(self, state: State) -> float:
-        """Largest distance in m from the film's centre at which a tip touches; 0 of other terms."""
-        return 0.0
 
-    def pressed(self, state: State, film_forces: Array) -> tuple[Selection, Array] | None:
-        """Elements, and their forces in N against the film's face, (n,), from the residual
-        (dofs,)."""
-        return None
-
-    def scaled(self, factor: float) -> Term:
-        """The term with its load times a factor; what is no load is as before."""
-        return self
-
-    @abstractmethod
-    def energy(self, state: State) -> float:
-        """Energy in J; a nonconservative load returns minus the work of its current forces."""
-
-    @abstractmethod
-    def residual(self, state: State) -> Array:
-        """Derivative of the energy by the dofs: internal less external forces in N, (dofs,)."""
-
-    def element_tangent(self, state: State) -> tuple[Selection, Array] | None:
-        """Elements, and their derivatives (elements, dofs, dofs) of `residual` in N/m."""
-        return None
+class NonlocalTangent:
+    """Parts of a tangent that are no element matrices. By default there are none."""
 
     def coupled_tangent(self, assembly: Assembly, state: State) -> sp.csc_matrix | None:
-        """The part of the tangent in N/m that couples elements, for the unknowns."""
-        return None
-
-    def added_stress(self, state: State) -> tuple[Indices, Array] | None:
-        """Elements, and the stress (3,) in Pa added there to the strain's stress. Its
-        geometric stiffness is then the membrane's business."""
+        """Return a sparse part in N/m that couples elements, (unknowns, unknowns)."""
         return None
 
     def tangent_column(self, state: State) -> Array | None:
-        """c in a part c cᵀ of the tangent that couples many elements, (dofs,) in √(N/m)."""
+        """Return c of a part c cᵀ that couples many elements, (dofs,) in √(N/m)."""
         return None
+
+    def added_stress(self, state: State) -> ElementStress | None:
+        """Return a stress to add to the strain's stress. The membrane has the geometric stiffness
+        of the sum."""
+        return None
+
+
+class Term(SolverHints, NonlocalTangent, ABC):
+    """A summand of the film's potential energy.
+
+    Arrays (dofs,) are forces in N or displacements in m in the film's `Space`; the equilibrium
+    decides which dofs are free. A subclass gives `space`, `energy` and `residual`, and the
+    `element_tangent` if its forces depend on the displacement.
+    """
+
+    space: Space
+    #: Whether `residual` is the derivative of `energy`.
+    conservative: bool = True
+    constraints: Constraints = UNCONSTRAINED
+
+    @abstractmethod
+    def energy(self, state: State) -> float:
+        """Return the energy in J; of a nonconservative load minus the work of its present
+        forces."""
+
+    @abstractmethod
+    def residual(self, state: State) -> Array:
+        """Return the derivative of the energy: internal less external forces in N, (dofs,)."""
+
+    def element_tangent(self, state: State) -> ElementMatrices | None:
+        """Return the derivative of `residual` in N/m, element by element; None if it is zero."""
+        return None
+
+    # --- derived from the members above; overridden where there is a faster or more exact way
 
     def element_action(self, state: State, x: Array) -> Array | None:
-        """The film's tangent times the dofs `x`, (elements, dofs of an element), in N.
+        """Return the symmetric tangent times the dofs `x` in N, (elements, element dofs).
 
-        None for a load: the small tangent of a follower load is left out to keep the sum of the
-        tangents symmetric.
+        None where there is no tangent, and for a nonconservative load: leaving out its small
+        tangent keeps the sum over all terms symmetric.
         """
-        return None
+        tangent = self.element_tangent(state) if self.conservative else None
+        if tangent is None:
+            return None
+        actions = np.zeros(self.space.element_dofs.shape)
+        local = x[self.space.element_dofs[tangent.elements]]
+        actions[tangent.elements] = np.matmul(tangent.matrices, local[..., None])[..., 0]
+        return actions
 
     def action(self, state: State, x: Array) -> Array | None:
-        """The same as `element_action` at the dofs, (dofs,)."""
+        """Return the sum of `element_action` at the dofs in N, (dofs,)."""
         forces = self.element_action(state, x)
         return None if forces is None else self.space.sum(forces)
 
     def diagonal(self, state: State) -> Array | None:
-        """Diagonal of the tangent in `element_action`, (dofs,) in N/m; None of a load."""
-        return None
+        """Return the diagonal of the symmetric tangent in N/m, (dofs,); None as `action`."""
+        tangent = self.element_tangent(state) if self.conservative else None
+        if tangent is None:
+            return None
+        return self.space.sum(np.einsum("eii->ei", tangent.matrices), tangent.elements)
 
-    @abstractmethod
     def energy_along(self, state: State, x: Array) -> Array:
-        """Coefficients (5,), lowest power first, of the energy in s at the dofs moved by s `x`.
+        """Return the energy of the dofs moved by s `x`, as a polynomial in s.
 
-        They do not hold for a wrinkling film: its energy is no polynomial.
+        Parameters
+        ----------
+        state : State
+            The state at s = 0.
+        x : (dofs,) array
+            The direction in m.
+
+        Returns
+        -------
+        (5,) array
+            Coefficients in J of 1, s, ... s⁴: by default of the second order, which is exact for a
+            quadratic energy and for dead loads. They do not hold for a wrinkling film, whose energy
+            is no polynomial.
         """
+        action = self.action(state, x)
+        slope = float(self.residual(state) @ x)
+        curvature = 0.0 if action is None else float(action @ x)
+        return np.array([self.energy(state), slope, 0.5 * curvature, 0.0, 0.0])
 
 
 class Load(Term):
-    """A term with external forces that depend on no displacement or on the present displacement."""
+    """External forces, dead or depending on the present displacement.
+
+    A subclass gives `force`, `forces` and `scaled`. A load whose forces follow the film gives
+    `element_tangent` as well, and either its `energy` or ``conservative = False`` with a dead load
+    in `with_frozen_loads`.
+    """
+
+    @property
+    @abstractmethod
+    def force(self) -> float:
+        """Size of the total force on the whole film in N."""
 
     @abstractmethod
     def forces(self, state: State) -> Array:
-        """External forces in N, (dofs,)."""
+        """Return the external forces in N, (dofs,)."""
+
+    @abstractmethod
+    def scaled(self, factor: float) -> Self:
+        """Return the same load, multiplied by a factor."""
 
     def energy(self, state: State) -> float:
-        """The potential of the load in J."""
+        """Return the potential of the present forces in J."""
         return -float(self.forces(state) @ state.dofs)
 
     def residual(self, state: State) -> Array:
-        """The forces in N, (dofs,), with a minus sign."""
+        """Return the forces with a minus sign in N, (dofs,)."""
         return -self.forces(state)
 
-    def energy_along(self, state: State, x: Array) -> Array:
-        """Coefficients (5,) of the load's potential along `x`, with fixed forces."""
-        forces = self.forces(state)
-        return np.array([-forces @ state.dofs, -forces @ x, 0.0, 0.0, 0.0])
+    def face_forces(self, state: State, residual: Array) -> ElementForces | None:
+        """Return the forces by which the load compresses the film across its thickness.
+
+        Parameters
+        ----------
+        state : State
+            The state of the film.
+        residual : (dofs,) array
+            The residual of all terms at this state in N, which has the reactions of constraints.
+
+        Returns
+        -------
+        ElementForces or None
+            None for a load that does not press on a face, as the film's weight.
+        """
+        return None

@@ -1,4 +1,4 @@
-"""The linear map from unknowns to dofs: clamped, shared and summed dofs, and dofs beside the film.
+"""The linear map from unknowns to dofs: clamped, shared, combined and auxiliary dofs.
 
 A constraint adds no equation, and the tangent stays sparse and symmetric.
 """
@@ -7,26 +7,44 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.film.space import ELEMENTS, Space, evaluate_shape_functions
-from pvdf_fem.film.term import Term
+from pvdf_fem.film.term import CombinedMotion, Term
 
 #: Marks a dof without an unknown.
 FIXED = -1
 
 
 class Unknowns:
-    """The map from unknowns to dofs that the rim, mirror lines and terms leave.
+    """The map from unknowns to the dofs that the rim, mirror lines and terms leave free.
 
-    `fixed` dofs are zero. The dofs of a `shared` group have a common value, an unknown behind the
-    others; a group with a fixed dof is zero. `of_dof` has the unknown of each dof. Dofs in `modes`
-    are sums of functions and have `places` of their own behind the usual places: the matrix `sums`
-    takes unknowns to places, and `means` takes places to unknowns.
+    Every free dof has a slot. Dofs of a shared group have one slot in common. Without combined
+    motions, slots are unknowns. The dofs of a combined motion have slots of their own, behind the
+    others, and an unknown for each function: the matrix `slots_of_unknowns` takes unknowns to
+    slots, and `unknowns_of_slots` is its pseudo-inverse.
+
+    Parameters
+    ----------
+    dof_count : int
+        Number of dofs.
+    fixed : (n,) array
+        Dofs that are zero.
+    shared : sequence of (n,) arrays
+        Groups of dofs with a common value. A group with a fixed dof is zero.
+    motions : sequence of CombinedMotion
+        Dofs that move by combinations of functions.
+
+    Attributes
+    ----------
+    of_dof : (dofs,) array
+        Slot of each dof; `FIXED` where it has none.
+    slot_count, count : int
+        Number of slots, and of unknowns.
     """
 
     def __init__(
@@ -34,104 +52,141 @@ class Unknowns:
         dof_count: int,
         fixed: Indices,
         shared: Sequence[Indices] = (),
-        modes: Sequence[tuple[Indices, Array]] = (),
+        motions: Sequence[CombinedMotion] = (),
     ) -> None:
-        free = np.ones(dof_count, dtype=bool)
-        free[fixed] = False
-        moving = [group for group in shared if len(group) and free[group].all()]
-        for group in (*shared, *(dofs for dofs, _ in modes)):
-            free[group] = False
+        is_single = np.ones(dof_count, dtype=bool)
+        is_single[fixed] = False
+        moving_groups = [group for group in shared if len(group) and is_single[group].all()]
+        for group in shared:
+            is_single[group] = False
+        for motion in motions:
+            is_single[motion.dofs] = False
         self.of_dof = np.full(dof_count, FIXED, dtype=np.int64)
-        self.places = int(free.sum())
-        self.of_dof[free] = np.arange(self.places)
-        for group in moving:
-            self.of_dof[group] = self.places
-            self.places += 1
-        self.count, alone = self.places, sp.identity(self.places)
-        self.sums: sp.csr_matrix | None = None
-        self.means: sp.csr_matrix | None = None
-        for dofs, functions in modes:
-            self.of_dof[dofs] = self.places + np.arange(len(dofs))
-            self.places, self.count = self.places + len(dofs), self.count + functions.shape[1]
-        if modes:
-            self.sums = sp.block_diag([alone, *(f for _, f in modes)], "csr")
-            self.means = sp.block_diag([alone, *(np.linalg.pinv(f) for _, f in modes)], "csr")
+        self.slot_count = int(is_single.sum())
+        self.of_dof[is_single] = np.arange(self.slot_count)
+        for group in moving_groups:
+            self.of_dof[group] = self.slot_count
+            self.slot_count += 1
+        identity = sp.identity(self.slot_count)
+        self.count = self.slot_count
+        self.slots_of_unknowns: sp.csr_matrix | None = None
+        self.unknowns_of_slots: sp.csr_matrix | None = None
+        for dofs, functions in motions:
+            self.of_dof[dofs] = self.slot_count + np.arange(len(dofs))
+            self.slot_count += len(dofs)
+            self.count += functions.shape[1]
+        if motions:
+            blocks = [motion.functions for motion in motions]
+            inverses = [np.linalg.pinv(block) for block in blocks]
+            self.slots_of_unknowns = sp.block_diag([identity, *blocks], "csr")
+            self.unknowns_of_slots = sp.block_diag([identity, *inverses], "csr")
 
     @classmethod
-    def of(cls, space: Space, clamped: Indices, terms: Sequence[Term]) -> Unknowns:
-        """The map that `clamped` dofs and the terms leave."""
-        moved = [term.auxiliary_dofs for term in terms]
-        at_rest = np.setdiff1d(space.auxiliary_dofs, np.concatenate(moved))
-        fixed = [clamped, at_rest, *(term.fixed_dofs for term in terms)]
-        shared = [group for term in terms for group in term.shared_dofs]
-        modes = [mode for term in terms for mode in term.modes]
-        return cls(space.dof_count, np.concatenate(fixed), shared, modes)
+    def from_terms(cls, space: Space, clamped: Indices, terms: Sequence[Term]) -> Self:
+        """Make the map that clamped dofs and the constraints of terms leave.
+
+        Parameters
+        ----------
+        space : Space
+            The finite-element space.
+        clamped : (n,) array
+            Dofs that the rim and mirror lines fix.
+        terms : sequence of Term
+            All terms.
+        """
+        fixed = [clamped]
+        moved = [np.empty(0, dtype=np.int64)]
+        shared: list[Indices] = []
+        motions: list[CombinedMotion] = []
+        for term in terms:
+            constraints = term.constraints
+            fixed.append(constraints.fixed_dofs)
+            moved.append(constraints.auxiliary_dofs)
+            shared += constraints.shared_dofs
+            motions += constraints.motions
+        fixed.append(np.setdiff1d(space.auxiliary_dofs, np.concatenate(moved)))
+        return cls(space.dof_count, np.concatenate(fixed), shared, motions)
 
     @cached_property
     def expansion(self) -> sp.csr_matrix:
         """The map as a matrix (dofs, unknowns); its transpose sums forces on dofs."""
-        dofs = np.flatnonzero(self.of_dof >= 0)
-        shape = (len(self.of_dof), self.places)
+        dofs = np.flatnonzero(self.of_dof != FIXED)
+        shape = (len(self.of_dof), self.slot_count)
         matrix = sp.csr_matrix((np.ones(len(dofs)), (dofs, self.of_dof[dofs])), shape=shape)
-        return matrix if self.sums is None else matrix @ self.sums
+        return matrix if self.slots_of_unknowns is None else matrix @ self.slots_of_unknowns
 
     def expand(self, q: Array) -> Array:
-        """Dofs of the unknowns `q`."""
-        return np.append(q if self.sums is None else self.sums @ q, 0.0)[self.of_dof]
+        """Return the dofs, (dofs,), of the unknowns `q`."""
+        slots = q if self.slots_of_unknowns is None else self.slots_of_unknowns @ q
+        # fixed dofs take the zero that is appended behind the slots
+        return np.append(slots, 0.0)[self.of_dof]
 
     def fold(self, forces: Array) -> Array:
-        """Forces on the unknowns of forces (dofs, ...); forces on fixed dofs drop out."""
+        """Return the forces on the unknowns of forces (dofs, ...); forces on fixed dofs drop
+        out."""
         if forces.ndim > 1:
             return np.asarray(self.expansion.T @ forces)
-        total = np.bincount(self.of_dof + 1, forces, self.places + 1)[1:]
-        return np.asarray(total if self.sums is None else self.sums.T @ total, dtype=np.float64)
+        total = self._sum_in_slots(forces)
+        if self.slots_of_unknowns is not None:
+            total = self.slots_of_unknowns.T @ total
+        return np.asarray(total, dtype=np.float64)
 
     def fold_diagonal(self, diagonal: Array) -> Array:
-        """A diagonal matrix for dofs as a diagonal for unknowns, without coupling."""
-        total = np.bincount(self.of_dof + 1, diagonal, self.places + 1)[1:]
-        return np.asarray(total if self.sums is None else self.sums.power(2).T @ total)
+        """Return the diagonal for unknowns of a matrix with the `diagonal` for dofs, (dofs,),
+        without coupling between dofs."""
+        total = self._sum_in_slots(diagonal)
+        if self.slots_of_unknowns is not None:
+            total = self.slots_of_unknowns.power(2).T @ total
+        return np.asarray(total)
 
     def restrict(self, x: Array) -> Array:
-        """Unknowns for dofs `x`, averaged where dofs share an unknown."""
-        total = np.bincount(self.of_dof + 1, x, self.places + 1)
-        mean = total[1:] / np.bincount(self.of_dof + 1, minlength=self.places + 1)[1:]
-        return np.asarray(mean if self.means is None else self.means @ mean)
+        """Return the unknowns for the dofs `x`, averaged where dofs share an unknown."""
+        dof_counts = np.bincount(self.of_dof + 1, minlength=self.slot_count + 1)[1:]
+        mean = self._sum_in_slots(x) / dof_counts
+        return np.asarray(mean if self.unknowns_of_slots is None else self.unknowns_of_slots @ mean)
 
     def deflections(self) -> Mask:
-        """Mask (unknowns,): deflections, not in-plane displacements."""
-        mask = np.zeros(self.places + 1, dtype=bool)
-        mask[self.of_dof[2::3]] = True
-        return mask[:-1] if self.sums is None else self.sums.T @ mask[:-1] != 0.0
+        """Return which unknowns are deflections, not in-plane displacements, (unknowns,)."""
+        slots = np.zeros(self.slot_count + 1, dtype=bool)
+        slots[self.of_dof[2::3]] = True  # the last, surplus slot takes the fixed dofs
+        slots = slots[:-1]
+        if self.slots_of_unknowns is None:
+            return slots
+        return np.asarray(self.slots_of_unknowns.T @ slots != 0.0)
+
+    def _sum_in_slots(self, values: Array) -> Array:
+        """Return the sum of values (dofs,) in each slot, (slots,)."""
+        # the first bin is that of fixed dofs
+        return np.asarray(np.bincount(self.of_dof + 1, values, self.slot_count + 1)[1:])
 
 
 class Assembly:
-    """Sums matrices for elements or for deflections into matrices for unknowns."""
+    """Sums of element matrices, and of matrices for deflections, as matrices for unknowns."""
 
     def __init__(self, space: Space, unknowns: Unknowns) -> None:
-        self.unknowns, self.count = unknowns, unknowns.places
-        local = unknowns.of_dof[space.element_dofs]
-        # Fixed dofs go to a last place, which is dropped.
-        self._places = np.where(local == FIXED, self.count, local).astype(np.int32)
+        self.unknowns = unknowns
+        slots = unknowns.of_dof[space.element_dofs]
+        # fixed dofs go to a last, surplus slot, which is dropped
+        self._slots = np.where(slots == FIXED, unknowns.slot_count, slots).astype(np.int32)
 
     def matrix(self, element_matrices: Array) -> sp.csc_matrix:
-        """Sum of matrices of elements, (unknowns, unknowns)."""
-        places = self._places
-        rows = np.broadcast_to(places[:, :, None], element_matrices.shape)
-        columns = np.broadcast_to(places[:, None, :], element_matrices.shape)
+        """Return the sum of element matrices (elements, element dofs, element dofs), (unknowns,
+        unknowns)."""
+        count = self.unknowns.slot_count
+        rows = np.broadcast_to(self._slots[:, :, None], element_matrices.shape)
+        columns = np.broadcast_to(self._slots[:, None, :], element_matrices.shape)
         entries = element_matrices.ravel(), (rows.ravel(), columns.ravel())
-        total = sp.csc_matrix(entries, shape=(self.count + 1, self.count + 1))
-        total = total[: self.count, : self.count]
-        sums = self.unknowns.sums
-        return total if sums is None else (sums.T @ total @ sums).tocsc()
+        total = sp.csc_matrix(entries, shape=(count + 1, count + 1))[:count, :count]
+        expansion = self.unknowns.slots_of_unknowns
+        return total if expansion is None else (expansion.T @ total @ expansion).tocsc()
 
     def of_dofs(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
-        """The matrix (unknowns, unknowns) from a matrix (dofs, dofs)."""
+        """Reduce a matrix (dofs, dofs) to (unknowns, unknowns)."""
         expansion = self.unknowns.expansion
         return (expansion.T @ matrix @ expansion).tocsc()
 
     def of_deflections(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
-        """The matrix (unknowns, unknowns) from a matrix for deflections (scalar dofs, scalar
-        dofs)."""
+        """Reduce a matrix (scalar dofs, scalar dofs) of the deflections to (unknowns, unknowns)."""
         expansion = self.unknowns.expansion[2::3]
         return (expansion.T @ matrix @ expansion).tocsc()
 
@@ -140,44 +195,72 @@ class Discrete(Protocol):
     """Equations on a space."""
 
     @property
-    def space(self) -> Space: ...
+    def space(self) -> Space:
+        """The finite-element space."""
+
     @property
-    def unknowns(self) -> Unknowns: ...
+    def unknowns(self) -> Unknowns:
+        """The map from unknowns to dofs."""
+
+
+class _Interpolation(NamedTuple):
+    """Values at points of the functions of a coarse space."""
+
+    values: Array  # (points, functions)
+    nodes: Indices  # scalar dofs of the functions, (points, functions)
 
 
 def make_prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
-    """Matrix (rich unknowns, coarse unknowns) of a displacement in both."""
-    fine = rich.unknowns
-    node, component = np.divmod(_first_places(fine.of_dof, fine.places), 3)
-    values, nodes, matters, ends = _representatives(coarse.space, rich.space, node)
-    dofs, shape = 3 * nodes + component[:, None], (fine.places, coarse.space.dof_count)
-    matrix = sp.csr_matrix((values[matters], dofs[matters], ends), shape)
+    """Make the matrix that takes a displacement to a richer space.
+
+    Parameters
+    ----------
+    coarse, rich : Discrete
+        Equations on the same mesh; the rich space contains the coarse one.
+
+    Returns
+    -------
+    (rich unknowns, coarse unknowns) sparse matrix
+        The map of unknowns.
+    """
+    unknowns = rich.unknowns
+    # one dof represents all that share a slot
+    dofs = _find_first(unknowns.of_dof, unknowns.slot_count)
+    node, component = np.divmod(dofs, 3)
+    values, nodes = _interpolate_at_nodes(coarse.space, rich.space, node)
+    is_kept = np.abs(values) > 1e-13  # a node of both spaces takes one value, not six
+    row_ends = np.append(0, np.cumsum(is_kept.sum(axis=1)))
+    columns = (3 * nodes + component[:, None])[is_kept]
+    shape = (unknowns.slot_count, coarse.space.dof_count)
+    matrix = sp.csr_matrix((values[is_kept], columns, row_ends), shape)
     matrix = matrix @ coarse.unknowns.expansion
-    return (matrix if fine.means is None else fine.means @ matrix).tocsr()
+    if unknowns.unknowns_of_slots is not None:
+        matrix = unknowns.unknowns_of_slots @ matrix
+    return matrix.tocsr()
 
 
-def _representatives(
-    coarse: Space, rich: Space, nodes: Indices, rounding: float = 1e-13
-) -> tuple[Array, Indices, Mask, Indices]:
-    """Prolongation of a function from `coarse` to scalar dofs in `rich`.
+def _interpolate_at_nodes(coarse: Space, rich: Space, nodes: Indices) -> _Interpolation:
+    """Evaluate the functions of a coarse space at scalar dofs `nodes` (n,) of a rich space.
 
-    For every point, values (n, functions) and scalar dofs (n, functions) of `coarse` in an element;
-    values beyond rounding, and their sums, (n + 1,). A node beside the film is its own.
+    A node beside the film has the same value in both spaces.
     """
     shapes = evaluate_shape_functions(coarse.basis.elem, ELEMENTS[rich.order].doflocs.T)
-    rich_nodes, beside = rich.basis.element_dofs, nodes >= rich.basis.N
-    first = _first_places(rich_nodes.T.ravel(), rich.basis.N)
-    element, local = np.divmod(first[np.where(beside, 0, nodes)], len(rich_nodes))
-    values, coarse_nodes = shapes[local], coarse.nodes[element]
-    values[beside] = np.eye(1, values.shape[1])
-    coarse_nodes[beside, 0] = nodes[beside] - rich.basis.N + coarse.basis.N
-    matters = np.abs(values) > rounding
-    ends = np.append(0, np.cumsum(matters.sum(axis=1)))
-    return values, coarse_nodes, matters, ends
+    is_beside = nodes >= rich.basis.N
+    rich_nodes = rich.basis.element_dofs
+    first = _find_first(rich_nodes.T.ravel(), rich.basis.N)
+    element, local = np.divmod(first[np.where(is_beside, 0, nodes)], len(rich_nodes))
+    values = shapes[local]
+    coarse_nodes = coarse.nodes[element]
+    values[is_beside] = np.eye(1, values.shape[1])
+    coarse_nodes[is_beside, 0] = nodes[is_beside] - rich.basis.N + coarse.basis.N
+    return _Interpolation(values, coarse_nodes)
 
 
-def _first_places(labels: Indices, count: int) -> Indices:
-    """Where each of the labels 0 ... count - 1 stands first, (count,); others are negative."""
+def _find_first(labels: Indices, count: int) -> Indices:
+    """Return where each of the labels 0 ... count - 1 stands first in `labels`, (count,).
+
+    Negative labels are ignored.
+    """
     place = np.empty(count + 1, dtype=np.int64)
     place[labels[::-1]] = np.arange(len(labels))[::-1]
     return place[:count]

@@ -42,7 +42,7 @@ def choose_first_sizes(scene: Scene, order: int) -> GradedSizes:
     shapes = collect_outlines(scene) | contacts
     share = dict.fromkeys(shapes, at_electrode)
     for touch in scene.loaded_probes:
-        at_this = PUNCH_SHARE if PROBE_LOADS[touch.load.kind].rigid else at_probe
+        at_this = PUNCH_SHARE if PROBE_LOADS[touch.load.kind].is_rigid else at_probe
         share[touch.patch] = at_this if has_electrodes else 0.5 * at_this
     patches = {
         name: max(share[name] * shape.area / shape.perimeter, shape.perimeter / 200.0)
@@ -73,7 +73,7 @@ def _with_layers(
     }
     size = choose_layer_size(effect.probe_length, effect.probe, tolerance)
     for touch in scene.loaded_probes:
-        if PROBE_LOADS[touch.load.kind].rigid:
+        if PROBE_LOADS[touch.load.kind].is_rigid:
             layers[touch.patch] = size, touch.outline.perimeter / most
     finer = {
         name: min(sizes.patches.get(name, np.inf), max(size, least))

@@ -23,7 +23,7 @@ from pvdf_fem.electrodes.unloaded import compute_heat_charges
 from pvdf_fem.film.electric.coupling import find_floating_electrodes
 from pvdf_fem.film.loads.contact_result import ContactResult
 from pvdf_fem.film.loads.load_spec import Pressure
-from pvdf_fem.film.loads.pressure import PunchTilt
+from pvdf_fem.film.loads.punch import Punch, PunchTilt
 from pvdf_fem.scene.arguments import ValuesByName, coerce, coerce_array
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.solver.discrete_solution import DiscreteSolution, find_largest_value
@@ -199,7 +199,11 @@ class Solution(Result):
         """How rigid punches lean and are held, by patch: ``probe``, or ``probe 1``, ``probe 2``."""
         film, state = self.discrete.equilibrium, self.discrete.state
         forces = film.film_forces(state)
-        told = {load.spec.patch: load.compute_tilt(state, forces) for load in film.loads}
+        told = {
+            load.spec.patch: load.compute_tilt(state, forces)
+            for load in film.loads
+            if isinstance(load, Punch)
+        }
         return {patch: leaning for patch, leaning in told.items() if leaning}
 
     def at(

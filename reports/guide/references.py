@@ -26,7 +26,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
     "What results hold": (
         "pvdf_fem.electrodes.point_values.PointValues",
         "pvdf_fem.film.loads.contact_result.ContactResult",
-        "pvdf_fem.film.loads.pressure.PunchTilt",
+        "pvdf_fem.film.loads.punch.PunchTilt",
         "pvdf_fem.solver.nonlinear.status.Status",
         "pvdf_fem.solver.history.MeshRecord",
         "pvdf_fem.solver.sensitivity.gradients.Gradients",

@@ -24,7 +24,7 @@ from tests.helpers.damage import drawn
 from tests.helpers.refusals import keys, refused, scene_or_mistakes
 from tests.helpers.strategies import TABLES, example, placed, table_of, tables
 
-each_table = pytest.mark.parametrize(("where", "model"), TABLES)
+each_table = pytest.mark.parametrize(("where", "form"), TABLES)
 
 
 def test_each_key_has_a_meaning_a_unit_and_limits():

@@ -95,7 +95,7 @@ def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
     force, probe, rigid = film.distributed_force, None, False
     if touch is not None:
         probe, by_touch = estimate_pressed_area(scene, touch)
-        force, rigid = force + by_touch, PROBE_LOADS[touch.load.kind].rigid
+        force, rigid = force + by_touch, PROBE_LOADS[touch.load.kind].is_rigid
     elif force:  # it presses as a probe that covers the film
         probe = Circle(np.zeros(2), a)
     b = _radius(probe) if probe else a

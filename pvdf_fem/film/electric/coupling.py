@@ -26,7 +26,7 @@ from pvdf_fem.film.loads.contact_estimate import estimate_pressed_area
 from pvdf_fem.film.membrane import IDENTITY, compute_strain, compute_strain_rate
 from pvdf_fem.film.point_load import estimate_load_share
 from pvdf_fem.film.space import Space
-from pvdf_fem.film.term import State, Term
+from pvdf_fem.film.term import ElementStress, State, Term
 from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
@@ -107,9 +107,9 @@ class Coupling(Term):
     def residual(self, state: State) -> Array:
         return self.voltage(state) * self.slope(state)
 
-    def added_stress(self, state: State) -> tuple[Indices, Array]:
+    def added_stress(self, state: State) -> ElementStress:
         film = self.electrode.film
-        return self.elements, self.voltage(state) / film.thickness * self.electrode.e
+        return ElementStress(self.elements, self.voltage(state) / film.thickness * self.electrode.e)
 
     def tangent_column(self, state: State) -> Array:
         return self.slope(state) / np.sqrt(self.electrode.capacitance)

@@ -37,7 +37,7 @@ def locate_contact_edge(
     along = width * np.linspace(0.02, 3.0, 60)
     touches = _gaps(tip, state, start + along[:, None, None] * outwards)[1] <= 0.0
     last = np.where(touches.any(axis=0), along[-1 - touches[::-1].argmax(axis=0)], width)
-    touched = tip.overlap(state).touching.any(axis=1)
+    touched = tip.overlap(state).is_touching.any(axis=1)
     size = float(compute_element_sizes(tip.space.mesh)[touched].mean())
     core = tip.tip.core_perimeter / (2.0 * np.pi)
     beside = last + size * np.linspace(begin, end, 4 * degree)[:, None]

@@ -40,7 +40,7 @@ class ContactEstimate:
     stiffness: float  #: Traction over overlap in Pa/m, times the softness.
 
     @classmethod
-    def of(cls, scene: Scene, touch: LoadedProbe) -> Self:
+    def from_scene(cls, scene: Scene, touch: LoadedProbe) -> Self:
         """The guess for a tip of a scene."""
         force, face = estimate_load_force(touch.load, scene.film), touch.tip.face
         width = estimate_contact_width(touch, scene.film)

@@ -46,15 +46,15 @@ class ContactResult:
         overlap, weights = tip.overlap(state), tip.space.weights
         forces = -overlap.rates * tip.tractions(state)[..., None]
         fx, fy, fz = forces.sum(axis=(0, 1))
-        places = tip.displaced(state.dofs)
+        places = tip.compute_places(state.dofs)
         arms = places[..., :2] - tip.spec.outline.centroid
         risen = places[..., 2] - overlap.depth
         moments = [
             (arms[..., 1] * forces[..., 2] - risen * forces[..., 1]).sum(),
             (risen * forces[..., 0] - arms[..., 0] * forces[..., 2]).sum(),
         ]
-        pressure = tip.pressure_on(state, equilibrium.film.thickness)
-        touching = overlap.touching
+        pressure = tip.compute_pressure(state, equilibrium.film.thickness)
+        touching = overlap.is_touching
         projected = weights * touching * np.linalg.det(state.deformation_gradient[..., :2, :])
         edge, poorer = (locate_contact_edge(tip, state, degree) for degree in DEGREES)
         area = tip.tip.fit_outline(edge).area
@@ -92,5 +92,5 @@ def compute_contact_pressure(equilibrium: Equilibrium, state: State) -> Array:
     """Pressure of tips on the deformed film in Pa at the quadrature points, 0 where none touches,
     (elements, points)."""
     tips, thickness = select_tips(equilibrium), equilibrium.film.thickness
-    pressures = (tip.pressure_on(state, thickness) for tip in tips)
+    pressures = (tip.compute_pressure(state, thickness) for tip in tips)
     return sum(pressures, np.zeros(equilibrium.space.weights.shape))

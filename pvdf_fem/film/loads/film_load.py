@@ -1,4 +1,4 @@
-"""Loads on the whole film: a traction along z on the undeformed area, the same everywhere."""
+"""Loads on the whole film: a traction along z that is the same everywhere, and a bulge pressure."""
 
 from __future__ import annotations
 
@@ -9,41 +9,98 @@ from typing import Self
 
 import numpy as np
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import ALL, Array
+from pvdf_fem.film.loads.probe_load import (
+    UP,
+    compute_normal,
+    compute_normal_stiffness,
+    integrate_traction,
+)
 from pvdf_fem.film.space import Space
-from pvdf_fem.film.term import Load, State
+from pvdf_fem.film.term import ElementForces, ElementMatrices, Load, State
 from pvdf_fem.scene.film import Film
 
 
 class FilmLoad(Load):
-    """A traction along z on the whole film; `factor` multiplies the scene's."""
+    """A traction along z on the whole film; `factor` multiplies the traction of the scene.
+
+    A subclass gives `traction`.
+    """
 
     def __init__(self, film: Film, space: Space) -> None:
-        self.film, self.space, self.factor = film, space, 1.0
+        self.film = film
+        self.space = space
+        self.factor = 1.0
 
     @property
     @abstractmethod
     def traction(self) -> float:
-        """Force per undeformed area along z in Pa, of the scene."""
+        """Force of the scene along z per undeformed area in Pa."""
 
     @property
     def pressure(self) -> float:
-        """Force per undeformed area along z in Pa."""
+        """Force along z per undeformed area in Pa."""
         return self.factor * self.traction
 
     @property
     def force(self) -> float:
+        """Size of the total force in N."""
         return abs(self.pressure) * np.pi * self.film.radius**2
 
     def scaled(self, factor: float) -> Self:
+        """Return the same load, multiplied by a factor."""
         other = copy(self)
         other.factor = factor * self.factor
         return other
 
+    def forces(self, state: State) -> Array:
+        """Return the forces in N, (dofs,)."""
+        return self.pressure * self._forces_per_pascal
+
     @cached_property
-    def _per_pascal(self) -> Array:
-        shares = np.matmul(self.space.weights[:, None], self.space.values)[:, 0]
-        return self.space.sum(shares[..., None] * np.array([0.0, 0.0, 1.0]))
+    def _forces_per_pascal(self) -> Array:
+        """Forces of a unit traction along z in m², (dofs,)."""
+        unit = np.broadcast_to(UP, (*self.space.weights.shape, 3))
+        return integrate_traction(self.space, ALL, unit)
+
+
+class FilmPressure(FilmLoad):
+    """A uniform pressure as in a bulge test, ``film.pressure_Pa``.
+
+    It acts along z, or normal to the deformed film with ``film.pressure_follows``.
+    """
+
+    def __init__(self, film: Film, space: Space) -> None:
+        super().__init__(film, space)
+        self.conservative = not film.pressure_follows
+
+    @property
+    def traction(self) -> float:
+        """Pressure of the scene in Pa."""
+        return self.film.pressure_Pa or 0.0
 
     def forces(self, state: State) -> Array:
-        return self.pressure * self._per_pascal
+        """Return the forces in N, (dofs,)."""
+        if self.conservative:
+            return super().forces(state)
+        traction = self.pressure * compute_normal(state.deformation_gradient)
+        return integrate_traction(self.space, ALL, traction)
+
+    def element_tangent(self, state: State) -> ElementMatrices | None:
+        """Return the derivative of `residual` in N/m where the pressure follows the film."""
+        if self.conservative:
+            return None
+        stiffness = compute_normal_stiffness(self.space, ALL, self.pressure, state)
+        return ElementMatrices(ALL, -stiffness)
+
+    def with_frozen_loads(self) -> Self:
+        """Return the pressure along z."""
+        if self.conservative:
+            return self
+        other = copy(self)
+        other.conservative = True
+        return other
+
+    def face_forces(self, state: State, residual: Array) -> ElementForces:
+        """Return the pressure times the undeformed area of the elements."""
+        return ElementForces(ALL, self.pressure * self.space.weights.sum(axis=1))

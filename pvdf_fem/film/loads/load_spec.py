@@ -1,10 +1,10 @@
-"""What a solve is given beside its scene: a pressure in Python."""
+"""The specification of a probe's load: the scene's, with a pressure in Python or an estimate."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Self, TypeAlias
+from typing import Self, TypeAlias
 
 from numpy.typing import ArrayLike
 
@@ -13,77 +13,101 @@ from pvdf_fem.film.loads.contact_estimate import ContactEstimate
 from pvdf_fem.scene.scene import LoadedProbe, Scene, SceneError
 from pvdf_fem.scene.scene_file import format_error
 
-#: A pressure in arbitrary units for x and y in mm, (n,) both, in the probe's own axes: (n,), or a
-#: number.
+#: A pressure in arbitrary units, as a function of x and y in mm, both (n,), in the probe's own
+#: axes. It returns (n,) values, or one for all.
 Pressure: TypeAlias = Callable[[Array, Array], ArrayLike]
 
 
 @dataclass(frozen=True)
 class LoadSpec(LoadedProbe):
-    """A probe with everything for its load."""
+    """A probe of a scene with everything that its load is made of."""
 
     pressure: Pressure | None = None  #: In place of the load's profile.
-    contact: ContactEstimate | None = None  #: Of a tip.
-    auxiliary_node: int | None = None  #: Number of the node that it has beside the film.
+    contact: ContactEstimate | None = None  #: For a rigid tip.
+    #: Number of the tip's node beside the film, where its depth is an unknown.
+    auxiliary_node: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class SolveOptions:
-    """What a solve is given beside its scene, and no scene file holds."""
+    """Inputs of a solve that no scene file holds."""
 
-    pressure: Pressure | None = None  #: On the single probe.
+    pressure: Pressure | None = None  #: On the scene's single probe.
 
     @classmethod
     def for_pressure(cls, scene: Scene, pressure: Pressure | None) -> Self:
-        """An optional pressure on a scene's probe; SceneError where there is none to spread."""
+        """Return the options for a pressure in Python on a scene's probe.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene.
+        pressure : callable, optional
+            The pressure.
+
+        Raises
+        ------
+        SceneError
+            If the pressure is no function, or the scene has no single probe with a dead, uniform
+            load.
+        """
         if pressure is None:
             return cls()
-        reason, found = 'is not for a pressure in Python; give "{}"', []
+        problems = []
         if not callable(pressure):
-            found.append(format_error("pressure", pressure, "is no function; give p(x_mm, y_mm)"))
+            problems.append(
+                format_error("pressure", pressure, "is no function; give p(x_mm, y_mm)")
+            )
         if scene.single_probe is None:
-            found.append("probe = (nothing): is required by a pressure; add [probe]")
+            problems.append("probe = (nothing): is required by a pressure; add [probe]")
         for key, needed in (("kind", "dead"), ("profile", "uniform")):
-            if (value := getattr(scene.load, key)) != needed:
-                found.append(format_error(f"load.{key}", value, reason.format(needed)))
-        if found:
-            raise SceneError(found)
+            value = getattr(scene.load, key)
+            if value != needed:
+                reason = f'is incompatible with a pressure in Python; give "{needed}"'
+                problems.append(format_error(f"load.{key}", value, reason))
+        if problems:
+            raise SceneError(problems)
         return cls(pressure)
 
     def load_specs(self, scene: Scene) -> list[LoadSpec]:
-        """The probes in a scene with everything for their loads."""
-        touches, auxiliary_nodes = [], 0
-        for touch in scene.loaded_probes:
-            known: dict[str, Any] = {"pressure": self.pressure}
-            if touch.load.kind == "contact":
-                known["contact"] = ContactEstimate.of(scene, touch)
-            if _moves(touch):
-                known["own_node"], auxiliary_nodes = auxiliary_nodes, auxiliary_nodes + 1
-            touches.append(LoadSpec(**vars(touch), **known))
-        return touches
+        """Return the specification of every probe's load."""
+        specs = []
+        auxiliary_nodes = 0
+        for probe in scene.loaded_probes:
+            contact, node = None, None
+            if probe.load.kind == "contact":
+                contact = ContactEstimate.from_scene(scene, probe)
+            if _has_unknown_depth(probe):
+                node = auxiliary_nodes
+                auxiliary_nodes += 1
+            spec = LoadSpec(
+                **vars(probe), pressure=self.pressure, contact=contact, auxiliary_node=node
+            )
+            specs.append(spec)
+        return specs
 
     @staticmethod
     def count_auxiliary_nodes(scene: Scene) -> int:
-        """Number of nodes beside the film, for tips that move under a force."""
-        return sum(map(_moves, scene.loaded_probes))
+        """Count the nodes beside the film, one for each tip whose depth is an unknown."""
+        return sum(_has_unknown_depth(probe) for probe in scene.loaded_probes)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a result tells of the pressure."""
-        told = (
-            f"pressure: the function {format_function_name(self.pressure)} in place of load.profile"
-        )
-        return (told,) if self.pressure else ()
+        """Notes in a result about the pressure."""
+        if not self.pressure:
+            return ()
+        name = format_function_name(self.pressure)
+        return (f"pressure: the function {name} in place of load.profile",)
 
 
-def _moves(touch: LoadedProbe) -> bool:
-    return touch.load.kind == "contact" and touch.load.depth is None
+def _has_unknown_depth(probe: LoadedProbe) -> bool:
+    """Return whether a tip presses with a force, so that its depth is an unknown."""
+    return probe.load.kind == "contact" and probe.load.depth is None
 
 
-#: Nothing else is needed beside the scene.
 DEFAULT_OPTIONS = SolveOptions()
 
 
 def format_function_name(pressure: object) -> str:
-    """How texts call a pressure in Python."""
+    """Return the name of a pressure in Python for texts."""
     return str(getattr(pressure, "__name__", type(pressure).__name__))

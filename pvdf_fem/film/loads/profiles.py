@@ -48,7 +48,7 @@ class Profile(ABC):
         """About the mean over a shape on the film, in m."""
         return average_over(shape, self)
 
-    def refused(self, reason: str) -> SceneError:
+    def make_error(self, reason: str) -> SceneError:
         """The error for a profile without an integral."""
         return SceneError([format_error(*self.source, reason)])
 
@@ -97,14 +97,14 @@ class CallableProfile(Profile):
             values = np.asarray(self.pressure(x, y))
         except Exception as error:
             reason = f"raises {type(error).__name__} at x_mm, y_mm of shape {x.shape}: {error}"
-            raise self.refused(f"{reason}; give a function of arrays") from error
+            raise self.make_error(f"{reason}; give a function of arrays") from error
         if values.dtype.kind not in "biuf":
-            raise self.refused(f"gives values of type {values.dtype}; give real numbers")
+            raise self.make_error(f"gives values of type {values.dtype}; give real numbers")
         if values.shape not in ((), x.shape):
             reason = f"gives shape {values.shape} at x_mm, y_mm of shape {x.shape}"
-            raise self.refused(f"{reason}; give a value for each point, or one for all")
+            raise self.make_error(f"{reason}; give a value for each point, or one for all")
         if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0):
-            raise self.refused("is negative or not finite under the probe; change it")
+            raise self.make_error("is negative or not finite under the probe; change it")
         return np.broadcast_to(values.astype(float), x.shape).reshape(points.shape[:-1])
 
 

@@ -1,4 +1,4 @@
-"""The film's weight, and its size where it is left out."""
+"""The film's weight, and an estimate of its effect where it is neglected."""
 
 from __future__ import annotations
 
@@ -11,35 +11,56 @@ from pvdf_fem.scene.scene import Scene
 
 
 class Weight(FilmLoad):
-    """Density times thickness times the acceleration ``film.gravity_m_s2`` along z."""
+    """Density times thickness times the acceleration ``film.gravity_m_s2``, along z."""
 
     @property
     def traction(self) -> float:
+        """Weight per area in Pa."""
         return self.film.weight
 
 
 def estimate_weight_effect(scene: Scene, gravity_m_s2: float = 9.80665) -> float:
-    """About the largest relative change of a charge by the weight that is left out.
+    """Estimate the largest relative change of a charge by a neglected weight.
 
-    At the distance r from a probe of force F a linear film has the slope F/(2 pi r N), and by its
-    weight q the slope q r/(2 N); the strain has twice their product over the square of the former.
+    Parameters
+    ----------
+    scene : Scene
+        The scene, without gravity.
+    gravity_m_s2 : float
+        Acceleration that the weight would have.
+
+    Returns
+    -------
+    float
+        The change of the worst electrode's charge, relative to the charge by the probe.
+
+    Notes
+    -----
+    At the distance r from a probe of force F, a linear film with the tension N has the slope
+    F/(2 π r N), and by its weight q per area the slope q r/(2 N). Its strain changes by twice the
+    product of both slopes over the square of the former, 2 π q r²/F.
     """
-    q = scene.film.density * scene.film.thickness * gravity_m_s2
-    changes = [0.0]
-    for touch in scene.loaded_probes:
-        force = math.hypot(*touch.load.components)
+    weight = scene.film.density * scene.film.thickness * gravity_m_s2
+    largest = 0.0
+    for probe in scene.loaded_probes:
+        force = math.hypot(*probe.load.components)
+        if not force or probe.load.depth is not None:
+            continue
         for electrode in scene.electrode_list:
-            r = math.dist(electrode.outline.centroid, touch.outline.centroid)
-            if force and touch.load.depth is None:
-                changes.append(2.0 * math.pi * q * r * r / force)
-    return max(changes)
+            r = math.dist(electrode.outline.centroid, probe.outline.centroid)
+            largest = max(largest, 2.0 * math.pi * weight * r * r / force)
+    return largest
 
 
 def describe_weight(scene: Scene) -> Iterator[tuple[bool, str]]:
-    """Whether the weight is included, and its size where it matters."""
-    if scene.film.gravity_m_s2:
+    """Yield whether the weight is included, and a text with its size, where it matters."""
+    gravity = scene.film.gravity_m_s2
+    if gravity:
         pressure = format_two_digits(scene.film.weight)
-        yield True, f"weight (film.gravity_m_s2 = {scene.film.gravity_m_s2:g}): {pressure} Pa"
-    elif (change := estimate_weight_effect(scene)) > scene.numerics.tolerance:
-        size = f"could change a charge by up to {format_two_digits(100.0 * min(change, 1.0))} %"
+        yield True, f"weight (film.gravity_m_s2 = {gravity:g}): {pressure} Pa"
+        return
+    change = estimate_weight_effect(scene)
+    if change > scene.numerics.tolerance:
+        percent = format_two_digits(100.0 * min(change, 1.0))
+        size = f"could change a charge by up to {percent} %"
         yield False, f"weight: {size}; to include it give film.gravity_m_s2, along z"

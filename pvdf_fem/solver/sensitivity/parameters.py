@@ -62,7 +62,7 @@ def _hindrance(scene: Scene, key: str, pressure: Pressure | None) -> str:
     for touch, _, name in map_probe_keys(scene)[key]:
         if name in PLACE_NAMES and (touch.load.profile != "uniform" or pressure):
             return 'of a pressure profile has no derivative here; press with "uniform"'
-        if name in PLACE_NAMES and PROBE_LOADS[touch.load.kind].rigid:
+        if name in PLACE_NAMES and PROBE_LOADS[touch.load.kind].is_rigid:
             return "of a rigid probe has no derivative here: the tractions at its edge are singular"
     return ""
 

@@ -26,7 +26,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.electrodes.unloaded import compute_heat_charges
-from pvdf_fem.film.loads.pressure import DeadPressure
+from pvdf_fem.film.loads.probe_load import PatchLoad
 from pvdf_fem.film.membrane import IDENTITY
 from pvdf_fem.film.space import evaluate_shape_functions
 from pvdf_fem.mesh.points import make_facet_quadrature
@@ -89,7 +89,7 @@ def compute_rate(
     swept, touches = np.zeros(len(adjoint.outputs)), map_probe_keys(scene).get(key, [])
     for touch, i, name in touches:
         load = adjoint.equilibrium.loads[i]
-        if name in PLACE_NAMES and load.on_patch:
+        if name in PLACE_NAMES and isinstance(load, PatchLoad):
             swept = swept + _swept(adjoint, load, name)
             if not touch.probe.temperature_K:  # nothing else of it has a place
                 return swept
@@ -140,8 +140,8 @@ def _with_number(table: Table, name: str, change: float) -> Table:
     return table.model_copy(update={name: value})
 
 
-def _swept(adjoint: Adjoint, load: DeadPressure, name: str, gauss_points: int = 5) -> Array:
-    """The integral p ∮ (λ · t) (V · n) ds in C per unit of the key, (electrodes,).
+def _swept(adjoint: Adjoint, load: PatchLoad, name: str, gauss_points: int = 5) -> Array:
+    """The integral ∮ (λ · t) (V · n) ds in C per unit of the key, (electrodes,).
 
     The mean of the traces from both sides. Along the clamped rim λ is zero, nothing is swept.
     """
@@ -161,11 +161,11 @@ def _swept(adjoint: Adjoint, load: DeadPressure, name: str, gauss_points: int = 
     F = IDENTITY + np.matmul(x.reshape(-1, 3)[nodes][:, None].swapaxes(2, 3), slopes)
     nodal = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[nodes]
     shapes = evaluate_shape_functions(space.basis.elem, traces.points)
-    works = np.einsum("fqa,facn,fqc->fqn", shapes, nodal, load.direction(F))
+    works = np.einsum("fqa,facn,fqc->fqn", shapes, nodal, load.traction(F))
     points = np.moveaxis(mesh.mapping().F(traces.points, elements), 0, -1)
     normals = np.stack([tangents[..., 1], -tangents[..., 0]], axis=-1)
     swept = signs * traces.weights * (_velocity(probe, name, points) * normals).sum(axis=-1)
-    return 0.5 * load.pressure * np.einsum("fq,fqn->n", swept, works)
+    return 0.5 * np.einsum("fq,fqn->n", swept, works)
 
 
 def _velocity(probe: Probe, name: str, points: Array) -> Array:

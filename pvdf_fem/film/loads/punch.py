@@ -1,0 +1,96 @@
+"""Rigid flat punches.
+
+Under a punch that stays horizontal the deflection is a single unknown; under a punch that tilts
+freely it is a linear function with three unknowns. The film slides on the punch or sticks to it. A
+guide holds a sticking punch, u = v = 0 below it, or a sideways push leaves u and v an unknown each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.film.loads.load_spec import LoadSpec
+from pvdf_fem.film.loads.probe_load import DeadPressure
+from pvdf_fem.film.space import Space
+from pvdf_fem.film.term import NO_INDICES, CombinedMotion, Constraints, ElementForces, State
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
+
+
+@dataclass(frozen=True)
+class PunchTilt:
+    """How a punch tilts, and the moments by which its guide holds it.
+
+    Both are about axes along x and y through the punch's centroid.
+    """
+
+    tilt_deg: tuple[float, float]
+    moments_N_mm: tuple[float, float]
+
+
+class Punch(DeadPressure):
+    """A rigid flat punch under a dead force."""
+
+    is_rigid = True
+    edge_share = 1.0
+
+    def __init__(self, spec: LoadSpec, space: Space, sector: SymmetrySector = WHOLE_FILM) -> None:
+        super().__init__(spec, space, sector)
+        self._nodes: Indices = np.unique(space.basis.element_dofs[:, self.patch])
+        #: From the punch's centroid to the nodes in m, in the sector's axes, (nodes, 2).
+        self._arms: Array = (
+            space.basis.doflocs.T[self._nodes] - sector.frame @ spec.outline.centroid
+        )
+        self.constraints = self._make_constraints()
+
+    def _make_constraints(self) -> Constraints:
+        """Join the dofs under the punch."""
+        u, v, w = 3 * self._nodes, 3 * self._nodes + 1, 3 * self._nodes + 2
+        load = self.spec.load
+        fixed = NO_INDICES
+        shared: list[Indices] = []
+        motions: list[CombinedMotion] = []
+        if load.tangential_N is not None:
+            shared += [u, v]
+        elif load.contact == "stuck":
+            fixed = np.concatenate([u, v])
+        if load.tilt == "free":
+            scaled_arms = self._arms / np.sqrt(self.spec.outline.area)
+            functions = np.column_stack([np.ones(len(w)), scaled_arms])
+            motions.append(CombinedMotion(w, functions))
+        else:
+            shared.append(w)
+        return Constraints(
+            fixed_dofs=fixed,
+            shared_dofs=tuple(shared),
+            motions=tuple(motions),
+            rigid_elements=self.patch,
+        )
+
+    def face_forces(self, state: State, residual: Array) -> ElementForces:
+        """Return the reactions along z at the nodes; a node's elements share them equally."""
+        node_count = self.space.basis.N
+        nodes = self.space.nodes[self.patch]
+        sharing = np.maximum(np.bincount(nodes.ravel(), minlength=node_count), 1)
+        reactions = (residual + self.forces(state))[2::3][:node_count] / sharing
+        return ElementForces(self.patch, reactions[nodes].sum(axis=1))
+
+    def compute_tilt(self, state: State, residual: Array) -> PunchTilt:
+        """Compute the tilt of the punch and the moments of its guide.
+
+        Parameters
+        ----------
+        state : State
+            The state of the whole film.
+        residual : (dofs,) array
+            The residual of all terms at this state in N.
+        """
+        w = 3 * self._nodes + 2
+        columns = np.column_stack([np.ones(len(w)), self._arms])
+        _, slope_x, slope_y = np.linalg.lstsq(columns, state.dofs[w], rcond=None)[0]
+        tilt_x, tilt_y = np.degrees(np.arctan([slope_y, -slope_x])).tolist()
+        reactions = (residual + self.forces(state))[w]
+        about_y, about_x = (1e3 * (reactions @ self._arms)).tolist()
+        return PunchTilt((tilt_x, tilt_y), (about_x, -about_y))
