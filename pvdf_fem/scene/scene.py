@@ -9,7 +9,6 @@ biaxial sensor without a probe.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
@@ -21,12 +20,11 @@ from pvdf_fem.scene.changes import Replaced, apply_changes
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.keys import Affects, Key, Section
 from pvdf_fem.scene.load import FORCE_KEYS, Load, LoadOverrides
-from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.outlines.tip import Tip, make_tip
+from pvdf_fem.scene.numerics import Numerics
 from pvdf_fem.scene.placed.electrode import Electrode, Electrodes, Layout
+from pvdf_fem.scene.placed.loaded_probe import LoadedProbe
 from pvdf_fem.scene.placed.probe import Probe, Probes
 from pvdf_fem.scene.readout import Readout, Uncertain
-from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
 from pvdf_fem.scene.scene_file import (
     SceneError,
     flatten,
@@ -50,6 +48,7 @@ __all__ = [
     "Film",
     "Layout",
     "Load",
+    "LoadedProbe",
     "Numerics",
     "Probe",
     "Readout",
@@ -59,55 +58,6 @@ __all__ = [
     "SceneError",
     "Stage",
 ]
-
-
-class Numerics(Section):
-    """The wanted error in every charge, the definition of charge, and limits of a solve."""
-
-    tolerance: Annotated[float, Key("", (2e-8, 0.49))] = 1e-3
-    """Error wanted in every charge, relative to the charge. Where its parts, d31 S11 and d32 S22,
-    cancel to less than 5 % of them, relative to 5 % of them; a warning says so."""
-    observable: Annotated[str, Key(affects=Affects.READING, words=OBSERVABLE_ENTRIES)] = "material"
-    """material: d31 S11 + d32 S22 over the electrode. thesis-edge: mean stress on opposite edges
-    times the area."""
-    max_unknowns: Annotated[int | None, Key("unknowns", (100, 10_000_000), example=60000)] = None
-    """Largest number of unknowns of a refined mesh; by default 60000, 30000 if the film wrinkles,
-    and more for tolerances below 1e-3."""
-    max_seconds: Annotated[float | None, Key("s", (0.1, 1e6), example=20.0)] = None
-    """Work allowed for a solve in seconds of one core, counted by unknowns and iterations so that a
-    result does not depend on the machine's load; by default 20, and more for tolerances below
-    1e-3."""
-
-
-@dataclass(frozen=True)
-class LoadedProbe:
-    """A probe of a scene with its load.
-
-    Parameters
-    ----------
-    key : str
-        Its key in the scene file, ``probe`` or ``probe[0]``.
-    patch : str
-        Its name in a mesh, ``probe`` or ``probe 1``.
-    probe : Probe
-    load : Load
-        The load that acts on it, resolved from its own and the scene's keys.
-    """
-
-    key: str
-    patch: str
-    probe: Probe
-    load: Load
-
-    @property
-    def outline(self) -> Outline:
-        """Outline of the probe in m."""
-        return self.probe.outline
-
-    @property
-    def tip(self) -> Tip:
-        """The probe as a rigid tip; raises `ValueError` for a probe with a sharp edge."""
-        return make_tip(self.probe.outline, self.probe.rounding_mm)
 
 
 class Scene(Result, Section):

@@ -8,18 +8,15 @@ from hypothesis import strategies as st
 
 from pvdf_fem.scene.changes import to_plain_value
 from pvdf_fem.scene.load import Load, LoadOverrides
-from pvdf_fem.scene.scene import Numerics
 from pvdf_fem.scene.scene_file import format_toml
-from pvdf_fem.scene.validation import table_forms
+from pvdf_fem.scene.validation.table_forms import TABLES as SCENE_TABLES
 from pvdf_fem.scene.validation.table_forms import TableForm, list_forms
 
 Tables = dict[str, Any]
 
 #: Tables of a scene by their place, in each of their shapes.
 TABLES: list[tuple[str, TableForm]] = [
-    (place, form)
-    for place, table in {**table_forms.TABLES, "numerics": Numerics}.items()
-    for form in list_forms(table)
+    (place, form) for place, table in SCENE_TABLES.items() for form in list_forms(table)
 ]
 #: Values of required keys, small enough for electrodes side by side.
 GIVEN = {"x_mm": 0.0, "y_mm": 0.0, "radius_mm": 1.0, "width_mm": 3.0, "height_mm": 2.0}
@@ -76,7 +73,7 @@ def values(form: TableForm, name: str) -> st.SearchStrategy[Any]:
     if isinstance(value, int):
         return st.integers(value // 2 + 1, 2 * value)
     if isinstance(value, float):
-        low, high = key.within or (-3.0, 3.0)
+        low, high = key.limits or (-3.0, 3.0)
         numbers = st.floats(0.5, 2.0).map(lambda factor: factor * value)
         numbers = numbers if value else st.floats(-3.0, 3.0)
         return numbers.map(lambda number: min(max(number, low), high))

@@ -12,6 +12,7 @@ from pydantic.fields import FieldInfo
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.keys import Key, Section
 from pvdf_fem.scene.load import Load, LoadOverrides
+from pvdf_fem.scene.numerics import Numerics
 from pvdf_fem.scene.placed.electrode import Electrode, Layout
 from pvdf_fem.scene.placed.patch import Patch
 from pvdf_fem.scene.placed.placed_shape import PLACEMENT_KEYS, ShapedTable
@@ -81,6 +82,7 @@ TABLES: dict[str, type[Section]] = {
     "probe[0]": ListedProbe,
     "probe[0].load": LoadOverrides,
     "load": Load,
+    "numerics": Numerics,
     "readout": Readout,
     "stage": Stage,
     "air": Air,
