@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 import shapely
@@ -76,12 +76,21 @@ class Polygon(Outline):
         return -float(other.signed_distance(self.vertices).min())
 
     def boundary_rule(self, count: int) -> tuple[Array, Array]:
-        s, w = np.polynomial.legendre.leggauss(count)
+        s, w = _make_gauss_rule(count)
         begin = self.vertices[:, None]
         sides = np.roll(self.vertices, -1, axis=0)[:, None] - begin
         normals = np.stack([sides[..., 1], -sides[..., 0]], axis=-1) * 0.5 * w[:, None]
         points = begin + 0.5 * (s[:, None] + 1.0) * sides
         return points.reshape(-1, 2), normals.reshape(-1, 2)
+
+
+@cache
+def _make_gauss_rule(count: int) -> tuple[Array, Array]:
+    """Make the points and weights (count,) of the Gauss-Legendre rule on [-1, 1], read-only."""
+    points, weights = np.polynomial.legendre.leggauss(count)
+    points.setflags(write=False)
+    weights.setflags(write=False)
+    return points, weights
 
 
 def make_rectangle_corners(width: float, height: float) -> Array:

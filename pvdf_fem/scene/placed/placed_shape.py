@@ -80,8 +80,9 @@ class ShapedTable(Section):
         name = table.get("shape", cls.default_shape)
         if isinstance(name, Shape):
             return table
-        own = {key: value for key, value in table.items() if key in cls.model_fields}
-        sizes = {key: value for key, value in table.items() if key not in cls.model_fields}
+        own_keys = _list_own_keys(cls)
+        own = {key: value for key, value in table.items() if key in own_keys}
+        sizes = {key: value for key, value in table.items() if key not in own_keys}
         if isinstance(name, str) and name in cls.shapes:
             geometry = {**cls.default_sizes.get(name, {}), **sizes, "shape": name}
         else:
@@ -128,6 +129,11 @@ class ShapedTable(Section):
         if sizes:
             changes["geometry"] = self.geometry.model_copy(update=sizes)
         return super().model_copy(update=changes, deep=deep)
+
+
+@cache
+def _list_own_keys(table: type[ShapedTable]) -> frozenset[str]:
+    return frozenset(table.model_fields) - {"geometry"}
 
 
 @cache

@@ -82,11 +82,11 @@ class IncompatibleKeys:
                 yield format_error(refused.key, refused.value, reason)
 
 
-def _find_in_film(tables: SceneTables, name: str, value: Any = None) -> Iterator[Occurrence]:
-    """Find a key of the film that has a value, or any value but none, zero and false."""
+def _find_in_film(tables: SceneTables, name: str, value: Any = None) -> Iterable[Occurrence]:
+    """Find a key of the film that has a value; without one any value but None, zero and false."""
     found = getattr(tables.film, name)
-    if found == value if value is not None else found:
-        yield Occurrence(f"film.{name}", found)
+    is_set = bool(found) if value is None else found == value
+    return (Occurrence(f"film.{name}", found),) if is_set else ()
 
 
 def _set_film(name: str, value: Any = None) -> Setting:
@@ -212,8 +212,9 @@ def find_incompatible_keys(tables: SceneTables) -> Iterator[str]:
     str
         ``key = value: reason; advice``.
     """
-    found = {setting: list(setting.find(tables)) for setting in SETTINGS}
-    lines = chain.from_iterable(rule.find_errors(found) for rule in RULES)
+    found = {setting: tuple(setting.find(tables)) for setting in SETTINGS}
+    broken = [rule for rule in RULES if found[rule.first] and found[rule.second]]
+    lines = chain.from_iterable(rule.find_errors(found) for rule in broken)
     yield from dict.fromkeys(lines)  # several probes may have the scene's load
     film = tables.film
     if film.coupling and film.clamped_permittivity <= 0.0:
