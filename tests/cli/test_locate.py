@@ -78,7 +78,7 @@ def built(folder, monkeypatch):
         calls.append((reach_mm, force_N, tolerance))
         found = {"domain": Domain(reach_mm, force_N), "tolerance": tolerance}
         bound = {"error_bound": 0.5 * tolerance, "remarks": ("a remark",)}
-        model = replace(random_response.response(), scene=scene, **found, **bound)
+        model = replace(random_response.make_response(), scene=scene, **found, **bound)
         model.save(file)
         return model
 
