@@ -293,7 +293,7 @@ def compute_bounds(
     touches = np.tile(touch, (len(places_mm), 1))
     touches[:, : TouchColumn.ROTATION] = places_mm
     measurement = Measurement.from_response(exact, exact.names, sigma, noise_pC, None)
-    readings = measurement.readings(exact.evaluate(touches)[0])
+    readings = measurement.to_readings(exact.evaluate(touches)[0])
     bounds = []
     for row, touch_row in zip(readings, touches, strict=True):
         by_electrode = dict(zip(exact.names, row, strict=True))

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
-from pvdf_fem.inverse.touch.measurement import as_float
+from pvdf_fem.inverse.touch.validation import as_float
 from pvdf_fem.scene.changes import normalize_key, parse_key
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, format_error

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from pvdf_fem.inverse.touch.measurement import find_reading_errors, get_channel_values
+from pvdf_fem.inverse.touch.measurement import get_channel_values
+from pvdf_fem.inverse.touch.validation import find_reading_errors
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.surrogate.response_options import find_validation_errors
 from pvdf_fem.surrogate.touch_domain import Domain

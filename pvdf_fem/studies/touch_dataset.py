@@ -133,11 +133,11 @@ def dataset(
     charges_pC = np.concatenate([response.evaluate(chunk)[0] for chunk in chunks])
     # The touches use the random numbers of the seed alone, so that the noise has a second one.
     normal = np.random.default_rng([seed, 1]).standard_normal(charges_pC.shape)
-    noisy_pC = charges_pC + measurement.noise(charges_pC) * normal
+    noisy_pC = charges_pC + measurement.compute_noise(charges_pC) * normal
     by_electrode = {
         "charge_pC": charges_pC,
         "model_error_pC": response.error_bound * np.abs(charges_pC),
-        "reading_pC": measurement.readings(noisy_pC),
+        "reading_pC": measurement.to_readings(noisy_pC),
     }
     attributes = {
         "seed": seed,
