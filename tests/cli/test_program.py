@@ -84,7 +84,7 @@ def test_a_file_is_replaced_where_a_link_leads_with_its_permissions_and_owner(tm
         (InputError("a = 1: bad", "b\n\x9b = 2: bad"), 2, "a = 1: bad\nb\\n\\x9b = 2: bad\n"),
         (FileError("a.vtu: full"), 2, "a.vtu: full\n"),
         (OSError(28, "No space left on device", "a.svg"), 2, "a.svg: No space left on device\n"),
-        (InputError(*"x" * 130), 2, "x\n" * 120 + "there are more mistakes; correct these first\n"),
+        (InputError(*"x" * 130), 2, "x\n" * 120 + "there are more errors; correct these first\n"),
         (InputError(400 * "x", 401 * "y"), 2, 400 * "x" + "\n" + 397 * "y" + "...\n"),
         (NotConvergedError("slack"), 3, "not converged: slack\n"),
         (KeyboardInterrupt(), 130, "test: interrupted\n"),

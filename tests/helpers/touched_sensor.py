@@ -56,7 +56,7 @@ def solved(scene, outputs):
         at=at,
         status=Status.CONVERGED,
         reason="",
-        fields=SimpleNamespace(forces=SimpleNamespace(values=forces(at))),
+        discrete=SimpleNamespace(stress_integrals=SimpleNamespace(values=forces(at))),
         charge_errors_pC=dict.fromkeys(NAMES, 0.0),
         charges_pC=dict.fromkeys(NAMES, 1.0),
     )
