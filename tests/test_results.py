@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pvdf_fem as pf
-from pvdf_fem.inverse.touch.locate_many import Touches
+from pvdf_fem.inverse.touch.touches import Touches
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow
 from pvdf_fem.summary import Result
 from tests.helpers.touch_models import bumps, random_touches

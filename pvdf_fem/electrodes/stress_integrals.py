@@ -146,8 +146,8 @@ def compute_charge_scales(
     outputs: Sequence[Output], state: State, forces: Array, space: Space, negligible: float = 1e-6
 ) -> Array:
     """Reference sizes in C for relative charge errors, (goals,), from the `forces` X, Y in N. This
-    is the charge itself, but at least the part `CANCELLATION_SHARE` of |d31 X| + |d32 Y|. An electrode on
-    slack film, or held under a probe, has next to no charge, and a relative error has no meaning
+    is the charge itself, but at least the part `CANCELLATION_SHARE` of |d31 X| + |d32 Y|. An
+    electrode on slack film, or held under a probe, has next to no charge, and a relative error has no meaning
     there. A size is therefore at least the part `negligible` of the charge by the film's mean
     stress."""
     stress = np.abs(state.stress[..., :2]) * space.weights[..., None]
@@ -182,7 +182,7 @@ def _charges(forces: Array, d: ArrayLike) -> Array:
 
 def _sampled(membrane: Membrane, sampling: Sampling, part: SymmetrySector) -> Laminate:
     """The film at the points; a linear law has one `stress` everywhere."""
-    if membrane.added is None or membrane.law.linear:
+    if membrane.added is None or membrane.law.is_linear:
         return membrane
     return membrane.at(sampling.places(membrane.space.mesh) @ part.frame)
 

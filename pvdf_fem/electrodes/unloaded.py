@@ -35,7 +35,7 @@ def find_uniform_integrals(film: Scene) -> StressIntegrals | None:
         resolve_film_model(film),
         resolve_film_model(film).film_law,
     )
-    stress = law.stress(np.zeros((1, 3)), law.at_rest(film.film))[0]
+    stress = law.stress(np.zeros((1, 3)), law.compute_prestrain(film.film))[0]
     if not film.film.is_flat_unloaded or not (model.wrinkles or stress[:2].min() >= 0.0):
         return None
     forces = output_areas(outputs)[:, None] * stress[:2]
@@ -45,7 +45,7 @@ def find_uniform_integrals(film: Scene) -> StressIntegrals | None:
 def compute_heat_charges(scene: Scene, solved: Equilibrium) -> Array:
     """Pyroelectric charges in C, (electrodes,), by warming of the whole film and under warm probes,
     on the mesh in `solved`."""
-    outputs, film, added = make_outputs(scene), scene.film, UnevenStrain.of(scene)
+    outputs, film, added = make_outputs(scene), scene.film, UnevenStrain.from_scene(scene)
     kelvins = (film.warming_K or 0.0) * output_areas(outputs)
     if added is not None:
         mesh, part = solved.space.mesh, solved.part

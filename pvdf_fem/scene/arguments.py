@@ -6,6 +6,7 @@ Arguments are checked by types and ranges, and refused in sentences, as keys of 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeAlias, TypeVar
 
@@ -86,9 +87,15 @@ def coerce(
             return given
         raise ValueError(format_error(name, given, f"must be a {kind.__name__}; give one"))
     try:
-        return TypeAdapter(kind).validate_python(to_plain_value(given))
+        return _make_adapter(kind).validate_python(to_plain_value(given))
     except ValidationError as error:
         raise ValueError("\n".join(describe_errors(error, name, Scene))) from None
+
+
+@lru_cache(maxsize=128)
+def _make_adapter(kind: Any) -> TypeAdapter[Any]:
+    """Make pydantic's validator of a type, which takes longer than a validation."""
+    return TypeAdapter(kind)
 
 
 def coerce_array(

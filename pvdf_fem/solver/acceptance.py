@@ -89,7 +89,7 @@ def estimate_wrinkling_changes(attempt: MeshLevel) -> Array | None:
     may carry compression, or a law without tension field.
     """
     solved, q, outputs = attempt.equilibrium, attempt.discrete.q, attempt.problem.outputs
-    carries = solved.model.bends or solved.model.wrinkles or not solved.membrane.law.linear
+    carries = solved.model.bends or solved.model.wrinkles or not solved.membrane.law.is_linear
     if carries or not attempt.result.converged or not is_compressed(attempt.discrete.solved_state):
         return None
     # a scene in a sweep may have no electrodes; `Scene.with_` refuses such a scene
@@ -143,7 +143,8 @@ def warn_of_cancelled_charges(scene: Scene, forces: StressIntegrals) -> Iterator
         yield (
             f"charge {scene.electrode_list[i].name}: {1e12 * charges[i]:.4g} pC is what its parts"
             f" {first:.4g} and {second:.4g} pC (d31, d32) leave; its error of"
-            f" {1e12 * errors[i]:.2g} pC meets the tolerance relative to {CANCELLATION_SHARE:g} of them only"
+            f" {1e12 * errors[i]:.2g} pC meets the tolerance relative to"
+            f" {CANCELLATION_SHARE:g} of them only"
         )
 
 

@@ -134,7 +134,7 @@ def _build_within_tolerance(
     domain : Domain
         Touches for which the response is valid.
     tolerance : float
-        Those of `build_response`, without errors.
+        Largest error bound.
     options : ResponseOptions
         Those of the first build.
     runner : TaskRunner
@@ -198,6 +198,7 @@ def _solve_stress_modes(
     domain : Domain
         Touches for which the response is valid.
     tolerance : float
+        Largest error bound.
     options : ResponseOptions
         Those of the build.
     solve_tasks : sequence of tuple

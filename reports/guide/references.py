@@ -36,7 +36,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "pvdf_fem.inverse.calibration.calibration.Calibration",
         "pvdf_fem.inverse.touch.location.Location",
         "pvdf_fem.inverse.touch.touch.Touch",
-        "pvdf_fem.inverse.touch.locate_many.Touches",
+        "pvdf_fem.inverse.touch.touches.Touches",
         "pvdf_fem.inverse.tracking.results.TrackRow",
         "pvdf_fem.report.report.MadeReport",
         "pvdf_fem.report.kind.Content",

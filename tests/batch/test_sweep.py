@@ -19,8 +19,9 @@ from pvdf_fem import solve
 from pvdf_fem.batch import batch
 from pvdf_fem.batch.store import Record, Store, make_record_key
 from pvdf_fem.batch.workers import ClusterLostError, WorkerDied, run_on_processes
-from pvdf_fem.studies.scene_grid import RESERVED_NAMES, SceneGrid
+from pvdf_fem.studies.scene_grid import SceneGrid
 from pvdf_fem.studies.sweep import sweep
+from pvdf_fem.studies.sweep_axis import RESERVED_NAMES
 from pvdf_fem.studies.sweep_dataset import write_netcdf
 from tests.conftest import Run
 from tests.helpers import deaths

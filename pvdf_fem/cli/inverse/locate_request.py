@@ -170,11 +170,8 @@ def require_locatable(
     ValueError
         With a line for each error.
     """
-    from pvdf_fem.inverse.touch.measurement import (
-        find_quantity_errors,
-        find_reading_errors,
-        get_centre_mm,
-    )
+    from pvdf_fem.inverse.touch.measurement import get_centre_mm
+    from pvdf_fem.inverse.touch.validation import find_quantity_errors, find_reading_errors
 
     errors: list[str] = []
     for file, scene in scenes.items():

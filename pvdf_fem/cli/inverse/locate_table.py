@@ -105,7 +105,7 @@ class _RowLocator:
         self, scene: Scene, request: Request, options: argparse.Namespace, columns: list[str]
     ) -> None:
         from pvdf_fem.inverse.touch.locate import get_scene_quantities
-        from pvdf_fem.inverse.touch.locate_many import Touches
+        from pvdf_fem.inverse.touch.touches import Touches
 
         self.scene = scene
         self.request = request

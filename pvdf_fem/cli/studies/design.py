@@ -124,7 +124,8 @@ def run(options: argparse.Namespace) -> int:
     errors += find_output_errors(options.output, [".nc", ".csv"], options.scene)
     errors += find_plot_errors(options, options.scene, options.output)
     scene = read_scene(options, *errors)
-    from pvdf_fem.studies.design import DesignStudy, design
+    from pvdf_fem.studies.design import design
+    from pvdf_fem.studies.design_study import DesignStudy
 
     reach_mm = choice.reach_mm
     if reach_mm is None and scene.model is not None:
@@ -132,7 +133,7 @@ def run(options: argparse.Namespace) -> int:
     with convert_value_errors():
         study = DesignStudy.from_scene(scene, vary)
         domain, _ = choice.resolve_settings(scene)
-        films = [film for film, _ in study.models]
+        films = [group.scene for group in study.groups]
         _check_films(films, choice, options)
 
         def provide_response(film: Scene) -> Response:

@@ -84,7 +84,7 @@ class Location(Result):
     @property
     def degrees_of_freedom(self) -> int:
         """Charges less unknown quantities; negative with too few charges."""
-        return self.problem.freedom
+        return self.problem.degrees_of_freedom
 
     @property
     def reading(self) -> str:
