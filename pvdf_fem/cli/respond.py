@@ -95,16 +95,16 @@ def _parse_frequencies(span: str) -> Array | None:
     """Return the frequencies in Hz of a value of ``--frequencies``; None if it is wrong."""
     import numpy as np
 
-    numbers = [read_number(text) for text in span.split(":")]
-    if len(numbers) > 3 or None in numbers:
+    parts = span.split(":")
+    if len(parts) > 3:
         return None
-    start = end = numbers[0] or 0.0
-    count = 1.0
-    if len(numbers) > 1:
-        end = numbers[1] or 0.0
-        count = _DEFAULT_COUNT
-    if len(numbers) > 2:
-        count = numbers[2] or 0.0
+    start = read_number(parts[0])
+    end = read_number(parts[1]) if len(parts) > 1 else start
+    count: float | None = 1.0 if len(parts) == 1 else float(_DEFAULT_COUNT)
+    if len(parts) == 3:
+        count = read_number(parts[2])
+    if start is None or end is None or count is None:
+        return None
     is_range = 0.0 < start <= end <= _MAX_FREQUENCY_HZ
     is_count = count.is_integer() and 1 <= count <= _MAX_COUNT
     return np.geomspace(start, end, int(count)) if is_range and is_count else None
