@@ -18,7 +18,7 @@ from pvdf_fem.scene.changes import to_plain_value
 from pvdf_fem.scene.keys import Key
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import format_error, suggest
-from pvdf_fem.scene.validation_errors import describe_errors
+from pvdf_fem.scene.validation.errors import describe_errors
 
 T = TypeVar("T")
 Value = TypeVar("Value")
