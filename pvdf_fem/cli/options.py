@@ -109,7 +109,7 @@ def add_scene_command(
     parser = add_command(
         commands, name, run, summary=summary, description=description, epilog=epilog
     )
-    parser.add_argument("scene", metavar="SCENE.toml", help="scene file, or - for standard input")
+    parser.add_argument("scene", metavar="SCENE.toml", help="scene file")
     parser.add_argument(
         "--set",
         metavar="KEY=VALUE",

@@ -324,8 +324,8 @@ def _build_response(scene: Scene, scene_file: str, choice: ResponseChoice, path:
         raise NotConvergedError(
             f"{error}; or give a smaller --reach or --force-range ({now})"
         ) from error
-    for remark in response.remarks:
-        print(remark, file=sys.stderr)
+    for note in response.notes:
+        print(note, file=sys.stderr)
     return response.for_scene(scene)
 
 
