@@ -8,7 +8,7 @@ import scipy.linalg
 
 from pvdf_fem import Scene, gradients, respond
 from pvdf_fem.dynamics.air import AirLoad
-from pvdf_fem.dynamics.motion_equations import MotionEquations, linearize_about
+from pvdf_fem.dynamics.motion_equations import MotionEquations, linearise_about
 from pvdf_fem.dynamics.spectrum import assemble_pencil
 from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.solver.next_order import factorise_tangent
@@ -34,7 +34,7 @@ def test_ritz_vectors_agree_with_direct_solves(scene: Scene) -> None:
     """Solve (K + i d K_e - omega^2 M + i omega^3 r v v^T) q = f with dense matrices."""
     solution = on_mesh(scene)
     equilibrium, q, _ = factorise_tangent(solution.discrete)
-    full = linearize_about(solution).equations
+    full = linearise_about(solution).equations
     air, (stiffness, mass) = AirLoad.from_equilibrium(equilibrium), assemble_pencil(equilibrium, q)
     frequencies = np.array([90.0, 480.0])
     found = respond(solution, frequencies)
@@ -69,7 +69,7 @@ def test_only_stretching_has_losses() -> None:
     """
     solution = on_mesh(TRIANGLE.with_(**{"load.force_N": 0.0, "film.loss_tangent": 0.1}))
     equilibrium, q, _ = factorise_tangent(solution.discrete)
-    full, space = MotionEquations.linearize(equilibrium, q), equilibrium.space
+    full, space = MotionEquations.linearise(equilibrium, q), equilibrium.space
     tension = equilibrium.film.prestress[0] * equilibrium.film.thickness
     laplace = tension * equilibrium.assembly.matrix(space.laplace())
     step = np.random.default_rng(1).standard_normal(len(q))

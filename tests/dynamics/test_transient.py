@@ -8,7 +8,7 @@ from scipy.signal import lfilter, lsim
 
 from pvdf_fem import Scene, SceneError, gradients, modes, respond, transient
 from pvdf_fem.dynamics.force_history import half_sine, step
-from pvdf_fem.dynamics.motion_equations import linearize_about
+from pvdf_fem.dynamics.motion_equations import linearise_about
 from tests.helpers.discs import TRIANGLE, on_mesh
 
 DURATION, FORCE = 4e-3, 0.01
@@ -19,7 +19,7 @@ def test_a_tap_agrees_with_direct_integration():
     """Integrate M x'' + K x = f F(t) of the reduced equations with air, in small steps of force."""
     solution, times = on_mesh(TRIANGLE.with_(air={"baffle": False})), np.linspace(0.0, 12e-3, 4001)
     found = transient(solution, TAP, times, highest_Hz=800.0)
-    system = linearize_about(solution).equations.reduce(np.linspace(0.0, 800.0, 24))
+    system = linearise_about(solution).equations.reduce(np.linspace(0.0, 800.0, 24))
     none, one = np.zeros_like(system.stiffness), np.eye(len(system.force))
     rate = np.block([[none, one], [-system.stiffness, none]])
     force = FORCE * np.sin(np.pi * times / DURATION) * (times < DURATION)
