@@ -114,7 +114,7 @@ def _places(data: CalibrationData) -> Figure:
     figure, given, found = make_figure(95.0, 95.0), data.given_mm, data.found_mm
     ax, stage = figure.subplots(), data.scene.stage or Stage()
     touched = np.abs(given - [stage.x_mm, stage.y_mm]).max()
-    bounds = [electrode.outline.shape.bounds for electrode in data.scene.electrode_list]
+    bounds = [electrode.outline.inscribed_polygon.bounds for electrode in data.scene.electrode_list]
     draw_sensor_on_stage(ax, data.scene, max(1.1 * touched, 1e3 * np.abs(bounds).max()))
     ax.plot(*given.T, "o", color=COLOURS[0], label="in the file")
     ax.plot(*found.T, "s", color=COLOURS[1], label="as calibrated")

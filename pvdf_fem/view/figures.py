@@ -148,7 +148,7 @@ def draw_rim(
 
 def draw_electrode(ax: Axes, outline: Outline, words: Sequence[str], veil: float = 0.0) -> None:
     """An electrode's outline on axes in mm, and words beside it, or in it where there is room."""
-    corners = 1e3 * np.array(outline.shape.exterior.coords)
+    corners = 1e3 * np.array(outline.inscribed_polygon.exterior.coords)
     ax.add_patch(Patch(corners, facecolor="white", edgecolor="none", alpha=veil))
     ax.add_patch(Patch(corners, fill=False, linewidth=0.9, path_effects=[HALO]))
     ax.add_artist(_Label(Bbox([corners.min(axis=0), corners.max(axis=0)]), "\n".join(words)))
@@ -160,7 +160,7 @@ def draw_film(
     """Draw the film's rim and electrodes with their names, as far as some mm from the centre, and
     further where this would cut an electrode."""
     drawn, reach = list(electrodes), radius_mm if reach_mm is None else reach_mm
-    shapes = [electrode.outline.shape for electrode in drawn]
+    shapes = [electrode.outline.inscribed_polygon for electrode in drawn]
     begun = [shape.bounds for shape in shapes if 1e3 * shape.distance(Point(0.0, 0.0)) < reach]
     draw_rim(ax, radius_mm, max([reach, *(1e3 * np.abs(bounds).max() for bounds in begun)]))
     for electrode in drawn:

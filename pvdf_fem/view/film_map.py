@@ -220,7 +220,7 @@ def draw_film_map(
         words = [electrode.name, f"{charge:.4g} ± {error:.1g} pC"]
         figures.draw_electrode(ax, electrode.outline, words if few else words[:1], shown.veil)
     for touch in scene.loaded_probes:
-        edge_mm = 1e3 * np.array(touch.outline.shape.exterior.coords)
+        edge_mm = 1e3 * np.array(touch.outline.inscribed_polygon.exterior.coords)
         if touch.patch in film.contacts:
             edge_mm = film.contacts[touch.patch].edge_mm
         ax.plot(*edge_mm.T, color=COLOURS[1], path_effects=[figures.HALO])

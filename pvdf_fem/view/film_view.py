@@ -66,7 +66,7 @@ def make_film_view(data: FilmData, name: str, scale: float | None, html: str | P
     edges = [(electrode.outline, "black") for electrode in scene.electrode_list]
     edges += [(touch.outline, COLOURS[1]) for touch in scene.loaded_probes]
     for outline, colour in edges:
-        corners_mm = 1e3 * np.array(outline.shape.exterior.coords)
+        corners_mm = 1e3 * np.array(outline.inscribed_polygon.exterior.coords)
         along = evaluate_along(data.equilibrium, data.state, corners_mm)
         line = pyvista.lines_from_points(_hanging(along, scale) + above)
         plotter.add_mesh(line, color=colour, line_width=4)
