@@ -1,9 +1,10 @@
-"""Maps of a solution over the film, by a quantity's name; a further one is a line below."""
+"""Maps of a solution over the film, by the name of a quantity (`MAPS`)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,177 +24,352 @@ from pvdf_fem.film.membrane import compute_principal_values
 from pvdf_fem.mesh.gmsh_mesh import FILM, make_subdomain_name
 from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.view import figures
-from pvdf_fem.view.figures import COLOURS, GREY
+from pvdf_fem.view.figures import (
+    COLOURS,
+    GREY,
+    HALO,
+    add_colour_bar,
+    choose_colours,
+    draw_electrode,
+    draw_rim,
+    get_figure,
+    make_map_axes,
+    use_style,
+)
 
-FEW = 7  #: Electrodes beside which charges have room; of more there are the names.
+#: Number of electrodes above which their charges have no room on the map, only their names.
+MAX_CHARGES = 7
+MAX_TRIANGLES = 6e4  #: Number of small triangles above which elements are not divided further.
 
 
 @dataclass(frozen=True)
 class FilmMap:
-    """Content of a film map, drawn on axes in mm; the returned artist gets a colour bar."""
+    """A quantity to draw over the film.
 
-    label: str  #: Of the colour bar, with unit and sign.
+    Parameters
+    ----------
+    label : str
+        Label of the colour bar, with unit and sign.
+    draw : callable
+        Draws the quantity on axes in mm, and returns the artist for a colour bar, if any.
+    values : callable, optional
+        Returns the values of a field at points, in the label's unit. None for a quantity that is
+        not a field, such as the mesh.
+    colours : str
+        A colour map of matplotlib.
+    veil : float
+        Opacity of the electrodes over the map, 0 to 1.
+    region : callable, optional
+        Returns points in mm (n, 2). The map is enlarged to their surroundings, and shows the whole
+        film in a corner.
+    """
+
+    label: str
     draw: Callable[[Axes, FilmData, FilmMap], ScalarMappable | None]
-    #: A field in the label's unit; None of what is no field.
     values: Callable[[PointValues], Array] | None = None
-    colours: str = "viridis"  #: A colour map of matplotlib.
-    veil: float = 0.0  #: How much electrodes hide of what is below them, 0 to 1.
-    #: Points in mm (n, 2) about which the map is enlarged unless a reach is given; the whole film
-    #: then has a small map of its own.
-    about: Callable[[FilmData], Array] | None = None
+    colours: str = "viridis"
+    veil: float = 0.0
+    region: Callable[[FilmData], Array] | None = None
+
+
+class SampledField(NamedTuple):
+    """A field on small triangles in the elements.
+
+    `points` are (elements, points), `triangles` (n, 3) numbers of these points, and `values`
+    (elements, points). Elements share no points, because stresses jump between them.
+    """
+
+    points: PointValues
+    triangles: Indices
+    values: Array
 
 
 def sample_field(
-    film: FilmData, shown: FilmMap, most: float = 6e4
-) -> tuple[PointValues, Indices, Array]:
-    """Points in the elements, small triangles (n, 3) not shared by elements, and a field there.
-    Elements are cut in four again while there are no more than `most` triangles. ValueError for
-    what is no field."""
-    if shown.values is None:
+    film: FilmData, film_map: FilmMap, max_triangles: float = MAX_TRIANGLES
+) -> SampledField:
+    """Sample a field in all elements.
+
+    Parameters
+    ----------
+    film : FilmData
+        The solution.
+    film_map : FilmMap
+        The field.
+    max_triangles : float
+        Every element is divided into four triangles, and these again, while the number of all
+        triangles stays below this one. Elements are divided once at least.
+
+    Returns
+    -------
+    SampledField
+
+    Raises
+    ------
+    ValueError
+        For a quantity that is not a field.
+    """
+    if film_map.values is None:
         fields = ", ".join(name for name, other in MAPS.items() if other.values)
         raise ValueError(f"quantity: is no field of the film; choose from {fields}")
-    count = film.mesh.nelements
-    times = max(1, int(np.log(most / count) / np.log(4.0)))
-    element = MeshTri1.init_refdom().refined(times)
-    at = film.in_elements(element.p)
-    first = element.p.shape[1] * np.arange(count)
-    triangles = (element.t.T + first[:, None, None]).reshape(-1, 3)
-    return at, triangles, shown.values(at)
+    elements = film.mesh.nelements
+    divisions = max(1, int(np.log(max_triangles / elements) / np.log(4.0)))
+    reference = MeshTri1.init_refdom().refined(divisions)
+    points = film.in_elements(reference.p)
+    first_point = reference.p.shape[1] * np.arange(elements)
+    triangles = (reference.t.T + first_point[:, None, None]).reshape(-1, 3)
+    return SampledField(points, triangles, film_map.values(points))
 
 
-def _grid(film: FilmData, shown: FilmMap) -> tuple[Triangulation, Array]:
-    at, triangles, values = sample_field(film, shown)
-    return Triangulation(at.x_mm.ravel(), at.y_mm.ravel(), triangles), values.ravel()
+def _triangulate(film: FilmData, film_map: FilmMap) -> tuple[Triangulation, Array]:
+    """Return the triangles of a field, and the values (points,) at their corners."""
+    points, triangles, values = sample_field(film, film_map)
+    return Triangulation(points.x_mm.ravel(), points.y_mm.ravel(), triangles), values.ravel()
 
 
-def _levels(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
-    """Colours between about ten round levels; a flat film gets a small range."""
-    grid, values = _grid(film, shown)
-    colours, low, high = figures.choose_colours([0.0, *values], shown.colours)
-    levels = MaxNLocator(10, min_n_ticks=2).tick_values(low, high if high > low else low + 1e-9)
-    return ax.tricontourf(grid, values, levels=levels, cmap=colours)
+def _draw_levels(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
+    """Draw a field with about ten colours between round levels.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes in mm.
+    film : FilmData
+        The solution.
+    film_map : FilmMap
+        The field.
+    """
+    triangulation, values = _triangulate(film, film_map)
+    colours = choose_colours([0.0, *values], film_map.colours)
+    high = colours.high if colours.high > colours.low else colours.low + 1e-9  # a flat film
+    levels = MaxNLocator(10, min_n_ticks=2).tick_values(colours.low, high)
+    return ax.tricontourf(triangulation, values, levels=levels, cmap=colours.name)
 
 
-def _shades(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
-    """Colours from the least to the largest value. A root spreads those far from the probe."""
-    grid, values = _grid(film, shown)
-    colours, low, high = figures.choose_colours(values, shown.colours)
-    start = np.clip(0.0, low, high)
+def _draw_shades(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
+    """Draw a field with continuous colours between its extreme values.
 
-    def root(v: Array) -> Array:
-        return np.sign(v - start) * np.sqrt(np.abs(v - start))
+    The colours follow the square root of the distance from zero, or from the extreme value that is
+    closest to zero, which shows small values far from the probe, too.
 
-    norm = FuncNorm((root, lambda r: start + r * np.abs(r)), low, high)
-    return _shaded(ax, grid, values, norm, colours)
+    Parameters
+    ----------
+    ax : Axes
+        Axes in mm.
+    film : FilmData
+        The solution.
+    film_map : FilmMap
+        The field.
+    """
+    triangulation, values = _triangulate(film, film_map)
+    colours = choose_colours(values, film_map.colours)
+    origin = np.clip(0.0, colours.low, colours.high)
+
+    def compute_root(value: Array) -> Array:
+        return np.sign(value - origin) * np.sqrt(np.abs(value - origin))
+
+    def invert_root(root: Array) -> Array:
+        return origin + root * np.abs(root)
+
+    norm = FuncNorm((compute_root, invert_root), colours.low, colours.high)
+    return _shade(ax, triangulation, values, norm=norm, colours=colours.name)
 
 
-def _shaded(
-    ax: Axes, grid: Triangulation, values: Array, norm: Normalize, colours: str
+def _shade(
+    ax: Axes, triangulation: Triangulation, values: Array, norm: Normalize, colours: str
 ) -> ScalarMappable:
-    return ax.tripcolor(grid, values, shading="gouraud", norm=norm, cmap=colours, rasterized=True)
+    """Draw triangles with colours interpolated between their corners.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes in mm.
+    triangulation : Triangulation
+        The triangles.
+    values : array (points,)
+        Values at their corners.
+    norm : Normalize
+        Scale of the colours.
+    colours : str
+        A colour map of matplotlib.
+    """
+    return ax.tripcolor(
+        triangulation, values, shading="gouraud", norm=norm, cmap=colours, rasterized=True
+    )
 
 
-def _directions(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
-    """Strokes along the larger principal stress; lengths follow the difference of both."""
-    drawn, reach = _shades(ax, film, shown), np.ptp(ax.get_xlim()) / 2.0
-    across, step = np.linspace(-reach, reach, 36, retstep=True)
-    places = np.stack(np.meshgrid(across, across), axis=-1).reshape(-1, 2)
+def _draw_directions(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
+    """Draw the larger principal stress, with strokes along its direction.
+
+    The length of a stroke is in proportion to the difference of the principal stresses over the sum
+    of their magnitudes.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes in mm.
+    film : FilmData
+        The solution.
+    film_map : FilmMap
+        The larger principal stress.
+    """
+    drawn = _draw_shades(ax, film, film_map)
+    reach = np.ptp(ax.get_xlim()) / 2.0
+    ticks, step = np.linspace(-reach, reach, 36, retstep=True)
+    places = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
     places = places[np.hypot(*places.T) < 0.99 * film.scene.film.radius_mm]
     stress = evaluate_at(film.equilibrium, film.state, *places.T).stress_MPa
-    small, large = compute_principal_values(stress)
+    smaller, larger = compute_principal_values(stress)
     angle = 0.5 * np.arctan2(2.0 * stress[:, 2], stress[:, 0] - stress[:, 1])
-    apart = (large - small) / (np.abs(large) + np.abs(small))
-    half = (0.5 * step * apart / max(apart.max(), 1e-9))[:, None]
-    along = half * np.column_stack([np.cos(angle), np.sin(angle)])
-    strokes = list(np.stack([places - along, places + along], axis=1))
-    ax.add_collection(LineCollection(strokes, color="white", linewidth=0.8))
+    anisotropy = (larger - smaller) / (np.abs(larger) + np.abs(smaller))
+    half_length = 0.5 * step * anisotropy / max(anisotropy.max(), 1e-9)
+    direction = np.column_stack([np.cos(angle), np.sin(angle)])
+    offset = half_length[:, None] * direction
+    strokes = np.stack([places - offset, places + offset], axis=1)
+    ax.add_collection(LineCollection(list(strokes), color="white", linewidth=0.8))
     return drawn
 
 
-def _mesh(ax: Axes, film: FilmData, shown: FilmMap) -> None:
-    """The elements, those of patches filled."""
-    sides, electrodes = _sides_mm(film), set(map(make_subdomain_name, film.charges_pC))
+def _draw_mesh(ax: Axes, film: FilmData, film_map: FilmMap) -> None:
+    """Draw the elements, with those of electrodes and probes filled.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes in mm.
+    film : FilmData
+        The solution.
+    film_map : FilmMap
+        Not used.
+    """
+    sides = _trace_sides_mm(film)
+    electrodes = {make_subdomain_name(name) for name in film.charges_pC}
     for name, elements in film.mesh.subdomains.items():
         if name != FILM:
             colour = COLOURS[0] if name in electrodes else COLOURS[1]
-            filled = PolyCollection([sides[i] for i in elements], facecolor=colour, alpha=0.35)
-            ax.add_collection(filled)
+            polygons = [sides[element] for element in elements]
+            ax.add_collection(PolyCollection(polygons, facecolor=colour, alpha=0.35))
     ax.add_collection(LineCollection(sides, color=GREY, linewidth=0.3))
     ax.set_title(f"{film.mesh.nelements} triangles, {film.unknowns} unknowns")
 
 
-def _errors(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
-    shares = 1e12 * film.error_shares().max(axis=1)
-    most = max(float(shares.max()), np.finfo(float).eps)
-    norm = LogNorm(1e-4 * most, most, clip=True)
-    filled = PolyCollection(_sides_mm(film), array=shares, norm=norm, cmap=shown.colours)
+def _draw_errors(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
+    """Draw the largest share of each element in the errors of charges.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes in mm.
+    film : FilmData
+        The solution.
+    film_map : FilmMap
+        Label and colours.
+    """
+    shares_pC = 1e12 * film.error_shares().max(axis=1)
+    largest = max(float(shares_pC.max()), np.finfo(float).eps)
+    norm = LogNorm(1e-4 * largest, largest, clip=True)
+    filled = PolyCollection(
+        _trace_sides_mm(film), array=shares_pC, norm=norm, cmap=film_map.colours
+    )
     ax.add_collection(filled)
     return filled
 
 
-def _contact(ax: Axes, film: FilmData, shown: FilmMap) -> ScalarMappable:
-    """The pressure where the film rests on tips, and little else of the film."""
-    touchdowns = film.contacts.values()
-    places = 1e3 * np.asarray(film.equilibrium.space.basis.global_coordinates())
-    least = min(touchdown.least_pressure_MPa for touchdown in touchdowns)
-    norm = Normalize(least, max(touchdown.largest_pressure_MPa for touchdown in touchdowns))
+def _draw_contact(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
+    """Draw the pressure where the film touches indenter tips.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes in mm.
+    film : FilmData
+        The solution.
+    film_map : FilmMap
+        Label and colours.
+    """
+    contacts = film.contacts.values()
+    lowest = min(contact.least_pressure_MPa for contact in contacts)
+    highest = max(contact.largest_pressure_MPa for contact in contacts)
+    places_mm = 1e3 * np.asarray(film.equilibrium.space.basis.global_coordinates())
     pressure = compute_contact_pressure(film.equilibrium, film.state)
-    touching = pressure > 0.0
-    grid = Triangulation(*places[:, touching])
-    return _shaded(ax, grid, 1e-6 * pressure[touching], norm, shown.colours)
+    is_touching = pressure > 0.0
+    return _shade(
+        ax,
+        Triangulation(*places_mm[:, is_touching]),
+        1e-6 * pressure[is_touching],
+        norm=Normalize(lowest, highest),
+        colours=film_map.colours,
+    )
 
 
-def _contact_edges(film: FilmData) -> Array:
-    return np.concatenate([touchdown.edge_mm for touchdown in film.contacts.values()])
+def _get_contact_edges(film: FilmData) -> Array:
+    """Return the edges (n, 2) of all contacts in mm."""
+    return np.concatenate([contact.edge_mm for contact in film.contacts.values()])
 
 
-def _sides_mm(film: FilmData, cuts: int = 5) -> list[Array]:
-    """Points along the elements' curved sides in mm, (points, 2) by element."""
+def _trace_sides_mm(film: FilmData, segments: int = 5) -> list[Array]:
+    """Return points (points, 2) in mm along the curved sides of each element."""
     corners = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
-    t = np.linspace(0.0, 3.0, 3 * cuts + 1)
-    around = np.stack([np.interp(t, range(4), along) for along in corners])
-    return list(1e3 * np.moveaxis(film.mesh.mapping().F(around), 0, -1))
+    t = np.linspace(0.0, 3.0, 3 * segments + 1)
+    boundary = np.stack([np.interp(t, range(4), coordinate) for coordinate in corners])
+    points = film.mesh.mapping().F(boundary)
+    return list(1e3 * np.moveaxis(points, 0, -1))
 
 
-#: What `Solution.plot` shows, by name.
+#: Quantities that `Solution.plot` draws, by name.
 MAPS = {
     "deflection": FilmMap(
         "deflection away from the probe (mm)",
-        _levels,
-        lambda at: at.deflection_mm,
-        "Blues",
+        _draw_levels,
+        values=lambda points: points.deflection_mm,
+        colours="Blues",
         veil=0.55,
     ),
     "stress": FilmMap(
         "$S_{11} + S_{22}$ (MPa), tension positive",
-        _shades,
-        lambda at: at.stress_MPa[..., :2].sum(axis=-1),
+        _draw_shades,
+        values=lambda points: points.stress_MPa[..., :2].sum(axis=-1),
     ),
     "charge density": FilmMap(
         "charge density $d_{31} S_{11} + d_{32} S_{22}$ (pC/mm²)",
-        _shades,
-        lambda at: at.charge_density_pC_mm2,
+        _draw_shades,
+        values=lambda points: points.charge_density_pC_mm2,
     ),
     "principal directions": FilmMap(
         "larger principal stress (MPa), tension positive",
-        _directions,
-        lambda at: compute_principal_values(at.stress_MPa)[1],
+        _draw_directions,
+        values=lambda points: compute_principal_values(points.stress_MPa)[1],
     ),
-    "mesh": FilmMap("", _mesh),
-    "error": FilmMap("share in the errors of charges (pC)", _errors, None, "magma_r"),
+    "mesh": FilmMap("", _draw_mesh),
+    "error": FilmMap("share in the errors of charges (pC)", _draw_errors, colours="magma_r"),
     "contact": FilmMap(
-        "contact pressure (MPa), compression positive", _contact, about=_contact_edges
+        "contact pressure (MPa), compression positive", _draw_contact, region=_get_contact_edges
     ),
 }
 
 
 def resolve_map(name: str, scene: Scene) -> FilmMap:
-    """The quantity of a name; ValueError for an unknown quantity, or a quantity missing in a
-    scene."""
+    """Return the quantity of a name.
+
+    Parameters
+    ----------
+    name : str
+        A key of `MAPS`.
+    scene : Scene
+        The scene of the solution.
+
+    Returns
+    -------
+    FilmMap
+
+    Raises
+    ------
+    ValueError
+        For an unknown name, or a quantity that the scene does not have.
+    """
     if coerce("quantity", name, str) not in MAPS:
-        raise ValueError(f"quantity {name!r}: is none; choose from {', '.join(MAPS)}")
-    if name == "contact" and all(t.load.kind != name for t in scene.loaded_probes):
+        raise ValueError(f"quantity {name!r}: is unknown; choose from {', '.join(MAPS)}")
+    has_contact = any(probe_load.load.kind == "contact" for probe_load in scene.loaded_probes)
+    if name == "contact" and not has_contact:
         advice = 'load.kind = "contact" and a probe with a round edge make one'
         raise ValueError(f"quantity 'contact': the scene has no contact; {advice}")
     return MAPS[name]
@@ -202,56 +378,114 @@ def resolve_map(name: str, scene: Scene) -> FilmMap:
 def draw_film_map(
     film: FilmData, name: str, ax: Axes | None = None, reach_mm: float | None = None
 ) -> Figure:
-    """`Solution.plot`."""
-    shown, scene = resolve_map(name, film.scene), film.scene
+    """Draw a quantity over the film, with electrodes, charges and probes.
+
+    Parameters
+    ----------
+    film : FilmData
+        The solution.
+    name : str
+        A key of `MAPS`.
+    ax : Axes, optional
+        Axes in mm, by default those of a new figure.
+    reach_mm : float, optional
+        Half the width of the visible region in mm. By default the whole film, or the surroundings
+        of a contact.
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    ValueError
+        For an unknown name, or a quantity that the scene does not have.
+    """
+    scene = film.scene
+    film_map = resolve_map(name, scene)
     if reach_mm is not None:
         reach_mm = coerce("reach_mm", reach_mm, float, (1e-6, 1e6), "mm")
     if ax is None:
-        with figures.use_style():
-            return draw_film_map(film, name, figures.make_map_axes(), reach_mm)
-    ax, radius_mm = coerce("ax", ax, Axes), scene.film.radius_mm
-    figures.draw_rim(ax, radius_mm, radius_mm if reach_mm is None else reach_mm)
-    ax.set_title(_pressed(scene))
-    if drawn := shown.draw(ax, film, shown):
-        figures.add_colour_bar(ax, drawn, shown.label)
-    few = len(scene.electrode_list) <= FEW
-    for electrode in scene.electrode_list:
-        charge, error = (of[electrode.name] for of in (film.charges_pC, film.charge_errors_pC))
-        words = [electrode.name, f"{charge:.4g} ± {error:.1g} pC"]
-        figures.draw_electrode(ax, electrode.outline, words if few else words[:1], shown.veil)
-    for touch in scene.loaded_probes:
-        edge_mm = 1e3 * np.array(touch.outline.shape.exterior.coords)
-        if touch.patch in film.contacts:
-            edge_mm = film.contacts[touch.patch].edge_mm
-        ax.plot(*edge_mm.T, color=COLOURS[1], path_effects=[figures.HALO])
-    if shown.about and reach_mm is None:
-        _enlarge(ax, shown.about(film), radius_mm)
-    return figures.get_figure(ax)
+        with use_style():
+            return draw_film_map(film, name, make_map_axes(), reach_mm)
+    ax = coerce("ax", ax, Axes)
+    radius_mm = scene.film.radius_mm
+    draw_rim(ax, radius_mm, radius_mm if reach_mm is None else reach_mm)
+    ax.set_title(_describe_probes(scene))
+    drawn = film_map.draw(ax, film, film_map)
+    if drawn is not None:
+        add_colour_bar(ax, drawn, film_map.label)
+    _draw_electrodes(ax, film, film_map.veil)
+    for probe_load in scene.loaded_probes:
+        edge_mm = 1e3 * np.array(probe_load.outline.shape.exterior.coords)
+        if probe_load.patch in film.contacts:
+            edge_mm = film.contacts[probe_load.patch].edge_mm
+        ax.plot(*edge_mm.T, color=COLOURS[1], path_effects=[HALO])
+    if film_map.region is not None and reach_mm is None:
+        _enlarge(ax, film_map.region(film), radius_mm)
+    return get_figure(ax)
 
 
-def _pressed(scene: Scene) -> str:
-    """What presses where, in a title."""
-    touches = scene.loaded_probes
-    if not touches:
+def _draw_electrodes(ax: Axes, film: FilmData, veil: float) -> None:
+    """Draw the electrodes with their names, and with their charges where there are few.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes in mm.
+    film : FilmData
+        The solution.
+    veil : float
+        Opacity of the electrodes over the map, 0 to 1.
+    """
+    electrodes = film.scene.electrode_list
+    for electrode in electrodes:
+        lines = [electrode.name]
+        if len(electrodes) <= MAX_CHARGES:
+            charge = film.charges_pC[electrode.name]
+            error = film.charge_errors_pC[electrode.name]
+            lines.append(f"{charge:.4g} ± {error:.1g} pC")
+        draw_electrode(ax, electrode.outline, lines, veil)
+
+
+def _describe_probes(scene: Scene) -> str:
+    """Return which probes press with which forces or depths, for a title."""
+    probe_loads = scene.loaded_probes
+    if not probe_loads:
         return "nothing presses"
-    forces = " + ".join(
-        f"{touch.load.force_N:.3g} N"
-        if touch.load.depth_mm is None
-        else f"{touch.load.depth_mm:.3g} mm deep"
-        for touch in touches
-    )
-    if len(touches) > 1:
-        return f"{len(touches)} probes, {forces}"
-    [touch] = touches
-    return f"{touch.probe.shape} at ({touch.probe.x_mm:.3g}, {touch.probe.y_mm:.3g}) mm, {forces}"
+    forces = []
+    for probe_load in probe_loads:
+        load = probe_load.load
+        if load.depth_mm is None:
+            forces.append(f"{load.force_N:.3g} N")
+        else:
+            forces.append(f"{load.depth_mm:.3g} mm deep")
+    if len(probe_loads) > 1:
+        return f"{len(probe_loads)} probes, {' + '.join(forces)}"
+    probe = probe_loads[0].probe
+    return f"{probe.shape} at ({probe.x_mm:.3g}, {probe.y_mm:.3g}) mm, {forces[0]}"
 
 
 def _enlarge(ax: Axes, points_mm: Array, radius_mm: float, margin: float = 0.2) -> None:
-    """Show the surroundings of points only, and in a corner where on the film these are."""
-    low, high = points_mm.min(axis=0), points_mm.max(axis=0)
-    (x, y), half = 0.5 * (low + high), (0.5 + margin) * (high - low).max()
-    ax.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
+    """Show only the surroundings of points, and in a corner where on the film they are.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes in mm.
+    points_mm : array (n, 2)
+        The points in mm.
+    radius_mm : float
+        Radius of the film in mm.
+    margin : float
+        Margin about the points over the width of their region.
+    """
+    low = points_mm.min(axis=0)
+    high = points_mm.max(axis=0)
+    x, y = 0.5 * (low + high)
+    half_width = (0.5 + margin) * (high - low).max()
+    ax.set(xlim=(x - half_width, x + half_width), ylim=(y - half_width, y + half_width))
     whole = ax.inset_axes((0.0, 0.0, 0.22, 0.22))
-    figures.draw_rim(whole, radius_mm, radius_mm)
+    draw_rim(whole, radius_mm, radius_mm)
     whole.plot(x, y, "s", color=COLOURS[1])
     whole.set_axis_off()

@@ -123,7 +123,7 @@ def _write(data: xarray.Dataset, options: argparse.Namespace) -> None:
     """Print the designs, and write the files that are asked for."""
     from pvdf_fem.studies.design import find_best_design, make_table
     from pvdf_fem.studies.sweep_dataset import write_netcdf
-    from pvdf_fem.view.charts import draw_designs
+    from pvdf_fem.view.design_charts import draw_designs
 
     rows = make_table(data)
     if options.json:

@@ -191,7 +191,7 @@ def _run(
         data = make_sweep_dataset(grid, plan, solved)
     write_netcdf(data, output)
     if options.plot:
-        from pvdf_fem.view.charts import draw_sweep
+        from pvdf_fem.view.sweep_charts import draw_sweep
 
         program.save_plot(draw_sweep(data), options)
     if not options.quiet:
