@@ -225,7 +225,7 @@ def load_or_build_response(
             now = f"now {domain.reach_mm:g} mm, {low:g} to {high:g} N"
             advice = f"or give a smaller --reach or --force-range ({now})"
             raise NotConvergedError(f"{error}; {advice}") from error
-        print(*model.remarks, sep="\n", end="\n" if model.remarks else "", file=sys.stderr)
+        print(*model.notes, sep="\n", end="\n" if model.notes else "", file=sys.stderr)
         return model.for_scene(scene)
     kept = Response.load(path)
     try:

@@ -10,7 +10,7 @@ from pvdf_fem.electrodes.stress_integrals import StressIntegrals, integrate_over
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.uneven_strain import UnevenStrain
 from pvdf_fem.film.models import resolve_film_model
-from pvdf_fem.scene.registry import Load
+from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.scene import Scene
 
 
@@ -45,7 +45,7 @@ def find_uniform_integrals(film: Scene) -> StressIntegrals | None:
 def compute_heat_charges(scene: Scene, solved: Equilibrium) -> Array:
     """Pyroelectric charges in C, (electrodes,), by warming of the whole film and under warm probes,
     on the mesh in `solved`."""
-    outputs, film, added = make_outputs(scene), scene.film, UnevenStrain.of(scene)
+    outputs, film, added = make_outputs(scene), scene.film, UnevenStrain.from_scene(scene)
     kelvins = (film.warming_K or 0.0) * output_areas(outputs)
     if added is not None:
         mesh, part = solved.space.mesh, solved.part

@@ -88,7 +88,7 @@ class FilmModel:
 
     def membrane(self, space: Space, part: SymmetrySector = WHOLE_FILM) -> Membrane:
         """The membrane term."""
-        added = UnevenStrain.of(self.scene)
+        added = UnevenStrain.from_scene(self.scene)
         return Membrane(space, self.scene.film, self.film_law, added, part.frame)
 
     def others(

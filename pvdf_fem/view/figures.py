@@ -27,7 +27,7 @@ from shapely import Point
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import replace_file
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.shapes import Electrode
+from pvdf_fem.scene.placed.electrode import Electrode
 from pvdf_fem.view.placed_label import PlacedLabel
 
 # The look of all figures; matplotlib's stubs ask for literal keys.

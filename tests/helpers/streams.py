@@ -36,21 +36,21 @@ class Tap:
 
 
 @dataclass(frozen=True, eq=False)
-class Rested(Bumps):
+class MembraneCharges(Bumps):
     """Made-up charges that grow with the force as those of a stretched membrane.
 
     The total T and the charge at rest T0 of an electrode have T² (T - T0) in proportion to F².
     """
 
     @cached_property
-    def film_rest_pC(self):
+    def film_unloaded_pC(self):
         return 1e12 * compute_unloaded_charges(self.scene)
 
     def evaluate(self, touches):
         force = touches[:, 3, None]
         at_one = np.column_stack([touches[:, :3], np.ones(len(touches))])
         charges, slopes = super().evaluate(at_one)
-        rest, change = self.film_rest_pC, charges - 40.0
+        rest, change = self.film_unloaded_pC, charges - 40.0
         square = (rest + change) ** 2 * change * force**2
         total = rest + np.cbrt(square)
         for _ in range(12):
@@ -61,22 +61,22 @@ class Rested(Bumps):
         return total, slopes
 
 
-def sensor(shape: str = "circle", **readout):
+def make_sensor(shape: str = "circle", **readout):
     """A made-up sensor with three voltage channels of 1 MOhm, or another readout."""
     model = bumps(shape)
     scene = model.scene.with_(readout=readout or RESISTIVE)
-    return Rested(scene, model.points_mm, model.electrodes_mm, model.names)
+    return MembraneCharges(scene, model.points_mm, model.electrodes_mm, model.names)
 
 
-def charges_of(model, tap, force):
+def compute_changes(model, tap, force):
     """Changes of the charges in pC, (n, electrodes), by forces in N, however small."""
     rows = np.column_stack(
         [np.tile([*tap.place_mm, tap.rotation_deg], (len(force), 1)), np.maximum(force, 1e-12)]
     )
-    return model.evaluate(rows)[0] - model.film_rest_pC
+    return model.evaluate(rows)[0] - model.film_unloaded_pC
 
 
-def stream(
+def make_stream(
     model, taps, seconds, *, noise_V=0.0, offset_V=0.0, drift_V_s=0.0, seed=0, rate_Hz=1000.0
 ):
     """Times and readings in V, (n,) and (n, electrodes)."""
@@ -84,7 +84,7 @@ def stream(
     fine, readings = np.linspace(t[0], t[-1], (len(t) - 1) * STEPS + 1), []
     courses = np.zeros((len(fine), len(model.names)))
     for tap in taps:
-        courses += charges_of(model, tap, tap.force(fine))
+        courses += compute_changes(model, tap, tap.force(fine))
     for channel, course in zip(make_channels(model.scene), courses.T, strict=True):
         step = fine[1] / channel.time_constant
         kept, spread = np.exp(-step), -np.expm1(-step) / step if step else 1.0

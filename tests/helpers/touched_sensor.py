@@ -1,6 +1,6 @@
 """A made-up sensor with known parameters, and readings of its touches, for tests of calibrations.
 
-`made_up` puts it in the place of solves.
+`patch_solver` puts it in the place of solves.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ PLACES_MM = np.array([rotate([10.0, 0.0], 90.0 * k) for k in range(4)])
 KEYS = (*TOUCH_KEYS, "film.pretension_N_m")
 
 
-def forces(at):
+def compute_integrals(at):
     """Forces X, Y (electrodes, 2) in N under the probe at the values of `KEYS`. Those of the
     untouched film are half its tension."""
     x, y, rotation, force, tension = at
@@ -49,40 +49,43 @@ def forces(at):
     return 0.5 * tension + 60.0 * force / (0.1 * tension + force) ** 0.5 * shares.mean(axis=1)
 
 
-def solved(scene, outputs):
+def solve_outputs(scene, outputs):
     """What a calibration asks of a solution."""
     at = np.array([get_parameter(scene, key) for key in KEYS])
     return SimpleNamespace(
         at=at,
         status=Status.CONVERGED,
         reason="",
-        discrete=SimpleNamespace(stress_integrals=SimpleNamespace(values=forces(at))),
+        discrete=SimpleNamespace(stress_integrals=SimpleNamespace(values=compute_integrals(at))),
         charge_errors_pC=dict.fromkeys(NAMES, 0.0),
         charges_pC=dict.fromkeys(NAMES, 1.0),
     )
 
 
-def rates(solution, keys):
+def compute_integral_rates(solution, keys):
     """Derivatives (keys, electrodes, 2) of the forces."""
     steps = [1e-5 * (np.array(KEYS) == key) for key in keys]
-    ends = [(forces(solution.at + step), forces(solution.at - step)) for step in steps]
+    ends = [
+        (compute_integrals(solution.at + step), compute_integrals(solution.at - step))
+        for step in steps
+    ]
     return np.array([(ahead - back) / 2e-5 for ahead, back in ends])
 
 
-def rest(scene, needed):
+def compute_unloaded_integrals(scene, needed):
     """Forces of the untouched film."""
     return SimpleNamespace(values=np.full((4, 2), 0.5 * scene.film.pretension_N_m))
 
 
-def made_up(patch):
+def patch_solver(patch):
     """Let calibrations solve the made-up sensor."""
     patch.setattr(reading_model, "make_outputs", lambda scene: None)
-    patch.setattr(reading_model, "solve_outputs", solved)
-    patch.setattr(reading_model, "compute_integral_rates", rates)
-    patch.setattr(reading_model, "compute_unloaded_integrals", rest)
+    patch.setattr(reading_model, "solve_outputs", solve_outputs)
+    patch.setattr(reading_model, "compute_integral_rates", compute_integral_rates)
+    patch.setattr(reading_model, "compute_unloaded_integrals", compute_unloaded_integrals)
 
 
-def drawn(count, place_sd, seed):
+def draw_placements(count, place_sd, seed):
     """Places in the file and true ones, (count, 2), rotations and forces, and what draws more."""
     rng = np.random.default_rng(seed)
     reach, angle = 10.0 * rng.uniform(size=count) ** 0.5, rng.uniform(0.0, 2.0 * np.pi, count)
@@ -91,14 +94,14 @@ def drawn(count, place_sd, seed):
     return places, places + place_sd * rng.standard_normal((count, 2)), rotations, forces_N, rng
 
 
-def made(count=24, sigma=0.0, place_sd=0.0, seed=1, true=TRUE):
+def make_columns(count=24, sigma=0.0, place_sd=0.0, seed=1, true=TRUE):
     """Columns of touches with readings of the changes in pC."""
-    places, moved, rotations, forces_N, rng = drawn(count, place_sd, seed)
+    places, moved, rotations, forces_N, rng = draw_placements(count, place_sd, seed)
     stage = Stage(**{key[6:]: value for key, value in true.items() if key.startswith("stage.")})
     on_film, turned = stage.to_film(moved, rotations)
     tension, d = true["film.pretension_N_m"], [get_parameter(SCENE, key) for key in COEFFICIENTS]
     touches = np.column_stack([on_film, turned, forces_N, np.full(count, tension)])
-    charges = np.array([(forces(at) - 0.5 * tension) @ d for at in touches])
+    charges = np.array([(compute_integrals(at) - 0.5 * tension) @ d for at in touches])
     gains = np.array([true.get(f"gain.{name}", 1.0) for name in NAMES])
     readings = gains * charges * (1.0 + sigma * rng.standard_normal((count, 4)))
     columns = {"x_mm": places[:, 0], "y_mm": places[:, 1], "rotation_deg": rotations}

@@ -134,11 +134,8 @@ def check_request(
     known: Mapping[str, float],
 ) -> None:
     """Refuse before anything is built what cannot be located with the scenes."""
-    from pvdf_fem.inverse.touch.measurement import (
-        find_quantity_errors,
-        find_reading_errors,
-        get_centre_mm,
-    )
+    from pvdf_fem.inverse.touch.measurement import get_centre_mm
+    from pvdf_fem.inverse.touch.validation import find_quantity_errors, find_reading_errors
 
     mistakes: list[str] = []
     for name, scene in scenes.items():

@@ -43,7 +43,7 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
 
     Raises `InputError` or `ValueError` with all mistakes in the options and the table's header.
     """
-    from pvdf_fem.inverse.touch.locate_many import Touches
+    from pvdf_fem.inverse.touch.touches import Touches
 
     source, target = (None if p == "-" else Path(p) for p in (options.csv, options.output))
     wrong = find_output_errors(target, ENDINGS, Path(options.scene), source, options.model)

@@ -95,13 +95,14 @@ def run(options: argparse.Namespace) -> int:
     wrong += program.find_output_errors(options.output, [".nc", ".csv"], options.scene)
     wrong += program.find_plot_errors(options, options.scene, options.output)
     scene = read_scene(options, *wrong)
-    from pvdf_fem.studies.design import DesignStudy, design
+    from pvdf_fem.studies.design import design
+    from pvdf_fem.studies.design_study import DesignStudy
 
     with program.convert_value_errors():
         designs = DesignStudy.from_scene(scene, vary)
         asked["reach_mm"] = choice.reach_mm or (scene.model and scene.model.reach_mm)
         asked["force_range_N"] = choice.wanted(scene)[0].force_N
-        films = [first for first, _ in designs.models]
+        films = [group.scene for group in designs.groups]
         wrong = [text for film in films for text in choice.mistakes(film, options.scene)]
         if options.model and len(films) > 1:
             wrong.append(f"--model: is of one film, and there are {len(films)}; leave it out")

@@ -8,7 +8,15 @@ from pvdf_fem.inverse.calibration.parameters import get_parameter, select_parame
 from pvdf_fem.inverse.calibration.reading_model import ReadingModel
 from pvdf_fem.inverse.calibration.touch_table import read_touches
 from pvdf_fem.inverse.least_squares import apply_robust_loss
-from tests.helpers.touched_sensor import NAMES, SCENE, TRUE, UNKNOWN, drawn, made, made_up
+from tests.helpers.touched_sensor import (
+    NAMES,
+    SCENE,
+    TRUE,
+    UNKNOWN,
+    draw_placements,
+    make_columns,
+    patch_solver,
+)
 
 PRETENSION = "film.pretension_N_m"
 UNCERTAIN = {PRETENSION: "30 %", "film.thickness_um": "5 %"}
@@ -17,14 +25,14 @@ UNCERTAIN = {PRETENSION: "30 %", "film.thickness_um": "5 %"}
 @pytest.fixture(scope="module", autouse=True)
 def made_up_sensor():
     with pytest.MonkeyPatch.context() as patched:
-        made_up(patched)
+        patch_solver(patched)
         yield
 
 
 @pytest.fixture(scope="module")
 def found():
     scene = SCENE.with_(uncertain=UNCERTAIN)
-    return calibrate(scene, made(sigma=0.01, place_sd=0.3), UNKNOWN, place_sd=0.3)
+    return calibrate(scene, make_columns(sigma=0.01, place_sd=0.3), UNKNOWN, place_sd=0.3)
 
 
 @pytest.mark.parametrize(("true", "is_like"), [(TRUE, False), ({PRETENSION: 8.0}, True)])
@@ -32,7 +40,7 @@ def test_exact_readings_give_the_true_parameters(true, is_like):
     """The first solves are coarse, and never the last; at a sensor that is like the scene no
     further ones are needed."""
     told, how = [], {"sigma": 4e-3, "progress": lambda *n: told.append(n)}
-    calibration = calibrate(SCENE, made(true=true), UNKNOWN, **how)
+    calibration = calibrate(SCENE, make_columns(true=true), UNKNOWN, **how)
     assert (len(told) == 2 * 24) == is_like
     assert (calibration.status, calibration.outliers) == ("calibrated", {})
     for name in TRUE:
@@ -44,7 +52,7 @@ def test_exact_readings_give_the_true_parameters(true, is_like):
 def test_derivatives_are_those_of_solves():
     """By parameters of film and stage, place and force, against differences of solves."""
     parameters = select_parameters(SCENE, (PRETENSION, "gain.B", "shift", "turn"), {})
-    columns = {name: column[:2] for name, column in made().items()}
+    columns = {name: column[:2] for name, column in make_columns().items()}
     moves, start, count = np.array([[0.1, -0.2], [0.0, 0.0]]), parameters.initial + 0.1, 5
 
     def predicted(step):
@@ -65,7 +73,7 @@ def test_derivatives_are_those_of_solves():
 def test_places_are_corrected(found):
     assert found.status == "calibrated"
     assert found.fit.p_value > 0.01
-    _, true, *_ = drawn(24, 0.3, 1)
+    _, true, *_ = draw_placements(24, 0.3, 1)
     given = found.fit.model.table.probe_loads[:, :2]
     before, after = (np.linalg.norm(true - at, axis=1) for at in (given, found.places_mm))
     assert np.median(after) < 0.7 * np.median(before)
@@ -86,7 +94,7 @@ def test_the_calibrated_scene_reads_as_the_sensor_does(found):
 def test_readings_are_those_of_the_channels_and_have_their_noise(unit):
     noise_V = {"A": 0.03, "B": 0.01}
     scene = SCENE.with_(readout={"feedback_capacitance_pF": 220.0, "noise_V": noise_V})
-    columns, in_unit = made(sigma=0.01, place_sd=0.3), 1.0 if unit == "V" else 220.0
+    columns, in_unit = make_columns(sigma=0.01, place_sd=0.3), 1.0 if unit == "V" else 220.0
     columns |= {n: in_unit * (columns[n] / 220.0 + 0.02) for n in NAMES}
     found = calibrate(scene, columns, (*UNKNOWN, "offsets"), unit=unit, place_sd=0.3)
     assert found.status == "calibrated"
@@ -104,7 +112,7 @@ def test_what_cannot_be_told_apart_is_decided_by_the_priors():
     """The product of gain and coefficient is told to the noise, the factors to their priors."""
     truth = SCENE.with_(**{key: of for key, of in TRUE.items() if not key.startswith("gain.")})
     words = ("film.d31_pC_N", "film.d32_pC_N", "gains")
-    calibration = calibrate(truth, made(sigma=0.01), words)
+    calibration = calibrate(truth, make_columns(sigma=0.01), words)
     (text,) = calibration.undetermined
     assert all(name in text for name in calibration.parameters)
     assert calibration.fit.degrees_of_freedom == 24 * 4 - (6 - 1)
@@ -123,7 +131,7 @@ def test_deviations_and_chi_square_are_those_of_many_sensors():
     """25 sensors, 10 touches each: 68 % are within a deviation, and chi-square is what it is."""
     pulls, excess = [], []
     for seed in range(25):
-        of = calibrate(SCENE, made(10, sigma=0.01, seed=seed), UNKNOWN)
+        of = calibrate(SCENE, make_columns(10, sigma=0.01, seed=seed), UNKNOWN)
         pulls.append([(p["value"] - TRUE[n]) / p["deviation"] for n, p in of.parameters.items()])
         excess.append(of.fit.chi_square - of.fit.degrees_of_freedom)
         assert (of.fit.degrees_of_freedom, of.fit.scatter >= 1.0) == (40 - 8, True)
@@ -134,7 +142,7 @@ def test_deviations_and_chi_square_are_those_of_many_sensors():
 
 
 def test_readings_that_scatter_more_than_said_widen_the_deviations():
-    columns = made(sigma=0.02)
+    columns = make_columns(sigma=0.02)
     said, less = (calibrate(SCENE, columns, UNKNOWN, sigma=of) for of in (0.02, 0.01))
     assert less.status == "calibrated"
     assert less.fit.scatter == pytest.approx(2.0, rel=0.4)  # a robust scale of 96 residuals: 1.62
@@ -144,7 +152,7 @@ def test_readings_that_scatter_more_than_said_widen_the_deviations():
 
 def test_residuals_from_a_fit_to_the_others_have_its_errors():
     """Closed form: less those of the fit in which a touch has part, plus those of another fit."""
-    columns = made(10, sigma=0.01)
+    columns = make_columns(10, sigma=0.01)
     columns["force_N"][4] *= 1.5
     found = calibrate(SCENE, columns, UNKNOWN)
     assert list(found.outliers) == [5]
@@ -163,7 +171,7 @@ def test_residuals_from_a_fit_to_the_others_have_its_errors():
     [("y_mm", "place_mm", 0.5), ("x_mm", "place_mm", 0.5), ("force_N", "force", 0.05)],
 )
 def test_what_a_left_out_touch_is_off_its_place_and_force(column, told, size):
-    columns, signs = made(), np.where(np.arange(24) % 2, 1.0, -1.0)
+    columns, signs = make_columns(), np.where(np.arange(24) % 2, 1.0, -1.0)
     factor = columns["force_N"] if column == "force_N" else 1.0
     columns[column] = columns[column] + signs * size * factor
     left = calibrate(SCENE, columns, UNKNOWN, sigma=0.05).leave_one_out
@@ -183,7 +191,7 @@ def test_a_robust_loss_grows_as_the_logarithm_beyond_its_limit(limit, loss):
 
 @pytest.mark.parametrize(("column", "said"), [("x_mm", "misplaced"), ("force_N", "force_N")])
 def test_one_wrong_touch_is_named_and_does_not_bias(found, column, said):
-    columns = made(sigma=0.01, place_sd=0.3)
+    columns = make_columns(sigma=0.01, place_sd=0.3)
     columns[column][4] = 1.5 * columns[column][4] + 4.0 * (column == "x_mm")
     wrong = calibrate(SCENE, columns, UNKNOWN, place_sd=0.3)
     assert wrong.status == "calibrated"
@@ -209,7 +217,7 @@ MISTAKES = {
 
 @pytest.mark.parametrize("said", MISTAKES)
 def test_mistakes_are_named(said):
-    columns, (status, change) = made(sigma=0.01, place_sd=0.3), MISTAKES[said]
+    columns, (status, change) = make_columns(sigma=0.01, place_sd=0.3), MISTAKES[said]
     calibration = calibrate(SCENE, {**columns, **change(columns)}, UNKNOWN, place_sd=0.3)
     assert calibration.status == status
     assert said in calibration.reason
@@ -219,7 +227,7 @@ def test_mistakes_are_named(said):
 
 
 def test_too_few_touches_and_touches_of_another_sensor_have_a_status():
-    columns = made(10, sigma=0.01)
+    columns = make_columns(10, sigma=0.01)
     shuffled = {n: np.roll(columns[n], i) for i, n in enumerate(NAMES)}
     assert calibrate(SCENE, {**columns, **shuffled}, UNKNOWN).status == "not_explained"
     same = {"force_N": np.ones(10)}

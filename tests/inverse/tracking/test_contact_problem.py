@@ -9,16 +9,16 @@ from pvdf_fem.inverse.tracking.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.contact_problem import ContactProblem
 from pvdf_fem.inverse.tracking.options import DEFAULTS
 from pvdf_fem.surrogate.touch_domain import TouchColumn
-from tests.helpers.streams import Tap, charges_of, sensor
+from tests.helpers.streams import Tap, compute_changes, make_sensor
 
 TOUCH = Tap(0.0, 1.0, (4.0, -3.0), 0.8)
-MADE = sensor()
+MADE = make_sensor()
 MODEL = ContactProblem.from_response(MADE, {2: 0.0}, DEFAULTS)
 
 
 def sampled(touch, deviation_pC):
     """A sample of exact changes, with noise of a standard deviation."""
-    (charges,) = charges_of(MADE, touch, np.array([touch.force_N]))
+    (charges,) = compute_changes(MADE, touch, np.array([touch.force_N]))
     none = np.zeros(len(charges))
     return ChargeSample(0.0, charges, none + deviation_pC**2, none, none, 0.0)
 
@@ -29,7 +29,7 @@ def test_a_touch_is_found_with_the_deviations_of_its_charges():
 
     def charges(at):
         moved = replace(TOUCH, place_mm=tuple(at[:2]))
-        return charges_of(MADE, moved, np.exp(at[2:]))[0]
+        return compute_changes(MADE, moved, np.exp(at[2:]))[0]
 
     slopes = [(charges(start + step) - charges(start - step)) / (2.0 * h) for step in h * np.eye(3)]
     bound = np.sqrt(np.diag(np.linalg.inv(np.array(slopes) @ np.transpose(slopes))))
@@ -45,7 +45,7 @@ def test_what_sampling_misses_is_uncertain_in_the_force():
     of that is off the direction."""
     sample = sampled(TOUCH, 1.0)
     size, force = np.linalg.norm(sample.charges_pC), np.array([0.8 * 0.999, 0.8 * 1.001])
-    ends = np.linalg.norm(charges_of(MADE, TOUCH, force), axis=1)
+    ends = np.linalg.norm(compute_changes(MADE, TOUCH, force), axis=1)
     power = np.diff(np.log(ends))[0] / np.diff(np.log(force))[0]
     samples = (replace(sample, sampling_variance=(share * size) ** 2) for share in (0.0, 0.02))
     exact, missed = (MODEL.locate(of).deviations for of in samples)

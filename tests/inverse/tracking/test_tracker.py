@@ -8,11 +8,11 @@ import pytest
 from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.inverse.tracking.tracker import Tracker
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES
-from tests.helpers.streams import RESISTIVE, Tap, charges_of, sensor, stream
+from tests.helpers.streams import RESISTIVE, Tap, compute_changes, make_sensor, make_stream
 
 TAP = Tap(0.6004, 0.12, (3.0, -2.0), 0.8)
 USUAL = ("x_mm", "y_mm", "force_N")
-SENSOR = sensor()
+SENSOR = make_sensor()
 AMPLIFIER = {"kind": "charge", "feedback_capacitance_pF": 1000.0}
 
 
@@ -27,7 +27,7 @@ def only_touch(model, t, readings, **options):
 
 
 def only_tap(tap, seconds, model=SENSOR, **circuit):
-    return only_touch(model, *stream(model, [tap], seconds, **circuit))
+    return only_touch(model, *make_stream(model, [tap], seconds, **circuit))
 
 
 def assert_found(touch, tap, mm=0.3, force=0.02):
@@ -45,7 +45,7 @@ def pulls_of(touch, tap):
 
 
 def test_a_tap_through_a_resistance_is_found_located_and_weighed():
-    tracker, rows = followed(SENSOR, *stream(SENSOR, [TAP], 1.0, noise_V=5e-4, offset_V=0.1))
+    tracker, rows = followed(SENSOR, *make_stream(SENSOR, [TAP], 1.0, noise_V=5e-4, offset_V=0.1))
     (touch,) = tracker.touches
     assert_found(touch, TAP)
     assert touch.impulse_N_s == pytest.approx(0.8 * 0.12 * 2.0 / np.pi, rel=0.05)
@@ -65,16 +65,16 @@ def test_a_tap_through_a_resistance_is_found_located_and_weighed():
 
 
 def test_touches_of_a_charge_amplifier_with_a_drift():
-    model, taps = sensor(**AMPLIFIER), [TAP, Tap(1.0, 0.3, (-4.0, 1.0), 1.2)]
+    model, taps = make_sensor(**AMPLIFIER), [TAP, Tap(1.0, 0.3, (-4.0, 1.0), 1.2)]
     circuit = {"noise_V": 2e-3, "offset_V": -0.3, "drift_V_s": 0.02}
-    touches = followed(model, *stream(model, taps, 1.6, **circuit))[0].touches
+    touches = followed(model, *make_stream(model, taps, 1.6, **circuit))[0].touches
     for touch, tap in zip(touches, taps, strict=True):
         assert_found(touch, tap)
 
 
 def test_missed_samples_uneven_sampling_and_a_lost_channel_are_borne():
     tap = Tap(0.6, 0.3, (3.0, -2.0), 0.8)
-    t, readings = stream(SENSOR, [tap], 1.2, noise_V=2e-4)
+    t, readings = make_stream(SENSOR, [tap], 1.2, noise_V=2e-4)
     readings[(t > 0.64) & (t < 0.66), 1] = np.nan
     kept = np.random.default_rng(1).random(len(t)) > 0.1
     tracker, rows = followed(SENSOR, t[kept], readings[kept])
@@ -88,8 +88,8 @@ def test_missed_samples_uneven_sampling_and_a_lost_channel_are_borne():
 def test_gains_offsets_and_readings_in_pC_count_and_touches_are_told_on_the_stage(unknown):
     """The rotation is sought, or that of the scene, which is on the film."""
     readout = {**RESISTIVE, "gain": {"A": 2.0, "C": -0.5}, "offset_V": {"B": 0.2}}
-    model, tap = sensor("rectangle", **readout), Tap(0.6, 0.2, (5.0, 2.0), 2.0, 30.0)
-    t, readings = stream(model, [tap], 1.0, noise_V=2e-5)
+    model, tap = make_sensor("rectangle", **readout), Tap(0.6, 0.2, (5.0, 2.0), 2.0, 30.0)
+    t, readings = make_stream(model, [tap], 1.0, noise_V=2e-5)
     scene = model.scene.with_(**{"probe.rotation_deg": 30.0 if unknown == USUAL else 0.0})
     touch = only_touch(replace(model, scene=scene), t, readings, unknown=unknown)
     assert_found(touch, tap, mm=0.1)
@@ -123,8 +123,8 @@ def test_forces_are_unbiased_and_deviations_true():
 def test_a_charge_that_is_left_at_the_end_was_an_error():
     """Errors of voltages during a touch sum up to 6 % of its charge, of which half by its peak."""
     tap, forces = Tap(0.4, 0.1, (3.0, -2.0), 0.8, power=2), []
-    t, readings = stream(SENSOR, [tap], 0.7, noise_V=6e-4)
-    (charges,) = charges_of(SENSOR, tap, np.array([tap.force_N]))
+    t, readings = make_stream(SENSOR, [tap], 0.7, noise_V=6e-4)
+    (charges,) = compute_changes(SENSOR, tap, np.array([tap.force_N]))
     current_A = 0.06 * 1e-12 * charges / tap.duration_s
     during = (t >= 0.4) & (t < 0.5)
     for sign in (1.0, -1.0):
@@ -136,7 +136,7 @@ def test_a_charge_that_is_left_at_the_end_was_an_error():
 def test_what_sampling_misses_is_told_by_what_is_left_at_the_end():
     """Jumps between two samples are summed up wrongly by up to a quarter of the charge, here both
     by a part with one sign."""
-    model, forces = sensor(**{**RESISTIVE, "cable_capacitance_pF": 2000.0}), []
+    model, forces = make_sensor(**{**RESISTIVE, "cable_capacitance_pF": 2000.0}), []
     for late in (1e-4, 9e-4):
         tap = Tap(0.4 + late, 0.101 - 2.0 * late, (3.0, -2.0), 0.8, power=0)
         touch = only_tap(tap, 0.65, model, noise_V=1e-4)
@@ -148,7 +148,7 @@ def test_what_sampling_misses_is_told_by_what_is_left_at_the_end():
 
 def test_a_held_touch_is_told_within_its_deviations_and_leaves_nothing_behind():
     """A jump is seen at the next sample only, and half of its charge is left after the touch."""
-    model = sensor(**AMPLIFIER, feedback_resistance_MOhm=1000.0)  # 1 s
+    model = make_sensor(**AMPLIFIER, feedback_resistance_MOhm=1000.0)  # 1 s
     pulls = []
     for seed, shift in enumerate(np.linspace(0.0, 0.9, 8)):
         tap = Tap(2.0 + 5e-3 * shift, 0.7023, (3.0, 1.0), 0.5, power=0)
@@ -162,7 +162,7 @@ def test_a_held_touch_is_told_within_its_deviations_and_leaves_nothing_behind():
 @pytest.mark.parametrize(("bound", "status"), [(1e-4, "unexplained"), (0.05, "touch")])
 def test_a_fit_within_the_models_error_is_no_unexplained_touch(bound, status):
     """Charges that are off by 3 %, which is far more than the noise, in no touch's way."""
-    t, readings = stream(SENSOR, [Tap(0.4, 0.1, (2.0, -1.0), 0.8, power=2)], 0.6, noise_V=1e-4)
+    t, readings = make_stream(SENSOR, [Tap(0.4, 0.1, (2.0, -1.0), 0.8, power=2)], 0.6, noise_V=1e-4)
     off = readings * (1.0 + 0.03 * np.array([1.0, -1.0, 1.0, -1.0]))
     tracker, rows = followed(replace(SENSOR, error_bound=bound), t, off)
     assert [touch.status for touch in tracker.touches] == [status]
@@ -186,7 +186,7 @@ def test_quiet_readings_give_no_touch():
 
 
 def test_a_clock_that_goes_back_and_a_pause_end_the_touch():
-    t, readings = stream(SENSOR, [TAP], 0.66, noise_V=2e-4)
+    t, readings = make_stream(SENSOR, [TAP], 0.66, noise_V=2e-4)
     tracker, _ = followed(SENSOR, t, readings)
     assert tracker.update(0.0, readings[0]).status == tracker.touches[-1].status == "clock"
     rows = [tracker.update(*sample) for sample in zip(t[1:], readings[1:], strict=True)]
