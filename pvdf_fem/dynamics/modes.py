@@ -100,7 +100,7 @@ class Modes(Result):
 
     def plot(self) -> Figure:
         """Draw the shapes of the modes with their frequencies, with the scene's air if any."""
-        from pvdf_fem.view.vibration_charts import draw_mode_shapes
+        from pvdf_fem.view.charts.vibration import draw_mode_shapes
 
         medium = AIR if AIR in self.spectra else VACUUM
         spectrum = self.spectra[medium]

@@ -12,10 +12,10 @@ from pvdf_fem.batch import batch
 from pvdf_fem.batch.store import Record
 from pvdf_fem.studies.design import design, find_best_design
 from pvdf_fem.studies.sweep import sweep
-from pvdf_fem.view import sweep_charts
-from pvdf_fem.view.design_charts import draw_designs
-from pvdf_fem.view.sweep_charts import draw_sweep
-from pvdf_fem.view.vibration_charts import draw_frequency_response
+from pvdf_fem.view.charts import sweep as sweep_charts
+from pvdf_fem.view.charts.design import draw_designs
+from pvdf_fem.view.charts.sweep import draw_sweep
+from pvdf_fem.view.charts.vibration import draw_frequency_response
 from tests.helpers.sweep_cases import BASE, made_up
 from tests.helpers.touch_models import bumps
 

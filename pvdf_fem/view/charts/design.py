@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.view.dataset_axes import UNIT_SIGNS, format_keys, format_values, scale_axis
+from pvdf_fem.view.charts.dataset_axes import UNIT_SIGNS, format_keys, format_values, scale_axis
 from pvdf_fem.view.figures import (
     add_colour_bar,
     draw_film,

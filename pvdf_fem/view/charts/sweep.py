@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.view.dataset_axes import find_varied_keys, format_keys, format_rows, scale_axis
+from pvdf_fem.view.charts.dataset_axes import find_varied_keys, format_keys, format_rows, scale_axis
 from pvdf_fem.view.figures import (
     MARKERS,
     choose_colours,
