@@ -153,7 +153,7 @@ MISTAKES = {
     "pf.Tracker(m).update(0, ['a', 2, 3, 4])": "readings",
     "pf.design(s, ['electrodes.count'])": "vary",
     "pf.Tracker()": "Tracker",
-    "pf.design(s, {'load.force_N': [1]}, response=3)": "model",
+    "pf.design(s, {'load.force_N': [1]}, response=3)": "response",
 }
 
 

@@ -10,7 +10,7 @@ from pvdf_fem.electrodes.stress_integrals import StressIntegrals, integrate_over
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.uneven_strain import UnevenStrain
 from pvdf_fem.film.models import resolve_film_model
-from pvdf_fem.scene.registry import Load
+from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.scene import Scene
 
 

@@ -18,7 +18,7 @@ from pvdf_fem.scene.changes import to_plain_value
 from pvdf_fem.scene.keys import Key
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import format_error, suggest
-from pvdf_fem.scene.validation_errors import describe_errors
+from pvdf_fem.scene.validation.errors import describe_errors
 
 T = TypeVar("T")
 Value = TypeVar("Value")
@@ -71,10 +71,11 @@ def as_scene(given: SceneLike) -> Scene:
 
 
 def as_response(given: T) -> T:
-    """A model of the charges, from `build_response`; TypeError for anything else."""
+    """Return a response, such as that of `build_response`; TypeError for anything else."""
     if hasattr(given, "evaluate"):
         return given
-    raise TypeError(format_error("model", given, "is no model; give build_response(scene)"))
+    reason = "must be a response; give build_response(scene)"
+    raise TypeError(format_error("response", given, reason))
 
 
 def coerce(

@@ -1,8 +1,8 @@
 """Scene to solution: mesh, solve, estimate, and refine until every charge is within the tolerance.
 
 A first mesh comes from sizes that the tolerance sets a priori (`choose_first_sizes`); while an
-estimated charge error exceeds the tolerance, the next mesh follows its error indicators. Of a symmetric scene
-only a part is meshed; the whole film is put together when it is asked for.
+estimated charge error exceeds the tolerance, the next mesh follows its error indicators. Of a
+symmetric scene only a part is meshed; the whole film is put together when it is asked for.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from pvdf_fem.scene.scene_file import (
     read_scene_text,
     suggest,
 )
-from pvdf_fem.scene.validation_errors import MAX_ERRORS
+from pvdf_fem.scene.validation.errors import MAX_ERRORS
 from pvdf_fem.studies.sweep_axis import SweepAxis, parse_axes
 
 _SECTIONS = tuple(Scene.model_fields)

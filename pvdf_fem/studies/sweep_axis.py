@@ -16,7 +16,7 @@ from pvdf_fem.scene.changes import normalize_key, parse_key, to_plain_value
 from pvdf_fem.scene.keys import Finite, Length, Number, Section
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, format_error
-from pvdf_fem.scene.validation_errors import MAX_ERRORS, describe_errors
+from pvdf_fem.scene.validation.errors import MAX_ERRORS, describe_errors
 from pvdf_fem.studies.mapping_scheme import MappingScheme
 
 MAX_SCENES = 1_000_000  #: Largest number of scenes in a grid.

@@ -17,9 +17,8 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, get_base_quantity
 from pvdf_fem.scene.changes import get_number, parse_key, to_plain_value
-from pvdf_fem.scene.outlines.shape import HEAT_KEYS
+from pvdf_fem.scene.placed.probe import HEAT_KEYS, ListedProbe
 from pvdf_fem.scene.scene import Numerics, Scene, SceneError
-from pvdf_fem.scene.shapes import Pressing
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solver.adaptive import solve_outputs
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
@@ -189,7 +188,7 @@ def make_single_probe_scene(scene: Scene, probe_index: int) -> Scene:
     """Return the scene with one of its probes alone, on the centre, under 1 N and cold."""
     loaded = scene.loaded_probes[probe_index]
     centred = dict.fromkeys(("x_mm", "y_mm", "rotation_deg"), 0.0)
-    unset = dict.fromkeys((*Pressing.model_fields, *HEAT_KEYS))
+    unset = dict.fromkeys((*ListedProbe.list_load_keys(), *HEAT_KEYS))
     probe = loaded.probe.model_copy(update=centred | unset)
     load = loaded.load.model_copy(update={"force_N": 1.0, "tangential_N": None})
     numerics = Numerics(tolerance=1e-2, observable=scene.numerics.observable)
