@@ -20,7 +20,7 @@ from pvdf_fem.electrodes.point_values import PointValues, evaluate_along
 from pvdf_fem.files import replace_file
 from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.view.figures import COLOURS, choose_colours
-from pvdf_fem.view.film_map import FilmMap, resolve_map, sample_field
+from pvdf_fem.view.film_quantities import FilmMap, resolve_map, sample_field
 
 #: A program that returns 0 where VTK renders, and crashes where VTK misses libraries.
 TRIAL = """
