@@ -18,7 +18,7 @@ import pytest
 import xarray
 
 from pvdf_fem import Scene, __version__, calibrate, dataset, modes, respond, solve
-from pvdf_fem.cli.program import read_scene
+from pvdf_fem.cli.options import read_scene
 from pvdf_fem.scene.scene_file import read_examples, read_key_texts
 from pvdf_fem.solver.nonlinear.newton import NewtonOptions
 from tests.helpers.touch_models import bumps
@@ -116,7 +116,7 @@ def test_touches_for_estimators_are_those_of_python(folder, models, command):
 
 def test_designs_are_printed_drawn_and_written(folder, models, command):
     thick = "film.thickness_um={start=10, stop=20, count=2}"
-    asked = "design disc.toml --set electrodes.layout=ring --noise 0.02 --step 6 --vary"
+    asked = "design disc.toml --set electrodes.layout=ring --sigma 0.02 --step 6 --vary"
     asked = [*asked.split(), "electrodes.count=4,6", "--vary", thick]
     told = command(*asked, "--json", "--output", "a.csv", "--plot", "a.svg").json
     assert (told["noise"], told["step_mm"], len(models)) == (0.02, 6.0, 2)
