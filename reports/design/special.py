@@ -26,7 +26,7 @@ from pvdf_fem.scene.scene_file import SceneError
 from pvdf_fem.studies.design import find_best_design, make_table
 from pvdf_fem.studies.design_study import DesignStudy
 from pvdf_fem.surrogate.touch_domain import Domain, centre_probe
-from pvdf_fem.view.charts import draw_design_map
+from pvdf_fem.view.charts.design import draw_design_map
 from pvdf_fem.view.figures import WIDTH_MM, get_line_style, make_figure
 from pvdf_fem.view.labels import format_axis_label
 
