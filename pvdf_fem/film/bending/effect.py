@@ -11,7 +11,7 @@ part of an electrode's charge that the load makes. Of that part
 
 The factors are fitted to changes measured in random scenes. The estimate is at least a third of
 every measured change, and more than twice the change in half the scenes
-(`tests/film/test_left_out.py`).
+(`tests/film/test_neglected_effects.py`).
 """
 
 from __future__ import annotations

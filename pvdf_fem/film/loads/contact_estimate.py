@@ -72,8 +72,10 @@ def estimate_load_force(load: Load, film: Film) -> float:
 
 
 def estimate_contact_outlines(scene: Scene) -> dict[str, Outline]:
-    """Estimate the outlines of contacts with a scene's tips, by patch name, on the film before it
-    deforms."""
+    """Estimate the outlines of contacts with a scene's tips, by patch name.
+
+    They are those of the film that touches, before it deforms.
+    """
     outlines = {}
     for probe in scene.tips:
         width = estimate_contact_width(probe, scene.film)
@@ -83,8 +85,10 @@ def estimate_contact_outlines(scene: Scene) -> dict[str, Outline]:
 
 
 def estimate_tip_outlines(scene: Scene) -> dict[str, Outline]:
-    """Estimate the outlines that a mesh follows at a scene's tips, by patch name: contacts and flat
-    faces."""
+    """Estimate the outlines that a mesh follows at a scene's tips, by patch name.
+
+    They are those of the contacts and of flat faces, on the film before it deforms.
+    """
     outlines = estimate_contact_outlines(scene)
     for probe in scene.tips:
         width = estimate_contact_width(probe, scene.film)

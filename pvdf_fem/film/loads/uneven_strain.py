@@ -147,8 +147,7 @@ class UnevenStrain:
         return None
 
     def temperature(self, places: Array) -> Array:
-        """Return the mean temperature through the film in K above that of the unloaded film,
-        (...)."""
+        """Return the mean warming through the film in K, (...)."""
         from scipy.special import erfc  # most scenes have no heat
 
         points = places.reshape(-1, 2)
