@@ -262,7 +262,7 @@ def draw_film(
     centre = Point(0.0, 0.0)
     half_width = reach
     for electrode in electrodes:
-        shape = electrode.outline.shape
+        shape = electrode.outline.inscribed_polygon
         if 1e3 * shape.distance(centre) < reach:
             half_width = max(half_width, 1e3 * np.abs(shape.bounds).max())
     draw_rim(ax, radius_mm, half_width)
