@@ -19,7 +19,7 @@ RAY_COUNT = 72
 #: Degree of the polynomial that locates an edge. On 10 tips at two tolerances, areas of contacts
 #: are within 0.4 % of the truth, and within 1 and 3 % in two cases.
 DEGREE = 4
-#: Degree of a poorer polynomial, whose result tells the error.
+#: Degree of a poorer polynomial, whose result differs by about the error.
 POORER_DEGREE = 3
 
 

@@ -98,7 +98,7 @@ def describe_heat_effects(
     if name is not None and heat[name]:
         yield describe_charge_effect(
             ("pyroelectricity, charge by warming", "film.pyroelectric_uC_m2K"),
-            given=film.pyroelectric_uC_m2K,
+            coefficient=film.pyroelectric_uC_m2K,
             typical=typical_uC_m2K,
             per_unit=heat[name],
             name=name,
