@@ -89,9 +89,7 @@ def test_means_over_shapes_are_those_of_their_points():
     assert average_over(square, lambda at: at[:, 0]) == pytest.approx(3.0)
     assert average_over(square, lambda at: (at[:, 1] - 3.0) ** 2) == pytest.approx(1 / 3, rel=2e-3)
     # between the points of the raster
-    needle = Polygon(
-        [[0.0, 0.0], [2.0, 1.9], [2.0, 1.90001]]
-    ).inscribed_polygon
+    needle = Polygon([[0.0, 0.0], [2.0, 1.9], [2.0, 1.90001]]).inscribed_polygon
     assert average_over(needle, lambda at: at[:, 1] / at[:, 0]) == pytest.approx(0.95, rel=1e-5)
 
 
