@@ -15,7 +15,7 @@ from pvdf_fem.electrodes.outputs import Output, make_outputs
 from pvdf_fem.electrodes.stress_integrals import StressIntegrals
 from pvdf_fem.electrodes.unloaded import find_uniform_integrals, unload
 from pvdf_fem.film.models import resolve_film_model
-from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
+from pvdf_fem.mesh.subdomains import make_subdomain_name
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.acceptance import warn_of_cancelled_charges
 from pvdf_fem.solver.adaptive import UnloadedFilmError, solve_outputs

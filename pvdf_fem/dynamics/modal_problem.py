@@ -17,8 +17,8 @@ from pvdf_fem.dynamics.spectrum import EquilibriumState, Spectrum, compute_spect
 from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_effect
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.models import resolve_film_model
-from pvdf_fem.mesh.gmsh_mesh import FILM
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.mesh.subdomains import FILM
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive_loop import AdaptiveLoop
 from pvdf_fem.solver.estimate import correct_in_richer_space
@@ -163,7 +163,7 @@ class ModalProblem:
         assert self.sizes is not None
         by_error = (tolerance / level.worst) ** (1.0 / ERROR_ORDER)
         smallest = max(0.25, (level.unknowns / max_unknowns) ** 0.5)
-        self.sizes = self.sizes.scaled(float(np.clip(by_error, smallest, 0.8)))
+        self.sizes = self.sizes.scale(float(np.clip(by_error, smallest, 0.8)))
         return self.sizes
 
     def solve_on(self, mesh: MeshTri2, coarser: ModalLevel | None) -> ModalLevel:

@@ -21,7 +21,7 @@ from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, LoadSpec, SolveOptions
 from pvdf_fem.film.loads.profiles import make_profile
 from pvdf_fem.film.term import Load, State
-from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
+from pvdf_fem.mesh.subdomains import make_subdomain_name
 from pvdf_fem.scene.scene import Scene
 
 

@@ -16,8 +16,8 @@ from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_result import ContactResult, compute_contact_results
 from pvdf_fem.film.space import evaluate_shape_functions
 from pvdf_fem.film.term import State
-from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name, name_mesh_parts
 from pvdf_fem.mesh.six_node import sort_vertices
+from pvdf_fem.mesh.subdomains import make_subdomain_name, name_mesh_parts
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 

@@ -279,4 +279,4 @@ def choose_next_sizes(
         total = float((effects * estimate_missing_fraction(layers.widths)).sum())
         most = layers.sizes(effects, max(reduction * total, tolerance))
     sizes = compute_refined_sizes(mesh, shares, reduction, most, flat)
-    return sizes.coarsened(most_unknowns / UNKNOWNS_PER_ELEMENT[attempt.problem.order])
+    return sizes.coarsen(most_unknowns / UNKNOWNS_PER_ELEMENT[attempt.problem.order])

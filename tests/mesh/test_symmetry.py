@@ -6,7 +6,8 @@ import pytest
 from pvdf_fem import Scene, solve
 from pvdf_fem.electrodes.outputs import Output, make_outputs
 from pvdf_fem.electrodes.stress_integrals import compute_stress_integrals, differentiate_charges
-from pvdf_fem.mesh.gmsh_mesh import RIM, mesh_scene
+from pvdf_fem.mesh.gmsh_mesh import mesh_scene
+from pvdf_fem.mesh.subdomains import RIM
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, find_symmetry_sector
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.polygon import Polygon

@@ -27,7 +27,7 @@ from pvdf_fem.film.membrane import IDENTITY, compute_strain, compute_strain_rate
 from pvdf_fem.film.point_load import estimate_load_share
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import ElementStress, State, Term
-from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
+from pvdf_fem.mesh.subdomains import make_subdomain_name
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.readout import Readout
