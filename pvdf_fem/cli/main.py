@@ -253,7 +253,7 @@ def _solve(options: argparse.Namespace) -> int:
         except ValueError as error:
             raise InputError(f"--quantity: {error}") from error
     from pvdf_fem.solver.nonlinear.status import Status
-    from pvdf_fem.solver.sensitivity.uncertainty import solve
+    from pvdf_fem.solver.solve import solve
 
     solution = solve(scene, mesh=options.mesh)
     converged = solution.status is Status.CONVERGED
@@ -272,14 +272,17 @@ def _mesh(options: argparse.Namespace) -> int:
 
     scene = read_scene(options, *find_output_errors(options.file, list(FORMATS), options.scene))
     from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
-    from pvdf_fem.film.models import resolve_film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
+    from pvdf_fem.problem.problem import Problem
     from pvdf_fem.solver.first_sizes import ORDER, choose_first_sizes
 
     try:
-        sizes, jacobian = choose_first_sizes(scene, ORDER), resolve_film_model(scene).least_jacobian
+        problem = Problem.from_scene(scene)
+        sizes = choose_first_sizes(problem, ORDER)
         contacts = estimate_tip_outlines(scene)
-        mesh = mesh_scene(scene, sizes, least_jacobian=jacobian, contacts=contacts)
+        mesh = mesh_scene(
+            scene, sizes, least_jacobian=problem.film.least_jacobian, contacts=contacts
+        )
         write_mesh(mesh, options.file)
     except MeshError as error:
         print(f"not meshed: {error}; move or resize the probe slightly", file=sys.stderr)

@@ -79,7 +79,8 @@ def run(options: argparse.Namespace) -> int:
     from pvdf_fem.inverse.touch.touch import TouchStatus
     from pvdf_fem.inverse.tracking.results import TrackRow
     from pvdf_fem.inverse.tracking.tracker import Tracker
-    from pvdf_fem.solver.adaptive import compute_unloaded_charges
+    from pvdf_fem.problem.problem import Problem
+    from pvdf_fem.solver.adaptive import compute_unloaded_integrals
 
     mistakes: list[str] = []
     unknown, choice = sought(options.unknown, mistakes), ModelChoice.of(options, mistakes)
@@ -91,9 +92,8 @@ def run(options: argparse.Namespace) -> int:
         mistakes.append(f"--unit V: {options.scene} has no [readout]; add one, or give pC")
     if mistakes:
         raise InputError(*mistakes)
-    compute_unloaded_charges(
-        scene
-    )  # without charges at rest the scene is refused, before a model is built
+    # a scene whose unloaded film has no charges is refused before a response is built
+    compute_unloaded_integrals(Problem.from_scene(scene))
     electrodes = [electrode.name for electrode in scene.electrode_list]
     source = None if options.signals == "-" else Path(options.signals)
     name = source or "standard input"

@@ -10,9 +10,10 @@ import numpy as np
 from pvdf_fem.dynamics.air import SOUND_SPEED
 from pvdf_fem.dynamics.modes import format_air_note
 from pvdf_fem.electrodes.channel import Channel, make_channels
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.arguments import SceneLike, as_scene
 from pvdf_fem.scene.scene_file import SceneError
-from pvdf_fem.solver.adaptive import solve
+from pvdf_fem.solver.adaptive import solve_problem
 from pvdf_fem.solver.solution import Solution
 from pvdf_fem.summary import Summary, TabularResult, TextTable
 
@@ -46,7 +47,9 @@ def resolve_loaded_solution(solution: Solution | SceneLike) -> tuple[Solution, S
     scene.require_plain_charges("oscillations", "warming_K", "temperature_K")
     if scene.single_probe is None:
         raise SceneError(["probe = (nothing): is required; add the one whose force changes"])
-    solution = solution if isinstance(solution, Solution) else solve(scene)
+    solution = (
+        solution if isinstance(solution, Solution) else solve_problem(Problem.from_scene(scene))
+    )
     return solution, make_channels(scene) if scene.readout is not None else ()
 
 

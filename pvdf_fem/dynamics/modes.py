@@ -23,11 +23,11 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.spectrum import AIR, VACUUM, Spectrum, compute_spectra
 from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_effect
 from pvdf_fem.film.electric.coupling import describe_coupling
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
-from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM, MeshError
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
 from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
 from pvdf_fem.scene.film import Air
@@ -183,9 +183,10 @@ def modes(
     cold = {} if loaded else dict.fromkeys(bare.warm_probes)
     bare = bare.with_(**{"film.bending": bends}, **cold)
     expected = 4 * count * 2 * (2 if scene.air else 1)  # Lanczos steps of both pencils
-    problem = _ModalProblem(bare, count, loaded, share, _budget_of(bare), StageTimer())
+    resolved = Problem.from_scene(bare)
+    problem = _ModalProblem(resolved, count, loaded, share, _budget_of(resolved), StageTimer())
     steps = problem.first_sizes, problem.solve_on, problem.next_sizes
-    loop = AdaptiveLoop(bare, *steps, problem.budget, problem.clock, UNKNOWNS_PER_ELEMENT[2])
+    loop = AdaptiveLoop(resolved, *steps, problem.budget, problem.clock, UNKNOWNS_PER_ELEMENT[2])
     try:
         with show_progress("solves", progress) as show:
             problem.step = SolveCounter(show, expected)
@@ -201,7 +202,7 @@ def modes(
         reason = f"{status.advice}, to at least {attempt.worst:.1e}, which was reached ({stop})"
     voltages = describe_coupling(bare) if loaded else ()
     left_out = _left_out(scene, share, bends), (text for included, text in voltages if not included)
-    results = (*left_out[0], *left_out[1]), loop.clock.seconds(), attempt.spectra
+    results = (*left_out[0], *left_out[1]), loop.timer.seconds(), attempt.spectra
     return Modes(scene, loaded, status, reason, *results)
 
 
@@ -234,7 +235,7 @@ class _Attempt:
 class _ModalProblem:
     """What is solved on every mesh."""
 
-    scene: Scene  # bending decided, and without a probe that makes no difference
+    problem: Problem  # bending decided, and without a probe that makes no difference
     count: int
     loaded: bool
     bending_share: float  # part of the highest frequency that bending adds, roughly
@@ -248,13 +249,13 @@ class _ModalProblem:
 
     def first_sizes(self) -> GradedSizes:
         """Sizes that meet half the tolerance for the flat film."""
-        scene, tolerance = self.scene, self.scene.numerics.tolerance
+        scene, tolerance = self.problem.scene, self.problem.scene.numerics.tolerance
         share = (0.5 * tolerance / self.flat_error) ** (1.0 / self.order)
         size = scene.film.radius * min(share / _wavenumber(self.count), 0.3)
         patches = {}
         for touch in scene.loaded_probes:
             patches[touch.patch] = min(size, touch.outline.area / touch.outline.perimeter)
-        if resolve_film_model(scene).bends:
+        if self.problem.film.bends:
             length = estimate_bending_effect(scene).rim_length
             patches[FILM] = min(size, choose_layer_size(length, self.bending_share, tolerance))
         self.sizes = GradedSizes(patches, 0.4, size)
@@ -270,10 +271,10 @@ class _ModalProblem:
 
     def solve_on(self, mesh: MeshTri2, coarser: _Attempt | None) -> _Attempt:
         """Modes with their errors, or why there are none."""
-        order = max(2, resolve_film_model(self.scene).lowest_order + 1)
-        coarse, rich = (Equilibrium(self.scene, mesh, p) for p in (order, order + 1))
+        order = max(2, self.problem.film.lowest_order + 1)
+        coarse, rich = (Equilibrium(self.problem, mesh, p) for p in (order, order + 1))
         q, q_rich = np.zeros(coarse.unknowns.count), np.zeros(rich.unknowns.count)
-        least = self.scene.film.prestress[:2].min()
+        least = self.problem.scene.film.prestress[:2].min()
         solver: tuple[int, tuple[FailedAttempt, ...]] = (0, ())
         if not coarse.is_flat:
             with self.clock("solve"):
@@ -283,7 +284,7 @@ class _ModalProblem:
                 if not result.converged or result.factors is None:
                     return _Attempt(coarse, result.status, *solver)
                 correction = correct_in_richer_space(
-                    coarse, result.q, result.factors, rich, self.budget
+                    coarse, result.q, factors=result.factors, rich=rich, budget=self.budget
                 )
                 if isinstance(correction, NewtonResult):
                     return _Attempt(coarse, correction.status, *solver)
@@ -299,10 +300,10 @@ class _ModalProblem:
         return _Attempt(coarse, Status.CONVERGED, *solver, found)
 
 
-def _budget_of(scene: Scene, most_unknowns: int = 180_000) -> Budget:
+def _budget_of(problem: Problem, most_unknowns: int = 180_000) -> Budget:
     """Budget of the modes: by default an equal number of unknowns at every tolerance."""
-    most = scene.numerics.max_unknowns or most_unknowns
-    return replace(Budget.of(scene), max_unknowns=most, bounds_first_mesh=True)
+    most = problem.scene.numerics.max_unknowns or most_unknowns
+    return replace(Budget.for_problem(problem), max_unknowns=most, bounds_first_mesh=True)
 
 
 def _bending_share(scene: Scene, count: int, loaded: bool) -> float:

@@ -25,12 +25,11 @@ from numpy.typing import NDArray
 from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.dynamics.spectrum import assemble_pencil
-from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.electrodes.stress_integrals import differentiate_charges
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.probe_load import UP
 from pvdf_fem.film.low_rank import LowRankUpdate
 from pvdf_fem.film.term import Load, State
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.progress import Progress, ignore_progress
 from pvdf_fem.solver.next_order import factorise_tangent, solve_next_order
 from pvdf_fem.solver.nonlinear.newton import factorise
@@ -60,9 +59,7 @@ class MotionEquations:
         state, air = equilibrium.state(q), AirLoad.of(equilibrium)
         stiffness, mass = assemble_pencil(equilibrium, q)
         force = equilibrium.loads[0].with_components(UP).forces(state)
-        rates = differentiate_charges(
-            make_outputs(equilibrium.scene), equilibrium.membrane, state.dofs
-        )
+        rates = differentiate_charges(equilibrium.problem.outputs, equilibrium.membrane, state.dofs)
         f, g = (equilibrium.unknowns.fold(forces) for forces in (force, rates))
         loss = equilibrium.film.loss_tangent or 0.0
         elastic = _elastic(equilibrium, state) if loss else 0.0 * stiffness
@@ -134,9 +131,11 @@ class MotionEquations:
 
 def linearize_about(solution: Solution) -> tuple[MotionEquations, MotionEquations]:
     """About a solution, and the same of the order above on the same mesh."""
-    solved, q, factors = factorise_tangent(solution.discrete)
-    better = solve_next_order(solved, q, factors)
-    return MotionEquations.of(solved, q), MotionEquations.of(better.rich, better.q)
+    factorised = factorise_tangent(solution.discrete)
+    better = solve_next_order(factorised)
+    return MotionEquations.of(factorised.equilibrium, factorised.q), MotionEquations.of(
+        better.rich, better.q
+    )
 
 
 def _elastic(equilibrium: Equilibrium, state: State) -> Any:

@@ -19,6 +19,7 @@ from pydantic import BeforeValidator, Field
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.files import FileError, read_text
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.changes import normalize_key, to_plain_value
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Scene
@@ -202,7 +203,7 @@ def _rests(scenes: Sequence[Scene], names: Sequence[str]) -> Array:
     values = np.full((len(scenes), len(names)), np.nan)
     for row, scene in zip(values, scenes, strict=True):
         film = scene.film
-        charges = compute_unloaded_integrals(scene, needed=False).charges(
+        charges = compute_unloaded_integrals(Problem.from_scene(scene), required=False).charges(
             (film.d31_pC_N, film.d32_pC_N)
         )
         known = dict(zip((e.name for e in scene.electrode_list), charges.tolist(), strict=True))

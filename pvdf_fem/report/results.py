@@ -38,16 +38,16 @@ class ReportResults:
 
     def charges(self, scenes: Sequence[Scene], names: Sequence[str], reading: str) -> Array:
         """Charges (scenes, names) of electrodes."""
-        totals = self._values(scenes, names, lambda record, of: record.forces_by(of).charges)
+        totals = self._values(scenes, names, lambda record, of: record.integrals_by(of).charges)
         return totals - self.rests(scenes, names) if reading == "change" else totals
 
     def rests(self, scenes: Sequence[Scene], names: Sequence[str]) -> Array:
         """Charges (scenes, names) of the films without a touch."""
-        return self._values(scenes, names, lambda record, _: record.at_rest.charges)
+        return self._values(scenes, names, lambda record, _: record.unloaded.charges)
 
     def errors(self, scenes: Sequence[Scene], names: Sequence[str]) -> Array:
         """Estimated discretisation errors (scenes, names) of the charges."""
-        return self._values(scenes, names, lambda record, of: record.forces_by(of).charge_errors)
+        return self._values(scenes, names, lambda record, of: record.integrals_by(of).charge_errors)
 
     def table(
         self,

@@ -50,8 +50,8 @@ def make_sweep_dataset(
         film, observable = scenes[index].film, scenes[index].numerics.observable
         d = film.d31_pC_N, film.d32_pC_N
         for values, errors, forces in (
-            (charge, error, record.forces_by(observable)),
-            (rest, rest_error, record.at_rest),
+            (charge, error, record.integrals_by(observable)),
+            (rest, rest_error, record.unloaded),
         ):
             values[index, columns] = forces.charges(d)
             errors[index, columns] = forces.charge_errors(d)

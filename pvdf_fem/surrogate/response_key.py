@@ -14,8 +14,8 @@ def make_mechanical_key(scene: Scene) -> str:
 
     Raises `ValueError` without a probe, and for a depth in place of a force.
     """
-    from pvdf_fem.batch.equivalence import MECHANICAL_EFFECTS
-    from pvdf_fem.film.models import resolve_film_model  # with scikit-fem
+    from pvdf_fem.problem.equivalence import describe_mechanics  # with scikit-fem
+    from pvdf_fem.problem.problem import Problem
 
     if scene.single_probe is None:
         raise ValueError("scene: has no probe; give it one")
@@ -24,8 +24,7 @@ def make_mechanical_key(scene: Scene) -> str:
     scene.require_plain_charges("a response")
     observable = scene.numerics.observable
     pressed = centre_probe(scene).model_copy(update={"numerics": Numerics(observable=observable)})
-    weight, bends = scene.film.weight, resolve_film_model(pressed).bends
-    return f"{select_by_effect(pressed, *MECHANICAL_EFFECTS)} {weight} {bends} {observable}"
+    return f"{describe_mechanics(Problem.from_scene(pressed))} {observable}"
 
 
 def make_response_key(scene: Scene, domain: Domain, tolerance: float) -> str:
@@ -45,7 +44,7 @@ def require_same_mechanics(known: Scene, other: Scene) -> None:
     """Raise `ValueError` where the stress about the probe is not that of a known scene."""
     if make_mechanical_key(known) == make_mechanical_key(other):
         return
-    from pvdf_fem.batch.equivalence import MECHANICAL_EFFECTS  # with scikit-fem
+    from pvdf_fem.problem.equivalence import MECHANICAL_EFFECTS  # with scikit-fem
 
     there, here = (
         {

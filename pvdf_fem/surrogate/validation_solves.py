@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
@@ -28,11 +29,10 @@ def make_solve_tasks(
 
 def solve_stress_integrals(scene: Scene, touch: Array, tolerance: float) -> StressIntegrals | str:
     """Forces X, Y of the electrodes under a touch (4,), or why there are none."""
-    from pvdf_fem.electrodes.outputs import make_outputs  # with gmsh
     from pvdf_fem.solver.adaptive import solve_outputs
 
     touched = apply_touch(scene, touch, tolerance)
-    solution = solve_outputs(touched, make_outputs(touched))
+    solution = solve_outputs(Problem.from_scene(touched))
     converged = solution.status is Status.CONVERGED
     return solution.discrete.stress_integrals if converged else solution.reason
 

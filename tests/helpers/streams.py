@@ -9,6 +9,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from pvdf_fem.electrodes.channel import make_channels
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.adaptive import compute_unloaded_charges
 from tests.helpers.touch_models import Bumps, bumps
 
@@ -44,7 +45,7 @@ class Rested(Bumps):
 
     @cached_property
     def film_rest_pC(self):
-        return 1e12 * compute_unloaded_charges(self.scene)
+        return 1e12 * compute_unloaded_charges(Problem.from_scene(self.scene))
 
     def evaluate(self, touches):
         force = touches[:, 3, None]

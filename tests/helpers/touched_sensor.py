@@ -49,14 +49,15 @@ def forces(at):
     return 0.5 * tension + 60.0 * force / (0.1 * tension + force) ** 0.5 * shares.mean(axis=1)
 
 
-def solved(scene, outputs):
-    """What a calibration asks of a solution."""
+def solved(problem):
+    """Return what a calibration uses of a solution."""
+    scene = problem.scene
     at = np.array([read_parameter(scene, key) for key in KEYS])
     return SimpleNamespace(
         at=at,
         status=Status.CONVERGED,
         reason="",
-        fields=SimpleNamespace(forces=SimpleNamespace(values=forces(at))),
+        discrete=SimpleNamespace(stress_integrals=SimpleNamespace(values=forces(at))),
         charge_errors_pC=dict.fromkeys(NAMES, 0.0),
         charges_pC=dict.fromkeys(NAMES, 1.0),
     )
@@ -69,14 +70,13 @@ def rates(solution, keys):
     return np.array([(ahead - back) / 2e-5 for ahead, back in ends])
 
 
-def rest(scene, needed):
-    """Forces of the untouched film."""
-    return SimpleNamespace(values=np.full((4, 2), 0.5 * scene.film.pretension_N_m))
+def rest(problem, required):
+    """Return the stress integrals of the unloaded film."""
+    return SimpleNamespace(values=np.full((4, 2), 0.5 * problem.scene.film.pretension_N_m))
 
 
 def made_up(patch):
     """Let calibrations solve the made-up sensor."""
-    patch.setattr(model, "make_outputs", lambda scene: None)
     patch.setattr(model, "solve_outputs", solved)
     patch.setattr(model, "compute_integral_rates", rates)
     patch.setattr(model, "compute_unloaded_integrals", rest)

@@ -14,7 +14,6 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.electrodes.channel import Channel, make_channels
-from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.inverse.calibration.options import DEFAULTS, CalibrateOptions
 from pvdf_fem.inverse.calibration.parameters import (
     GAIN,
@@ -25,6 +24,7 @@ from pvdf_fem.inverse.calibration.parameters import (
     read_parameter,
 )
 from pvdf_fem.inverse.calibration.touch_table import TOUCH_KEYS, TouchTable, place_probe
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.progress import SolveCounter, ignore_progress
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive import compute_unloaded_integrals, solve_outputs
@@ -119,7 +119,7 @@ class ReadingModel:
             if (moved := place_probe(scene, arguments[i, :4])) is None:
                 continue
             self.count()
-            solution = solve_outputs(moved, make_outputs(moved))
+            solution = solve_outputs(Problem.from_scene(moved))
             self.failures[i] = f"{solution.status}: {solution.reason}"
             if solution.status is not Status.CONVERGED:
                 continue
@@ -137,7 +137,9 @@ class ReadingModel:
         where it has none and readings are totals."""
 
         def forces(at: Scene) -> Array:
-            return compute_unloaded_integrals(at, needed=self.reading == "change").values
+            return compute_unloaded_integrals(
+                Problem.from_scene(at), required=self.reading == "change"
+            ).values
 
         rows = [forces(scene), *np.zeros((len(TOUCH_KEYS), len(self.channels), 2))]
         for key in self.unknowns.film_keys:

@@ -14,8 +14,8 @@ from typing import ClassVar
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, get_base_quantity
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.changes import get_number, parse_key, to_plain_value
 from pvdf_fem.scene.outlines.shape import HEAT_KEYS
 from pvdf_fem.scene.scene import Numerics, Scene, SceneError
@@ -84,7 +84,9 @@ class SolvedResponse:
             and (get_base_quantity(name) != "rotation_deg" or periods[_probe(name)])
         )
         made = cls(listed, tuple(names), sought, domain, tolerance, count)
-        if wrong := {made.key(name) for name in sought} - set(list_parameters(listed)):
+        if wrong := {made.key(name) for name in sought} - set(
+            list_parameters(Problem.from_scene(listed))
+        ):
             raise ValueError(f"unknown: charges have no derivative by {', '.join(sorted(wrong))}")
         return made
 
@@ -139,7 +141,7 @@ class SolvedResponse:
         for i, touch in enumerate(touches):
             self.count()
             try:
-                solution = solve_outputs(scene := self.scene_of(touch), make_outputs(scene))
+                solution = solve_outputs(Problem.from_scene(self.scene_of(touch)))
                 slopes[i][:, self.unknown] = 1e12 * compute_charge_rates(solution, keys).T
                 charges[i] = [*solution.charges_pC.values()]
             except (SceneError, NotConvergedError):

@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from pydantic import Field
 
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.report.data import SHORT, Readings, format_cell
 from pvdf_fem.report.kind import Content, ElectrodeKind, Inputs, prefix_errors
 from pvdf_fem.report.results import NothingToShowError, ReportResults
@@ -64,7 +65,7 @@ class Comparison(ElectrodeKind):
         scenes = dict.fromkeys(self.scenes(inputs))
         with prefix_errors("scene"):
             for scene in scenes:
-                require_differentiable(scene)
+                require_differentiable(Problem.from_scene(scene))
         return [Spread(scene) for scene in scenes if scene.uncertain]
 
     def _asked(self, inputs: Inputs) -> tuple[Readings, list[Scene], tuple[str, ...]]:

@@ -16,11 +16,12 @@ from skfem import MeshTri2, asm
 from skfem.models import mass
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_estimate import estimate_contact_outlines, estimate_tip_outlines
 from pvdf_fem.film.space import Space, transfer_dofs
 from pvdf_fem.mesh.gmsh_mesh import PROBE, collect_outlines, mesh_scene
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
@@ -105,11 +106,13 @@ def solve_stresses(
     for force in forces:
         loaded = scene.with_(**{"load.force_N": force})
         if equilibrium is None or scene.tips:
-            last, equilibrium = equilibrium, Equilibrium(loaded, mesh_probe(loaded, ratio), order)
+            last = equilibrium
+            problem = Problem.from_scene(loaded)
+            equilibrium = Equilibrium(problem, mesh_probe(loaded, ratio), order)
             space = equilibrium.space
             known = [(at, transfer_dofs(last.space, x, space)) for at, x in known[-1:] if last]
         else:
-            equilibrium = equilibrium.with_(scene=loaded)
+            equilibrium = equilibrium.of_problem(Problem.from_scene(loaded))
         start = None
         if known:
             at, dofs = map(np.array, zip(*known[-3:], strict=True))

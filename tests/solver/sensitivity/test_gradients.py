@@ -9,6 +9,7 @@ import pytest
 
 from pvdf_fem import NotConvergedError, Scene, solve
 from pvdf_fem.film.models import resolve_film_model
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.solver.sensitivity.gradients import gradients
 from pvdf_fem.solver.sensitivity.parameters import PLACE_NAMES, list_parameters
@@ -74,7 +75,9 @@ def test_each_but_the_place_on_one_mesh(changes, keys):
     """There the adjoint gives the derivative of the discrete charges: rounding is left."""
     scene = TURNED.with_(**changes)
     mesh, signs = graded_mesh(scene, 3.0, 15.0), np.random.default_rng(5)
-    known = [key for key in list_parameters(scene) if not key.endswith(PLACE_NAMES)]
+    known = [
+        key for key in list_parameters(Problem.from_scene(scene)) if not key.endswith(PLACE_NAMES)
+    ]
     assert keys <= set(known)
     direction = {k: signs.choice([-1.0, 1.0]) * (get_number(scene, k) or 0.1) for k in known}
     found = gradients(solve(scene, mesh=mesh, order=2), known)
