@@ -1,4 +1,4 @@
-"""Progress in long jobs: finished work, and time for the rest at this pace."""
+"""Progress of long jobs: finished work, and an estimate of the remaining time."""
 
 from __future__ import annotations
 
@@ -11,107 +11,217 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-#: Called with finished work and total work, in an arbitrary unit. The work in all may change.
+#: A function of finished work and total work, in any unit. The total may change from call to call.
 Progress = Callable[[float, float], None]
+
+#: Seconds between two lines of progress where standard error is not a terminal.
+LINE_INTERVAL_S = 2.0
+#: Layout of the progress bar on a terminal; the names in braces are those of tqdm.
+BAR_FORMAT = "{percentage:3.0f}% {bar:20} {n:.0f} of {total:.0f} {unit}, {remaining} left"
 
 
 def ignore_progress(done: float, total: float) -> None:
-    """A `Progress` that shows nothing."""
+    """Show nothing: the `Progress` of a silent job."""
 
 
 @contextmanager
 def show_progress(
-    unit: str, asked: Progress | bool | None = None, after_s: float = 2.0
+    unit: str, requested: Progress | bool | None = None, after_s: float = 2.0
 ) -> Iterator[Progress]:
-    """The progress of a job.
+    """Show the progress of a job on standard error.
+
+    On a terminal this is a progress bar of tqdm, which disappears at the end. Elsewhere it is a
+    line every few seconds.
 
     Parameters
     ----------
     unit : str
-        What the work is counted in, such as "solves".
-    asked : callable or bool, optional
-        A `Progress` is taken as it is. Otherwise work and remaining time are written on standard
-        error: always if true, never if false, and by default where standard error is a terminal.
-    after_s : float
-        Jobs that take less are silent.
+        Unit of the work, such as "solves".
+    requested : callable or bool, optional
+        A callable is used as it is, in place of standard error. True always shows the progress,
+        False never does, and None shows it where standard error is a terminal.
+    after_s : float, optional
+        Time in seconds during which nothing is shown, so that short jobs are silent.
+
+    Yields
+    ------
+    callable
+        The `Progress` that the job calls with finished and total work.
     """
-    if callable(asked):
-        yield asked
+    if callable(requested):
+        yield requested
         return
-    terminal = sys.stderr is not None and sys.stderr.isatty()
-    if sys.stderr is None or asked is False or not (asked or terminal):
+    on_terminal = sys.stderr is not None and sys.stderr.isatty()
+    is_shown = on_terminal if requested is None else requested
+    if sys.stderr is None or not is_shown:
         yield ignore_progress
-        return
-    begun, told_at = time.monotonic(), -math.inf
+    elif on_terminal:
+        bar = _ProgressBar(unit, after_s)
+        try:
+            yield bar
+        finally:
+            bar.close()
+    else:
+        yield _ProgressLines(unit, after_s)
 
-    def show(done: float, total: float) -> None:
-        nonlocal told_at
+
+class _ProgressBar:
+    """A progress bar of tqdm that appears when a job has taken some time."""
+
+    def __init__(self, unit: str, after_s: float) -> None:
+        self.unit, self.after_s = unit, after_s
+        self.start = time.monotonic()
+        self.bar: Any = None
+
+    def __call__(self, done: float, total: float) -> None:
+        """Show finished and total work."""
+        if self.bar is None:
+            elapsed_s = time.monotonic() - self.start
+            if elapsed_s < self.after_s or not 0 < done < total:
+                return
+            self.bar = _open_bar(self.unit, elapsed_s)
+            self.bar.total = total
+            self.bar.n = done
+            self.bar.refresh()
+        self.bar.total = total
+        self.bar.update(done - self.bar.n)
+
+    def close(self) -> None:
+        """Remove the bar from the terminal."""
+        if self.bar is not None:
+            self.bar.close()
+
+
+def _open_bar(unit: str, elapsed_s: float) -> Any:
+    """Return a bar of tqdm, not drawn yet, for a job that began `elapsed_s` seconds ago."""
+    from tqdm import tqdm  # here, since most commands end before they show a bar
+
+    class Bar(tqdm):  # type: ignore[misc]
+        monitor_interval = 0  # without a thread that redraws bars of slow jobs
+
+    bar = Bar(
+        unit=unit,
+        bar_format=BAR_FORMAT,
+        leave=False,
+        delay=1e-9,  # not drawn before its first refresh
+        miniters=0,  # drawn by time alone
+        smoothing=0.0,  # the remaining time follows from the mean speed since the start
+    )
+    bar.start_t -= elapsed_s
+    return bar
+
+
+class _ProgressLines:
+    """Lines of progress on standard error, one every few seconds."""
+
+    def __init__(self, unit: str, after_s: float) -> None:
+        self.unit, self.after_s = unit, after_s
+        self.start = time.monotonic()
+        self.last_line = -math.inf
+
+    def __call__(self, done: float, total: float) -> None:
+        """Write a line with finished and total work if the last one is some seconds old."""
         now = time.monotonic()
-        pause_s = 0.1 if terminal else after_s
-        if not 0 < done < total or now - begun < after_s or now - told_at < pause_s:
+        elapsed_s = now - self.start
+        is_due = elapsed_s >= self.after_s and now - self.last_line >= LINE_INTERVAL_S
+        if not is_due or not 0 < done < total:
             return
-        told_at, left = now, format_remaining_time((now - begun) * (total - done) / done)
-        text = f"{done:.0f} of {total:.0f} {unit}, {left} left"
-        # a terminal has a single line, rewritten
-        sys.stderr.write(f"\r{text}\x1b[K" if terminal else f"{text}\n")
-        sys.stderr.flush()
-
-    try:
-        yield show
-    finally:
-        if terminal and told_at > begun:
-            sys.stderr.write("\r\x1b[K")
-            sys.stderr.flush()
+        self.last_line = now
+        remaining = format_remaining_time(elapsed_s * (total - done) / done)
+        print(f"{done:.0f} of {total:.0f} {self.unit}, {remaining} left", file=sys.stderr)
 
 
 def format_remaining_time(seconds: float) -> str:
-    """A time as a person says it: to a second, from two minutes on in minutes."""
-    return f"about {seconds:.0f} s" if seconds < 120.0 else f"about {seconds / 60.0:.0f} min"
+    """Return a duration in words: in seconds below two minutes, else in minutes."""
+    if seconds < 120.0:
+        return f"about {seconds:.0f} s"
+    return f"about {seconds / 60.0:.0f} min"
 
 
 class SolveCounter:
-    """Tells a `Progress` about solves with an expected number."""
+    """A counter of solves that reports each one to a `Progress`.
+
+    Parameters
+    ----------
+    progress : callable
+        The `Progress` to report to.
+    expected : int
+        Expected number of solves. Where more are needed, the total grows with them.
+    """
 
     def __init__(self, progress: Progress, expected: int) -> None:
-        self.progress, self.expected, self.done = progress, expected, 0
+        self.progress, self.expected = progress, expected
+        self.done = 0
 
     def __call__(self) -> None:
-        """One solve more."""
+        """Count one more solve."""
         self.done += 1
         self.progress(self.done, max(self.expected, self.done))
 
 
 class TaskRunner:
-    """Runs tasks on processes, and tells a `Progress` in seconds on a core.
+    """A runner of tasks on several processes that reports CPU seconds to a `Progress`.
 
-    The rest is estimated from earlier tasks with the same function.
+    The remaining work is estimated from finished tasks with the same function.
+
+    Parameters
+    ----------
+    processes : int, optional
+        Number of processes; None stands for one per core.
+    progress : callable, optional
+        The `Progress` to report to, in seconds of one core.
     """
 
     def __init__(self, processes: int | None = None, progress: Progress = ignore_progress) -> None:
-        self.processes, self.progress = processes or -1, progress
-        self.seconds: dict[str, list[float]] = {}  #: Of each task that is done, by function.
+        self.processes, self.progress = processes, progress
+        self.seconds: dict[str, list[float]] = {}  #: Durations of finished tasks, by function name.
 
     def run(self, tasks: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
-        """What functions return for arguments, each a tuple with the function first, in order."""
+        """Run tasks, and yield their results in order.
+
+        Parameters
+        ----------
+        tasks : sequence of tuple
+            Each task is a function followed by its arguments.
+
+        Yields
+        ------
+        object
+            The result of the next task.
+        """
         import joblib
 
         names = [function.__name__ for function, *_ in tasks]
-        left = Counter(names)
+        waiting = Counter(names)
+        all_cores = -1
+        processes = all_cores if self.processes is None else self.processes
         with joblib.parallel_config("loky", inner_max_num_threads=1):
-            parallel = joblib.Parallel(self.processes, return_as="generator")
-            results = parallel(joblib.delayed(_timed)(*task) for task in tasks)
+            parallel = joblib.Parallel(processes, return_as="generator")
+            results = parallel(joblib.delayed(_time_task)(*task) for task in tasks)
             for name, (result, seconds) in zip(names, results, strict=True):
                 self.seconds.setdefault(name, []).append(seconds)
-                left[name] -= 1
-                if self.seconds.keys() >= left.keys():
-                    done = sum(map(sum, self.seconds.values()))
-                    ahead = sum(n * statistics.mean(self.seconds[kind]) for kind, n in left.items())
-                    self.progress(done, done + ahead)
+                waiting[name] -= 1
+                self._report(waiting)
                 yield result
 
+    def _report(self, waiting: Counter[str]) -> None:
+        """Report finished and expected seconds, once a task of each function has finished.
 
-def _timed(function: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
-    """Result of a function, and its CPU time in seconds."""
-    begun = time.process_time()
+        `waiting` is the number of unfinished tasks by function name.
+        """
+        if not self.seconds.keys() >= waiting.keys():
+            return
+        done_s = 0.0
+        for durations in self.seconds.values():
+            done_s += sum(durations)
+        remaining_s = 0.0
+        for name, count in waiting.items():
+            remaining_s += count * statistics.mean(self.seconds[name])
+        self.progress(done_s, done_s + remaining_s)
+
+
+def _time_task(function: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
+    """Return the result of a function, and its CPU time in seconds."""
+    start = time.process_time()
     result = function(*arguments)
-    return result, time.process_time() - begun
+    return result, time.process_time() - start

@@ -122,7 +122,7 @@ def test_public_names_are_documented_early_and_functions_whatever_was_imported_b
         "import pvdf_fem\n"
         "print(*dir(pvdf_fem))\n"
         "print(pvdf_fem.__doc__, 'PUBLIC')\n"
-        f"import {', '.join(modules)}, pvdf_fem.cli.locate, pvdf_fem.cli.sweep\n"
+        f"import {', '.join(modules)}, pvdf_fem.cli.inverse.locate, pvdf_fem.cli.studies.sweep\n"
         f"from pvdf_fem import {', '.join(names)}\n"
         f"for public in ({', '.join(names)}):\n"
         "    assert public.__module__.startswith('pvdf_fem.'), public\n"

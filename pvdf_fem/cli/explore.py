@@ -6,8 +6,14 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, read_scene
-from pvdf_fem.cli.response_model import number_of
+from pvdf_fem.cli.program import (
+    ExitCode,
+    InputError,
+    add_scene_command,
+    add_text_options,
+    read_scene,
+)
+from pvdf_fem.cli.response_choice import read_number
 
 DESCRIPTION = """\
 A page in the browser, served on this machine only (127.0.0.1): drag, turn and press
@@ -28,13 +34,13 @@ def add_to(commands: Any) -> None:
     """Add the command to the commands of an argument parser."""
     summary = "a page to play with a scene"
     parser = add_scene_command(commands, "explore", run, summary, DESCRIPTION, EPILOG, as_json="")
-    add_texts(parser, ("--port", "PORT", "0", "port of the page; 0 is any free one"))
+    add_text_options(parser, ("--port", "PORT", "0", "port of the page; 0 is any free one"))
     parser.add_argument("--no-browser", action="store_true", help="only print the address")
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the command until it is interrupted."""
-    port, taken = number_of(options.port), f"--port {options.port[:60]}"
+    port, taken = read_number(options.port), f"--port {options.port[:60]}"
     mistakes = [] if port in range(65536) else [f"{taken}: is no port; give 0 to 65535"]
     scene = read_scene(options, *mistakes)
     from pvdf_fem.explore.server import serve

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pvdf_fem import __version__
-from pvdf_fem.cli import calibrate, explore, locate, respond, response_model, sweep, track
+from pvdf_fem.cli import explore, respond, response_choice
+from pvdf_fem.cli.inverse import calibrate, locate, track
 from pvdf_fem.cli.program import (
     ArgumentParser,
     ExitCode,
@@ -24,7 +25,7 @@ from pvdf_fem.cli.program import (
     add_command,
     add_plot,
     add_scene_command,
-    add_texts,
+    add_text_options,
     describe_unknown_argument,
     find_output_errors,
     find_plot_errors,
@@ -32,7 +33,7 @@ from pvdf_fem.cli.program import (
     run_program,
     save_plot,
 )
-from pvdf_fem.cli.studies import dataset, design
+from pvdf_fem.cli.studies import dataset, design, sweep
 from pvdf_fem.scene.scene_file import get_example_text, read_examples, read_key_texts, suggest
 
 if TYPE_CHECKING:
@@ -194,7 +195,9 @@ def _make_parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.Argumen
         solve.add_argument(name, metavar="FILE", type=Path, help=about)
     shown = "stress, charge density, principal directions, mesh, error or contact"
     add_plot(solve, "a map of the film")
-    add_texts(solve, ("--quantity", "NAME", None, f"what --plot shows, if not deflection: {shown}"))
+    add_text_options(
+        solve, ("--quantity", "NAME", None, f"what --plot shows, if not deflection: {shown}")
+    )
     summary = "write the mesh of a scene"
     mesh = add_scene_command(commands, "mesh", _mesh, summary, _MESH, _MESH_EPILOG, as_json="")
     mesh.add_argument("file", metavar="FILE", type=Path, help="mesh file to write")
@@ -203,9 +206,9 @@ def _make_parsers() -> tuple[argparse.ArgumentParser, dict[str, argparse.Argumen
     modes.add_argument(
         "--loaded", action="store_true", help="about the film under its load, not the flat film"
     )
-    add_texts(modes, ("--count", "N", "6", "how many frequencies"))
+    add_text_options(modes, ("--count", "N", "6", "how many frequencies"))
     add_plot(modes, "the shapes of the modes")
-    touching = response_model, locate, track, calibrate, design, dataset
+    touching = response_choice, locate, track, calibrate, design, dataset
     for command in (respond, sweep, *touching, explore):
         command.add_to(commands)
     return parser, dict(commands.choices)

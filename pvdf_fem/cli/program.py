@@ -159,7 +159,7 @@ def _lost(given: Scene, scene: Scene, changes: Mapping[str, Any]) -> Iterator[st
                     yield f"{key} = {quote(old[key.rpartition('.')[2]])}"
 
 
-def add_texts(parser: Any, *options: tuple[str, str, str | None, str]) -> None:
+def add_text_options(parser: Any, *options: tuple[str, str, str | None, str]) -> None:
     """Add options with a text for a value: name, stand-in of the value, default, help."""
     for name, metavar, default, about in options:
         about = about if default is None else f"{about} (default: {default})"

@@ -11,12 +11,12 @@ from pvdf_fem.cli.program import (
     ExitCode,
     add_plot,
     add_scene_command,
-    add_texts,
+    add_text_options,
     find_plot_errors,
     read_scene,
     save_plot,
 )
-from pvdf_fem.cli.response_model import number_of
+from pvdf_fem.cli.response_choice import read_number
 
 DESCRIPTION = """\
 Charges by a small force of the probe that oscillates about its load, with mass,
@@ -39,7 +39,7 @@ def add_to(commands: Any) -> None:
     """Add the command to the commands of an argument parser."""
     summary = "charges under an oscillating force"
     parser = add_scene_command(commands, "respond", run, summary, DESCRIPTION, EPILOG)
-    add_texts(parser, ("--frequencies", "SPAN", "1:1000", SPAN))
+    add_text_options(parser, ("--frequencies", "SPAN", "1:1000", SPAN))
     add_plot(parser, "amplitudes, and phases of a damped film")
 
 
@@ -71,7 +71,7 @@ def _frequencies(span: str, most: int = 100_000) -> Any:
     """Frequencies in Hz of a span; None for what is none."""
     import numpy as np
 
-    start, *others = [number_of(text) or 0.0 for text in span.split(":")]
+    start, *others = [read_number(text) or 0.0 for text in span.split(":")]
     end, count = [*others, 200.0][:2] if others else (start, 1.0)
     if len(others) > 2 or not (0.0 < start <= end <= 1e6 and count in range(1, most + 1)):
         return None

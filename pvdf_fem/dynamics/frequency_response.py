@@ -1,4 +1,4 @@
-"""Charges of a small oscillating force by frequency."""
+"""Charges of a small oscillating force about a solution, by frequency."""
 
 from __future__ import annotations
 
@@ -9,6 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.dynamics.charge_changes import (
+    ChargeChanges,
+    describe_neglected_effects,
+    label_in_pC,
+    resolve_loaded_solution,
+)
 from pvdf_fem.dynamics.motion_equations import ComplexArray, linearize_about
 from pvdf_fem.progress import Progress, show_progress
 from pvdf_fem.scene.arguments import SceneLike, coerce, coerce_array
@@ -17,19 +23,12 @@ from pvdf_fem.solver.solution import Solution
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-from pvdf_fem.dynamics.charge_changes import (
-    ChargeChanges,
-    label_in_pC,
-    list_neglected_effects,
-    resolve_loaded_solution,
-)
-
-MAX_FREQUENCY_HZ = 1e6  #: Highest frequency, Hz.
+MAX_FREQUENCY_HZ = 1e6  #: Highest frequency.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrequencyResponse(ChargeChanges):
-    """Complex amplitudes over the force's amplitude, (n,), by electrode, about a solution."""
+    """Complex amplitudes over the force's amplitude about a solution, (n,), by electrode."""
 
     solution: Solution
     frequencies_Hz: Array
@@ -37,22 +36,28 @@ class FrequencyResponse(ChargeChanges):
     charge_errors_pC_N: dict[str, Array]  #: Estimated discretisation errors, absolute.
     readings_V_N: dict[str, ComplexArray]  #: Of the channels; empty without ``[readout]``.
     resonances_Hz: Array  #: Those that the force excites, without losses, up to the last frequency.
-    neglected: tuple[str, ...]  #: What the model neglects.
+    neglected: tuple[str, ...]  #: Effects that the model neglects, with their sizes.
 
     def plot(self) -> Figure:
         """Draw amplitudes with the resonances marked, and phases if something damps the film."""
         from pvdf_fem.view.charts import draw_frequency_response
 
-        about = self.charges_pC_N, self.resonances_Hz, self.solution.scene
-        return draw_frequency_response(self.frequencies_Hz, *about)
+        return draw_frequency_response(
+            self.frequencies_Hz, self.charges_pC_N, self.resonances_Hz, self.solution.scene
+        )
 
     def columns(self) -> dict[str, Array]:
-        """Columns in the table by `pvdf-fem respond`."""
-        found = {"frequency_Hz": self.frequencies_Hz}
-        for unit, table in (("pC_N", self.charges_pC_N), ("V_N", self.readings_V_N)):
-            for name, values in table.items():
-                found |= {f"{name}_real_{unit}": values.real, f"{name}_imag_{unit}": values.imag}
-        return found | {f"{n}_error_pC_N": error for n, error in self.charge_errors_pC_N.items()}
+        """Return the columns of the table by `pvdf-fem respond`."""
+        columns = {"frequency_Hz": self.frequencies_Hz}
+        for name, charges in self.charges_pC_N.items():
+            columns[f"{name}_real_pC_N"] = charges.real
+            columns[f"{name}_imag_pC_N"] = charges.imag
+        for name, readings in self.readings_V_N.items():
+            columns[f"{name}_real_V_N"] = readings.real
+            columns[f"{name}_imag_V_N"] = readings.imag
+        for name, errors in self.charge_errors_pC_N.items():
+            columns[f"{name}_error_pC_N"] = errors
+        return columns
 
 
 def respond(
@@ -61,50 +66,78 @@ def respond(
     refined: bool = False,
     progress: Progress | bool | None = None,
 ) -> FrequencyResponse:
-    """Charges by a small oscillating force of the probe along z, by frequency.
+    """Compute the charges of a small oscillating force of the probe along z, by frequency.
 
     Parameters
     ----------
-    solution : Solution, Scene, or what `solve` takes for a scene
+    solution : Solution, Scene, or whatever `solve` takes for a scene
         The loaded state, or a scene that is solved first, with one probe that is no tip.
     frequencies_Hz : array_like
-        One or several, not below zero; `NotConvergedError` where they are too high for the film.
+        One or several, not below zero.
     refined : bool, optional
-        Whether more frequencies about the resonances join.
+        Whether frequencies about the resonances are added.
     progress : callable or bool, optional
-        As for `modes`, counted in vectors of each of two bases, of which few of the most may do.
+        As for `modes`, in vectors of each of two bases, of which few of the largest number may do.
+
+    Returns
+    -------
+    FrequencyResponse
+
+    Raises
+    ------
+    NotConvergedError
+        Where the frequencies are too high for the film.
 
     Examples
     --------
     >>> answer = respond(Scene.example("triangle"), [0.0, 20.0, 50.0])
     >>> abs(answer.charges_pC_N["A"])
     """
-    frequencies = coerce_array(
-        "frequencies_Hz", frequencies_Hz, (0.0, MAX_FREQUENCY_HZ), "Hz"
-    ).ravel()
+    limits = (0.0, MAX_FREQUENCY_HZ)
+    frequencies = coerce_array("frequencies_Hz", frequencies_Hz, limits, "Hz").ravel()
     refined = coerce("refined", refined, bool)
-    solution, read = resolve_loaded_solution(solution)
+    solution, channels = resolve_loaded_solution(solution)
     with show_progress("vectors at most", progress) as show:
-        both = [oscillation.reduced(frequencies, show) for oscillation in linearize_about(solution)]
-    resonances = both[0].resonances(frequencies.max())
+        motion = linearize_about(solution)
+        reduced = motion.equations.reduce(frequencies, show)
+        next_order = motion.next_order.reduce(frequencies, show)
+    resonances = reduced.find_resonances_Hz(frequencies.max())
     if refined:
-        frequencies = _refined(frequencies, resonances)
-    charges, better = (oscillation.charges(frequencies).T for oscillation in both)
-    pairs = zip(read, charges, strict=False)  # no channels without a readout
-    readings = {c.name: c.harmonic(frequencies) * charge for c, charge in pairs}
-    tables = (
-        label_in_pC(solution, charges),
-        label_in_pC(solution, np.abs(better - charges)),
-        readings,
-    )
+        frequencies = _refine_about_resonances(frequencies, resonances)
+    charges = reduced.compute_charges(frequencies).T
+    errors = np.abs(next_order.compute_charges(frequencies).T - charges)
+    readings = {}
+    for i, channel in enumerate(channels):
+        readings[channel.name] = channel.harmonic(frequencies) * charges[i]
     return FrequencyResponse(
-        solution, frequencies, *tables, resonances, list_neglected_effects(solution)
+        solution,
+        frequencies,
+        charges_pC_N=label_in_pC(solution, charges),
+        charge_errors_pC_N=label_in_pC(solution, errors),
+        readings_V_N=readings,
+        resonances_Hz=resonances,
+        neglected=describe_neglected_effects(solution),
     )
 
 
-def _refined(frequencies: Array, resonances: Array, nearest: float = 1e-3, most: int = 12) -> Array:
-    """Frequencies in Hz with more about resonances, their distances in a geometric series."""
-    apart = np.geomspace(nearest, 0.1, most)
-    near = np.multiply.outer(resonances, np.concatenate([1.0 - apart, 1.0 + apart])).ravel()
-    inside = (near > frequencies.min()) & (near < frequencies.max())
-    return np.union1d(frequencies, near[inside])
+def _refine_about_resonances(
+    frequencies_Hz: Array, resonances_Hz: Array, nearest: float = 1e-3, count: int = 12
+) -> Array:
+    """Add frequencies on both sides of resonances, at distances in a geometric series.
+
+    Parameters
+    ----------
+    frequencies_Hz : ndarray, shape (n,)
+        Only frequencies between the lowest and the highest are added.
+    resonances_Hz : ndarray, shape (m,)
+        Resonances to refine about.
+    nearest : float, optional
+        Least distance from a resonance, relative to it; the largest is 0.1.
+    count : int, optional
+        Number of frequencies on each side.
+    """
+    distances = np.geomspace(nearest, 0.1, count)
+    ratios = np.concatenate([1.0 - distances, 1.0 + distances])
+    added = np.multiply.outer(resonances_Hz, ratios).ravel()
+    is_inside = (added > frequencies_Hz.min()) & (added < frequencies_Hz.max())
+    return np.union1d(frequencies_Hz, added[is_inside])

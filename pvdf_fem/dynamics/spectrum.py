@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,117 +19,210 @@ from pvdf_fem.solver.nonlinear.newton import factorise
 from pvdf_fem.solver.nonlinear.status import Status
 
 VACUUM, AIR = "in vacuum", "in air"
-Pencil = tuple[sp.csc_matrix, Any]  #: Stiffness and mass; that of air is a `LowRankUpdate`.
+
+
+class Pencil(NamedTuple):
+    """The matrices of an eigenvalue problem."""
+
+    stiffness: sp.csc_matrix  #: K in N/m.
+    mass: Any  #: M in kg, sparse; a `LowRankUpdate` with the mass of air.
+
+
+class EigenPairs(NamedTuple):
+    """The lowest modes of a pencil."""
+
+    frequencies: Array  #: In Hz, ascending, (n,).
+    vectors: Array  #: Eigenvectors, (unknowns, n).
+
+
+class EquilibriumState(NamedTuple):
+    """Equations of a film with their solution, about which it vibrates."""
+
+    equilibrium: Equilibrium
+    q: Array  #: Unknowns.
 
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Frequencies, errors and eigenvectors, with the equilibrium and its unknowns `q`."""
+    """The lowest modes about an equilibrium."""
 
     equilibrium: Equilibrium
-    q: Array
-    frequencies: Array
-    errors: Array
-    vectors: Array
+    q: Array  #: Unknowns of the equilibrium.
+    frequencies: Array  #: In Hz, ascending, (n,).
+    errors: Array  #: Estimated discretisation errors in Hz, (n,).
+    vectors: Array  #: Eigenvectors, (unknowns, n).
 
     @property
     def shapes(self) -> Array:
-        """Those of `Modes`."""
-        expand = self.equilibrium.unknowns.expand
-        shapes = np.array([expand(vector) for vector in self.vectors.T])
+        """u, v, w by mode, (n, scalar dofs, 3), scaled as those of `Modes`."""
+        shapes = np.array([self.equilibrium.unknowns.expand(vector) for vector in self.vectors.T])
         peaks = np.abs(shapes).argmax(axis=1)[:, None]
-        return (shapes / np.take_along_axis(shapes, peaks, axis=1)).reshape(len(shapes), -1, 3)
+        normalised = shapes / np.take_along_axis(shapes, peaks, axis=1)
+        return normalised.reshape(len(shapes), -1, 3)
 
 
 def compute_spectra(
-    coarse: Equilibrium,
-    rich: Equilibrium,
-    at: tuple[Array, Array],
+    coarse: EquilibriumState,
+    rich: EquilibriumState,
     count: int,
-    step: Callable[[], None] = lambda: None,
+    on_solve: Callable[[], None] = lambda: None,
 ) -> dict[str, Spectrum] | Status:
-    """The lowest modes in `VACUUM` and, with ``[air]``, in `AIR`, or why there are none. Their
-    errors are told by the equations of the next order, `rich`; `at` has the unknowns of both.
-    `step` is called at each linear solve."""
-    pencils = [assemble_pencil(*pair) for pair in zip((coarse, rich), at, strict=True)]
-    vacuum = _spectrum(coarse, rich, at[0], pencils, count, step)
+    """Compute the lowest modes with their errors.
+
+    Parameters
+    ----------
+    coarse : EquilibriumState
+        The film whose modes are computed.
+    rich : EquilibriumState
+        The film in elements of the next order on the same mesh, for the errors.
+    count : int
+        Number of modes.
+    on_solve : callable, optional
+        Called at each linear solve.
+
+    Returns
+    -------
+    dict of Spectrum, or Status
+        The modes in `VACUUM` and, with ``[air]``, in `AIR`; or the reason for which there are none.
+    """
+    pencil = assemble_pencil(*coarse)
+    rich_pencil = assemble_pencil(*rich)
+    vacuum = _compute_spectrum(coarse, rich, pencil, rich_pencil, count, on_solve=on_solve)
     if isinstance(vacuum, Status):
         return vacuum
-    if coarse.scene.air is None:
+    if coarse.equilibrium.scene.air is None:
         return {VACUUM: vacuum}
-    airs = [AirLoad.of(equilibrium) for equilibrium in (coarse, rich)]
-    loaded = [(K, LowRankUpdate(M, air.root)) for air, (K, M) in zip(airs, pencils, strict=True)]
-    found = _spectrum(coarse, rich, at[0], loaded, count, step)
-    assert isinstance(found, Spectrum)  # the stiffness has modes in vacuum
-    return {VACUUM: vacuum, AIR: found}
+    pencil = _add_air(coarse.equilibrium, pencil)
+    rich_pencil = _add_air(rich.equilibrium, rich_pencil)
+    air = _compute_spectrum(coarse, rich, pencil, rich_pencil, count, on_solve=on_solve)
+    assert isinstance(air, Spectrum)  # the same stiffness has modes in vacuum
+    return {VACUUM: vacuum, AIR: air}
 
 
-def _spectrum(
-    coarse: Equilibrium,
-    rich: Equilibrium,
-    q: Array,
-    pencils: Sequence[Pencil],
+def _add_air(equilibrium: Equilibrium, pencil: Pencil) -> Pencil:
+    """Return a pencil with the mass of the scene's air added."""
+    air = AirLoad.from_equilibrium(equilibrium)
+    return Pencil(pencil.stiffness, LowRankUpdate(pencil.mass, air.root))
+
+
+def _compute_spectrum(
+    coarse: EquilibriumState,
+    rich: EquilibriumState,
+    pencil: Pencil,
+    rich_pencil: Pencil,
     count: int,
-    step: Callable[[], None],
-    uncancelled: float = 0.25,
+    on_solve: Callable[[], None],
+    least_share: float = 0.25,
 ) -> Spectrum | Status:
-    """The modes of the first pencil. The second pencil, of elements of the next order, changes a
-    frequency through the film's stress and through the mode's shape. The error is the sum of both
-    changes, and at least the part `uncancelled` of the sum of their magnitudes: the first change
-    can have either sign, and they may cancel by chance."""
-    symmetric = coarse.conservative or not q.any()
-    modes, reference = (_eigen(*pencil, symmetric, count, step) for pencil in pencils)
+    """Compute the modes of a pencil, and their errors by the pencil of the next order.
+
+    Parameters
+    ----------
+    coarse : EquilibriumState
+        The film whose modes are computed.
+    rich : EquilibriumState
+        The film in elements of the next order.
+    pencil : Pencil
+        Stiffness and mass of the coarse state.
+    rich_pencil : Pencil
+        Stiffness and mass of the rich state.
+    count : int
+        Number of modes.
+    on_solve : callable
+        Called at each linear solve.
+    least_share : float, optional
+        Least error over the sum of the magnitudes of its two contributions.
+
+    Notes
+    -----
+    The next order changes a frequency through the film's stress and through the mode's shape. The
+    error is the sum of both changes, and at least a share of the sum of their magnitudes: the
+    first change can have either sign, and they may cancel by chance.
+    """
+    is_symmetric = coarse.equilibrium.conservative or not coarse.q.any()
+    modes = _solve_eigenproblem(pencil, is_symmetric, count, on_solve)
     if isinstance(modes, Status):
         return modes
-    if isinstance(reference, Status):
-        return reference
-    shapes = make_prolongation(coarse, rich) @ modes[1]
-    energy, inertia = ((shapes * (matrix @ shapes)).sum(axis=0) for matrix in pencils[1])
-    same_shape = np.sqrt(energy / inertia) / (2.0 * np.pi)
-    by_stress, by_shape = modes[0] - same_shape, same_shape - reference[0]
-    least = uncancelled * (np.abs(by_stress) + np.abs(by_shape))
+    rich_modes = _solve_eigenproblem(rich_pencil, is_symmetric, count, on_solve)
+    if isinstance(rich_modes, Status):
+        return rich_modes
+    # Rayleigh quotients of the coarse shapes in the rich pencil
+    shapes = make_prolongation(coarse.equilibrium, rich.equilibrium) @ modes.vectors
+    energies = (shapes * (rich_pencil.stiffness @ shapes)).sum(axis=0)
+    inertias = (shapes * (rich_pencil.mass @ shapes)).sum(axis=0)
+    same_shape = np.sqrt(energies / inertias) / (2.0 * np.pi)
+    by_stress = modes.frequencies - same_shape
+    by_shape = same_shape - rich_modes.frequencies
+    least = least_share * (np.abs(by_stress) + np.abs(by_shape))
     errors = np.maximum(np.abs(by_stress + by_shape), least)
-    return Spectrum(coarse, q, modes[0], errors, modes[1])
+    return Spectrum(
+        coarse.equilibrium,
+        coarse.q,
+        frequencies=modes.frequencies,
+        errors=errors,
+        vectors=modes.vectors,
+    )
 
 
 def assemble_pencil(equilibrium: Equilibrium, q: Array) -> Pencil:
-    """Tangent stiffness in N/m at `q` and mass in kg of the unknowns."""
+    """Assemble the tangent stiffness in N/m at the unknowns `q`, and the mass of the film in kg."""
     film, space = equilibrium.film, equilibrium.space
-    by_area = space.mass()
-    mass = film.density * film.thickness * by_area
+    unit_mass = space.mass()
+    element_masses = film.density * film.thickness * unit_mass
     for name, layer in film.layers.items():
         covered = space.mesh.subdomains[name]
-        mass[covered] += layer.density * layer.patch.thickness * by_area[covered]
-    return equilibrium.tangent(equilibrium.state(q)), equilibrium.assembly.matrix(mass)
+        element_masses[covered] += layer.density * layer.patch.thickness * unit_mass[covered]
+    stiffness = equilibrium.tangent(equilibrium.state(q))
+    return Pencil(stiffness, equilibrium.assembly.matrix(element_masses))
 
 
-def _eigen(
-    stiffness: sp.csc_matrix,
-    mass: Any,
-    symmetric: bool,
+def _solve_eigenproblem(
+    pencil: Pencil,
+    is_symmetric: bool,
     count: int,
-    step: Callable[[], None],
-    imaginary: float = 1e-6,
-) -> tuple[Array, Array] | Status:
-    """Lowest frequencies in Hz (n,) and eigenvectors (unknowns, n), or why there are none. An
-    eigenvalue of an unsymmetric tangent is complex above this relative imaginary part; rounding
-    splits a pair of modes by the root of the machine's precision."""
+    on_solve: Callable[[], None],
+    largest_imaginary: float = 1e-6,
+) -> EigenPairs | Status:
+    """Solve for the lowest modes of a pencil.
+
+    Parameters
+    ----------
+    pencil : Pencil
+        Stiffness and mass.
+    is_symmetric : bool
+        Whether the stiffness is symmetric: Lanczos's method is then used instead of Arnoldi's,
+        both by shift and invert.
+    count : int
+        Number of modes.
+    on_solve : callable
+        Called at each linear solve.
+    largest_imaginary : float, optional
+        Relative imaginary part above which an eigenvalue of an unsymmetric stiffness counts as
+        complex. Rounding splits a pair of modes by the root of the machine's precision.
+
+    Returns
+    -------
+    EigenPairs or Status
+        `Status.SINGULAR` or `Status.UNSTABLE` if the film has no such modes.
+    """
     try:
-        factors = factorise(stiffness)
+        factors = factorise(pencil.stiffness)
     except RuntimeError:  # SuperLU: exactly singular
         return Status.SINGULAR
 
     def solve(right: Array) -> Array:
-        step()
+        on_solve()
         return np.asarray(factors.solve(right))
 
-    inverse = LinearOperator(stiffness.shape, matvec=solve, dtype=float)
-    # a fixed seed repeats results; a random start is orthogonal to no mode
-    start = np.random.default_rng(0).standard_normal(stiffness.shape[0])
-    how = {"M": mass, "sigma": 0.0, "OPinv": inverse, "v0": start}
-    solver: Any = eigsh if symmetric else eigs  # shift-invert Lanczos or Arnoldi
-    values, vectors = solver(stiffness, count, **how)
-    if np.any(np.abs(values.imag) > imaginary * np.abs(values)) or np.any(values.real <= 0.0):
+    inverse = LinearOperator(pencil.stiffness.shape, matvec=solve, dtype=float)
+    # a random start is orthogonal to no mode; a fixed seed makes results repeatable
+    start = np.random.default_rng(0).standard_normal(pencil.stiffness.shape[0])
+    solver: Any = eigsh if is_symmetric else eigs
+    values, vectors = solver(
+        pencil.stiffness, count, M=pencil.mass, sigma=0.0, OPinv=inverse, v0=start
+    )
+    is_complex = np.abs(values.imag) > largest_imaginary * np.abs(values)
+    if np.any(is_complex) or np.any(values.real <= 0.0):
         return Status.UNSTABLE
     order = np.argsort(values.real)
-    return np.sqrt(values.real[order]) / (2.0 * np.pi), vectors.real[:, order]
+    return EigenPairs(np.sqrt(values.real[order]) / (2.0 * np.pi), vectors.real[:, order])

@@ -1,33 +1,35 @@
-"""Charges of a small further force by time."""
+"""Charges of a small further force about a solution, by time.
+
+The modes of the equations of motion answer one by one, each damped as losses and sound damp it at
+its own frequency, without the coupling of modes by damping and without the stress's lag. Forces
+are sums of switched exponentials; partial fractions give results that are exact in time.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.dynamics.charge_changes import (
+    ChargeChanges,
+    describe_neglected_effects,
+    label_in_pC,
+    resolve_loaded_solution,
+)
+from pvdf_fem.dynamics.force_history import ForceHistory, SwitchedExponential
+from pvdf_fem.dynamics.frequency_response import MAX_FREQUENCY_HZ
 from pvdf_fem.dynamics.motion_equations import ComplexArray, MotionEquations, linearize_about
+from pvdf_fem.electrodes.channel import Channel
 from pvdf_fem.scene.arguments import SceneLike, coerce, coerce_array
 from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.solver.solution import Solution
-
-if TYPE_CHECKING:
-    pass
-
-from pvdf_fem.dynamics.charge_changes import (
-    ChargeChanges,
-    label_in_pC,
-    list_neglected_effects,
-    resolve_loaded_solution,
-)
-from pvdf_fem.dynamics.force_history import ForceHistory
-from pvdf_fem.dynamics.frequency_response import MAX_FREQUENCY_HZ
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -39,80 +41,179 @@ class Transient(ChargeChanges):
     charges_pC: dict[str, Array]
     charge_errors_pC: dict[str, Array]  #: Estimated discretisation errors, absolute.
     readings_V: dict[str, Array]  #: Of the channels; empty without ``[readout]``.
-    neglected: tuple[str, ...]  #: What the model neglects.
+    neglected: tuple[str, ...]  #: Effects that the model neglects, with their sizes.
 
     def columns(self) -> dict[str, Array]:
-        """Times, changes of the charges with their errors, and readings."""
-        found = {"time_s": self.times_s}
-        for name, change in self.charges_pC.items():
-            found |= {f"{name}_change_pC": change, f"{name}_error_pC": self.charge_errors_pC[name]}
-        return found | {f"{name}_reading_V": V for name, V in self.readings_V.items()}
+        """Return times, changes of the charges with their errors, and readings."""
+        columns = {"time_s": self.times_s}
+        for name, changes in self.charges_pC.items():
+            columns[f"{name}_change_pC"] = changes
+            columns[f"{name}_error_pC"] = self.charge_errors_pC[name]
+        for name, readings in self.readings_V.items():
+            columns[f"{name}_reading_V"] = readings
+        return columns
 
 
 def transient(
     solution: Solution | SceneLike,
-    touch: ForceHistory,
+    force_history: ForceHistory,
     times_s: ArrayLike,
     highest_Hz: float = 1000.0,
 ) -> Transient:
-    """Charges and readings by time, linear in a further force of the probe along z.
+    """Compute charges and readings by time, linear in a further force of the probe along z.
 
     Parameters
     ----------
-    solution : Solution or Scene
-        As of `respond`.
-    touch : Exponentials
+    solution : Solution, Scene, or whatever `solve` takes for a scene
+        As for `respond`.
+    force_history : tuple of SwitchedExponential
         A `half_sine` or a `step`, small beside the load.
     times_s : array_like
+        Times of the results.
     highest_Hz : float, optional
-        Up to which the modes are those of the film; slow touches have little beyond.
+        Frequency up to which the modes are those of the film; slow forces excite little beyond.
+
+    Returns
+    -------
+    Transient
+
+    Raises
+    ------
+    SceneError
+        For a pressure that follows the film, which has no modes.
 
     Examples
     --------
     >>> tap = half_sine(force_N=0.01, duration_s=0.01)
     >>> answer = transient(Scene.example("triangle"), tap, [0.0, 0.005, 0.01])
     """
-    if not isinstance(touch, tuple) or {np.shape(part) for part in touch} != {(3,)}:
-        raise ValueError(
-            format_error("touch", touch, "is no course of a force; give half_sine(...)")
-        )
+    terms = _coerce_force_history(force_history)
     times = coerce_array("times_s", times_s, (-1e9, 1e9), "s").ravel()
     highest_Hz = coerce("highest_Hz", highest_Hz, float, (1e-3, MAX_FREQUENCY_HZ), "Hz")
-    solution, read = resolve_loaded_solution(solution)
+    solution, channels = resolve_loaded_solution(solution)
     if not solution.discrete.equilibrium.conservative:
         raise SceneError([format_error("load.kind", "follower", 'has no modes; give "dead"')])
-    modes, better = (_modes(o, np.linspace(0.0, highest_Hz, 24)) for o in linearize_about(solution))
-    charges, readings = _charges(*modes, touch, times), {}
-    errors = np.abs(_charges(*better, touch, times) - charges)
-    for i, channel in enumerate(read):
-        discharge = [] if math.isinf(channel.resistance) else [-1.0 / channel.time_constant]
-        charge = _charges(*modes, touch, times, discharge)[i]
-        readings[channel.name] = channel.gain / channel.capacitance * charge
-    tables = label_in_pC(solution, charges), label_in_pC(solution, errors), readings
-    return Transient(solution, times, *tables, list_neglected_effects(solution))
+    tested_Hz = np.linspace(0.0, highest_Hz, 24)
+    motion = linearize_about(solution)
+    modes = _compute_damped_modes(motion.equations, tested_Hz)
+    next_order = _compute_damped_modes(motion.next_order, tested_Hz)
+    charges = _sum_modes(modes, terms, times)
+    errors = np.abs(_sum_modes(next_order, terms, times) - charges)
+    readings = {}
+    for i, channel in enumerate(channels):
+        readings[channel.name] = _compute_readings(channel, modes, terms, times)[i]
+    return Transient(
+        solution,
+        times,
+        charges_pC=label_in_pC(solution, charges),
+        charge_errors_pC=label_in_pC(solution, errors),
+        readings_V=readings,
+        neglected=describe_neglected_effects(solution),
+    )
 
 
-def _modes(oscillation: MotionEquations, tested: Array) -> tuple[ComplexArray, Array]:
-    """Poles of modes in 1/s, (2, modes, 1), and f g in C/(kg m), (electrodes, modes), of the
-    equations reduced as the charges at frequencies in Hz need it."""
-    lossless = replace(oscillation, loss_tangent=0.0, radiation=0.0).reduced(tested)
+def _coerce_force_history(force_history: Any) -> ForceHistory:
+    """Return the terms of a force by time; ValueError for anything else."""
+    is_history = isinstance(force_history, tuple) and len(force_history) > 0
+    if not is_history or any(np.shape(term) != (3,) for term in force_history):
+        reason = "must be a force by time; give half_sine(...) or step(...)"
+        raise ValueError(format_error("force_history", force_history, reason))
+    return tuple(SwitchedExponential(*term) for term in force_history)
+
+
+class DampedModes(NamedTuple):
+    """Modes of the equations of motion, each with its own damping."""
+
+    #: A pair of poles of each mode in 1/s, (2, modes, 1).
+    poles: ComplexArray
+    #: f g of each mode in C/(kg m), (electrodes, modes).
+    weights: Array
+
+
+def _compute_damped_modes(equations: MotionEquations, tested_Hz: Array) -> DampedModes:
+    """Compute the modes of equations that are reduced as the charges at some frequencies need it.
+
+    Notes
+    -----
+    A mode of angular frequency w decays at the rate (tan(delta) k_e/w + r (w v)^2)/2, where k_e is
+    its elastic stiffness and v its volume, both for a unit of modal mass.
+    """
+    lossless = equations.without_losses().reduce(tested_Hz)
     squares, shapes = scipy.linalg.eigh(lossless.stiffness, lossless.mass)
-    modal, omega = lossless.projected(shapes), np.sqrt(squares)
-    film = oscillation.loss_tangent * np.diag(modal.elastic) / omega
-    half = 0.5 * (film + oscillation.radiation * (omega * modal.volume) ** 2)
-    root = np.sqrt(half**2 - squares + 0j)
-    return np.stack([root - half, -root - half])[..., None], modal.force * modal.rates.T
+    modal = lossless.project(shapes)
+    omega = np.sqrt(squares)
+    by_film = equations.loss_tangent * np.diag(modal.elastic) / omega
+    by_sound = equations.radiation * (omega * modal.volume) ** 2
+    decay = 0.5 * (by_film + by_sound)
+    root = np.sqrt(decay**2 - squares + 0j)
+    poles = np.stack([root - decay, -root - decay])[..., None]
+    return DampedModes(poles, modal.force * modal.rates.T)
 
 
-def _charges(
-    poles: Any, weights: Array, touch: ForceHistory, times: Array, discharge: Sequence[float] = ()
+def _compute_readings(
+    channel: Channel, modes: DampedModes, terms: ForceHistory, times_s: Array
 ) -> Array:
-    """Charges in C, (electrodes, times), or the remainder after a circuit with this pole in 1/s."""
+    """Compute the readings in V, (electrodes, times), that a channel would have of each electrode.
+
+    Parameters
+    ----------
+    channel : Channel
+        The circuit of an electrode.
+    modes : DampedModes
+        Modes of the film.
+    terms : tuple of SwitchedExponential
+        The force.
+    times_s : ndarray, shape (times,)
+        Times of the results.
+    """
+    discharge_poles = []
+    if not math.isinf(channel.resistance):
+        discharge_poles = [-1.0 / channel.time_constant]
+    charges = _sum_modes(modes, terms, times_s, discharge_poles)
+    return np.asarray(channel.gain / channel.capacitance * charges)
+
+
+def _sum_modes(
+    modes: DampedModes,
+    terms: ForceHistory,
+    times_s: Array,
+    discharge_poles: Sequence[float] = (),
+) -> Array:
+    """Sum the charges of all modes under a force.
+
+    Parameters
+    ----------
+    modes : DampedModes
+        Modes of the film.
+    terms : tuple of SwitchedExponential
+        The force.
+    times_s : ndarray, shape (times,)
+        Times of the results.
+    discharge_poles : sequence of float, optional
+        Poles in 1/s of circuits that discharge the charges, as high-pass filters.
+
+    Returns
+    -------
+    ndarray, shape (electrodes, times)
+        Charges in C, or their remainders after the circuits.
+
+    Notes
+    -----
+    The Laplace transform of a mode under the term c exp(p t) is c s^m/prod(s - z) over all poles z:
+    those of the mode, p, and m poles of circuits, each with a zero at s = 0. Partial fractions give
+    residues c z^m/prod(z - other poles) of exp(z t).
+    """
     total: Any = 0.0
-    for start, rate, size in touch:
-        age, ends = times - start, [*poles, rate, *discharge]
-        for i, z in enumerate(ends):  # partial fractions of s^zeros/prod (s - pole)
-            others = math.prod((z - end for j, end in enumerate(ends) if j != i), start=1.0 + 0j)
-            residue = size * z ** len(discharge) / others
-            total = total + weights @ (residue * np.exp(z * np.maximum(age, 0.0)) * (age >= 0.0))
+    for term in terms:
+        age = times_s - term.start_s
+        has_begun = age >= 0.0
+        poles = [*modes.poles, term.rate, *discharge_poles]
+        for i, pole in enumerate(poles):
+            product: Any = 1.0 + 0j
+            for j, other in enumerate(poles):
+                if j != i:
+                    product = product * (pole - other)
+            residue = term.amplitude_N * pole ** len(discharge_poles) / product
+            decay = np.exp(pole * np.maximum(age, 0.0))
+            total = total + modes.weights @ (residue * decay * has_begun)
     return np.asarray(total.real)

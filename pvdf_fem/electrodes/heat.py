@@ -27,7 +27,7 @@ def compute_heat_charges(problem: Problem, equilibrium: Equilibrium) -> Array:
     """
     film = problem.scene.film
     warming = (film.warming_K or 0.0) * output_areas(problem.outputs)
-    uneven = UnevenStrain.of(problem.scene)
+    uneven = UnevenStrain.from_scene(problem.scene)
     if uneven is not None:
         by_probes = integrate_over_outputs(
             problem.outputs,

@@ -335,7 +335,7 @@ def _combine(integrals: Array, d: ArrayLike) -> Array:
 
 def _restrict_film(membrane: Membrane, sampling: Sampling, sector: SymmetrySector) -> Laminate:
     """Return the film at the sampling points; a linear law has the same stress everywhere."""
-    if membrane.added is None or membrane.law.linear:
+    if membrane.added is None or membrane.law.is_linear:
         return membrane
     return membrane.at(sampling.places(membrane.space.mesh) @ sector.frame)
 

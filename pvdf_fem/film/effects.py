@@ -1,14 +1,22 @@
-"""Remarks in a result about effects that add charges themselves."""
+"""Notes in a result about effects that are included or neglected."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
-Charges = Mapping[str, float] | None  #: In pC by electrode, or not known.
+Charges = Mapping[str, float] | None  #: In pC by electrode; None before a solve.
+
+
+class EffectNote(NamedTuple):
+    """A note about an effect."""
+
+    is_included: bool  #: False if the solution neglects the effect.
+    text: str  #: With its size, and how to include it.
 
 
 def format_two_digits(value: float) -> str:
-    """A number with two significant digits, as 220 and not 2.2e+02."""
+    """Format a number with two significant digits, as 220 and not 2.2e+02."""
     return f"{float(f'{value:.2g}'):g}"
 
 
@@ -19,13 +27,33 @@ def describe_charge_effect(
     per_unit: float,
     name: str,
     charges_pC: Charges,
-) -> tuple[bool, str]:
-    """Whether an effect is included, and its charge on an electrode. `about` has its name and the
-    key of its coefficient, and `per_unit` is the charge in pC for a coefficient of 1."""
-    (effect, key), value = about, typical if given is None else given
-    pC, charge = value * per_unit, (charges_pC or {}).get(name)
-    size = f"about {format_two_digits(pC)} pC on {name}"
-    size += f", {format_two_digits(100.0 * abs(pC / charge))} % of its charge" if charge else ""
+) -> EffectNote:
+    """Describe an effect that adds charge, by its size on an electrode.
+
+    Parameters
+    ----------
+    about : tuple of str
+        The effect, and the key of its coefficient.
+    given : float or None
+        The coefficient in the scene; None if it has none, so that the effect is neglected.
+    typical : float
+        A typical coefficient, which estimates a neglected effect.
+    per_unit : float
+        Charge on the electrode for a coefficient of 1, in pC.
+    name : str
+        The electrode's name.
+    charges_pC : mapping or None
+        Charges of the solution.
+    """
+    effect, key = about
+    coefficient = typical if given is None else given
+    added_pC = coefficient * per_unit
+    size = f"about {format_two_digits(added_pC)} pC on {name}"
+    charge = (charges_pC or {}).get(name)
+    if charge:
+        percent = format_two_digits(100.0 * abs(added_pC / charge))
+        size += f", {percent} % of its charge"
     if given is not None:
-        return True, f"{effect} ({key} = {given:g}): {size}"
-    return False, f"{effect}: {size}, for a typical {key} = {typical:g}; to include it give that"
+        return EffectNote(True, f"{effect} ({key} = {given:g}): {size}")
+    text = f"{effect}: {size}, for a typical {key} = {typical:g}; to include it give that"
+    return EffectNote(False, text)

@@ -1,4 +1,4 @@
-"""A sparse matrix raised by dense columns: A + B Bᵀ, and its factors by those of A."""
+"""Low-rank updates of sparse matrices, A + B Bᵀ, and their factors by those of A."""
 
 from __future__ import annotations
 
@@ -10,32 +10,59 @@ from pvdf_fem.arrays import Array
 
 
 class LowRankUpdate(LinearOperator):  # type: ignore[misc]
-    """A + B Bᵀ of a sparse A (n, n) and columns B (n, m)."""
+    """The matrix A + B Bᵀ.
+
+    Parameters
+    ----------
+    sparse : (n, n) sparse matrix
+        A.
+    columns : (n, m) array
+        B, with few columns.
+    """
 
     def __init__(self, sparse: sp.csc_matrix, columns: Array) -> None:
         super().__init__(sparse.dtype, sparse.shape)
-        self.sparse, self.columns = sparse, columns
-        self._where = np.flatnonzero(columns.any(axis=1))
-        self._rows = columns[self._where]
+        self.sparse = sparse
+        self.columns = columns
+        self._nonzero = np.flatnonzero(columns.any(axis=1))
+        self._nonzero_rows = columns[self._nonzero]
 
     def _matmat(self, x: Array) -> Array:
-        if np.iscomplexobj(x):  # or a complex copy of B would be made
+        if np.iscomplexobj(x):  # the product would make a complex copy of B
             return self._matmat(x.real) + 1j * self._matmat(x.imag)
         total = np.asarray(self.sparse @ x)
-        total[self._where] += self._rows @ (self._rows.T @ x[self._where])
+        total[self._nonzero] += self._nonzero_rows @ (self._nonzero_rows.T @ x[self._nonzero])
         return total
 
 
 class LowRankFactors:
-    """Solves with A + B Bᵀ by the factors of A and Woodbury's identity."""
+    """Solves with A + B Bᵀ by the factors of A.
+
+    Parameters
+    ----------
+    matrix : LowRankUpdate
+        A + B Bᵀ.
+    factors : SuperLU
+        Factors of A.
+
+    Notes
+    -----
+    Woodbury's identity: (A + B Bᵀ)⁻¹ = A⁻¹ - A⁻¹ B (I + Bᵀ A⁻¹ B)⁻¹ Bᵀ A⁻¹.
+    """
 
     def __init__(self, matrix: LowRankUpdate, factors: SuperLU) -> None:
-        self.factors, self.columns = factors, matrix.columns
-        self._spread = {trans: factors.solve(self.columns, trans) for trans in "NT"}
-        #: I + Bᵀ A⁻¹ B: the negative eigenvalues here count those that A has in addition.
-        self.small = np.eye(self.columns.shape[1]) + self.columns.T @ self._spread["N"]
+        self.factors = factors
+        self.columns = matrix.columns
+        #: A⁻¹ B and A⁻ᵀ B.
+        self._solved_columns = {trans: factors.solve(self.columns, trans) for trans in "NT"}
+        #: I + Bᵀ A⁻¹ B, (m, m). Its negative eigenvalues count those that A has in addition to
+        #: A + B Bᵀ.
+        self.small = np.eye(self.columns.shape[1]) + self.columns.T @ self._solved_columns["N"]
 
     def solve(self, right: Array, trans: str = "N") -> Array:
-        """The solution for right-hand sides (n,) or (n, m), like SuperLU's."""
-        x, small = self.factors.solve(right, trans), self.small if trans == "N" else self.small.T
-        return np.asarray(x - self._spread[trans] @ np.linalg.solve(small, self.columns.T @ x))
+        """Return the solution for right-hand sides (n,) or (n, m), as `SuperLU.solve` does; with
+        ``trans="T"`` that of the transposed matrix."""
+        x = self.factors.solve(right, trans)
+        small = self.small if trans == "N" else self.small.T
+        correction = np.linalg.solve(small, self.columns.T @ x)
+        return np.asarray(x - self._solved_columns[trans] @ correction)

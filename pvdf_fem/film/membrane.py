@@ -14,48 +14,44 @@ from functools import cached_property
 
 import numpy as np
 
-from pvdf_fem.arrays import (
-    ALL,
-    Array,
-    apply_matrix,
-    move_components_first,
-    move_components_last,
-)
+from pvdf_fem.arrays import ALL, Array, apply_matrix, move_components_first, move_components_last
 from pvdf_fem.film.laws.laminate import Laminate
 from pvdf_fem.film.term import ElementMatrices, State, Term
 
+#: Deformation gradient of the undeformed film.
 IDENTITY: Array = np.eye(3, 2)
-#: Pairs of displacement components with blocks in the tangent, up to symmetry.
-PAIRS = [(i, j) for i in range(3) for j in range(i + 1)]
+#: Pairs of displacement components that have blocks in the tangent; the others are transposes.
+COMPONENT_PAIRS = [(i, j) for i in range(3) for j in range(i + 1)]
 
 
 class Membrane(Laminate, Term):
     """The membrane's energy, residual and tangent on a space, of the plies of a `Laminate`.
 
-    States have the resultant by all plies over the film's thickness.
+    The stress of its states is the resultant of all plies over the film's thickness.
     """
 
-    #: Tension that keeps a slack film's tangent regular, over the mean tension.
+    #: Artificial tension over the mean tension that keeps the tangent of a slack film regular.
     floor = 1e-6
     _last_moduli: tuple[State, Array] | None = None
 
     @cached_property
     def volumes(self) -> Array:
-        """Quadrature weights times area times thickness in m^3, (elements, points)."""
+        """Quadrature weights times area times thickness in m³, (elements, points)."""
         return self.film.thickness * self.space.weights
 
     def state(self, x: Array) -> State:
-        """Fields of the dofs `x` in m."""
+        """Return the fields of the dofs `x` in m."""
         gradient = self.space.gradient(x)
         strain = compute_strain(gradient)
         return State(gradient + IDENTITY, strain, self.resultant(strain), x)
 
     def own_stress(self, state: State) -> Array:
-        """The stress of the strain alone."""
+        """Return the strain's stress in Pa, without the stress that terms add."""
         return state.stress if state.added is None else state.stress - state.added
 
     def moduli(self, state: State) -> Array:
-        """dS/dE in Pa, (3, 3), or (elements, points, 3, 3) where it is not the same everywhere."""
+        """Return dS/dE in Pa, (3, 3), or (elements, points, 3, 3) where it is not the same
+        everywhere. The moduli of the last state are kept."""
         if state.moduli is not None:
             return state.moduli
         if self._last_moduli is None or self._last_moduli[0] is not state:
@@ -63,47 +59,51 @@ class Membrane(Laminate, Term):
         return self._last_moduli[1]
 
     def energy(self, state: State) -> float:
-        """Stored energy in J."""
-        return self.stored(state.strain, self.volumes)
-
-    @cached_property
-    def _in_balance(self) -> Array:
-        """Forces (dofs,) by the self-balanced part of the flat film's stress inside the rim: the
-        whole stress if uniform, otherwise the mean."""
-        flat = self.resultant(np.zeros((*self.volumes.shape, 3)))
-        mean = np.einsum("epi,ep->i", flat, self.volumes) / self.volumes.sum()
-        even = np.abs(flat - mean).max() <= 1e-12 * np.abs(mean).max()  # rounding
-        balanced = flat if even else np.broadcast_to(mean, flat.shape)
-        flux = self._first_piola(np.broadcast_to(IDENTITY, (*self.volumes.shape, 3, 2)), balanced)
-        return self.space.sum(self.space.forces(flux))
+        """Return the stored energy in J."""
+        return self.stored_energy(state.strain, self.volumes)
 
     def residual(self, state: State) -> Array:
-        """Internal forces in N, (dofs,), without balanced forces of the flat film.
+        """Return the internal forces in N, (dofs,), without those that balance in the flat film.
 
-        Added up, these would leave rounding that drowns a small load and moves a flat film.
+        The sum of these would leave rounding, which drowns a small load and moves a flat film.
         """
-        return self.internal_forces(state) - self._in_balance
+        return self.internal_forces(state) - self._balanced_forces
+
+    @cached_property
+    def _balanced_forces(self) -> Array:
+        """Forces of the part of the flat film's stress that balances inside the rim, (dofs,): of
+        the whole stress if it is uniform, otherwise of its mean."""
+        flat = self.resultant(np.zeros((*self.volumes.shape, 3)))
+        mean = np.einsum("epi,ep->i", flat, self.volumes) / self.volumes.sum()
+        is_uniform = np.abs(flat - mean).max() <= 1e-12 * np.abs(mean).max()  # but for rounding
+        balanced = flat if is_uniform else np.broadcast_to(mean, flat.shape)
+        undeformed = np.broadcast_to(IDENTITY, (*self.volumes.shape, 3, 2))
+        return self.space.sum(self.space.forces(self._first_piola(undeformed, balanced)))
 
     def internal_forces(self, state: State) -> Array:
-        """Internal forces in N, (dofs,), by the strain's stress."""
+        """Return the forces of the strain's stress in N, (dofs,)."""
         flux = self._first_piola(state.deformation_gradient, self.own_stress(state))
         return self.space.sum(self.space.forces(flux))
 
     def element_action(self, state: State, x: Array) -> Array:
-        F, step = state.deformation_gradient, self.space.gradient(x)
-        stress = apply_matrix(self.moduli(state), compute_strain_rate(F, step))
-        flux = self._first_piola(step, state.stress) + self._first_piola(F, stress)
+        """Return the tangent times the dofs `x` in N, (elements, element dofs)."""
+        F = state.deformation_gradient
+        step = self.space.gradient(x)
+        stress_rate = apply_matrix(self.moduli(state), compute_strain_rate(F, step))
+        flux = self._first_piola(step, state.stress) + self._first_piola(F, stress_rate)
         forces = self.space.forces(flux)
         if self.law.wrinkles:
             forces += apply_matrix(self._damping(state), x[self.space.element_dofs])
         return forces
 
     def diagonal(self, state: State) -> Array:
+        """Return the diagonal of the tangent in N/m, (dofs,)."""
         return self.space.sum(self.element_diagonal(state))
 
     def element_diagonal(self, state: State) -> Array:
-        """Diagonals of the element tangents, (elements, element dofs)."""
-        factors, moduli = np.empty((*self.volumes.shape, 3, 3)), self.moduli(state)
+        """Return the diagonals of the element tangents in N/m, (elements, element dofs)."""
+        moduli = self.moduli(state)
+        factors = np.empty((*self.volumes.shape, 3, 3))
         for i in range(3):
             m11, m12, _, m22 = self._derivatives(state, moduli, i, i)
             factors[..., i] = np.concatenate([m11, 2.0 * m12, m22], axis=-1)
@@ -122,49 +122,82 @@ class Membrane(Laminate, Term):
         """Return the tangents of all elements in N/m."""
         return ElementMatrices(ALL, self.tangent_matrices(state))
 
-    def tangent_matrices(self, state: State, together: int = 128) -> Array:
-        """Tangents in N/m, (elements, element dofs, element dofs), computed for `together` elements
-        at a time to stay in the processor's cache. Damping keeps the tangents of a wrinkling film
-        regular where the film is slack; the residual is exact, and the damping changes no
-        solution."""
-        count, functions = len(self.space.gradient_rows), self.space.gradient_rows.shape[-1]
-        blocks, moduli = np.empty((count, functions, 3, functions, 3)), self.moduli(state)
-        for first in range(0, count, together):
-            chunk = slice(first, first + together)
+    def tangent_matrices(self, state: State, chunk_size: int = 128) -> Array:
+        """Compute the tangents of all elements.
+
+        Parameters
+        ----------
+        state : State
+            The state of the film.
+        chunk_size : int
+            Number of elements that are computed at a time, so that they stay in the processor's
+            cache.
+
+        Returns
+        -------
+        (elements, element dofs, element dofs) array
+            Tangents in N/m. Damping keeps those of a wrinkling film regular where the film is
+            slack; the residual is exact, so that the damping changes no solution.
+        """
+        count = len(self.space.gradient_rows)
+        functions = self.space.gradient_rows.shape[-1]
+        moduli = self.moduli(state)
+        blocks = np.empty((count, functions, 3, functions, 3))
+        for first in range(0, count, chunk_size):
+            chunk = slice(first, first + chunk_size)
             products = self._tangent_products(state, moduli, chunk)
-            for k, (i, j) in enumerate(PAIRS):
+            for k, (i, j) in enumerate(COMPONENT_PAIRS):
                 blocks[chunk, :, i, :, j] = products[:, :, k]
                 blocks[chunk, :, j, :, i] = products[:, :, k].swapaxes(1, 2)
         matrices = blocks.reshape(count, 3 * functions, 3 * functions)
         return matrices + self._damping(state) if self.law.wrinkles else matrices
 
     def _tangent_products(self, state: State, moduli: Array, chunk: slice) -> Array:
-        """Tangent blocks, (elements, functions, component pairs, functions)."""
+        """Return the tangent's blocks in a chunk of elements, (elements, functions, component
+        pairs, functions)."""
         rows = self.space.gradient_rows[chunk]
         elements, lines, functions = rows.shape
         g1, g2 = rows[:, 0::2], rows[:, 1::2]
-        fluxes = np.empty((elements, lines // 2, 2, len(PAIRS), functions))
-        for k, pair in enumerate(PAIRS):
-            m11, m12, m21, m22 = self._derivatives(state, moduli, *pair, chunk)
+        fluxes = np.empty((elements, lines // 2, 2, len(COMPONENT_PAIRS), functions))
+        for k, (i, j) in enumerate(COMPONENT_PAIRS):
+            m11, m12, m21, m22 = self._derivatives(state, moduli, i, j, chunk)
             fluxes[:, :, 0, k] = m11 * g1 + m12 * g2
             fluxes[:, :, 1, k] = m21 * g1 + m22 * g2
         products = np.matmul(rows.swapaxes(1, 2), fluxes.reshape(elements, lines, -1))
-        return products.reshape(elements, functions, len(PAIRS), functions)
+        return products.reshape(elements, functions, len(COMPONENT_PAIRS), functions)
 
     def _derivatives(
         self, state: State, moduli: Array, i: int, j: int, chunk: slice = ALL
     ) -> tuple[Array, Array, Array, Array]:
-        """Weighted derivatives of (F S)_ia with respect to F_jb, (elements, points, 1).
+        """Differentiate row i of the first Piola-Kirchhoff stress F S by row j of F.
 
-        In the order ab = 11, 12, 21, 22. Uniform moduli are given in the film's axes and do not
-        couple shear with normal strain.
+        Parameters
+        ----------
+        state : State
+            The state of the film.
+        moduli : (3, 3) or (elements, points, 3, 3) array
+            Moduli in Pa. Uniform moduli are those of the film's axes: they do not couple shear with
+            normal strain.
+        i, j : int
+            Displacement components.
+        chunk : slice
+            The elements.
+
+        Returns
+        -------
+        four (elements, points, 1) arrays
+            Derivatives of (F S)_ia by F_jb times the quadrature's volumes, in the order ab = 11,
+            12, 21, 22.
         """
         weight = self.volumes[chunk, :, None]
         F, stress = state.deformation_gradient[chunk], state.stress[chunk]
-        a1, a2, b1, b2 = (F[..., k, c, None] for k in (i, j) for c in (0, 1))
-        s11, s22, s12 = (stress[..., k, None] * float(i == j) for k in range(3))
+        a1, a2 = F[..., i, 0, None], F[..., i, 1, None]
+        b1, b2 = F[..., j, 0, None], F[..., j, 1, None]
+        is_diagonal = float(i == j)
+        s11, s22, s12 = (stress[..., k, None] * is_diagonal for k in range(3))
         C = moduli if moduli.ndim == 2 else moduli[chunk]
-        c11, c12, c22, c33 = (C[..., k, m, None] for k, m in ((0, 0), (0, 1), (1, 1), (2, 2)))
+        c11, c12 = C[..., 0, 0, None], C[..., 0, 1, None]
+        c22, c33 = C[..., 1, 1, None], C[..., 2, 2, None]
         d11 = c11 * a1 * b1 + c33 * a2 * b2 + s11
         d12 = c12 * a1 * b2 + c33 * a2 * b1 + s12
         d21 = c12 * a2 * b1 + c33 * a1 * b2 + s12
@@ -178,33 +211,47 @@ class Membrane(Laminate, Term):
         return weight * d11, weight * d12, weight * d21, weight * d22
 
     def energy_along(self, state: State, x: Array) -> Array:
-        """Coefficients (5,) of the stored energy along `x`, with the moduli of the state.
+        """Return the stored energy of the dofs moved by s `x` as a polynomial in s.
 
-        They are exact where the law is linear: the strain is quadratic in s and the energy
-        quadratic in the strain.
+        Parameters
+        ----------
+        state : State
+            The state at s = 0.
+        x : (dofs,) array
+            The direction in m.
+
+        Returns
+        -------
+        (5,) array
+            Coefficients in J of 1, s, ... s⁴, with the moduli of the state. They are exact for a
+            linear law: the strain is quadratic in s, and the energy is quadratic in the strain.
         """
-        step, moduli = self.space.gradient(x), self.moduli(state)
+        step = self.space.gradient(x)
+        moduli = self.moduli(state)
+        volumes = self.volumes[..., None]
+        # strain = E + s first + s² second
         first = compute_strain_rate(state.deformation_gradient, step)
         second = compute_strain(step) - compute_strain_rate(IDENTITY, step)
-        volumes = self.volumes[..., None]
 
-        def product(stress: Array, strain: Array) -> float:
+        def integrate(stress: Array, strain: Array) -> float:
             return float((stress * strain * volumes).sum())
 
         stress = self.own_stress(state)
-        stress_1, stress_2 = apply_matrix(moduli, first), apply_matrix(moduli, second)
+        stress_first = apply_matrix(moduli, first)
+        stress_second = apply_matrix(moduli, second)
         return np.array(
             [
                 self.energy(state),
-                product(stress, first),
-                product(stress, second) + 0.5 * product(stress_1, first),
-                product(stress_1, second),
-                0.5 * product(stress_2, second),
+                integrate(stress, first),
+                integrate(stress, second) + 0.5 * integrate(stress_first, first),
+                integrate(stress_first, second),
+                0.5 * integrate(stress_second, second),
             ]
         )
 
     def _first_piola(self, deformation_gradient: Array, stress: Array) -> Array:
-        """First Piola-Kirchhoff stress F S times the volumes, (2, 3, elements, points)."""
+        """Return the first Piola-Kirchhoff stress F S times the volumes, (2, 3, elements,
+        points)."""
         s11, s22, s12 = (stress[..., i] * self.volumes for i in range(3))
         f1, f2 = move_components_first(deformation_gradient, 2).swapaxes(0, 1)
         return np.stack([s11 * f1 + s12 * f2, s12 * f1 + s22 * f2])
@@ -214,50 +261,73 @@ class Membrane(Laminate, Term):
         return self.space.laplace()
 
     def _damping(self, state: State) -> Array:
+        """Return the tangent of an artificial tension in N/m, (elements, element dofs, element
+        dofs)."""
         return (state.damping + self.floor) * self.mean_tension(state) * self._laplace
 
     def mean_tension(self, state: State, least_strain: float = 1e-16) -> float:
-        """Mean of both principal tensions in N/m. The tension by `least_strain` replaces the mean
-        where the film is slack everywhere."""
+        """Return the mean of both principal tensions over the film in N/m.
+
+        Where the film is slack everywhere, it is the tension of the strain `least_strain`.
+        """
         mean = 0.5 * state.stress[..., :2].sum(axis=-1)
         average = float((mean * self.volumes).sum() / self.volumes.sum())
         return self.film.thickness * max(average, least_strain * self.law.stiffness[0, 0])
 
     def predicted(self, state: State, stress: Array, damping: float) -> State:
-        """The state with another stress in its tangent, and moduli of its own strain."""
+        """Return a state with another stress and damping in its tangent, and the moduli of its own
+        strain.
+
+        Parameters
+        ----------
+        state : State
+            The state of the film.
+        stress : (elements, points, 3) array
+            The stress in Pa that is predicted for the next step.
+        damping : float
+            Artificial tension over the mean tension.
+        """
         return replace(state, stress=stress, moduli=self.moduli(state), damping=damping)
 
 
 def compute_strain(gradient: Array) -> Array:
-    """Green-Lagrange strain (..., 3), Voigt, of a displacement gradient (..., 3, 2)."""
+    """Compute the Green-Lagrange strain, (..., 3) in Voigt order, of a displacement gradient (...,
+    3, 2)."""
     return compute_strain_rate(IDENTITY + 0.5 * gradient, gradient)
 
 
 def compute_strain_rate(deformation_gradient: Array, step: Array) -> Array:
-    """Voigt components (..., 3) of sym(F^T grad v)."""
+    """Compute sym(Fᵀ grad v), (..., 3) in Voigt order: the derivative of the strain along v.
+
+    Parameters
+    ----------
+    deformation_gradient : (..., 3, 2) array
+        F.
+    step : (..., 3, 2) array
+        grad v.
+    """
     f1, f2 = deformation_gradient[..., 0], deformation_gradient[..., 1]
     v1, v2 = step[..., 0], step[..., 1]
-    return move_components_last(
-        np.stack([_dot(f1, v1), _dot(f2, v2), _dot(f1, v2) + _dot(f2, v1)]), 1
-    )
+    shear = _dot(f1, v2) + _dot(f2, v1)
+    return move_components_last(np.stack([_dot(f1, v1), _dot(f2, v2), shear]), 1)
 
 
 def _dot(a: Array, b: Array) -> Array:
-    """a . b over the last axis; three terms in full take less time than a sum."""
+    """Return a . b over the last axis; three terms in full take less time than a sum."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 def compute_principal_values(tensor: Array) -> tuple[Array, Array]:
-    """Smaller and larger principal values of (..., 11, 22, 12)."""
+    """Compute the smaller and the larger principal value, both (...), of stresses (..., 3)."""
     mean = 0.5 * (tensor[..., 0] + tensor[..., 1])
     radius = np.hypot(0.5 * (tensor[..., 0] - tensor[..., 1]), tensor[..., 2])
     return mean - radius, mean + radius
 
 
 def compute_tensile_part(stress: Array) -> Array:
-    """The stress (..., 3) without its compressive principal values."""
+    """Compute the stress without its compressive principal values, (..., 3)."""
     smallest, largest = (value[..., None] for value in compute_principal_values(stress))
-    # The projection on the direction of the largest stress, which two equal stresses do not have.
-    apart = np.where(largest > smallest, largest - smallest, 1.0)
-    onto = (stress - smallest * np.array([1.0, 1.0, 0.0])) / apart
-    return np.where(smallest >= 0.0, stress, np.maximum(largest, 0.0) * onto)
+    # two equal principal stresses have no direction to project on, and need none
+    difference = np.where(largest > smallest, largest - smallest, 1.0)
+    projector = (stress - smallest * np.array([1.0, 1.0, 0.0])) / difference
+    return np.where(smallest >= 0.0, stress, np.maximum(largest, 0.0) * projector)

@@ -76,7 +76,7 @@ class FilmModel:
 
     def membrane(self, space: Space, part: SymmetrySector = WHOLE_FILM) -> Membrane:
         """The membrane term."""
-        added = UnevenStrain.of(self.scene)
+        added = UnevenStrain.from_scene(self.scene)
         return Membrane(space, self.scene.film, self.film_law, added, part.frame)
 
     def bending_terms(self, space: Space, terms: list[Term]) -> list[Term]:
@@ -161,7 +161,7 @@ class PlateModel(FilmModel):
     def layers(self, terms: list[Term], expansion: sp.csr_matrix, state: State) -> BendingLayers:
         """Bending layers that the elements do not resolve."""
         plate = next(term for term in terms if isinstance(term, Plate))
-        return BendingLayers.of(plate, expansion, state)
+        return BendingLayers.from_state(plate, expansion, state)
 
     @property
     def warnings(self) -> tuple[str, ...]:

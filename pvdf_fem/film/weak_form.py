@@ -9,7 +9,7 @@ Reference disc in the plane z = 0, displacement u = (u, v, w), total Lagrangian:
     residual = integral of h S : dE,       dE = sym(F^T grad v)
     tangent  = integral of h (dE : C : DE + S : sym(grad v^T grad u))
 
-with the elastic strain E0 of the film at rest, -alpha dT I of one that is cooled.
+with the prestrain E0 of the flat film, -alpha dT I of one that is cooled.
 `pvdf_fem.film.membrane` evaluates the same equations for all elements at once, about fifty times
 faster; a test holds the two equal.
 """
@@ -27,13 +27,13 @@ from pvdf_fem.scene.film import Film
 
 
 def make_vector_basis(space: Space) -> Basis:
-    """The three-component basis on which forms assemble."""
+    """Make the three-component basis on which the forms assemble."""
     element = ElementVector(ELEMENTS[space.order](), 3)
     return Basis(space.mesh, element, intorder=INTEGRATION_ORDER[space.order])
 
 
 def make_residual_form(film: Film) -> LinearForm:
-    """h S : sym(F^T grad v), to be assembled with the field `displacement`."""
+    """Make the form h S : sym(F^T grad v), to be assembled with the field `displacement`."""
 
     def form(v: Any, p: Any) -> Array:
         F = _deformation_gradient(p.displacement)
@@ -44,12 +44,14 @@ def make_residual_form(film: Film) -> LinearForm:
 
 
 def make_tangent_form(film: Film) -> BilinearForm:
-    """h (dE : C : DE + S : sym(grad v^T grad u)), to be assembled with `displacement`."""
+    """Make the form h (dE : C : DE + S : sym(grad v^T grad u)), to be assembled with the field
+    `displacement`."""
 
     def form(u: Any, v: Any, p: Any) -> Array:
         F = _deformation_gradient(p.displacement)
         S = _stress(F, film)
-        material = _double_contraction(_elastic(_sym(F, u.grad), film), _sym(F, v.grad))
+        material_stress = _apply_stiffness(_sym(F, u.grad), film)
+        material = _double_contraction(material_stress, _sym(F, v.grad))
         geometric = _double_contraction(S, np.einsum("ca...,cb...->ab...", v.grad, u.grad))
         return film.thickness * (material + geometric)
 
@@ -57,27 +59,32 @@ def make_tangent_form(film: Film) -> BilinearForm:
 
 
 def _deformation_gradient(displacement: Any) -> Array:
+    """Return F = [I; 0] + grad u, (3, 2, elements, points)."""
     return np.eye(3, 2)[:, :, None, None] + displacement.grad
 
 
-def _sym(F: Array, step: Array) -> Array:
-    product = np.einsum("ca...,cb...->ab...", F, step)
+def _sym(F: Array, gradient: Array) -> Array:
+    """Return sym(F^T grad v), (2, 2, elements, points)."""
+    product = np.einsum("ca...,cb...->ab...", F, gradient)
     return 0.5 * (product + product.swapaxes(0, 1))
 
 
 def _double_contraction(A: Array, B: Array) -> Array:
+    """Return A : B, (elements, points)."""
     return np.einsum("ab...,ab...", A, B)
 
 
-def _elastic(E: Array, film: Film) -> Array:
-    """C : E as 2 x 2 tensors."""
-    s11, s22, s12 = np.einsum("ij,j...->i...", film.stiffness, [E[0, 0], E[1, 1], 2 * E[0, 1]])
+def _apply_stiffness(E: Array, film: Film) -> Array:
+    """Return C : E in Pa, (2, 2, elements, points)."""
+    voigt = [E[0, 0], E[1, 1], 2 * E[0, 1]]
+    s11, s22, s12 = np.einsum("ij,j...->i...", film.stiffness, voigt)
     return np.array([[s11, s12], [s12, s22]])
 
 
 def _stress(F: Array, film: Film) -> Array:
+    """Return S = C : (E + E0) in Pa, (2, 2, elements, points)."""
     identity = np.eye(2)[:, :, None, None]
     E = 0.5 * (np.einsum("ca...,cb...->ab...", F, F) - identity)
     e11, e22, e12 = film.prestrain
-    at_rest = np.array([[e11, 0.5 * e12], [0.5 * e12, e22]])
-    return _elastic(E + at_rest[:, :, None, None], film)
+    E0 = np.array([[e11, 0.5 * e12], [0.5 * e12, e22]])
+    return _apply_stiffness(E + E0[:, :, None, None], film)

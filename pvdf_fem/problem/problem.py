@@ -151,7 +151,7 @@ class Problem:
         unloaded = self._unloaded
         film, model = unloaded.scene.film, unloaded.film
         law = model.film_law
-        stress = law.stress(np.zeros((1, 3)), law.at_rest(film))[0, :2]
+        stress = law.stress(np.zeros((1, 3)), law.compute_prestrain(film))[0, :2]
         carried = model.wrinkles or bool(stress.min() >= 0.0)
         return stress if film.is_flat_unloaded and carried else None
 

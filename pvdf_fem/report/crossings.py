@@ -1,8 +1,9 @@
-"""A touch's place where isocharge contours cross: the method in Mirbagheri's thesis.
+"""The place of a touch where isocharge contours cross: the method of Mirbagheri's thesis.
 
-For three electrodes, the contours of pairs cross in three points; their mean is the place by three
-electrodes, and the mean over every three with crossings is the place (section 3.1 of the thesis).
-Two contours with a small gap count as crossing at the middle of the gap.
+Of three electrodes, the contours of each pair cross at a point; the mean of the three points is the
+place by these electrodes. The place of the touch is the mean over all triples of electrodes whose
+contours cross (section 3.1 of the thesis). Two contours with a small gap between them count as
+crossing in the middle of the gap.
 """
 
 from __future__ import annotations
@@ -19,20 +20,37 @@ import shapely
 from pvdf_fem.arrays import Array
 from pvdf_fem.report.charge_map import ChargeMap
 
-#: Raster rows for contours; chords leave a contour by less than 1e-3.
-RASTER = 201
-#: Largest gap between contours that count as crossing, over the reach.
-TOUCHING = 0.02
+RASTER = 201  #: Rows of the raster for contours; chords deviate from a contour by less than 1e-3.
+MAX_GAP = 0.02  #: Largest gap between contours that count as crossing, over the reach.
 
 
 @dataclass(frozen=True, eq=False)
 class Contours:
-    """The isocharge contours of a map."""
+    """The isocharge contours of a map.
+
+    Parameters
+    ----------
+    map : ChargeMap
+        Charges by place.
+    """
 
     map: ChargeMap
 
-    def line(self, name: str, charge_pC: float) -> shapely.Geometry:
-        """The places within the reach at which an electrode has a charge; empty where none is."""
+    def trace(self, name: str, charge_pC: float) -> shapely.Geometry:
+        """Return the places in mm within the reach at which an electrode has a charge.
+
+        Parameters
+        ----------
+        name : str
+            Name of the electrode.
+        charge_pC : float
+            Charge in pC.
+
+        Returns
+        -------
+        shapely.Geometry
+            Lines, empty where the electrode has this charge nowhere.
+        """
         number = self.map.names.index(name)
         ticks, charges = self._raster
         generator = contourpy.contour_generator(ticks, ticks, charges[..., number])
@@ -40,48 +58,80 @@ class Contours:
         disc = shapely.Point(0.0, 0.0).buffer(self.map.domain.reach_mm, quad_segs=128)
         return shapely.intersection(shapely.MultiLineString(lines), disc)
 
-    def triangles(self, charges_pC: Mapping[str, float]) -> dict[tuple[str, ...], Array]:
-        """Crossings (3, 2) for every three electrodes with crossing contours."""
-        lines = {name: self.line(name, charge) for name, charge in charges_pC.items()}
-        near = TOUCHING * self.map.domain.reach_mm
-        pairs = {
-            two: _meetings(lines[two[0]], lines[two[1]], near) for two in combinations(lines, 2)
-        }
-        found = {
-            three: _nearest([pairs[two] for two in combinations(three, 2)])
-            for three in combinations(lines, 3)
-        }
-        return {three: corners for three, corners in found.items() if corners is not None}
+    def find_triangles(self, charges_pC: Mapping[str, float]) -> dict[tuple[str, ...], Array]:
+        """Find where the contours of three electrodes cross.
 
-    def place_mm(self, charges_pC: Mapping[str, float]) -> Array:
-        """Mean place (2,) of the triangles; NaN where there is none."""
-        places = [corners.mean(axis=0) for corners in self.triangles(charges_pC).values()]
+        Parameters
+        ----------
+        charges_pC : mapping of str to float
+            Charges in pC by electrode.
+
+        Returns
+        -------
+        dict of tuple of str to array (3, 2)
+            For every three electrodes whose contours cross pair by pair, the crossings in mm.
+        """
+        lines = {name: self.trace(name, charge) for name, charge in charges_pC.items()}
+        max_gap = MAX_GAP * self.map.domain.reach_mm
+        crossings = {}
+        for first, second in combinations(lines, 2):
+            crossings[first, second] = _find_crossings(lines[first], lines[second], max_gap)
+        triangles: dict[tuple[str, ...], Array] = {}
+        for triple in combinations(lines, 3):
+            corners = _choose_corners([crossings[pair] for pair in combinations(triple, 2)])
+            if corners is not None:
+                triangles[triple] = corners
+        return triangles
+
+    def locate(self, charges_pC: Mapping[str, float]) -> Array:
+        """Return the place (2,) of a touch in mm from its charges, NaN where no contours cross."""
+        places = [corners.mean(axis=0) for corners in self.find_triangles(charges_pC).values()]
         return np.mean(places, axis=0) if places else np.full(2, np.nan)
 
     @cached_property
     def _raster(self) -> tuple[Array, Array]:
-        """Coordinates (n,), and charges (n, n, electrodes) with y along the rows."""
+        """Coordinates (n,) in mm, and charges (n, n, electrodes) with y along the rows."""
         reach = self.map.domain.reach_mm
         ticks = np.linspace(-reach, reach, RASTER)
         places = np.stack(np.meshgrid(ticks, ticks), axis=-1)
-        charges = self.map.charges(places.reshape(-1, 2))
+        charges = self.map.interpolate(places.reshape(-1, 2))
         return ticks, charges.reshape(RASTER, RASTER, -1)
 
 
-def _meetings(a: shapely.Geometry, b: shapely.Geometry, touching_mm: float) -> Array:
-    """The crossings (n, 2) of two contours, or the middle between nearly touching contours."""
+def _find_crossings(a: shapely.Geometry, b: shapely.Geometry, max_gap_mm: float) -> Array:
+    """Return where two contours cross, or the middle of a small gap between them.
+
+    Parameters
+    ----------
+    a, b : shapely.Geometry
+        The contours in mm.
+    max_gap_mm : float
+        Largest gap in mm between contours that count as crossing.
+
+    Returns
+    -------
+    array (n, 2)
+        Places in mm, n = 0 where the contours do not cross.
+    """
+    nowhere = np.zeros((0, 2))
     if a.is_empty or b.is_empty:
-        return np.zeros((0, 2))
+        return nowhere
     points = shapely.get_coordinates(shapely.intersection(a, b))
     if len(points):
         return np.unique(points.round(6), axis=0)
     ends = shapely.get_coordinates(shapely.shortest_line(a, b))
-    apart = float(np.linalg.norm(np.subtract(*ends)))
-    return ends.mean(axis=0)[None] if apart <= touching_mm else np.zeros((0, 2))
+    gap = float(np.linalg.norm(ends[1] - ends[0]))
+    return ends.mean(axis=0)[None] if gap <= max_gap_mm else nowhere
 
 
-def _nearest(pairs: list[Array]) -> Array | None:
-    """Crossings, one per pair, with the least spread, (3, 2); None if a pair does not cross."""
-    choices = [np.array(corners) for corners in product(*pairs)]
-    spreads = [np.linalg.norm(c - np.roll(c, 1, axis=0), axis=1).max() for c in choices]
-    return choices[int(np.argmin(spreads))] if choices else None
+def _choose_corners(crossings: list[Array]) -> Array | None:
+    """Choose one crossing (2,) of each of three pairs so that these are closest together.
+
+    Returns an array (3, 2), or None where a pair has no crossing.
+    """
+    choices = [np.array(corners) for corners in product(*crossings)]
+    if not choices:
+        return None
+    sides = [np.linalg.norm(c - np.roll(c, 1, axis=0), axis=1) for c in choices]
+    longest_sides = [lengths.max() for lengths in sides]
+    return choices[int(np.argmin(longest_sides))]

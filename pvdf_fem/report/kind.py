@@ -1,12 +1,13 @@
-"""Kinds of figures and tables: the scenes to solve, and the content made from their charges.
+"""Kinds of figures and tables of a report, and what they share.
 
-A kind is a class in a file of `kinds/` and a line of `registry.py`. Its fields are its keys in
-report scripts. `scenes` and `tasks` are asked before solves, `compose` after every scene and task
-is done.
+A kind is a frozen class whose fields are its keys in a report script. It says what to compute, by
+changes of the scene or by tasks, and draws the computed data on axes. Solving, placing figures on
+the page, colours and files are the report's work.
 """
 
 from __future__ import annotations
 
+import inspect
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -15,47 +16,76 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from pydantic import Field
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.report.data import Changes, Name, Readings
-from pvdf_fem.report.results import ReportResults
+from pvdf_fem.report.results import NothingToShowError, ReportResults
 from pvdf_fem.report.task import Task
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, format_error, suggest
+from pvdf_fem.view.figures import WIDTH_MM, get_figure, make_figure
 
-QUICK_TOLERANCE = 1e-2  #: Least tolerance of the scenes of a preview.
-PLACE = ("probe.x_mm", "probe.y_mm")  #: Keys of the place of the probe.
+QUICK_TOLERANCE = 1e-2  #: Finest tolerance of the scenes of a preview.
+PLACE = ("probe.x_mm", "probe.y_mm")  #: Keys of the probe's place.
 
 
 @contextmanager
 def prefix_errors(key: str) -> Iterator[None]:
-    """Report scenes' mistakes within the context as mistakes at a report script's key."""
+    """Raise errors about scenes within the context as `SceneError` at a key of the script."""
     try:
         yield
     except SceneError as error:
-        raise SceneError([f"{key}: {told}" for told in error.problems]) from None
+        raise SceneError([f"{key}: {problem}" for problem in error.problems]) from None
     except ValueError as error:
         raise SceneError([f"{key}: {error}"]) from None
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """Inputs common to the figures and tables of a report."""
+    """The inputs that all figures and tables of a report share.
+
+    Parameters
+    ----------
+    scene : Scene
+        The report's scene.
+    data : mapping of str to Readings
+        The tables ``[data.NAME]`` of the script, by name.
+    quick : bool
+        Whether the report is a preview, of few scenes to a coarse tolerance.
+    """
 
     scene: Scene
     data: Mapping[str, Readings]
-    quick: bool = False  #: Whether the report is a preview, of few scenes to a coarse tolerance.
+    quick: bool = False
 
-    def scene_of(self, *changes: Mapping[str, Any]) -> Scene:
-        """The scene with changes, in a preview no finer than `QUICK_TOLERANCE`."""
+    def change_scene(self, *changes: Mapping[str, Any]) -> Scene:
+        """Return the report's scene with changes.
+
+        Parameters
+        ----------
+        *changes : mapping of str to values
+            Values by dotted key, applied one after the other.
+
+        Returns
+        -------
+        Scene
+            In a preview with a tolerance no finer than `QUICK_TOLERANCE`.
+
+        Raises
+        ------
+        SceneError
+            For changes that the scene refuses, at the key `set`.
+        """
         scene = self.scene
         with prefix_errors("set"):
             for table in changes:
-                scene = scene.with_(**table) if table else scene
+                if table:
+                    scene = scene.with_(**table)
         if self.quick and scene.numerics.tolerance < QUICK_TOLERANCE:
             scene = scene.with_(**{"numerics.tolerance": QUICK_TOLERANCE})
         return scene
@@ -63,13 +93,27 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Content:
-    """What a kind draws and writes."""
+    """The finished content of a figure or table.
+
+    Parameters
+    ----------
+    caption : str
+        Text below the figure.
+    frame : DataFrame
+        The data with all digits, for the CSV file.
+    figure : Figure, optional
+        The drawing.
+    table : DataFrame, optional
+        Cells of text for the table on the page.
+    claim : str
+        The finding with its number: a clause of the verdict, empty without one.
+    """
 
     caption: str
-    frame: pd.DataFrame  #: What is drawn, with all digits: a CSV file.
+    frame: pd.DataFrame
     figure: Figure | None = None
-    shown: pd.DataFrame | None = None  #: A table for the page, of texts.
-    claim: str = ""  #: What is found, with its number: a clause of the verdict.
+    table: pd.DataFrame | None = None
+    claim: str = ""
 
 
 class Kind(Section):
@@ -77,7 +121,7 @@ class Kind(Section):
 
     `title` is the heading, `name` the name of the files. `set` changes the report's scene here: ``{
     "film.d31_pC_N" = 18.0 }``. `data` names a table ``[data.NAME]``. `reading` says whether charges
-    are drawn in ``total``, or the ``change`` by the touch; by default as in the data. `summary`
+    are shown in ``total``, or as the ``change`` by the touch; by default as in the data. `summary`
     shows the picture on the first screen. `full` has values of keys for reports made with
     ``--full``: ``{ touches = 2000 }``.
     """
@@ -90,98 +134,279 @@ class Kind(Section):
     summary: bool = False
     full: dict[str, Any] = Field(default_factory=dict)
 
-    stem: ClassVar[str] = "figure"  #: Name of its files where none is given.
-    rank: ClassVar[int] = 9  #: Its place among the candidates for the first screen.
+    stem: ClassVar[str] = "figure"  #: Name of the files where the script gives none.
+    rank: ClassVar[int] = 9  #: Place among the candidates for the first screen, from 0.
 
-    def scenes(self, inputs: Inputs) -> list[Scene]:
-        """The scenes whose charges it draws. Raises `SceneError` with mistakes by its keys."""
-        return []
+    # What to compute
 
-    def tasks(self, inputs: Inputs) -> Sequence[Task]:
-        """Further computations. Raises `SceneError` with mistakes by its keys."""
+    def list_changes(self) -> Sequence[Changes]:
+        """Return changes of the scene, a mapping by dotted key for each scene to solve."""
         return ()
 
-    @abstractmethod
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
-        """What it draws of ``solved.charges(...)`` and ``solved.rows(task)``; raises
-        `NothingToShow` where too many of its scenes have no charges, or a task has no rows."""
+    def list_scenes(self, inputs: Inputs) -> list[Scene]:
+        """Return the scenes to solve: by default the report's scene with `set` and each change.
 
-    def scene(self, inputs: Inputs) -> Scene:
-        """The report's scene with the changes of `set`."""
-        return inputs.scene_of(self.set)
+        Raises
+        ------
+        SceneError
+            With all mistakes, by the keys of this kind.
+        """
+        return [inputs.change_scene(self.set, changes) for changes in self.list_changes()]
 
-    def readings(self, inputs: Inputs) -> Readings | None:
-        """The data that it names."""
+    def list_tasks(self, inputs: Inputs) -> Sequence[Task]:
+        """Return the computations besides solves of scenes.
+
+        Raises
+        ------
+        SceneError
+            With all mistakes, by the keys of this kind.
+        """
+        return ()
+
+    # What to show
+
+    def collect_data(self, inputs: Inputs, results: ReportResults) -> Any:
+        """Return the data to show, when every scene and task is done.
+
+        Parameters
+        ----------
+        inputs : Inputs
+            The report's scene and data.
+        results : ReportResults
+            Charges by scene, and rows by task.
+
+        Returns
+        -------
+        DataFrame or object with a DataFrame `frame`
+            By default the rows of the tasks. Without tasks, a row for each change and electrode:
+            the changed keys, ``electrode``, ``computed_pC`` and ``error_pC``.
+
+        Raises
+        ------
+        NothingToShowError
+            Where no scene has charges, or a task has no rows.
+        """
+        rows = []
+        for task in self.list_tasks(inputs):
+            rows += results.get_rows(task)
+        if rows:
+            return pd.DataFrame(rows)
+        return self._collect_charges(inputs, results)
+
+    def make_figure(self, data: Any) -> Figure | None:
+        """Return the drawing of the data, None for a table alone."""
+        return None
+
+    def make_caption(self, data: Any) -> str:
+        """Return the text below the figure, by default the first sentence of the docstring."""
+        documentation = inspect.getdoc(type(self)) or ""
+        return documentation.partition("\n\n")[0].replace("\n", " ")
+
+    def make_table(self, data: Any) -> pd.DataFrame | None:
+        """Return the cells of text for the table on the page, None for no table."""
+        return None
+
+    def make_claim(self, data: Any) -> str:
+        """Return the finding with its number, as a clause of the page's verdict."""
+        return ""
+
+    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
+        """Return the finished content.
+
+        Parameters
+        ----------
+        inputs : Inputs
+            The report's scene and data.
+        results : ReportResults
+            Charges by scene, and rows by task.
+
+        Returns
+        -------
+        Content
+            Caption, data, figure, table and claim.
+
+        Raises
+        ------
+        NothingToShowError
+            Where too many scenes have no charges, or a task has no rows.
+        """
+        data = self.collect_data(inputs, results)
+        return Content(
+            caption=self.make_caption(data),
+            frame=data if isinstance(data, pd.DataFrame) else data.frame,
+            figure=self.make_figure(data),
+            table=self.make_table(data),
+            claim=self.make_claim(data),
+        )
+
+    # What kinds share
+
+    def resolve_scene(self, inputs: Inputs) -> Scene:
+        """Return the report's scene with the changes of `set`."""
+        return inputs.change_scene(self.set)
+
+    def find_readings(self, inputs: Inputs) -> Readings | None:
+        """Return the readings that `data` names, fewer in a preview; None without `data`."""
         if self.data is None:
             return None
         if self.data not in inputs.data:
-            known = list(inputs.data)
-            advice = suggest(self.data, known) if known else "add a table [data.NAME]"
-            raise SceneError(
-                [format_error("data", self.data, f"is no data of the report; {advice}")]
-            )
+            names = list(inputs.data)
+            advice = suggest(self.data, names) if names else "add a table [data.NAME]"
+            reason = f"is no data of the report; {advice}"
+            raise SceneError([format_error("data", self.data, reason)])
         readings = inputs.data[self.data]
-        return readings.thinned() if inputs.quick else readings
+        return readings.thin() if inputs.quick else readings
 
-    def read_as(self, inputs: Inputs) -> str:
-        """What is drawn, of `total` and `change`."""
-        readings = self.readings(inputs)
-        return self.reading or (readings.reading if readings else "total")
+    def resolve_reading(self, inputs: Inputs) -> str:
+        """Return which charges are shown, ``total`` or ``change``."""
+        if self.reading is not None:
+            return self.reading
+        readings = self.find_readings(inputs)
+        return "total" if readings is None else readings.reading
 
-    def rings(self, inputs: Inputs) -> str:
-        """What the caption says of the data."""
-        readings = self.readings(inputs)
-        return f" Rings: {readings.source.what} charges." if readings else ""
+    def describe_rings(self, inputs: Inputs) -> str:
+        """Return the sentence of the caption about the rings of the data, if there are any."""
+        readings = self.find_readings(inputs)
+        return "" if readings is None else f" Rings: {readings.source.what} charges."
 
-    def require_rows(self, rows: Any, lack: str) -> None:
-        """SceneError for data without a drawn row."""
+    def require_rows(self, rows: Sequence[Any], lack: str) -> None:
+        """Raise `SceneError` for data without a row that is shown.
+
+        Parameters
+        ----------
+        rows : sequence
+            The rows of `data` that are shown.
+        lack : str
+            Describes the missing rows, as in "of the scene within the reach".
+        """
         if self.data is not None and not rows:
             reason = f"has no row {lack}; change the data or `set`"
             raise SceneError([format_error("data", self.data, reason)])
 
+    def _collect_charges(self, inputs: Inputs, results: ReportResults) -> pd.DataFrame:
+        """Return a row for each change and electrode, with the changed keys and the charge."""
+        reading = self.resolve_reading(inputs)
+        frames = []
+        for changes, scene in zip(self.list_changes(), self.list_scenes(inputs), strict=True):
+            names = [electrode.name for electrode in scene.electrode_list]
+            frame = results.make_table([scene], names, reading)
+            frame = frame[["electrode", "computed_pC", "error_pC"]]
+            keys = {key: [value] * len(names) for key, value in changes.items()}
+            frames.append(pd.concat([pd.DataFrame(keys), frame], axis=1))
+        if not frames:
+            raise NothingToShowError("no scene and no task is computed")
+        data = pd.concat(frames, ignore_index=True)
+        if not data.computed_pC.notna().any():
+            raise NothingToShowError("none of the scenes has charges")
+        return data
 
-class ElectrodeKind(Kind):
+
+class FigureKind(Kind):
+    """A kind that draws its data on axes."""
+
+    size_mm: ClassVar[tuple[float, float]] = (WIDTH_MM, 80.0)  #: Of a figure with one panel.
+
+    @abstractmethod
+    def draw(self, data: Any, axes: Any) -> None:
+        """Draw the data.
+
+        Parameters
+        ----------
+        data : DataFrame or object
+            As `collect_data` returns it.
+        axes : Axes or sequence
+            As `make_axes` returns them.
+        """
+
+    def make_axes(self, data: Any) -> Any:
+        """Return empty axes of a new figure: one `Axes`, or nested sequences of them."""
+        return make_figure(*self.size_mm).subplots()
+
+    def make_figure(self, data: Any) -> Figure:
+        """Return a new figure with the data drawn on it."""
+        axes = self.make_axes(data)
+        self.draw(data, axes)
+        first = axes
+        while not isinstance(first, Axes):
+            first = first[0]
+        return get_figure(first)
+
+
+class ElectrodeKind(FigureKind):
     """A kind about some electrodes, by default all."""
 
     electrodes: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
 
-    def names(self, scene: Scene) -> tuple[str, ...]:
-        """Names of the electrodes; SceneError for others, or one twice."""
-        known, given = [electrode.name for electrode in scene.electrode_list], self.electrodes
-        if given is None:
+    def resolve_electrodes(self, scene: Scene) -> tuple[str, ...]:
+        """Return the names of the electrodes; `SceneError` for unknown or repeated names."""
+        known = [electrode.name for electrode in scene.electrode_list]
+        if self.electrodes is None:
             return tuple(known)
-        problems = [
-            format_error(
-                "electrodes", name, f"is no electrode of the scene; {suggest(name, known)}"
-            )
-            for name in given
-            if name not in known
-        ]
-        if len({*given}) < len(given):
-            problems.append(format_error("electrodes", list(given), "has a name twice; remove one"))
+        problems = []
+        for name in self.electrodes:
+            if name not in known:
+                reason = f"is no electrode of the scene; {suggest(name, known)}"
+                problems.append(format_error("electrodes", name, reason))
+        if len(set(self.electrodes)) < len(self.electrodes):
+            reason = "has a name twice; remove one"
+            problems.append(format_error("electrodes", list(self.electrodes), reason))
         if problems:
             raise SceneError(problems)
-        return given
+        return self.electrodes
 
 
 def differ_only_in(keys: Sequence[str], scene: Scene, other: Scene) -> bool:
-    """Whether two scenes are equal but for numbers by some keys."""
+    """Return whether two scenes are equal but for numbers.
+
+    Parameters
+    ----------
+    keys : sequence of str
+        Dotted keys of the numbers that may differ.
+    scene, other : Scene
+        The scenes to compare.
+
+    Returns
+    -------
+    bool
+        False where one of the scenes has no such key.
+    """
     try:
-        return other.with_(**{key: get_number(scene, key) for key in keys}) == scene
-    except (SceneError, AttributeError, LookupError, TypeError):  # one has no such key
+        numbers = {key: get_number(scene, key) for key in keys}
+        return other.with_(**numbers) == scene
+    except (SceneError, AttributeError, LookupError, TypeError):  # one scene has no such key
         return False
 
 
 def place_probe(scene: Scene, places_mm: Array) -> list[Scene]:
-    """The scene with its probe at places (n, 2); SceneError without a probe, or room for it."""
+    """Return the scene with its probe at each of some places.
+
+    Parameters
+    ----------
+    scene : Scene
+        A scene with one probe.
+    places_mm : array (n, 2)
+        Centroids of the probe in mm.
+
+    Returns
+    -------
+    list of Scene
+
+    Raises
+    ------
+    SceneError
+        Without a probe, or where it does not fit.
+    """
     with prefix_errors("set"):
         if scene.single_probe is None:
             reason = "has no probe to place; add [probe] to it, or probe.shape here"
             raise SceneError([format_error("scene", "(no probe)", reason)])
     with prefix_errors("reach_mm"):
-        return [scene.with_(**dict(zip(PLACE, at, strict=True))) for at in places_mm.tolist()]
+        scenes = []
+        for x, y in places_mm.tolist():
+            scenes.append(scene.with_(**{"probe.x_mm": x, "probe.y_mm": y}))
+        return scenes
 
 
 def get_place_mm(scene: Scene) -> Array:
-    """Place (2,) of the probe."""
+    """Return the place (2,) of the scene's probe in mm."""
     return np.array([get_number(scene, key) for key in PLACE])

@@ -1,4 +1,4 @@
-"""Kinds of figures and tables in report scripts, a line per kind."""
+"""The kinds of figures and tables by the names that report scripts give."""
 
 from __future__ import annotations
 
@@ -32,21 +32,36 @@ TABLES: Mapping[str, type[Kind]] = {
 
 
 def load_kinds(path: Path) -> dict[str, type[Kind]]:
-    """Kinds defined in a Python file, by their words for `kind`. The file is run.
-    Raises `SceneError` where the file cannot be run, or defines none."""
+    """Run a Python file and return the kinds that it defines.
+
+    Parameters
+    ----------
+    path : Path
+        A file with classes derived from `Kind`.
+
+    Returns
+    -------
+    dict of str to Kind classes
+        Kinds by the values of their field `kind`.
+
+    Raises
+    ------
+    SceneError
+        Where the file cannot be run, or defines no kind.
+    """
     try:
         module = run_module(path)
     except Exception as error:
-        told = traceback.format_exception_only(error)[-1].strip()[:200]
-        reason = f"cannot be run ({told}); mend the file"
+        last_line = traceback.format_exception_only(error)[-1].strip()[:200]
+        reason = f"cannot be run ({last_line}); correct the file"
         raise SceneError([format_error("kinds", str(path), reason)]) from error
-    found: dict[str, type[Kind]] = {}
+    kinds: dict[str, type[Kind]] = {}
     for value in vars(module).values():
         is_kind = isinstance(value, type) and issubclass(value, Kind)
-        if is_kind and value.__module__ == module.__name__:
-            word = value.model_fields.get("kind")
-            found |= dict.fromkeys(get_args(word.annotation) if word else (), value)
-    if not found:
-        reason = "has no kinds; derive a class from Kind, with a field kind: Literal[...]"
+        if is_kind and value.__module__ == module.__name__ and "kind" in value.model_fields:
+            for name in get_args(value.model_fields["kind"].annotation):
+                kinds[name] = value
+    if not kinds:
+        reason = "defines no kind; derive a class from FigureKind, with a field kind: Literal[...]"
         raise SceneError([format_error("kinds", str(path), reason)])
-    return found
+    return kinds

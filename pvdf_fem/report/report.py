@@ -1,4 +1,4 @@
-"""A report: a script, and the page made from the script."""
+"""A report: its script, and the making of its page."""
 
 from __future__ import annotations
 
@@ -8,36 +8,52 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from pvdf_fem.batch.batch import plan_scenes, solve_planned
 from pvdf_fem.batch.store import Record, Store
 from pvdf_fem.batch.workers import WorkerDied
 from pvdf_fem.files import make_directory, replace_file
 from pvdf_fem.progress import Progress, show_progress
-from pvdf_fem.report.kind import Inputs, Kind
+from pvdf_fem.report.kind import Content, Inputs, Kind
 from pvdf_fem.report.page import VERDICT, Entry, make_verdict, render_page, update_other_reports
 from pvdf_fem.report.results import NothingToShowError, ReportResults
 from pvdf_fem.report.script import ReportPlan, Requirements, load_script
-from pvdf_fem.report.task import Rows, compute_key, run_tasks
+from pvdf_fem.report.task import Rows, Task, compute_key, run_tasks
 from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.view.figures import render_figure, use_style
 
 PAGE = "index.html"
-STORE = "solved.db"
+STORE = "solved.db"  #: File with the results of solves and tasks.
 
 
 @dataclass(frozen=True)
 class MadeReport:
-    """What a report has become."""
+    """The outcome of making a report.
+
+    Parameters
+    ----------
+    page : Path
+        The HTML file.
+    scenes : int
+        Number of distinct scenes of the report.
+    solved : int
+        Number of scenes that were solved now; the others were in the store.
+    tasks : int
+        Number of distinct tasks of the report.
+    ran : int
+        Number of tasks that ran now; the rows of the others were in the store.
+    failures : tuple of str
+        Figures and tables that lack charges or rows, with the reasons.
+    """
 
     page: Path
-    scenes: int  #: Distinct scenes of the report.
-    solved: int  #: Scenes that were not in the store.
-    tasks: int  #: Distinct tasks of the report.
-    ran: int  #: Tasks whose rows were not kept.
-    failures: tuple[str, ...]  #: Figures and tables that lack charges or rows, with the reasons.
+    scenes: int
+    solved: int
+    tasks: int
+    ran: int
+    failures: tuple[str, ...]
 
     @property
     def complete(self) -> bool:
@@ -47,7 +63,7 @@ class MadeReport:
 
 @dataclass(frozen=True)
 class Report:
-    """A report script that has no mistakes.
+    """A report script without mistakes.
 
     Examples
     --------
@@ -59,8 +75,20 @@ class Report:
 
     @classmethod
     def load(cls, path: Path | str, kinds: Mapping[str, type[Kind]] | None = None) -> Self:
-        """The report of a script. `kinds` are further kinds of figures and tables, by name. Raises
-        `SceneError` with every mistake in the script, its scene and its data."""
+        """Read a report script.
+
+        Parameters
+        ----------
+        path : path
+            A TOML file.
+        kinds : mapping of str to Kind classes, optional
+            Kinds of figures besides the package's, by name, as `load_kinds` returns them.
+
+        Raises
+        ------
+        SceneError
+            With all mistakes of the script, its scene and its data.
+        """
         return cls(load_script(coerce("path", path, Path), kinds or {}))
 
     def make(
@@ -72,130 +100,204 @@ class Report:
         processes: int = -1,
         progress: Progress | bool | None = None,
     ) -> MadeReport:
-        """Solve the scenes, run the tasks and write ``index.html`` in a directory, anew with each
-        figure. ``verdict.txt`` beside the page has the verdict.
+        """Solve the scenes, run the tasks and write the page ``index.html``.
 
-        What is computed is kept there in ``solved.db``: a report that was stopped goes on. `quick`
-        makes a preview, of few scenes to a coarse tolerance; `full` takes the keys in the figures'
-        `full`. `processes` is their number, -1 for all cores; with 1 all is computed in turn, for
-        timings. `progress` is called with the numbers of scenes and tasks done and in total, or
-        says whether these numbers are shown (`pvdf_fem.progress.show_progress`).
+        The page is written anew whenever a figure is finished. Results are kept beside it in
+        ``solved.db``, so that a stopped report goes on.
+
+        Parameters
+        ----------
+        out : path
+            Folder of the page, of ``verdict.txt`` with the verdict, and of the folders ``data``,
+            ``figures`` and ``scenes``.
+        quick : bool
+            Make a preview, of few scenes to a coarse tolerance.
+        full : bool
+            Use the values of `full` in each figure and table.
+        processes : int
+            Number of processes, -1 for one per core. With 1 everything is computed one after
+            the other, for timings.
+        progress : callable or bool, optional
+            Called with the number of finished scenes and tasks and their total, or whether to show
+            these numbers.
+
+        Returns
+        -------
+        MadeReport
         """
         out = Path(out)
         make_directory(out, PAGE, *self.plan.files)
-        inputs, needed = self.plan.needs(quick, full)
-        work = _Work(out, self.plan, inputs, needed)
+        inputs, requirements = self.plan.collect_requirements(quick, full)
+        work = _Work(out, self.plan, inputs=inputs, requirements=requirements)
         work.begin()
-        scenes = list(dict.fromkeys(scene for need in needed for scene in need.scenes))
-        tasks = {compute_key(task): task for need in needed for task in need.tasks}
+        scenes: dict[Scene, None] = {}
+        tasks: dict[str, Task] = {}
+        for needed in requirements:
+            scenes |= dict.fromkeys(needed.scenes)
+            tasks |= {compute_key(task): task for task in needed.tasks}
+        scene_list = list(scenes)
         with Store(out / STORE) as store, show_progress("scenes and tasks", progress) as show:
-            stored = {name: rows for name in tasks if (rows := store.kept(name)) is not None}
-            missing = {name: task for name, task in tasks.items() if name not in stored}
-            todo = plan_scenes(scenes, store)
-            total = todo.missing + len(missing)
-            for name, rows in stored.items():
-                work.add(name, rows)
-            how: Any = {"processes": processes, "progress": lambda n, _: show(n, total)}
-            for index, record in solve_planned(todo, store, **how):
-                work.add(scenes[index], record)
-            for count, (name, found) in enumerate(run_tasks(missing, store, processes), start=1):
-                work.add(name, found)
-                show(todo.missing + count, total)
-        failures = tuple(work.failures)
-        return MadeReport(out / PAGE, len(scenes), todo.missing, len(tasks), len(missing), failures)
+            new_tasks = {}
+            for key, task in tasks.items():
+                rows = store.kept(key)
+                if rows is None:
+                    new_tasks[key] = task
+                else:
+                    work.add(key, rows)
+            plan = plan_scenes(scene_list, store)
+            total = plan.missing + len(new_tasks)
+
+            def show_scenes(done: float, _: float) -> None:
+                show(done, total)
+
+            for index, record in solve_planned(
+                plan, store, processes=processes, progress=show_scenes
+            ):
+                work.add(scene_list[index], record)
+            finished = run_tasks(new_tasks, store, processes)
+            for count, (key, task_rows) in enumerate(finished, start=1):
+                work.add(key, task_rows)
+                show(plan.missing + count, total)
+        return MadeReport(
+            out / PAGE,
+            scenes=len(scene_list),
+            solved=plan.missing,
+            tasks=len(tasks),
+            ran=len(new_tasks),
+            failures=tuple(work.failures),
+        )
 
     def refresh(self, out: Path | str) -> None:
-        """Write the lines about other reports anew on the page in a directory, if there is one."""
+        """Update the lines about other reports on the page in a folder, if there is one."""
         page = Path(out) / PAGE
         with suppress(FileNotFoundError):
-            write(page, update_other_reports(page.read_text("utf-8"), self.plan, Path(out)))
+            text = page.read_text("utf-8")
+            write_if_changed(page, update_other_reports(text, self.plan, Path(out)))
 
 
 @dataclass
-class _Part:
-    """A figure or table on the way."""
+class _PendingItem:
+    """A figure or table in progress.
 
-    need: Requirements
-    missing: set[Scene | str]  #: Scenes, and keys of tasks.
+    Parameters
+    ----------
+    needed : Requirements
+        Its scenes and tasks.
+    missing : set
+        Scenes without a record, and keys of tasks without rows.
+    entry : Entry
+        Its place on the page.
+    """
+
+    needed: Requirements
+    missing: set[Scene | str]
     entry: Entry
 
 
 class _Work:
-    """A report in progress: computed results, and the page's content."""
+    """A report in progress: the results so far, and the content of the page."""
 
     def __init__(
-        self, out: Path, plan: ReportPlan, inputs: Inputs, needed: Sequence[Requirements]
+        self, out: Path, plan: ReportPlan, inputs: Inputs, requirements: Sequence[Requirements]
     ) -> None:
-        self.out, self.plan, self.inputs = out, plan, inputs
+        self.out = out
+        self.plan = plan
+        self.inputs = inputs
         self.found: dict[Scene | str, Record | Rows | WorkerDied] = {}
         self.failures: list[str] = []
-        self.parts = {
-            need.item.name: _Part(
-                need, {*need.scenes, *map(compute_key, need.tasks)}, Entry(need.item)
-            )
-            for need in needed
-        }
-        self.total = len(set[Scene | str]().union(*(of.missing for of in self.parts.values())))
+        self.items: dict[str, _PendingItem] = {}
+        everything: set[Scene | str] = set()
+        for needed in requirements:
+            missing: set[Scene | str] = {*needed.scenes, *map(compute_key, needed.tasks)}
+            everything |= missing
+            self.items[needed.item.name] = _PendingItem(needed, missing, Entry(needed.item))
+        self.total = len(everything)
 
     def begin(self) -> None:
         """Write the page without figures, then with figures that need no computation."""
         for folder in ("data", "figures", "scenes"):
             (self.out / folder).mkdir(exist_ok=True)
-        write(self.out / "scenes" / "scene.toml", self.plan.scene.to_toml())
-        for name, part in self.parts.items():
-            changed = self.inputs.scene_of(part.need.item.kind.set)
-            if changed != self.plan.scene:
-                write(self.out / "scenes" / f"{name}.toml", changed.to_toml())
-        self._show()
-        for part in self.parts.values():
-            if not part.missing:
-                self._compose(part)
+        write_if_changed(self.out / "scenes" / "scene.toml", self.plan.scene.to_toml())
+        for name, pending in self.items.items():
+            scene = self.inputs.change_scene(pending.needed.item.kind.set)
+            if scene != self.plan.scene:
+                write_if_changed(self.out / "scenes" / f"{name}.toml", scene.to_toml())
+        self._write_page()
+        for pending in self.items.values():
+            if not pending.missing:
+                self._compose(pending)
 
-    def add(self, wanted: Scene | str, found: Record | Rows | WorkerDied) -> None:
-        """Take a scene's record, or a task's rows by key, and compose items that waited only for
-        them."""
-        self.found[wanted] = found
-        for part in self.parts.values():
-            if wanted in part.missing:
-                part.missing.remove(wanted)
-                if not part.missing:
-                    self._compose(part)
+    def add(self, key: Scene | str, found: Record | Rows | WorkerDied) -> None:
+        """Add a result, and compose the items that missed nothing else.
 
-    def _compose(self, part: _Part) -> None:
-        item, solved = part.need.item, ReportResults(self.found)
-        remarks = solved.failures(part.need.scenes, part.need.tasks)
-        warnings = solved.warnings(part.need.scenes)
+        Parameters
+        ----------
+        key : Scene or str
+            A scene, or the key of a task.
+        found : Record, rows or WorkerDied
+            The scene's record, or the task's rows.
+        """
+        self.found[key] = found
+        for pending in self.items.values():
+            if key in pending.missing:
+                pending.missing.remove(key)
+                if not pending.missing:
+                    self._compose(pending)
+
+    def _compose(self, pending: _PendingItem) -> None:
+        """Compose an item, write its files and the page, and add its failures."""
+        item, scenes, tasks = pending.needed
+        results = ReportResults(self.found)
+        failures = results.describe_failures(scenes, tasks)
+        warnings = results.describe_warnings(scenes)
         try:
             with use_style():
-                content = item.kind.compose(self.inputs, solved)
-                svg = render_figure(content.figure, ".svg").decode() if content.figure else ""
-            part.entry = Entry(item, content, svg, remarks=(*remarks, *warnings))
-            table = content.frame.to_csv(index=False, lineterminator="\n")
-            write(self.out / "data" / f"{item.name}.csv", table)
-            if svg:
-                write(self.out / "figures" / f"{item.name}.svg", svg)
+                content = item.kind.compose(self.inputs, results)
+                svg = ""
+                if content.figure is not None:
+                    svg = render_figure(content.figure, ".svg").decode()
+            pending.entry = Entry(item, content, svg=svg, remarks=(*failures, *warnings))
+            self._write_files(pending.entry, content)
         except NothingToShowError as error:
-            others = [remark for remark in remarks if remark != str(error)]
-            part.entry = Entry(item, error=str(error), remarks=(*others, *warnings))
-            remarks = [str(error), *others]
-        except Exception as error:  # of one figure must not take the others with it
+            others = [failure for failure in failures if failure != str(error)]
+            pending.entry = Entry(item, error=str(error), remarks=(*others, *warnings))
+            failures = [str(error), *others]
+        except Exception as error:  # one figure must not prevent the others
             traceback.print_exc(file=sys.stderr)
-            part.entry = Entry(item, error=f"{type(error).__name__}: {error}")
-            remarks = [part.entry.error]
-        self.failures += [f"{item.where} ({item.name}): {remark}" for remark in remarks]
-        self._show()
+            pending.entry = Entry(item, error=f"{type(error).__name__}: {error}")
+            failures = [pending.entry.error]
+        self.failures += [f"{item.where} ({item.name}): {failure}" for failure in failures]
+        self._write_page()
 
-    def _show(self) -> None:
+    def _write_files(self, entry: Entry, content: Content) -> None:
+        """Write the data of an item as CSV, and its drawing as SVG."""
+        name = entry.item.name
+        csv = content.frame.to_csv(index=False, lineterminator="\n")
+        write_if_changed(self.out / "data" / f"{name}.csv", csv)
+        if entry.svg:
+            write_if_changed(self.out / "figures" / f"{name}.svg", entry.svg)
+
+    def _write_page(self) -> None:
         """Write the page and the verdict with the results so far."""
-        entries = [self.parts[item.name].entry for item in self.plan.items]
-        state = {"done": len(self.found), "total": self.total, "is_preview": self.inputs.quick}
-        write(self.out / PAGE, render_page(self.plan, entries, self.out, **state))
-        preview = "Preview: " * self.inputs.quick
-        write(self.out / VERDICT, f"{preview}{text}\n" if (text := make_verdict(entries)) else "")
+        entries = [self.items[item.name].entry for item in self.plan.items]
+        page = render_page(
+            self.plan,
+            entries,
+            self.out,
+            done=len(self.found),
+            total=self.total,
+            is_preview=self.inputs.quick,
+        )
+        write_if_changed(self.out / PAGE, page)
+        verdict = make_verdict(entries)
+        if verdict:
+            preview = "Preview: " if self.inputs.quick else ""
+            verdict = f"{preview}{verdict}\n"
+        write_if_changed(self.out / VERDICT, verdict)
 
 
-def write(path: Path, text: str) -> None:
-    """Write a text, unless the file has it already."""
+def write_if_changed(path: Path, text: str) -> None:
+    """Write a text to a file, unless the file has this text already."""
     with suppress(FileNotFoundError):
         if path.read_text("utf-8") == text:
             return

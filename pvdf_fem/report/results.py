@@ -1,9 +1,10 @@
-"""Computed data for a figure: charges by scene, and rows by task."""
+"""Computed results of a report: charges by scene, and rows by task."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,85 +15,178 @@ from pvdf_fem.batch.workers import WorkerDied
 from pvdf_fem.report.task import Rows, Task, compute_key
 from pvdf_fem.scene.scene import Scene
 
-#: What reads a record, by an observable: values by electrode for d31 and d32.
-Reader: TypeAlias = Callable[[Record, str], Callable[[tuple[float, float]], Array]]
-
 
 class NothingToShowError(Exception):
     """Too few scenes have charges, or a task has no rows; the text says why."""
 
 
 class ReportResults:
-    """Records by scene, and rows of tasks by their keys. Charges are in pC, NaN where a solve gave
-    none."""
+    """The records of solved scenes, and the rows of completed tasks.
+
+    Parameters
+    ----------
+    found : mapping
+        Records by scene, and rows by the keys of tasks (`compute_key`). `WorkerDied` stands for the
+        rows of a task that failed.
+    """
 
     def __init__(self, found: Mapping[Any, Record | Rows | WorkerDied]) -> None:
         self._found: Mapping[Any, Any] = found
 
-    def rows(self, task: Task) -> Rows:
-        """The rows of a task; raises `NothingToShowError` where the task raised."""
+    def get_rows(self, task: Task) -> Rows:
+        """Return the rows of a task; `NothingToShowError` where the task failed."""
         found: Rows | WorkerDied = self._found[compute_key(task)]
         if isinstance(found, WorkerDied):
-            raise NothingToShowError(_told(task, found))
+            raise NothingToShowError(_describe_failure(task, found))
         return found
 
-    def charges(self, scenes: Sequence[Scene], names: Sequence[str], reading: str) -> Array:
-        """Charges (scenes, names) of electrodes."""
-        totals = self._values(scenes, names, lambda record, of: record.integrals_by(of).charges)
-        return totals - self.rests(scenes, names) if reading == "change" else totals
+    def get_charges(self, scenes: Sequence[Scene], names: Sequence[str], reading: str) -> Array:
+        """Return charges of electrodes by scene.
 
-    def rests(self, scenes: Sequence[Scene], names: Sequence[str]) -> Array:
-        """Charges (scenes, names) of the films without a touch."""
-        return self._values(scenes, names, lambda record, _: record.unloaded.charges)
+        Parameters
+        ----------
+        scenes : sequence of n Scenes
+            Solved scenes.
+        names : sequence of m str
+            Names of the electrodes.
+        reading : {"total", "change"}
+            Whether the charge of the unloaded film is subtracted.
 
-    def errors(self, scenes: Sequence[Scene], names: Sequence[str]) -> Array:
-        """Estimated discretisation errors (scenes, names) of the charges."""
-        return self._values(scenes, names, lambda record, of: record.integrals_by(of).charge_errors)
+        Returns
+        -------
+        array (n, m)
+            In pC; NaN for a scene without charges or without the electrode.
+        """
+        charges = self._read_records(scenes, names, _read_charges)
+        if reading == "change":
+            return charges - self.get_unloaded_charges(scenes, names)
+        return charges
 
-    def table(
+    def get_unloaded_charges(self, scenes: Sequence[Scene], names: Sequence[str]) -> Array:
+        """Return the charges (scenes, names) of the unloaded films in pC."""
+        return self._read_records(scenes, names, _read_unloaded_charges)
+
+    def get_errors(self, scenes: Sequence[Scene], names: Sequence[str]) -> Array:
+        """Return the estimated discretisation errors (scenes, names) of the charges in pC."""
+        return self._read_records(scenes, names, _read_charge_errors)
+
+    def make_table(
         self,
         scenes: Sequence[Scene],
         names: Sequence[str],
         reading: str,
-        theirs: Array | None = None,
+        data_pC: Array | None = None,
     ) -> pd.DataFrame:
-        """Rows by scene and electrode, with data charges (scenes, names)."""
-        ours = self.charges(scenes, names, reading)
-        given = np.full(ours.shape, np.nan) if theirs is None else theirs
-        columns = {"charge_pC": given, "computed_pC": ours, "error_pC": self.errors(scenes, names)}
-        frame = pd.DataFrame({name: values.ravel() for name, values in columns.items()})
+        """Return computed charges beside charges of the data.
+
+        Parameters
+        ----------
+        scenes : sequence of n Scenes
+            Solved scenes.
+        names : sequence of m str
+            Names of the electrodes.
+        reading : {"total", "change"}
+            Whether the charge of the unloaded film is subtracted.
+        data_pC : array (n, m), optional
+            Charges of the data, NaN where there is none.
+
+        Returns
+        -------
+        DataFrame of n m rows
+            Columns ``electrode``, ``charge_pC`` (of the data), ``computed_pC``, ``error_pC`` and
+            ``difference_percent``.
+        """
+        computed = self.get_charges(scenes, names, reading)
+        if data_pC is None:
+            data_pC = np.full(computed.shape, np.nan)
+        frame = pd.DataFrame(
+            {
+                "electrode": list(names) * len(scenes),
+                "charge_pC": data_pC.ravel(),
+                "computed_pC": computed.ravel(),
+                "error_pC": self.get_errors(scenes, names).ravel(),
+            }
+        )
         frame["difference_percent"] = 100.0 * (frame.computed_pC / frame.charge_pC - 1.0)
-        frame.insert(0, "electrode", list(names) * len(scenes))
         return frame
 
-    def failures(self, scenes: Sequence[Scene], tasks: Sequence[Task]) -> list[str]:
-        """Reasons why scenes have no charges, with the number of scenes, and tasks no rows."""
-        found: dict[str, int] = {}
-        for record in (self._found[scene] for scene in dict.fromkeys(scenes)):
+    def describe_failures(self, scenes: Sequence[Scene], tasks: Sequence[Task]) -> list[str]:
+        """Return why scenes have no charges and tasks have no rows.
+
+        Parameters
+        ----------
+        scenes : sequence of Scene
+            Solved scenes.
+        tasks : sequence of Task
+            Completed tasks.
+
+        Returns
+        -------
+        list of str
+            A line for each reason, with the number of scenes, and for each failed task.
+        """
+        reasons: Counter[str] = Counter()
+        for scene in dict.fromkeys(scenes):
+            record: Record = self._found[scene]
             if not record.converged:
-                reason = f"{record.status}: {record.reason}"
-                found[reason] = found.get(reason, 0) + 1
-        told = [f"{count} without charges: {reason}" for reason, count in found.items()]
-        results = ((task, self._found[compute_key(task)]) for task in tasks)
-        return told + [_told(task, of) for task, of in results if isinstance(of, WorkerDied)]
+                reasons[f"{record.status}: {record.reason}"] += 1
+        lines = [f"{count} without charges: {reason}" for reason, count in reasons.items()]
+        for task in tasks:
+            found = self._found[compute_key(task)]
+            if isinstance(found, WorkerDied):
+                lines.append(_describe_failure(task, found))
+        return lines
 
-    def warnings(self, scenes: Sequence[Scene]) -> list[str]:
-        """How many scenes have warnings, and the first warning."""
-        every = ((*one.warnings, *self._found[one].warnings) for one in dict.fromkeys(scenes))
-        warned = [told for told in every if told]
-        if not warned:
+    def describe_warnings(self, scenes: Sequence[Scene]) -> list[str]:
+        """Return a line with the number of scenes that have warnings, and the first warning."""
+        first_warnings = []
+        for scene in dict.fromkeys(scenes):
+            warnings = [*scene.warnings, *self._found[scene].warnings]
+            if warnings:
+                first_warnings.append(warnings[0])
+        if not first_warnings:
             return []
-        return [f"{len(warned)} of the scenes have warnings, such as: {warned[0][0]}"]
+        count = len(first_warnings)
+        return [f"{count} of the scenes have warnings, such as: {first_warnings[0]}"]
 
-    def _values(self, scenes: Sequence[Scene], names: Sequence[str], what: Reader) -> Array:
+    def _read_records(
+        self,
+        scenes: Sequence[Scene],
+        names: Sequence[str],
+        read: Callable[[Record, Scene], Array],
+    ) -> Array:
+        """Return values (scenes, names) that `read` returns for the electrodes of a record."""
         values = np.full((len(scenes), len(names)), np.nan)
-        for row, scene in zip(values, scenes, strict=True):
-            record, d = self._found[scene], (scene.film.d31_pC_N, scene.film.d32_pC_N)
-            found = what(record, str(scene.numerics.observable))(d).tolist()
-            known = dict(zip(record.electrodes, found, strict=True))
-            row[:] = [known.get(name, np.nan) for name in names]
+        for i, scene in enumerate(scenes):
+            record = self._found[scene]
+            by_name = dict(zip(record.electrodes, read(record, scene).tolist(), strict=True))
+            for j, name in enumerate(names):
+                values[i, j] = by_name.get(name, np.nan)
         return values
 
 
-def _told(task: Task, end: WorkerDied) -> str:
+def _get_coefficients(scene: Scene) -> tuple[float, float]:
+    """Return d31 and d32 in pC/N."""
+    return scene.film.d31_pC_N, scene.film.d32_pC_N
+
+
+def _read_charges(record: Record, scene: Scene) -> Array:
+    """Return the charges (electrodes,) of a record in pC by the scene's observable."""
+    integrals = record.integrals_by(str(scene.numerics.observable))
+    return integrals.charges(_get_coefficients(scene))
+
+
+def _read_unloaded_charges(record: Record, scene: Scene) -> Array:
+    """Return the charges (electrodes,) of a record's unloaded film in pC."""
+    return record.unloaded.charges(_get_coefficients(scene))
+
+
+def _read_charge_errors(record: Record, scene: Scene) -> Array:
+    """Return the errors (electrodes,) of a record's charges in pC."""
+    integrals = record.integrals_by(str(scene.numerics.observable))
+    return integrals.charge_errors(_get_coefficients(scene))
+
+
+def _describe_failure(task: Task, end: WorkerDied) -> str:
+    """Return the class of a task with the reason of its failure."""
     return f"{type(task).__name__}: {end.reason}"

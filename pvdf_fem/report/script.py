@@ -1,4 +1,4 @@
-"""Report scripts: TOML files that say what a report shows, checked before anything is solved."""
+"""Report scripts: TOML files that say what a report shows, checked before any solve."""
 
 from __future__ import annotations
 
@@ -20,27 +20,29 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import MOST_BYTES, SceneError, format_error, parse_toml, suggest
 from pvdf_fem.scene.validation_errors import MAX_ERRORS, describe_errors, join_key
 
-MOST_WORDS = 120  #: Of a section.
-PICTURES = 3  #: Of the first screen.
+MAX_WORDS = 120  #: Largest number of words in a text.
+PICTURES = 3  #: Number of pictures on the first screen.
 Kinds = Mapping[str, type[Kind]]
 Model = TypeVar("Model", bound=Section)
+Table = dict[str, Any]
 
 
-def _is_short(text: str) -> str:
-    if (count := len(text.split())) > MOST_WORDS:
-        raise make_validation_error(f"has {count} words, more than {MOST_WORDS}; say less")
+def _check_length(text: str) -> str:
+    """Return a text; raise a validation error for one that is too long."""
+    count = len(text.split())
+    if count > MAX_WORDS:
+        raise make_validation_error(f"has {count} words, more than {MAX_WORDS}; shorten it")
     return text
 
 
 Title = Annotated[str, Field(min_length=1, max_length=100)]
-Text = Annotated[str, AfterValidator(_is_short)]
-Table = dict[str, Any]
+Text = Annotated[str, AfterValidator(_check_length)]
 
 
 class ScriptSection(Section):
-    """A section on the page: `title`, a sentence or two in `text`, figures and tables.
+    """A section of the page: a `title`, a sentence or two in `text`, figures and tables.
 
-    Sections with one `part` stand under its heading.
+    Consecutive sections with the same `part` stand under its heading.
     """
 
     title: Title
@@ -51,9 +53,10 @@ class ScriptSection(Section):
 
 
 class Other(Section):
-    """A line about another report: `title`, its `page`, seen from this page, and `how` to make it.
+    """A line about another report: its `title`, its `page`, relative to this page, and `how`.
 
-    The line has the verdict of the other page, or says how to make the page.
+    The line quotes the verdict of the other page. While that page does not exist, the line tells
+    `how` to make it.
     """
 
     title: Title
@@ -64,8 +67,8 @@ class Other(Section):
 class Script(Section):
     """A report script: `title`, a `text` at its head, the scene, data, sections, other reports.
 
-    The scene is a file's path, seen from the script, a table of keys, or by `example` an example
-    from the package.
+    `scene` is the path of a scene file, relative to the script, or a table of keys. Instead,
+    `example` names an example of the package.
     """
 
     title: Title
@@ -79,17 +82,31 @@ class Script(Section):
 
 @dataclass(frozen=True)
 class Item:
-    """A figure or table of a report."""
+    """A figure or table of a report.
+
+    Parameters
+    ----------
+    section : int
+        Number of its section, from 0.
+    where : str
+        Its key in the script, as ``section[0].figure[1]``.
+    name : str
+        Name of its files.
+    kind : Kind
+        Its keys.
+    full : Kind
+        Its keys with the values of `full`.
+    """
 
     section: int
-    where: str  #: Its key in the script: ``section[0].figure[1]``.
-    name: str  #: Of its files.
+    where: str
+    name: str
     kind: Kind
-    full: Kind  #: With the values of its `full`.
+    full: Kind
 
 
 class Requirements(NamedTuple):
-    """What is to be computed for an item."""
+    """The scenes and tasks to compute for an item."""
 
     item: Item
     scenes: list[Scene]
@@ -98,7 +115,25 @@ class Requirements(NamedTuple):
 
 @dataclass(frozen=True)
 class ReportPlan:
-    """A validated report script: its scene, data, sections and items."""
+    """A validated report script.
+
+    Parameters
+    ----------
+    script : Script
+        The keys at its head.
+    scene : Scene
+        The report's scene.
+    data : mapping of str to Readings
+        The tables ``[data.NAME]`` by name.
+    sections : tuple of ScriptSection
+        Sections in their order.
+    items : tuple of Item
+        Figures and tables of all sections.
+    others : tuple of Other
+        Lines about other reports.
+    files : tuple of Path
+        Files that were read, the script first.
+    """
 
     script: Script
     scene: Scene
@@ -106,147 +141,279 @@ class ReportPlan:
     sections: tuple[ScriptSection, ...]
     items: tuple[Item, ...]
     others: tuple[Other, ...]
-    files: tuple[Path, ...]  #: What was read.
+    files: tuple[Path, ...]
 
-    def needs(self, quick: bool = False, full: bool = False) -> tuple[Inputs, list[Requirements]]:
-        """Needs of the report's items, in preview or full form; the items of the
-        first screen are first. Raises `SceneError` with all mistakes."""
-        inputs, needed, problems = Inputs(self.scene, self.data, quick), [], list[str]()
-        for item in sorted(self.items, key=lambda item: item not in self.summary):
-            asked = replace(item, kind=item.full) if full else item
+    def collect_requirements(
+        self, quick: bool = False, full: bool = False
+    ) -> tuple[Inputs, list[Requirements]]:
+        """Collect the scenes and tasks of all items.
+
+        Parameters
+        ----------
+        quick : bool
+            For a preview, of few scenes to a coarse tolerance.
+        full : bool
+            With the values of `full` in each item.
+
+        Returns
+        -------
+        inputs : Inputs
+            What the items share.
+        requirements : list of Requirements
+            Those of the first screen first.
+
+        Raises
+        ------
+        SceneError
+            With all mistakes of all items.
+        """
+        inputs = Inputs(self.scene, self.data, quick)
+        requirements = []
+        problems: list[str] = []
+        for item in self._order_items():
+            if full:
+                item = replace(item, kind=item.full)
             try:
-                scenes, tasks = asked.kind.scenes(inputs), asked.kind.tasks(inputs)
-                needed.append(Requirements(asked, scenes, tasks))
+                scenes = item.kind.list_scenes(inputs)
+                tasks = item.kind.list_tasks(inputs)
+                requirements.append(Requirements(item, scenes, tasks))
             except SceneError as error:
-                problems += [f"{item.where}.{told}" for told in error.problems]
-        if not problems:
-            plan_scenes([scene for need in needed for scene in need.scenes])
-            return inputs, needed
-        raise SceneError(problems[:MAX_ERRORS], str(self.files[0]))
+                problems += [f"{item.where}.{problem}" for problem in error.problems]
+        if problems:
+            raise SceneError(problems[:MAX_ERRORS], str(self.files[0]))
+        all_scenes = []
+        for needed in requirements:
+            all_scenes += needed.scenes
+        plan_scenes(all_scenes)  # refuses scenes that cannot be solved
+        return inputs, requirements
 
     @property
     def summary(self) -> list[Item]:
-        """Up to `PICTURES` items: first with `summary`, then the first per rank, then the rest."""
-        asked = [item for item in self.items if item.kind.summary]
+        """Items of the first screen, at most `PICTURES`.
+
+        First the items with `summary`, then the first item of each rank, then the other items.
+        """
+        chosen = [item for item in self.items if item.kind.summary]
         ranked = sorted(self.items, key=lambda item: item.kind.rank)
-        first = {item.kind.rank: item for item in reversed(ranked)}
-        found = [*asked, *(item for item in ranked if first[item.kind.rank] is item), *ranked]
-        return [item for i, item in enumerate(found) if item not in found[:i]][:PICTURES]
+        seen_ranks = set()
+        for item in ranked:
+            if item.kind.rank not in seen_ranks:
+                seen_ranks.add(item.kind.rank)
+                chosen.append(item)
+        chosen += ranked
+        distinct = [item for i, item in enumerate(chosen) if item not in chosen[:i]]
+        return distinct[:PICTURES]
+
+    def _order_items(self) -> list[Item]:
+        """Return the items of the first screen and then the others, in the script's order."""
+        first = self.summary
+        return [item for item in self.items if item in first] + [
+            item for item in self.items if item not in first
+        ]
 
 
 def load_script(path: Path, kinds: Kinds) -> ReportPlan:
-    """The plan of a script; `SceneError` with all its mistakes. `kinds` are further ones."""
+    """Read and check a report script.
+
+    Parameters
+    ----------
+    path : Path
+        A TOML file.
+    kinds : mapping of str to Kind classes
+        Kinds of figures besides the package's, by name.
+
+    Returns
+    -------
+    ReportPlan
+
+    Raises
+    ------
+    SceneError
+        With all mistakes of the script, its scene and its data.
+    """
     try:
         table = parse_toml(read_text(path, MOST_BYTES, "a report script"), str(path))
     except FileError as error:
         raise SceneError([str(error)], str(path)) from None
-    reader = _Reader({"figure": {**FIGURES, **kinds}, "table": TABLES}, [path])
-    script, scene = reader.valid(Script, table, ""), reader.scene(table)
-    sections = reader.all_valid(ScriptSection, table, "section")
-    data = {} if scene is None else reader.data(table, scene)
-    items, others = reader.items(table), reader.all_valid(Other, table, "other")
+    reader = _ScriptReader({"figure": {**FIGURES, **kinds}, "table": TABLES}, [path])
+    script = reader.validate(Script, table, where="")
+    scene = reader.read_scene(table)
+    sections = reader.validate_list(ScriptSection, table, "section")
+    data = {} if scene is None else reader.read_data(table, scene)
+    items = reader.read_items(table)
+    others = reader.validate_list(Other, table, "other")
     if reader.problems or script is None or scene is None:
         raise SceneError(list(dict.fromkeys(reader.problems))[:MAX_ERRORS], str(path))
-    plan = ReportPlan(script, scene, data, sections, items, others, tuple(reader.files))
-    plan.needs()
+    plan = ReportPlan(
+        script,
+        scene,
+        data=data,
+        sections=sections,
+        items=items,
+        others=others,
+        files=tuple(reader.files),
+    )
+    plan.collect_requirements()
     return plan
 
 
 @dataclass
-class _Reader:
-    """Reads the valid tables of a script; mistakes join `problems`."""
+class _ScriptReader:
+    """A reader of the tables of a script, which collects all mistakes.
 
-    known: Mapping[str, Kinds]  #: Kinds by form, figure or table.
-    files: list[Path]  #: What was read, the script first.
+    Parameters
+    ----------
+    kinds : mapping
+        Kinds by form, ``figure`` or ``table``, and by name.
+    files : list of Path
+        Files that were read, the script first.
+    problems : list of str
+        Mistakes so far.
+    """
+
+    kinds: Mapping[str, Kinds]
+    files: list[Path]
     problems: list[str] = field(default_factory=list)
 
-    def valid(self, model: type[Model], table: Any, where: str) -> Model | None:
-        """The model for the table at a key, or None."""
+    def validate(self, model: type[Model], table: Any, where: str) -> Model | None:
+        """Return the model of a table at a key of the script, None for one with mistakes."""
         try:
             return model.model_validate(table)
         except ValidationError as error:
             self.problems += describe_errors(error, where, model)
             return None
 
-    def all_valid(self, model: type[Model], table: Table, name: str) -> tuple[Model, ...]:
-        """The models of a list of tables."""
-        found = (self.valid(model, of, f"{name}[{i}]") for i, of in _tables(table, name))
-        return tuple(one for one in found if one is not None)
+    def validate_list(self, model: type[Model], table: Table, name: str) -> tuple[Model, ...]:
+        """Return the models of the valid tables in a list."""
+        models = []
+        for number, entry in _enumerate_tables(table, name):
+            valid = self.validate(model, entry, f"{name}[{number}]")
+            if valid is not None:
+                models.append(valid)
+        return tuple(models)
 
-    def scene(self, table: Table) -> Scene | None:
-        """The scene of a script; its file joins the files that are read."""
-        given, example = table.get("scene"), table.get("example")
+    def read_scene(self, table: Table) -> Scene | None:
+        """Return the scene of a script, None for one with mistakes."""
+        scene = table.get("scene")
+        example = table.get("example")
         try:
-            if (given is None) == (example is None):
+            if (scene is None) == (example is None):
                 reason = "give one of `scene`, a path or a table [scene], and `example`"
-                raise SceneError([format_error("scene", given or "(nothing)", reason)])
+                raise SceneError([format_error("scene", scene or "(nothing)", reason)])
             with prefix_errors("scene" if example is None else "example"):
                 if isinstance(example, str):
                     return Scene.example(example)
-                if isinstance(given, str):
-                    self.files.append(self.files[0].parent / given)
+                if isinstance(scene, str):
+                    self.files.append(self.files[0].parent / scene)
                     return Scene.from_file(self.files[-1])
-                return Scene().with_(**given) if isinstance(given, dict) else None
+                return Scene().with_(**scene) if isinstance(scene, dict) else None
         except SceneError as error:
             self.problems += error.problems
             return None
 
-    def data(self, table: Table, scene: Scene) -> dict[str, Readings]:
-        """The data that can be read."""
-        found, tables = dict[str, Readings](), table.get("data")
+    def read_data(self, table: Table, scene: Scene) -> dict[str, Readings]:
+        """Return the valid tables ``[data.NAME]`` of a script by name."""
+        data: dict[str, Readings] = {}
+        tables = table.get("data")
+        if not isinstance(tables, dict):
+            return data
         folder = self.files[0].parent
-        for name, of in tables.items() if isinstance(tables, dict) else ():
-            source = self.valid(DataSource, of, join_key("data", [name]))
+        for name, entry in tables.items():
+            source = self.validate(DataSource, entry, join_key("data", [name]))
+            if source is None:
+                continue
             try:
-                if source is not None:
-                    found[name] = read_data(name, source, scene, folder)
-                    self.files += [folder / source.file] if source.file else []
+                data[name] = read_data(name, source, scene, folder)
             except SceneError as error:
                 self.problems += error.problems
-        return found
+                continue
+            if source.file is not None:
+                self.files.append(folder / source.file)
+        return data
 
-    def items(self, table: Table) -> tuple[Item, ...]:
-        """Figures and tables from every section, with unique names."""
-        items, names = list[Item](), dict[str, str]()
-        for number, section in _tables(table, "section"):
-            for form, known in self.known.items():
-                for index, of in _tables(section, form):
+    def read_items(self, table: Table) -> tuple[Item, ...]:
+        """Return the valid figures and tables of every section, with unique names."""
+        items = []
+        places: dict[str, str] = {}  # keys in the script by name of the item
+        for number, section in _enumerate_tables(table, "section"):
+            for form, kinds in self.kinds.items():
+                for index, entry in _enumerate_tables(section, form):
                     where = f"section[{number}].{form}[{index}]"
-                    if (kind := self._kind(known, of, where)) is None:
-                        continue
-                    for key in kind.full.keys() & {"kind", "name", "full"}:
-                        reason = "is the same in every form of a report; leave it out"
-                        self.problems.append(
-                            format_error(f"{where}.full.{key}", kind.full[key], reason)
-                        )
-                    full = self.valid(type(kind), {**of, **kind.full}, f"{where}.full")
-                    name = self._name(kind, where, names)
-                    items.append(Item(number, where, name, kind, full or kind))
+                    kind = self._read_kind(kinds, entry, where)
+                    if kind is not None:
+                        full = self._read_full(kind, entry, where)
+                        name = self._choose_name(kind, where, places)
+                        items.append(Item(number, where, name=name, kind=kind, full=full))
         return tuple(items)
 
-    def _kind(self, known: Kinds, table: Table, where: str) -> Kind | None:
-        word = table.get("kind", "(nothing)")
-        if isinstance(word, str) and word in known:
-            return self.valid(known[word], table, where)
-        reason = f"is no kind there; {suggest(word, list(known))}"
-        self.problems.append(format_error(f"{where}.kind", word, reason))
+    def _read_kind(self, kinds: Kinds, table: Table, where: str) -> Kind | None:
+        """Return the keys of a figure or table by the class of its kind, None with mistakes.
+
+        Parameters
+        ----------
+        kinds : mapping of str to Kind classes
+            Kinds that are allowed there.
+        table : dict
+            The keys.
+        where : str
+            Key of the table in the script.
+        """
+        name = table.get("kind", "(nothing)")
+        if isinstance(name, str) and name in kinds:
+            return self.validate(kinds[name], table, where)
+        reason = f"is no kind of this table; {suggest(name, list(kinds))}"
+        self.problems.append(format_error(f"{where}.kind", name, reason))
         return None
 
-    def _name(self, kind: Kind, where: str, names: dict[str, str]) -> str:
-        """The name for an item's files, added to `names`."""
-        numbered = (f"{kind.stem}-{n}" for n in range(2, len(names) + 3))
-        unused = (name for name in (kind.stem, *numbered) if name not in names)
-        name = kind.name or next(unused)
-        if name in names:
-            reason = f"is the name of {names[name]}; choose another"
+    def _read_full(self, kind: Kind, table: Table, where: str) -> Kind:
+        """Return the keys with the values of `full`, or the keys alone where these are mistakes.
+
+        Parameters
+        ----------
+        kind : Kind
+            The keys.
+        table : dict
+            The keys as in the script.
+        where : str
+            Key of the table in the script.
+        """
+        for key in kind.full.keys() & {"kind", "name", "full"}:
+            reason = "is the same in every form of a report; leave it out"
+            self.problems.append(format_error(f"{where}.full.{key}", kind.full[key], reason))
+        full = self.validate(type(kind), {**table, **kind.full}, f"{where}.full")
+        return kind if full is None else full
+
+    def _choose_name(self, kind: Kind, where: str, places: dict[str, str]) -> str:
+        """Return the name of an item's files, and add it to the places by name.
+
+        Parameters
+        ----------
+        kind : Kind
+            Its keys, which may have the name.
+        where : str
+            Key of the item in the script.
+        places : dict
+            Keys of earlier items by their names.
+        """
+        name = kind.name
+        if name is None:
+            name = kind.stem
+            number = 2
+            while name in places:
+                name = f"{kind.stem}-{number}"
+                number += 1
+        elif name in places:
+            reason = f"is the name of {places[name]}; choose another"
             self.problems.append(format_error(f"{where}.name", name, reason))
-        names[name] = where
+        places[name] = where
         return name
 
 
-def _tables(table: Table, name: str) -> Iterator[tuple[int, Table]]:
-    """The tables of a list with their numbers; whatever is no table is told by its owner."""
-    given = table.get(name)
-    for number, of in enumerate(given if isinstance(given, list) else ()):
-        if isinstance(of, dict):
-            yield number, of
+def _enumerate_tables(table: Table, name: str) -> Iterator[tuple[int, Table]]:
+    """Yield the tables of a list with their numbers; the list's model reports other entries."""
+    entries = table.get(name)
+    if not isinstance(entries, list):
+        return
+    for number, entry in enumerate(entries):
+        if isinstance(entry, dict):
+            yield number, entry

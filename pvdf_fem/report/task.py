@@ -1,9 +1,9 @@
-"""Computations beside charges: modes, timings, located touches.
+"""Tasks: computations of a report besides charges, such as modes, timings and located touches.
 
 A task is a frozen dataclass in the file of its kind. Tasks run in the processes that solve scenes.
-Rows are kept in the report's folder: a stopped report goes on. The key of a result is a hash over
-the task's class and fields, the package's modules, and the modules beside the task's module: no
-result outlives its code.
+Their rows are kept in the report's folder, so that a stopped report goes on. Rows are kept under a
+hash of the task's class and fields, of the package's modules, and of the modules in the folder of
+the task's module: when any of these changes, the task runs again.
 """
 
 from __future__ import annotations
@@ -33,43 +33,61 @@ from pvdf_fem.film.loads.profiles import pin_profile_files
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.scene.scene import Scene
 
-#: Folders with modules on which no task's rows depend.
-_ASIDE = ("cli", "explore", "view")
-_OWN = "pvdf_fem.report.own_"  #: Begins the names of modules that are run from a file.
+#: Folders of the package on whose code no task depends.
+_OTHER_FOLDERS = ("cli", "explore", "view")
+_FILE_PREFIX = "pvdf_fem.report.own_"  #: Begins the names of modules that are run from a file.
 
 Rows: TypeAlias = list[dict[str, Any]]
 
 
 @dataclass(frozen=True)
 class Task(ABC):
-    """Something to compute besides charges of scenes. Fields are plain values, tuples, scenes, and
-    further task classes."""
+    """A computation besides charges of scenes.
+
+    Fields are plain values, tuples, scenes, and dataclasses of these.
+    """
 
     @abstractmethod
     def run(self) -> Rows:
-        """Rows with plain values: str, float, int, bool, None, and lists. An exception is the
-        reason shown in place of the figure."""
+        """Return rows of plain values: str, float, int, bool, None, and lists.
+
+        The report shows the text of an exception in place of the figure.
+        """
 
     def __reduce__(self) -> tuple[Any, ...]:
-        kind = type(self)
-        # fields are read last: another process knows their classes once it has run the file
-        return _blank, (kind.__module__, kind.__qualname__, inspect.getfile(kind)), vars(self)
+        # Pickle reads the fields last: another process knows the classes of their values only
+        # after it has run the task's file.
+        cls = type(self)
+        arguments = (cls.__module__, cls.__qualname__, inspect.getfile(cls))
+        return _make_empty_task, arguments, vars(self)
 
 
-def _blank(module: str, name: str, path: str) -> Any:
-    """A task without its fields, in a process that may not have run the task's file."""
-    if module.startswith(_OWN) and module not in sys.modules:
+def _make_empty_task(module: str, name: str, path: str) -> Any:
+    """Return a task without its fields, in a process that may not have run the task's file.
+
+    Parameters
+    ----------
+    module, name : str
+        Module and qualified name of the task's class.
+    path : str
+        File of the class.
+    """
+    if module.startswith(_FILE_PREFIX) and module not in sys.modules:
         run_module(Path(path))
-    kind = attrgetter(name)(import_module(module))
-    return kind.__new__(kind)
+    cls = attrgetter(name)(import_module(module))
+    return cls.__new__(cls)
 
 
 def run_module(path: Path) -> ModuleType:
-    """The module from running a Python file. Its name has a hash of its text: an edited file is a
-    new module. Raises what the file raises."""
+    """Run a Python file and return its module.
+
+    The name of the module contains a hash of the file's path and text, so that an edited file is a
+    new module. Exceptions of the file are passed on.
+    """
     digest = hashlib.sha256(bytes(path.resolve()) + path.read_bytes()).hexdigest()[:16]
-    name = f"{_OWN}{path.stem}_{digest}"
-    spec = spec_from_file_location(name, path, loader=SourceFileLoader(name, str(path.resolve())))
+    name = f"{_FILE_PREFIX}{path.stem}_{digest}"
+    loader = SourceFileLoader(name, str(path.resolve()))
+    spec = spec_from_file_location(name, path, loader=loader)
     assert spec is not None
     assert spec.loader is not None
     module = module_from_spec(spec)
@@ -79,51 +97,75 @@ def run_module(path: Path) -> ModuleType:
 
 
 def compute_key(task: Task) -> str:
-    """Hash over a task's class, fields and code."""
+    """Return a hash of a task's class, fields and code."""
     with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
-        text = _text(task)
-    code = _code_of(type(task).__module__, inspect.getfile(type(task)))
+        text = _format_value(task)
+    cls = type(task)
+    code = _hash_code(cls.__module__, inspect.getfile(cls))
     return hashlib.sha256((code + text).encode()).hexdigest()
 
 
-def _text(value: Any) -> str:
-    """All that a value holds; the representation of a scene is a summary."""
+def _format_value(value: Any) -> str:
+    """Return a text that differs wherever two values differ, unlike the `repr` of a scene."""
     if isinstance(value, Scene):
         return pin_profile_files([value])[0].model_dump_json()
     if isinstance(value, tuple | list):
-        return f"({', '.join(map(_text, value))})"
+        return f"({', '.join(map(_format_value, value))})"
     if is_dataclass(value) and not isinstance(value, type):
-        held = (f"{field.name}={_text(getattr(value, field.name))}" for field in fields(value))
-        return f"{type(value).__qualname__}({', '.join(held)})"
+        texts = []
+        for field in fields(value):
+            texts.append(f"{field.name}={_format_value(getattr(value, field.name))}")
+        return f"{type(value).__qualname__}({', '.join(texts)})"
     return repr(value)
 
 
 @cache
-def _code_of(name: str, path: str) -> str:
-    """Hash over the package's modules and the modules beside a module."""
+def _hash_code(module: str, path: str) -> str:
+    """Return a hash of the package's modules and of the modules in the folder of a file.
+
+    The cache needs the name of the file's module, which changes with its text (`run_module`).
+    """
     package = Path(__file__).parents[1]
-    folders = sorted(of.name for of in package.iterdir() if of.is_dir() and of.name not in _ASIDE)
+    folders = [folder.name for folder in package.iterdir() if folder.is_dir()]
+    folders = sorted(name for name in folders if name not in _OTHER_FOLDERS)
     digest = hashlib.sha256(hash_code(tuple(folders)).encode())
-    for module in sorted(Path(path).parent.glob("*.py")):
-        digest.update(module.read_bytes())
+    for file in sorted(Path(path).parent.glob("*.py")):
+        digest.update(file.read_bytes())
     return digest.hexdigest()
 
 
 def run_tasks(
     tasks: Mapping[str, Task], store: Store, processes: int
 ) -> Iterator[tuple[str, Rows | WorkerDied]]:
-    """Keys and rows of tasks in order of completion; the rows join the store. `WorkerDied` replaces the
-    rows of a task that raised, or killed its process."""
-    names = list(tasks)
-    for number, found in run_on_processes(_rows_of, enumerate(tasks.values()), processes):
-        if not isinstance(found, WorkerDied):
-            store.keep({names[number]: found})
-        yield names[number], found
+    """Run tasks and keep their rows.
+
+    Parameters
+    ----------
+    tasks : mapping of str to Task
+        Tasks by key (`compute_key`).
+    store : Store
+        Keeps the rows.
+    processes : int
+        Number of processes.
+
+    Yields
+    ------
+    key : str
+        Key of a task, in order of completion.
+    rows : list of dict, or WorkerDied
+        Its rows, or why there are none: the task raised, or killed its process.
+    """
+    keys = list(tasks)
+    for number, rows in run_on_processes(_run_task, enumerate(tasks.values()), processes):
+        if not isinstance(rows, WorkerDied):
+            store.keep({keys[number]: rows})
+        yield keys[number], rows
 
 
-def _rows_of(task: Task) -> Rows | WorkerDied:
+def _run_task(task: Task) -> Rows | WorkerDied:
+    """Return the rows of a task in the form of the store, or the reason why there are none."""
     try:
-        # in the store's form: fresh and kept results make equal pages
+        # as the store returns them, so that new and kept rows give equal pages
         return json.loads(json.dumps(task.run(), default=lambda number: number.item()))
     except GmshMissingError:  # no task can be done
         raise

@@ -101,7 +101,7 @@ def estimate_wrinkling_changes(level: MeshLevel) -> Array | None:
     solved = level.equilibrium
     discrete = level.discrete
     carries_compression = solved.model.bends or solved.model.wrinkles
-    if carries_compression or not solved.membrane.law.linear:
+    if carries_compression or not solved.membrane.law.is_linear:
         return None
     if not level.result.converged or not is_compressed(discrete.solved_state):
         return None
@@ -159,7 +159,8 @@ def warn_of_cancelled_charges(scene: Scene, forces: StressIntegrals) -> Iterator
         yield (
             f"charge {scene.electrode_list[i].name}: {1e12 * charges[i]:.4g} pC is what its parts"
             f" {first:.4g} and {second:.4g} pC (d31, d32) leave; its error of"
-            f" {1e12 * errors[i]:.2g} pC meets the tolerance relative to {CANCELLATION_SHARE:g} of them only"
+            f" {1e12 * errors[i]:.2g} pC meets the tolerance relative to"
+            f" {CANCELLATION_SHARE:g} of them only"
         )
 
 

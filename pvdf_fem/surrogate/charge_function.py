@@ -62,6 +62,7 @@ class ChargeFunction(Hashable, Protocol):
         Parameters
         ----------
         touches : ndarray, shape (n, k)
+            Rows of the quantities.
 
         Returns
         -------
@@ -105,6 +106,7 @@ def compute_unloaded_charges_pC(scene: Scene, reading: str = "total") -> Array:
     Parameters
     ----------
     scene : Scene
+        Film, electrodes, probe and load.
     reading : str, optional
         With ``"change"`` the unloaded charges are necessary.
 

@@ -1,20 +1,20 @@
-"""How a response is built: its solves, its table, and its error at touches held out."""
+"""The build of a response: solves of the stress, the spline of the charges, and the true error."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.files import require_writable
 from pvdf_fem.progress import Progress, TaskRunner, show_progress
 from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.sensitivity.parameters import PLACE
-from pvdf_fem.surrogate.charge_spline import (
-    make_axes,
-    tabulate_charges,
-)
+from pvdf_fem.surrogate.charge_spline import make_axes, tabulate_charges
 from pvdf_fem.surrogate.response import Response
 from pvdf_fem.surrogate.response_key import make_mechanical_key
 from pvdf_fem.surrogate.response_options import (
@@ -39,33 +39,44 @@ def build_response(
     progress: Progress | bool | None = None,
     options: ResponseOptions | None = None,
 ) -> Response:
-    """The response of a sensor to a probe.
+    """Build the response of a sensor: its charges as a fast function of the touch.
 
     Parameters
     ----------
-    scene : Scene, or what `solve` takes for a scene
+    scene : Scene, or whatever `solve` takes for a scene
         Film, electrodes and probe.
-    reach_mm, force_N : float, tuple of float
-        Largest distance of the probe from the film's centre; least and largest force. By default
-        those of the scene's ``[model]``, as the tolerance.
-    tolerance : float
-        Largest error bound. A response that misses it is returned with its true bound, and its
-        `remarks` say what would help.
+    reach_mm : float, optional
+        Largest distance of the probe from the film's centre; by default that of the scene's
+        ``[model]``.
+    force_N : tuple of float, optional
+        Least and largest force; by default those of the scene's ``[model]``.
+    tolerance : float, optional
+        Largest error bound; by default that of the scene's ``[model]``. A response that exceeds it
+        is returned with its true bound, and its `remarks` say what would help.
     processes : int, optional
-        Number of processes, all cores when not given.
+        Number of processes; by default all cores.
     file : path, optional
         Where the response is saved.
     progress : callable or bool, optional
-        Called with the seconds of one core that the build has taken and that it takes in all, by
-        the solves so far; or whether these are shown, see `pvdf_fem.progress.show_progress`.
+        Called with the seconds of one core that the build has taken, and with those that it will
+        take in all, estimated from the solves so far; or whether these are shown, see
+        `pvdf_fem.progress.show_progress`.
     options : ResponseOptions, optional
         By default those for the tolerance.
 
+    Returns
+    -------
+    Response
+
     Raises
     ------
-    ValueError, FileError, NotConvergedError
-        For a scene that has no such response, for a file that cannot be written, and when the film
-        about the probe, or half of the touches held out, have no solution.
+    ValueError
+        For a scene, a domain or a tolerance without a response.
+    FileError
+        For a file that cannot be written.
+    NotConvergedError
+        When the stress about the probe, or more than half of the full solves that measure the
+        error, do not converge.
 
     Examples
     --------
@@ -73,67 +84,151 @@ def build_response(
     >>> response.error_bound
     """
     scene = as_scene(scene)
-    make_mechanical_key(scene)  # refuses a scene without a probe, of which no domain is known
-    wanted, known = resolve_response_settings(scene)
-    reach_mm = wanted.reach_mm if reach_mm is None else reach_mm
-    forces = wanted.force_N if force_N is None else coerce("force_N", force_N, tuple[float, float])
-    domain = Domain(coerce("reach_mm", reach_mm, float), forces)
-    tolerance = known if tolerance is None else coerce("tolerance", tolerance, float)
-    if wrong := [*find_validation_errors(scene, domain, tolerance, options)]:
-        raise ValueError("\n".join(wrong))
-    options = choose_options(scene, tolerance) if options is None else options
+    make_mechanical_key(scene)  # rejects a scene without a probe, which has no default domain
+    default = resolve_response_settings(scene)
+    reach_mm = default.domain.reach_mm if reach_mm is None else reach_mm
+    if force_N is None:
+        force_N = default.domain.force_N
+    else:
+        force_N = coerce("force_N", force_N, tuple[float, float])
+    domain = Domain(coerce("reach_mm", reach_mm, float), force_N)
+    tolerance = coerce("tolerance", default.tolerance if tolerance is None else tolerance, float)
+    errors = [*find_validation_errors(scene, domain, tolerance, options)]
+    if errors:
+        raise ValueError("\n".join(errors))
+    if options is None:
+        options = choose_options(scene, tolerance)
     if file is not None:
         require_writable(coerce("file", file, Path))
     processes = coerce("processes", processes, int | None)
     with show_progress("s of one core", progress) as show:
-        made = _best(scene, domain, tolerance, options, TaskRunner(processes, show))
+        runner = TaskRunner(processes, show)
+        response = _build_within_tolerance(scene, domain, tolerance, options, runner=runner)
     if file is not None:
-        made.save(file)
-    return made
+        response.save(file)
+    return response
 
 
-def _best(
-    scene: Scene, domain: Domain, tolerance: float, options: ResponseOptions, work: TaskRunner
+@dataclass(frozen=True, eq=False)
+class _BuildResults:
+    """Results of the tasks of one build."""
+
+    stress_modes: StressModes
+    #: Results of the solves that were asked for.
+    solves: Sequence[Any]
+
+
+def _build_within_tolerance(
+    scene: Scene,
+    domain: Domain,
+    tolerance: float,
+    options: ResponseOptions,
+    runner: TaskRunner,
 ) -> Response:
-    """The first response that meets the tolerance, or the one with the smallest error bound."""
+    """Build responses with ever finer options until one meets the tolerance.
+
+    Parameters
+    ----------
+    scene : Scene
+        Film, electrodes, probe and load.
+    domain : Domain
+        Touches for which the response is valid.
+    tolerance : float
+        Largest error bound.
+    options : ResponseOptions
+        Those of the first build.
+    runner : TaskRunner
+        Runs the tasks on processes.
+
+    Returns
+    -------
+    Response
+        The first response that meets the tolerance, or the one with the smallest error bound.
+    """
     touches = draw_touches(domain, options.validation_touches)
-    solves, best, held_out = make_solve_tasks(scene, touches, tolerance), None, None
+    # the full solves do not depend on the options: only the first build has them
+    solve_tasks = make_solve_tasks(scene, touches, tolerance)
+    validation: ValidationSolves | None = None
+    best: Response | None = None
     for _ in range(options.max_builds):
-        places, forces_N = options.places(scene, domain), options.forces_N(domain)
-        raster, rest = options.raster(scene, domain, places), _without_electrodes(scene, tolerance)
-        fields = [
-            (solve_mean_stress, rest, place, forces_N, raster, options.scale)
-            for place in places.unique_places
-        ]
-        # a place first: it takes the longest, and tells soon what the others take
-        first, *found = work.run([fields[0], *solves, *fields[1:]])
-        if held_out is None:
-            held_out = ValidationSolves.of(touches, found[: len(solves)])
-        means = [first, *found[len(solves) :]]
-        solves = []
-        stress = StressModes.of(places, raster, means, 1e-3 * options.error)
-        axes = make_axes(scene, domain, options.cell_mm(scene, domain), options.step)
-        spline = tabulate_charges(stress, scene, domain, axes, work)
-        made = Response(scene, domain, 0.0, spline, tolerance, (), stress, held_out)
-        made = made.measured()
-        best = made if best is None or made.error_bound < best.error_bound else best
+        results = _solve_stress_modes(scene, domain, tolerance, options, solve_tasks, runner)
+        solve_tasks = []
+        if validation is None:
+            validation = ValidationSolves.collect(touches, results.solves)
+        axes = make_axes(scene, domain, options.compute_cell_mm(scene, domain), options.step)
+        spline = tabulate_charges(results.stress_modes, scene, domain, axes, runner)
+        response = Response(
+            scene,
+            domain,
+            error_bound=0.0,
+            spline=spline,
+            tolerance=tolerance,
+            stress_modes=results.stress_modes,
+            validation=validation,
+        ).with_measured_error()
+        if best is None or response.error_bound < best.error_bound:
+            best = response
         if best.status is Status.CONVERGED:
             break
-        ratio = max(2.0, 1.5 * made.error_bound / tolerance)
+        ratio = max(2.0, 1.5 * response.error_bound / tolerance)
         options = replace(options, error=options.error / ratio)
     assert best is not None
-    assert held_out is not None
-    if missing := len(touches) - len(held_out.touches):
-        remark = f"{missing} of the {len(touches)} touches held out have no solution"
+    assert validation is not None
+    failed = len(touches) - len(validation.touches)
+    if failed:
+        remark = f"{failed} of the {len(touches)} random touches have no solution"
         best = replace(best, remarks=(*best.remarks, remark))
     return best
 
 
-def _without_electrodes(scene: Scene, tolerance: float) -> Scene:
-    """The scene of the stress about the probe, whose electrodes do not matter."""
-    # a scene has at least one, and their channels
-    radius = 0.9 * scene.film.radius_mm
-    electrode = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius}
+def _solve_stress_modes(
+    scene: Scene,
+    domain: Domain,
+    tolerance: float,
+    options: ResponseOptions,
+    solve_tasks: Sequence[tuple[Any, ...]],
+    runner: TaskRunner,
+) -> _BuildResults:
+    """Solve the stress about the probe at all positions, and further tasks beside it.
+
+    Parameters
+    ----------
+    scene : Scene
+        Film, electrodes, probe and load.
+    domain : Domain
+        Touches for which the response is valid.
+    tolerance : float
+        Largest error bound.
+    options : ResponseOptions
+        Those of the build.
+    solve_tasks : sequence of tuple
+        Further tasks for the same run of the runner, so that no process is idle.
+    runner : TaskRunner
+        Runs the tasks on processes.
+    """
+    centre_grid = options.make_centre_grid(scene, domain)
+    polar_grid = options.make_polar_grid(scene, domain, centre_grid)
+    forces_N = options.compute_forces_N(domain)
+    bare_scene = _replace_electrodes(scene, tolerance)
+
+    def make_task(position: Array) -> tuple[Any, ...]:
+        arguments = (bare_scene, position, forces_N, polar_grid, options.size_factor)
+        return (solve_mean_stress, *arguments)
+
+    stress_tasks = [make_task(position) for position in centre_grid.probe_positions]
+    # a stress task first: these take longest, and the estimate of the remaining time needs one
+    first, *others = runner.run([stress_tasks[0], *solve_tasks, *stress_tasks[1:]])
+    solves = others[: len(solve_tasks)]
+    means = [first, *others[len(solve_tasks) :]]
+    stress_modes = StressModes.decompose(centre_grid, polar_grid, means, 1e-3 * options.error)
+    return _BuildResults(stress_modes, solves)
+
+
+def _replace_electrodes(scene: Scene, tolerance: float) -> Scene:
+    """Return the scene for solves of the stress, on which electrodes have no effect."""
+    # a scene has at least one electrode
+    radius_mm = 0.9 * scene.film.radius_mm
+    electrode = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius_mm}
     changes = {"electrodes": [electrode], "readout": None, **dict.fromkeys(PLACE, 0.0)}
-    # how stiff a tip's penalty is follows from the tolerance
+    # the stiffness of a tip's penalty follows from the tolerance
     return scene.with_(**changes, **{"numerics.tolerance": min(tolerance, 1e-2)})

@@ -1,7 +1,7 @@
-"""The file of a response: a line with a digest, and NumPy's archive of its arrays and a JSON text.
+"""Files of responses: a head with a digest, and an archive of NumPy arrays and a JSON text.
 
-The digest of the archive tells damage of any kind. The text has the response's dataclasses, with
-numbers of arrays in place of arrays and the scene as TOML.
+The digest of the archive reveals damage of any kind. The text has the response's dataclasses, with
+numbers of arrays in place of arrays and with the scene as TOML.
 """
 
 from __future__ import annotations
@@ -22,31 +22,43 @@ from pvdf_fem.scene.scene import Scene
 
 FORMAT = b"pvdf_fem response 8, SHA-256 "
 
-Kept = TypeVar("Kept")
+SavedType = TypeVar("SavedType")
 
 
-def _array(number: int, info: ValidationInfo) -> NDArray[Any]:
-    """An array of the file that is being read, by its number."""
+def _find_array(number: int, info: ValidationInfo) -> NDArray[Any]:
+    """Return an array of the file that is being read by its number."""
     assert info.context is not None
     return info.context[f"arr_{number}"]
 
 
-#: Types of fields that a file keeps in its own way.
-FileArray = Annotated[NDArray[Any], PlainValidator(_array)]
+#: Type of a field that is an array in a file's archive.
+FileArray = Annotated[NDArray[Any], PlainValidator(_find_array)]
+#: Type of a field that is a scene, a text in a file.
 FileScene = Annotated[Scene, PlainValidator(Scene.parse)]
 
 
 class ResponseError(FileError):
-    """A file holds no sound response; the text names the file and says what to do."""
+    """A file without a valid response; the message names the file and says what to do."""
 
 
 def write_response(path: Path, response: Any) -> None:
-    """Write a dataclass of dataclasses, numbers, arrays and scenes; `FileError` if the file is not
-    writable."""
+    """Write a response to a file.
+
+    Parameters
+    ----------
+    path : Path
+        An older file is replaced only when the new one is complete.
+    response : dataclass
+        With fields that are dataclasses, numbers, texts, arrays and scenes.
+
+    Raises
+    ------
+    FileError
+        If the file is not writable.
+    """
     arrays: list[NDArray[Any]] = []
 
-    def plain(value: Any) -> Any:
-        """What JSON has for a value."""
+    def to_json(value: Any) -> Any:
         if isinstance(value, Scene):
             return value.to_toml()
         if isinstance(value, np.ndarray):
@@ -56,25 +68,40 @@ def write_response(path: Path, response: Any) -> None:
             return {field.name: getattr(value, field.name) for field in fields(value)}
         return value.item()  # a number of NumPy
 
-    text, archive = json.dumps(response, default=plain), io.BytesIO()
+    text = json.dumps(response, default=to_json)
+    archive = io.BytesIO()
     np.savez(archive, *arrays, contents=np.array(text))
     with replace_file(path) as temporary:
-        temporary.write_bytes(_head(archive.getvalue()) + archive.getvalue())
+        temporary.write_bytes(_make_head(archive.getvalue()) + archive.getvalue())
 
 
-def _head(content: bytes) -> bytes:
+def _make_head(content: bytes) -> bytes:
+    """Return the line of a file before its content."""
     return FORMAT + hashlib.sha256(content).hexdigest().encode() + b"\n"
 
 
-def read_response(path: Path, kind: type[Kept]) -> Kept:
-    """A dataclass that was written."""
+def read_response(path: Path, kind: type[SavedType]) -> SavedType:
+    """Read a response from a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    kind : type
+        The dataclass that was written.
+
+    Raises
+    ------
+    ResponseError
+        If the file is damaged, or is not a response of this version.
+    """
     with open_regular_file(path, "a response") as file:
-        head = file.read(len(_head(b"")))
+        head = file.read(len(_make_head(b"")))
         content = file.read() if head.startswith(FORMAT) else b""
     advice = "delete it; pvdf-fem model SCENE.toml builds it again"
     if not head.startswith(FORMAT):
         raise ResponseError(f"{path}: is not a response of this version; {advice}")
-    if head != _head(content):
+    if head != _make_head(content):
         raise ResponseError(f"{path}: is damaged, as its digest shows; {advice}")
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         arrays = dict(archive)

@@ -131,6 +131,7 @@ def require_within(domain: Domain, touches: Array, rounding: float = 1e-9) -> No
     Parameters
     ----------
     domain : Domain
+        Limits of the touches.
     touches : ndarray, shape (n, 4)
         Rows of x and y in mm, rotation in degrees and force in N.
     rounding : float, optional
@@ -196,6 +197,7 @@ def resolve_response_settings(
     Parameters
     ----------
     scene : Scene
+        With or without the table ``[model]``.
     sigma : float, optional
         Relative noise of the readings that the response is for.
     share : float, optional

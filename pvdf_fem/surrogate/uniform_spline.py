@@ -1,7 +1,7 @@
 """Cubic splines on uniform grids of any dimension, with gradients, for many points at once.
 
-One evaluation gives values and gradients of several functions 1.7 to 3 times faster than
-`scipy.interpolate.NdBSpline` does.
+Values and gradients of several functions are evaluated together, 1.7 to 3 times faster than by
+`scipy.interpolate.NdBSpline`.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -18,11 +19,12 @@ from scipy.ndimage import spline_filter1d
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.surrogate.response_file import FileArray
 
-#: Steps by which a grid goes on where the spline is not asked for: nobody then feels how it ends.
+#: Steps by which a grid extends beyond the points of interest, so that the ends of the spline do
+#: not matter there.
 PADDING_STEPS = 6
 
-# Powers 1, u, u^2, u^3 of the place u in a cell, times these matrices, are the four cubic B-splines
-# that overlap the cell, and their derivatives by u.
+# Powers 1, u, u^2, u^3 of the position u in a cell, times these matrices, are the four cubic
+# B-splines that overlap the cell, and their derivatives by u.
 _CUBIC = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6.0
 _SLOPE = np.array([[-3, 0, 3, 0], [6, -12, 6, 0], [-3, 9, -9, 3], [0, 0, 0, 0]]) / 6.0
 _POWERS = np.arange(4.0)
@@ -40,92 +42,156 @@ class UniformAxis:
 
     @property
     def values(self) -> Array:
-        """The grid's values, (count,)."""
+        """Values of the grid, (count,)."""
         return self.start + self.step * np.arange(self.count, dtype=float)
+
+
+class _Grid(NamedTuple):
+    """The grids of all axes as arrays, (axes,)."""
+
+    starts: Array
+    cells_per_unit: Array
+    last_cells: Indices
+
+
+class _Rows(NamedTuple):
+    """Rows of the flat coefficients that overlap a cell."""
+
+    strides: Indices  #: Rows from one coefficient to the next along each axis, (axes,).
+    offsets: Indices  #: From the first row of a cell to all of its rows, (4^axes,).
+
+
+class _Weights(NamedTuple):
+    """Weights of the flat coefficients in results at n points."""
+
+    values: Array  #: (n, results, 4^axes).
+    rows: Indices  #: Rows of the coefficients, (n, 4^axes).
 
 
 @dataclass(frozen=True, eq=False)
 class UniformSpline:
     """The tensor product of cubic splines through values on a uniform grid.
 
-    At the ends of an axis without a period the spline is level. The error of that falls to 0.27 of
-    itself from each cell to the next. Outside of the grid the polynomials of the outermost cells
-    are evaluated.
+    At the ends of an axis that is not periodic the spline has slope zero. The error of that falls
+    to 0.27 of itself from each cell to the next. Outside of the grid the polynomials of the
+    outermost cells are evaluated.
     """
 
-    #: Each with four values at least, or a period.
+    #: Each with at least four values, or periodic.
     axes: tuple[UniformAxis, ...]
-    #: Coefficients of the B-splines. Along an axis they begin one step before the first value and
-    #: end one step after the last, two after the last of a periodic axis, (axes..., functions).
+    #: Coefficients of the B-splines, (axes..., functions). Along an axis they begin one step before
+    #: the first value and end one step after the last; two steps after the last of a periodic axis.
     coefficients: FileArray
 
     @classmethod
-    def through(
+    def interpolate(
         cls, axes: Sequence[UniformAxis], values: ArrayLike, dtype: type[np.floating] = np.float64
     ) -> UniformSpline:
-        """The spline through `values` (axes..., functions), with coefficients of type `dtype`."""
+        """Make the spline through values.
+
+        Parameters
+        ----------
+        axes : sequence of UniformAxis
+            Grids of the coordinates.
+        values : array_like, shape (axes..., functions)
+            Values at the nodes of the grid.
+        dtype : type, optional
+            Type of the coefficients.
+        """
         coefficients = np.asarray(values, dtype=float)
         for i, axis in enumerate(axes):
-            wraps, beyond = axis.periodic, [(0, 0)] * coefficients.ndim
-            beyond[i] = 1, 1 + wraps
-            mode = "grid-wrap" if wraps else "mirror"
-            inner = spline_filter1d(coefficients, 3, axis=i, mode=mode)
-            coefficients = np.pad(inner, beyond, "wrap" if wraps else "reflect")
+            padding = [(0, 0)] * coefficients.ndim
+            if axis.periodic:
+                padding[i] = (1, 2)
+                inner = spline_filter1d(coefficients, 3, axis=i, mode="grid-wrap")
+                coefficients = np.pad(inner, padding, "wrap")
+            else:
+                padding[i] = (1, 1)
+                inner = spline_filter1d(coefficients, 3, axis=i, mode="mirror")
+                coefficients = np.pad(inner, padding, "reflect")
         return cls(tuple(axes), np.ascontiguousarray(coefficients, dtype))
 
-    def with_gradient(self, points: Array, at_once: int = 512) -> Array:
-        """Values, then derivatives by each coordinate, (n, 1 + axes, functions).
+    def evaluate_with_gradient(self, points: Array, at_once: int = 512) -> Array:
+        """Evaluate the functions and their gradients.
 
-        The coefficients of the points that are evaluated `at_once` stay in the cache.
+        Parameters
+        ----------
+        points : ndarray, shape (n, axes)
+            Coordinates of the points.
+        at_once : int, optional
+            Number of points evaluated together; their coefficients then fit into the cache.
+
+        Returns
+        -------
+        ndarray, shape (n, 1 + axes, functions)
+            Values, then derivatives by each coordinate.
         """
         if len(points) > at_once:
-            firsts = range(0, len(points), at_once)
-            return np.concatenate([self.with_gradient(points[i : i + at_once]) for i in firsts])
-        weights, rows = self._weights(points, self._polynomials)
-        return np.matmul(weights, self._flat.take(rows, axis=0))
+            starts = range(0, len(points), at_once)
+            return np.concatenate(
+                [self.evaluate_with_gradient(points[i : i + at_once]) for i in starts]
+            )
+        weights = self._compute_weights(points, self._polynomials)
+        return np.matmul(weights.values, self._flat.take(weights.rows, axis=0))
 
-    def sums(self, points: Array, factors: Array) -> Array:
-        """Sums (n, functions) over m of the values at points (n, m, axes) times factors (n, m)."""
+    def sum_weighted(self, points: Array, factors: Array) -> Array:
+        """Sum the functions over sets of points, with a factor for each point.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, m, axes)
+            n sets of m points.
+        factors : ndarray, shape (n, m)
+            Factors of the points.
+
+        Returns
+        -------
+        ndarray, shape (n, functions)
+        """
         n, m = factors.shape
-        weights, rows = self._weights(points.reshape(n * m, -1), self._polynomials[:, :, :4])
-        products = (weights[:, 0] * factors.reshape(-1, 1)).astype(self._flat.dtype)
-        starts = rows.shape[1] * m * np.arange(n + 1)
+        values_only = self._polynomials[:, :, :4]
+        weights = self._compute_weights(points.reshape(n * m, -1), values_only)
+        products = (weights.values[:, 0] * factors.reshape(-1, 1)).astype(self._flat.dtype)
+        starts = weights.rows.shape[1] * m * np.arange(n + 1)
         shape = (n, len(self._flat))
-        return sp.csr_matrix((products.ravel(), rows.ravel(), starts), shape) @ self._flat
+        matrix = sp.csr_matrix((products.ravel(), weights.rows.ravel(), starts), shape)
+        return matrix @ self._flat
 
-    def _weights(self, points: Array, polynomials: Array) -> tuple[Array, Indices]:
-        """Weights (n, results, 4^axes) of coefficients in rows (n, 4^axes), at points (n, axes)."""
-        (start, per_step, last_cell), n, axes = self._grid, len(points), len(self.axes)
-        place = (points - start) * per_step
+    def _compute_weights(self, points: Array, polynomials: Array) -> _Weights:
+        """Compute the weights of the coefficients at points (n, axes) for some of the results."""
+        grid = self._grid
+        n, axes = points.shape
+        position = (points - grid.starts) * grid.cells_per_unit
         for i, axis in enumerate(self.axes):
             if axis.periodic:
-                place[:, i] %= axis.count
-        cell = np.minimum(np.maximum(place.astype(np.int64), 0), last_cell)
+                position[:, i] %= axis.count
+        cell = np.minimum(np.maximum(position.astype(np.int64), 0), grid.last_cells)
         # (axes, n, powers)
-        powers = (place - cell).T[:, :, None] ** _POWERS
+        powers = (position - cell).T[:, :, None] ** _POWERS
         factors = np.matmul(powers, polynomials).astype(self._flat.dtype, copy=False)
         factors = factors.reshape(axes, n, -1, 4)
         weights = factors[0]
         for i in range(1, axes):
             weights = weights[..., None] * factors[i, :, :, None]
             weights = weights.reshape(n, -1, 4 ** (i + 1))
-        stride, offsets = self._rows
-        return weights, (cell @ stride)[:, None] + offsets
+        first_rows = cell @ self._rows.strides
+        return _Weights(weights, first_rows[:, None] + self._rows.offsets)
 
     @cached_property
     def _flat(self) -> NDArray[np.floating]:
-        """Coefficients, (rows, functions)."""
+        """Coefficients as a matrix, (rows, functions)."""
         return self.coefficients.reshape(-1, self.coefficients.shape[-1])
 
     @cached_property
-    def _grid(self) -> tuple[Array, Array, Indices]:
-        """First values of the axes, inverses of their steps, and their last cells, (axes,)."""
-        start, step = np.array([(axis.start, axis.step) for axis in self.axes]).T
-        return start, 1.0 / step, np.array(self.coefficients.shape[:-1]) - 4
+    def _grid(self) -> _Grid:
+        """The grids of all axes as arrays."""
+        starts = np.array([axis.start for axis in self.axes])
+        steps = np.array([axis.step for axis in self.axes])
+        return _Grid(starts, 1.0 / steps, np.array(self.coefficients.shape[:-1]) - 4)
 
     @cached_property
     def _polynomials(self) -> Array:
-        """B-splines for value and derivatives, by powers of the place, (axes, 4, results 4)."""
+        """Coefficients of B-splines for the value and the derivatives, (axes, 4, results 4)."""
         axes = len(self.axes)
         # (axes, powers, results, splines): derivatives by coordinate i differ in the factor of i
         polynomials = np.tile(_CUBIC[:, None], (axes, 1, 1 + axes, 1))
@@ -134,8 +200,9 @@ class UniformSpline:
         return polynomials.reshape(axes, 4, -1)
 
     @cached_property
-    def _rows(self) -> tuple[Indices, Indices]:
-        """Rows from one coefficient to the next along each axis, and those that count in a cell."""
-        stride = np.append(np.cumprod(self.coefficients.shape[-2:0:-1])[::-1], 1).astype(np.int64)
+    def _rows(self) -> _Rows:
+        """Rows of the flat coefficients that overlap a cell."""
+        counts = self.coefficients.shape[-2:0:-1]
+        strides = np.append(np.cumprod(counts)[::-1], 1).astype(np.int64)
         corners = np.indices((4,) * len(self.axes)).reshape(len(self.axes), -1)
-        return stride, stride @ corners
+        return _Rows(strides, strides @ corners)

@@ -1,15 +1,14 @@
-"""Touches that are held out of a response's build: full solves with which it is compared."""
+"""Full solves of random touches that are not used to build a response, to measure its error."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
@@ -20,58 +19,117 @@ if TYPE_CHECKING:
     from pvdf_fem.electrodes.stress_integrals import StressIntegrals
 
 
+class RelativeErrors(NamedTuple):
+    """Errors of charges relative to |d31 X| + |d32 Y|."""
+
+    of_charges: Array  #: By touch and electrode, (n, electrodes).
+    of_solves: float  #: Largest error that the full solves estimate of themselves.
+
+
 def make_solve_tasks(
     scene: Scene, touches: Array, tolerance: float, share: float = 0.1
 ) -> list[tuple[Any, ...]]:
-    """Tasks of full solves of touches (n, 4), to a share of a response's tolerance."""
+    """Make the tasks of a `TaskRunner` that solve touches.
+
+    Parameters
+    ----------
+    scene : Scene
+        Film, electrodes, probe and load.
+    touches : ndarray, shape (n, 4)
+        Rows of x and y in mm, rotation in degrees and force in N.
+    tolerance : float
+        Tolerance of the response.
+    share : float, optional
+        Tolerance of the solves over the tolerance of the response.
+    """
     return [(solve_stress_integrals, scene, touch, share * tolerance) for touch in touches]
 
 
 def solve_stress_integrals(scene: Scene, touch: Array, tolerance: float) -> StressIntegrals | str:
-    """Forces X, Y of the electrodes under a touch (4,), or why there are none."""
+    """Solve the stress integrals of all electrodes under a touch.
+
+    Parameters
+    ----------
+    scene : Scene
+        Film, electrodes, probe and load.
+    touch : ndarray, shape (4,)
+        x and y in mm, rotation in degrees and force in N.
+    tolerance : float
+        Largest relative error of a charge.
+
+    Returns
+    -------
+    StressIntegrals or str
+        The reason if there is no solution.
+    """
+    from pvdf_fem.problem.problem import Problem  # imports gmsh
     from pvdf_fem.solver.adaptive import solve_outputs
 
     touched = apply_touch(scene, touch, tolerance)
     solution = solve_outputs(Problem.from_scene(touched))
-    converged = solution.status is Status.CONVERGED
-    return solution.discrete.stress_integrals if converged else solution.reason
+    if solution.status is not Status.CONVERGED:
+        return solution.reason
+    return solution.discrete.stress_integrals
 
 
 @dataclass(frozen=True, eq=False)
 class ValidationSolves:
-    """Forces X, Y of electrodes in full solves of touches, and their estimated errors."""
+    """Stress integrals X, Y of the electrodes from full solves, with their estimated errors."""
 
+    #: Touches (n, 4) of x and y in mm, rotation in degrees and force in N.
     touches: FileArray
-    #: In N, (n, electrodes, 2); errors have signs.
-    forces: FileArray
+    #: Stress integrals in N, (n, electrodes, 2).
+    integrals: FileArray
+    #: Their estimated errors in N, with signs, (n, electrodes, 2).
     errors: FileArray
 
     @classmethod
-    def of(cls, touches: Array, found: Sequence[StressIntegrals | str]) -> ValidationSolves:
-        """The touches that have a solution, with their forces or else a reason.
+    def collect(cls, touches: Array, results: Sequence[StressIntegrals | str]) -> ValidationSolves:
+        """Collect the touches that have a solution.
 
-        Raises `NotConvergedError` when fewer than half of the touches have a solution.
+        Parameters
+        ----------
+        touches : ndarray, shape (n, 4)
+            Rows of x and y in mm, rotation in degrees and force in N.
+        results : sequence of StressIntegrals or str
+            Those of `solve_stress_integrals` for each touch.
+
+        Raises
+        ------
+        NotConvergedError
+            When more than half of the touches have no solution.
         """
-        failed = [i for i, forces in enumerate(found) if isinstance(forces, str)]
+        failed = [i for i, result in enumerate(results) if isinstance(result, str)]
         if 2 * len(failed) > len(touches):
             x, y, rotation, force = touches[failed[0]]
             place = f"({x:.6g}, {y:.6g}) mm, {rotation:.6g} deg, {force:.6g} N"
-            raise NotConvergedError(f"touch at {place}: {found[failed[0]]}")
-        known = [forces for forces in found if not isinstance(forces, str)]
-        values = np.array([forces.values for forces in known])
-        return cls(np.delete(touches, failed, 0), values, np.array([f.errors for f in known]))
+            raise NotConvergedError(f"touch at {place}: {results[failed[0]]}")
+        solved = [result for result in results if not isinstance(result, str)]
+        integrals = np.array([result.values for result in solved])
+        errors = np.array([result.errors for result in solved])
+        return cls(np.delete(touches, failed, axis=0), integrals, errors)
 
-    def relative_errors(self, film: Film, charges_pC: Array) -> tuple[Array, float]:
-        """Errors of charges (n, electrodes) of these touches over |d31 X| + |d32 Y|.
+    def compute_relative_errors(self, film: Film, charges_pC: Array) -> RelativeErrors:
+        """Compute the errors of charges against the full solves.
 
-        The second value is the largest error that the full solves state of themselves.
+        Parameters
+        ----------
+        film : Film
+            d31 and d32.
+        charges_pC : ndarray, shape (n, electrodes)
+            Charges of the same touches in pC.
+
+        Returns
+        -------
+        RelativeErrors
         """
-        from pvdf_fem.electrodes.stress_integrals import StressIntegrals  # with scikit-fem
+        from pvdf_fem.electrodes.stress_integrals import StressIntegrals  # imports scikit-fem
 
-        d = film.d31_pC_N, film.d32_pC_N
-        sizes = (np.abs(self.forces) * np.abs(d)).sum(axis=-1)
+        d_pC_N = (film.d31_pC_N, film.d32_pC_N)
+        sizes = (np.abs(self.integrals) * np.abs(d_pC_N)).sum(axis=-1)
         sizes[sizes == 0.0] = 1.0
-        both = zip(self.forces, self.errors, strict=True)
-        stated = np.array([StressIntegrals(*rows).charge_errors(d) for rows in both])
-        apart = np.abs(charges_pC - (self.forces * d).sum(axis=-1))
-        return apart / sizes, float((stated / sizes).max())
+        estimated = np.zeros_like(sizes)
+        for row, (integrals, errors) in enumerate(zip(self.integrals, self.errors, strict=True)):
+            estimated[row] = StressIntegrals(integrals, errors).charge_errors(d_pC_N)
+        differences = np.abs(charges_pC - (self.integrals * d_pC_N).sum(axis=-1))
+        return RelativeErrors(differences / sizes, float((estimated / sizes).max()))

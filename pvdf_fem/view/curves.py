@@ -1,155 +1,228 @@
-"""Common parts of figures: panels, names at the ends of curves, data as rings, labels."""
+"""Curves of charges in panels: data as rings with strips of differences, names at curve ends."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 from scipy.interpolate import Akima1DInterpolator
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.keys import split_unit
-from pvdf_fem.view.figures import COLOURS, GREY, HALO, LABEL_SIZE, get_figure, make_figure
+from pvdf_fem.view.figures import (
+    COLOURS,
+    GREY,
+    HALO,
+    LABEL_SIZE,
+    WIDTH_MM,
+    get_figure,
+    make_figure,
+)
 
-#: Width of a figure in mm: readable on a phone.
-WIDTH_MM = 120.0
+#: Look of charges of data.
 RING: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "white"}
 DOT_SIZE = 2.4  #: Size in points of the dots at solved scenes.
-#: Room per letter for names at the right ends of curves, over the panels' width.
-ROOM = 0.018
-#: Largest distance between curve ends with names beside them, over the width.
-EARLY = 0.2
+SAMPLES = 121  #: Number of points of a smooth curve.
+#: Room for one letter of the names at curve ends, over the width of all panels.
+LETTER_WIDTH = 0.018
+#: Largest distance between the ends of curves that have names beside them, over a panel's width.
+MAX_END_DISTANCE = 0.2
 LEGEND_COLUMNS = 7
-LINE_HEIGHT = 1.15  #: Distance of the lines of labels over their size.
-MOST_PASSES = 60  #: Over the names, to move them apart.
-SAMPLES = 121  #: Of a curve.
-READING_LABELS = {"total": "charge (pC)", "change": "change by the touch (pC)"}
+LINE_HEIGHT = 1.15  #: Distance of neighbouring labels over their size.
+MAX_PASSES = 60  #: Largest number of passes over the labels to move them apart.
 
 
-def format_axis_label(key: str) -> str:
-    """A key of a scene in words, with its unit: ``film.thickness_um`` is film thickness (µm)."""
-    words, unit = split_unit(key)
-    words = words.removeprefix("load ").removeprefix("numerics ")
-    return f"{words} ({unit.replace('degrees', '°')})" if unit else words
+class Panel(NamedTuple):
+    """The curves of one panel.
+
+    The rows of `frame` have the columns ``curve`` (a name), ``x``, ``computed_pC`` and
+    ``charge_pC``. Rows without a ``charge_pC`` are points of the curves. The others are data:
+    rings, with their differences from ``computed_pC`` in a strip below the panel.
+    """
+
+    title: str
+    frame: pd.DataFrame
+
+    @property
+    def has_data(self) -> bool:
+        """Whether there are charges of data."""
+        return bool(self.frame.charge_pC.notna().any())
 
 
-def format_value(key: str, value: Any) -> str:
-    """A value of a key, a number with its unit: ``25 µm``."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return str(value)
-    unit = split_unit(key)[1].replace("degrees", "°")
-    return f"{value:g}{'' if unit == '°' else ' '}{unit}" if unit else f"{key} = {value:g}"
+class PanelAxes(NamedTuple):
+    """The axes of a panel, and of the strip of differences below it where there are data."""
+
+    main: Axes
+    strip: Axes | None
+
+
+class CurveEnd(NamedTuple):
+    """A name with its colour at a point, such as the last point of a curve."""
+
+    x: float
+    y: float
+    name: str
+    colour: Any
 
 
 def choose_curve_colours(count: int) -> list[Any]:
-    """Colours for curves: the common colours for a few curves, ordered shades for many."""
+    """Return colours of curves: the common colours for a few, ordered shades for many."""
     if count <= len(COLOURS):
         return list(COLOURS[:count])
     shades = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, count))
     return [tuple(shade) for shade in shades]
 
 
-#: A name with colour at a point, for instance at a curve's end.
-End: TypeAlias = tuple[float, float, str, Any]
+def make_curve_axes(rows: Sequence[Sequence[Panel]]) -> list[list[PanelAxes]]:
+    """Return empty axes of a new figure for panels in rows.
+
+    Parameters
+    ----------
+    rows : sequence of sequences of Panel
+        The panels row by row, equally many in each row.
+
+    Returns
+    -------
+    list of list of PanelAxes
+        The axes row by row.
+    """
+    columns = len(rows[0])
+    row_has_data = [any(panel.has_data for panel in row) for row in rows]
+    heights = []
+    for has_data in row_has_data:
+        heights += [3.0, 1.0] if has_data else [3.0]
+    panel_height = 64.0 if len(rows) == 1 else 40.0
+    width = WIDTH_MM if columns < 3 else 1.25 * WIDTH_MM
+    figure = make_figure(width, 12.0 + len(rows) * panel_height + sum(row_has_data) * 22.0)
+    grid = figure.subplots(
+        len(heights),
+        columns,
+        squeeze=False,
+        sharex=True,
+        sharey="row",
+        gridspec_kw={"height_ratios": heights},
+    )
+    grid_rows = iter(grid)
+    axes: list[list[PanelAxes]] = []
+    for row, has_data in zip(rows, row_has_data, strict=True):
+        mains = next(grid_rows)
+        strips = next(grid_rows) if has_data else [None] * columns
+        axes.append([])
+        for panel, main, strip in zip(row, mains, strips, strict=True):
+            if strip is not None and not panel.has_data:
+                strip.remove()
+                main.tick_params(labelbottom=True)
+                strip = None
+            axes[-1].append(PanelAxes(main, strip))
+    return axes
 
 
 def draw_curves(
-    panels: Sequence[Sequence[tuple[str, pd.DataFrame]]],
+    rows: Sequence[Sequence[Panel]],
+    axes: Sequence[Sequence[PanelAxes]],
     x_label: str,
     y_label: str,
-    log: bool = False,
-) -> Figure:
-    """Panels in rows from titles and tables, with a curve through every group of rows.
+    is_logarithmic: bool = False,
+) -> None:
+    """Draw panels with smooth curves through computed charges, and rings for data.
 
-    The tables have the columns ``curve``, ``x``, ``computed_pC`` and ``charge_pC``. Rows without a
-    ``charge_pC`` are points of a curve; further data are rings, with their differences below the
-    panels.
+    Parameters
+    ----------
+    rows : sequence of sequences of Panel
+        The panels row by row.
+    axes : sequence of sequences of PanelAxes
+        Their axes, as `make_curve_axes` returns them.
+    x_label, y_label : str
+        Labels of the axes, with units.
+    is_logarithmic : bool
+        Whether both axes have logarithmic scales.
     """
-    names = list(dict.fromkeys(name for row in panels for _, of in row for name in of.curve))
-    colours, ends = dict(zip(names, choose_curve_colours(len(names)), strict=True)), []
-    with_data = [any(of.charge_pC.notna().any() for _, of in row) for row in panels]
-    heights = [share for has in with_data for share in ([3.0, 1.0] if has else [3.0])]
-    large, columns = 64.0 if len(panels) == 1 else 40.0, len(panels[0])
-    wide = WIDTH_MM if columns < 3 else 1.25 * WIDTH_MM
-    figure = make_figure(wide, 12.0 + len(panels) * large + sum(with_data) * 22.0)
-    shared: dict[str, Any] = {"squeeze": False, "sharex": True, "sharey": "row"}
-    shared["gridspec_kw"] = {"height_ratios": heights}
-    axes = iter(figure.subplots(len(heights), columns, **shared))
-    for row, has in zip(panels, with_data, strict=True):
-        mains = next(axes)
-        mains[0].set_ylabel(y_label)
-        for ax, (title, frame) in zip(mains, row, strict=True):
-            if log:
-                _log_scales(ax)
-            ends.append((ax, _draw_curves(ax, frame, colours)))
-            ax.set_title(title)
-        if has:
-            _draw_strips(mains, next(axes), [frame for _, frame in row], colours)
-        for ax in mains if x_label.endswith("(°)") else ():
-            ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 1.5, 3, 4.5, 9, 10]))
-    figure.supxlabel(x_label)
-    _name_curves(colours, ends, ROOM * columns * max(map(len, names)), log)
-    return figure
+    names: dict[str, None] = {}
+    for row in rows:
+        for panel in row:
+            names |= dict.fromkeys(panel.frame.curve)
+    colours = dict(zip(names, choose_curve_colours(len(names)), strict=True))
+    ends = []
+    for row, row_axes in zip(rows, axes, strict=True):
+        row_axes[0].main.set_ylabel(y_label)
+        strips = [panel_axes.strip for panel_axes in row_axes if panel_axes.strip is not None]
+        if strips:
+            strips[0].set_ylabel("diff. (%)")
+        for panel, (main, strip) in zip(row, row_axes, strict=True):
+            if is_logarithmic:
+                _set_log_scales(main)
+            ends.append((main, _draw_panel(main, panel.frame, colours)))
+            main.set_title(panel.title)
+            if strip is not None:
+                _draw_differences(strip, panel.frame, colours)
+            if x_label.endswith("(°)"):
+                main.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 1.5, 3, 4.5, 9, 10]))
+    get_figure(axes[0][0].main).supxlabel(x_label)
+    room = LETTER_WIDTH * len(rows[0]) * max(map(len, names))
+    _name_curves(colours, ends, room=room, is_logarithmic=is_logarithmic)
 
 
 def _name_curves(
-    colours: Mapping[str, Any], ends: Sequence[tuple[Axes, Sequence[End]]], room: float, log: bool
-) -> None:
-    """Write the names of curves at their ends, or above all panels where some end early."""
-    first, last = ends[0][0], [x for _, of in ends for x, *_ in of]
-    low, high = first.get_xlim()
-    if last and max(last) - min(last) > EARLY * (high - low):
-        lines = [Line2D([], [], color=colour) for colour in colours.values()]
-        where: dict[str, Any] = {"loc": "outside upper left", "ncols": LEGEND_COLUMNS}
-        get_figure(first).legend(lines, list(colours), **where)
-        return
-    first.set_xlim(low, high * (high / low) ** room if log else high + room * (high - low))
-    for ax, of in ends:
-        label_points(ax, of)
-
-
-def _draw_strips(
-    mains: Sequence[Axes],
-    strips: Sequence[Axes],
-    frames: Sequence[pd.DataFrame],
     colours: Mapping[str, Any],
+    ends: Sequence[tuple[Axes, Sequence[CurveEnd]]],
+    room: float,
+    is_logarithmic: bool,
 ) -> None:
-    """Draw the differences from the data below the panels with data."""
-    drawn = [bool(frame.charge_pC.notna().any()) for frame in frames]
-    strips[drawn.index(True)].set_ylabel("diff. (%)")
-    for main, strip, frame, is_drawn in zip(mains, strips, frames, drawn, strict=True):
-        if is_drawn:
-            _draw_differences(strip, frame, colours)
-        else:
-            strip.remove()
-            main.tick_params(labelbottom=True)
+    """Write the names of curves at their ends, or above all panels where some end early.
+
+    Parameters
+    ----------
+    colours : mapping of str to colours
+        Colours of the curves by name.
+    ends : sequence of (Axes, sequence of CurveEnd)
+        The panels with the ends of their curves.
+    room : float
+        Width of the longest name over the width of a panel.
+    is_logarithmic : bool
+        Whether the axes have logarithmic scales.
+    """
+    first = ends[0][0]
+    low, high = first.get_xlim()
+    last_x = [end.x for _, panel_ends in ends for end in panel_ends]
+    if last_x and max(last_x) - min(last_x) > MAX_END_DISTANCE * (high - low):
+        lines = [Line2D([], [], color=colour) for colour in colours.values()]
+        position: dict[str, Any] = {"loc": "outside upper left", "ncols": LEGEND_COLUMNS}
+        get_figure(first).legend(lines, list(colours), **position)
+        return
+    if is_logarithmic:
+        first.set_xlim(low, high * (high / low) ** room)
+    else:
+        first.set_xlim(low, high + room * (high - low))
+    for ax, panel_ends in ends:
+        label_points(ax, panel_ends)
 
 
-def _draw_curves(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> list[End]:
-    """Curves with dots through computed charges, and rings for data."""
-    own, ends = frame[frame.charge_pC.isna()], []
-    for name, rows in own.groupby("curve", sort=False):
-        x, q = rows.x.to_numpy(float), rows.computed_pC.to_numpy(float)
+def _draw_panel(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> list[CurveEnd]:
+    """Draw the curves with dots, and the data as rings; return the ends of the curves."""
+    ends = []
+    computed = frame[frame.charge_pC.isna()]
+    for name, rows in computed.groupby("curve", sort=False):
+        x = rows.x.to_numpy(float)
+        charges = rows.computed_pC.to_numpy(float)
         colour = colours[str(name)]
-        ax.plot(*_smooth(x, q), color=colour)
-        ax.plot(x, q, "o", color=colour, markersize=DOT_SIZE)
-        if q.size and np.isfinite(q[-1]):
-            ends.append((x[-1], q[-1], str(name), colour))
-    for name, rows in frame[frame.charge_pC.notna()].groupby("curve"):
+        ax.plot(*_interpolate(x, charges), color=colour)
+        ax.plot(x, charges, "o", color=colour, markersize=DOT_SIZE)
+        if charges.size and np.isfinite(charges[-1]):
+            ends.append(CurveEnd(x[-1], charges[-1], name=str(name), colour=colour))
+    data = frame[frame.charge_pC.notna()]
+    for name, rows in data.groupby("curve"):
         ax.plot(rows.x, rows.charge_pC, **RING, markeredgecolor=colours[str(name)], zorder=4)
     return ends
 
 
 def _draw_differences(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> None:
+    """Draw the differences of computed charges from the data in percent."""
     data = frame[frame.charge_pC.notna()]
     for name, rows in data.groupby("curve"):
         percent = 100.0 * (rows.computed_pC / rows.charge_pC - 1.0)
@@ -158,8 +231,8 @@ def _draw_differences(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any])
     ax.margins(y=0.2)
 
 
-def _log_scales(ax: Axes) -> None:
-    """Logarithmic axes, whose ticks are plain numbers."""
+def _set_log_scales(ax: Axes) -> None:
+    """Give both axes logarithmic scales with plain numbers at their ticks."""
     ax.set(xscale="log", yscale="log")
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -167,60 +240,68 @@ def _log_scales(ax: Axes) -> None:
         axis.set_minor_formatter(NullFormatter())
 
 
-def _smooth(x: Array, y: Array) -> tuple[Array, Array]:
-    """A curve through points with values, without waves in between."""
-    x, y = x[np.isfinite(y)], y[np.isfinite(y)]
+def _interpolate(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return a curve through points (n,) with finite y that does not oscillate between them."""
+    is_finite = np.isfinite(y)
+    x = x[is_finite]
+    y = y[is_finite]
     if len(x) < 2:
         return x, y
-    along = np.linspace(x[0], x[-1], SAMPLES)
-    return along, Akima1DInterpolator(x, y, method="makima")(along)
+    dense = np.linspace(x[0], x[-1], SAMPLES)
+    return dense, Akima1DInterpolator(x, y, method="makima")(dense)
 
 
-def label_points(ax: Axes, ends: Sequence[End]) -> None:
-    """Write names right of points, staggered vertically to avoid overlaps."""
-    if not ends:
+def label_points(ax: Axes, points: Sequence[CurveEnd]) -> None:
+    """Write names right of points, moved vertically where they would overlap."""
+    if not points:
         return
-    figure, size = get_figure(ax), LABEL_SIZE - 0.5
+    figure = get_figure(ax)
+    size = LABEL_SIZE - 0.5
     figure.draw_without_rendering()  # lays the figure out
-    point = figure.dpi / 72.0
-    at = ax.transData.transform([end[:2] for end in ends])
-    width = max(len(name) for _, _, name, _ in ends) * 0.65 * size * point
-    heights = space_labels(at, width, LINE_HEIGHT * size * point)
-    for (x, y, name, colour), moved in zip(ends, (heights - at[:, 1]) / point, strict=True):
+    pixels_per_point = figure.dpi / 72.0
+    pixels = ax.transData.transform([(point.x, point.y) for point in points])
+    letters = max(len(point.name) for point in points)
+    width = letters * 0.65 * size * pixels_per_point
+    heights = space_labels(pixels, width, LINE_HEIGHT * size * pixels_per_point)
+    shifts = (heights - pixels[:, 1]) / pixels_per_point
+    for point, shift in zip(points, shifts, strict=True):
         look: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontsize": size}
-        if abs(moved) > 0.6 * size:
-            look["arrowprops"] = {"arrowstyle": "-", "color": colour, "lw": 0.5}
-        aside = 8.0 if "arrowprops" in look else 3.0
-        words = ax.annotate(name, (x, y), (aside, moved), color=colour, **look)
-        words.set(in_layout=False, path_effects=[HALO], zorder=5)
+        gap = 3.0
+        if abs(shift) > 0.6 * size:
+            look["arrowprops"] = {"arrowstyle": "-", "color": point.colour, "lw": 0.5}
+            gap = 8.0
+        label = ax.annotate(
+            point.name, (point.x, point.y), (gap, shift), color=point.colour, **look
+        )
+        label.set(in_layout=False, path_effects=[HALO], zorder=5)
 
 
-def space_labels(at: Array, width: float, gap: float) -> Array:
-    """Heights (n,) of labels near places (n, 2), a gap apart where they are within a width."""
-    order, heights = np.argsort(at[:, 1], kind="stable").tolist(), at[:, 1].copy()
-    pairs = [(a, b) for a, b in combinations(order, 2) if abs(at[a, 0] - at[b, 0]) < width]
-    for _ in range(MOST_PASSES):
-        for a, b in pairs:
-            lack = max(gap - (heights[b] - heights[a]), 0.0)
-            heights[[a, b]] += [-0.5 * lack, 0.5 * lack]
+def space_labels(places: Array, width: float, gap: float) -> Array:
+    """Return heights of labels that do not overlap.
+
+    Parameters
+    ----------
+    places : array (n, 2)
+        Where the labels begin, in pixels.
+    width : float
+        Width of the longest label in pixels.
+    gap : float
+        Smallest distance in height of labels that are within a width, in pixels.
+
+    Returns
+    -------
+    array (n,)
+        Heights close to those of the places.
+    """
+    heights = places[:, 1].copy()
+    order = np.argsort(heights, kind="stable").tolist()
+    neighbours = []
+    for lower, upper in combinations(order, 2):
+        if abs(places[lower, 0] - places[upper, 0]) < width:
+            neighbours.append((lower, upper))
+    for _ in range(MAX_PASSES):
+        for lower, upper in neighbours:
+            overlap = max(gap - (heights[upper] - heights[lower]), 0.0)
+            heights[lower] -= 0.5 * overlap
+            heights[upper] += 0.5 * overlap
     return heights
-
-
-def format_significant(value: float, error: float = 0.0) -> str:
-    """A number with the digits that its error leaves, at most five; a dash for none."""
-    if not math.isfinite(value):
-        return "–"
-    digits = 5 if not error > 0.0 else math.floor(math.log10(max(abs(value), error) / error)) + 2
-    magnitude = math.floor(math.log10(abs(value))) if value else 0
-    decimals = max(min(digits, 5) - 1 - magnitude, 0)
-    return f"{value:.{decimals}f}".replace("-", "−")
-
-
-def format_signed(value: float, decimals: int = 1) -> str:
-    """A number with its sign."""
-    return f"{value:+.{decimals}f}".replace("-", "−") if math.isfinite(value) else "–"
-
-
-def join_words(words: Sequence[str]) -> str:
-    """Words in a sentence: ``A, B and C``."""
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else list(words))

@@ -38,6 +38,7 @@ _STYLE: dict[Any, Any] = matplotlib.rc_params_from_file(
 #: The colours of lines.
 COLOURS: tuple[str, ...] = tuple(_STYLE["axes.prop_cycle"].by_key()["color"])
 GREY = "0.45"
+WIDTH_MM = 120.0  #: Width of a figure in a report: readable on a phone.
 DIVERGING = "RdBu_r"  #: Colours of values of both signs, white at zero.
 MARKERS = "os^Dv<>pP*"  #: A marker for each electrode, besides its colour.
 LABEL_SIZE = 8.0  #: Size of labels in points.
@@ -172,19 +173,19 @@ def draw_labelled_contours(
     y: Array,
     values: Array,
     levels: Iterable[float],
-    taken: Array,
+    occupied: Array,
     least: float = 0.25,
     inner: float = 0.75,
 ) -> None:
-    """Lines of equal charge, named once, far from taken places (n, 2). Lines smaller than the part
-    `least` of the map have no names; names stand within the part `inner`."""
+    """Lines of equal charge, named once, far from occupied places (n, 2). Lines smaller than the
+    part `least` of the map have no names; names stand within the part `inner`."""
     inside = [level for level in levels if values.min() < level < values.max()]
     if not inside:
         return
     lines = ax.contour(x, y, values, inside, colors="black", linewidths=0.9)
     at = list[tuple[float, float]]()
     for places in (np.asarray(path.vertices) for path in lines.get_paths()):
-        ways = np.linalg.norm(places[:, None] - [*taken, *at], axis=-1).min(axis=1)
+        ways = np.linalg.norm(places[:, None] - [*occupied, *at], axis=-1).min(axis=1)
         ways[np.linalg.norm(places, axis=1) > inner * x.max()] *= 1e-3
         if np.ptp(places, axis=0).max() > least * np.ptp(x):
             at.append((places[ways.argmax(), 0], places[ways.argmax(), 1]))

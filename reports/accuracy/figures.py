@@ -12,8 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from pvdf_fem.view.curves import WIDTH_MM
-from pvdf_fem.view.figures import COLOURS, GREY, HALO, LABEL_SIZE, make_figure
+from pvdf_fem.view.figures import COLOURS, GREY, HALO, LABEL_SIZE, WIDTH_MM, make_figure
 from reports.accuracy.cases import SOURCES
 from reports.accuracy.measure import STAGES
 from reports.accuracy.results import OURS, PEER

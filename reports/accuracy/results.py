@@ -37,7 +37,7 @@ class OfCases(Kind):
     orders: tuple[int, ...] = ()
     factors: tuple[float, ...] = (1.0,)
 
-    def scenes(self, inputs: Inputs) -> list[Scene]:
+    def list_scenes(self, inputs: Inputs) -> list[Scene]:
         """None: solves whose time is measured are tasks."""
         return []
 
@@ -63,7 +63,7 @@ class OfCases(Kind):
         rounds = 1 if inputs.quick else 2
         return [ByNGSolve(case.scene, self.orders, self.factors, rounds)]
 
-    def tasks(self, inputs: Inputs) -> Sequence[Task]:
+    def list_tasks(self, inputs: Inputs) -> Sequence[Task]:
         """What is known of each case, and all solves."""
         found: list[Task] = []
         for case in self.chosen(inputs):
@@ -71,18 +71,18 @@ class OfCases(Kind):
             found += [*self.solves(case, inputs).values(), *self.peers(case, inputs)]
         return found
 
-    def frame(self, inputs: Inputs, solved: ReportResults) -> pd.DataFrame:
+    def frame(self, inputs: Inputs, results: ReportResults) -> pd.DataFrame:
         """A row for each charge of each completed solve; `NothingToShowError` without any."""
-        rows = [row for case in self.chosen(inputs) for row in self._rows(case, inputs, solved)]
+        rows = [row for case in self.chosen(inputs) for row in self._rows(case, inputs, results)]
         if not rows:
             raise NothingToShowError("no case has both a solve and charges that are known")
         return with_errors(pd.DataFrame(rows))
 
-    def _rows(self, case: Case, inputs: Inputs, solved: ReportResults) -> Iterator[dict[str, Any]]:
+    def _rows(self, case: Case, inputs: Inputs, results: ReportResults) -> Iterator[dict[str, Any]]:
         about: dict[str, Any] = {"case": case.name, "source": case.source}
         known: dict[str, tuple[float, float]] = {}
         with suppress(NothingToShowError):  # the reason stands below the figure
-            known = known_of(case, solved)
+            known = known_of(case, results)
         runs: list[tuple[Task, dict[str, Any]]] = [
             (task, {"code": OURS, "tolerance": tolerance})
             for tolerance, task in self.solves(case, inputs).items()
@@ -90,7 +90,7 @@ class OfCases(Kind):
         runs += [(task, {"code": PEER}) for task in self.peers(case, inputs)]
         for task, how in runs:
             with suppress(NothingToShowError):
-                for row in solved.rows(task):
+                for row in results.get_rows(task):
                     charge, doubt = known.get(row.get("electrode") or "", (np.nan, np.nan))
                     yield {**about, **how, **row, "known_pC": charge, "doubt_pC": doubt}
 
@@ -102,12 +102,12 @@ def truth_of(case: Case) -> Task | None:
     return Timed(case.finer) if case.truth == "finer" else Known(case.scene, case.truth)
 
 
-def known_of(case: Case, solved: ReportResults) -> dict[str, tuple[float, float]]:
+def known_of(case: Case, results: ReportResults) -> dict[str, tuple[float, float]]:
     """Charges that are known and the doubt about them in pC, by electrode."""
     task = truth_of(case)
     rows: Rows = [{"electrode": k, "charge_pC": q} for k, q in case.charges_pC.items()]
     if task is not None:
-        rows = [row for row in solved.rows(task) if "electrode" in row]
+        rows = [row for row in results.get_rows(task) if "electrode" in row]
     return {
         row["electrode"]: (row["charge_pC"], row.get("stated_pC", case.doubt * row["charge_pC"]))
         for row in rows
@@ -133,11 +133,11 @@ def worst(frame: pd.DataFrame) -> pd.DataFrame:
     return converged.loc[converged.groupby(by, dropna=False, sort=False).true.idxmax()]
 
 
-def of_drawn(scene: Scene, solved: ReportResults) -> pd.DataFrame:
+def of_drawn(scene: Scene, results: ReportResults) -> pd.DataFrame:
     """The errors of a drawn scene, a row for each electrode."""
     names, pair = [electrode.name for electrode in scene.electrode_list], [scene, finer(scene)]
-    charges, known = solved.charges(pair, names, "total")
-    stated, doubt = solved.errors(pair, names)
+    charges, known = results.get_charges(pair, names, "total")
+    stated, doubt = results.get_errors(pair, names)
     table = {"electrode": names, "charge_pC": charges, "stated_pC": stated}
     table |= {"known_pC": known, "doubt_pC": doubt}
     return with_errors(pd.DataFrame(table)).assign(tolerance=scene.numerics.tolerance)

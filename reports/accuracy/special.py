@@ -43,9 +43,9 @@ class ErrorVsTime(OfCases):
     stem: ClassVar[str] = "error-vs-time"
     rank: ClassVar[int] = 0
 
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
+    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
         """Curves, the medians of all cases, and a table by tolerance."""
-        frame = self.frame(inputs, solved)
+        frame = self.frame(inputs, results)
         runs = worst(frame)
         caption = (
             "Every curve is a case solved to tolerances from 1 % down; seconds are of one thread, "
@@ -93,17 +93,17 @@ class StatedErrors(OfCases):
         kinds, count = (list(KINDS)[:2], 1) if inputs.quick else (list(KINDS), self.count)
         return {kind: list(drawn_scenes(kind, count)) for kind in kinds}
 
-    def scenes(self, inputs: Inputs) -> list[Scene]:
+    def list_scenes(self, inputs: Inputs) -> list[Scene]:
         """All drawn scenes, each with a finer one."""
         drawn = [scene for scenes in self.drawn(inputs).values() for scene in scenes]
         return drawn + [finer(scene) for scene in drawn]
 
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
+    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
         """A dot for each charge, and a table by groups."""
-        known = self.frame(inputs, solved)
+        known = self.frame(inputs, results)
         pieces = [known[known.code == OURS].assign(group="cases")]
         for kind, scenes in self.drawn(inputs).items():
-            pieces += [of_drawn(scene, solved).assign(group=kind) for scene in scenes]
+            pieces += [of_drawn(scene, results).assign(group=kind) for scene in scenes]
         columns = ["group", "tolerance", "electrode", "true", "stated", "telling"]
         frame = pd.concat([piece[columns] for piece in pieces], ignore_index=True)
         told = frame[frame.telling].assign(ratio=frame.stated / frame.true)
@@ -129,9 +129,9 @@ class CaseTable(OfCases):
 
     stem: ClassVar[str] = "cases"
 
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
+    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
         """A row for each case."""
-        frame = self.frame(inputs, solved)
+        frame = self.frame(inputs, results)
         rows, runs = [], worst(frame)
         for name, of in frame.groupby("case", sort=False):
             doubt = (of.doubt_pC / of.known_pC).abs().max()
@@ -143,7 +143,7 @@ class CaseTable(OfCases):
                     true, spent = found.true[tolerance], found.seconds[tolerance]
                     row[percent(tolerance)] = f"{percent(true)} in {seconds(spent)} s"
             rows.append(row)
-        return Content("The worst charge at each tolerance.", frame, shown=pd.DataFrame(rows))
+        return Content("The worst charge at each tolerance.", frame, table=pd.DataFrame(rows))
 
 
 class BesideNGSolve(OfCases):
@@ -159,10 +159,10 @@ class BesideNGSolve(OfCases):
         """The cases that NGSolve solves."""
         return [case for case in super().chosen(inputs) if case.peer]
 
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
+    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
         """Panels of the cases, and the seconds to be within `errors`."""
         names = [case.name for case in self.chosen(inputs)]
-        frame = self.frame(inputs, solved)
+        frame = self.frame(inputs, results)
         runs = worst(frame)
         table, told = self._table(runs, names)
         caption = (
@@ -204,9 +204,9 @@ class Stages(OfCases):
     stem: ClassVar[str] = "stages"
     rank: ClassVar[int] = 2
 
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
+    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
         """A bar for each case and tolerance."""
-        frame = self.frame(inputs, solved).drop_duplicates(["case", "tolerance"])
+        frame = self.frame(inputs, results).drop_duplicates(["case", "tolerance"])
         total = frame[list(STAGES)].sum()
         parts = ", ".join(f"{name} {total[name] / total.sum():.0%}" for name in STAGES)
         return Content(f"Of all these seconds: {parts}.", frame, stage_bars(frame))
@@ -221,22 +221,22 @@ class SweepCost(Kind):
 
     stem: ClassVar[str] = "sweep-cost"
 
-    def scenes(self, inputs: Inputs) -> list[Scene]:
+    def list_scenes(self, inputs: Inputs) -> list[Scene]:
         """None: a sweep whose time is measured is a task."""
         return []
 
-    def tasks(self, inputs: Inputs) -> list[Swept]:
+    def list_tasks(self, inputs: Inputs) -> list[Swept]:
         """A sweep for each tolerance."""
-        scene = self.scene(inputs)
+        scene = self.resolve_scene(inputs)
         asked, places = (self.tolerances[:1], 2) if inputs.quick else (self.tolerances, self.places)
         return [Swept(scene.with_(**{"numerics.tolerance": of}), places) for of in asked]
 
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
+    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
         """A row for each tolerance."""
         frame = pd.DataFrame(
             {"tolerance": task.scene.numerics.tolerance, **row}
-            for task in self.tasks(inputs)
-            for row in solved.rows(task)
+            for task in self.list_tasks(inputs)
+            for row in results.get_rows(task)
         )
         shown = {
             "tolerance": frame.tolerance.map(percent),
@@ -245,4 +245,4 @@ class SweepCost(Kind):
             "ms alone": (1e3 * frame.alone).map("{:.0f}".format),
             "ratio": (frame.alone / frame.seconds).map("{:.1f}".format),
         }
-        return Content("Processor time of a scene.", frame, shown=pd.DataFrame(shown))
+        return Content("Processor time of a scene.", frame, table=pd.DataFrame(shown))

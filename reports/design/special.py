@@ -25,8 +25,8 @@ from pvdf_fem.scene.scene_file import SceneError
 from pvdf_fem.studies.design import DesignStudy, find_best_design, make_table
 from pvdf_fem.surrogate.touch_domain import Domain, centre_probe
 from pvdf_fem.view.charts import draw_design_map
-from pvdf_fem.view.curves import WIDTH_MM, format_axis_label
-from pvdf_fem.view.figures import get_line_style, make_figure
+from pvdf_fem.view.figures import WIDTH_MM, get_line_style, make_figure
+from pvdf_fem.view.labels import format_axis_label
 
 if TYPE_CHECKING:
     import xarray
@@ -45,7 +45,7 @@ PANELS = (
 
 
 @lru_cache(maxsize=2)
-def model_of(
+def build_cached_response(
     scene: Scene, reach_mm: float, forces_N: tuple[float, float], tolerance: float
 ) -> Response:
     """A model of the charges, built once by a process."""
@@ -85,7 +85,7 @@ class Bounds(Task):
         """The model of a scene, for any electrodes, d31 and d32."""
         film = scene.film.model_copy(update={"d31_pC_N": 8.0, "d32_pC_N": 8.0})
         alone = centre_probe(Scene(film=film, probe=scene.probe, load=scene.load))
-        return model_of(alone, self.reach_mm, self.forces_N, self.tolerance)
+        return build_cached_response(alone, self.reach_mm, self.forces_N, self.tolerance)
 
 
 class OfDesigns(Kind):
@@ -100,11 +100,11 @@ class OfDesigns(Kind):
     forces_N: tuple[float, float] = (0.1, 4.0)
     tolerance: float = 1e-2
 
-    def tasks(self, inputs: Inputs) -> Sequence[Task]:
+    def list_tasks(self, inputs: Inputs) -> Sequence[Task]:
         """A task for each value of the first key."""
         vary = {key: values[:: EVERY if inputs.quick else 1] for key, values in self.vary.items()}
         first, *others = vary
-        scene = self.scene(inputs)
+        scene = self.resolve_scene(inputs)
         domain, noise = Domain(self.reach_mm, self.forces_N), (self.sigma, self.noise_pC)
         with prefix_errors("vary"):
             designs = DesignStudy.from_scene(scene, vary)
@@ -116,11 +116,11 @@ class OfDesigns(Kind):
         parts = [{first: [value], **{key: vary[key] for key in others}} for value in vary[first]]
         return [Bounds(scene, json.dumps(part), **asked) for part in parts]
 
-    def found(self, inputs: Inputs, solved: ReportResults) -> xarray.Dataset:
+    def found(self, inputs: Inputs, results: ReportResults) -> xarray.Dataset:
         """What the tasks found, along the keys."""
         import xarray
 
-        rows = [json.loads(solved.rows(task)[0]["data"]) for task in self.tasks(inputs)]
+        rows = [json.loads(results.get_rows(task)[0]["data"]) for task in self.list_tasks(inputs)]
         parts = [xarray.Dataset.from_dict(part) for part in rows]
         return xarray.concat(parts, parts[0].scene.dims[0], combine_attrs="override")
 
@@ -141,9 +141,9 @@ class Deviations(OfDesigns):
 
     stem: ClassVar[str] = "deviations"
 
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
+    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
         """Panels below each other."""
-        data = self.found(inputs, solved)
+        data = self.found(inputs, results)
         *family, along = (str(axis) for axis in data.scene.dims)
         curves = (
             [data]
@@ -223,9 +223,9 @@ class DesignMaps(OfDesigns):
 
     stem: ClassVar[str] = "maps"
 
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
+    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
         """Maps with one scale."""
-        data = self.found(inputs, solved)
+        data = self.found(inputs, results)
         first = data.scene.dims[0]
         chosen = [find_best_design(data.sel({first: of.item()})) for of in data[first]]
         figure = make_figure(1.4 * WIDTH_MM, 70.0 * ((len(chosen) + 1) // 2))

@@ -59,7 +59,7 @@ PICTURES: dict[str, Callable[[], tuple[Figure, Shown]]] = {
 def turned() -> tuple[Inputs, Requirements]:
     """The figure of the rotation, with what it is made of and its scenes."""
     report = Report.load(THESIS / "report.toml", load_kinds(THESIS / "special.py"))
-    inputs, needed = report.plan.needs()
+    inputs, needed = report.plan.collect_requirements()
     return inputs, next(asked for asked in needed if asked.item.name == "rotation")
 
 

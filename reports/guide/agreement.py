@@ -85,7 +85,7 @@ def stated_and_true(seed: int = 1, count: int = 3) -> Markdown:
 def with_the_thesis() -> tuple[str, pd.DataFrame]:
     """Printed charges beside ours: all, where the report's solves are stored, or a few."""
     report = Report.load(THESIS / "report.toml", load_kinds(THESIS / "special.py"))
-    inputs, needed = report.plan.needs()
+    inputs, needed = report.plan.collect_requirements()
     item, scenes, _ = next(asked for asked in needed if asked.item.name == "charges")
     where = "all printed charges, from the solves of `./run report`"
     store = OUT / STORE
@@ -94,11 +94,11 @@ def with_the_thesis() -> tuple[str, pd.DataFrame]:
             few = inputs.data["charges"]
             rows = few.frame[few.frame.source == "Table 3.4"].reset_index(drop=True)
             inputs = replace(inputs, data={"charges": replace(few, frame=rows)})
-            scenes = item.kind.scenes(inputs)
+            scenes = item.kind.list_scenes(inputs)
             where = "Table 3.4 only, solved for this page; `./run report` compares all charges"
         records = solve_scenes(scenes, kept, processes=1)
-    solved = ReportResults(dict(zip(scenes, records, strict=True)))
-    return where, item.kind.compose(inputs, solved).frame
+    results = ReportResults(dict(zip(scenes, records, strict=True)))
+    return where, item.kind.compose(inputs, results).frame
 
 
 def long_runs() -> Markdown:

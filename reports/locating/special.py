@@ -22,8 +22,8 @@ from pvdf_fem import Replaced, Scene
 from pvdf_fem.arrays import Array
 from pvdf_fem.report.kind import Content, Inputs, Kind
 from pvdf_fem.report.results import NothingToShowError, ReportResults
-from pvdf_fem.view.curves import RING, WIDTH_MM
-from pvdf_fem.view.figures import COLOURS, GREY, draw_film, make_figure
+from pvdf_fem.view.curves import RING
+from pvdf_fem.view.figures import COLOURS, GREY, WIDTH_MM, draw_film, make_figure
 from reports.locating.signals import Sensor, Taps
 from reports.locating.touches import LAYOUTS, NOISE, PLACE_AND_FORCE, Located, Pair
 
@@ -52,13 +52,13 @@ class OfTasks(Kind):
     count: Annotated[int, Field(ge=1, le=10_000)] = 100
     tolerance: float = 1e-3
 
-    def scenes(self, inputs: Inputs) -> list[Scene]:
+    def list_scenes(self, inputs: Inputs) -> list[Scene]:
         """None."""
         return []
 
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
+    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
         """The figure, with its numbers in the caption."""
-        rows = [pd.DataFrame(solved.rows(task)) for task in self.tasks(inputs)]
+        rows = [pd.DataFrame(results.get_rows(task)) for task in self.list_tasks(inputs)]
         frame, figure, numbers = self.drawn(inputs, rows)
         texts = [text.format_map(numbers) for text in (self.caption, self.claim)]
         return Content(texts[0], frame, figure, claim=texts[1])
@@ -73,10 +73,10 @@ class OfTouches(OfTasks):
 
     probe: Literal["triangle", "rectangle", "disc"] = "triangle"
 
-    def tasks(self, inputs: Inputs) -> list[Located]:
+    def list_tasks(self, inputs: Inputs) -> list[Located]:
         """One task; in a preview the triangle stands for all probes."""
         probe = "triangle" if inputs.quick else self.probe
-        scene = self.scene(inputs).with_(probe=Replaced(PROBES[probe]))
+        scene = self.resolve_scene(inputs).with_(probe=Replaced(PROBES[probe]))
         if inputs.quick:
             return [Located(scene, 6, 2e-2, 8.0, (0.5, 2.0), 4.0, is_coarse=True)]
         return [Located(scene, self.count, self.tolerance, 12.0, (0.1, 5.0), 2.4)]
@@ -120,7 +120,7 @@ class ErrorMap(OfTouches):
 
     def drawn(self, inputs: Inputs, rows: list[pd.DataFrame]) -> Drawn:
         """A column for each number of electrodes."""
-        task, places = self.tasks(inputs)[0], sort_of(rows[0], "place")
+        task, places = self.list_tasks(inputs)[0], sort_of(rows[0], "place")
         figure, bands = make_figure(WIDE_MM, 94.0), BoundaryNorm(LEVELS_MM, 256)
         figure.set_layout_engine("compressed")
         axes = figure.subplots(2, len(LAYOUTS), sharex=True, sharey=True)
@@ -155,7 +155,11 @@ class FoundPlaces(OfTouches):
 
     def drawn(self, inputs: Inputs, rows: list[pd.DataFrame]) -> Drawn:
         """Touches at `NOISE` whose rotation is known; of the others there are numbers."""
-        task, touches, model = self.tasks(inputs)[0], sort_of(rows[0], "touch"), rows[0].iloc[0]
+        task, touches, model = (
+            self.list_tasks(inputs)[0],
+            sort_of(rows[0], "touch"),
+            rows[0].iloc[0],
+        )
         touches["error_mm"] = np.hypot(touches.x_mm_error, touches.y_mm_error)
         touches["force_percent"] = 100.0 * touches.force_N_error.abs()
         is_exact = (touches.error_mm < EXACT_MM) & (touches.force_percent < EXACT_PERCENT)
@@ -192,10 +196,10 @@ class Pairs(OfTasks):
     kind: Literal["pairs"]
     noise: float = 3e-3
 
-    def tasks(self, inputs: Inputs) -> Sequence[Pair]:
+    def list_tasks(self, inputs: Inputs) -> Sequence[Pair]:
         """A task for each pair."""
         count = 1 if inputs.quick else self.count
-        return [Pair(self.scene(inputs), of, self.noise, 10.0, 6.0) for of in range(count)]
+        return [Pair(self.resolve_scene(inputs), of, self.noise, 10.0, 6.0) for of in range(count)]
 
     def drawn(self, inputs: Inputs, rows: list[pd.DataFrame]) -> Drawn:
         """The listed pairs that are nearest to the true ones."""
@@ -209,7 +213,7 @@ class Pairs(OfTasks):
             "seconds": frame.seconds.median(),
         }
         how = true[:, :2], found[:, :2], {"pairs": pulls}
-        return frame, found_figure(self.scene(inputs), *how), numbers
+        return frame, found_figure(self.resolve_scene(inputs), *how), numbers
 
 
 class Calibrated(OfTasks):
@@ -217,11 +221,13 @@ class Calibrated(OfTasks):
 
     kind: Literal["calibrated"]
 
-    def tasks(self, inputs: Inputs) -> Sequence[Sensor]:
+    def list_tasks(self, inputs: Inputs) -> Sequence[Sensor]:
         """A task for each sensor."""
         if inputs.quick:
-            return [Sensor(self.scene(inputs), 0, 12, 1e-3)]
-        return [Sensor(self.scene(inputs), of, 24, self.tolerance) for of in range(self.count)]
+            return [Sensor(self.resolve_scene(inputs), 0, 12, 1e-3)]
+        return [
+            Sensor(self.resolve_scene(inputs), of, 24, self.tolerance) for of in range(self.count)
+        ]
 
     def drawn(self, inputs: Inputs, rows: list[pd.DataFrame]) -> Drawn:
         """The touches of the first sensor, and the errors of the parameters of all."""
@@ -239,7 +245,7 @@ class Calibrated(OfTasks):
             "seconds": frame.seconds.median(),
         }
         how = first.true, first.found, {"parameters": pulls}
-        return frame, found_figure(self.scene(inputs), *how), numbers
+        return frame, found_figure(self.resolve_scene(inputs), *how), numbers
 
 
 class TapCourse(OfTasks):
@@ -247,10 +253,10 @@ class TapCourse(OfTasks):
 
     kind: Literal["taps"]
 
-    def tasks(self, inputs: Inputs) -> Sequence[Taps]:
+    def list_tasks(self, inputs: Inputs) -> Sequence[Taps]:
         """One task."""
         count, tolerance = (1, 1e-4) if inputs.quick else (self.count, self.tolerance)
-        return [Taps(self.scene(inputs), count, 8.0, (0.2, 2.0), tolerance)]
+        return [Taps(self.resolve_scene(inputs), count, 8.0, (0.2, 2.0), tolerance)]
 
     def drawn(self, inputs: Inputs, rows: list[pd.DataFrame]) -> Drawn:
         """The course of the first tap."""

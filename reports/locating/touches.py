@@ -85,7 +85,7 @@ class Located(Task):
         """The touches whose full solves converge, and their charges (n, electrodes)."""
         scenes = [apply_touch(model.scene, row, TRUTH * self.tolerance) for row in touches]
         solved = ReportResults(dict(zip(scenes, solve_scenes(scenes, processes=1), strict=True)))
-        charges = solved.charges(scenes, model.names, "total")
+        charges = solved.get_charges(scenes, model.names, "total")
         known = np.isfinite(charges).all(axis=1)
         return touches[known], charges[known]
 

@@ -19,8 +19,8 @@ from pvdf_fem.report.kinds.curve import Values
 from pvdf_fem.report.results import NothingToShowError, ReportResults
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.view.curves import WIDTH_MM, format_axis_label
-from pvdf_fem.view.figures import COLOURS, GREY, MARKERS, get_figure, make_figure
+from pvdf_fem.view.figures import COLOURS, GREY, MARKERS, WIDTH_MM, get_figure, make_figure
+from pvdf_fem.view.labels import format_axis_label
 from reports.stability.endings import CRASHED, Extreme, Law, OnStrip
 
 CONVERGED = str(Status.CONVERGED)
@@ -52,13 +52,13 @@ class Strip(Section):
     reference: Literal["one-dimension", "finer"] = "one-dimension"
     set: Changes = Field(default_factory=dict)
 
-    def tasks(self, inputs: Inputs, changes: Changes) -> list[OnStrip]:
+    def list_tasks(self, inputs: Inputs, changes: Changes) -> list[OnStrip]:
         """A task for each value."""
         values = list(self.values)
         if inputs.quick:
             values = [values[i] for i in np.linspace(0, len(values) - 1, QUICK_VALUES).astype(int)]
         with prefix_errors(f"strips.{self.name}"):
-            scene = inputs.scene_of(changes, self.set)
+            scene = inputs.change_scene(changes, self.set)
         return [OnStrip(scene, self.key, value, self.reference) for value in values]
 
 
@@ -71,17 +71,17 @@ class Ranges(Kind):
     stem: ClassVar[str] = "ranges"
     rank: ClassVar[int] = 0
 
-    def tasks(self, inputs: Inputs) -> list[OnStrip]:
+    def list_tasks(self, inputs: Inputs) -> list[OnStrip]:
         """A solve for each value of each range."""
-        return [task for strip in self.strips for task in strip.tasks(inputs, self.set)]
+        return [task for strip in self.strips for task in strip.list_tasks(inputs, self.set)]
 
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
+    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
         """Tiles, and a table with a row for each range."""
         rows = [
             {"range": strip.name, "reference": strip.reference, **row}
             for strip in self.strips
-            for task in strip.tasks(inputs, self.set)
-            for row in solved.rows(task)
+            for task in strip.list_tasks(inputs, self.set)
+            for row in results.get_rows(task)
         ]
         frame = _filled(pd.DataFrame(rows))
         figure = make_figure(WIDTH_MM, ROW * len(self.strips) + 26.0)
@@ -186,15 +186,15 @@ class Extremes(Kind):
 
     stem: ClassVar[str] = "extremes"
 
-    def tasks(self, inputs: Inputs) -> list[Extreme]:
+    def list_tasks(self, inputs: Inputs) -> list[Extreme]:
         """A task for each scene."""
         count = min(self.count, QUICK_SCENES) if inputs.quick else self.count
         tolerance = max(self.tolerance, QUICK_TOLERANCE) if inputs.quick else self.tolerance
         return [Extreme(number, self.seed, tolerance) for number in range(count)]
 
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
+    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
         """A figure, or the table of statuses."""
-        rows = [row for task in self.tasks(inputs) for row in solved.rows(task)]
+        rows = [row for task in self.list_tasks(inputs) for row in results.get_rows(task)]
         of: Content = getattr(self, f"_{self.show}")(_filled(pd.DataFrame(rows)))
         return of
 
@@ -272,7 +272,7 @@ class Extremes(Kind):
         heads = ["status", "scenes", "what it means, and what to change"]
         shown = pd.DataFrame(rows, columns=heads)
         frame = frame[["number", "status", "reason", "scene"]]
-        return Content("The words of each status.", frame, shown=shown)
+        return Content("The words of each status.", frame, table=shown)
 
 
 def _by_status(ax: Axes, frame: pd.DataFrame, x: pd.Series, y: pd.Series) -> None:
@@ -304,17 +304,17 @@ class Laws(Kind):
 
     stem: ClassVar[str] = "laws"
 
-    def tasks(self, inputs: Inputs) -> Sequence[Law]:
+    def list_tasks(self, inputs: Inputs) -> Sequence[Law]:
         """Two solves for each law."""
-        scene = self.scene(inputs)
+        scene = self.resolve_scene(inputs)
         return [
             Law(scene.with_(**law.first), scene.with_(**law.second), law.quantity)
             for law in self.laws
         ]
 
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
+    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
         """A table of ratios."""
-        found = [solved.rows(task)[0]["ratio"] for task in self.tasks(inputs)]
+        found = [results.get_rows(task)[0]["ratio"] for task in self.list_tasks(inputs)]
         frame = pd.DataFrame(
             {"law": [of.law for of in self.laws], "computed": found}
             | {"exact": [of.ratio for of in self.laws]}
@@ -325,4 +325,4 @@ class Laws(Kind):
             exact=frame.exact.map("{:g}".format),
             difference=frame.difference.map("{:.0e}".format),
         )
-        return Content("Ratios of two solves on one mesh.", frame, shown=shown)
+        return Content("Ratios of two solves on one mesh.", frame, table=shown)

@@ -26,8 +26,9 @@ from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Replaced
 from pvdf_fem.solver.sensitivity.rates import compute_integral_rates
-from pvdf_fem.view.curves import RING, WIDTH_MM, format_signed
-from pvdf_fem.view.figures import COLOURS, GREY, make_figure
+from pvdf_fem.view.curves import RING
+from pvdf_fem.view.figures import COLOURS, GREY, WIDTH_MM, make_figure
+from pvdf_fem.view.labels import format_signed
 
 HERE = Path(__file__).parent
 #: Places of section 3.1.2, beside electrode A, on a part and on the whole of A, and of 3.4.3.
@@ -162,7 +163,7 @@ NUMBERS: dict[str, tuple[type[Touch], Sequence[Changes], Callable[..., Numbers]]
 def scene_of(inputs: Inputs, changes: Changes) -> Scene:
     """The thesis's scene of four electrodes with changes, coarse in a preview."""
     precise = {"electrodes.layout": "four", "numerics.tolerance": PRINTED_TOLERANCE}
-    return replace(inputs, scene=inputs.scene.with_(**precise)).scene_of(changes)
+    return replace(inputs, scene=inputs.scene.with_(**precise)).change_scene(changes)
 
 
 class Told(Kind):
@@ -172,7 +173,7 @@ class Told(Kind):
     file: str
     numbers: tuple[Literal["contact", "plates", "heat", "air", "shear"], ...] = ()
 
-    def tasks(self, inputs: Inputs) -> list[Task]:
+    def list_tasks(self, inputs: Inputs) -> list[Task]:
         """What the numbers need."""
         return [task for name in self.numbers for task in self._of(name, inputs)]
 
@@ -180,15 +181,15 @@ class Told(Kind):
         kind, scenes, _ = NUMBERS[name]
         return [kind(scene_of(inputs, changes)) for changes in scenes]
 
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
+    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
         """Numbers in their places, and links."""
         numbers: Numbers = {}
         for name in self.numbers:
-            numbers |= NUMBERS[name][-1](*map(solved.rows, self._of(name, inputs)))
+            numbers |= NUMBERS[name][-1](*map(results.get_rows, self._of(name, inputs)))
         texts = pd.read_csv(HERE / self.file, dtype=str, keep_default_na=False)
         filled = texts.map(lambda text: text.format(**numbers))
         plain = filled.replace(LINK, r"\1", regex=True)
-        return Content("", plain, shown=filled.map(_linked))
+        return Content("", plain, table=filled.map(_linked))
 
 
 class Effect(Section):
@@ -208,7 +209,7 @@ class Effects(Kind):
 
     stem = "effects"
 
-    def tasks(self, inputs: Inputs) -> list[Task]:
+    def list_tasks(self, inputs: Inputs) -> list[Task]:
         """Two touches for each effect and place."""
         return [task for _, _, pair in self._pairs(inputs) for task in pair]
 
@@ -220,10 +221,10 @@ class Effects(Kind):
                 both = (plain, {**plain, **effect.set})
                 yield where, effect.name, [Touch(scene_of(inputs, changes)) for changes in both]
 
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
+    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
         """Dots and rings of the largest changes."""
         rows = [
-            (where, name, *_percents(*map(solved.rows, pair)))
+            (where, name, *_percents(*map(results.get_rows, pair)))
             for where, name, pair in self._pairs(inputs)
         ]
         frame = pd.DataFrame(rows, columns=["probe", "effect", *(f"{n}_percent" for n in "ABCD")])

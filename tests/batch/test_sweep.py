@@ -90,7 +90,7 @@ def test_a_dataset_has_the_charges_of_each_scene_in_its_place():
 def test_a_scene_that_fails_is_stored_and_one_that_crashes_is_tried_again(tmp_path, monkeypatch):
     """The rest goes on; a store may be a path."""
     axes = [{"film.temperature_change_K": [-1.0, 10.0, -2.0], "load.force_N": [1.0, 0.0, 2.0]}]
-    records_of = batch.records_of
+    records_of = batch.make_records
 
     def broken(scenes, frames):
         if scenes[0].load.force_N == 2.0:

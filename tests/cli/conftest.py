@@ -38,20 +38,33 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+#: Where commands load or build the response of a scene, but for `track`.
+RESPONSE_USERS = (
+    "pvdf_fem.cli.inverse.locate.load_or_build_response",
+    "pvdf_fem.cli.inverse.locate_table.load_or_build_response",
+    "pvdf_fem.cli.studies.dataset.load_or_build_response",
+    "pvdf_fem.cli.studies.design.load_or_build_response",
+)
+
+
 @pytest.fixture
 def models(monkeypatch):
-    """Made-up models in the place of built ones; the list has the scene of each."""
-    asked, rested = [], sensor()
+    """Replace built responses by made-up ones; the list receives the scene of each."""
+    scenes = []
+    unloaded = sensor()
 
-    def model_of(scene, *_, **__):
-        asked.append(scene)
+    def make_response(scene, *_, **__):
+        scenes.append(scene)
         return bumps(scene.single_probe.shape).for_scene(scene)
 
-    for place in ("locate", "locate_rows", "studies.dataset", "studies.design"):
-        monkeypatch.setattr(f"pvdf_fem.cli.{place}.model_of", model_of)
-    place = "pvdf_fem.cli.track.model_of"
-    monkeypatch.setattr(place, lambda scene, *_: replace(rested, scene=scene))
-    return asked
+    def make_tracked_response(scene, *_):
+        return replace(unloaded, scene=scene)
+
+    for place in RESPONSE_USERS:
+        monkeypatch.setattr(place, make_response)
+    place = "pvdf_fem.cli.inverse.track.load_or_build_response"
+    monkeypatch.setattr(place, make_tracked_response)
+    return scenes
 
 
 class Begun(BaseException):

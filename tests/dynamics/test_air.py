@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import j0, j1, jn_zeros
 
 from pvdf_fem import Scene, modes
-from pvdf_fem.dynamics.air import AirLoad, _functions
+from pvdf_fem.dynamics.air import AirLoad, _evaluate_functions
 from pvdf_fem.dynamics.spectrum import AIR, VACUUM
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ def energies(s: float, *shapes: str, degree: int = 30) -> Array:
     area = (weight * np.pi / 8.0 * np.sin(2.0 * height))[:, None] * np.full(64, np.pi / 32.0)
     area = area * np.maximum(1.0 - r**2, 0.0) ** max(s, 0.0)
     unit = np.stack([r * np.cos(angle), r * np.sin(angle)], axis=-1).reshape(-1, 2)
-    functions = np.hstack([*_functions(unit, degree, s)])
+    functions = np.hstack([*_evaluate_functions(unit, degree, s)])
     known = {"piston": np.ones_like(r), "rocking": r * np.cos(angle)}
     found = []
     for shape in shapes:
@@ -82,7 +82,7 @@ def test_a_punch_under_which_air_moves_along() -> None:
     found = modes(scene, 1)
     spectrum = found.spectra[VACUUM]
     equilibrium, (vector,) = spectrum.equilibrium, spectrum.vectors.T
-    air = AirLoad.of(equilibrium)
+    air = AirLoad.from_equilibrium(equilibrium)
     w = equilibrium.unknowns.expand(vector)[2::3]
     at_points = equilibrium.space.values @ w[equilibrium.space.nodes][..., None]
     expected = (at_points[..., 0] * equilibrium.space.weights).sum()

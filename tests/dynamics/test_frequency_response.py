@@ -35,7 +35,7 @@ def test_ritz_vectors_find_what_direct_solves_find(scene: Scene) -> None:
     solution = on_mesh(scene)
     equilibrium, q, _ = factorise_tangent(solution.discrete)
     full = linearize_about(solution)[0]
-    air, (stiffness, mass) = AirLoad.of(equilibrium), assemble_pencil(equilibrium, q)
+    air, (stiffness, mass) = AirLoad.from_equilibrium(equilibrium), assemble_pencil(equilibrium, q)
     frequencies = np.array([90.0, 480.0])
     found = respond(solution, frequencies)
     for i, omega in enumerate(2.0 * np.pi * frequencies):
@@ -66,7 +66,7 @@ def test_only_stretching_has_losses() -> None:
     resist: K_e x = 0 of deflections, and K_e x = K x - N laplace x of the others."""
     solution = on_mesh(TRIANGLE.with_(**{"load.force_N": 0.0, "film.loss_tangent": 0.1}))
     equilibrium, q, _ = factorise_tangent(solution.discrete)
-    full, space = MotionEquations.of(equilibrium, q), equilibrium.space
+    full, space = MotionEquations.linearize(equilibrium, q), equilibrium.space
     tension = equilibrium.film.prestress[0] * equilibrium.film.thickness
     laplace = tension * equilibrium.assembly.matrix(space.laplace())
     step = np.random.default_rng(1).standard_normal(len(q))

@@ -68,7 +68,7 @@ def test_errors_are_of_the_right_size(scene, tolerance):
     assert np.max(stated) <= 20.0 * np.max(true)
 
 
-def test_shapes_are_bessel_functions():
+def test_shapes_are_bessel_evaluate_functions():
     """Axisymmetric modes J0(j0n r/a), scaled to 1 at the centre; none moves in the plane."""
     found = modes(Scene().with_(**{"numerics.tolerance": 1e-4}))
     radius = np.linalg.norm(found.basis.doflocs, axis=0) / found.scene.film.radius

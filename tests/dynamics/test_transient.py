@@ -19,7 +19,7 @@ def test_a_tap_against_direct_integration():
     """M x'' + K x = f F(t) of the reduced equations with air, in small steps of a linear force."""
     solution, times = on_mesh(TRIANGLE.with_(air={"baffle": False})), np.linspace(0.0, 12e-3, 4001)
     found = transient(solution, TAP, times, highest_Hz=800.0)
-    system = linearize_about(solution)[0].reduced(np.linspace(0.0, 800.0, 24))
+    system = linearize_about(solution)[0].reduce(np.linspace(0.0, 800.0, 24))
     none, one = np.zeros_like(system.stiffness), np.eye(len(system.force))
     rate = np.block([[none, one], [-system.stiffness, none]])
     force = FORCE * np.sin(np.pi * times / DURATION) * (times < DURATION)

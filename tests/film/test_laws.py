@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pvdf_fem import Scene
 from pvdf_fem.film.laws.laminate import LAWS
+from pvdf_fem.film.laws.law import Law
 from pvdf_fem.film.laws.neo_hookean import NeoHookean
 from pvdf_fem.film.laws.tension_field import TensionField
 from pvdf_fem.scene.film import compute_plane_stress_stiffness
@@ -42,6 +44,49 @@ def test_stress_and_moduli_are_derivatives(kind, material):
     assert close((stress * step).sum(axis=1), differences(law.energy))
     assert close(change, differences(law.stress))
     assert close(law.stress(strain + 1e-20j * step, rest).imag / 1e-20, change)
+
+
+class Wrapped:
+    """Holds the law of which a test takes the energy or the stress alone."""
+
+    def __init__(self, stiffness):
+        super().__init__(stiffness)
+        self.solid = NeoHookean(stiffness)
+
+
+class ByEnergy(Wrapped, Law):
+    def energy(self, strain, prestrain):
+        return self.solid.energy(strain, prestrain)
+
+
+class ByStress(Wrapped, Law):
+    def stress(self, strain, prestrain):
+        return self.solid.stress(strain, prestrain)
+
+
+@pytest.mark.parametrize("law_class", [ByEnergy, ByStress])
+def test_an_energy_or_a_stress_makes_a_law(law_class):
+    """The rest follows by complex steps, and along a path; second derivatives of an energy by
+    differences."""
+    solid, law = (kind(MATERIALS["isotropic"]) for kind in (NeoHookean, law_class))
+    strain, rest, step = 0.1 * np.random.default_rng(3).uniform(-1.0, 1.0, (3, 50, 3))
+    np.testing.assert_allclose(law.stress(strain, rest), solid.stress(strain, rest), atol=1e-14)
+    exact = 1e-13 if law_class is ByStress else 1e-9
+    moduli = solid.moduli(strain, rest)
+    np.testing.assert_allclose(law.moduli(strain, rest), moduli, atol=exact)
+    rate = law.stress(strain + 1e-20j * step, rest).imag / 1e-20
+    np.testing.assert_allclose(rate, np.matmul(moduli, step[..., None])[..., 0], atol=exact)
+    since_flat = [one.energy(strain, rest) - one.energy(0.0 * strain, rest) for one in (law, solid)]
+    np.testing.assert_allclose(*since_flat, rtol=1e-10)
+    film = Scene().with_(**{"film.pretension_N_m": 50.0}).film
+    kinds = law_class, NeoHookean
+    found = [kind(film.stiffness).compute_prestrain(film) for kind in kinds]
+    np.testing.assert_allclose(*found, rtol=1e-9)
+
+
+def test_a_law_without_energy_and_stress_is_refused():
+    with pytest.raises(TypeError, match="give one of both"):
+        type("Empty", (Law,), {})
 
 
 def green(F):

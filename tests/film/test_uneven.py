@@ -50,7 +50,7 @@ def test_heat_spreads_beside_a_disc_as_the_equation_of_heat_says():
     matrix += np.diag(np.append(1.0 - 0.5 * h / r[1:-1], 2.0), -1)
     cold = expm(6e-8 / h**2 * matrix[1:, 1:]) @ np.ones(200)
     disc = Scene().with_(probe={"shape": "circle", "radius_mm": 2.0, **WARM})
-    found = UnevenStrain.of(disc).temperature(np.column_stack([r, 0.0 * r])) / 10.0
+    found = UnevenStrain.from_scene(disc).temperature(np.column_stack([r, 0.0 * r])) / 10.0
     assert found == pytest.approx(1.0 - np.append(0.0, cold), abs=2e-3)
 
 

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from pvdf_fem import Scene
-from pvdf_fem.inverse.calibration import reading_model as model
-from pvdf_fem.inverse.calibration.parameters import read_parameter
+from pvdf_fem.inverse.calibration import reading_model
+from pvdf_fem.inverse.calibration.parameters import get_parameter
 from pvdf_fem.inverse.calibration.touch_table import TOUCH_KEYS
 from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.outlines.polygon import make_triangle_corners
@@ -52,7 +52,7 @@ def forces(at):
 def solved(problem):
     """Return what a calibration uses of a solution."""
     scene = problem.scene
-    at = np.array([read_parameter(scene, key) for key in KEYS])
+    at = np.array([get_parameter(scene, key) for key in KEYS])
     return SimpleNamespace(
         at=at,
         status=Status.CONVERGED,
@@ -77,9 +77,9 @@ def rest(problem, required):
 
 def made_up(patch):
     """Let calibrations solve the made-up sensor."""
-    patch.setattr(model, "solve_outputs", solved)
-    patch.setattr(model, "compute_integral_rates", rates)
-    patch.setattr(model, "compute_unloaded_integrals", rest)
+    patch.setattr(reading_model, "solve_outputs", solved)
+    patch.setattr(reading_model, "compute_integral_rates", rates)
+    patch.setattr(reading_model, "compute_unloaded_integrals", rest)
 
 
 def drawn(count, place_sd, seed):
@@ -96,7 +96,7 @@ def made(count=24, sigma=0.0, place_sd=0.0, seed=1, true=TRUE):
     places, moved, rotations, forces_N, rng = drawn(count, place_sd, seed)
     stage = Stage(**{key[6:]: value for key, value in true.items() if key.startswith("stage.")})
     on_film, turned = stage.to_film(moved, rotations)
-    tension, d = true["film.pretension_N_m"], [read_parameter(SCENE, key) for key in COEFFICIENTS]
+    tension, d = true["film.pretension_N_m"], [get_parameter(SCENE, key) for key in COEFFICIENTS]
     touches = np.column_stack([on_film, turned, forces_N, np.full(count, tension)])
     charges = np.array([(forces(at) - 0.5 * tension) @ d for at in touches])
     gains = np.array([true.get(f"gain.{name}", 1.0) for name in NAMES])

@@ -33,8 +33,8 @@ def gaussians(places, centres):
 def circles():
     """A map of made-up charges, and the electrodes' centres."""
     centres = np.array([1e3 * e.outline.centroid for e in SCENE.electrode_list])
-    asked = MapPlaces(SCENE, 8.0, 2.5)
-    return ChargeMap.of(asked, gaussians(asked.places_mm, centres)), centres
+    map_places = MapPlaces(SCENE, 8.0, 2.5)
+    return ChargeMap.fit(map_places, gaussians(map_places.places_mm, centres)), centres
 
 
 def test_a_map_has_charges_whose_logarithms_are_quadratic(circles):
@@ -50,10 +50,10 @@ def test_a_map_has_charges_whose_logarithms_are_quadratic(circles):
 
 
 def test_charges_of_both_signs_are_interpolated_themselves():
-    asked = MapPlaces(SCENE, 8.0, 2.5)
-    x, y = asked.places_mm.T
-    charge_map = ChargeMap.of(asked, np.stack([x, y, x + y, x * y], axis=1))
-    found = charge_map.charges(np.array([[1.0, -2.0]]))
+    map_places = MapPlaces(SCENE, 8.0, 2.5)
+    x, y = map_places.places_mm.T
+    charge_map = ChargeMap.fit(map_places, np.stack([x, y, x + y, x * y], axis=1))
+    found = charge_map.interpolate(np.array([[1.0, -2.0]]))
     np.testing.assert_allclose(found, [[1.0, -2.0, -1.0, -2.0]], atol=1e-9)
 
 
@@ -62,28 +62,28 @@ def test_a_touch_is_found_by_contours_and_by_least_squares(circles):
     contours = Contours(charge_map)
     touch = np.array([[2.0, 1.3]])
     charges = dict(zip("ABCD", gaussians(touch, centres)[0].tolist(), strict=True))
-    line = contours.line("A", charges["A"])
+    line = contours.trace("A", charges["A"])
     around = np.linalg.norm(shapely.get_coordinates(line) - centres[0], axis=1)
     np.testing.assert_allclose(around, np.linalg.norm(touch - centres[0]), atol=2e-3)
-    triangles = contours.triangles(charges)
+    triangles = contours.find_triangles(charges)
     assert len(triangles) == 4
     for corners in triangles.values():
         np.testing.assert_allclose(corners, np.tile(touch, (3, 1)), atol=5e-3)
-    np.testing.assert_allclose(contours.place_mm(charges), touch[0], atol=5e-3)
-    assert np.isnan(contours.place_mm({**charges, "A": 5000.0, "B": 5000.0})).all()
+    np.testing.assert_allclose(contours.locate(charges), touch[0], atol=5e-3)
+    assert np.isnan(contours.locate({**charges, "A": 5000.0, "B": 5000.0})).all()
     found = locate(charge_map, charges, unknown=("x_mm", "y_mm")).best
     np.testing.assert_allclose([found.x_mm, found.y_mm], touch[0], atol=1e-4)
 
 
 def test_a_map_agrees_with_fresh_solves_to_the_edge_of_its_disc():
-    asked = MapPlaces(SCENE, 8.0)
-    records = solve_scenes(asked.scenes, processes=1)
+    map_places = MapPlaces(SCENE, 8.0)
+    records = solve_scenes(map_places.scenes, processes=1)
     charges = np.array([list(r.charges_pC(8.0, 8.0).values()) for r in records])
-    charge_map = ChargeMap.of(asked, charges)
+    charge_map = ChargeMap.fit(map_places, charges)
     for place in ([1.0, 0.7], 8.0 * np.array([np.cos(0.3), np.sin(0.3)])):
         at = {"probe.x_mm": float(place[0]), "probe.y_mm": float(place[1])}
         fresh = list(solve(SCENE.with_(**at, **{"numerics.tolerance": 1e-3})).charges_pC.values())
-        found = charge_map.charges(np.array([place]))[0]
+        found = charge_map.interpolate(np.array([place]))[0]
         np.testing.assert_allclose(found, fresh, rtol=3e-3 + 3.0 * charge_map.error_bound)
     assert charge_map.error_bound < 5e-3
 
@@ -96,8 +96,8 @@ def test_rings_share_solves_by_the_symmetry_of_the_probe():
 
 
 def test_a_map_without_enough_charges_is_refused():
-    asked = MapPlaces(SCENE, 8.0, 4.0)
-    charges = np.full((len(asked.places_mm), 4), 100.0)
+    map_places = MapPlaces(SCENE, 8.0, 4.0)
+    charges = np.full((len(map_places.places_mm), 4), 100.0)
     charges[::4] = np.nan
     with pytest.raises(ValueError, match="charges"):
-        ChargeMap.of(asked, charges)
+        ChargeMap.fit(map_places, charges)

@@ -26,11 +26,11 @@ def readings(tmp_path, table, **keys):
 def test_a_row_is_a_scene(tmp_path):
     table = "x_mm; load.force_N; film.thickness_um; A\n1,5; 2; 9; 100,25\n-3; ; 25; 80\n"
     found = readings(tmp_path, table, set={"film": {"d31_pC_N": 18.0}}, reading="total")
-    one, two = found.scenes(SCENE)
+    one, two = found.make_scenes(SCENE)
     assert (one.probe.x_mm, one.load.force_N, one.film.thickness_um) == (1.5, 2.0, 9.0)
     assert (two.probe.x_mm, two.load.force_N, two.film.d31_pC_N) == (-3.0, 1.0, 18.0)
     assert found.names == ("A",)
-    charges = found.charges([one, two], ["A", "B"], "total")
+    charges = found.get_charges([one, two], ["A", "B"], "total")
     np.testing.assert_array_equal(charges, [[100.25, np.nan], [80.0, np.nan]])
 
 
@@ -40,9 +40,9 @@ def test_a_file_is_read_beside_the_script(tmp_path, row):
     tmp_path.joinpath("touches.csv").write_text(row, encoding="utf-8")
     source = DataSource(file="touches.csv", reading="total")
     found = read_data("touches", source, SCENE, tmp_path)
-    [scene] = found.scenes(SCENE)
+    [scene] = found.make_scenes(SCENE)
     assert scene.probe.x_mm == 1.5
-    assert found.charges([scene], ["A"], "total") == pytest.approx(100.25)
+    assert found.get_charges([scene], ["A"], "total") == pytest.approx(100.25)
 
 
 def test_voltages_are_charges_through_the_channels(tmp_path):
@@ -52,19 +52,19 @@ def test_voltages_are_charges_through_the_channels(tmp_path):
     volts = [c.reading(q) for c, q in zip(make_channels(SCENE), change, strict=True)]
     table = "x_mm,A,B,C,D\n1," + ",".join(f"{float(v)!r}" for v in volts)
     found = readings(tmp_path, table, unit="V")  # changes, as the scene's readout reads them
-    scenes = found.scenes(SCENE)
+    scenes = found.make_scenes(SCENE)
     for names in ("ABCD", "B"):
         columns = ["ABCD".index(name) for name in names]
         for reading, known in (("total", charges), ("change", charges - rest)):
-            found_pC = found.charges(scenes, list(names), reading)
+            found_pC = found.get_charges(scenes, list(names), reading)
             np.testing.assert_allclose(found_pC, known[:, columns])
 
 
 def test_where_keeps_rows_and_labels_name_them(tmp_path):
     table = "case,x_mm,A\none,1,100\ntwo,2,90\nten,3,80\n"
     found = readings(tmp_path, table, labels=["case"], where={"case": ["one", "ten"]})
-    assert found.row_names() == ["one", "ten"]
-    assert [scene.probe.x_mm for scene in found.scenes(SCENE)] == [1.0, 3.0]
+    assert found.make_row_names() == ["one", "ten"]
+    assert [scene.probe.x_mm for scene in found.make_scenes(SCENE)] == [1.0, 3.0]
 
 
 def test_changes_are_of_the_rest_that_was_solved_with_a_record():
@@ -73,9 +73,11 @@ def test_changes_are_of_the_rest_that_was_solved_with_a_record():
     keys = {"film.radius_mm": 20.0, "electrodes.ring_radius_mm": 8.0, "numerics.tolerance": 1e-2}
     scene = SCENE.with_(**keys, **{"film.patches": [{**patch, "youngs_modulus_GPa": 3.0}]})
     scene = scene.model_copy(update={"readout": None})
-    solved, names = ReportResults({scene: solve_scenes([scene], processes=1)[0]}), ["C", "A"]
+    results = ReportResults({scene: solve_scenes([scene], processes=1)[0]})
+    names = ["C", "A"]
     fresh = solve(scene)
     for reading, charges in {"total": fresh.charges_pC, "change": fresh.charge_changes_pC}.items():
         expected = [[charges[name] for name in names]]
-        np.testing.assert_allclose(solved.charges([scene], names, reading), expected, rtol=1e-9)
+        found = results.get_charges([scene], names, reading)
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
     assert fresh.charges_pC["A"] - fresh.charge_changes_pC["A"] > 1.0

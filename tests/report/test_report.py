@@ -17,7 +17,7 @@ from pvdf_fem import Report, Scene, solve, uncertainty
 from pvdf_fem.batch import batch as sweep
 from pvdf_fem.cli.main import main
 from pvdf_fem.report.kind import Kind
-from pvdf_fem.report.page import LONG_TABLE
+from pvdf_fem.report.page import MAX_OPEN_ROWS
 from pvdf_fem.report.registry import load_kinds
 from pvdf_fem.report.results import NothingToShowError
 from tests.helpers.browsers import browser_or_skip, faults_of
@@ -112,7 +112,7 @@ class Square(Kind):
     kind: Literal["square"]
     side_mm: float
 
-    def compose(self, inputs, solved):
+    def compose(self, inputs, results):
         raise NothingToShowError("is too small") if self.side_mm < 0.0 else ZeroDivisionError
 
 
@@ -180,12 +180,12 @@ class Told(Kind):
     log: str
     claim: str = ""
 
-    def tasks(self, inputs):
+    def list_tasks(self, inputs):
         return [Count(inputs.scene, Word(word), self.log) for word in self.words]
 
-    def compose(self, inputs, solved):
-        rows = [row for task in self.tasks(inputs) for row in solved.rows(task)]
-        return Content("", pd.DataFrame(rows), shown=pd.DataFrame(rows), claim=self.claim)
+    def compose(self, inputs, results):
+        rows = [row for task in self.list_tasks(inputs) for row in results.get_rows(task)]
+        return Content("", pd.DataFrame(rows), table=pd.DataFrame(rows), claim=self.claim)
 """
 
 
@@ -279,7 +279,7 @@ def test_a_report_that_was_killed_goes_on_to_the_same_page(tmp_path, counted, mo
 
 def test_pages_are_readable_on_screens_and_in_print(made, counted):
     """No text is cut or hidden, and print shows what is folded, and no links to places."""
-    words = ["a" * (i + 1) for i in range(LONG_TABLE + 1)]
+    words = ["a" * (i + 1) for i in range(MAX_OPEN_ROWS + 1)]
     assert counted.make({"words": words, "title": "A folded table"}) == 0
     page, planted = counted.out / "index.html", counted.out / "planted.html"
     cut = "<p style='width: 5em; overflow: hidden; white-space: nowrap'>words are cut</p>"

@@ -26,8 +26,8 @@ COARSE = {"numerics.tolerance": 1e-2}
 def made(kind, **keys):
     """What a kind composes of tasks that were run, and of scenes that were solved."""
     item = load_kinds(kinds_file("accuracy"))[kind](kind=kind, **keys)
-    rows = {compute_key(task): task.run() for task in item.tasks(INPUTS)}
-    scenes = item.scenes(INPUTS)
+    rows = {compute_key(task): task.run() for task in item.list_tasks(INPUTS)}
+    scenes = item.list_scenes(INPUTS)
     records = dict(zip(scenes, solve_scenes(scenes, processes=1), strict=True))
     return item.compose(INPUTS, ReportResults({**records, **rows}))
 
@@ -55,7 +55,7 @@ def test_errors_are_relative_and_told_by_what_is_known_well_enough():
 def test_true_errors_stand_against_time_and_failures_stand_aside():
     content = made("error-vs-time", only=["disc of 5 mm", "rectangle"])
     assert content.frame.true.max() < 1e-3
-    assert content.shown["within it"].tolist() == ["2 of 2", "2 of 2"]
+    assert content.table["within it"].tolist() == ["2 of 2", "2 of 2"]
     assert content.claim
     (row,) = Timed(Scene().with_(**{"probe.shape": "circle", "numerics.max_unknowns": 100})).run()
     assert (row["status"], "charge_pC" in row) == ("tolerance_not_reached", False)
@@ -65,11 +65,11 @@ def test_stated_errors_are_counted_by_groups():
     content = made("stated-errors", only=["disc of 5 mm"])
     told = content.frame[content.frame.telling]
     assert set(content.frame.group) == {"cases", *list(KINDS)[:2]}
-    assert content.shown.scenes.tolist() == [*told.group.unique(), "all"]
+    assert content.table.scenes.tolist() == [*told.group.unique(), "all"]
     ratio = told.stated / told.true
     good = 100.0 * ((ratio >= 0.3) & (ratio < 3.0)).mean()
-    assert content.shown["0.3 to 3"].tolist()[-1] == f"{good:.0f} %"
-    assert int(content.shown.charges.tolist()[-1]) == len(told) > 3
+    assert content.table["0.3 to 3"].tolist()[-1] == f"{good:.0f} %"
+    assert int(content.table.charges.tolist()[-1]) == len(told) > 3
 
 
 def test_a_sweep_has_fewer_solves_than_scenes():

@@ -22,8 +22,8 @@ SEED = 2026
 def test_every_law_holds_to_rounding():
     plan = script("stability").plan
     (laws,) = (item.kind for item in plan.items if getattr(item.kind, "laws", ()))
-    inputs, _ = plan.needs()
-    for law, task in zip(laws.laws, laws.tasks(inputs), strict=True):
+    inputs, _ = plan.collect_requirements()
+    for law, task in zip(laws.laws, laws.list_tasks(inputs), strict=True):
         assert isinstance(task, Law)
         assert task.run()[0]["ratio"] == pytest.approx(law.ratio, rel=3e-7)
 

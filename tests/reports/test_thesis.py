@@ -30,7 +30,7 @@ def test_203_of_222_printed_charges_count(report):
 def test_previews_of_reports_are_small(name):
     plan, counts = reports.script(name).plan, []
     for how in ({"quick": True}, {}, {"full": True}):
-        _, needed = plan.needs(**how)
+        _, needed = plan.collect_requirements(**how)
         counts.append(len({compute_key(task) for need in needed for task in need.tasks}))
     preview, usual, full = counts
     assert 0 < preview <= usual <= full
@@ -39,7 +39,7 @@ def test_previews_of_reports_are_small(name):
 
 def test_charges_of_each_kind_of_scene_are_within_2_percent(report):
     readings = report.plan.data["charges"]
-    scenes = readings.scenes(report.plan.scene)
+    scenes = readings.make_scenes(report.plan.scene)
     kinds = readings.frame.groupby(["probe.shape", "electrodes.layout"]).head(1).index
     assert len(kinds) == 4
     for row in kinds:
@@ -60,16 +60,16 @@ def test_links_of_texts_lead_to_figures_and_files(report):
 
 @pytest.mark.slow
 def test_what_is_special_is_made_in_a_preview(report):
-    inputs, needed = report.plan.needs(quick=True)
+    inputs, needed = report.plan.collect_requirements(quick=True)
     own = [need for need in needed if need.tasks or need.item.name == "contents"]
     assert len(own) == 4
     tasks = {compute_key(task): task for need in own for task in need.tasks}
-    solved = ReportResults({name: task.run() for name, task in tasks.items()})
-    made = {need.item.name: need.item.kind.compose(inputs, solved) for need in own}
+    results = ReportResults({name: task.run() for name, task in tasks.items()})
+    made = {need.item.name: need.item.kind.compose(inputs, results) for need in own}
     for content in made.values():
         assert not content.frame.astype(str).isin(["nan"]).any(axis=None)
         assert "{" not in content.frame.to_csv()
-    assert "<a href=" in made["contents"].shown.to_csv()
+    assert "<a href=" in made["contents"].table.to_csv()
     effects = made["effects"].frame.set_index(["probe", "effect"])
     # a tape over A takes more than half of its charge; d33 adds to the electrode under the probe
     assert effects.A_percent["beside A", "tape over each electrode"] < -50.0
@@ -85,7 +85,7 @@ from pvdf_fem.report.kind import Content, Kind
 class Found(Kind):
     kind: Literal["found"]
 
-    def compose(self, inputs, solved):
+    def compose(self, inputs, results):
         return Content("", pd.DataFrame(dict(a=[1])), claim="{claim}")
 """
 

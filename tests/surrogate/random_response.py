@@ -20,7 +20,7 @@ def response() -> Response:
     axis = UniformAxis(-10.0, 4.0, 6)
     axes = axis, axis, UniformAxis(0.0, 30.0, 4, periodic=True)
     values = np.random.default_rng(2).normal(size=(6, 6, 4, 4 * 4))
-    spline = UniformSpline.through(axes, values, np.float32)
+    spline = UniformSpline.interpolate(axes, values, np.float32)
     return Response(Scene.example("triangle"), Domain(8.0, (0.1, 5.0)), 1e-4, spline)
 
 

@@ -41,17 +41,17 @@ def stress(place, centre, seen):
 def test_charges_of_a_polynomial_stress(shape):
     """It is given in the probe's frame at few places, and integrated in the film's at others."""
     scene = PROBES[shape]
-    places = CentreGrid.of(scene.probe, 10.0, 2)
+    places = CentreGrid.for_probe(scene.probe, 10.0, 2)
     raster = PolarGrid(26.0, 0.5, 30 * places.angles, 20.0)
     fields = []
-    for x, y, _ in places.unique_places:
+    for x, y, _ in places.probe_positions:
         centre = np.array([-x, -y])
         field = stress(raster.samples_mm - centre, centre, raster.samples_mm)
-        fields.append(raster.means(np.stack([field, 3.0 * field])))
-    charges = StressModes.of(places, raster, fields)
+        fields.append(raster.average_along_rays(np.stack([field, 3.0 * field])))
+    charges = StressModes.decompose(places, raster, fields)
     outlines = [electrode.outline for electrode in scene.electrode_list]
     positions = np.array([[2.0, 1.0], [-5.0, 6.0], [9.0, 1.0]])
-    found = charges.charges_pC(outlines, positions, 0.7, (18.0, 2.0), at_once=1)
+    found = charges.compute_charges_pC(outlines, positions, 0.7, (18.0, 2.0), at_once=1)
     node, weight = np.polynomial.legendre.leggauss(4)
     square = 1.5 * np.stack(np.meshgrid(node, node), axis=-1)
     for position, values in zip(positions, found, strict=True):
@@ -66,7 +66,7 @@ def test_charges_of_a_polynomial_stress(shape):
 
 def test_interpolation_over_the_rim_is_exact_for_polynomials():
     """Of the place, and of low order in twice the rotation."""
-    places = CentreGrid.of(PROBES["rectangle"].probe, 10.0, 3, 5)
+    places = CentreGrid.for_probe(PROBES["rectangle"].probe, 10.0, 3, 5)
     centres = np.random.default_rng(1).uniform(-6.0, 6.0, (9, 2))
 
     def polynomial(c, rotation):
@@ -75,7 +75,7 @@ def test_interpolation_over_the_rim_is_exact_for_polynomials():
 
     turns = np.radians(places.rotations_deg)[:, None, None]
     known = polynomial(places.centres_mm, turns)
-    found = np.tensordot(places.weights(centres, 0.3), known, axes=3)
+    found = np.tensordot(places.compute_weights(centres, 0.3), known, axes=3)
     assert found == pytest.approx(polynomial(centres, 0.3), abs=1e-12)
 
 
@@ -93,7 +93,7 @@ def test_values_and_gradients_are_those_of_the_cubic_spline():
     draw = np.random.default_rng(4)
     values = draw.normal(size=(8, 12, 2))
     points = draw.uniform([-2.0, -400.0], [1.5, 800.0], size=(519, 2))  # in two parts
-    found = UniformSpline.through(AXES, values).with_gradient(points)
+    found = UniformSpline.interpolate(AXES, values).evaluate_with_gradient(points)
     for i, orders in enumerate([(0, 0), (1, 0), (0, 1)]):
         expected = [scipy_values(values, point, orders) for point in points]
         np.testing.assert_allclose(found[:, i], expected, atol=1e-11)
@@ -132,7 +132,7 @@ def test_a_touch_outside_is_refused_among_few_and_many(touch, others):
         ({"load.profile": "hertz"}, {}, "load.profile"),
         ({"film.rim_displacement_um": [1.0]}, {}, "rim_displacement_um"),
         ({"numerics.observable": "thesis-edge"}, {}, "take 'material'"),
-        ({}, {"reach_mm": 40.0}, "reach_mm: 40"),
+        ({}, {"reach_mm": 40.0}, "reach_mm = 40"),
         ({"probe.radius_mm": 44.0}, {"reach_mm": 1.0}, "smaller probe"),
         ({}, {"force_N": (0.0, 1.0)}, "force_N"),
     ],

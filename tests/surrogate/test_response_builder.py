@@ -41,8 +41,8 @@ def assert_true(made, tolerance):
     tolerance; returns the full solves of these touches."""
     touches = draw_touches(made.domain, 3, seed=9)
     found = TaskRunner(1).run(make_solve_tasks(made.scene, touches, 2e-4, share=1.0))
-    solved = ValidationSolves.of(touches, [*found])
-    errors, _ = solved.relative_errors(made.scene.film, made.evaluate(solved.touches)[0])
+    solved = ValidationSolves.collect(touches, [*found])
+    errors, _ = solved.compute_relative_errors(made.scene.film, made.evaluate(solved.touches)[0])
     assert errors.max() < made.error_bound < tolerance
     return solved
 
@@ -67,7 +67,7 @@ def test_a_tip_is_true_to_the_solver_and_located():
     options = ResponseOptions(error=5e-2, validation_touches=3, max_builds=1)
     made = build_response(SPHERE, 3.0, (0.6, 1.2), 2e-2, 1, options=options)
     solved = assert_true(made, 2e-2)
-    charges = solved.forces @ [SPHERE.film.d31_pC_N, SPHERE.film.d32_pC_N]
+    charges = solved.integrals @ [SPHERE.film.d31_pC_N, SPHERE.film.d32_pC_N]
     for (x, y, _, force), row in zip(solved.touches, charges, strict=True):
         location = locate(made, dict(zip(made.names, row.tolist(), strict=True)))
         assert "rotation_deg" not in location.unknown
@@ -139,22 +139,22 @@ def test_options_become_finer_until_the_tolerance_is_met(tmp_path, monkeypatch):
     made = build_response(DISC, options=COARSE, file=path, **how)
     solved = made.validation
     assert len(solved.touches) == 3
-    errors, stated = solved.relative_errors(DISC.film, made.evaluate(solved.touches)[0])
+    errors, stated = solved.compute_relative_errors(DISC.film, made.evaluate(solved.touches)[0])
     assert made.error_bound == pytest.approx(5.0 * errors.max() + stated)
     assert made.error_bound > made.tolerance == 2e-3
     assert (made.status, len(made.remarks)) == (Status.TOLERANCE, 2)
     assert Response.load(path).remarks == made.remarks
     again = build_response(DISC, options=replace(COARSE, max_builds=3), **how)
     assert again.error_bound < 2e-3
-    assert again.stress_modes.raster.step_mm < made.stress_modes.raster.step_mm
+    assert again.stress_modes.polar_grid.step_mm < made.stress_modes.polar_grid.step_mm
 
 
 def test_a_build_ends_where_most_touches_have_no_solution():
     touches, forces = draw_touches(Domain(3.0, (0.8, 1.6)), 4), StressIntegrals(*np.ones((2, 1, 2)))
-    half = ValidationSolves.of(touches, ["fails", forces, forces, "fails"])
+    half = ValidationSolves.collect(touches, ["fails", forces, forces, "fails"])
     np.testing.assert_array_equal(half.touches, touches[1:3])
     with pytest.raises(NotConvergedError):
-        ValidationSolves.of(touches, ["fails", forces, "fails", "fails"])
+        ValidationSolves.collect(touches, ["fails", forces, "fails", "fails"])
 
 
 def test_keys_are_of_mechanics_domain_tolerance_and_code(monkeypatch):

@@ -7,9 +7,15 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from pvdf_fem.cli import program, response_model
-from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, read_scene
-from pvdf_fem.cli.response_model import ModelChoice, model_of, positive
+from pvdf_fem.cli import program, response_choice
+from pvdf_fem.cli.program import (
+    ExitCode,
+    InputError,
+    add_scene_command,
+    add_text_options,
+    read_scene,
+)
+from pvdf_fem.cli.response_choice import ResponseChoice, load_or_build_response, parse_number
 
 _DESCRIPTION = """\
 Random touches of a sensor, with the charges of its electrodes, a bound on the
@@ -38,7 +44,7 @@ def add_to(commands: Any) -> None:
     """Add the command to the commands of an argument parser."""
     about = "random touches with readings", _DESCRIPTION, _EPILOG
     parser = add_scene_command(commands, "dataset", run, *about, as_json="")
-    add_texts(
+    add_text_options(
         parser,
         ("--touches", "N", "100000", "how many touches"),
         ("--seed", "N", "0", "equal seeds draw equal touches and equal noise"),
@@ -52,15 +58,15 @@ def add_to(commands: Any) -> None:
     )
     output = "file to write: .nc, .parquet or .csv"
     parser.add_argument("--output", metavar="FILE", type=Path, required=True, help=output)
-    response_model.add_options(parser)
+    response_choice.add_options(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the command; returns its exit code."""
     wrong: list[str] = []
-    sigma, noise = positive("--sigma", options.sigma, wrong, zero=True), options.noise
-    noise = None if noise is None else positive("--noise", noise, wrong, zero=True)
-    choice = ModelChoice.of(options, wrong)
+    sigma, noise = parse_number("--sigma", options.sigma, wrong, zero=True), options.noise
+    noise = None if noise is None else parse_number("--noise", noise, wrong, zero=True)
+    choice = ResponseChoice.of(options, wrong)
     wrong += program.find_output_errors(
         options.output, [".nc", ".parquet", ".csv"], Path(options.scene), options.model
     )
@@ -73,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
     wrong = [*find_request_errors(scene, count, seed, sigma, noise, options.reading)]
     if wrong := [*wrong, *choice.mistakes(scene, options.scene)]:
         raise InputError(*wrong)
-    model = model_of(scene, options.scene, choice)
+    model = load_or_build_response(scene, options.scene, choice)
     how: dict[str, Any] = {"noise_pC": noise, "reading": options.reading, "response": model}
     write_dataset(dataset(scene, count, seed, sigma, **how), options.output)
     print(f"{options.output}: {count} touches, readings of {', '.join(model.names)}")

@@ -8,9 +8,15 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli import program, response_model
-from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, read_scene
-from pvdf_fem.cli.response_model import ModelChoice, model_of, positive
+from pvdf_fem.cli import program, response_choice
+from pvdf_fem.cli.program import (
+    ExitCode,
+    InputError,
+    add_scene_command,
+    add_text_options,
+    read_scene,
+)
+from pvdf_fem.cli.response_choice import ResponseChoice, load_or_build_response, parse_number
 from pvdf_fem.files import replace_file
 from pvdf_fem.scene.scene_file import SceneError, parse_change
 
@@ -62,7 +68,7 @@ def add_to(commands: Any) -> None:
         default=[],
         help="a key with its values, such as electrodes.count=4,6,8; may be given several times",
     )
-    add_texts(
+    add_text_options(
         parser,
         ("--noise", "SHARE", "0.01", "standard deviation of a reading over the charge"),
         ("--noise-pC", "PC", None, "another one besides (default: readout.noise_V, or 0)"),
@@ -70,7 +76,7 @@ def add_to(commands: Any) -> None:
     )
     output = "file to write: .nc, or .csv without the maps"
     parser.add_argument("--output", metavar="FILE", type=Path, help=output)
-    response_model.add_options(parser, tolerance="1e-2")
+    response_choice.add_options(parser, tolerance="1e-2")
     program.add_plot(parser, "the deviations, and the map of the best design")
 
 
@@ -81,11 +87,11 @@ def run(options: argparse.Namespace) -> int:
     vary = dict(varied)
     if len(vary) < len(varied):
         wrong.append("--vary: has a key twice; give all its values at once")
-    asked: dict[str, Any] = {"sigma": positive("--noise", options.noise, wrong, zero=True)}
+    asked: dict[str, Any] = {"sigma": parse_number("--noise", options.noise, wrong, zero=True)}
     for name, text in (("noise_pC", options.noise_pC), ("step_mm", options.step)):
         option = f"--{name.replace('_', '-').removesuffix('-mm')}"
-        asked[name] = None if text is None else positive(option, text, wrong, zero=True)
-    choice = ModelChoice.of(options, wrong)
+        asked[name] = None if text is None else parse_number(option, text, wrong, zero=True)
+    choice = ResponseChoice.of(options, wrong)
     wrong += program.find_output_errors(options.output, [".nc", ".csv"], options.scene)
     wrong += program.find_plot_errors(options, options.scene, options.output)
     scene = read_scene(options, *wrong)
@@ -105,7 +111,7 @@ def run(options: argparse.Namespace) -> int:
         def models(film: Any) -> Any:
             if film == films[0]:  # whatever is wrong has been told
                 print(designs, file=sys.stderr)
-            return model_of(film, options.scene, choice, as_kept=True)
+            return load_or_build_response(film, options.scene, choice, as_kept=True)
 
         asked["response"] = models
         data = design(scene, vary, progress=options.progress, **asked)

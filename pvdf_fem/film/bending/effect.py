@@ -1,8 +1,8 @@
 """Change by bending: an upper estimate from dimensionless numbers, before any solve.
 
-Bending acts within the length l = sqrt(D/N) of an edge, D = h^3/12 C the film's bending stiffness
-and N its tension. The tension is that of `pvdf_fem.film.point_load`; (N - N0)/N is the part of an
-electrode's charge that the load makes. Of that part
+Bending acts within the length l = sqrt(D/N) of an edge, with D = h^3/12 C the film's bending
+stiffness and N its tension. The tension is that of `pvdf_fem.film.point_load`; (N - N0)/N is the
+part of an electrode's charge that the load makes. Of that part
 
 - the clamped rim, which moves inwards by l, changes about l/a, more for an electrode far from the
   film's centre and for a probe near the rim;
@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,13 +36,15 @@ from pvdf_fem.scene.scene import LoadedProbe, Scene
 class BendingFit:
     """Factors of the changes by bending, fitted to random scenes."""
 
-    #: rim_at_centre, rim_outside: Change over l/a by the rim for an electrode at the film's centre,
-    #: and what the square of an electrode's distance over the film's radius adds to it.
+    #: Change over l/a by the rim, for an electrode at the film's centre.
     rim_at_centre: float = 0.4
+    #: What the square of an electrode's distance over the film's radius adds to `rim_at_centre`.
     rim_outside: float = 4.0
     probe: float = 0.4  #: Change over l/b, or (l/b)^2, by the probe.
-    even: float = 0.1  #: Least part of what is unlike along x and y, beside a layer.
-    least_gap: float = 0.1  #: Distance of a probe that touches the rim, over the probe's radius.
+    #: Least difference between the effects of strain along x and y, beside a layer.
+    even: float = 0.1
+    #: Distance from the rim that counts for a probe at the rim, over the probe's radius.
+    least_gap: float = 0.1
 
 
 FIT = BendingFit()
@@ -49,20 +52,18 @@ FIT = BendingFit()
 
 @dataclass(frozen=True)
 class BendingEffect:
-    """Where bending acts, and what it changes."""
+    """Where bending acts, and how much it changes."""
 
-    #: rim_tension, probe_tension: Under load at the rim and at the probe's edge, N/m.
-    rim_tension: float
-    probe_tension: float
-    #: rest_length, rim_length, probe_length: sqrt(D/N) of the flat film and for these, m; infinite
-    #: without tension.
+    rim_tension: float  #: Tension of the loaded film at the rim in N/m.
+    probe_tension: float  #: Tension of the loaded film at the probe's edge in N/m.
+    #: Bending length sqrt(D/N) of the flat film in m; infinite without tension, as the others.
     rest_length: float
-    rim_length: float
-    probe_length: float
-    #: rim, probe: Relative changes of the worst charge by what happens at the rim and at the probe.
-    rim: float
-    probe: float
-    patches: float = 0.0  #: The same by layers on one side, which pull the film off its plane.
+    rim_length: float  #: Bending length at the rim in m.
+    probe_length: float  #: Bending length at the probe's edge in m.
+    rim: float  #: Relative change of the worst charge by bending at the rim.
+    probe: float  #: Relative change of the worst charge by bending at the probe.
+    #: Relative change of the worst charge by layers on one side, which pull the film off its plane.
+    patches: float = 0.0
 
     @property
     def change(self) -> float:
@@ -70,122 +71,251 @@ class BendingEffect:
         return self.rim + self.probe + self.patches
 
     def __str__(self) -> str:
-        lengths = (self.rest_length, self.rim_length, self.probe_length)
-        told = zip(lengths, ("at rest", "at the rim", "at the probe"), strict=True)
-        within = [f"{1e3 * length:.2g} mm {at}" for length, at in told if math.isfinite(length)]
-        change = f"could change a charge by up to {format_two_digits(100.0 * self.change)} %"
-        patches = f"; patches on one side: {format_two_digits(100.0 * self.patches)} %"
-        text = f"{change}; it acts within {', '.join(within) or 'any length'}"
-        return text + (patches if self.patches else "")
+        """Return the change, and the lengths within which bending acts."""
+        lengths = {
+            "at rest": self.rest_length,
+            "at the rim": self.rim_length,
+            "at the probe": self.probe_length,
+        }
+        within = [
+            f"{1e3 * length:.2g} mm {place}"
+            for place, length in lengths.items()
+            if math.isfinite(length)
+        ]
+        percent = format_two_digits(100.0 * self.change)
+        text = f"could change a charge by up to {percent} %; it acts within "
+        text += ", ".join(within) if within else "any length"
+        if self.patches:
+            text += f"; patches on one side: {format_two_digits(100.0 * self.patches)} %"
+        return text
+
+
+class _Press(NamedTuple):
+    """A load on the film, as a probe that presses alone."""
+
+    force: float  # in N, with the loads on the whole film
+    outline: Outline | None  # where it presses; None without load
+    is_rigid: bool
 
 
 def estimate_bending_effect(scene: Scene) -> BendingEffect:
-    """Effect of bending in a scene; zero without load. Several probes have the effect of the probe
-    with the largest effect when pressed alone."""
-    effects = [_effect_of(scene, touch) for touch in scene.loaded_probes or (None,)]
+    """Estimate the effect of bending in a scene; zero without load.
+
+    Of several probes, the one with the largest effect when it presses alone counts.
+    """
+    effects = [_estimate_for(scene, probe) for probe in scene.loaded_probes or (None,)]
     return max(effects, key=lambda effect: effect.change)
 
 
-def _effect_of(scene: Scene, touch: LoadedProbe | None) -> BendingEffect:
+def _estimate_for(scene: Scene, probe: LoadedProbe | None) -> BendingEffect:
+    """Estimate the effect of bending where one probe of a scene presses alone."""
     film = scene.film
-    C, h, a = film.stiffness[:2, :2], film.thickness, film.radius
-    stiffness = float(C.max())
-    D = h**3 / 12.0 * stiffness
-    rest = h * float(film.prestress[:2].mean())
-    force, probe, rigid = film.distributed_force, None, False
-    if touch is not None:
-        probe, by_touch = estimate_pressed_area(scene, touch)
-        force, rigid = force + by_touch, PROBE_LOADS[touch.load.kind].is_rigid
-    elif force:  # it presses as a probe that covers the film
-        probe = Circle(np.zeros(2), a)
-    b = _radius(probe) if probe else a
-    tensions = (max(rest, 0.0), estimate_tension(film, force, a), estimate_tension(film, force, b))
-    rest_length, rim_length, probe_length = (
-        math.sqrt(D / N) if N > 0.0 else math.inf for N in tensions
-    )
-    electrodes = [electrode.outline for electrode in scene.electrode_list]
-    changes = [(0.0, 0.0)]
-    if probe is not None and force > 0.0:
-        # a probe at the rim has its own width as mean distance from the rim
-        gap = max(1.0 - probe.reach / a, FIT.least_gap * b / a)
-        power = 1 if rigid else 2
-        distances = [
-            max(math.dist(outline.centroid, probe.centroid) - _radius(outline), b)
-            for outline in electrodes
-        ]
-        for r in distances or (b, 0.5 * a):  # without electrodes, for any there may be
-            by_rim = FIT.rim_at_centre + FIT.rim_outside * (r / a) ** 2
-            at_rim = by_rim * rim_length / a / math.sqrt(gap)
-            at_probe = FIT.probe * (probe_length / b) ** power * math.sqrt(b / r)
-            made = estimate_load_share(film, force, r) / (1.0 + at_rim + at_probe)
-            changes.append((made * at_rim, made * at_probe))
-    rim, at_probe = max(changes, key=sum)
+    press = _find_press(scene, probe)
+    D = film.thickness**3 / 12.0 * float(film.stiffness[:2, :2].max())
+    unloaded_tension = film.thickness * float(film.prestress[:2].mean())
+    probe_radius = _compute_radius(press.outline) if press.outline else film.radius
+    rim_tension = estimate_tension(film, press.force, film.radius)
+    probe_tension = estimate_tension(film, press.force, probe_radius)
+    rim_length = _compute_bending_length(D, rim_tension)
+    probe_length = _compute_bending_length(D, probe_tension)
+    rim_change, probe_change = _estimate_edge_changes(scene, press, rim_length, probe_length)
     one_sided = (layer for layer in film.layers.values() if not layer.patch.both_sides)
-    by_patch = [_by_patch(scene, layer, force, probe) for layer in one_sided]
-    lengths = rest_length, rim_length, probe_length
-    return BendingEffect(*tensions[1:], *lengths, rim, at_probe, max(by_patch, default=0.0))
+    patch_changes = [_estimate_layer_change(scene, layer, press) for layer in one_sided]
+    return BendingEffect(
+        rim_tension=rim_tension,
+        probe_tension=probe_tension,
+        rest_length=_compute_bending_length(D, max(unloaded_tension, 0.0)),
+        rim_length=rim_length,
+        probe_length=probe_length,
+        rim=rim_change,
+        probe=probe_change,
+        patches=max(patch_changes, default=0.0),
+    )
 
 
-def _laminate(film: Film, layer: Layer) -> tuple[float, float, float]:
-    """Of film and layer on one side: plate stiffness in N m, stiffness in N/m, and how far the
-    film's middle is from where a tension does not bend them, in m."""
+def _find_press(scene: Scene, probe: LoadedProbe | None) -> _Press:
+    """Find where, how strongly and how rigidly the film is pressed."""
+    force = scene.film.distributed_force
+    if probe is not None:
+        outline, probe_force = estimate_pressed_area(scene, probe)
+        return _Press(force + probe_force, outline, PROBE_LOADS[probe.load.kind].is_rigid)
+    if force:  # the load on the whole film presses as a probe that covers the film
+        return _Press(force, Circle(np.zeros(2), scene.film.radius), is_rigid=False)
+    return _Press(0.0, None, is_rigid=False)
+
+
+def _compute_bending_length(D: float, tension: float) -> float:
+    return math.sqrt(D / tension) if tension > 0.0 else math.inf
+
+
+def _estimate_edge_changes(
+    scene: Scene, press: _Press, rim_length: float, probe_length: float
+) -> tuple[float, float]:
+    """Estimate the relative changes of the worst charge by bending at the rim and at the probe.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    press : _Press
+        The load.
+    rim_length, probe_length : float
+        Bending lengths at the rim and at the probe's edge in m.
+    """
+    film = scene.film
+    if press.outline is None or not press.force > 0.0:
+        return 0.0, 0.0
+    a = film.radius
+    b = _compute_radius(press.outline)
+    # a probe at the rim has its own width as mean distance from the rim
+    gap = max(1.0 - press.outline.reach / a, FIT.least_gap * b / a)
+    power = 1 if press.is_rigid else 2
+    distances = []
+    for electrode in scene.electrode_list:
+        between = math.dist(electrode.outline.centroid, press.outline.centroid)
+        distances.append(max(between - _compute_radius(electrode.outline), b))
+    if not distances:  # the estimate for any electrode that there may be
+        distances = [b, 0.5 * a]
+    worst = 0.0, 0.0
+    for r in distances:
+        rim_factor = FIT.rim_at_centre + FIT.rim_outside * (r / a) ** 2
+        at_rim = rim_factor * rim_length / a / math.sqrt(gap)
+        at_probe = FIT.probe * (probe_length / b) ** power * math.sqrt(b / r)
+        load_share = estimate_load_share(film, press.force, r) / (1.0 + at_rim + at_probe)
+        worst = max(worst, (load_share * at_rim, load_share * at_probe), key=sum)
+    return worst
+
+
+class _LaminateStiffness(NamedTuple):
+    """Stiffness of the film with a layer on one side."""
+
+    bending: float  # in N m
+    membrane: float  # in N/m
+    offset: float  # from the film's middle to the neutral axis in m
+
+
+def _compute_laminate(film: Film, layer: Layer) -> _LaminateStiffness:
     h, h_p = film.thickness, layer.patch.thickness
-    A, A_p = (t * float(C[:2, :2].max()) for t, C in ((h, film.stiffness), (h_p, layer.stiffness)))
+    A = h * float(film.stiffness[:2, :2].max())
+    A_p = h_p * float(layer.stiffness[:2, :2].max())
     apart = 0.5 * (h + h_p)
     D = (A * h**2 + A_p * h_p**2) / 12.0 + A * A_p / (A + A_p) * apart**2
-    return D, A + A_p, A_p / (A + A_p) * apart
+    return _LaminateStiffness(bending=D, membrane=A + A_p, offset=A_p / (A + A_p) * apart)
 
 
-def _by_patch(scene: Scene, layer: Layer, force: float, probe: Outline | None) -> float:
-    """Relative change of the worst charge by a layer.
+def _estimate_layer_change(scene: Scene, layer: Layer, press: _Press) -> float:
+    """Estimate the relative change of the worst charge by a layer on one side.
 
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    layer : Layer
+        The layer.
+    press : _Press
+        The load.
+
+    Notes
+    -----
     The tension N off the laminate's neutral axis by e bends a strip of half width b by
     κ = N e/D cosh(x/l)/cosh(b/l), which adds κ e to the film's strain N/A, as does the curvature
     F/(2π N r²) of the load's deflection where the layer is not too stiff to follow. Beside a
     patch, the strain κ e falls with the square of the distance, and two perpendicular directions
     have equal strains of opposite sign.
     """
-    film, outline, (D, A, e) = scene.film, layer.patch.outline, _laminate(scene.film, layer)
+    film, outline = scene.film, layer.patch.outline
+    D, A, e = _compute_laminate(film, layer)
+    layer_radius = _compute_radius(outline)
     r = film.radius
-    if probe:
-        r = max(math.dist(outline.centroid, probe.centroid), _radius(probe))
-    N = estimate_tension(film, force, r)
-    half = 2.0 * outline.area / outline.perimeter
-    width = half * math.sqrt(N / D)
+    if press.outline:
+        between = math.dist(outline.centroid, press.outline.centroid)
+        r = max(between, _compute_radius(press.outline))
+    tension = estimate_tension(film, press.force, r)
+    half_width = 2.0 * outline.area / outline.perimeter
+    width = half_width * math.sqrt(tension / D)
     bent = e * e * A / D * (math.tanh(width) / width if width > 0.0 else 1.0)
     if layer.patch.bonded == "at rest":
-        bent *= estimate_load_share(film, force, r)
+        bent *= estimate_load_share(film, press.force, r)
     d31, d32 = abs(film.d31), abs(film.d32)
-    uneven = max(abs(film.d31 - film.d32) / (d31 + d32), FIT.even) if d31 + d32 else 0.0
-    changes = [0.0]
-    for electrode in (electrode.outline for electrode in scene.electrode_list):
-        covered = electrode.polygon.intersection(outline.polygon).area / electrode.polygon.area
-        far = max(math.dist(electrode.centroid, outline.centroid), _radius(outline))
-        beside = uneven * (_radius(outline) / far) ** 2
-        r = film.radius
-        if probe:
-            between = math.dist(electrode.centroid, probe.centroid) - _radius(electrode)
-            r = max(between, _radius(probe))
-        N = estimate_tension(film, force, r)
-        stiff = N * r * r + D * (1.0 + (r / half) ** 2)
-        pressed = e * A * force / (2.0 * math.pi * N * stiff) if N else 0.0
-        changes.append(max(bent * covered, min(bent, 1.0) * beside) + pressed * covered)
-    return max(changes)
+    difference = 0.0
+    if d31 + d32:
+        difference = max(abs(film.d31 - film.d32) / (d31 + d32), FIT.even)
+    largest = 0.0
+    for electrode in scene.electrode_list:
+        area = electrode.outline.polygon
+        covered = area.intersection(outline.polygon).area / area.area
+        distance = max(math.dist(electrode.outline.centroid, outline.centroid), layer_radius)
+        beside = difference * (layer_radius / distance) ** 2
+        pressed = _estimate_load_curvature(film, electrode.outline, press, half_width, D)
+        change = max(bent * covered, min(bent, 1.0) * beside) + pressed * e * A * covered
+        largest = max(largest, change)
+    return largest
+
+
+def _estimate_load_curvature(
+    film: Film, electrode: Outline, press: _Press, half_width: float, D: float
+) -> float:
+    """Estimate the curvature of a layer by the load's deflection.
+
+    Parameters
+    ----------
+    film : Film
+        The film.
+    electrode : Outline
+        The electrode's outline.
+    press : _Press
+        The load.
+    half_width : float
+        Half the layer's width in m.
+    D : float
+        Bending stiffness of film and layer in N m.
+
+    Returns
+    -------
+    float
+        Curvature at the electrode over the tension there in 1/N.
+    """
+    r = film.radius
+    if press.outline:
+        between = math.dist(electrode.centroid, press.outline.centroid)
+        r = max(between - _compute_radius(electrode), _compute_radius(press.outline))
+    tension = estimate_tension(film, press.force, r)
+    if not tension:
+        return 0.0
+    stiffness = tension * r * r + D * (1.0 + (r / half_width) ** 2)
+    return press.force / (2.0 * math.pi * tension * stiffness)
 
 
 def choose_layer_size(
     length: float, change: float, tolerance: float, widest: float = 8.0, unresolved: float = 6.0
 ) -> float:
-    """Element size in m along an edge where bending acts within `length`; infinite if any does. A
-    layer that changes a charge by up to `unresolved` tolerances is not resolved. The elements are
-    `widest` bending lengths wide where the change is just worth it, and narrower for smaller
-    tolerances: elements of 100, 10, 5 and 3 bending lengths leave out a third, a tenth, a twentieth
-    and a hundredth of the change."""
+    """Choose the element size along an edge where bending acts.
+
+    Parameters
+    ----------
+    length : float
+        Bending length at the edge in m.
+    change : float
+        Relative change of the worst charge by bending there.
+    tolerance : float
+        Relative tolerance of charges.
+    widest : float
+        Size in bending lengths where the change is just worth resolving. For smaller tolerances
+        elements are narrower: elements of 100, 10, 5 and 3 bending lengths miss a third, a tenth, a
+        twentieth and a hundredth of the change.
+    unresolved : float
+        A layer that changes a charge by up to so many tolerances is not resolved.
+
+    Returns
+    -------
+    float
+        Size in m; infinite if any size will do.
+    """
     if change <= unresolved * tolerance:
         return math.inf
     return widest * length * float((unresolved * tolerance / change) ** 0.25)
 
 
-def _radius(outline: Outline) -> float:
-    """Of the disc of the same area."""
+def _compute_radius(outline: Outline) -> float:
+    """Return the radius of the disc of the same area, in m."""
     return math.sqrt(outline.area / math.pi)

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -33,11 +34,11 @@ from pvdf_fem.scene.film import Film
 
 @dataclass(frozen=True)
 class Penalty:
-    """The penalty tau of the slopes' jumps along the edges."""
+    """Numbers of the penalty tau on the slopes' jumps along the edges."""
 
     #: tau over D_nn times the mean of |e|/area of both sides. The form is positive definite from 3
     #: on for order 3 and from 6 on for order 4 (measured, isotropic to E1/E2 = 50; inverse
-    #: inequalities bound them by 9 and 18). The number does not depend on the order: a
+    #: inequalities bound them by 9 and 18). The number does not depend on the order, so that a
     #: function keeps its energy in a space of higher order. A larger number clamps too stiffly
     #: where an element at the rim is larger than the bending length.
     regular: float = 9.0
@@ -56,50 +57,73 @@ PENALTY = Penalty()
 
 
 class Plate(Term):
-    """The bending energy of a film, on a space of order 2 to 4; order 1 has no curvature and raises
-    `ValueError`. `rigid_patch` are the elements under a rigid punch. `rim_tension` and
-    `punch_tension` in N/m are expected at the rim and at the punch's edge, for elements much larger
-    than the bending length there: sqrt(D N)/2 (dw/dn)^2 is the energy per length of the layer in
-    which a film that stretches from a clamped edge turns by dw/dn."""
+    """The bending energy of a film.
+
+    Parameters
+    ----------
+    space : Space
+        A space of order 2 to 4.
+    film : Film
+        The film.
+    rigid_elements : (n,) array
+        Elements under rigid punches, which do not bend.
+    rim_tension, punch_tension : float
+        Tensions in N/m that are expected at the rim and at the punches' edges. Where elements are
+        much larger than the bending length, √(D N)/2 (dw/dn)² is the energy per length of the layer
+        in which a film that stretches from a clamped edge turns by dw/dn.
+
+    Raises
+    ------
+    ValueError
+        If the space has order 1, whose functions have no curvature.
+    """
 
     def __init__(
         self,
         space: Space,
         film: Film,
-        rigid_patch: Indices,
+        rigid_elements: Indices,
         rim_tension: float = 0.0,
         punch_tension: float = 0.0,
     ) -> None:
-        self.space, self.film = space, film
-        self.form = make_bending_form(space, film, rigid_patch, rim_tension, punch_tension)
-        self._tangent: tuple[Assembly, sp.csc_matrix] | None = None
+        self.space = space
+        self.film = film
+        self.form = make_bending_form(space, film, rigid_elements, rim_tension, punch_tension)
+        self._last_tangent: tuple[Assembly, sp.csc_matrix] | None = None
 
     @cached_property
     def matrix(self) -> sp.csr_matrix:
-        """Stiffness in N/m of the deflections, (scalar dofs, scalar dofs)."""
+        """Stiffness of the deflections in N/m, (scalar dofs, scalar dofs)."""
         return self.form.matrix
 
-    def _of_dofs(self, deflection_forces: Array) -> Array:
+    def energy(self, state: State) -> float:
+        """Return the bending energy in J."""
+        return self._compute_energy(state.dofs)
+
+    def _compute_energy(self, x: Array) -> float:
+        """Compute the bending energy in J of the dofs `x`."""
+        w = x[2::3]
+        return 0.5 * float(w @ self.form.forces(w))
+
+    def residual(self, state: State) -> Array:
+        """Return the bending forces in N, (dofs,)."""
+        return self._place_at_dofs(self.form.forces(state.dofs[2::3]))
+
+    def _place_at_dofs(self, deflection_forces: Array) -> Array:
+        """Return forces of the deflections, (scalar dofs,), as forces of the dofs."""
         forces = np.zeros(self.space.dof_count)
         forces[2::3] = deflection_forces
         return forces
 
-    def energy(self, state: State) -> float:
-        return self._energy(state.dofs)
-
-    def _energy(self, x: Array) -> float:
-        return 0.5 * float(x[2::3] @ self.form.forces(x[2::3]))
-
-    def residual(self, state: State) -> Array:
-        return self._of_dofs(self.form.forces(state.dofs[2::3]))
-
     def coupled_tangent(self, assembly: Assembly, state: State) -> sp.csc_matrix:
-        if self._tangent is None or self._tangent[0] is not assembly:
-            self._tangent = assembly, assembly.of_deflections(self.matrix)
-        return self._tangent[1]
+        """Return the stiffness in N/m, (unknowns, unknowns). The last one is kept."""
+        if self._last_tangent is None or self._last_tangent[0] is not assembly:
+            self._last_tangent = assembly, assembly.of_deflections(self.matrix)
+        return self._last_tangent[1]
 
     def element_action(self, state: State, x: Array) -> Array:
-        """Bending forces of the dofs `x`; each node's are shared out among its elements."""
+        """Return the bending forces of the dofs `x` in N, (elements, element dofs). The elements
+        around a node share its force equally."""
         nodes = self.space.nodes
         forces = np.zeros((*nodes.shape, 3))
         shares = self.form.forces(x[2::3]) / np.bincount(nodes.ravel())
@@ -107,31 +131,41 @@ class Plate(Term):
         return forces.reshape(self.space.element_dofs.shape)
 
     def action(self, state: State, x: Array) -> Array:
-        return self._of_dofs(self.matrix @ x[2::3])
+        """Return the stiffness times the dofs `x` in N, (dofs,)."""
+        return self._place_at_dofs(self.matrix @ x[2::3])
 
     def diagonal(self, state: State) -> Array:
-        return self._of_dofs(self.matrix.diagonal())
+        """Return the diagonal of the stiffness in N/m, (dofs,)."""
+        return self._place_at_dofs(self.matrix.diagonal())
 
     def energy_along(self, state: State, x: Array) -> Array:
+        """Return the energy of the dofs moved by s `x`, as coefficients (5,) in J of 1, s, ... s⁴.
+
+        Unlike the default it is computed factor by factor, which keeps more digits.
+        """
         slope = float(x[2::3] @ self.form.forces(state.dofs[2::3]))
-        return np.array([self.energy(state), slope, self._energy(x), 0.0, 0.0])
+        return np.array([self.energy(state), slope, self._compute_energy(x), 0.0, 0.0])
 
 
 def compute_plate_stiffness(film: Film) -> Array:
-    """D = h^3/12 C in N m, (3, 3), for the curvatures (w_xx, w_yy, 2 w_xy)."""
+    """Compute D = h^3/12 C in N m, (3, 3), for the curvatures (w_xx, w_yy, 2 w_xy)."""
     return film.thickness**3 / 12.0 * film.stiffness
 
 
 @dataclass(frozen=True)
 class BendingForm:
-    """The quadratic form G^T B G of the deflections at the scalar dofs. Forces are computed factor
-    by factor: K w itself would lose (radius/element size)^4 in rounding."""
+    """The quadratic form G^T B G of the deflections at the scalar dofs.
 
-    #: Curvatures at points of elements; slope jumps and mean moments at points of edges, (values,
-    #: scalar dofs).
+    Forces are computed factor by factor: the product K w of the whole matrix would lose
+    (radius/element size)^4 in rounding.
+    """
+
+    #: G: curvatures at points of elements, slope jumps and mean moments at points of edges,
+    #: (values, scalar dofs).
     strains: sp.csr_matrix
-    stiffness: sp.csr_matrix  #: (values, values)
-    elements: Indices  #: In which each value is, of an edge between two the first, (values,).
+    stiffness: sp.csr_matrix  #: B, (values, values).
+    #: Element of each value; of an edge between two elements the first, (values,).
+    elements: Indices
 
     @property
     def matrix(self) -> sp.csr_matrix:
@@ -139,127 +173,222 @@ class BendingForm:
         return (self.strains.T @ (self.stiffness @ self.strains)).tocsr()
 
     def forces(self, w: Array) -> Array:
-        """Forces in N of the deflections `w` in m, both (scalar dofs,)."""
+        """Return the forces in N of the deflections `w` in m, both (scalar dofs,)."""
         return np.asarray(self.strains.T @ (self.stiffness @ (self.strains @ w)))
 
 
 def make_bending_form(
-    space: Space, film: Film, rigid_patch: Indices, rim_tension: float, punch_tension: float
+    space: Space,
+    film: Film,
+    rigid_elements: Indices,
+    rim_tension: float,
+    punch_tension: float,
 ) -> BendingForm:
-    """Bending stiffness of a film; the parameters are those of `Plate`."""
+    """Make the quadratic form of a film's bending energy.
+
+    Parameters
+    ----------
+    space : Space
+        A space of order 2 to 4.
+    film : Film
+        The film.
+    rigid_elements : (n,) array
+        Elements under rigid punches, which do not bend.
+    rim_tension, punch_tension : float
+        Tensions in N/m that are expected at the rim and at the punches' edges.
+
+    Raises
+    ------
+    ValueError
+        If the space has order 1.
+    """
     if space.order < 2:
         raise ValueError(f"order = {space.order}: has no curvature; give 2 or 3")
-    mesh, D, count = space.mesh, compute_plate_stiffness(film), space.basis.N
-    soft = np.setdiff1d(np.arange(mesh.nelements), rigid_patch)
-    curvature = _Shapes.of(space, space.basis.quadrature[0]).curvature
-    strains = [_operator(space.nodes[soft], curvature[soft].swapaxes(2, 3), count)]
-    stiffness = [sp.kron(sp.diags(space.weights[soft].ravel()), D)]
-    elements = [np.repeat(soft, strains[0].shape[0] // len(soft))]
+    mesh, dof_count = space.mesh, space.basis.N
+    D = compute_plate_stiffness(film)
+    bending = np.setdiff1d(np.arange(mesh.nelements), rigid_elements)
+    curvature = _ShapeValues.at_points(space, space.basis.quadrature[0]).curvature
+    rows = _make_operator(space.nodes[bending], curvature[bending].swapaxes(2, 3), dof_count)
+    strains = [rows]
+    stiffness = [sp.kron(sp.diags(space.weights[bending].ravel()), D)]
+    elements = [np.repeat(bending, rows.shape[0] // len(bending))]
 
-    edges = _along_edges(space, D)
-    single, double = _edges_by_sides(mesh, soft)
-    rim = np.isin(mesh.t2f.ravel()[single[:, 0]], mesh.boundaries[RIM])
-    groups = ((single[rim], rim_tension), (single[~rim], punch_tension), (double, 0.0))
+    edges = _EdgeValues.of_space(space, D)
+    single, double = _find_sides(mesh, bending)
+    is_rim = np.isin(mesh.t2f.ravel()[single[:, 0]], mesh.boundaries[RIM])
+    groups = (
+        (single[is_rim], rim_tension),
+        (single[~is_rim], punch_tension),
+        (double, 0.0),
+    )
     for sides, tension in groups:
-        slope, moment, penalty, weights = edges.joined(sides, tension)
-        nodes = space.nodes[sides % mesh.nelements].reshape(len(sides), slope.shape[-1])
-        strains += [_operator(nodes, values, count) for values in (slope, moment)]
-        elements += 2 * [np.repeat(sides[:, 0] % mesh.nelements, weights.shape[1])]
-        cross = sp.diags(-weights.ravel())
-        stiffness.append(sp.bmat([[sp.diags((penalty * weights).ravel()), cross], [cross, None]]))
-    stiffness = sp.block_diag(stiffness, "csr")
-    return BendingForm(sp.vstack(strains, "csr"), stiffness, np.concatenate(elements))
+        joined = edges.join(sides, tension)
+        functions = joined.slope_jump.shape[-1]
+        nodes = space.nodes[sides % mesh.nelements].reshape(len(sides), functions)
+        strains.append(_make_operator(nodes, joined.slope_jump, dof_count))
+        strains.append(_make_operator(nodes, joined.mean_moment, dof_count))
+        first_element = np.repeat(sides[:, 0] % mesh.nelements, joined.weights.shape[1])
+        elements += [first_element, first_element]
+        jump_stiffness = sp.diags((joined.penalty * joined.weights).ravel())
+        cross = sp.diags(-joined.weights.ravel())
+        stiffness.append(sp.bmat([[jump_stiffness, cross], [cross, None]]))
+    return BendingForm(
+        strains=sp.vstack(strains, "csr"),
+        stiffness=sp.block_diag(stiffness, "csr"),
+        elements=np.concatenate(elements),
+    )
 
 
 @dataclass(frozen=True)
-class _Shapes:
-    """Shape functions at points of the reference triangle."""
+class _ShapeValues:
+    """Derivatives of the shape functions at points of the elements."""
 
-    inverse: Array  # of the Jacobian matrix, (elements, points, 2, 2)
-    area: Array  # over that in the reference triangle, (elements, points)
-    gradient: Array  # (elements, points, functions, 2)
-    curvature: Array  # w_xx, w_yy, 2 w_xy: (elements, points, functions, 3)
+    inverse_jacobian: Array  # (elements, points, 2, 2)
+    area_ratio: Array  # area over that in the reference triangle, (elements, points)
+    gradient: Array  # in 1/m, (elements, points, functions, 2)
+    curvature: Array  # w_xx, w_yy, 2 w_xy in 1/m², (elements, points, functions, 3)
 
     @classmethod
-    def of(cls, space: Space, points: Array) -> _Shapes:
-        mesh, mapping = space.mesh, space.mesh.mapping()
+    def at_points(cls, space: Space, points: Array) -> _ShapeValues:
+        """Evaluate the functions at points (2, points) of the reference triangle.
+
+        Notes
+        -----
+        grad grad w = J^-T (w'' - sum over i of w_,i x_i'') J^-1, with ' in reference coordinates.
+        """
+        mesh = space.mesh
+        mapping = mesh.mapping()
         inverse = np.linalg.inv(mapping.DF(points).transpose(2, 3, 0, 1))
         gradient = np.matmul(evaluate_shape_gradients(space.basis.elem, points), inverse)
-        # grad grad w = J^-T (w'' - sum over i of w_,i x_i'') J^-1, with ' in reference coordinates
-        nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
-        bent = np.einsum("ine,pnjk->epijk", nodes, evaluate_shape_hessians(mesh.elem(), points))
+        corners = mesh.doflocs[:, mesh.dofs.element_dofs]
+        mapping_hessian = np.einsum(
+            "ine,pnjk->epijk", corners, evaluate_shape_hessians(mesh.elem(), points)
+        )
         second = evaluate_shape_hessians(space.basis.elem, points) - np.einsum(
-            "epfi,epijk->epfjk", gradient, bent, optimize=True
+            "epfi,epijk->epfjk", gradient, mapping_hessian, optimize=True
         )
         hessian = np.einsum("epjx,epfjk,epky->epfxy", inverse, second, inverse, optimize=True)
         xx, yy, xy = hessian[..., 0, 0], hessian[..., 1, 1], hessian[..., 0, 1]
-        curvature = np.stack([xx, yy, 2.0 * xy], axis=-1)
-        return cls(inverse, np.abs(mapping.detDF(points)), gradient, curvature)
+        return cls(
+            inverse_jacobian=inverse,
+            area_ratio=np.abs(mapping.detDF(points)),
+            gradient=gradient,
+            curvature=np.stack([xx, yy, 2.0 * xy], axis=-1),
+        )
+
+
+class _JoinedEdges(NamedTuple):
+    """Values at points of edges, from the elements on one or both of their sides."""
+
+    slope_jump: Array  # sum of the outward normal slopes, (edges, points, functions)
+    mean_moment: Array  # in N m, (edges, points, functions)
+    penalty: Array  # tau in N, (edges, points)
+    weights: Array  # of an integral along the edge in m, (edges, points)
 
 
 @dataclass(frozen=True)
-class _Edges:
-    """Slopes and moments along edges of elements; side i n + e is edge i of element e of n."""
+class _EdgeValues:
+    """Slopes and moments along the edges of elements; side i n + e is edge i of element e of n."""
 
     slope: Array  # outward normal slope dw/dn, (sides, points, functions)
     moment: Array  # M_nn, (sides, points, functions)
-    weights: Array  # of an integral along the edge, (sides, points)
+    weights: Array  # of an integral along the edge in m, (sides, points)
     stiffness: Array  # D_nn in N m, (sides, points)
     height: Array  # area over length of the edge in m, (sides, 1)
     penalty: Array  # tau height/D_nn, (sides, 1)
 
-    def joined(self, sides: Indices, tension: float) -> tuple[Array, ...]:
-        """Slope jumps, mean moments, penalties and weights of edges with sides (edges, 1 or 2)."""
-        slope = np.concatenate([self.slope[side] for side in sides.T], axis=-1)
-        moment = np.concatenate([self.moment[side] for side in sides.T], axis=-1)
+    @classmethod
+    def of_space(cls, space: Space, D: Array) -> _EdgeValues:
+        """Evaluate the functions along all edges, with the plate stiffness `D` (3, 3)."""
+        places, lengths = leggauss(space.order + 1)
+        # edges of the reference triangle: origin, direction, and outward normal as long as the edge
+        reference_edges = (
+            ((0.0, 0.0), (1.0, 0.0), (0.0, -1.0)),
+            ((1.0, 0.0), (-1.0, 1.0), (1.0, 1.0)),
+            ((0.0, 0.0), (0.0, 1.0), (-1.0, 0.0)),
+        )
+        needed = PENALTY.distorted * (compute_jacobian_ratios(space.mesh) ** -2.0 - 1.0)
+        penalty = np.maximum(needed, PENALTY.regular)
+        edges = []
+        for origin, direction, outward in reference_edges:
+            points = np.add.outer(origin, np.zeros(len(places)))
+            points = points + np.outer(direction, (places + 1) / 2)
+            shapes = _ShapeValues.at_points(space, points)
+            normal = np.matmul(outward, shapes.inverse_jacobian)
+            length = np.linalg.norm(normal, axis=-1)
+            x, y = np.moveaxis(normal / length[..., None], -1, 0)
+            weights = 0.5 * lengths * shapes.area_ratio * length
+            bending = np.stack([x * x, y * y, 2.0 * x * y], axis=-1)  # n n, as a curvature
+            direction_column = np.stack([x, y], axis=-1)[..., None]
+            edges.append(
+                cls(
+                    slope=np.matmul(shapes.gradient, direction_column)[..., 0],
+                    moment=np.matmul(shapes.curvature, (bending @ D)[..., None])[..., 0],
+                    weights=weights,
+                    stiffness=((bending @ D) * bending).sum(axis=-1),
+                    height=(space.weights.sum(axis=1) / weights.sum(axis=1))[:, None],
+                    penalty=penalty[:, None],
+                )
+            )
+        joined = {
+            name: np.concatenate([getattr(edge, name) for edge in edges])
+            for name in cls.__dataclass_fields__
+        }
+        return cls(**joined)
+
+    def join(self, sides: Indices, tension: float) -> _JoinedEdges:
+        """Join the values of elements along edges.
+
+        Parameters
+        ----------
+        sides : (edges, 1 or 2) array
+            Sides of each edge.
+        tension : float
+            Tension in N/m that is expected there, for the energy of an unresolved layer.
+        """
         D = self.stiffness[sides[:, 0]]
         penalty = D * (self.penalty / self.height)[sides].mean(axis=1)
         if tension > 0.0:
-            yields = PENALTY.turning * np.sqrt(D / tension) / (2.0 * self.height[sides[:, 0]])
-            layer = np.sqrt(D * tension) / (1.0 - np.minimum(yields, PENALTY.most_turning))
+            turning = PENALTY.turning * np.sqrt(D / tension) / (2.0 * self.height[sides[:, 0]])
+            layer = np.sqrt(D * tension) / (1.0 - np.minimum(turning, PENALTY.most_turning))
             penalty = np.maximum(penalty, layer)
-        return slope, moment / sides.shape[1], penalty, self.weights[sides[:, 0]]
+        moments = np.concatenate([self.moment[side] for side in sides.T], axis=-1)
+        return _JoinedEdges(
+            slope_jump=np.concatenate([self.slope[side] for side in sides.T], axis=-1),
+            mean_moment=moments / sides.shape[1],
+            penalty=penalty,
+            weights=self.weights[sides[:, 0]],
+        )
 
 
-def _along_edges(space: Space, D: Array) -> _Edges:
-    places, lengths = leggauss(space.order + 1)
-    # reference triangle's edges: origin, direction, and outward normal as long as the edge
-    around = (
-        ((0.0, 0.0), (1.0, 0.0), (0.0, -1.0)),
-        ((1.0, 0.0), (-1.0, 1.0), (1.0, 1.0)),
-        ((0.0, 0.0), (0.0, 1.0), (-1.0, 0.0)),
-    )
-    needed = PENALTY.distorted * (compute_jacobian_ratios(space.mesh) ** -2.0 - 1.0)
-    by_edge, penalty = [], np.maximum(needed, PENALTY.regular)
-    for origin, direction, outward in around:
-        points = np.add.outer(origin, np.zeros(len(places))) + np.outer(direction, (places + 1) / 2)
-        shapes = _Shapes.of(space, points)
-        normal = np.matmul(outward, shapes.inverse)
-        length = np.linalg.norm(normal, axis=-1)
-        x, y = np.moveaxis(normal / length[..., None], -1, 0)
-        weights = 0.5 * lengths * shapes.area * length
-        across = np.stack([x * x, y * y, 2.0 * x * y], axis=-1)
-        slope = np.matmul(shapes.gradient, np.stack([x, y], axis=-1)[..., None])[..., 0]
-        moment = np.matmul(shapes.curvature, (across @ D)[..., None])[..., 0]
-        stiffness = ((across @ D) * across).sum(axis=-1)
-        height = space.weights.sum(axis=1) / weights.sum(axis=1)
-        by_edge.append((slope, moment, weights, stiffness, height[:, None], penalty[:, None]))
-    return _Edges(*(np.concatenate(values) for values in zip(*by_edge, strict=True)))
-
-
-def _edges_by_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
-    """Sides (edges, 1) of edges on the border; (edges, 2) of edges between two."""
+def _find_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
+    """Find the sides (edges, 1) of edges at the border of `elements`, and those (edges, 2) of edges
+    between two of them."""
     sides = (np.arange(3)[:, None] * mesh.nelements + elements).ravel()
     facets = mesh.t2f[:, elements].ravel()
     order = np.argsort(facets, kind="stable")
     _, first, count = np.unique(facets[order], return_index=True, return_counts=True)
-    starts = [first[count == number][:, None] + np.arange(number) for number in (1, 2)]
-    return [sides[order[start]] for start in starts]
+    by_count = []
+    for number in (1, 2):
+        places = first[count == number][:, None] + np.arange(number)
+        by_count.append(sides[order[places]])
+    return by_count
 
 
-def _operator(dofs: Indices, values: Array, count: int) -> sp.csr_matrix:
-    """Rows (n ...,) from local ones (n, ..., m) at dofs (n, m)."""
-    places = dofs.reshape(len(dofs), *(1,) * (values.ndim - 2), dofs.shape[1])
-    columns = np.broadcast_to(places, values.shape).ravel()
-    starts = np.arange(0, values.size + 1, values.shape[-1])
-    return sp.csr_matrix((values.ravel(), columns, starts), shape=(len(starts) - 1, count))
+def _make_operator(dofs: Indices, values: Array, count: int) -> sp.csr_matrix:
+    """Make a matrix with `count` columns from rows of elements or edges.
+
+    Parameters
+    ----------
+    dofs : (n, m) array
+        Columns of each element's or edge's values.
+    values : (n, ..., m) array
+        The rows.
+    count : int
+        Number of columns.
+    """
+    columns = dofs.reshape(len(dofs), *(1,) * (values.ndim - 2), dofs.shape[1])
+    columns = np.broadcast_to(columns, values.shape).ravel()
+    row_starts = np.arange(0, values.size + 1, values.shape[-1])
+    shape = (len(row_starts) - 1, count)
+    return sp.csr_matrix((values.ravel(), columns, row_starts), shape=shape)

@@ -1,8 +1,7 @@
-"""Sheets in a membrane: the film and the layers on its patches, with their laws."""
+"""Sheets in a membrane: the film and the layers on its patches, each with its law."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass
 from pkgutil import resolve_name
@@ -18,7 +17,8 @@ from pvdf_fem.scene.registry import LAW_CLASSES
 
 #: The class of each ``film.law``.
 LAWS: dict[str, type[Law]] = {name: resolve_name(path) for name, path in LAW_CLASSES.items()}
-BIAXIAL: Array = np.array([1.0, 1.0, 0.0])
+#: Strain or stress of equal size in all directions.
+EQUIBIAXIAL: Array = np.array([1.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -27,21 +27,33 @@ class Ply:
 
     law: Law
     elements: Selection
-    ratio: float  #: Thickness over the film's.
-    at_rest: Array  #: Elastic strain of the flat sheet, (3,) or (elements, points, 3).
+    thickness_ratio: float  #: Thickness over the film's.
+    prestrain: Array  #: Elastic strain of the flat sheet, (3,) or (elements, points, 3).
 
     def stress(self, strain: Array) -> Array:
-        """Stress over the film's thickness in Pa, of strains in the ply's elements."""
-        stress = self.law.stress(strain, self.at_rest)
-        return stress if self.ratio == 1.0 else self.ratio * stress
+        """Return the stress over the film's thickness in Pa, (elements, points, 3), of strains in
+        the ply's elements."""
+        stress = self.law.stress(strain, self.prestrain)
+        return stress if self.thickness_ratio == 1.0 else self.thickness_ratio * stress
 
 
 class Laminate:
     """Stress in the film with its layers, and in the film alone.
 
-    The film has a `law`, by default the one that ``film.law`` names, and a strain at rest, to which
-    `added` adds what is not the same everywhere; `frame` leads from the scene's axes to the axes of
-    the space. Layers on patches are plies of their own, which bear compression with the film below.
+    Layers on patches are plies of their own. The film below a layer bears compression.
+
+    Parameters
+    ----------
+    space : Space
+        The finite-element space.
+    film : Film
+        The film with its layers.
+    law : Law, optional
+        The film's law; by default the one of ``film.law``.
+    added : UnevenStrain, optional
+        Strain by heat and by the rim's displacement, which is not the same everywhere.
+    frame : (2, 2) array
+        Orthogonal matrix from the scene's axes to the axes of the space.
     """
 
     def __init__(
@@ -52,86 +64,102 @@ class Laminate:
         added: UnevenStrain | None = None,
         frame: Array = np.eye(2),  # noqa: B008
     ) -> None:
-        self.space, self.film, self.added = space, film, added
+        self.space = space
+        self.film = film
+        self.added = added
         self.law: Law = LAWS[film.law](film.stiffness) if law is None else law
-        #: Elastic strain of the film at rest without added strain, (3,).
-        self.prestrain: Array = self.law.at_rest(film)
-        #: Stress in Pa that `stress` leaves out.
-        self._left_out: Array | None = None
-        self.plies = list(self._plies(frame))
+        #: Elastic strain of the flat film, (3,); after `at` with the added strain, (..., 3).
+        self.prestrain: Array = self.law.compute_prestrain(film)
+        #: Stress in Pa that `stress` subtracts, (..., 3).
+        self._subtracted: Array | None = None
+        self.plies = self._make_plies(frame)
 
-    def _plies(self, frame: Array) -> Iterator[Ply]:
-        film, mesh, kind = self.film, self.space.mesh, LAWS[self.film.law]
-        stretched, warm, at_rest = np.zeros(3), np.zeros(1), self.prestrain
+    def _make_plies(self, frame: Array) -> list[Ply]:
+        """Make the plies: the film in one or two pieces, then its layers."""
+        film = self.film
+        law_class = LAWS[film.law]
+        rim_strain: Array = np.zeros(3)
+        warming: Array = np.zeros(1)
+        prestrain = self.prestrain
         if self.added is not None:
             places = self.space.places @ frame
-            stretched, warm = film.rim_strain(places), self.added.temperature(places)[..., None]
-            at_rest = at_rest + stretched - film.thermal_expansion_per_K * warm * BIAXIAL
+            rim_strain = film.rim_strain(places)
+            warming = self.added.temperature(places)[..., None]
+            thermal = film.thermal_expansion_per_K * warming * EQUIBIAXIAL
+            prestrain = prestrain + rim_strain - thermal
 
-        def there(values: Array, elements: Indices) -> Array:
-            return values[elements] if values.ndim > 1 else values
-
-        layers = [(mesh.subdomains[name], layer) for name, layer in film.layers.items()]
-        if self.law.wrinkles and layers:  # the film below a layer does not wrinkle
-            covered = np.unique(np.concatenate([elements for elements, _ in layers]))
-            bare = np.setdiff1d(np.arange(mesh.nelements), covered)
-            yield Ply(self.law, bare, 1.0, there(at_rest, bare))
-            yield Ply(kind(film.stiffness), covered, 1.0, there(at_rest, covered))
+        plies = []
+        patches = [self.space.mesh.subdomains[name] for name in film.layers]
+        if self.law.wrinkles and patches:
+            covered = np.unique(np.concatenate(patches))
+            bare = np.setdiff1d(np.arange(self.space.mesh.nelements), covered)
+            stiff = law_class(film.stiffness)
+            plies.append(Ply(self.law, bare, 1.0, _select(prestrain, bare)))
+            plies.append(Ply(stiff, covered, 1.0, _select(prestrain, covered)))
         else:
-            yield Ply(self.law, ALL, 1.0, at_rest)
-        for elements, layer in layers:
-            ratio, heat = layer.patch.thickness / film.thickness, layer.expansion * warm * BIAXIAL
-            strain = layer.prestrain + there(stretched, elements) - there(heat, elements)
-            yield Ply(kind(layer.stiffness), elements, ratio, strain)
+            plies.append(Ply(self.law, ALL, 1.0, prestrain))
+        for elements, layer in zip(patches, film.layers.values(), strict=True):
+            thermal = layer.expansion * warming * EQUIBIAXIAL
+            strain = layer.prestrain + _select(rim_strain, elements) - _select(thermal, elements)
+            thickness_ratio = layer.patch.thickness / film.thickness
+            plies.append(Ply(law_class(layer.stiffness), elements, thickness_ratio, strain))
+        return plies
 
     def stress(self, strain: Array) -> Array:
-        """The film's second Piola-Kirchhoff stress in Pa of a Green-Lagrange strain, both (..., 3),
-        without the stress of what is `added`."""
+        """Return the film's second Piola-Kirchhoff stress in Pa, (..., 3), of Green-Lagrange
+        strains (..., 3), without the stress of the added strain."""
         stress = self.law.stress(strain, self.prestrain)
-        return stress if self._left_out is None else stress - self._left_out
+        return stress if self._subtracted is None else stress - self._subtracted
 
     def at(self, places: Array) -> Laminate:
-        """The film at places (..., 2) in m on the whole film: its `stress` lacks C : e by the
-        strain e added there."""
+        """Return the film at places (..., 2) in m on the whole film, whose law takes the strain
+        added there. `stress` still subtracts the stress C : e of that strain e alone."""
         if self.added is None:
             return self
         other = copy(self)
         other.prestrain = self.prestrain + self.added.strain(places)
-        other._left_out = self.added.stress(places)
+        other._subtracted = self.added.stress(places)
         return other
 
     def film_stress(self, strain: Array, places: Array) -> Array:
-        """The film's stress at places (..., 2) in m of the whole film, with what is added."""
+        """Return the film's whole stress in Pa, (..., 3), of strains (..., 3) at places (..., 2) in
+        m on the whole film."""
         stress = self.at(places).stress(strain)
         return stress if self.added is None else stress + self.added.stress(places)
 
     def resultant(self, strain: Array) -> Array:
-        """Stress by all plies over the film's thickness in Pa, for strains (elements, points,
-        3)."""
-        first, *others = self.plies
-        if not others:
-            return first.stress(strain)
+        """Return the stress of all plies over the film's thickness in Pa, (elements, points, 3), of
+        strains of the same shape."""
+        if len(self.plies) == 1:
+            return self.plies[0].stress(strain)
         total = np.zeros_like(strain)
         for ply in self.plies:
             total[ply.elements] += ply.stress(strain[ply.elements])
         return total
 
     def resultant_moduli(self, strain: Array) -> Array:
-        """Derivative of `resultant`, (3, 3), or (elements, points or 1, 3, 3) where it is not the
-        same everywhere."""
-        first, *others = self.plies
-        if not others:
-            return first.law.moduli(strain, first.at_rest)
-        points = 1 if all(ply.law.linear for ply in self.plies) else strain.shape[1]
-        total = np.zeros((len(strain), points, 3, 3))
+        """Return the derivative of `resultant` in Pa, (3, 3), or (elements, points or 1, 3, 3)
+        where it is not the same everywhere."""
+        film, *layers = self.plies
+        if not layers:
+            return film.law.moduli(strain, film.prestrain)
+        is_linear = all(ply.law.is_linear for ply in self.plies)
+        total = np.zeros((len(strain), 1 if is_linear else strain.shape[1], 3, 3))
         for ply in self.plies:
-            total[ply.elements] += ply.ratio * ply.law.moduli(strain[ply.elements], ply.at_rest)
+            moduli = ply.law.moduli(strain[ply.elements], ply.prestrain)
+            total[ply.elements] += ply.thickness_ratio * moduli
         return total
 
-    def stored(self, strain: Array, volumes: Array) -> float:
-        """Energy in J by strains in film volumes (elements, points) in m³."""
+    def stored_energy(self, strain: Array, volumes: Array) -> float:
+        """Return the energy in J of strains (elements, points, 3) in film volumes (elements,
+        points) in m³."""
         total = 0.0
         for ply in self.plies:
-            density = ply.law.energy(strain[ply.elements], ply.at_rest)
-            total += ply.ratio * float((density * volumes[ply.elements]).sum())
+            density = ply.law.energy(strain[ply.elements], ply.prestrain)
+            total += ply.thickness_ratio * float((density * volumes[ply.elements]).sum())
         return total
+
+
+def _select(values: Array, elements: Indices) -> Array:
+    """Return the values in some elements, of values by element or the same everywhere."""
+    return values[elements] if values.ndim > 1 else values

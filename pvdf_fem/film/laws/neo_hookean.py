@@ -10,25 +10,45 @@ c^(-m/2), with c = det C of the Cauchy-Green tensor C in its plane and m = nu/(1
 
     W = mu/2 (tr C - 2 + (c^-m - 1)/m),    S = mu (I - c^-m C^-1)
 
-which for small strains is Hooke's law. A flat film at rest that is strained already, to C0, has per
-volume of the flat film::
+which for small strains is Hooke's law. A flat film that is strained already, to C0, has per volume
+of the flat film::
 
     S = mu/J0 (C0 - (c0 c)^-m C^-1),    J0 = c0^((1 - m)/2)
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.laws.law import Law
-from pvdf_fem.scene.film import Film
+
+
+class _Prestrained(NamedTuple):
+    """Quantities of the prestrained flat film."""
+
+    power: Array  # c0^-m, (...)
+    modulus: Array  # mu/J0 in Pa, (...)
+
+
+class _Deformed(NamedTuple):
+    """Quantities of the film's deformation."""
+
+    inverse: Array  # C^-1, (..., 3)
+    power: Array  # c^-m, (...)
 
 
 class NeoHookean(Law):
-    """Blatz and Ko's neo-Hookean solid of an isotropic stiffness."""
+    """Blatz and Ko's neo-Hookean solid.
 
-    linear = False
+    Parameters
+    ----------
+    stiffness : (3, 3) array
+        Isotropic stiffness of the unstrained film in Pa.
+    """
+
     #: Stretch 1.5: rubber obeys the law up to there (Treloar, The Physics of Rubber
     #: Elasticity, 1975, section 5.3).
     strain_limit = 0.62
@@ -37,64 +57,56 @@ class NeoHookean(Law):
     def __init__(self, stiffness: Array) -> None:
         super().__init__(stiffness)
         nu = stiffness[0, 1] / stiffness[0, 0]
-        self.shear, self.m = stiffness[2, 2], nu / (1.0 - nu)
+        self.shear = stiffness[2, 2]
+        self.m = nu / (1.0 - nu)
 
-    def at_rest(self, film: Film, steps: int = 30) -> Array:
-        """The strain by cooling or by the given pretension: Newton steps from Hooke's strain square
-        the error."""
-        strain = film.prestrain
-        if film.pretension_N_m is None:
-            return strain
-        wanted, none = film.prestress, np.zeros(3)
-        for _ in range(steps):  # by differences of an analytic function
-            moved = np.array([self.stress(none, strain + 1e-20j * e).imag for e in np.eye(3)])
-            strain = strain - np.linalg.solve(1e20 * moved.T, self.stress(none, strain) - wanted)
-        return np.asarray(strain)
+    def stress(self, strain: Array, prestrain: Array) -> Array:
+        """Return the stress in Pa, (..., 3)."""
+        flat = self._describe_prestrained(prestrain)
+        inverse, power = self._describe_deformed(strain)
+        no_engineering_shear = np.array([1.0, 1.0, 0.5])
+        C0 = np.array([1.0, 1.0, 0.0]) + 2.0 * prestrain * no_engineering_shear
+        return flat.modulus[..., None] * (C0 - (flat.power * power)[..., None] * inverse)
 
-    def stress(self, strain: Array, at_rest: Array) -> Array:
-        rest, factor = self._rest(at_rest)
-        inverse, power = self._inverse(strain)
-        shear = np.array([1.0, 1.0, 0.5])  # a stress has no engineering component
-        flat = np.array([1.0, 1.0, 0.0]) + 2.0 * at_rest * shear
-        return factor[..., None] * (flat - (rest * power)[..., None] * inverse)
-
-    def moduli(self, strain: Array, at_rest: Array) -> Array:
-        rest, factor = self._rest(at_rest)
-        B, power = self._inverse(strain)
+    def moduli(self, strain: Array, prestrain: Array) -> Array:
+        """Return the derivative of the stress by the strain in Pa, (..., 3, 3)."""
+        flat = self._describe_prestrained(prestrain)
+        B, power = self._describe_deformed(strain)
         b11, b22, b12 = np.moveaxis(B, -1, 0)
         moduli = (1.0 + self.m) * B[..., :, None] * B[..., None, :]
-        change = b12**2 - b11 * b22  # of B x B to C^-1 dC C^-1
-        moduli[..., 0, 1] += change
-        moduli[..., 1, 0] += change
-        moduli[..., 2, 2] -= 0.5 * change
-        return np.asarray((2.0 * factor * rest * power)[..., None, None] * moduli)
+        # C^-1 dC C^-1 differs from the product B x B in these components
+        difference = b12**2 - b11 * b22
+        moduli[..., 0, 1] += difference
+        moduli[..., 1, 0] += difference
+        moduli[..., 2, 2] -= 0.5 * difference
+        factor = 2.0 * flat.modulus * flat.power * power
+        return np.asarray(factor[..., None, None] * moduli)
 
-    def energy(self, strain: Array, at_rest: Array) -> Array:
-        rest, factor = self._rest(at_rest)
+    def energy(self, strain: Array, prestrain: Array) -> Array:
+        """Return the stored energy in J/m³ of the flat film, (...)."""
+        flat = self._describe_prestrained(prestrain)
         e11, e22, e12 = np.moveaxis(strain, -1, 0)
-        r11, r22, r12 = np.moveaxis(at_rest, -1, 0)
-        first = 2.0 * (e11 + e22 + r11 + r22) + 4.0 * (r11 * e11 + r22 * e22) + 2.0 * r12 * e12
-        _, power = self._inverse(strain)
+        p11, p22, p12 = np.moveaxis(prestrain, -1, 0)
+        trace = 2.0 * (e11 + e22 + p11 + p22) + 4.0 * (p11 * e11 + p22 * e22) + 2.0 * p12 * e12
+        _, power = self._describe_deformed(strain)
         if self.m == 0.0:
-            across = -np.log(_determinant(strain) * _determinant(at_rest))
+            across = -np.log(_compute_determinant(strain) * _compute_determinant(prestrain))
         else:
-            across = np.expm1(np.log(rest * power)) / self.m
-        return np.asarray(0.5 * factor * (first + across))
+            across = np.expm1(np.log(flat.power * power)) / self.m
+        return np.asarray(0.5 * flat.modulus * (trace + across))
 
-    def _rest(self, at_rest: Array) -> tuple[Array, Array]:
-        """c0^-m, and mu/J0 in Pa, (...)."""
-        c0 = _determinant(at_rest)
-        return c0**-self.m, self.shear * c0 ** (0.5 * (self.m - 1.0))
+    def _describe_prestrained(self, prestrain: Array) -> _Prestrained:
+        c0 = _compute_determinant(prestrain)
+        return _Prestrained(power=c0**-self.m, modulus=self.shear * c0 ** (0.5 * (self.m - 1.0)))
 
-    def _inverse(self, strain: Array) -> tuple[Array, Array]:
-        """C^-1, (..., 3), and c^-m, (...)."""
+    def _describe_deformed(self, strain: Array) -> _Deformed:
         e11, e22, e12 = np.moveaxis(strain, -1, 0)
-        c = _determinant(strain)
-        inverse = np.stack([1.0 + 2.0 * e22, 1.0 + 2.0 * e11, -e12], axis=-1) / c[..., None]
-        return inverse, c**-self.m
+        c = _compute_determinant(strain)
+        adjugate = np.stack([1.0 + 2.0 * e22, 1.0 + 2.0 * e11, -e12], axis=-1)
+        return _Deformed(inverse=adjugate / c[..., None], power=c**-self.m)
 
 
-def _determinant(strain: Array) -> Array:
-    """Det (I + 2 E), (...)."""
+def _compute_determinant(strain: Array) -> Array:
+    """Return det (I + 2 E), (...)."""
     e11, e22, e12 = np.moveaxis(strain, -1, 0)
     return np.asarray((1.0 + 2.0 * e11) * (1.0 + 2.0 * e22) - e12 * e12)

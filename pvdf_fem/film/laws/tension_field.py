@@ -26,116 +26,157 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import eigh
 
-from pvdf_fem.arrays import Array, apply_matrix
+from pvdf_fem.arrays import Array, Mask, apply_matrix
 from pvdf_fem.film.laws.law import Hooke
+from pvdf_fem.scene.film import Film
 
-# adj S = S22, S11, -S12 of a stress S11, S22, S12, as a strain with engineering shear.
+#: Matrix of adj S = S22, S11, -S12 for a stress S11, S22, S12, as a strain with engineering shear.
 ADJUGATE: Array = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -2.0]])
 
 
 class TensionField(Hooke):
-    """Stress in a wrinkling film, and its derivative by the strain. `stiffness` is that of the
-    taut film."""
+    """Stress in a wrinkling film, and its derivative by the strain.
+
+    Parameters
+    ----------
+    stiffness : (3, 3) array
+        Stiffness of the taut film in Pa.
+    """
 
     wrinkles = True
-    linear = False
+    is_linear = False
 
     def __init__(self, stiffness: Array) -> None:
         super().__init__(stiffness)
         self.compliance: Array = np.asarray(np.linalg.inv(stiffness))
-        # V^T C^-1 V = I, V^T A V = diag(-, -, +): S = V y, and S >= 0 is a cone about the last y.
+        # V^T C^-1 V = I and V^T A V = diag(-, -, +): with S = V y, S >= 0 is a cone about the last
+        # component of y
         self._values, self._vectors = eigh(ADJUGATE, self.compliance)
 
-    def stress(self, strain: Array, at_rest: Array | float = 0.0) -> Array:
-        """S in Pa, (..., 3), of the elastic strain in the film's plane, (..., 3). Where a complex
-        strain has a step as imaginary part, the imaginary part of S is the derivative times the
-        step."""
-        strain = strain + at_rest
-        if np.iscomplexobj(strain):
-            moduli = self.moduli(strain.real, np.zeros(3))
-            return self.stress(strain.real) + 1j * apply_matrix(moduli, strain.imag)
-        stress = strain @ self.stiffness
-        taut = _is_tensile(stress)
-        slack = ~taut & _is_tensile(-strain * [1.0, 1.0, 0.5])
-        wrinkled = ~taut & ~slack
-        stress[slack] = 0.0
-        stress[wrinkled] = self._wrinkled(strain[wrinkled])
+    def compute_prestrain(self, film: Film, steps: int = 30) -> Array:
+        """Return the film's prestrain, (3,): the flat film is taut, or it has no stress."""
+        return film.prestrain
+
+    def stress(self, strain: Array, prestrain: Array | float = 0.0) -> Array:
+        """Return the stress in Pa, (..., 3).
+
+        Where a complex strain has a small step as its imaginary part, the imaginary part of the
+        stress is the derivative times the step.
+        """
+        elastic = strain + prestrain
+        if np.iscomplexobj(elastic):
+            moduli = self.moduli(elastic.real, np.zeros(3))
+            return self.stress(elastic.real) + 1j * apply_matrix(moduli, elastic.imag)
+        stress = elastic @ self.stiffness
+        is_taut = _is_nowhere_compressive(stress)
+        is_slack = ~is_taut & _is_nowhere_compressive(-elastic * [1.0, 1.0, 0.5])
+        is_wrinkled = ~is_taut & ~is_slack
+        stress[is_slack] = 0.0
+        stress[is_wrinkled] = self._compute_wrinkled_stress(elastic[is_wrinkled])
         return stress
 
-    def moduli(self, strain: Array, at_rest: Array) -> Array:
-        elastic = strain + at_rest
-        root = self.root(elastic, self.stress(elastic))
+    def moduli(self, strain: Array, prestrain: Array) -> Array:
+        """Return the derivative of the stress by the strain in Pa, (..., 3, 3)."""
+        elastic = strain + prestrain
+        root = self._compute_moduli_root(elastic, self.stress(elastic))
         return np.matmul(root.swapaxes(-1, -2), root)
 
-    def energy(self, strain: Array, at_rest: Array) -> Array:
-        elastic = strain + at_rest
+    def energy(self, strain: Array, prestrain: Array) -> Array:
+        """Return the stored energy in J/m³, (...)."""
+        elastic = strain + prestrain
         return 0.5 * np.asarray((elastic * self.stress(elastic)).sum(axis=-1))
 
-    def _wrinkled(self, strain: Array, most_steps: int = 60) -> Array:
-        """Stress S in Pa at strains (n, 3) of wrinkled film. With y = V^-1 S and f = V^T e,
-        y_i (1 - lambda mu_i) = f_i. On the cone sqrt(mu_3) y_3 = |(sqrt(-mu_i) y_i), i = 1, 2|, and
-        x = -lambda mu_1/(1 - lambda mu_1) makes lambda in [0, inf) an x in [0, 1). Every Newton
-        step at least halves the bounds: 60 steps leave rounding."""
+    def _compute_wrinkled_stress(self, strain: Array, max_steps: int = 60) -> Array:
+        """Compute the stress in Pa at elastic strains (n, 3) of wrinkled film.
+
+        Notes
+        -----
+        With y = V^-1 S and f = V^T e, y_i (1 - lambda mu_i) = f_i. On the cone
+        sqrt(mu_3) y_3 = |(sqrt(-mu_i) y_i), i = 1, 2|, and
+        x = -lambda mu_1/(1 - lambda mu_1) takes lambda in [0, inf) to x in [0, 1). All points take
+        Newton steps at once; a step that leaves the bounds halves them, so that 60 steps end at
+        rounding. A scalar root finder for each point would take many times as long.
+        """
         f = strain @ self._vectors
-        scaled = f * np.sqrt(np.abs(self._values))
-        first, second, third = scaled.T
+        first, second, third = (f * np.sqrt(np.abs(self._values))).T
         stiffer = self._values[1] / self._values[0] - 1.0
         opening = 1.0 - self._values[2] / self._values[0]
 
-        low, high = np.zeros(len(f)), np.ones(len(f))
+        low = np.zeros(len(f))
+        high = np.ones(len(f))
         x = np.full(len(f), 0.5)
-        for _ in range(most_steps):
+        for _ in range(max_steps):
             denominator = 1.0 + stiffer * x
             radius = np.hypot(first, second / denominator)
             excess = third - (1.0 - opening * x) * radius
             slope = opening * radius + (1.0 - opening * x) * stiffer * (
                 (second / denominator) ** 2 / denominator / radius
             )
-            low, high = np.where(excess < 0, x, low), np.where(excess > 0, x, high)
+            low = np.where(excess < 0, x, low)
+            high = np.where(excess > 0, x, high)
             better = x - excess / slope
-            outside = (better <= low) | (better >= high)
-            better = np.where(outside, 0.5 * (low + high), better)
+            is_outside = (better <= low) | (better >= high)
+            better = np.where(is_outside, 0.5 * (low + high), better)
             moved = np.abs(better - x)
             x = better
             if np.all(moved <= 1e-15):
                 break
-        # y by its first two components, and the third from the cone
         y1 = f[:, 0] * (1.0 - x)
         y2 = f[:, 1] * (1.0 - x) / (1.0 + stiffer * x)
-        y3 = np.hypot(y1 * np.sqrt(-self._values[0]), y2 * np.sqrt(-self._values[1])) / np.sqrt(
-            self._values[2]
-        )
+        # the third component follows from the cone
+        across = np.hypot(y1 * np.sqrt(-self._values[0]), y2 * np.sqrt(-self._values[1]))
+        y3 = across / np.sqrt(self._values[2])
         return np.stack([y1, y2, y3], axis=-1) @ self._vectors.T
 
-    def root(self, strain: Array, stress: Array) -> Array:
-        """R with dS/de = R^T R, (..., 3, 3), at the elastic strain e with its stress S. Wrinkled, S
-        moves on the cone det S = 0: in the basis T = (t t, t n + n t) of its tangent plane
-        dS/de = T H^-1 T^T with H = T^T (C^-1 - lambda A) T."""
+    def _compute_moduli_root(self, strain: Array, stress: Array) -> Array:
+        """Factorise the moduli.
+
+        Parameters
+        ----------
+        strain : (..., 3) array
+            Elastic strain e.
+        stress : (..., 3) array
+            Its stress S in Pa.
+
+        Returns
+        -------
+        (..., 3, 3) array
+            R with dS/de = R^T R.
+
+        Notes
+        -----
+        Wrinkled, S moves on the cone det S = 0: in the basis T = (t t, t n + n t) of its tangent
+        plane dS/de = T H^-1 T^T with H = T^T (C^-1 - lambda A) T.
+        """
         trace = stress[..., 0] + stress[..., 1]
-        elastic = strain @ self.stiffness
-        taut = _is_tensile(elastic)
+        is_taut = _is_nowhere_compressive(strain @ self.stiffness)
+        is_wrinkled = ~is_taut & (trace > 0.0)
         root = np.zeros((*stress.shape, 3))
-        root[taut] = np.linalg.cholesky(self.stiffness).T
-        wrinkled = ~taut & (trace > 0.0)
-        s, S, e = trace[wrinkled], stress[wrinkled], strain[wrinkled]
+        root[is_taut] = np.linalg.cholesky(self.stiffness).T
+        s = trace[is_wrinkled]
+        S = stress[is_wrinkled]
+        e = strain[is_wrinkled]
         tx2, ty2, txy = (S / s[:, None]).T
         along = np.stack([tx2, ty2, txy], axis=-1)
         turned = np.stack([-2.0 * txy, 2.0 * txy, tx2 - ty2], axis=-1)
-        released = (S @ self.compliance - e)[:, :2].sum(axis=1)
-        h11 = _product(along, along, self.compliance)
-        h12 = _product(along, turned, self.compliance)
-        h22 = _product(turned, turned, self.compliance) + 2.0 * released / s
+        wrinkle_strain = (S @ self.compliance - e)[:, :2].sum(axis=1)
+        h11 = _contract(along, along, self.compliance)
+        h12 = _contract(along, turned, self.compliance)
+        h22 = _contract(turned, turned, self.compliance) + 2.0 * wrinkle_strain / s
         # the inverse of H by its Cholesky factor
         complement = h22 - h12**2 / h11
-        root[wrinkled, 0] = along / np.sqrt(h11)[:, None]
-        root[wrinkled, 1] = (turned - along * (h12 / h11)[:, None]) / np.sqrt(complement)[:, None]
+        root[is_wrinkled, 0] = along / np.sqrt(h11)[:, None]
+        turned = turned - along * (h12 / h11)[:, None]
+        root[is_wrinkled, 1] = turned / np.sqrt(complement)[:, None]
         return root
 
 
-def _is_tensile(stress: Array) -> np.ndarray:
+def _is_nowhere_compressive(stress: Array) -> Mask:
+    """Return whether both principal values of stresses (..., 3) are positive or zero, (...)."""
     s11, s22, s12 = np.moveaxis(stress, -1, 0)
-    return (s11 + s22 >= 0.0) & (s11 * s22 >= s12**2)
+    return np.asarray((s11 + s22 >= 0.0) & (s11 * s22 >= s12**2))
 
 
-def _product(a: Array, b: Array, matrix: Array) -> Array:
+def _contract(a: Array, b: Array, matrix: Array) -> Array:
+    """Return a : matrix : b, (...), of tensors (..., 3)."""
     return np.asarray(((a @ matrix) * b).sum(axis=-1))

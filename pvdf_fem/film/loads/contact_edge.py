@@ -1,6 +1,8 @@
-"""Where film leaves a rigid tip, from the smooth film beside the contact."""
+"""The edge of a contact with a rigid tip, from the smooth film beside the contact."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import polynomial
@@ -12,77 +14,135 @@ from pvdf_fem.film.term import State
 from pvdf_fem.mesh.size_field import compute_element_sizes
 from pvdf_fem.scene.outlines.outline import Outline
 
-#: Rays from the core along which the contact's edge is sought.
-RAYS = 72
-#: Degree of the polynomial that finds an edge, and a poorer one that tells how well; measured on 10
-#: tips at two tolerances, the area of contacts is within 0.4 % of the truth, and 1 and 3 % in two
-#: cases.
-DEGREES = 4, 3
+#: Rays from the core along which the contact's edge is located.
+RAY_COUNT = 72
+#: Degree of the polynomial that locates an edge. On 10 tips at two tolerances, areas of contacts
+#: are within 0.4 % of the truth, and within 1 and 3 % in two cases.
+DEGREE = 4
+#: Degree of a poorer polynomial, whose result tells the error.
+POORER_DEGREE = 3
+
+
+class _Rays(NamedTuple):
+    """Rays from a tip's core outwards."""
+
+    origins: Array  # on the core's outline in m, (rays, 2)
+    directions: Array  # unit vectors, (rays, 2)
+
+
+class _Gaps(NamedTuple):
+    """Where points of the film are relative to a tip."""
+
+    distances: Array  # from the core in m, seen along z, (...)
+    values: Array  # gaps between tip and film in m, negative in an overlap, (...)
 
 
 def locate_contact_edge(
-    tip: RigidTip, state: State, degree: int = DEGREES[0], begin: float = 0.2, end: float = 2.5
+    tip: RigidTip, state: State, degree: int = DEGREE, begin: float = 0.2, end: float = 2.5
 ) -> Array:
-    """Points (`RAYS`, 2) in m on the undeformed film where the film leaves the tip.
+    """Locate the points where the film leaves a tip.
 
-    The film leaves tangentially: where the smooth film beside the contact, continued along a ray
-    from the core, is nearest to the tip. There the deflection is about a logarithm of the distance:
-    a polynomial in this logarithm is fitted from `begin` to `end` sizes of elements beyond the
-    points that touch.
+    Parameters
+    ----------
+    tip : RigidTip
+        The tip.
+    state : State
+        The state of the film.
+    degree : int
+        Degree of the polynomial that is fitted to the film beside the contact.
+    begin, end : float
+        Range of the fit beyond the last point that touches, in sizes of the elements there.
+
+    Returns
+    -------
+    (RAY_COUNT, 2) array
+        Points on the undeformed film in m.
+
+    Notes
+    -----
+    The film leaves the tip tangentially: its edge is where the smooth film beside the contact,
+    continued along a ray from the core, is nearest to the tip. There the deflection is about a
+    logarithm of the distance, so that the polynomial is one of this logarithm.
     """
     assert tip.spec.contact is not None
     width = tip.spec.contact.width
-    start, outwards = _rays(tip, width)
-    start = start - _moves(tip, state, start)[:, :2]
-    along = width * np.linspace(0.02, 3.0, 60)
-    touches = _gaps(tip, state, start + along[:, None, None] * outwards)[1] <= 0.0
-    last = np.where(touches.any(axis=0), along[-1 - touches[::-1].argmax(axis=0)], width)
-    touched = tip.overlap(state).is_touching.any(axis=1)
-    size = float(compute_element_sizes(tip.space.mesh)[touched].mean())
-    core = tip.tip.core_perimeter / (2.0 * np.pi)
+    rays = _make_rays(tip, width)
+    origins = rays.origins - _interpolate_displacement(tip, state, rays.origins)[:, :2]
+    last = _find_last_touching(tip, state, _Rays(origins, rays.directions), width)
+    is_touched = tip.overlap(state).is_touching.any(axis=1)
+    size = float(compute_element_sizes(tip.space.mesh)[is_touched].mean())
+    core_radius = tip.tip.core_perimeter / (2.0 * np.pi)
     beside = last + size * np.linspace(begin, end, 4 * degree)[:, None]
-    distances, gaps = _gaps(tip, state, start + beside[..., None] * outwards)
-    ends = np.empty(RAYS)
-    for i in range(RAYS):
-        z = np.log((core + beside[:, i]) / (core + last[i]))
-        heights = gaps[:, i] - tip.tip.profile(distances[:, i])[0]
-        film, away = polynomial.polyfit(z, np.stack([heights, distances[:, i]], -1), degree).T
-        nearest = np.log(max(1.0 - size / (core + last[i]), 0.1))
+    gaps = _compute_gaps(tip, state, origins + beside[..., None] * rays.directions)
+    edge = np.empty(RAY_COUNT)
+    for i in range(RAY_COUNT):
+        last_radius = core_radius + last[i]
+        z = np.log((core_radius + beside[:, i]) / last_radius)
+        # heights of the film less the tip's depth, and distances from the core, over z
+        heights = gaps.values[:, i] - tip.tip.profile(gaps.distances[:, i])[0]
+        values = np.stack([heights, gaps.distances[:, i]], -1)
+        film_fit, distance_fit = polynomial.polyfit(z, values, degree).T
+        nearest = np.log(max(1.0 - size / last_radius, 0.1))
         fine = np.linspace(nearest, z[-1], 1500)
-        height, _, _ = tip.tip.profile(polynomial.polyval(fine, away))
-        gap = polynomial.polyval(fine, film) + height
-        ends[i] = (core + last[i]) * np.exp(fine[gap.argmin()]) - core
-    return np.asarray(start + ends[:, None] * outwards)
+        tip_height, _, _ = tip.tip.profile(polynomial.polyval(fine, distance_fit))
+        gap = polynomial.polyval(fine, film_fit) + tip_height
+        edge[i] = last_radius * np.exp(fine[gap.argmin()]) - core_radius
+    return np.asarray(origins + edge[:, None] * rays.directions)
 
 
 def measure_contact_outlines(tip: RigidTip, state: State) -> dict[str, Outline]:
-    """Outlines of the film, before it deforms, on a tip and on its flat face, by patch name."""
+    """Measure the outlines of the film on a tip and on its flat face, before it deforms.
+
+    Parameters
+    ----------
+    tip : RigidTip
+        The tip.
+    state : State
+        The state of the film.
+
+    Returns
+    -------
+    dict
+        Outlines by patch name.
+    """
     outlines = {tip.spec.patch: tip.tip.fit_outline(locate_contact_edge(tip, state))}
     if tip.tip.face is not None:
         points = np.array(tip.tip.face.shape.exterior.coords)[:-1]
-        carried = points - _moves(tip, state, points)[:, :2]
-        outlines[format_face_patch(tip.spec)] = tip.tip.fit_outline(carried)
+        undeformed = points - _interpolate_displacement(tip, state, points)[:, :2]
+        outlines[format_face_patch(tip.spec)] = tip.tip.fit_outline(undeformed)
     return outlines
 
 
-def _rays(tip: RigidTip, width: float) -> tuple[Array, Array]:
-    """Points on the core's outline, (`RAYS`, 2), and unit vectors away from it."""
+def _make_rays(tip: RigidTip, width: float) -> _Rays:
+    """Make rays from the core through points on the outline that is offset by `width` in m."""
     line = tip.tip.make_offset_outline(width).shape.exterior
-    points = [line.interpolate(t, normalized=True).coords[0] for t in np.arange(RAYS) / RAYS]
-    distances = tip.tip.distances(np.array(points))
-    return points - distances.value[:, None] * distances.normal, distances.normal
+    fractions = np.arange(RAY_COUNT) / RAY_COUNT
+    points = np.array([line.interpolate(t, normalized=True).coords[0] for t in fractions])
+    distances = tip.tip.distances(points)
+    return _Rays(points - distances.value[:, None] * distances.normal, distances.normal)
 
 
-def _moves(tip: RigidTip, state: State, points: Array) -> Array:
-    """Displacements (n, 3) in m of the film at points (n, 2)."""
-    film = state.dofs.reshape(-1, 3)[: tip.space.basis.N]
-    return np.asarray(tip.space.interpolation(points.T) @ film)
+def _find_last_touching(tip: RigidTip, state: State, rays: _Rays, width: float) -> Array:
+    """Find how far along each ray the film touches, in m, (rays,); `width` where it does not."""
+    along = width * np.linspace(0.02, 3.0, 60)
+    points = rays.origins + along[:, None, None] * rays.directions
+    touches = _compute_gaps(tip, state, points).values <= 0.0
+    last = along[-1 - touches[::-1].argmax(axis=0)]
+    return np.where(touches.any(axis=0), last, width)
 
 
-def _gaps(tip: RigidTip, state: State, points: Array) -> tuple[Array, Array]:
-    """Distances from the core of displaced points (..., 2), and their gaps to the tip, in m."""
+def _interpolate_displacement(tip: RigidTip, state: State, points: Array) -> Array:
+    """Interpolate the film's displacement (n, 3) in m at points (n, 2)."""
+    nodal = state.dofs.reshape(-1, 3)[: tip.space.basis.N]
+    return np.asarray(tip.space.interpolation(points.T) @ nodal)
+
+
+def _compute_gaps(tip: RigidTip, state: State, points: Array) -> _Gaps:
+    """Compute where points (..., 2) of the undeformed film are after their displacement."""
     flat = points.reshape(-1, 2)
-    moves = _moves(tip, state, flat)
-    distances = tip.tip.distances(flat + moves[:, :2]).value
-    gaps = tip.tip.profile(distances)[0] + moves[:, 2] - tip.overlap(state).depth
-    return distances.reshape(points.shape[:-1]), gaps.reshape(points.shape[:-1])
+    displacement = _interpolate_displacement(tip, state, flat)
+    distances = tip.tip.distances(flat + displacement[:, :2]).value
+    tip_height = tip.tip.profile(distances)[0]
+    gaps = tip_height + displacement[:, 2] - tip.overlap(state).depth
+    shape = points.shape[:-1]
+    return _Gaps(distances.reshape(shape), gaps.reshape(shape))

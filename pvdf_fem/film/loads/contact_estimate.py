@@ -1,10 +1,10 @@
-"""Guesses of contacts with rigid tips, before a solve."""
+"""Estimates of contacts with rigid tips, before a solve."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -19,95 +19,155 @@ from pvdf_fem.scene.outlines.tip import STEEPEST, Tip
 from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
-#: Contact width over the guessed width, measured for spheres: 1.07 to 1.11.
-WIDER = 1.09
+#: Contact width over the width by a point load's tension, measured for spheres: 1.07 to 1.11.
+WIDTH_FACTOR = 1.09
 #: Displacement in the plane of the film on a tip, over its place times the square of the deflection
-#: over the film's radius, and strain of the film there over that by a point load: measured on 16
-#: rounded punches, 0.5 to 0.9 each.
-DRIFT, STRETCH = 0.8, 0.7
-#: Overlap of film and tip in the middle of a contact over the tip's depth, as a part of the
-#: tolerance: under a force it changes charges by a twentieth of that, at a depth by as much.
+#: over the film's radius. Measured on 16 rounded punches: 0.5 to 0.9.
+DRIFT_FACTOR = 0.8
+#: Strain of the film on a tip over that by a point load. Measured on 16 rounded punches: 0.5 to
+#: 0.9.
+STRETCH_FACTOR = 0.7
+#: Overlap of film and tip in the middle of a contact over the tip's depth, over the tolerance.
+#: Under a force it changes charges by a twentieth of that, at a given depth by as much.
 OVERLAP = 0.02
 
 
 @dataclass(frozen=True)
 class ContactEstimate:
-    """What a contact with a rigid tip is guessed to be."""
+    """Estimate of a contact with a rigid tip."""
 
-    force: float  #: That presses, in N.
-    width: float  #: From the core to the contact's edge, in m.
+    force: float  #: Along z, in N.
+    width: float  #: From the tip's core to the contact's edge, in m.
     softness: float  #: Overlap over the tip's depth.
-    stiffness: float  #: Traction over overlap in Pa/m, times the softness.
+    stiffness: float  #: Traction over overlap times the softness, in Pa/m.
 
     @classmethod
-    def from_scene(cls, scene: Scene, touch: LoadedProbe) -> Self:
-        """The guess for a tip of a scene."""
-        force, face = estimate_load_force(touch.load, scene.film), touch.tip.face
-        width = estimate_contact_width(touch, scene.film)
-        outline = touch.tip.make_offset_outline(width)
-        pressed = outline.area - (face.area if face else 0.0)
-        depth = touch.load.depth or estimate_point_deflection(scene.film, force)
-        softness = OVERLAP * min(scene.numerics.tolerance, 1e-2)
-        return cls(force, width, softness, force / pressed / depth)
+    def from_scene(cls, scene: Scene, probe: LoadedProbe) -> Self:
+        """Estimate the contact of a scene's tip."""
+        film = scene.film
+        force = estimate_load_force(probe.load, film)
+        width = estimate_contact_width(probe, film)
+        pressed_area = probe.tip.make_offset_outline(width).area
+        if probe.tip.face:
+            pressed_area -= probe.tip.face.area
+        depth = probe.load.depth or estimate_point_deflection(film, force)
+        return cls(
+            force=force,
+            width=width,
+            softness=OVERLAP * min(scene.numerics.tolerance, 1e-2),
+            stiffness=force / pressed_area / depth,
+        )
+
+
+class PressedArea(NamedTuple):
+    """Where a probe presses, and how strongly."""
+
+    outline: Outline
+    force: float  #: Size of the force in N.
 
 
 def estimate_load_force(load: Load, film: Film) -> float:
-    """The force of a load in N; an approximate force where the depth is given."""
+    """Return the force of a load along z in N, or an estimate of it where the depth is given."""
     return load.force if load.depth is None else estimate_point_force(film, load.depth)
 
 
 def estimate_contact_outlines(scene: Scene) -> dict[str, Outline]:
-    """Guessed contacts with a scene's tips on the film before it deforms, by patch name."""
-    widths = ((touch, estimate_contact_width(touch, scene.film)) for touch in scene.tips)
-    return {
-        t.patch: _before(t, scene.film, width).make_offset_outline(width) for t, width in widths
-    }
-
-
-def estimate_tip_outlines(scene: Scene) -> dict[str, Outline]:
-    """What a mesh follows of a scene's tips, by patch name: guessed contacts and flat faces."""
-    outlines = estimate_contact_outlines(scene)
-    for touch in scene.tips:
-        face = _before(touch, scene.film, estimate_contact_width(touch, scene.film)).face
-        outlines |= {format_face_patch(touch): face} if face else {}
+    """Estimate the outlines of contacts with a scene's tips, by patch name, on the film before it
+    deforms."""
+    outlines = {}
+    for probe in scene.tips:
+        width = estimate_contact_width(probe, scene.film)
+        tip = _move_to_undeformed_film(probe, scene.film, width)
+        outlines[probe.patch] = tip.make_offset_outline(width)
     return outlines
 
 
-def estimate_pressed_area(scene: Scene, touch: LoadedProbe) -> tuple[Outline, float]:
-    """About where a touch presses, and the size of its force in N."""
-    force = math.hypot(*touch.load.components[:2], estimate_load_force(touch.load, scene.film))
-    return estimate_contact_outlines(scene).get(touch.patch, touch.outline), force
+def estimate_tip_outlines(scene: Scene) -> dict[str, Outline]:
+    """Estimate the outlines that a mesh follows at a scene's tips, by patch name: contacts and flat
+    faces."""
+    outlines = estimate_contact_outlines(scene)
+    for probe in scene.tips:
+        width = estimate_contact_width(probe, scene.film)
+        face = _move_to_undeformed_film(probe, scene.film, width).face
+        if face:
+            outlines[format_face_patch(probe)] = face
+    return outlines
 
 
-def _before(touch: LoadedProbe, film: Film, width: float) -> Tip:
-    """A tip around the touching film, before this film moves outwards and stretches."""
-    tip, force, place = touch.tip, estimate_load_force(touch.load, film), touch.outline.centroid
-    nearest, farthest = tip.core_perimeter / (2.0 * np.pi) + width, float(np.hypot(*place))
-    reach = film.radius - farthest**2 / film.radius
-    deflection = estimate_point_deflection(film, force, min(nearest, 0.5 * reach), reach)
-    tension = estimate_tension(film, force, nearest) - film.thickness * film.prestress[:2].mean()
-    stretch = STRETCH * tension / film.thickness / film.stiffness[:2, :2].sum(axis=0).mean()
-    return tip.moved_by(-DRIFT * (deflection / film.radius) ** 2 * place, -stretch)
+def estimate_pressed_area(scene: Scene, probe: LoadedProbe) -> PressedArea:
+    """Estimate where a probe presses, and the size of its force."""
+    force = estimate_load_force(probe.load, scene.film)
+    size = math.hypot(*probe.load.components[:2], force)
+    outline = estimate_contact_outlines(scene).get(probe.patch, probe.outline)
+    return PressedArea(outline, size)
 
 
-def format_face_patch(touch: LoadedProbe) -> str:
-    """Name of the mesh patch for a tip's flat face."""
-    return f"{touch.patch} face"
+def _move_to_undeformed_film(probe: LoadedProbe, film: Film, width: float) -> Tip:
+    """Move and shrink a tip to where the film that touches it was before it deformed.
 
-
-def estimate_contact_width(touch: LoadedProbe, film: Film) -> float:
-    """The contact's distance from a tip's core in m, by the tension that a point load makes there.
-
-    The film pulls at the edge with N sin(slope), whose sum along the edge is the force.
+    Parameters
+    ----------
+    probe : LoadedProbe
+        The probe of the tip.
+    film : Film
+        The film, which moves outwards and stretches under the tip.
+    width : float
+        Contact width in m.
     """
-    tip, force = touch.tip, estimate_load_force(touch.load, film)
+    tip = probe.tip
+    force = estimate_load_force(probe.load, film)
+    centre = probe.outline.centroid
+    nearest = tip.core_perimeter / (2.0 * np.pi) + width
+    # the distance of the rim from a point load beside the film's centre
+    reach = film.radius - float(np.hypot(*centre)) ** 2 / film.radius
+    deflection = estimate_point_deflection(film, force, min(nearest, 0.5 * reach), reach)
+    unloaded_tension = film.thickness * film.prestress[:2].mean()
+    tension = estimate_tension(film, force, nearest) - unloaded_tension
+    biaxial_modulus = film.stiffness[:2, :2].sum(axis=0).mean()
+    stretch = STRETCH_FACTOR * tension / film.thickness / biaxial_modulus
+    return tip.moved_by(-DRIFT_FACTOR * (deflection / film.radius) ** 2 * centre, -stretch)
+
+
+def format_face_patch(probe: LoadedProbe) -> str:
+    """Return the name of the mesh patch for a tip's flat face."""
+    return f"{probe.patch} face"
+
+
+def estimate_contact_width(probe: LoadedProbe, film: Film, halvings: int = 60) -> float:
+    """Estimate how far a contact reaches beyond a tip's core.
+
+    Parameters
+    ----------
+    probe : LoadedProbe
+        The probe of the tip.
+    film : Film
+        The film.
+    halvings : int
+        Number of bisections. They end at rounding, and take less time than the import of
+        `scipy.optimize`.
+
+    Returns
+    -------
+    float
+        Distance of the contact's edge from the core in m.
+
+    Notes
+    -----
+    The film pulls at the edge with N sin(slope), whose sum along the edge is the force. The tension
+    N is that of a point load.
+    """
+    tip = probe.tip
+    force = estimate_load_force(probe.load, film)
     low, high = 0.0, STEEPEST * tip.radius
-    for _ in range(60):
-        d = 0.5 * (low + high)
-        length = tip.core_perimeter + 2.0 * np.pi * d
+    for _ in range(halvings):
+        width = 0.5 * (low + high)
+        length = tip.core_perimeter + 2.0 * np.pi * width
         tension = estimate_tension(film, force, length / (2.0 * np.pi))
-        low, high = (low, d) if tension * length * d / tip.radius > force else (d, high)
-    d *= WIDER
-    while tip.make_offset_outline(d).reach > 0.98 * film.radius and d > 0.0:
-        d *= 0.8
-    return d
+        if tension * length * width / tip.radius > force:
+            high = width
+        else:
+            low = width
+    width *= WIDTH_FACTOR
+    while tip.make_offset_outline(width).reach > 0.98 * film.radius and width > 0.0:
+        width *= 0.8
+    return width

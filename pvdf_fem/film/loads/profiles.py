@@ -1,4 +1,4 @@
-"""How a dead load is spread over its patch: one class for each ``load.profile``.
+"""Pressure profiles: how a dead load is distributed over its patch, a class by ``load.profile``.
 
 Only the shape of a profile counts, since a load scales it to its force. A further profile is a
 class here and a line in `pvdf_fem.scene.registry`.
@@ -14,6 +14,7 @@ from hashlib import sha256
 from pathlib import Path
 from pkgutil import resolve_name
 from tempfile import TemporaryDirectory
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import shapely
@@ -27,28 +28,52 @@ from pvdf_fem.scene.registry import DIGEST_MARK, PROFILE_ENTRIES, find_load_key
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import format_error
 
+#: A pressure at places (..., 2) in mm in the probe's own axes, (...).
+GridFunction: TypeAlias = Callable[[Array], Array]
+
+
+class _ProfileFile(NamedTuple):
+    """The content of a profile file."""
+
+    digest: str  # SHA-256
+    pressure: GridFunction
+
+
+class _GridTable(NamedTuple):
+    """A pressure on a grid."""
+
+    x_mm: Array  # (n,)
+    y_mm: Array  # (m,)
+    pressure: Array  # (n, m)
+
 
 class Profile(ABC):
-    """A pressure over a patch, to a factor."""
+    """A pressure over a patch, to a factor.
 
-    #: Degree of the quadrature that it takes; None for that of the film.
+    Parameters
+    ----------
+    spec : LoadSpec
+        The probe and its load.
+    """
+
+    #: Degree of the quadrature that the profile takes; None for that of the film.
     order: int | None = 16
 
-    def __init__(self, touch: LoadSpec) -> None:
-        self.spec = touch
-        #: What a refusal names, and its value.
-        self.source = "load.profile", touch.load.profile
+    def __init__(self, spec: LoadSpec) -> None:
+        self.spec = spec
+        #: The key that error messages name, and its value.
+        self.source = "load.profile", spec.load.profile
 
     @abstractmethod
     def __call__(self, points: Array) -> Array:
-        """Nonnegative values (...) at points (..., 2) in m on the film."""
+        """Return nonnegative values, (...), at points (..., 2) in m on the film."""
 
     def mean(self, shape: shapely.Geometry) -> float:
-        """About the mean over a shape on the film, in m."""
+        """Return about the mean over a shape on the film, in m."""
         return average_over(shape, self)
 
     def make_error(self, reason: str) -> SceneError:
-        """The error for a profile without an integral."""
+        """Make the error for a profile that cannot be used."""
         return SceneError([format_error(*self.source, reason)])
 
 
@@ -58,6 +83,7 @@ class Uniform(Profile):
     order = None
 
     def __call__(self, points: Array) -> Array:
+        """Return ones."""
         return np.ones(points.shape[:-1])
 
 
@@ -65,8 +91,9 @@ class Hertz(Profile):
     """An ellipsoid over a disc or an ellipse, as under a sphere on a soft half-space."""
 
     def __call__(self, points: Array) -> Array:
+        """Return the ellipsoid's height over its largest."""
         outline = self.spec.outline
-        assert isinstance(outline, Ellipse)  # the scene refuses others
+        assert isinstance(outline, Ellipse)  # the scene accepts no other
         z = (points - outline.centre) @ np.linalg.inv(outline.axes).T
         return np.sqrt(np.maximum(1.0 - (z**2).sum(axis=-1), 0.0))
 
@@ -75,33 +102,52 @@ class Gaussian(Profile):
     """exp(-2 r²/w²) about the centroid, cut off by the outline."""
 
     def __call__(self, points: Array) -> Array:
-        outline, width_mm = self.spec.outline, self.spec.load.profile_width_mm
+        """Return the pressure over its largest."""
+        outline = self.spec.outline
+        width_mm = self.spec.load.profile_width_mm
         width = width_mm / 1e3 if width_mm else np.sqrt(outline.area / np.pi)
         return np.exp(-2.0 * ((points - outline.centroid) ** 2).sum(axis=-1) / width**2)
 
 
 class CallableProfile(Profile):
-    """A function of x and y in mm in the probe's own axes."""
+    """A function of x and y in mm in the probe's own axes.
 
-    def __init__(self, touch: LoadSpec, pressure: Pressure) -> None:
-        super().__init__(touch)
+    Parameters
+    ----------
+    spec : LoadSpec
+        The probe and its load.
+    pressure : callable
+        The function.
+    """
+
+    def __init__(self, spec: LoadSpec, pressure: Pressure) -> None:
+        super().__init__(spec)
         self.pressure = pressure
-        if pressure is touch.pressure:
+        if pressure is spec.pressure:
             self.source = "pressure", format_function_name(pressure)
 
     def __call__(self, points: Array) -> Array:
-        probe, places = self.spec.probe, 1e3 * points.reshape(-1, 2)
-        x, y = rotate(places - [probe.x_mm, probe.y_mm], -probe.rotation_deg).T.copy()
+        """Return the function's values, (...), at points (..., 2) in m on the film.
+
+        Raises
+        ------
+        SceneError
+            If the function raises, or its values are no nonnegative finite numbers of the right
+            shape.
+        """
+        probe = self.spec.probe
+        places_mm = 1e3 * points.reshape(-1, 2) - [probe.x_mm, probe.y_mm]
+        x, y = rotate(places_mm, -probe.rotation_deg).T.copy()
         try:
             values = np.asarray(self.pressure(x, y))
         except Exception as error:
             reason = f"raises {type(error).__name__} at x_mm, y_mm of shape {x.shape}: {error}"
             raise self.make_error(f"{reason}; give a function of arrays") from error
         if values.dtype.kind not in "biuf":
-            raise self.make_error(f"gives values of type {values.dtype}; give real numbers")
+            raise self.make_error(f"returns values of type {values.dtype}; return real numbers")
         if values.shape not in ((), x.shape):
-            reason = f"gives shape {values.shape} at x_mm, y_mm of shape {x.shape}"
-            raise self.make_error(f"{reason}; give a value for each point, or one for all")
+            reason = f"returns shape {values.shape} at x_mm, y_mm of shape {x.shape}"
+            raise self.make_error(f"{reason}; return a value for each point, or one for all")
         if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0):
             raise self.make_error("is negative or not finite under the probe; change it")
         return np.broadcast_to(values.astype(float), x.shape).reshape(points.shape[:-1])
@@ -110,85 +156,110 @@ class CallableProfile(Profile):
 class TableProfile(CallableProfile):
     """Values on a grid in a file, interpolated bilinearly, and zero outside."""
 
-    def __init__(self, touch: LoadSpec) -> None:
-        _, grid = _read(touch.load.profile)
-        super().__init__(touch, lambda x, y: grid(np.stack([x, y], axis=-1)))
-        self.source = "load.profile", Path(touch.load.profile.partition(DIGEST_MARK)[0]).name
+    def __init__(self, spec: LoadSpec) -> None:
+        pressure = _read_profile(spec.load.profile).pressure
+        super().__init__(spec, lambda x, y: pressure(np.stack([x, y], axis=-1)))
+        path, _, _ = spec.load.profile.partition(DIGEST_MARK)
+        self.source = "load.profile", Path(path).name
 
 
-def make_profile(touch: LoadSpec) -> Profile:
-    """The profile of a probe's load; SceneError for a file that cannot be read."""
-    if touch.pressure is not None:
-        return CallableProfile(touch, touch.pressure)
-    profile: Profile = resolve_name(touch.load.profile_entry.path)(touch)
+def make_profile(spec: LoadSpec) -> Profile:
+    """Make the profile of a probe's load.
+
+    Raises
+    ------
+    SceneError
+        If its file cannot be read.
+    """
+    if spec.pressure is not None:
+        return CallableProfile(spec, spec.pressure)
+    profile: Profile = resolve_name(spec.load.profile_entry.path)(spec)
     return profile
 
 
 def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
-    """Scenes with whole paths and digests of profile files: ``/p.csv#sha256=...``.
+    """Replace profile files in scenes by absolute paths and digests: ``/p.csv#sha256=...``.
 
-    Processes with another working directory find the files, and no process solves another content.
-    Each file is read once. Raises SceneError for a file that holds no grid.
+    Processes with another working directory find the files, and no process solves a file that has
+    changed. Each file is read once.
+
+    Parameters
+    ----------
+    scenes : iterable of Scene
+        The scenes.
+
+    Returns
+    -------
+    list of Scene
+        The scenes; those without files are as they were.
+
+    Raises
+    ------
+    SceneError
+        If a file holds no grid.
     """
 
     @cache
-    def named(profile: str) -> str:
-        return f"{os.path.abspath(profile)}{DIGEST_MARK}{_read(profile)[0]}"
+    def pin(profile: str) -> str:
+        return f"{os.path.abspath(profile)}{DIGEST_MARK}{_read_profile(profile).digest}"
 
-    def changed(scene: Scene) -> Scene:
-        keyed = ((find_load_key(t.key, t.probe, "profile"), t.load) for t in scene.loaded_probes)
-        profiles = {key: load.profile for key, load in keyed}
-        in_files = {
-            k: p for k, p in profiles.items() if p not in PROFILE_ENTRIES and DIGEST_MARK not in p
-        }
-        return scene.with_(**{k: named(p) for k, p in in_files.items()}) if in_files else scene
+    pinned_scenes = []
+    for scene in scenes:
+        changes = {}
+        for probe in scene.loaded_probes:
+            profile = probe.load.profile
+            if profile not in PROFILE_ENTRIES and DIGEST_MARK not in profile:
+                changes[find_load_key(probe.key, probe.probe, "profile")] = pin(profile)
+        pinned_scenes.append(scene.with_(**changes) if changes else scene)
+    return pinned_scenes
 
-    return [changed(scene) for scene in scenes]
 
-
-def _read(profile: str, most_bytes: int = 20_000_000) -> tuple[str, Callable[[Array], Array]]:
-    """Digest and profile of a file."""
-    name, _, pin = profile.partition(DIGEST_MARK)
+def _read_profile(profile: str, most_bytes: int = 20_000_000) -> _ProfileFile:
+    """Read a profile file, which has to have the digest behind its name, if there is one."""
+    name, _, wanted_digest = profile.partition(DIGEST_MARK)
     try:
         content = read_bytes(Path(name), most_bytes, "a pressure profile")
         digest = sha256(content).hexdigest()
-        if pin not in ("", digest):
-            reason = "does not hold the profile that is to be solved, as its digest tells"
+        if wanted_digest not in ("", digest):
+            reason = "has changed since the scene was made (its digest differs)"
             raise FileError(f"{name}: {reason}; restore the file, or name it without {DIGEST_MARK}")
-        return digest, _grid(name, content)
+        return _ProfileFile(digest, _interpolate_table(name, content))
     except (FileError, KeyError, OSError, ValueError) as error:
-        reason = f"cannot be used ({error}); give x_mm, y_mm and pressure on a grid that grows"
+        advice = "give x_mm, y_mm and pressure on a grid with increasing coordinates"
+        reason = f"cannot be used ({error}); {advice}"
         raise SceneError([format_error("load.profile", profile, reason)]) from None
 
 
 @lru_cache(maxsize=8)
-def _grid(name: str, content: bytes) -> Callable[[Array], Array]:
-    """The profile in the content of a file; the name tells the format."""
+def _interpolate_table(name: str, content: bytes) -> GridFunction:
+    """Interpolate the table in the content of a file, whose format its name tells."""
     from scipy.interpolate import RegularGridInterpolator  # slow to import
 
-    x, y, values = (_of_netcdf if name.endswith(".nc") else _of_csv)(name, content)
-    return RegularGridInterpolator((x, y), values, bounds_error=False, fill_value=0.0)
+    table = _read_netcdf(name, content) if name.endswith(".nc") else _read_csv(name, content)
+    axes = table.x_mm, table.y_mm
+    return RegularGridInterpolator(axes, table.pressure, bounds_error=False, fill_value=0.0)
 
 
-def _of_netcdf(name: str, content: bytes) -> tuple[Array, Array, Array]:
+def _read_netcdf(name: str, content: bytes) -> _GridTable:
     import xarray  # slow to import
 
     with TemporaryDirectory() as folder:  # not every engine of xarray reads bytes
         copy = Path(folder) / Path(name).name
         copy.write_bytes(content)
         with xarray.open_dataset(copy) as data:
-            table = data["pressure"].transpose("x_mm", "y_mm")
-            return data["x_mm"].values, data["y_mm"].values, table.values
+            pressure = data["pressure"].transpose("x_mm", "y_mm")
+            return _GridTable(data["x_mm"].values, data["y_mm"].values, pressure.values)
 
 
-def _of_csv(name: str, content: bytes) -> tuple[Array, Array, Array]:
+def _read_csv(name: str, content: bytes) -> _GridTable:
     heading, *lines = decode_text(Path(name), content).splitlines()
     columns = [column.strip() for column in heading.split(",")]
     rows = np.array([line.split(",") for line in lines if line.strip()], dtype=float)
-    x, y, pressure = (rows[:, columns.index(key)] for key in ("x_mm", "y_mm", "pressure"))
-    (xs, i), (ys, j) = (np.unique(values, return_inverse=True) for values in (x, y))
-    table = np.full((len(xs), len(ys)), np.nan)
-    table[i, j] = pressure
-    if not np.isfinite(table).all() or table.size != len(rows):
+    x, y, values = (rows[:, columns.index(key)] for key in ("x_mm", "y_mm", "pressure"))
+    grid_x, row_i = np.unique(x, return_inverse=True)
+    grid_y, row_j = np.unique(y, return_inverse=True)
+    pressure = np.full((len(grid_x), len(grid_y)), np.nan)
+    pressure[row_i, row_j] = values
+    if not np.isfinite(pressure).all() or pressure.size != len(rows):
         raise ValueError("the places are no grid with one finite pressure each")
-    return xs, ys, table
+    return _GridTable(grid_x, grid_y, pressure)

@@ -1,4 +1,4 @@
-"""What a calibration found: parameters with deviations, what they are worth, and what is wrong."""
+"""The result of a calibration: parameters, their uncertainties, and touches that do not fit."""
 
 from __future__ import annotations
 
@@ -17,37 +17,53 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.sensitivity.parameters import expand_pair_key
 from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
+#: Parameters whose share of a direction is below this, over the largest, are not named.
+NAMED_SHARE = 0.15
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration(Result):
-    """How a calibration ended, and the calibrated scene."""
+    """Result of a calibration."""
 
     status: CalibrationStatus
     reason: str  #: The status in words.
-    remarks: tuple[str, ...]  #: What to look at.
-    #: Rows of bad touches, which did not count, and what is wrong with them.
+    notes: tuple[str, ...]  #: Sentences about touches and parameters that deserve a look.
+    #: Rows of touches that did not count, with the reasons.
     outliers: dict[int, str]
     fit: CalibrationFit  #: With `degrees_of_freedom` and `p_value`.
 
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether the parameters are of use."""
+        return self.status is CalibrationStatus.CALIBRATED
+
     @cached_property
     def scene(self) -> Scene:
-        """The scene with what was found; raises ValueError unless calibrated. What its
-        ``[uncertain]`` says of parameters that were found are the deviations found."""
-        if self.status is not CalibrationStatus.CALIBRATED:
+        """The calibrated scene; raises ValueError unless calibrated.
+
+        Parameters in the scene's ``[uncertain]`` get the standard deviations of the calibration.
+        """
+        if not self.is_calibrated:
             raise ValueError(f"{self.status}: {self.reason}")
-        scene = self.fit.model.unknowns.scene_at(self.fit.values, self.fit.model.reading)
+        scene = self.fit.model.parameters.apply(self.fit.values, self.fit.model.reading)
         deviations = {}
         for key in scene.uncertain or ():
-            if names := expand_pair_key(key, self.parameters):
-                deviations[key] = float(np.mean([self.parameters[n]["deviation"] for n in names]))
+            names = expand_pair_key(key, self.parameters)
+            if names:
+                of_each = [self.parameters[name]["deviation"] for name in names]
+                deviations[key] = float(np.mean(of_each))
         return scene.with_(uncertain=deviations) if deviations else scene
 
     @cached_property
     def parameters(self) -> dict[str, dict[str, float]]:
         """Value and standard deviation by name, in the name's unit; offsets in V."""
-        rows = np.stack([self.fit.values, np.sqrt(np.diag(self.fit.covariance))], axis=1).tolist()
-        rows = [dict(zip(("value", "deviation"), row, strict=True)) for row in rows]
-        return dict(zip(self.fit.model.unknowns.names, rows, strict=True))
+        values = self.fit.values.tolist()
+        deviations = np.sqrt(np.diag(self.fit.covariance)).tolist()
+        parameters = {}
+        names = self.fit.model.parameters.names
+        for name, value, deviation in zip(names, values, deviations, strict=True):
+            parameters[name] = {"value": value, "deviation": deviation}
+        return parameters
 
     @property
     def covariance(self) -> Array:
@@ -57,97 +73,117 @@ class Calibration(Result):
     @property
     def places_mm(self) -> Array:
         """Corrected places of the touches on the stage, (touches, 2)."""
-        return self.fit.model.touches.touches[:, :2] + self.fit.moves
+        return self.fit.model.table.probe_loads[:, :2] + self.fit.corrections_mm
 
     @cached_property
     def leave_one_out(self) -> dict[str, float]:
         """Errors of each touch by a calibration with the others.
 
-        ``charge`` is the root mean square relative to that of the readings; ``place_mm`` and
-        ``force`` (relative) are medians of what a touch would be located off its place and force
-        in the file, by linear steps.
+        ``charge`` is their root mean square over that of the readings. ``place_mm`` and ``force``
+        (relative) are medians of the distances at which touches would be located from their places
+        and forces in the file, by linear steps.
         """
-        fit, kept = self.fit, self.fit.kept
-        left = fit.whitened[0][kept] @ fit.deleted()[0][kept][..., None]
-        weights = 1.0 / fit.deviations[kept][..., None]
-        steps = np.linalg.pinv(weights * fit.prediction.by_touch[kept]) @ (weights * left)
-        forces = fit.model.touches.touches[kept, 3]
-        size = np.sum(fit.prediction.readings[kept] ** 2)
+        fit = self.fit
+        is_used = fit.is_used
+        whitened = fit.compute_deleted_residuals().residuals[is_used][..., None]
+        residuals = fit.whitened.roots[is_used] @ whitened
+        weights = 1.0 / fit.deviations[is_used][..., None]
+        slopes = weights * fit.prediction.by_touch[is_used]
+        steps = (np.linalg.pinv(slopes) @ (weights * residuals))[..., 0]
+        forces_N = fit.model.table.forces_N[is_used]
+        size = np.sum(fit.prediction.readings[is_used] ** 2)
         return {
-            "charge": float(np.sqrt(np.sum(left**2) / size)),
-            "place_mm": float(np.median(np.hypot(steps[:, 0, 0], steps[:, 1, 0]))),
-            "force": float(np.median(np.abs(steps[:, 2, 0]) / forces)),
+            "charge": float(np.sqrt(np.sum(residuals**2) / size)),
+            "place_mm": float(np.median(np.hypot(steps[:, 0], steps[:, 1]))),
+            "force": float(np.median(np.abs(steps[:, 2]) / forces_N)),
         }
 
     @cached_property
     def undetermined(self) -> tuple[str, ...]:
-        """Combinations of parameters that the priors decided, rather than the readings."""
-        of, texts, (values, directions) = self.fit.model.unknowns, [], self.fit.told
-        for direction in np.abs(directions[values < 1.0]):
-            large = np.flatnonzero(direction > 0.15 * direction.max()).tolist()
-            names = " and ".join(of.names[i] for i in large)
-            priors = [f"{of.names[i]} {of.start[i]:.4g} ± {of.priors[i]:.2g}" for i in large]
-            texts.append(
-                f"{names}: hardly seen in the readings; decided by the priors {', '.join(priors)}"
-            )
+        """Combinations of parameters that the priors determine rather than the readings."""
+        parameters = self.fit.model.parameters
+        information = self.fit.information
+        texts = []
+        for direction in np.abs(information.directions[information.singular_values < 1.0]):
+            indices = np.flatnonzero(direction > NAMED_SHARE * direction.max()).tolist()
+            names = " and ".join(parameters.names[i] for i in indices)
+            priors = []
+            for i in indices:
+                prior = f"{parameters.initial[i]:.4g} ± {parameters.prior_deviations[i]:.2g}"
+                priors.append(f"{parameters.names[i]} {prior}")
+            reason = f"decided by the priors {', '.join(priors)}"
+            texts.append(f"{names}: hardly seen in the readings; {reason}")
         return tuple(texts)
 
     def to_json(self) -> dict[str, Any]:
-        """What `pvdf-fem calibrate --json` prints; without parameters unless calibrated."""
-        fit, found = self.fit, {}
-        if self.status is CalibrationStatus.CALIBRATED:
-            found = {
+        """Return the object that `pvdf-fem calibrate --json` prints.
+
+        It has no parameters unless the status is ``calibrated``.
+        """
+        fit = self.fit
+        values: dict[str, Any] = {"status": str(self.status), "reason": self.reason}
+        if self.is_calibrated:
+            values |= {
                 "parameters": self.parameters,
                 "covariance": fit.covariance.tolist(),
                 "not_told_apart": list(self.undetermined),
                 "leave_one_out": self.leave_one_out,
                 "places_mm": self.places_mm.tolist(),
             }
-        return {
-            "status": str(self.status),
-            "reason": self.reason,
-            **found,
+        return values | {
             "chi_square": fit.chi_square,
             "degrees_of_freedom": fit.degrees_of_freedom,
             "p_value": fit.p_value,
             "outliers": [{"row": row, "reason": why} for row, why in self.outliers.items()],
-            "remarks": list(self.remarks),
+            "remarks": list(self.notes),
             "reading": fit.model.reading,
             "unit": fit.model.unit,
         }
 
     def write_page(self, path: Path, about: Mapping[str, str] | None = None) -> None:
-        """Write one self-contained HTML page: the verdict, what the page is about by name, such as
-        the file and the date, and pictures of readings, residuals and places."""
+        """Write one self-contained HTML page with pictures of readings, residuals and places.
+
+        Parameters
+        ----------
+        path : Path
+            The file to write.
+        about : mapping of str to str, optional
+            Lines below the verdict by their names, such as the file and the date.
+        """
         from pvdf_fem.view.calibration_page import CalibrationData, write_calibration_page
 
         model = self.fit.model
-        touches, names = model.touches, [channel.name for channel in model.channels]
-        bad = np.isin(touches.rows, list(self.outliers))
-        read = touches.readings, self.fit.prediction.readings
-        places = touches.touches[:, :2], self.places_mm
-        sensor = model.unknowns.scene_at(self.fit.values, model.reading)
-        file = names, model.unit, touches.rows, bad
-        data = CalibrationData(sensor, *file, *read, *places)
+        table = model.table
+        data = CalibrationData(
+            model.parameters.apply(self.fit.values, model.reading),
+            [channel.name for channel in model.channels],
+            model.unit,
+            table.rows,
+            np.isin(table.rows, list(self.outliers)),
+            table.readings,
+            self.fit.prediction.readings,
+            table.probe_loads[:, :2],
+            self.places_mm,
+        )
         write_calibration_page(data, self.status, self._repr_html_(), about or {}, path)
 
     def summary(self) -> Summary:
-        """Status, reason, the table of parameters, and what is said below it."""
-        fit, rows, notes = self.fit, [], []
-        if self.status is CalibrationStatus.CALIBRATED:
-            rows = [
-                (n, *format_with_error(of["value"], of["deviation"]))
-                for n, of in self.parameters.items()
-            ]
-            left = self.leave_one_out
-            notes.append(
-                f"leave-one-out: readings {100 * left['charge']:.2g} %, places"
-                f" {left['place_mm']:.2g} mm, forces {100 * left['force']:.2g} %"
-            )
-            notes += [f"not told apart: {text}" for text in self.undetermined]
+        """Return the status, the table of parameters, and notes below it."""
+        fit = self.fit
         freedom = f"{fit.degrees_of_freedom} degrees of freedom (p = {fit.p_value:.2g})"
-        notes.insert(0, f"chi-square: {fit.chi_square:.1f} with {freedom}")
-        notes += [f"left out: row {row}: {why}" for row, why in self.outliers.items()]
-        notes += [f"remark: {text}" for text in self.remarks]
+        notes = [f"chi-square: {fit.chi_square:.1f} with {freedom}"]
+        rows = []
+        if self.is_calibrated:
+            for name, parameter in self.parameters.items():
+                texts = format_with_error(parameter["value"], parameter["deviation"])
+                rows.append((name, *texts))
+            errors = self.leave_one_out
+            notes.append(
+                f"leave-one-out: readings {100 * errors['charge']:.2g} %, places"
+                f" {errors['place_mm']:.2g} mm, forces {100 * errors['force']:.2g} %"
+            )
+            notes += [f"undetermined: {text}" for text in self.undetermined]
+        notes += [f"outlier: row {row}: {reason}" for row, reason in self.outliers.items()]
+        notes += [f"note: {text}" for text in self.notes]
         table = TextTable(("parameter", "value", "±"), tuple(rows))
         return Summary(self.status, [self.reason], tables=[table], notes=notes)

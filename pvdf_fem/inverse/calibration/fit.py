@@ -1,15 +1,19 @@
-"""Parameters and places at once: errors in variables, robust against bad touches.
+"""Least-squares fit of parameters and places: errors in variables, robust against outliers.
 
-The errors e of a touch's place are eliminated: with the readings' derivatives E by the place and
-the prior S of e, the residual r + E e of the linearised touch has the covariance
-V = diag(σ²) + E S E^T (separable least squares: Golub and Pereyra, Inverse Problems 19 (2003)
-R1-R26). What is left is a least-squares problem for the parameters, whose prior is a row each.
+The errors e of a touch's place are eliminated. With the derivatives E of the readings by the place
+and the prior covariance S of e, the residual r + E e of the linearised touch has the covariance
+
+    V = diag(σ²) + E S Eᵀ
+
+(separable least squares: Golub and Pereyra, Inverse Problems 19 (2003) R1-R26). What is left is a
+least-squares problem for the parameters alone, whose priors are a row each.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
@@ -24,216 +28,332 @@ from pvdf_fem.inverse.least_squares import (
     run_levenberg_marquardt,
 )
 
-SEARCH = SearchOptions(
-    max_steps=25, chi_square_tolerance=1e-6, step_tolerance=1e-3
-)  #: Between solves.
+#: Searches between two rounds of solves.
+SEARCH = SearchOptions(max_steps=25, chi_square_tolerance=1e-6, step_tolerance=1e-3)
+#: Factor of the standard deviation of a missing reading, with which it counts for nothing.
+MISSING = 1e6
 
 
 @dataclass(frozen=True)
 class ReadingNoise:
-    """What is uncertain in readings and places."""
+    """Standard deviations of readings and places."""
 
-    sigma: float  #: Of a reading, relative.
-    noise: Array  #: Of readings besides, in their unit, (electrodes,).
+    sigma: float  #: Of a reading, relative to it.
+    absolute: Array  #: Of a reading besides, in its unit, (electrodes,).
     place_mm: float  #: Of each coordinate of a touch's place.
+
+
+class WhitenedSystem(NamedTuple):
+    """Residuals and slopes of the readings over the roots of their covariances."""
+
+    roots: Array  #: Lower Cholesky factors of V, (touches, electrodes, electrodes).
+    residuals: Array  #: (touches, electrodes)
+    slopes: Array  #: By the parameters, (touches, electrodes, parameters).
+
+
+class Information(NamedTuple):
+    """Singular value decomposition of the slopes by parameters over their priors' deviations."""
+
+    #: Precision of a direction by the readings, over its precision by the prior, (parameters,).
+    singular_values: Array
+    directions: Array  #: (parameters, parameters), one in each row.
+
+
+class DeletedResiduals(NamedTuple):
+    """Residuals of each touch from a fit to the other touches."""
+
+    residuals: Array  #: Whitened, (touches, electrodes).
+    #: Squared lengths over the covariance that the residuals of a good touch have, (touches,).
+    squared_lengths: Array
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationFit(LeastSquaresProblem):
-    """Parameters and places that explain the readings, and what they are worth. The coordinates of
-    its least-squares problem are the parameters over their priors' deviations."""
+    """Parameters and places that explain the readings, and their uncertainties.
+
+    The coordinates of the least-squares problem are the parameters over the standard deviations of
+    their priors.
+    """
 
     model: ReadingModel
     noise: ReadingNoise
-    values: Array  #: (parameters,)
-    moves: Array  #: Of the touches' places on the stage in mm, (touches, 2).
-    kept: Mask  #: Touches that count, (touches,).
-    converged: bool = True
-    soft: bool = False  #: Whether touches count the less in the search the farther they are.
+    values: Array  #: Of the parameters, (parameters,).
+    corrections_mm: Array  #: Of the touches' places on the stage, (touches, 2).
+    is_used: Mask  #: Which touches count, (touches,).
+    is_converged: bool = True
+    #: Whether touches count the less the farther they are from the fit.
+    is_robust: bool = False
 
     @cached_property
     def prediction(self) -> Prediction:
-        """Readings at the values."""
-        return self.model.predict(self.values, self.moves)
+        """Readings with these values, and their derivatives."""
+        return self.model.predict(self.values, self.corrections_mm)
 
     @cached_property
     def deviations(self) -> Array:
         """Standard deviations of readings without errors of places, (touches, electrodes)."""
-        readings, predicted = self.model.touches.readings, self.prediction.readings
-        size = np.fmax(np.abs(readings), np.abs(predicted))
+        readings = self.model.table.readings
+        size = np.fmax(np.abs(readings), np.abs(self.prediction.readings))
+        relative = self.noise.sigma**2 + self.model.charge_errors**2
+        variance = relative * size**2 + self.noise.absolute**2
         floor = 1e-9 * np.nanmax(np.abs(readings))
-        variance = (self.noise.sigma**2 + self.model.errors**2) * size**2 + self.noise.noise**2
-        missing = np.where(np.isnan(readings), 1e6, 1.0)  # counts for nothing
-        return np.asarray(missing * np.sqrt(variance + floor**2))
+        factor = np.where(np.isnan(readings), MISSING, 1.0)
+        return np.asarray(factor * np.sqrt(variance + floor**2))
 
     @cached_property
-    def whitened(self) -> tuple[Array, Array, Array]:
-        """Roots of V; residuals (touches, electrodes) and slopes (..., parameters) over them."""
-        E = self.prediction.by_touch[..., :2]
-        V = self.noise.place_mm**2 * E @ E.swapaxes(1, 2)
-        V += self.deviations[:, :, None] ** 2 * np.eye(V.shape[1])
-        residual = np.nan_to_num(self.model.touches.readings - self.prediction.readings)
-        residual += (E @ self.moves[:, :, None])[..., 0]
-        roots = np.linalg.cholesky(V)
-        both = np.concatenate([residual[..., None], self.prediction.by_parameter], axis=-1)
-        both = np.asarray(np.linalg.solve(roots, both))
-        return np.asarray(roots), both[..., 0], both[..., 1:]
+    def whitened(self) -> WhitenedSystem:
+        """Whitened residuals and slopes of the readings."""
+        by_place = self.prediction.by_touch[..., :2]
+        covariance = self.noise.place_mm**2 * by_place @ by_place.swapaxes(1, 2)
+        covariance += self.deviations[:, :, None] ** 2 * np.eye(covariance.shape[1])
+        residuals = np.nan_to_num(self.model.table.readings - self.prediction.readings)
+        residuals += (by_place @ self.corrections_mm[:, :, None])[..., 0]
+        roots = np.asarray(np.linalg.cholesky(covariance))
+        columns = np.concatenate([residuals[..., None], self.prediction.by_parameter], axis=-1)
+        columns = np.asarray(np.linalg.solve(roots, columns))
+        return WhitenedSystem(roots, columns[..., 0], columns[..., 1:])
 
     @property
-    def distances(self) -> Array:
+    def squared_residuals(self) -> Array:
         """Squared lengths of the whitened residuals, (touches,)."""
-        return np.asarray((self.whitened[1] ** 2).sum(axis=1))
+        return np.asarray((self.whitened.residuals**2).sum(axis=1))
 
     @property
-    def counts(self) -> Array:
-        """Readings of each touch, (touches,)."""
-        return np.asarray(np.isfinite(self.model.touches.readings).sum(axis=1))
+    def reading_counts(self) -> Array:
+        """Number of readings of each touch, (touches,)."""
+        return np.asarray(np.isfinite(self.model.table.readings).sum(axis=1))
 
     @cached_property
-    def scale(self) -> float:
-        """Scatter over what the noise says, at least 1, from the median of the touches."""
-        medians = chi2.ppf(0.5, self.counts)
-        ratios = (self.distances / medians)[self.model.solved]
-        return float(max(1.0, np.median(ratios) ** 0.5)) if len(ratios) else np.inf
+    def scatter(self) -> float:
+        """Scatter of the readings over their noise, at least 1.
+
+        A robust scale: the root of the median, over the solved touches, of the squared residuals
+        over the median of their chi-square distribution (Huber and Ronchetti, Robust Statistics,
+        2009, section 5.1).
+        """
+        medians = chi2.ppf(0.5, self.reading_counts)
+        ratios = (self.squared_residuals / medians)[self.model.is_solved]
+        if not len(ratios):
+            return np.inf
+        return float(max(1.0, np.median(ratios) ** 0.5))
 
     @property
     def chi_square(self) -> float:
-        """Of the touches that count; the priors have no part in it."""
-        return float(self.distances[self.kept].sum())
+        """Chi-square of the touches that count, without the priors."""
+        return float(self.squared_residuals[self.is_used].sum())
 
     @property
     def pulls(self) -> Array:
         """Distances of the parameters from the scene's values over their priors' deviations."""
-        unknowns = self.model.unknowns
-        return np.asarray(np.abs(self.values - unknowns.start) / unknowns.priors)
+        parameters = self.model.parameters
+        return np.asarray(np.abs(self.values - parameters.initial) / parameters.prior_deviations)
 
     @cached_property
-    def told(self) -> tuple[Array, Array]:
-        """Singular values (k,) and directions (k, parameters) of derivatives by priors' deviations.
-        Below 1 the priors tell more of a direction than the readings do."""
-        slopes = self.whitened[2][self.kept].reshape(-1, len(self.values))
-        slopes = slopes * self.model.unknowns.priors
-        squares, directions = np.linalg.eigh(slopes.T @ slopes)
-        return np.sqrt(np.maximum(squares, 0.0)), directions.T
+    def information(self) -> Information:
+        """Precision of directions in the parameters' space by the readings, over the priors'.
+
+        Where a singular value is below 1, the priors tell more of the direction than the readings.
+        """
+        slopes = self.whitened.slopes[self.is_used].reshape(-1, len(self.values))
+        slopes = slopes * self.model.parameters.prior_deviations
+        squares, vectors = np.linalg.eigh(slopes.T @ slopes)
+        return Information(np.sqrt(np.maximum(squares, 0.0)), vectors.T)
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Readings less the directions that they tell."""
-        return int(self.counts[self.kept].sum()) - int((self.told[0] >= 1.0).sum())
+        """Number of readings less the number of directions that they determine."""
+        determined = int((self.information.singular_values >= 1.0).sum())
+        return int(self.reading_counts[self.is_used].sum()) - determined
 
     @property
     def p_value(self) -> float:
-        """Probability of as large a chi-square."""
+        """Probability of a chi-square that is at least as large."""
         return float(chi2.sf(self.chi_square, max(self.degrees_of_freedom, 1)))
 
     @cached_property
     def covariance(self) -> Array:
-        """Of the parameters, with the scatter of the readings where it exceeds the noise."""
-        singular, directions = self.told
-        scaled = directions.T * (1.0 / (singular**2 + 1.0))
-        priors = self.model.unknowns.priors
-        inflation = self.scale**2 if self.p_value < self.model.options.false_outliers else 1.0
-        return np.asarray(inflation * (scaled @ directions) * np.outer(priors, priors))
+        """Covariance of the parameters, (parameters, parameters).
+
+        It is inflated by the square of the scatter where the readings scatter more than by their
+        noise.
+        """
+        singular_values, directions = self.information
+        scaled = directions.T * (1.0 / (singular_values**2 + 1.0))
+        deviations = self.model.parameters.prior_deviations
+        is_inflated = self.p_value < self.model.options.false_outlier_probability
+        inflation = self.scatter**2 if is_inflated else 1.0
+        return np.asarray(inflation * (scaled @ directions) * np.outer(deviations, deviations))
 
     @cached_property
-    def limits(self) -> Array:
-        """Squared lengths that residuals of good touches do not exceed, (touches,)."""
-        most = chi2.isf(self.model.options.false_outliers / len(self.kept), self.counts)
-        return np.asarray(most * self.scale**2)
+    def outlier_limits(self) -> Array:
+        """Squared lengths that the residuals of good touches do not exceed, (touches,)."""
+        probability = self.model.options.false_outlier_probability / len(self.is_used)
+        return np.asarray(chi2.isf(probability, self.reading_counts) * self.scatter**2)
 
     @property
     def longest_steps(self) -> Array:
-        """Longest steps, (parameters,)."""
+        """Longest steps of the coordinates, (parameters,)."""
         return np.full(len(self.values), self.model.options.longest_step)
 
-    def project_onto_bounds(self, at: Array) -> Array:
-        """Parameters not far from those of the solves; moduli and tension keep their signs."""
-        begun, lowest = self.values / self.model.unknowns.priors, -self.longest_steps
-        film = self.model.unknowns.film
-        lowest[film] = np.maximum(lowest[film], -0.5 * np.abs(begun[film]))
-        return begun + np.clip(at - begun, lowest, self.longest_steps)
+    def project_onto_bounds(self, coordinates: Array) -> Array:
+        """Return coordinates near those of the solves, where moduli and tension keep their signs.
 
-    def linearise(self, at: Array, rows: Indices | None = None) -> Array:
-        """Whitened differences of readings and priors, then slopes, (1, residuals, 1 + k)."""
-        unknowns = self.model.unknowns
-        fit = replace(self, values=unknowns.priors * at[0])
+        Parameters
+        ----------
+        coordinates : array, (n, parameters)
+            Parameters over the standard deviations of their priors.
+        """
+        start = self.values / self.model.parameters.prior_deviations
+        lowest = -self.longest_steps
+        film = self.model.parameters.film_indices
+        lowest[film] = np.maximum(lowest[film], -0.5 * np.abs(start[film]))
+        return start + np.clip(coordinates - start, lowest, self.longest_steps)
+
+    def linearise(self, coordinates: Array, rows: Indices | None = None) -> Array:
+        """Return the residuals of readings and priors with their slopes.
+
+        Parameters
+        ----------
+        coordinates : array, (1, parameters)
+            Parameters over the standard deviations of their priors.
+        rows : array of int, optional
+            Not used: there is one set of readings.
+
+        Returns
+        -------
+        array, (1, residuals, 1 + parameters)
+        """
+        parameters = self.model.parameters
+        fit = replace(self, values=parameters.prior_deviations * coordinates[0])
         _, residuals, slopes = fit.whitened
-        system = np.concatenate([-residuals[..., None], slopes * unknowns.priors], axis=2)
-        limits = self.limits if self.soft else np.full(len(self.kept), np.inf)
-        begun = (fit.values - unknowns.start) / unknowns.priors
-        counted = apply_robust_loss(system[self.kept], limits[self.kept])
-        return append_prior_rows(counted, begun, np.ones(len(begun)))
+        slopes = slopes * parameters.prior_deviations
+        system = np.concatenate([-residuals[..., None], slopes], axis=2)
+        limits = self.outlier_limits if self.is_robust else np.full(len(self.is_used), np.inf)
+        counted = apply_robust_loss(system[self.is_used], limits[self.is_used])
+        prior_residuals = (fit.values - parameters.initial) / parameters.prior_deviations
+        return append_prior_rows(counted, prior_residuals, np.ones(len(prior_residuals)))
 
-    def settled(self, kept: Mask, soft: bool = False) -> CalibrationFit:
-        """The least-squares parameters between solves, not far from here, and the moves that go
-        with them, of some touches (touches,)."""
-        priors, begun = self.model.unknowns.priors, replace(self, kept=kept, soft=soft)
-        end = run_levenberg_marquardt(begun, (self.values / priors)[None], options=SEARCH)
-        fit = replace(begun, values=priors * end.coordinates[0])
+    def refit(self, is_used: Mask, is_robust: bool = False) -> CalibrationFit:
+        """Fit parameters and places anew between solves, by some touches.
+
+        Parameters
+        ----------
+        is_used : array of bool, (touches,)
+            Touches that count.
+        is_robust : bool
+            Whether touches count the less the farther they are from the fit.
+
+        Notes
+        -----
+        Given the parameters, the likeliest error of a place is S Eᵀ V⁻¹ r.
+        """
+        deviations = self.model.parameters.prior_deviations
+        begun = replace(self, is_used=is_used, is_robust=is_robust)
+        start = (self.values / deviations)[None]
+        end = run_levenberg_marquardt(begun, start, options=SEARCH)
+        fit = replace(begun, values=deviations * end.coordinates[0])
         roots, residuals, _ = fit.whitened
-        E = np.linalg.solve(roots, fit.prediction.by_touch[..., :2])
-        moves = self.noise.place_mm**2 * (E.swapaxes(1, 2) @ residuals[..., None])[..., 0]
-        # the correction of a bad touch would lead far away
-        longest = self.model.options.longest_move * self.noise.place_mm
-        sizes = np.maximum(np.linalg.norm(moves, axis=1, keepdims=True), 1e-12)
-        return replace(fit, moves=moves * np.minimum(1.0, longest / sizes))
+        by_place = np.linalg.solve(roots, fit.prediction.by_touch[..., :2])
+        projected = (by_place.swapaxes(1, 2) @ residuals[..., None])[..., 0]
+        corrections = self.noise.place_mm**2 * projected
+        # The correction of an outlier would lead far away.
+        longest = self.model.options.longest_correction * self.noise.place_mm
+        lengths = np.maximum(np.linalg.norm(corrections, axis=1, keepdims=True), 1e-12)
+        return replace(fit, corrections_mm=corrections * np.minimum(1.0, longest / lengths))
 
-    def without_bad(self) -> CalibrationFit:
-        """The fit without touches that are too far from what the others say."""
-        solved = self.model.solved
-        soft = fit = self.settled(solved, soft=True)
+    def reject_outliers(self) -> CalibrationFit:
+        """Fit anew without the touches that are too far from a fit to the other touches.
+
+        A robust fit comes first. If more touches would be rejected than may be outliers, it is
+        returned.
+        """
+        robust_fit = self.refit(self.model.is_solved, is_robust=True)
+        least_count = (1.0 - self.model.options.max_outlier_share) * len(self.is_used) - 1.0
+        fit = robust_fit
         while True:
-            kept = fit.kept & (fit.deleted()[1] <= fit.limits)
-            if kept.sum() < (1.0 - self.model.options.most_outliers) * len(kept) - 1.0:
-                return soft
-            if not fit.soft and (kept == fit.kept).all():
+            squared_lengths = fit.compute_deleted_residuals().squared_lengths
+            is_used = fit.is_used & (squared_lengths <= fit.outlier_limits)
+            if is_used.sum() < least_count:
+                return robust_fit
+            if not fit.is_robust and (is_used == fit.is_used).all():
                 return fit
-            fit = fit.settled(kept)
+            fit = fit.refit(is_used)
 
-    def deleted(self) -> tuple[Array, Array]:
-        """Whitened residuals (touches, electrodes) of each touch from a fit to the others, with
-        their squared lengths (touches,) over the covariance that those of a good touch have."""
+    def compute_deleted_residuals(self) -> DeletedResiduals:
+        """Compute the residuals of each touch from a fit to the others, by linear steps.
+
+        Notes
+        -----
+        With the leverage H of a touch, the block of J (JᵀJ + 1)⁻¹ Jᵀ that belongs to it, its
+        residual from a fit without it is (1 - H)⁻¹ r, with the covariance (1 - H)⁻¹. The residual
+        of a touch that does not count has the covariance 1 + H. See Cook and Weisberg, Residuals
+        and Influence in Regression (1982), section 2.2.
+        """
         _, residuals, slopes = self.whitened
-        singular, directions = self.told
-        slopes = slopes * self.model.unknowns.priors @ directions.T
-        leverage = (slopes / (singular**2 + 1.0)) @ slopes.swapaxes(1, 2)
-        leverage *= np.where(self.kept, -1.0, 1.0)[:, None, None]
+        singular_values, directions = self.information
+        slopes = slopes * self.model.parameters.prior_deviations @ directions.T
+        leverage = (slopes / (singular_values**2 + 1.0)) @ slopes.swapaxes(1, 2)
+        leverage *= np.where(self.is_used, -1.0, 1.0)[:, None, None]
         spread = np.eye(leverage.shape[1]) + leverage
-        others = np.linalg.solve(spread, residuals[..., None])[..., 0]
-        lengths = (residuals * others).sum(axis=1)
-        return np.where(self.kept[:, None], others, residuals), lengths
+        deleted = np.linalg.solve(spread, residuals[..., None])[..., 0]
+        squared_lengths = (residuals * deleted).sum(axis=1)
+        deleted = np.where(self.is_used[:, None], deleted, residuals)
+        return DeletedResiduals(np.asarray(deleted), squared_lengths)
 
 
 def fit_parameters(
-    model: ReadingModel, noise: ReadingNoise, most_scatter: float = np.inf
+    model: ReadingModel, noise: ReadingNoise, max_scatter: float = np.inf
 ) -> CalibrationFit:
-    """The fit of solves: touches are solved anew until linear steps between solves are small. It
-    ends without convergence where the first steps leave a scatter above `most_scatter`."""
-    values, moves = model.unknowns.start.copy(), np.zeros((len(model.touches), 2))
-    pending, options = ~model.solved, model.options
-    coarse = max(model.tolerance, options.first_tolerance)
+    """Fit the parameters: solve touches anew until linear steps between solves are small.
+
+    Parameters
+    ----------
+    model : ReadingModel
+        Readings as a function of the parameters; solves are added to it.
+    noise : ReadingNoise
+        Standard deviations of readings and places.
+    max_scatter : float
+        The fit is given up where the first solves leave a larger scatter.
+
+    Returns
+    -------
+    CalibrationFit
+        Without convergence (`is_converged`) if half of the touches have no solution, the scatter
+        is too large, or the rounds are used up.
+    """
+    options = model.options
+    values = model.parameters.initial.copy()
+    corrections_mm = np.zeros((len(model.table), 2))
+    is_pending = ~model.is_solved
+    first_tolerance = max(model.tolerance, options.first_tolerance)
     for number in range(options.max_rounds):
-        model.solve(values, moves, pending, None if number else coarse)
-        fit = CalibrationFit(model, noise, values, moves, model.solved)
-        if 2 * model.solved.sum() < len(model.touches):
-            return replace(fit, converged=False)
-        fit = fit.without_bad()
-        if number == 0 and fit.scale > most_scatter:
-            return replace(fit, converged=False)
-        values, moves = fit.values, fit.moves
-        # the relative error of a linear step is about its square
-        error = np.square(_change(fit)) / max(noise.sigma, 10.0 * options.finest)
-        pending = model.solved & ((error >= options.settled) | (number == 0))
-        if not (pending & fit.kept).any():
+        tolerance = first_tolerance if number == 0 else None
+        model.solve_touches(values, corrections_mm, is_pending, tolerance)
+        fit = CalibrationFit(model, noise, values, corrections_mm, model.is_solved)
+        if 2 * model.is_solved.sum() < len(model.table):
+            return replace(fit, is_converged=False)
+        fit = fit.reject_outliers()
+        if number == 0 and fit.scatter > max_scatter:
+            return replace(fit, is_converged=False)
+        values = fit.values
+        corrections_mm = fit.corrections_mm
+        # The relative error of a linear step is about its square.
+        step_error = np.square(_compute_relative_change(fit))
+        step_error = step_error / max(noise.sigma, 10.0 * options.min_tolerance)
+        is_pending = model.is_solved & (step_error >= options.step_error_tolerance)
+        if number == 0:  # The first solves are coarse.
+            is_pending = model.is_solved
+        if not (is_pending & fit.is_used).any():
             return fit
-    return replace(fit, converged=False)
+    return replace(fit, is_converged=False)
 
 
-def _change(fit: CalibrationFit) -> Array:
-    """Relative change of the forces since the solves, (touches,)."""
+def _compute_relative_change(fit: CalibrationFit) -> Array:
+    """Compute the relative change of the stress integrals since the solves, (touches,)."""
     model = fit.model
-    steps = model.arguments(fit.values, model.moved(fit.moves)) - model.at
-    forces = np.einsum("tk,tkex->tex", np.nan_to_num(steps), model.forces[:, 1:])
-    size = np.abs(model.forces[:, 0])
+    arguments = model.compute_arguments(fit.values, model.correct_places(fit.corrections_mm))
+    steps = np.nan_to_num(arguments - model.solved_at)
+    change = np.einsum("tk,tkex->tex", steps, model.integrals[:, 1:])
+    size = np.abs(model.integrals[:, 0])
     size = np.maximum(size, 1e-3 * size.max(axis=(1, 2), keepdims=True))
-    return np.asarray(np.linalg.norm(forces / size, axis=(1, 2)))
+    return np.asarray(np.linalg.norm(change / size, axis=(1, 2)))

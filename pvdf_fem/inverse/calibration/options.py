@@ -1,4 +1,4 @@
-"""How a calibration proceeds, and what it takes for a mistake."""
+"""Options of a calibration: when the fit has converged, and when touches do not fit."""
 
 from __future__ import annotations
 
@@ -7,40 +7,47 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class CalibrateOptions:
-    """Numbers that decide when a fit has ended, and when touches do not fit."""
+    """Thresholds of a calibration."""
 
-    #: Tolerance of the solves over the relative noise, and its finest and coarsest value.
+    #: Tolerance of the solves over the relative noise, and its least and largest value.
     tolerance_share: float = 0.05
-    finest: float = 1e-5
-    coarsest: float = 1e-3
-    #: Tolerance of the first solves, which lead to better parameters, and of those of rankings.
+    min_tolerance: float = 1e-5
+    max_tolerance: float = 1e-3
+    #: Tolerance of the first solves, which only lead to better parameters, and of solves by which
+    #: corrections are ranked.
     first_tolerance: float = 2e-3
-    max_rounds: int = 12  #: Rounds of solves.
-    expected_rounds: int = 3  #: Rounds that the progress is told by.
-    #: Change of readings between solves, over their deviations, that is small enough to end.
-    settled: float = 0.02
-    #: Largest step of a parameter between solves, over its prior's deviation.
+    max_rounds: int = 12  #: Largest number of rounds, in each of which touches are solved anew.
+    expected_rounds: int = 3  #: Number of rounds that the progress expects.
+    #: The fit has converged when the error of the linear step between solves is below this, over
+    #: the standard deviation of the readings.
+    step_error_tolerance: float = 0.02
+    #: Longest step of a parameter between solves, over the standard deviation of its prior.
     longest_step: float = 2.0
-    longest_move: float = 4.0  #: Longest correction of a place, over its deviation.
-    #: Probability with which a good touch is taken for a bad one, over all touches.
-    false_outliers: float = 1e-3
-    most_outliers: float = 0.2  #: Largest share of the touches that may be bad.
-    unlikely: float = 1e-4  #: Probability of a chi-square that is no chance.
-    #: Scatter over the noise that is still explained, beyond which parameters are of no use, and
-    #: with which mistakes are sought after the first steps.
-    scatter: float = 1.5
-    most_scatter: float = 4.0
-    far_off: float = 10.0
-    far: float = 4.0  #: Deviations of a prior that a parameter may be off the scene's value.
-    few_touches: int = 8  #: Touches by which changes of places and forces are ranked.
-    most_fits: int = 3  #: Changes that are then fitted in full ...
-    close_score: float = 5.0  #: ... if their score is no farther than this from the best one.
-    #: Mistakes are told if their chi-square is no farther than this from the least one, and that of
-    #: the touches as they are is larger by a factor.
-    close: float = 20.0
-    clearly: float = 2.0
-    #: Readings this factor above or below the scene's are not due to a wrong frame.
-    other_size: float = 3.0
+    #: Longest correction of a place, over its standard deviation.
+    longest_correction: float = 4.0
+
+    #: Probability that one of the good touches is rejected as an outlier.
+    false_outlier_probability: float = 1e-3
+    max_outlier_share: float = 0.2  #: Largest share of the touches that may be outliers.
+    min_p_value: float = 1e-4  #: A p-value below this is no chance: the model does not fit.
+    #: Scatter over the noise: up to this it is plausible, above the second value parameters are of
+    #: no use, and above the third one corrections are tried after the first solves.
+    plausible_scatter: float = 1.5
+    max_scatter: float = 4.0
+    hopeless_scatter: float = 10.0
+    #: Largest distance of a parameter from the scene's value, in standard deviations of its prior.
+    max_pull: float = 4.0
+
+    ranking_touches: int = 8  #: Touches that are solved to rank corrections of places and forces.
+    max_fits: int = 3  #: Number of corrections that are fitted in full ...
+    score_margin: float = 5.0  #: ... if their score is no farther than this from the best one.
+    #: A correction is reported if its chi-square is no farther than this from the best one, and
+    #: that of the uncorrected touches is larger by a factor.
+    chi_square_margin: float = 20.0
+    min_improvement: float = 2.0
+    #: Readings that are larger or smaller than the scene's by this factor are not due to a wrong
+    #: frame.
+    max_size_ratio: float = 3.0
 
 
 DEFAULTS = CalibrateOptions()

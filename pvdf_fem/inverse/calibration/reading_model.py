@@ -1,7 +1,8 @@
-"""Readings of touches and their derivatives, from a solve of each touch and its adjoint solutions.
+"""Readings of touches as a function of the parameters, by a solve of each touch.
 
-The forces X, Y of the electrodes are continued linearly from each touch's last solve. Readings are
-an analytic function of the parameters and the touches then, with derivatives by complex steps.
+The stress integrals X, Y of the electrodes are continued linearly from the last solve of each
+touch, with derivatives by adjoint solutions. Between solves readings are then an analytic function
+of parameters and places, whose derivatives are taken by complex steps.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from pvdf_fem.inverse.calibration.parameters import (
     SHIFT,
     TURN,
     CalibrationParameters,
-    read_parameter,
+    get_parameter,
 )
 from pvdf_fem.inverse.calibration.touch_table import TOUCH_KEYS, TouchTable, place_probe
 from pvdf_fem.problem.problem import Problem
@@ -31,6 +32,10 @@ from pvdf_fem.solver.adaptive import compute_unloaded_integrals, solve_outputs
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.sensitivity.parameters import COEFFICIENTS
 from pvdf_fem.solver.sensitivity.rates import compute_integral_rates
+
+#: Relative step of central differences for the unloaded film.
+UNLOADED_STEP = 1e-4
+COMPLEX_STEP = 1e-30
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,134 +50,226 @@ class Prediction:
 
 @dataclass(eq=False)
 class ReadingModel:
-    """Readings of touches as a function of the parameters and of errors of the touches' places."""
+    """Readings of touches as a function of the parameters and of corrections of the places.
 
-    unknowns: CalibrationParameters
-    touches: TouchTable
+    Arrays of the solves are by touch. `keys` are the arguments by which stress integrals are
+    differentiated: place, rotation and force of the probe, then the film's unknown parameters.
+    """
+
+    parameters: CalibrationParameters
+    table: TouchTable
     reading: str  #: ``change`` or ``total``.
     unit: str  #: ``V`` or ``pC``.
     tolerance: float  #: Of the solves.
     options: CalibrateOptions = DEFAULTS
-    #: Why touches have no solution, by index.
+    #: Reasons why touches have no solution, by index.
     failures: dict[int, str] = field(default_factory=dict)
     #: Called before each solve.
-    count: Callable[[], None] = field(default_factory=lambda: SolveCounter(ignore_progress, 0))
+    count_solve: Callable[[], None] = field(
+        default_factory=lambda: SolveCounter(ignore_progress, 0)
+    )
 
     def __post_init__(self) -> None:
-        (count, channels), keys = (len(self.touches), len(self.channels)), len(self.keys)
-        #: Where each touch was solved: the film's parameters after x, y, rotation, force.
-        self.at = np.full((count, keys), np.nan)
-        #: Forces there in N, then their derivatives in N per unit of each key; at rest: those of
-        #: the untouched film.
-        self.forces = np.zeros((count, 1 + keys, channels, 2))
-        self.at_rest = np.zeros_like(self.forces)
-        #: Estimated relative errors of the solved charges.
-        self.errors = np.zeros((count, channels))
+        touches = len(self.table)
+        electrodes = len(self.channels)
+        keys = len(self.keys)
+        #: Values of `keys` with which each touch was solved; NaN until it is solved.
+        self.solved_at = np.full((touches, keys), np.nan)
+        #: Stress integrals (X, Y) in N, then their derivatives by `keys`, of the pressed film and
+        #: of the unloaded film, (touches, 1 + keys, electrodes, 2).
+        self.integrals = np.zeros((touches, 1 + keys, electrodes, 2))
+        self.unloaded_integrals = np.zeros_like(self.integrals)
+        #: Estimated relative errors of the solved charges, (touches, electrodes).
+        self.charge_errors = np.zeros((touches, electrodes))
 
-    def changed(self, touches: TouchTable, reading: str) -> ReadingModel:
-        """A model of changed touches; solves are copied if only readings differ."""
-        other = replace(self, touches=touches, reading=reading, failures={})
-        if np.array_equal(touches.touches, self.touches.touches):
-            for name in ("at", "forces", "at_rest", "errors"):
-                setattr(other, name, getattr(self, name).copy())
+    def with_table(self, table: TouchTable, reading: str) -> ReadingModel:
+        """Return a model of corrected touches, which keeps the solves if only readings differ.
+
+        Parameters
+        ----------
+        table : TouchTable
+            The corrected touches.
+        reading : {"change", "total"}
+            Meaning of their readings.
+        """
+        other = replace(self, table=table, reading=reading, failures={})
+        if np.array_equal(table.probe_loads, self.table.probe_loads):
+            other.solved_at = self.solved_at.copy()
+            other.integrals = self.integrals.copy()
+            other.unloaded_integrals = self.unloaded_integrals.copy()
+            other.charge_errors = self.charge_errors.copy()
         return other
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Keys by which forces are differentiated."""
-        return (*TOUCH_KEYS, *self.unknowns.film_keys)
+        """Keys by which stress integrals are differentiated."""
+        return (*TOUCH_KEYS, *self.parameters.film_keys)
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
         """Channels of the electrodes."""
-        return make_channels(self.unknowns.scene)
+        return make_channels(self.parameters.scene)
 
     @property
-    def solved(self) -> Mask:
-        """Touches that have a solution, (touches,)."""
-        return np.isfinite(self.at).all(axis=1)
+    def is_solved(self) -> Mask:
+        """Which touches have a solution, (touches,)."""
+        return np.isfinite(self.solved_at).all(axis=1)
 
-    def moved(self, moves: Array) -> Array:
-        """Touches (touches, 4) on the stage with places moved by (touches, 2) in mm."""
-        return self.touches.touches + np.pad(moves, ((0, 0), (0, 2)))
+    def correct_places(self, corrections_mm: Array) -> Array:
+        """Return the probe loads on the stage, (touches, 4), with corrected places.
 
-    def arguments(self, values: Array, touches: Array) -> Array:
-        """What `keys` are, (..., touches, keys), for parameters (..., parameters) and touches
-        (..., touches, 4) on the stage."""
-        x, y, turn = (self.unknowns.value(key, values)[..., None] for key in (*SHIFT, TURN))
-        c, s = np.cos(turn * np.pi / 180.0), np.sin(turn * np.pi / 180.0)
-        x, y, rotation, force = np.moveaxis(touches, -1, 0) - np.array([x, y, turn, 0.0 * turn])
-        film = np.moveaxis(values[..., None, self.unknowns.film], -1, 0)
-        columns = c * x + s * y, c * y - s * x, rotation, force, *film
+        Parameters
+        ----------
+        corrections_mm : array, (touches, 2)
+            Corrections of x and y in mm.
+        """
+        return self.table.probe_loads + np.pad(corrections_mm, ((0, 0), (0, 2)))
+
+    def compute_arguments(self, values: Array, probe_loads: Array) -> Array:
+        """Compute the values of `keys`, (..., touches, keys), with places on the film.
+
+        Parameters
+        ----------
+        values : array, (..., parameters)
+            Values of the parameters, complex ones too.
+        probe_loads : array, (..., touches, 4)
+            Probe loads on the stage.
+        """
+        shift_x = self.parameters.extract(SHIFT[0], values)[..., None]
+        shift_y = self.parameters.extract(SHIFT[1], values)[..., None]
+        turn = self.parameters.extract(TURN, values)[..., None]
+        cosine = np.cos(turn * np.pi / 180.0)
+        sine = np.sin(turn * np.pi / 180.0)
+        x = probe_loads[..., 0] - shift_x
+        y = probe_loads[..., 1] - shift_y
+        rotation = probe_loads[..., 2] - turn
+        force = probe_loads[..., 3]
+        film = np.moveaxis(values[..., None, self.parameters.film_indices], -1, 0)
+        columns = (cosine * x + sine * y, cosine * y - sine * x, rotation, force, *film)
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
-    def solve(
-        self, values: Array, moves: Array, which: Mask, tolerance: float | None = None
+    def solve_touches(
+        self, values: Array, corrections_mm: Array, which: Mask, tolerance: float | None = None
     ) -> None:
-        """Solve some touches, (touches,), anew; those that cannot be solved become `failures`."""
-        scene = self.unknowns.scene_at(values)
-        rest = self._rest(scene)
-        arguments = self.arguments(values, self.moved(moves))
-        scene = scene.with_(**{"numerics.tolerance": tolerance or self.tolerance})
+        """Solve some touches anew; those that cannot be solved join `failures`.
+
+        Parameters
+        ----------
+        values : array, (parameters,)
+            Values of the parameters.
+        corrections_mm : array, (touches, 2)
+            Corrections of the places.
+        which : array of bool, (touches,)
+            The touches to solve.
+        tolerance : float, optional
+            Tolerance of the solves, by default that of the model.
+        """
+        scene = self.parameters.apply(values)
+        unloaded = self._solve_unloaded(scene)
+        arguments = self.compute_arguments(values, self.correct_places(corrections_mm))
+        if tolerance is None:
+            tolerance = self.tolerance
+        scene = scene.with_(**{"numerics.tolerance": tolerance})
         for i in np.flatnonzero(which).tolist():
-            self.at[i], self.failures[i] = np.nan, "the touch is over the film's rim"
-            if (moved := place_probe(scene, arguments[i, :4])) is None:
+            self.solved_at[i] = np.nan
+            loaded = place_probe(scene, arguments[i, : len(TOUCH_KEYS)])
+            if loaded is None:
+                self.failures[i] = "the touch is over the film's rim"
                 continue
-            self.count()
-            solution = solve_outputs(Problem.from_scene(moved))
-            self.failures[i] = f"{solution.status}: {solution.reason}"
+            self.count_solve()
+            solution = solve_outputs(Problem.from_scene(loaded))
             if solution.status is not Status.CONVERGED:
+                self.failures[i] = f"{solution.status}: {solution.reason}"
                 continue
-            del self.failures[i]
-            self.at[i], self.at_rest[i] = arguments[i], rest
-            self.forces[i] = (
-                solution.discrete.stress_integrals.values,
-                *compute_integral_rates(solution, self.keys),
-            )
-            errors, charges = solution.charge_errors_pC, solution.charges_pC
-            self.errors[i] = [errors[name] / max(abs(charges[name]), 1e-12) for name in charges]
+            self.failures.pop(i, None)
+            self.solved_at[i] = arguments[i]
+            self.unloaded_integrals[i] = unloaded
+            self.integrals[i, 0] = solution.discrete.stress_integrals.values
+            self.integrals[i, 1:] = compute_integral_rates(solution, self.keys)
+            for j, (name, charge) in enumerate(solution.charges_pC.items()):
+                error = solution.charge_errors_pC[name]
+                self.charge_errors[i, j] = error / max(abs(charge), 1e-12)
 
-    def _rest(self, scene: Scene, step: float = 1e-4) -> Array:
-        """Forces of the untouched film in N and their derivatives, (1 + keys, electrodes, 2); NaN
-        where it has none and readings are totals."""
+    def _solve_unloaded(self, scene: Scene) -> Array:
+        """Solve the unloaded film, with differences by the film's parameters.
 
-        def forces(at: Scene) -> Array:
+        Returns
+        -------
+        array, (1 + keys, electrodes, 2)
+            Stress integrals in N, then their derivatives by `keys`. NaN where the unloaded film
+            has none and readings are totals.
+        """
+        is_required = self.reading == "change"
+
+        def solve_unloaded(changed: Scene) -> Array:
             return compute_unloaded_integrals(
-                Problem.from_scene(at), required=self.reading == "change"
+                Problem.from_scene(changed), required=is_required
             ).values
 
-        rows = [forces(scene), *np.zeros((len(TOUCH_KEYS), len(self.channels), 2))]
-        for key in self.unknowns.film_keys:
-            value = read_parameter(scene, key)
-            h = step * (abs(value) or 1.0)
-            high, low = (forces(scene.with_(**{key: value + end})) for end in (h, -h))
-            rows.append((high - low) / (2.0 * h))
-        return np.array(rows)
+        integrals = np.zeros((1 + len(self.keys), len(self.channels), 2))
+        integrals[0] = solve_unloaded(scene)
+        for row, key in enumerate(self.parameters.film_keys, 1 + len(TOUCH_KEYS)):
+            value = get_parameter(scene, key)
+            step = UNLOADED_STEP * (abs(value) if value else 1.0)
+            higher = solve_unloaded(scene.with_(**{key: value + step}))
+            lower = solve_unloaded(scene.with_(**{key: value - step}))
+            integrals[row] = (higher - lower) / (2.0 * step)
+        return integrals
 
-    def readings(self, values: Array, touches: Array) -> Array:
-        """Readings (..., touches, electrodes) for parameters (..., parameters) and touches
-        (..., touches, 4) on the stage."""
-        forces = self.forces - self.at_rest if self.reading == "change" else self.forces
-        steps = np.nan_to_num(self.arguments(values, touches) - self.at)
-        forces = forces[:, 0] + np.einsum("...tk,tkex->...tex", steps, forces[:, 1:])
+    def compute_readings(self, values: Array, probe_loads: Array) -> Array:
+        """Compute readings, (..., touches, electrodes), by linear steps from the solves.
+
+        Parameters
+        ----------
+        values : array, (..., parameters)
+            Values of the parameters, complex ones too.
+        probe_loads : array, (..., touches, 4)
+            Probe loads on the stage.
+        """
+        integrals = self.integrals
+        if self.reading == "change":
+            integrals = integrals - self.unloaded_integrals
+        steps = np.nan_to_num(self.compute_arguments(values, probe_loads) - self.solved_at)
+        linear = np.einsum("...tk,tkex->...tex", steps, integrals[:, 1:])
+        stress_integrals = integrals[:, 0] + linear
         names = [channel.name for channel in self.channels]
-        d, gain, offset = (
-            np.stack([self.unknowns.value(key, values) for key in keys], axis=-1)[..., None, :]
-            for keys in (COEFFICIENTS, [GAIN + n for n in names], [OFFSET + n for n in names])
-        )
-        volts = np.array([1.0 if self.unit == "V" else 1e12 * c.capacitance for c in self.channels])
-        per_pC = volts / [1e12 * channel.capacitance for channel in self.channels]
-        charges = (forces * d[..., None, :]).sum(axis=-1)
-        return np.asarray(per_pC * gain * charges + volts * offset)
+        coefficients = self._extract_many(COEFFICIENTS, values)
+        gain = self._extract_many([GAIN + name for name in names], values)
+        offset = self._extract_many([OFFSET + name for name in names], values)
+        capacitance_pF = np.array([1e12 * channel.capacitance for channel in self.channels])
+        # Readings in nominal pC are readings in V times the capacitance.
+        units_per_volt = capacitance_pF if self.unit == "pC" else np.ones(len(names))
+        charges_pC = (stress_integrals * coefficients[..., None, :]).sum(axis=-1)
+        units_per_pC = units_per_volt / capacitance_pF
+        return np.asarray(units_per_pC * gain * charges_pC + units_per_volt * offset)
 
-    def predict(self, values: Array, moves: Array, step: float = 1e-30) -> Prediction:
-        """Readings for parameters (parameters,) and moves (touches, 2) of the places in mm, with
-        derivatives by a complex step."""
-        count, touches = len(values), self.moved(moves)
-        ends = values + 1j * step * np.eye(count + 3, count)
-        moved = np.tile(touches.astype(complex), (count + 3, 1, 1))
+    def _extract_many(self, keys: tuple[str, ...] | list[str], values: Array) -> Array:
+        """Return several parameters by touch, (..., 1, keys)."""
+        columns = [self.parameters.extract(key, values) for key in keys]
+        return np.stack(columns, axis=-1)[..., None, :]
+
+    def predict(self, values: Array, corrections_mm: Array) -> Prediction:
+        """Predict readings, with derivatives by complex steps.
+
+        Parameters
+        ----------
+        values : array, (parameters,)
+            Values of the parameters.
+        corrections_mm : array, (touches, 2)
+            Corrections of the places.
+        """
+        count = len(values)
+        step = COMPLEX_STEP
+        probe_loads = self.correct_places(corrections_mm)
+        # One evaluation for each parameter, then for x, y and force.
+        stepped_values = values + 1j * step * np.eye(count + 3, count)
+        stepped_loads = np.tile(probe_loads.astype(complex), (count + 3, 1, 1))
         for i, column in enumerate((0, 1, 3), count):
-            moved[i, :, column] += 1j * step
-        ends = self.readings(ends, moved)
-        rates = np.moveaxis(ends.imag / step, 0, -1)
-        return Prediction(ends[0].real, rates[..., :count], rates[..., count:])
+            stepped_loads[i, :, column] += 1j * step
+        readings = self.compute_readings(stepped_values, stepped_loads)
+        derivatives = np.moveaxis(readings.imag / step, 0, -1)
+        return Prediction(
+            readings[0].real,
+            by_parameter=derivatives[..., :count],
+            by_touch=derivatives[..., count:],
+        )

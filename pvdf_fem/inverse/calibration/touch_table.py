@@ -1,11 +1,11 @@
-"""Touches of a calibration: read from a file or from columns, and checked before any solve."""
+"""The touches of a calibration: read from a file or from columns, and checked before any solve."""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +17,20 @@ from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import format_error, suggest
 from pvdf_fem.solver.sensitivity.parameters import PLACE
 
+#: Keys of the scene that a touch sets, and the columns of a file that hold them.
 TOUCH_KEYS = (*PLACE, "load.force_N")
-PLACE_COLUMNS = ("x_mm", "y_mm", "rotation_deg", "force_N")
+TOUCH_COLUMNS = ("x_mm", "y_mm", "rotation_deg", "force_N")
+MAX_FILE_SIZE = 10_000_000  #: Largest file that is read, in bytes.
+#: A column of readings whose relative range is below this is constant.
+CONSTANT_RANGE = 1e-6
+#: Places farther than this from the centre, over the film's radius, look like µm; places that are
+#: all nearer than the second value look like m.
+FAR_SHARE = 2.0
+NEAR_SHARE = 1e-3
 
 
 class TouchesError(ValueError):
-    """Touches that nothing can be calibrated with; each argument is a line about a mistake."""
+    """Touches that nothing can be calibrated with; each argument is a line about an error."""
 
     def __str__(self) -> str:
         return "\n".join(self.args)
@@ -30,120 +38,190 @@ class TouchesError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class TouchTable:
-    """Touches on the stage with what the channels read."""
+    """Touches with known place, rotation and force, and the readings of the channels."""
 
-    rows: Indices  #: Numbers of the rows, the first of a file's data being 1.
-    touches: Array  #: x, y in mm, rotation in degrees and force in N, (touches, 4).
+    rows: Indices  #: Numbers of the rows in the file, from 1, (touches,).
+    #: Probe loads on the stage, (touches, 4): x and y in mm, rotation in degrees, force in N.
+    probe_loads: Array
     readings: Array  #: In V or nominal pC, NaN where missing, (touches, electrodes).
-    remarks: tuple[str, ...] = ()  #: What was left out, in sentences.
+    notes: tuple[str, ...] = ()  #: Sentences about rows and readings that were left out.
 
     def __len__(self) -> int:
         return len(self.rows)
 
-    def some(self, which: Sequence[int]) -> TouchTable:
-        """Some of them, by index."""
-        return TouchTable(self.rows[which], self.touches[which], self.readings[which])
+    @property
+    def forces_N(self) -> Array:
+        """Forces of the touches, (touches,)."""
+        return self.probe_loads[:, 3]
+
+    def select(self, indices: Sequence[int]) -> TouchTable:
+        """Return some of the touches, by index."""
+        return TouchTable(self.rows[indices], self.probe_loads[indices], self.readings[indices])
 
 
 def read_touches(source: Any, scene: Scene) -> TouchTable:
-    """Touches of a CSV file, a mapping of columns or a table with `columns`. Raises `TouchesError`
-    for columns that are missing, unknown, constant or no numbers, and for places off the film."""
-    columns = _columns(source)
-    names = [electrode.name for electrode in scene.electrode_list]
+    """Read the touches of a CSV file, a mapping of columns or a table with `columns`.
+
+    Parameters
+    ----------
+    source : path, mapping of str to sequence, or table with `columns`
+        Columns ``x_mm``, ``y_mm``, ``rotation_deg`` (not for a round probe), ``force_N``, and the
+        readings of each electrode by its name.
+    scene : Scene
+        The sensor with its probe.
+
+    Raises
+    ------
+    TouchesError
+        If columns are missing, unknown or constant, cells are no numbers, or places are off the
+        film; with a line for each error.
+    """
+    columns = _read_columns(source)
+    electrodes = [electrode.name for electrode in scene.electrode_list]
     assert scene.single_probe is not None
-    if not scene.single_probe.period_deg and columns:  # a disc has no rotation
-        columns.setdefault("rotation_deg", ["0"] * len(next(iter(columns.values()))))
-    mistakes = list(_heading_mistakes(list(columns), [*PLACE_COLUMNS, *names]))
-    if mistakes:
-        raise TouchesError(*mistakes)
+    if not scene.single_probe.period_deg and columns:  # A disc has no rotation.
+        first = next(iter(columns.values()))
+        columns.setdefault("rotation_deg", ["0"] * len(first))
+    names = [*TOUCH_COLUMNS, *electrodes]
+    errors = list(_find_heading_errors(list(columns), names))
+    if errors:
+        raise TouchesError(*errors)
     if len({len(column) for column in columns.values()}) > 1:
         raise TouchesError("touches: columns differ in length; give a value for every touch")
-    table = [list(_numbers(n, columns[n], mistakes)) for n in [*PLACE_COLUMNS, *names]]
-    if mistakes:
-        raise TouchesError(*mistakes)
-    values = np.array(table).T
-    whole = np.isfinite(values[:, :4]).all(axis=1) & np.isfinite(values[:, 4:]).any(axis=1)
-    touches = TouchTable(np.arange(1, len(values) + 1)[whole], values[whole, :4], values[whole, 4:])
-    if mistakes := list(_mistakes(touches, names, scene)):
-        raise TouchesError(*mistakes)
-    left_out = [(row, "place, force or reading") for row in np.flatnonzero(~whole) + 1]
-    empty = np.argwhere(np.isnan(touches.readings))
-    left_out += [(touches.rows[i], f"reading of {names[j]}") for i, j in empty]
-    remarks = tuple(f"row {row}: has no {what}; left out" for row, what in left_out)
-    return replace(touches, remarks=remarks)
+    values = np.empty((len(columns["x_mm"]), len(names)))
+    for index, name in enumerate(names):
+        values[:, index] = _parse_numbers(name, columns[name], errors)
+    if errors:
+        raise TouchesError(*errors)
+
+    probe_loads = values[:, : len(TOUCH_COLUMNS)]
+    readings = values[:, len(TOUCH_COLUMNS) :]
+    has_load = np.isfinite(probe_loads).all(axis=1)
+    has_reading = np.isfinite(readings).any(axis=1)
+    is_used = has_load & has_reading
+    rows = np.arange(1, len(values) + 1)
+    notes = [f"row {row}: has no place, force or reading; left out" for row in rows[~is_used]]
+    is_missing = np.isnan(readings)
+    is_missing[~is_used] = False
+    for row, column in np.argwhere(is_missing):
+        notes.append(f"row {rows[row]}: has no reading of {electrodes[column]}; left out")
+    table = TouchTable(rows[is_used], probe_loads[is_used], readings[is_used], tuple(notes))
+    errors = [*_find_value_errors(table, electrodes), *_find_load_errors(table, scene)]
+    if errors:
+        raise TouchesError(*errors)
+    return table
 
 
-def _columns(source: Any) -> dict[str, Sequence[Any]]:
-    if not isinstance(source, str | Path):
-        names = source if isinstance(source, Mapping) else getattr(source, "columns", None)
-        if names is None:
-            reason = "is no table; give the path of a CSV file, or a dict of columns"
-            raise TouchesError(format_error("touches", source, reason))
-        return {str(name): list(source[name]) for name in names}
-    text = read_text(Path(source), 10_000_000, "a CSV file of touches")
+def _read_columns(source: Any) -> dict[str, Sequence[Any]]:
+    """Return the columns of a file or a table by their names."""
+    if isinstance(source, str | Path):
+        return _read_csv_columns(Path(source))
+    names = source if isinstance(source, Mapping) else getattr(source, "columns", None)
+    if names is None:
+        reason = "is no table; give the path of a CSV file, or a dict of columns"
+        raise TouchesError(format_error("touches", source, reason))
+    return {str(name): list(source[name]) for name in names}
+
+
+def _read_csv_columns(path: Path) -> dict[str, Sequence[Any]]:
+    """Return the columns of a CSV file by their names, as texts."""
+    text = read_text(path, MAX_FILE_SIZE, "a CSV file of touches")
+    lines = []
     try:
-        cells = read_csv_rows(io.StringIO(text), text.partition("\n")[0])
-        rows = [row for row in cells if any(map(str.strip, row))]
+        for cells in read_csv_rows(io.StringIO(text), text.partition("\n")[0]):
+            stripped = [cell.strip() for cell in cells]
+            if any(stripped):
+                lines.append(stripped)
     except csv.Error as error:
-        raise TouchesError(f"{source}: is no CSV file ({error}); save it as one") from None
-    heading, *lines = [[cell.strip() for cell in row] for row in rows] or [[]]
+        raise TouchesError(f"{path}: is no CSV file ({error}); save it as one") from None
+    heading, *rows = lines or [[]]
     if len(set(heading)) < len(heading):
-        raise TouchesError(f"{source}: two columns have one name; rename or remove one")
-    for number, line in enumerate(lines, 1):
-        if len(line) != len(heading):
-            reason = f"{len(line)} cells below {len(heading)} names; correct the row"
-            raise TouchesError(f"{source}: row {number} has {reason}")
-    return {name: [line[i] for line in lines] for i, name in enumerate(heading)}
+        raise TouchesError(f"{path}: two columns have the same name; rename or remove one")
+    for number, row in enumerate(rows, 1):
+        if len(row) != len(heading):
+            reason = f"{len(row)} cells below {len(heading)} names; correct the row"
+            raise TouchesError(f"{path}: row {number} has {reason}")
+    return {name: [row[i] for row in rows] for i, name in enumerate(heading)}
 
 
-def _heading_mistakes(given: Sequence[str], wanted: Sequence[str]) -> Iterator[str]:
-    missing = [name for name in wanted if name not in given]
-    yield from (f"column {name}: missing; give {', '.join(wanted)}" for name in missing)
-    for name in (name for name in given if name not in wanted):
-        yield f"column {name[:40]}: unknown; remove it, or {suggest(name, missing or wanted)}"
+def _find_heading_errors(columns: Sequence[str], needed: Sequence[str]) -> Iterator[str]:
+    """Find columns that are missing or unknown."""
+    missing = [name for name in needed if name not in columns]
+    for name in missing:
+        yield f"column {name}: missing; give {', '.join(needed)}"
+    for name in columns:
+        if name not in needed:
+            yield f"column {name[:40]}: unknown; remove it, or {suggest(name, missing or needed)}"
 
 
-def _numbers(name: str, cells: Sequence[Any], mistakes: list[str]) -> Iterator[float]:
+def _parse_numbers(name: str, cells: Sequence[Any], errors: list[str]) -> list[float]:
+    """Return the numbers of a column, NaN for empty cells; append errors to a list."""
+    values = []
     for row, cell in enumerate(cells, 1):
+        value = np.nan
         try:
-            value = float(cell) if str(cell).strip() else np.nan
+            if str(cell).strip():
+                value = float(cell)
         except (TypeError, ValueError):
-            value = np.nan
-            mistakes.append(f"row {row}: {name} = {str(cell)[:40]!r} is no number; correct it")
-        yield value if np.isfinite(value) else np.nan
+            errors.append(f"row {row}: {name} = {str(cell)[:40]!r} is no number; correct it")
+        values.append(value if np.isfinite(value) else np.nan)
+    return values
 
 
-def _mistakes(touches: TouchTable, names: Sequence[str], scene: Scene) -> Iterator[str]:
-    if len(touches) < 2:
-        yield f"touches: {len(touches)} with numbers; give more of them than unknowns"
+def _find_value_errors(table: TouchTable, electrodes: Sequence[str]) -> Iterator[str]:
+    """Find too few touches, and channels that are dead."""
+    if len(table) < 2:
+        yield f"touches: {len(table)} with numbers; give more of them than unknowns"
         return
-    for name, column in zip(names, touches.readings.T, strict=True):
-        known = column[np.isfinite(column)]
-        if not len(known) or np.ptp(known) <= 1e-6 * np.abs(known).max():
-            what = f"{known[0]:g} in every row" if len(known) else "empty"
-            yield f"column {name}: is {what}; the channel is dead or not connected"
-    x_y, force = touches.touches[:, :2], touches.touches[:, 3]
-    if (np.ptp(x_y, axis=0) == 0.0).all():
+    for name, column in zip(electrodes, table.readings.T, strict=True):
+        measured = column[np.isfinite(column)]
+        if not len(measured):
+            yield f"column {name}: is empty; the channel is dead or not connected"
+        elif np.ptp(measured) <= CONSTANT_RANGE * np.abs(measured).max():
+            value = f"{measured[0]:g} in every row"
+            yield f"column {name}: is {value}; the channel is dead or not connected"
+
+
+def _find_load_errors(table: TouchTable, scene: Scene) -> Iterator[str]:
+    """Find forces that are not positive, and places that are constant or off the film."""
+    if len(table) < 2:
+        return
+    places_mm = table.probe_loads[:, :2]
+    if (np.ptp(places_mm, axis=0) == 0.0).all():
         yield "columns x_mm, y_mm: the same in every row; touch at places all over the film"
-    for row in touches.rows[force <= 0.0]:
+    for row in table.rows[table.forces_N <= 0.0]:
         yield f"row {row}: force_N is not positive; a touch presses with more than 0 N"
-    radius, reach = scene.film.radius_mm, np.hypot(*x_y.T)
-    outside = [i for i, touch in enumerate(touches.touches) if place_probe(scene, touch) is None]
-    if 2 * len(outside) > len(touches) and np.median(reach) > 2.0 * radius:
-        far = f"{np.median(reach):.3g} mm from the centre of a film of {radius:g} mm"
-        yield f"columns x_mm, y_mm: places are {far}; they look like µm, give mm"
-    elif not outside and 0.0 < reach.max() < 1e-3 * radius:
-        near = f"within {reach.max():.2g} mm of the centre"
-        yield f"columns x_mm, y_mm: all places are {near}; they look like m, give mm"
+
+    radius_mm = scene.film.radius_mm
+    distances_mm = np.hypot(places_mm[:, 0], places_mm[:, 1])
+    outside = []
+    for index, probe_load in enumerate(table.probe_loads):
+        if place_probe(scene, probe_load) is None:
+            outside.append(index)
+    if 2 * len(outside) > len(table) and np.median(distances_mm) > FAR_SHARE * radius_mm:
+        distance = f"{np.median(distances_mm):.3g} mm from the centre"
+        reason = f"places are {distance} of a film of {radius_mm:g} mm; they look like µm, give mm"
+        yield f"columns x_mm, y_mm: {reason}"
+    elif not outside and 0.0 < distances_mm.max() < NEAR_SHARE * radius_mm:
+        distance = f"within {distances_mm.max():.2g} mm of the centre"
+        yield f"columns x_mm, y_mm: all places are {distance}; they look like m, give mm"
     else:
-        for i in outside:
-            x, y = x_y[i]
-            yield f"row {touches.rows[i]}: x_mm, y_mm = {x:g}, {y:g} is over the film's rim"
+        for index in outside:
+            x_mm, y_mm = places_mm[index]
+            yield f"row {table.rows[index]}: x_mm, y_mm = {x_mm:g}, {y_mm:g} is over the film's rim"
 
 
-def place_probe(scene: Scene, touch: Array) -> Scene | None:
-    """The scene with its probe at a touch x, y, rotation, force on the film; None over the rim."""
-    changes = dict(zip(TOUCH_KEYS, map(float, touch), strict=True))
+def place_probe(scene: Scene, probe_load: Array) -> Scene | None:
+    """Return the scene with its probe at a place on the film, or None over the film's rim.
+
+    Parameters
+    ----------
+    scene : Scene
+        The sensor with its probe.
+    probe_load : array, (4,)
+        Place x, y in mm, rotation in degrees and force in N.
+    """
+    changes = dict(zip(TOUCH_KEYS, map(float, probe_load), strict=True))
     try:
         return scene.with_(**changes)
     except SceneError:

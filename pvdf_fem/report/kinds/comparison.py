@@ -1,51 +1,92 @@
-"""The table `comparison`: data charges beside computed charges, and the differences."""
+"""The table `comparison`: charges of data beside computed charges, and the differences."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 from pydantic import Field
 
+from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.problem.problem import Problem
-from pvdf_fem.report.data import SHORT, Readings, format_cell
-from pvdf_fem.report.kind import Content, ElectrodeKind, Inputs, prefix_errors
+from pvdf_fem.report.data import SHORT_KEYS, Readings, format_cell
+from pvdf_fem.report.kind import ElectrodeKind, Inputs, prefix_errors
 from pvdf_fem.report.results import NothingToShowError, ReportResults
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.solver.sensitivity.uncertainty import require_differentiable, uncertainty
-from pvdf_fem.view import curves as drawing
-from pvdf_fem.view.figures import GREY, HALO, get_line_style, make_figure
+from pvdf_fem.view.figures import GREY, HALO, WIDTH_MM, get_line_style, make_figure
+from pvdf_fem.view.labels import format_signed, format_significant
 
 NAMED = 1  #: Number of the largest differences that have a name in the figure.
+DATA_ERROR_PC = 0.5  #: Assumed error of a charge of data in the table, in pC.
+#: Columns of charges, which are no keys of a row.
+CHARGE_COLUMNS = ("electrode", "charge_pC", "computed_pC", "error_pC", "difference_percent")
 
 
 @dataclass(frozen=True)
 class Spread(Task):
-    """Standard deviations of a scene's charges by its uncertain values, in pC."""
+    """Standard deviations of a scene's charges due to its uncertain values, in pC."""
 
     scene: Scene
 
     def run(self) -> Rows:
-        """A row for each electrode."""
-        found = uncertainty(self.scene)
-        both = {"total": found.charges_pC, "change": found.charge_changes_pC}
-        return [
-            {"electrode": name, **{k: of[name] for k, of in both.items()}} for name in both["total"]
-        ]
+        """Return a row for each electrode."""
+        result = uncertainty(self.scene)
+        rows = []
+        for name, total in result.charges_pC.items():
+            change = result.charge_changes_pC[name]
+            rows.append({"electrode": name, "total": total, "change": change})
+        return rows
+
+
+class ComparedRows(NamedTuple):
+    """The readings to compare with, the scenes of their rows, and the electrodes."""
+
+    readings: Readings
+    scenes: list[Scene]
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ComparisonData:
+    """The data of a comparison.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        A row for each charge: the keys and labels of its scene, and `CHARGE_COLUMNS`.
+    row_names : list of str
+        Names of the scenes of the rows.
+    names : tuple of str
+        Electrodes that are compared.
+    readings : Readings
+        The data.
+    """
+
+    frame: pd.DataFrame
+    row_names: list[str]
+    names: tuple[str, ...]
+    readings: Readings
+
+    @property
+    def what(self) -> str:
+        """The word for the data."""
+        return self.readings.source.what
 
 
 class Comparison(ElectrodeKind):
     """Readings in `data` beside computed charges, and a figure of the differences.
 
     A difference is computed less measured, in percent of the measured charge. By default
-    `electrodes` are the electrodes with readings. With `uncertain` values of the scene differences
-    are also told over their standard deviation by these values and our errors (ASME V&V 20).
+    `electrodes` are the electrodes with readings. Where the scene has `uncertain` values,
+    differences are also given over their standard deviation due to these values and to the errors
+    of our charges (ASME V&V 20).
     """
 
     kind: Literal["comparison"]
@@ -54,113 +95,163 @@ class Comparison(ElectrodeKind):
     stem: ClassVar[str] = "charges"
     rank: ClassVar[int] = 3
 
-    def scenes(self, inputs: Inputs) -> list[Scene]:
-        """Scenes for rows with a reading."""
-        readings, scenes, names = self._asked(inputs)
-        given = np.isfinite(readings.charges(scenes, names, "total")).any(axis=1)
-        return [scenes[row] for row in np.flatnonzero(given)]
+    def list_scenes(self, inputs: Inputs) -> list[Scene]:
+        """Return the scenes of the rows with a reading."""
+        readings, scenes, names = self._resolve_rows(inputs)
+        charges = readings.get_charges(scenes, names, "total")
+        return [scenes[row] for row in _find_rows(charges)]
 
-    def tasks(self, inputs: Inputs) -> Sequence[Task]:
-        """Deviations of the charges, where the scene has uncertain values."""
-        scenes = dict.fromkeys(self.scenes(inputs))
+    def list_tasks(self, inputs: Inputs) -> Sequence[Task]:
+        """Return the computation of deviations for each scene with uncertain values."""
+        scenes = list(dict.fromkeys(self.list_scenes(inputs)))
         with prefix_errors("scene"):
             for scene in scenes:
                 require_differentiable(Problem.from_scene(scene))
         return [Spread(scene) for scene in scenes if scene.uncertain]
 
-    def _asked(self, inputs: Inputs) -> tuple[Readings, list[Scene], tuple[str, ...]]:
-        readings, scene = self.readings(inputs), self.scene(inputs)
+    def collect_data(self, inputs: Inputs, results: ReportResults) -> ComparisonData:
+        """Return a row for each reading."""
+        readings, scenes, names = self._resolve_rows(inputs)
+        reading = self.resolve_reading(inputs)
+        all_charges = readings.get_charges(scenes, names, reading)
+        rows = _find_rows(all_charges)
+        scenes = [scenes[row] for row in rows]
+        charges = results.make_table(scenes, names, reading, all_charges[rows])
+        repeated_rows = np.repeat(rows, len(names))
+        frame = readings.key_frame.iloc[repeated_rows].reset_index(drop=True).join(charges)
+        if scenes and scenes[0].uncertain:
+            deviations = _collect_deviations(scenes, names, results, reading)
+            total_deviations = np.hypot(deviations.ravel(), frame.error_pC)
+            difference_pC = frame.computed_pC - frame.charge_pC
+            frame["difference_over_deviation"] = difference_pC / total_deviations
+        has_reading = frame.charge_pC.notna()
+        all_names = readings.make_row_names()
+        row_names = [all_names[row] for row in repeated_rows[has_reading]]
+        frame = frame[has_reading].reset_index(drop=True)
+        if not frame.difference_percent.notna().any():
+            raise NothingToShowError("none of the scenes has charges")
+        return ComparisonData(frame, row_names, names=names, readings=readings)
+
+    def make_axes(self, data: ComparisonData) -> Sequence[Axes]:
+        """Return axes for charges, and for differences below them."""
+        figure = make_figure(WIDTH_MM, 106.0)
+        axes: Sequence[Axes] = figure.subplots(
+            2, sharex=True, gridspec_kw={"height_ratios": [3.0, 2.0]}
+        )
+        return axes
+
+    def draw(self, data: ComparisonData, axes: Sequence[Axes]) -> None:
+        """Draw computed charges and their differences over the charges of the data."""
+        charges, differences = axes
+        frame = data.frame
+        for number, name in enumerate(data.names):
+            rows = frame[frame.electrode == name]
+            look = {**get_line_style(number), "linestyle": "none", "markersize": 4.0}
+            charges.plot(rows.charge_pC, rows.computed_pC, **look, label=name)
+            errors = 100.0 * rows.error_pC / rows.charge_pC.abs()
+            differences.errorbar(
+                rows.charge_pC, rows.difference_percent, errors, elinewidth=0.7, **look
+            )
+        mean = frame.charge_pC.mean()
+        charges.axline((mean, mean), slope=1.0, color=GREY, linewidth=0.8, zorder=1)
+        differences.axhline(0.0, color=GREY, linewidth=0.8)
+        _name_largest(differences, data)
+        charges.set_ylabel("computed charge (pC)")
+        differences.set(xlabel=f"{data.what} charge (pC)", ylabel="difference (%)")
+        columns = 2 if len(data.names) > 4 else 1
+        charges.legend(loc="upper left", ncols=columns, title="electrode")
+
+    def make_caption(self, data: ComparisonData) -> str:
+        """Return bias, median and largest difference."""
+        bias = format_signed(data.frame.difference_percent.median(), 2)
+        size = data.frame.difference_percent.abs()
+        caption = (
+            f"Below: computed less {data.what} charge, in percent of it; bias {bias} %, median "
+            f"size {size.median():.2f} %, worst {size.max():.2f} %. Bars: errors of our solves."
+        )
+        if "difference_over_deviation" in data.frame:
+            is_within = data.frame.difference_over_deviation.abs() <= 2.0
+            share = 100.0 * float(is_within.mean())
+            caption += f" By the uncertain values {share:.0f} % are within two standard deviations."
+        return caption
+
+    def make_table(self, data: ComparisonData) -> pd.DataFrame:
+        """Return labels, or all keys, and charges with significant digits."""
+        frame = data.frame
+        labels = data.readings.source.labels
+        columns = [*CHARGE_COLUMNS, "difference_over_deviation"]
+        keys = [key for key in frame.columns if key not in columns]
+        if labels:
+            keys = [key for key in keys if key in labels or key in SHORT_KEYS]
+        table = frame[keys].map(format_cell)
+        table["electrode"] = frame.electrode
+        charges = [format_significant(charge, DATA_ERROR_PC) for charge in frame.charge_pC]
+        table[f"{data.what} (pC)"] = charges
+        pairs = zip(frame.computed_pC, frame.error_pC, strict=True)
+        table["computed (pC)"] = [format_significant(charge, error) for charge, error in pairs]
+        table["± (pC)"] = [f"{error:.1g}" for error in frame.error_pC]
+        table["diff. (%)"] = [format_signed(value, 2) for value in frame.difference_percent]
+        if "difference_over_deviation" in frame:
+            ratios = frame.difference_over_deviation
+            table["diff. (σ)"] = [format_signed(ratio) for ratio in ratios]
+        return table
+
+    def make_claim(self, data: ComparisonData) -> str:
+        """Return the median and the largest difference."""
+        size = data.frame.difference_percent.abs()
+        return (
+            f"the {size.notna().sum()} {data.what} charges and the computed ones differ by "
+            f"{size.median():.2g} % in the median and {size.max():.2g} % at most"
+        )
+
+    def _resolve_rows(self, inputs: Inputs) -> ComparedRows:
+        """Return the data, the scenes of their rows, and the electrodes to compare."""
+        readings = self.find_readings(inputs)
         assert readings is not None  # `data` is required
-        names = self.names(scene) if self.electrodes else readings.names
+        scene = self.resolve_scene(inputs)
+        names = self.resolve_electrodes(scene) if self.electrodes else readings.names
         if not any(name in readings.names for name in names):
             reason = "has no readings of the electrodes; add columns with their names"
             raise SceneError([format_error("data", self.data, reason)])
-        return readings, readings.scenes(scene), names
-
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
-        """A row for each reading."""
-        readings, scenes, names = self._asked(inputs)
-        reading, what = self.read_as(inputs), readings.source.what
-        theirs = readings.charges(scenes, names, reading)
-        given = np.flatnonzero(np.isfinite(theirs).any(axis=1))
-        charges = solved.table([scenes[row] for row in given], names, reading, theirs[given])
-        rows = np.repeat(given, len(names))
-        frame = readings.shown.iloc[rows].reset_index(drop=True).join(charges)
-        frame["row"] = np.array(readings.row_names())[rows]
-        frame["scene"] = np.repeat(np.arange(len(given)), len(names))
-        frame = frame[frame.charge_pC.notna()].reset_index(drop=True)
-        size = frame.difference_percent.abs()
-        if not size.notna().any():
-            raise NothingToShowError("none of the scenes has charges")
-        bias = drawing.format_signed(frame.difference_percent.median(), 2)
-        over = self._over_deviations(frame, [scenes[row] for row in given], solved, reading)
-        caption = (
-            f"Below: computed less {what} charge, in percent of it; bias {bias} %, median size "
-            f"{size.median():.2f} %, worst {size.max():.2f} %. Bars: errors of our solves.{over}"
-        )
-        claim = (
-            f"the {size.notna().sum()} {what} charges and the computed ones differ by "
-            f"{size.median():.2g} % in the median and {size.max():.2g} % at most"
-        )
-        kept = [*readings.source.labels, *SHORT] if readings.source.labels else []
-        figure, shown = _figure(frame, names, what), _shown(frame, charges, kept, what)
-        return Content(caption, frame.drop(columns=["row", "scene"]), figure, shown, claim)
-
-    def _over_deviations(
-        self, frame: pd.DataFrame, scenes: Sequence[Scene], solved: ReportResults, reading: str
-    ) -> str:
-        """Add the differences over their standard deviations to a frame; what there is to say."""
-        if not (scenes and scenes[0].uncertain):
-            return ""
-        known = {
-            (number, row["electrode"]): row[reading]
-            for number, scene in enumerate(scenes)
-            for row in solved.rows(Spread(scene))
-        }
-        pairs = zip(frame.scene, frame.electrode, strict=True)
-        deviations = np.hypot([known[pair] for pair in pairs], frame.error_pC)
-        frame["difference_over_deviation"] = (frame.computed_pC - frame.charge_pC) / deviations
-        share = 100.0 * float((frame.difference_over_deviation.abs() <= 2.0).mean())
-        return f" By the uncertain values {share:.0f} % are within two standard deviations."
+        return ComparedRows(readings, readings.make_scenes(scene), names)
 
 
-def _figure(frame: pd.DataFrame, names: tuple[str, ...], what: str) -> Figure:
-    """Computed over measured charges, and below the differences, with names at the largest."""
-    figure = make_figure(drawing.WIDTH_MM, 106.0)
-    ax, strip = figure.subplots(2, sharex=True, gridspec_kw={"height_ratios": [3.0, 2.0]})
-    for number, name in enumerate(names):
-        own = frame[frame.electrode == name]
-        look = {**get_line_style(number), "linestyle": "none", "markersize": 4.0}
-        ax.plot(own.charge_pC, own.computed_pC, **look, label=name)
-        bars = 100.0 * own.error_pC / own.charge_pC.abs()
-        strip.errorbar(own.charge_pC, own.difference_percent, bars, elinewidth=0.7, **look)
-    ax.axline((frame.charge_pC.mean(),) * 2, slope=1.0, color=GREY, linewidth=0.8, zorder=1)
-    strip.axhline(0.0, color=GREY, linewidth=0.8)
+def _find_rows(charges: Array) -> Indices:
+    """Return the numbers of the rows of charges (rows, names) that have a reading."""
+    return np.flatnonzero(np.isfinite(charges).any(axis=1))
+
+
+def _collect_deviations(
+    scenes: Sequence[Scene], names: Sequence[str], results: ReportResults, reading: str
+) -> Array:
+    """Return the standard deviations (scenes, names) of charges in pC due to uncertain values.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+        Scenes with uncertain values.
+    names : sequence of str
+        Names of the electrodes.
+    results : ReportResults
+        Rows of the tasks `Spread`.
+    reading : {"total", "change"}
+        Which charges are compared.
+    """
+    deviations = np.full((len(scenes), len(names)), np.nan)
+    for i, scene in enumerate(scenes):
+        rows = results.get_rows(Spread(scene))
+        by_name = {row["electrode"]: row[reading] for row in rows}
+        for j, name in enumerate(names):
+            deviations[i, j] = by_name.get(name, np.nan)
+    return deviations
+
+
+def _name_largest(ax: Axes, data: ComparisonData) -> None:
+    """Write the names of the rows with the largest differences beside their points."""
+    frame = data.frame
     middle = 0.5 * (frame.charge_pC.max() + frame.charge_pC.min())
-    for i in frame.difference_percent.abs().nlargest(NAMED).index:
-        at = frame.charge_pC[i], frame.difference_percent[i]
-        side, aside = ("right", -6.0) if at[0] > middle else ("left", 6.0)
-        words = strip.annotate(frame.row[i], at, (aside, 0.0), textcoords="offset points")
-        words.set(ha=side, va="center", fontsize=7.0, color=GREY, path_effects=[HALO])
-    ax.set_ylabel("computed charge (pC)")
-    strip.set(xlabel=f"{what} charge (pC)", ylabel="difference (%)")
-    ax.legend(loc="upper left", ncols=2 if len(names) > 4 else 1, title="electrode")
-    return figure
-
-
-def _shown(
-    frame: pd.DataFrame, charges: pd.DataFrame, kept: Sequence[str], what: str
-) -> pd.DataFrame:
-    """The page's table: named keys, by default every key, and charges with sure digits."""
-    own = (*charges.columns, "row", "scene", "difference_over_deviation")
-    keys = [key for key in frame.columns if key not in own and (key in kept or not kept)]
-    shown = frame[keys].map(format_cell)
-    shown["electrode"] = frame.electrode
-    shown[f"{what} (pC)"] = [drawing.format_significant(value, 0.5) for value in frame.charge_pC]
-    pairs = zip(frame.computed_pC, frame.error_pC, strict=True)
-    shown["computed (pC)"] = [drawing.format_significant(value, error) for value, error in pairs]
-    shown["± (pC)"] = [f"{error:.1g}" for error in frame.error_pC]
-    shown["diff. (%)"] = [drawing.format_signed(value, 2) for value in frame.difference_percent]
-    if "difference_over_deviation" in frame:
-        shown["diff. (σ)"] = [drawing.format_signed(of) for of in frame.difference_over_deviation]
-    return shown
+    for row in frame.difference_percent.abs().nlargest(NAMED).index:
+        point = (frame.charge_pC[row], frame.difference_percent[row])
+        side, offset = ("right", -6.0) if point[0] > middle else ("left", 6.0)
+        label = ax.annotate(data.row_names[row], point, (offset, 0.0), textcoords="offset points")
+        label.set(ha=side, va="center", fontsize=7.0, color=GREY, path_effects=[HALO])

@@ -3,45 +3,97 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from pydantic import Discriminator, Field, Tag
 
 from pvdf_fem.arrays import Array, make_polar_grid
 from pvdf_fem.report.charge_map import ChargeMap
-from pvdf_fem.report.kind import PLACE, Content, Inputs, differ_only_in, get_place_mm
-from pvdf_fem.report.kinds.over_places import Mapped
+from pvdf_fem.report.kind import PLACE, Inputs, differ_only_in, get_place_mm
+from pvdf_fem.report.kinds.map_kind import MapKind
 from pvdf_fem.report.results import ReportResults
 from pvdf_fem.scene.keys import Finite, Whole, within
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.view import figures
-from pvdf_fem.view.curves import READING_LABELS, RING, WIDTH_MM, join_words
-from pvdf_fem.view.figures import COLOURS, draw_film, draw_labelled_contours, make_figure
+from pvdf_fem.view.curves import RING
+from pvdf_fem.view.figures import (
+    COLOURS,
+    WIDTH_MM,
+    choose_colours,
+    draw_film,
+    draw_labelled_contours,
+    get_figure,
+    make_figure,
+)
+from pvdf_fem.view.labels import READING_LABELS, join_words
 
-RADII, ANGLES = 41, 121  #: Raster of a panel.
-NEAR = 0.06  #: Distance, over the colour bar, from a level to an end that has no name.
+RADII = 41  #: Number of radii in the raster of a panel.
+ANGLES = 121  #: Number of angles in the raster of a panel.
 SHADES = 16  #: Number of bands of colour.
-POINTS = ["electrode", "x_mm", "y_mm", "charge_pC", "apart_mm"]
+#: Smallest distance of a level from an end of the colour bar with a number, over its height.
+MIN_TICK_DISTANCE = 0.06
+POINT_COLUMNS = ["electrode", "x_mm", "y_mm", "charge_pC", "apart_mm"]
 
 
-def _count_or_list(value: Any) -> str:
+def _choose_tag(value: Any) -> str:
+    """Return the tag of a list or of a number of levels."""
     return "<list>" if isinstance(value, list | tuple) else "<count>"
 
 
-#: Charges, or about how many; the tags are no part of a key.
+#: Charges of the lines, or about how many lines; the tags are no part of a key.
 Levels = Annotated[
     Annotated[tuple[Finite, ...], Field(min_length=1, max_length=20), Tag("<list>")]
     | Annotated[Whole, within(1, 20), Tag("<count>")],
-    Discriminator(_count_or_list),
+    Discriminator(_choose_tag),
 ]
 
 
-class Isocharge(Mapped):
+@dataclass(frozen=True, eq=False)
+class IsochargeData:
+    """The data of a figure with lines of equal charge.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Solved charges by place.
+    scene : Scene
+        Film, electrodes and probe.
+    raster_mm : array (radii, angles, 2)
+        Places of the interpolated charges in mm.
+    charges_pC : dict of str to array (radii, angles)
+        Interpolated charges by electrode.
+    levels_pC : dict of str to list of float
+        Charges of the lines by electrode.
+    points : DataFrame
+        Charges of data: `POINT_COLUMNS`.
+    reading : {"total", "change"}
+        Which charges are shown.
+    caption : str
+        Text below the figure.
+    """
+
+    frame: pd.DataFrame
+    scene: Scene
+    raster_mm: Array
+    charges_pC: dict[str, Array]
+    levels_pC: dict[str, list[float]]
+    points: pd.DataFrame
+    reading: str
+    caption: str
+
+    @property
+    def limits_pC(self) -> tuple[float, float]:
+        """Smallest and largest charge of all electrodes."""
+        return _find_limits(self.charges_pC)
+
+
+class Isocharge(MapKind):
     """Electrode charges over the place of the probe's centroid, in filled panels.
 
     The panels have one scale. Lines are at `levels_pC`, a list of charges or about how many. Places
@@ -56,128 +108,230 @@ class Isocharge(Mapped):
     stem: ClassVar[str] = "isocharge"
     rank: ClassVar[int] = 2
 
-    def scenes(self, inputs: Inputs) -> list[Scene]:
-        """The places of the map."""
-        scene = self.scene(inputs)
-        self.names(scene)
-        places = self.places(scene, inputs)
-        scenes, rows = places.scenes, self._rows(inputs, scene, places.reach_mm)[0]
+    def list_scenes(self, inputs: Inputs) -> list[Scene]:
+        """Return the scenes at the places of the map."""
+        scene = self.resolve_scene(inputs)
+        self.resolve_electrodes(scene)
+        places = self.choose_places(scene, inputs)
+        scenes = places.scenes
+        rows, _ = self._find_data(inputs, scene, places.reach_mm)
         self.require_rows(rows, "of the scene within the reach")
         return scenes
 
-    def _rows(self, inputs: Inputs, scene: Scene, reach_mm: float) -> tuple[list[int], list[Scene]]:
-        """Data rows that differ from the scene only in the probe's place, and every scene."""
-        readings = self.readings(inputs)
-        scenes = readings.scenes(scene) if readings else []
-        near = [np.linalg.norm(get_place_mm(other)) <= reach_mm for other in scenes]
-        rows = [i for i, is_near in enumerate(near) if is_near]
-        return [i for i in rows if differ_only_in(PLACE, scene, scenes[i])], scenes
-
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
-        """A panel for each electrode."""
-        scene, reading = self.scene(inputs), self.read_as(inputs)
-        names, asked = self.names(scene), self.places(scene, inputs)
-        made = self.charge_map(asked, solved)
-        raster = make_polar_grid(asked.reach_mm, RADII, ANGLES)
-        # at any place of the probe
-        rest = solved.rests(asked.scenes[:1], made.names)[0] * (reading == "change")
-        charges = (made.charges(raster.reshape(-1, 2)) - rest).reshape(*raster.shape[:2], -1)
-        by_name = {name: charges[..., made.names.index(name)] for name in names}
-        points = self._points(inputs, made, reading, rest)
-        figure = _figure(len(names))
-        _draw(figure, raster, by_name, self._levels(by_name, points), scene, points)
-        figure.axes[-1].set_ylabel(READING_LABELS[reading])
-        known = solved.charges(asked.scenes, names, reading)
-        frame = pd.DataFrame(asked.places_mm, columns=["x_mm", "y_mm"])
-        frame[[f"{name}_pC" for name in names]] = known
-        text = (
+    def collect_data(self, inputs: Inputs, results: ReportResults) -> IsochargeData:
+        """Return the interpolated charges, the levels and the data."""
+        scene = self.resolve_scene(inputs)
+        reading = self.resolve_reading(inputs)
+        names = self.resolve_electrodes(scene)
+        places = self.choose_places(scene, inputs)
+        charge_map = self.fit_map(places, results)
+        # the unloaded charge is the same at any place of the probe
+        offset = np.zeros(len(charge_map.names))
+        if reading == "change":
+            offset = results.get_unloaded_charges(places.scenes[:1], charge_map.names)[0]
+        raster = make_polar_grid(places.reach_mm, RADII, ANGLES)
+        values = charge_map.interpolate(raster.reshape(-1, 2)) - offset
+        values = values.reshape(RADII, ANGLES, -1)
+        charges = {name: values[..., charge_map.names.index(name)] for name in names}
+        points = self._collect_points(inputs, charge_map, offset)
+        frame = pd.DataFrame(places.places_mm, columns=["x_mm", "y_mm"])
+        solved = results.get_charges(places.scenes, names, reading)
+        frame[[f"{name}_pC" for name in names]] = solved
+        caption = (
             f"Charge of {join_words(names)} by the place of the probe, within "
-            f"{asked.reach_mm:.3g} mm of the film's centre; {len(known)} places are solved, and "
-            "between them charges are "
-            f"known to {100.0 * made.error_bound:.1g} %."
+            f"{places.reach_mm:.3g} mm of the film's centre; {len(solved)} places are solved, and "
+            f"between them charges are known to {100.0 * charge_map.error_bound:.1g} %."
         )
         if len(points):
-            text += f"{self.rings(inputs)[:-1]} at their places, {points.apart_mm.median():.2g} mm"
-            text += " from our line of that charge in the median."
-        return Content(text, frame, figure)
+            rings = self.describe_rings(inputs).removesuffix(".")
+            distance = f"{points.apart_mm.median():.2g} mm"
+            caption += f"{rings} at their places, {distance} from our line of that charge in the"
+            caption += " median."
+        return IsochargeData(
+            frame=frame,
+            scene=scene,
+            raster_mm=raster,
+            charges_pC=charges,
+            levels_pC=self._choose_levels(charges, points),
+            points=points,
+            reading=reading,
+            caption=caption,
+        )
 
-    def _levels(self, by_name: dict[str, Array], points: pd.DataFrame) -> dict[str, list[float]]:
-        """Charges for lines by electrode: given charges, few data charges, or round charges."""
+    def make_axes(self, data: IsochargeData) -> list[Axes]:
+        """Return a panel for each electrode."""
+        return _make_panels(len(data.charges_pC))
+
+    def draw(self, data: IsochargeData, axes: list[Axes]) -> None:
+        """Draw the charges, their lines, and rings at the places of the data."""
+        low, high = data.limits_pC
+        # charges fall by a factor: equal ratios show lines far from the electrode, too
+        space = np.geomspace if low > 0.0 else np.linspace
+        shades = space(low, high, SHADES + 1)
+        for ax, name in zip(axes, data.charges_pC, strict=True):
+            filled = _draw_panel(ax, data, name, shades)
+        figure = get_figure(axes[0])
+        figure.supxlabel("x of the probe (mm)")
+        figure.supylabel("y of the probe (mm)")
+        bar = figure.colorbar(filled, ax=list(axes), aspect=30, fraction=0.04, pad=0.02)
+        ticks = _label_levels(data, shades)
+        bar.set_ticks(list(ticks), labels=list(ticks.values()))
+        bar.ax.set_ylabel(READING_LABELS[data.reading])
+
+    def make_caption(self, data: IsochargeData) -> str:
+        """Return the reach, the number of places, and the errors."""
+        return data.caption
+
+    def _choose_levels(
+        self, charges: dict[str, Array], points: pd.DataFrame
+    ) -> dict[str, list[float]]:
+        """Choose the charges of the lines by electrode.
+
+        These are the charges of `levels_pC`, or those of the data where they are few, or else
+        round charges.
+
+        Parameters
+        ----------
+        charges : dict of str to array
+            Interpolated charges by electrode.
+        points : DataFrame
+            Charges of data.
+        """
         if isinstance(self.levels_pC, tuple):
-            return dict.fromkeys(by_name, sorted(self.levels_pC))
-        theirs = points.groupby("electrode").charge_pC.unique()
-        if len(points) and max(map(len, theirs)) <= self.levels_pC:
-            return {name: sorted(theirs.get(name, [])) for name in by_name}
-        low, high = _limits(by_name)
-        ticks = MaxNLocator(self.levels_pC + 1, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
-        round_ones = [float(tick) for tick in ticks if low < tick < high]
-        return {name: round_ones for name in by_name}
+            return dict.fromkeys(charges, sorted(self.levels_pC))
+        data = points.groupby("electrode").charge_pC.unique()
+        if len(points) and max(map(len, data)) <= self.levels_pC:
+            return {name: sorted(data.get(name, [])) for name in charges}
+        low, high = _find_limits(charges)
+        locator = MaxNLocator(self.levels_pC + 1, steps=[1, 2, 2.5, 5, 10])
+        ticks = [float(tick) for tick in locator.tick_values(low, high) if low < tick < high]
+        return {name: ticks for name in charges}
 
-    def _points(self, inputs: Inputs, made: ChargeMap, reading: str, rest: Array) -> pd.DataFrame:
-        """Charges of the data at their places, and their distances from the contours in mm."""
-        readings, scene = self.readings(inputs), self.scene(inputs)
+    def _find_data(
+        self, inputs: Inputs, scene: Scene, reach_mm: float
+    ) -> tuple[list[int], list[Scene]]:
+        """Find the rows of the data within the reach that differ only in the probe's place.
+
+        Parameters
+        ----------
+        inputs : Inputs
+            The report's scene and data.
+        scene : Scene
+            The scene of the map.
+        reach_mm : float
+            Radius of the map in mm.
+
+        Returns
+        -------
+        rows : list of int
+            Numbers of these rows.
+        scenes : list of Scene
+            Scenes of all rows.
+        """
+        readings = self.find_readings(inputs)
+        scenes = [] if readings is None else readings.make_scenes(scene)
+        distances = [np.linalg.norm(get_place_mm(other)) for other in scenes]
+        rows = []
+        for row, other in enumerate(scenes):
+            if distances[row] <= reach_mm and differ_only_in(PLACE, scene, other):
+                rows.append(row)
+        return rows, scenes
+
+    def _collect_points(self, inputs: Inputs, charge_map: ChargeMap, offset: Array) -> pd.DataFrame:
+        """Return the charges of the data, and their distances from the lines of these charges.
+
+        Parameters
+        ----------
+        inputs : Inputs
+            The report's scene and data.
+        charge_map : ChargeMap
+            Total charges by place.
+        offset : array (electrodes,)
+            Charges in pC that are subtracted from the total charges.
+
+        Returns
+        -------
+        DataFrame
+            A row for each charge with `POINT_COLUMNS`.
+        """
+        readings = self.find_readings(inputs)
         if readings is None:
-            return pd.DataFrame(columns=POINTS, dtype=float)
-        rows, scenes = self._rows(inputs, scene, made.domain.reach_mm)
-        theirs = readings.charges(scenes, made.names, reading)[rows]
-        places = np.array([get_place_mm(scenes[i]) for i in rows])
-        ours, slopes = made.evaluate(np.pad(places, ((0, 0), (0, 2))))
-        apart = np.abs(ours - rest - theirs) / np.linalg.norm(slopes, axis=-1)
-        table = [
-            (made.names[j], *places[i].tolist(), theirs[i, j], apart[i, j])
-            for i, j in zip(*np.nonzero(np.isfinite(theirs)), strict=True)
-        ]
-        return pd.DataFrame(table, columns=POINTS)
+            return pd.DataFrame(columns=POINT_COLUMNS, dtype=float)
+        scene = self.resolve_scene(inputs)
+        rows, scenes = self._find_data(inputs, scene, charge_map.domain.reach_mm)
+        data = readings.get_charges(scenes, charge_map.names, self.resolve_reading(inputs))[rows]
+        places = np.array([get_place_mm(scenes[row]) for row in rows])
+        computed, slopes = charge_map.evaluate(np.pad(places, ((0, 0), (0, 2))))
+        # a charge off by dq belongs to a line that is dq over the gradient away
+        distances = np.abs(computed - offset - data) / np.linalg.norm(slopes, axis=-1)
+        points = []
+        for i, j in zip(*np.nonzero(np.isfinite(data)), strict=True):
+            name = charge_map.names[j]
+            points.append((name, *places[i].tolist(), data[i, j], distances[i, j]))
+        return pd.DataFrame(points, columns=POINT_COLUMNS)
 
 
-def _figure(count: int) -> Figure:
+def _find_limits(charges: dict[str, Array]) -> tuple[float, float]:
+    """Return the smallest and the largest charge of all electrodes."""
+    values = np.array(list(charges.values()))
+    return float(values.min()), float(values.max())
+
+
+def _make_panels(count: int) -> list[Axes]:
+    """Return empty panels of a new figure, up to three in a row."""
     columns = 1 if count == 1 else 2 if count <= 4 else 3
     rows = math.ceil(count / columns)
-    wide = WIDTH_MM if columns < 3 else 1.25 * WIDTH_MM
-    figure = make_figure(wide, 12.0 + rows * (wide - 26.0) / columns)
+    width = WIDTH_MM if columns < 3 else 1.25 * WIDTH_MM
+    figure = make_figure(width, 12.0 + rows * (width - 26.0) / columns)
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for ax in axes.flat[count:]:
         ax.remove()
     for ax in axes.flat[max(count - columns, 0) : count]:
         ax.tick_params(labelbottom=True)
-    return figure
+    return list(axes.flat[:count])
 
 
-def _limits(by_name: dict[str, Array]) -> tuple[float, float]:
-    """Least and largest charge."""
-    everything = np.array([*by_name.values()])
-    return float(everything.min()), float(everything.max())
+def _draw_panel(ax: Axes, data: IsochargeData, name: str, shades: Array) -> ScalarMappable:
+    """Draw the charges of one electrode, and return the artist for the colour bar.
+
+    Parameters
+    ----------
+    ax : Axes
+        The panel.
+    data : IsochargeData
+        The charges.
+    name : str
+        Name of the electrode.
+    shades : array (SHADES + 1,)
+        Limits of the bands of colour in pC.
+    """
+    colours, _, _ = choose_colours(data.limits_pC)
+    x = data.raster_mm[..., 0]
+    y = data.raster_mm[..., 1]
+    values = data.charges_pC[name]
+    filled = ax.contourf(x, y, values, shades, norm=BoundaryNorm(shades, 256), cmap=colours)
+    is_here = data.points.electrode == name
+    places = data.points.loc[is_here, ["x_mm", "y_mm"]].to_numpy()
+    electrodes = data.scene.electrode_list
+    centres = [1e3 * electrode.outline.centroid for electrode in electrodes]
+    occupied = np.array([*centres, *places])
+    draw_labelled_contours(ax, x, y, values, levels=data.levels_pC[name], occupied=occupied)
+    draw_film(ax, data.scene.film.radius_mm, electrodes, 1.04 * float(data.raster_mm.max()))
+    ax.plot(*places.T, **RING, markeredgecolor=COLOURS[1], markersize=4.0)
+    ax.set(title=f"electrode {name}", xlabel="", ylabel="")
+    return filled
 
 
-def _draw(
-    figure: Figure,
-    raster: Array,
-    by_name: dict[str, Array],
-    levels: dict[str, list[float]],
-    scene: Scene,
-    points: pd.DataFrame,
-) -> None:
-    """Panels with charges (radii, angles) by electrode, and a colour bar."""
-    low, high = _limits(by_name)
-    # charges fall by a factor: equal ratios show their lines far from the electrode, too
-    shades = (np.geomspace if low > 0.0 else np.linspace)(low, high, SHADES + 1)
-    norm, colours = BoundaryNorm(shades, 256), figures.choose_colours([low, high])[0]
-    (x, y), reach = np.moveaxis(raster, -1, 0), float(raster.max())
-    for ax, (name, values) in zip(figure.axes, by_name.items(), strict=True):
-        filled = ax.contourf(x, y, values, shades, norm=norm, cmap=colours)
-        here = points.loc[points.electrode == name, ["x_mm", "y_mm"]].to_numpy()
-        centres = [1e3 * electrode.outline.centroid for electrode in scene.electrode_list]
-        draw_labelled_contours(ax, x, y, values, levels[name], np.array([*centres, *here]))
-        draw_film(ax, scene.film.radius_mm, scene.electrode_list, 1.04 * reach)
-        ax.plot(*here.T, **RING, markeredgecolor=COLOURS[1], markersize=4.0)
-        ax.set(title=f"electrode {name}", xlabel="", ylabel="")
-    figure.supxlabel("x of the probe (mm)")
-    figure.supylabel("y of the probe (mm)")
-    bar = figure.colorbar(filled, ax=list(figure.axes), aspect=30, fraction=0.04, pad=0.02)
-    named = sorted({level for of in levels.values() for level in of if low < level < high})
-    # bands are equally high
-    heights = np.interp(named, shades, np.linspace(0.0, 1.0, SHADES + 1))
-    ends = [end for end, at in ((low, 0.0), (high, 1.0)) if (np.abs(heights - at) > NEAR).all()]
-    ticks = {level: f"{level:.4g}" for level in named}
-    ticks |= {end: f"{float(f'{end:.3g}'):g}" for end in ends}
-    bar.set_ticks([*ticks], labels=[*ticks.values()])
+def _label_levels(data: IsochargeData, shades: Array) -> dict[float, str]:
+    """Return labels of the colour bar by charge: the levels, and the ends where there is room."""
+    low, high = data.limits_pC
+    levels: set[float] = set()
+    for electrode_levels in data.levels_pC.values():
+        levels |= {level for level in electrode_levels if low < level < high}
+    labels = {level: f"{level:.4g}" for level in sorted(levels)}
+    # the bands of the bar are equally high
+    heights = np.interp(list(labels), shades, np.linspace(0.0, 1.0, SHADES + 1))
+    for end, height in ((low, 0.0), (high, 1.0)):
+        if (np.abs(heights - height) > MIN_TICK_DISTANCE).all():
+            labels[end] = f"{float(f'{end:.3g}'):g}"
+    return labels

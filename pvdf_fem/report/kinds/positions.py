@@ -1,12 +1,14 @@
-"""The table `positions`: touches found again from their charges, and a picture of the errors."""
+"""The table `positions`: touches located from their charges, and a picture of the errors."""
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 from pydantic import Field
 
@@ -15,27 +17,76 @@ from pvdf_fem.inverse.touch.locate import locate
 from pvdf_fem.report.charge_map import ChargeMap, MapPlaces
 from pvdf_fem.report.crossings import Contours
 from pvdf_fem.report.data import ERROR_MM, Readings
-from pvdf_fem.report.kind import PLACE, Content, Inputs, differ_only_in, get_place_mm
-from pvdf_fem.report.kinds.over_places import Mapped
+from pvdf_fem.report.kind import PLACE, Inputs, differ_only_in, get_place_mm
+from pvdf_fem.report.kinds.map_kind import MapKind
 from pvdf_fem.report.results import NothingToShowError, ReportResults
 from pvdf_fem.scene.keys import Finite, within
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, format_error
-from pvdf_fem.view.curves import WIDTH_MM, join_words, label_points
-from pvdf_fem.view.figures import COLOURS, draw_film, make_figure
+from pvdf_fem.scene.shapes import Electrode
+from pvdf_fem.view.curves import CurveEnd, label_points
+from pvdf_fem.view.figures import COLOURS, WIDTH_MM, draw_film, get_figure
+from pvdf_fem.view.labels import join_words
 
-MOST_MAPS = 40  #: Of charges: one for each force, rotation or film among the touches.
-#: Ways to find a touch, and their numbers of charges.
-WAYS = {"crossing": 3, "least squares": 2}
+MAX_MAPS = 40  #: Largest number of maps, one for each force, rotation or film of the touches.
+CROSSING = "crossing"
+LEAST_SQUARES = "least squares"
+#: Smallest number of charges for each method of locating.
+MIN_CHARGES = {CROSSING: 3, LEAST_SQUARES: 2}
 
 
-class Positions(Mapped):
-    """Touches of the `data` found again from their charges in two ways, and a picture on the film.
+class MappedTouches(NamedTuple):
+    """The touches of the data, and the maps of charges to locate them.
+
+    `map_numbers` has the number of its map for each scene.
+    """
+
+    readings: Readings
+    scenes: list[Scene]
+    maps: list[MapPlaces]
+    map_numbers: list[int]
+
+
+@dataclass(frozen=True, eq=False)
+class PositionData:
+    """True places of touches, and the errors of located places.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        The rows of the data with located places and errors.
+    readings : Readings
+        The data.
+    scenes : list of n Scenes
+        The touches.
+    true_mm : array (n, 2)
+        True places in mm.
+    errors_mm : dict of str to array (n,)
+        Errors in mm by method, and those in the data by their name.
+    map_error : float
+        Largest relative error of an interpolated charge.
+    """
+
+    frame: pd.DataFrame
+    readings: Readings
+    scenes: list[Scene]
+    true_mm: Array
+    errors_mm: dict[str, Array]
+    map_error: float
+
+    @property
+    def charge_words(self) -> str:
+        """The words for the charges from which touches are located."""
+        return f"{self.readings.source.what if self.readings.names else 'computed'} charges"
+
+
+class Positions(MapKind):
+    """Touches of the `data` located from their charges in two ways, and a picture on the film.
 
     By crossing: where the electrodes' isocharge contours cross (Mirbagheri's thesis). By least
-    squares: the place with the likeliest charges, under relative standard deviations `sigma`. Force
-    and rotation are known. Where the data have no charges, the computed ones are taken.
-    ``error_mm`` of the data is drawn beside. `reach_mm` and `pitch_mm` are keys for the map, see
+    squares: the most likely place, for relative standard deviations `sigma` of the charges. Force
+    and rotation are known. Where the data have no charges, the computed ones are used. The errors
+    ``error_mm`` of the data are drawn beside. For `reach_mm` and `pitch_mm` of the map see
     `isocharge`.
     """
 
@@ -45,107 +96,160 @@ class Positions(Mapped):
 
     stem: ClassVar[str] = "positions"
     rank: ClassVar[int] = 5
+    size_mm: ClassVar[tuple[float, float]] = (WIDTH_MM, WIDTH_MM)
 
-    def scenes(self, inputs: Inputs) -> list[Scene]:
-        """The places of the maps, and the touches whose charges are not in the data."""
-        readings, touches, maps, _ = self._asked(inputs)
-        if len(maps) > MOST_MAPS:
-            reason = f"needs {len(maps)} maps of charges, for its forces, rotations and films; at"
-            reason += f" most {MOST_MAPS} are allowed, keep fewer rows by `where`"
+    def list_scenes(self, inputs: Inputs) -> list[Scene]:
+        """Return the scenes of the maps, and the touches whose charges are not in the data."""
+        touches = self._resolve_touches(inputs)
+        if len(touches.maps) > MAX_MAPS:
+            reason = f"needs {len(touches.maps)} maps of charges, for its forces, rotations and"
+            reason += f" films; at most {MAX_MAPS} are allowed, keep fewer rows by `where`"
             raise SceneError([format_error("data", self.data, reason)])
-        places = [scene for asked in maps for scene in asked.scenes]
-        return places + ([] if readings.names else touches)
+        scenes = []
+        for places in touches.maps:
+            scenes += places.scenes
+        if not touches.readings.names:
+            scenes += touches.scenes
+        return scenes
 
-    def _asked(self, inputs: Inputs) -> tuple[Readings, list[Scene], list[MapPlaces], list[int]]:
-        """The data, the touches' scenes, their maps, and the touches' map numbers."""
-        readings = self.readings(inputs)
-        assert readings is not None  # `data` is required
-        scenes, maps, of = readings.scenes(self.scene(inputs)), list[MapPlaces](), list[int]()
-        self.names(scenes[0])
-        for scene in scenes:
-            known = (i for i, m in enumerate(maps) if differ_only_in(PLACE, m.scene, scene))
-            of.append(next(known, len(maps)))
-            if of[-1] == len(maps):
-                maps.append(self.places(scene, inputs))
-        return readings, scenes, maps, of
-
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
-        """A row for each touch."""
-        readings, scenes, maps, of = self._asked(inputs)
-        made = [self.charge_map(asked, solved) for asked in maps]
-        contours = [Contours(charge_map) for charge_map in made]
-        true, names = np.array([get_place_mm(scene) for scene in scenes]), self.names(scenes[0])
-        source = readings if readings.names else solved
-        found = {way: np.full(true.shape, np.nan) for way in WAYS}
-        for i, row in enumerate(source.charges(scenes, names, "total").tolist()):
-            known = {name: q for name, q in zip(names, row, strict=True) if np.isfinite(q)}
-            if len(known) >= WAYS["crossing"]:
-                found["crossing"][i] = contours[of[i]].place_mm(known)
-            if len(known) >= WAYS["least squares"]:
-                found["least squares"][i] = _fitted(made[of[i]], known, self.sigma)
-        errors = {way: np.linalg.norm(places - true, axis=1) for way, places in found.items()}
-        if not np.isfinite(list(errors.values())).any():
-            raise NothingToShowError("no touch is found again")
+    def collect_data(self, inputs: Inputs, results: ReportResults) -> PositionData:
+        """Return the true places, and the errors of the located places."""
+        readings, scenes, map_places, map_numbers = self._resolve_touches(inputs)
+        maps = [self.fit_map(places, results) for places in map_places]
+        contours = [Contours(charge_map) for charge_map in maps]
+        names = self.resolve_electrodes(scenes[0])
+        true_mm = np.array([get_place_mm(scene) for scene in scenes])
+        located = {method: np.full(true_mm.shape, np.nan) for method in MIN_CHARGES}
+        source = readings if readings.names else results
+        charges = source.get_charges(scenes, names, "total")
+        for i, number in enumerate(map_numbers):
+            row = {}
+            for name, charge in zip(names, charges[i].tolist(), strict=True):
+                if np.isfinite(charge):
+                    row[name] = charge
+            if len(row) >= MIN_CHARGES[CROSSING]:
+                located[CROSSING][i] = contours[number].locate(row)
+            if len(row) >= MIN_CHARGES[LEAST_SQUARES]:
+                located[LEAST_SQUARES][i] = _locate_by_least_squares(maps[number], row, self.sigma)
         frame = readings.frame.drop(columns=[ERROR_MM], errors="ignore")
-        for way, places in found.items():
-            name = way.replace(" ", "_")
-            frame[[f"{name}_x_mm", f"{name}_y_mm"]] = places
-            frame[f"{name}_error_mm"] = errors[way]
+        errors = {}
+        for method, places in located.items():
+            errors[method] = np.linalg.norm(places - true_mm, axis=1)
+            column = method.replace(" ", "_")
+            frame[[f"{column}_x_mm", f"{column}_y_mm"]] = places
+            frame[f"{column}_error_mm"] = errors[method]
+        if not np.isfinite(list(errors.values())).any():
+            raise NothingToShowError("no touch is located")
         if ERROR_MM in readings.frame:
             errors[readings.source.what] = readings.frame[ERROR_MM].to_numpy(float)
             frame[ERROR_MM] = errors[readings.source.what]
-        whose = f"{readings.source.what} charges" if readings.names else "computed charges"
-        worst = 100.0 * max(charge_map.error_bound for charge_map in made)
-        caption = (
-            f"Touches found again from {whose}; circles have the radius of the errors, to scale. "
-            f"Between solved places charges are known to {worst:.1g} %."
+        return PositionData(
+            frame=frame,
+            readings=readings,
+            scenes=scenes,
+            true_mm=true_mm,
+            errors_mm=errors,
+            map_error=max(charge_map.error_bound for charge_map in maps),
         )
-        figure = _figure(scenes, true, errors, readings.row_names())
-        shown = _shown(readings, true, errors)
-        return Content(caption, frame, figure, shown, _claim(errors, whose))
+
+    def draw(self, data: PositionData, axes: Axes) -> None:
+        """Draw the true places on the film with circles whose radii are the errors."""
+        electrodes: dict[Electrode, None] = {}
+        for scene in data.scenes:
+            electrodes |= dict.fromkeys(scene.electrode_list)
+        centres = [1e3 * electrode.outline.centroid for electrode in electrodes]
+        reach = 1.25 * float(np.linalg.norm([*data.true_mm, *centres], axis=1).max())
+        radius_mm = data.scenes[0].film.radius_mm
+        draw_film(axes, radius_mm, electrodes, min(reach, radius_mm))
+        for colour, (name, errors) in zip(COLOURS, data.errors_mm.items(), strict=False):
+            for (x, y), error in zip(data.true_mm.tolist(), errors.tolist(), strict=True):
+                if np.isfinite(error):
+                    circle = Circle((x, y), error, fill=False, linewidth=1.2, edgecolor=colour)
+                    axes.add_patch(circle)
+            axes.plot([], [], "o", mfc="none", mec=colour, label=f"error, {name}")
+        axes.plot(*data.true_mm.T, "+", color="black", markersize=6.0, label="true place")
+        get_figure(axes).legend(loc="outside upper left", ncols=2)
+        labels = []
+        for (x, y), name in zip(data.true_mm, data.readings.make_row_names(), strict=True):
+            labels.append(CurveEnd(x, y, name=name, colour="black"))
+        label_points(axes, labels)
+
+    def make_caption(self, data: PositionData) -> str:
+        """Return how touches are located."""
+        return (
+            f"Touches located from {data.charge_words}; circles have the radius of the errors, to "
+            f"scale. Between solved places charges are known to {100.0 * data.map_error:.1g} %."
+        )
+
+    def make_table(self, data: PositionData) -> pd.DataFrame:
+        """Return labels, places and errors."""
+        table = data.readings.frame[list(data.readings.source.labels)].astype(str)
+        places = [f"{x:.4g}, {y:.4g}".replace("-", "−") for x, y in data.true_mm.tolist()]
+        table["place (mm)"] = places
+        for name, errors in data.errors_mm.items():
+            texts = [f"{error:.2f}" if np.isfinite(error) else "–" for error in errors]
+            table[f"error, {name} (mm)"] = texts
+        return table
+
+    def make_claim(self, data: PositionData) -> str:
+        """Return the median errors by method, and those in the data."""
+        medians = pd.DataFrame(data.errors_mm).median().dropna()
+        ours = []
+        theirs = []
+        for name, median in medians.items():
+            if name in MIN_CHARGES:
+                ours.append(f"{median:.2g} mm by {name}")
+            else:
+                theirs.append(f"the {name} error is {median:.2g} mm")
+        claim = f"touches are located from {data.charge_words} to {join_words(ours)} in the median"
+        return "; ".join([claim, *theirs])
+
+    def _resolve_touches(self, inputs: Inputs) -> MappedTouches:
+        """Return the touches, and a map for each force, rotation and film."""
+        readings = self.find_readings(inputs)
+        assert readings is not None  # `data` is required
+        scenes = readings.make_scenes(self.resolve_scene(inputs))
+        self.resolve_electrodes(scenes[0])
+        maps: list[MapPlaces] = []
+        map_numbers = []
+        for scene in scenes:
+            number = _find_map(maps, scene)
+            if number is None:
+                number = len(maps)
+                maps.append(self.choose_places(scene, inputs))
+            map_numbers.append(number)
+        return MappedTouches(readings, scenes, maps=maps, map_numbers=map_numbers)
 
 
-def _fitted(charge_map: ChargeMap, charges: dict[str, float], sigma: float) -> Array:
-    """The likeliest place (2,) by least squares; NaN where there is none within the reach."""
-    found = locate(charge_map, charges, sigma, unknown=("x_mm", "y_mm"), reading="total")
-    if not found.touches:
+def _find_map(maps: list[MapPlaces], scene: Scene) -> int | None:
+    """Return the number of the map whose scene differs only in the probe's place, if any."""
+    for number, places in enumerate(maps):
+        if differ_only_in(PLACE, places.scene, scene):
+            return number
+    return None
+
+
+def _locate_by_least_squares(
+    charge_map: ChargeMap, charges_pC: Mapping[str, float], sigma: float
+) -> Array:
+    """Return the most likely place of a touch.
+
+    Parameters
+    ----------
+    charge_map : ChargeMap
+        Charges by place.
+    charges_pC : mapping of str to float
+        Charges of the touch in pC by electrode.
+    sigma : float
+        Relative standard deviation of the charges.
+
+    Returns
+    -------
+    array (2,)
+        In mm; NaN where no place within the reach is likely.
+    """
+    location = locate(charge_map, charges_pC, sigma, unknown=("x_mm", "y_mm"), reading="total")
+    if not location.touches:
         return np.full(2, np.nan)
-    return np.array([found.touches[0].x_mm, found.touches[0].y_mm])
-
-
-def _figure(scenes: list[Scene], true: Array, errors: dict[str, Array], names: list[str]) -> Figure:
-    """True places with circles for errors."""
-    electrodes = dict.fromkeys(e for scene in scenes for e in scene.electrode_list)
-    centres = [1e3 * electrode.outline.centroid for electrode in electrodes]
-    reach = 1.25 * float(np.linalg.norm([*true, *centres], axis=1).max())
-    figure = make_figure(WIDTH_MM, WIDTH_MM)
-    ax = figure.subplots()
-    radius = scenes[0].film.radius_mm
-    draw_film(ax, radius, electrodes, min(reach, radius))
-    for colour, (whose, radii) in zip(COLOURS, errors.items(), strict=False):
-        for x, y, radius in np.column_stack([true, radii])[np.isfinite(radii)].tolist():
-            ax.add_patch(Circle((x, y), radius, fill=False, linewidth=1.2, edgecolor=colour))
-        ax.plot([], [], "o", mfc="none", mec=colour, label=f"error, {whose}")
-    ax.plot(*true.T, "+", color="black", markersize=6.0, label="true place")
-    figure.legend(loc="outside upper left", ncols=2)
-    label_points(ax, [(*place, name, "black") for place, name in zip(true, names, strict=True)])
-    return figure
-
-
-def _shown(readings: Readings, true: Array, errors: dict[str, Array]) -> pd.DataFrame:
-    """The table of the page."""
-    shown = readings.frame[list(readings.source.labels)].astype(str)
-    shown["place (mm)"] = [f"{x:.4g}, {y:.4g}".replace("-", "−") for x, y in true.tolist()]
-    for whose, values in errors.items():
-        texts = [f"{error:.2f}" if np.isfinite(error) else "–" for error in values]
-        shown[f"error, {whose} (mm)"] = texts
-    return shown
-
-
-def _claim(errors: dict[str, Array], whose: str) -> str:
-    """Errors of found touches, also by the data if they have errors."""
-    medians = pd.DataFrame(errors).median().dropna()
-    ours = [f"{size:.2g} mm by {way}" for way, size in medians.items() if way in WAYS]
-    theirs = [f"the {of} error is {size:.2g} mm" for of, size in medians.items() if of not in WAYS]
-    text = f"touches are found again from {whose} to {join_words(ours)} in the median"
-    return "; ".join([text, *theirs])
+    best = location.touches[0]
+    return np.array([best.x_mm, best.y_mm])

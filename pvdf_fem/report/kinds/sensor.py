@@ -2,45 +2,62 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from pvdf_fem.report.kind import Content, Inputs, Kind
+from pvdf_fem.report.kind import FigureKind, Inputs
 from pvdf_fem.report.results import ReportResults
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.view.curves import WIDTH_MM
-from pvdf_fem.view.figures import COLOURS, draw_film, make_figure
+from pvdf_fem.view.figures import COLOURS, WIDTH_MM, draw_film
 
 
-class Sensor(Kind):
+@dataclass(frozen=True, eq=False)
+class SensorData:
+    """A scene, and a table of its electrodes."""
+
+    scene: Scene
+    frame: pd.DataFrame
+
+
+class Sensor(FigureKind):
     """The film with its electrodes and the probe, to scale."""
 
     kind: Literal["sensor"]
 
     stem: ClassVar[str] = "sensor"
     rank: ClassVar[int] = 8
+    size_mm: ClassVar[tuple[float, float]] = (WIDTH_MM, WIDTH_MM - 6.0)
 
-    def scenes(self, inputs: Inputs) -> list[Scene]:
-        """None, but the scene is checked."""
-        self.scene(inputs)
+    def list_scenes(self, inputs: Inputs) -> list[Scene]:
+        """Check the scene; none has to be solved."""
+        self.resolve_scene(inputs)
         return []
 
-    def compose(self, inputs: Inputs, solved: ReportResults) -> Content:
-        """A map to scale."""
-        scene, frame = self.scene(inputs), []
-        figure = make_figure(WIDTH_MM, WIDTH_MM - 6.0)
-        ax = figure.subplots()
-        for touch in scene.loaded_probes:
-            edge = 1e3 * np.array(touch.outline.shape.exterior.coords)
-            ax.add_patch(Polygon(edge, facecolor=COLOURS[1], alpha=0.45, edgecolor="none"))
-        draw_film(ax, scene.film.radius_mm, scene.electrode_list)
+    def collect_data(self, inputs: Inputs, results: ReportResults) -> SensorData:
+        """Return the scene with the centres and areas of its electrodes."""
+        scene = self.resolve_scene(inputs)
+        rows = []
         for electrode in scene.electrode_list:
             x, y = 1e3 * electrode.outline.centroid
-            frame.append((electrode.name, x, y, 1e6 * electrode.outline.area))
-        film, probe = scene.film, ", probe filled" * bool(scene.loaded_probes)
-        text = f"Film of {2.0 * film.radius_mm:g} mm and {film.thickness_um:g} µm{probe}."
-        columns = ["electrode", "x_mm", "y_mm", "area_mm2"]
-        return Content(text, pd.DataFrame(frame, columns=columns), figure)
+            area_mm2 = 1e6 * electrode.outline.area
+            rows.append({"electrode": electrode.name, "x_mm": x, "y_mm": y, "area_mm2": area_mm2})
+        return SensorData(scene, pd.DataFrame(rows))
+
+    def draw(self, data: SensorData, axes: Axes) -> None:
+        """Draw rim, electrodes and the filled probe."""
+        for probe_load in data.scene.loaded_probes:
+            corners_mm = 1e3 * np.array(probe_load.outline.shape.exterior.coords)
+            patch = Polygon(corners_mm, facecolor=COLOURS[1], alpha=0.45, edgecolor="none")
+            axes.add_patch(patch)
+        draw_film(axes, data.scene.film.radius_mm, data.scene.electrode_list)
+
+    def make_caption(self, data: SensorData) -> str:
+        """Return the size of the film."""
+        film = data.scene.film
+        probe = ", probe filled" if data.scene.loaded_probes else ""
+        return f"Film of {2.0 * film.radius_mm:g} mm and {film.thickness_um:g} µm{probe}."

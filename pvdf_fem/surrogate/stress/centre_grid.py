@@ -1,14 +1,14 @@
-"""Few places of the rim about a probe, from which the stress at every place is interpolated.
+"""A polar grid of positions of the film's centre, as seen from the probe.
 
-A probe at x, turned by R, sees the film's centre at c = -R^T x. The stress about the probe is known
-for c on a polar grid: n distances |c| = r cos((2 i + 1) π / (4 n)), the Chebyshev points of a reach
-r, and 2 (2 n - 1) angles. Between them it is interpolated by polynomials along diameters and by a
-Fourier series of the angle. Both converge faster the farther the rim is. By the probe's symmetries
-most places are images of a few places, and only the few are solved.
+A probe at x, rotated by R, sees the film's centre at c = -R^T x. The stress about the probe is
+solved for c on a polar grid: n distances |c| = r cos((2 i + 1) π / (4 n)), the Chebyshev points of
+a reach r, and 2 (2 n - 1) angles. Between them it is interpolated by polynomials along diameters
+and by a Fourier series of the angle. Both converge faster the farther away the rim is. By the
+probe's symmetries most nodes of the grid are images of a few nodes, and only these are solved.
 
-In a film that is stiffer in one direction the stress depends on R besides. It is then known for a
-few rotations in half a turn, with a Fourier series between them. Under a disc, whose rotation does
-not matter, the axes of the probe are those of the film, whose symmetries are left.
+In a film that is stiffer in one direction the stress depends on R besides. It is then solved for a
+few rotations in half a turn, with a Fourier series between them. Under a disc, whose rotation has
+no effect, the axes of the probe are those of the film, and the film's symmetries remain.
 """
 
 from __future__ import annotations
@@ -23,60 +23,94 @@ from scipy.interpolate import BarycentricInterpolator
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.outlines.outline import rotate
-from pvdf_fem.scene.scene import Probe
+from pvdf_fem.scene.shapes import Probe
+
+
+class GridNode(NamedTuple):
+    """Indices of the rotation and of the angle of nodes at all distances."""
+
+    rotation: int
+    angle: int
 
 
 class SymmetryImage(NamedTuple):
-    """An image of a place."""
+    """An image of a node under a symmetry of the probe and the film."""
 
-    #: Indices of its rotation and angle.
-    rotation: int
-    angle: int
-    #: Whether the place is mirrored in the x axis, and by how many steps of the grid's angle it is
-    #: then turned.
-    mirrored: bool
+    node: GridNode
+    #: Whether the node is reflected in the x axis.
+    is_reflected: bool
+    #: Steps of the grid's angle by which the node is then rotated.
     steps: int
 
 
 @dataclass(frozen=True)
 class CentreGrid:
-    """Places of the film's centre, seen from the probe."""
+    """Positions of the film's centre, seen from the probe; n and r are those of the module's text.
 
-    #: Largest distance for which the stress is interpolated, r in the module's text.
+    Distances and angles are positions on the grid; rotations are those of the probe.
+    """
+
+    #: Largest distance for which the stress is interpolated, r.
     reach_mm: float
-    #: Numbers of distances and angles, n and 2 (2 n - 1) or more in the module's text, and of
-    #: rotations in half a turn.
+    #: Number of distances, n.
     radii: int
+    #: Number of angles, 2 (2 n - 1) or more.
     angles: int
+    #: Number of rotations in half a turn.
     rotations: int
-    #: Number of turns that bring probe and film onto themselves, and whether mirroring does.
-    fold: int
-    mirrored: bool
+    #: Number of rotations that map probe and film onto themselves.
+    symmetry_order: int
+    #: Whether a reflection maps probe and film onto themselves.
+    has_reflection: bool
 
     @classmethod
-    def of(cls, probe: Probe, reach_mm: float, radii: int, film_rotations: int = 0) -> Self:
-        """The places of a probe; `film_rotations` is 0 if the film is equally stiff in all
-        directions, else the least number of rotations."""
-        turns = round(360.0 / probe.period_deg) if probe.period_deg else 2 * bool(film_rotations)
-        of_turns = math.lcm(2, turns or 1)
-        angles = of_turns * math.ceil(2 * (2 * radii - 1) / of_turns)
+    def for_probe(cls, probe: Probe, reach_mm: float, radii: int, film_rotations: int = 0) -> Self:
+        """Make the grid of a probe.
+
+        Parameters
+        ----------
+        probe : Probe
+            Its symmetries are used.
+        reach_mm : float
+            Largest distance of the probe from the film's centre.
+        radii : int
+            Number of distances.
+        film_rotations : int, optional
+            Least number of rotations for an orthotropic film; 0 if the film is isotropic.
+        """
+        is_disc = not probe.period_deg
+        if not is_disc:
+            symmetry_order = round(360.0 / probe.period_deg)
+        elif film_rotations:
+            symmetry_order = 2  # an orthotropic film is its own image after half a turn
+        else:
+            symmetry_order = 0  # any rotation: as many as angles, see below
+        even_order = math.lcm(2, symmetry_order or 1)
+        angles = even_order * math.ceil(2 * (2 * radii - 1) / even_order)
         rotations = 1
-        if film_rotations and probe.period_deg:
-            rotations = of_turns // 2 * math.ceil(2 * film_rotations / of_turns)
-        return cls(reach_mm, radii, angles, rotations, turns or angles, probe.is_mirror_symmetric)
+        if film_rotations and not is_disc:
+            rotations = even_order // 2 * math.ceil(2 * film_rotations / even_order)
+        return cls(
+            reach_mm,
+            radii,
+            angles=angles,
+            rotations=rotations,
+            symmetry_order=symmetry_order or angles,
+            has_reflection=probe.is_mirror_symmetric,
+        )
 
     @property
-    def _diameter(self) -> Array:
-        """Chebyshev points over the reach, the positive ones first and then their negatives."""
-        r = np.cos((2 * np.arange(self.radii) + 1) * np.pi / (4 * self.radii))
-        return np.concatenate([r, -r])
+    def _chebyshev_points(self) -> Array:
+        """Chebyshev points of a diameter over the reach, the positive ones before the negative."""
+        points = np.cos((2 * np.arange(self.radii) + 1) * np.pi / (4 * self.radii))
+        return np.concatenate([points, -points])
 
     @property
     def centres_mm(self) -> Array:
-        """All places, (radii, angles, 2)."""
+        """All positions of the film's centre, (radii, angles, 2)."""
         angle = 2.0 * np.pi * np.arange(self.angles) / self.angles
-        unit = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        return self.reach_mm * self._diameter[: self.radii, None, None] * unit
+        directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        return self.reach_mm * self._chebyshev_points[: self.radii, None, None] * directions
 
     @property
     def rotations_deg(self) -> Array:
@@ -84,69 +118,122 @@ class CentreGrid:
         return np.linspace(0.0, 180.0, self.rotations, endpoint=False)
 
     @property
-    def unique(self) -> list[tuple[int, int]]:
-        """Indices (rotation, angle) of the places to solve, the first of each set of images."""
-        every = np.ndindex(self.rotations, self.angles)
-        return [at for at in every if at == min(image[:2] for image in self.images(*at))]
+    def representatives(self) -> list[GridNode]:
+        """The nodes to solve: the first node of each set of images."""
+        nodes = []
+        for rotation, angle in np.ndindex(self.rotations, self.angles):
+            node = GridNode(rotation, angle)
+            if node == min(image.node for image in self.find_images(node)):
+                nodes.append(node)
+        return nodes
 
     @property
-    def unique_places(self) -> Array:
-        """Places of the probe to solve, x and y in mm and rotation in degrees, (n, 3): for each
-        distance those of `unique`."""
-        turns, at = self.rotations_deg, [(row, *i) for row in self.centres_mm for i in self.unique]
-        return np.array([[*rotate(-row[angle], turns[k]), turns[k]] for row, k, angle in at])
+    def probe_positions(self) -> Array:
+        """Positions of the probe to solve: for each distance those of the representatives.
 
-    def images(self, rotation: int, angle: int) -> Iterator[SymmetryImage]:
-        """The images of a place, itself among them."""
-        count = self.angles
-        for k in range(self.fold):
-            # the film turns by 2 π k / fold with the rim, of which half a turn is none
-            turned, steps = k * 2 * self.rotations // self.fold, k * (count // self.fold)
-            yield SymmetryImage(
-                (rotation - turned) % self.rotations, (angle + steps) % count, False, steps
+        An array (n, 3) of x and y in mm and the rotation in degrees.
+        """
+        positions = []
+        for centres_mm in self.centres_mm:
+            for node in self.representatives:
+                rotation_deg = self.rotations_deg[node.rotation]
+                x_mm, y_mm = rotate(-centres_mm[node.angle], rotation_deg)
+                positions.append([x_mm, y_mm, rotation_deg])
+        return np.array(positions)
+
+    def find_images(self, node: GridNode) -> Iterator[SymmetryImage]:
+        """Yield the images of a node, which is one of them."""
+        for k in range(self.symmetry_order):
+            # with the rim, the film rotates by 2 π k / order; half a turn leaves it as it is
+            film_steps = k * 2 * self.rotations // self.symmetry_order
+            steps = k * (self.angles // self.symmetry_order)
+            rotated = GridNode(
+                (node.rotation - film_steps) % self.rotations, (node.angle + steps) % self.angles
             )
-            if self.mirrored:
-                steps += count // 2
-                back = (-rotation - turned) % self.rotations
-                yield SymmetryImage(back, (steps - angle) % count, True, steps)
+            yield SymmetryImage(rotated, is_reflected=False, steps=steps)
+            if self.has_reflection:
+                steps += self.angles // 2
+                reflected = GridNode(
+                    (-node.rotation - film_steps) % self.rotations,
+                    (steps - node.angle) % self.angles,
+                )
+                yield SymmetryImage(reflected, is_reflected=True, steps=steps)
 
-    def expanded(self, fields: Array) -> Array:
-        """Stress at all places, (rotations, radii, angles, forces, 3, ρ, θ), from the places to
-        solve, (radii, unique, forces, 3, ρ, θ).
+    def expand_by_symmetry(self, fields: Array) -> Array:
+        """Expand the stress at the representatives to all nodes.
 
-        Its components are the trace S11 + S22, then the deviator (S11 - S22)/2 and S12. The number
-        of values of θ is a multiple of the number of angles.
+        Parameters
+        ----------
+        fields : ndarray, shape (radii, representatives, forces, 3, ρ, θ)
+            The stress about the probe: its trace S11 + S22, then its deviator (S11 - S22)/2 and
+            S12. The number of values of θ is a multiple of the number of angles.
+
+        Returns
+        -------
+        ndarray, shape (rotations, radii, angles, forces, 3, ρ, θ)
         """
         count = fields.shape[-1]
-        whole = np.empty((self.rotations, self.radii, self.angles, *fields.shape[2:]))
-        for index, place in enumerate(self.unique):
-            for rotation, angle, mirrored, steps in self.images(*place):
-                back = np.arange(count) - steps * (count // self.angles)
-                field = fields[:, index][..., (-back if mirrored else back) % count]
+        theta_steps = np.arange(count)
+        shape = (self.rotations, self.radii, self.angles, *fields.shape[2:])
+        expanded = np.empty(shape)
+        for index, node in enumerate(self.representatives):
+            for image in self.find_images(node):
+                # θ before the symmetry operation
+                source = theta_steps - image.steps * (count // self.angles)
+                if image.is_reflected:
+                    source = -source
+                field = fields[:, index][..., source % count]
                 trace, normal, shear = np.moveaxis(field, 2, 0)
-                phase = np.exp(4j * np.pi * steps / self.angles)
-                deviator = phase * (normal + (-1j if mirrored else 1j) * shear)
-                whole[rotation, :, angle] = np.stack([trace, deviator.real, deviator.imag], axis=2)
-        return whole
+                # a rotation by α multiplies the complex deviator by exp(2 i α)
+                phase = np.exp(4j * np.pi * image.steps / self.angles)
+                sign = -1j if image.is_reflected else 1j
+                deviator = phase * (normal + sign * shear)
+                components = np.stack([trace, deviator.real, deviator.imag], axis=2)
+                expanded[image.node.rotation, :, image.node.angle] = components
+        return expanded
 
-    def weights(self, centres_mm: Array, rotation: float) -> Array:
-        """Interpolation weights (n, rotations, radii, angles) at centres (n, 2) and a rotation."""
-        r = np.linalg.norm(centres_mm, axis=-1) / self.reach_mm
+    def compute_weights(self, centres_mm: Array, rotation: float) -> Array:
+        """Compute the weights of the nodes in the interpolated stress.
+
+        Parameters
+        ----------
+        centres_mm : ndarray, shape (n, 2)
+            Positions of the film's centre, seen from the probe.
+        rotation : float
+            Rotation of the probe in radians.
+
+        Returns
+        -------
+        ndarray, shape (n, rotations, radii, angles)
+        """
+        distance = np.linalg.norm(centres_mm, axis=-1) / self.reach_mm
         angle = np.arctan2(centres_mm[:, 1], centres_mm[:, 0])
-        grid = 2.0 * np.pi * np.arange(self.angles) / self.angles
-        kernel = _dirichlet(angle[:, None] - grid, self.angles)
+        grid_angles = 2.0 * np.pi * np.arange(self.angles) / self.angles
+        by_angle = _evaluate_dirichlet_kernel(angle[:, None] - grid_angles, self.angles)
         # at a negative distance the angle is the opposite one
-        opposite = np.roll(kernel, self.angles // 2, axis=1)
-        along = BarycentricInterpolator(self._diameter, np.eye(2 * self.radii))(r)
-        ahead, behind = along[:, : self.radii, None], along[:, self.radii :, None]
-        by_centre = ahead * kernel[:, None] + behind * opposite[:, None]
-        turns = _dirichlet(2.0 * (rotation - np.radians(self.rotations_deg)), self.rotations)
-        return by_centre[:, None] * turns[:, None, None]
+        by_opposite_angle = np.roll(by_angle, self.angles // 2, axis=1)
+        interpolator = BarycentricInterpolator(self._chebyshev_points, np.eye(2 * self.radii))
+        by_distance = interpolator(distance)
+        ahead = by_distance[:, : self.radii, None]
+        behind = by_distance[:, self.radii :, None]
+        by_centre = ahead * by_angle[:, None] + behind * by_opposite_angle[:, None]
+        to_rotations = 2.0 * (rotation - np.radians(self.rotations_deg))
+        by_rotation = _evaluate_dirichlet_kernel(to_rotations, self.rotations)
+        return by_centre[:, None] * by_rotation[:, None, None]
 
 
-def _dirichlet(angle: Array, count: int) -> Array:
-    """Weight of a value at a distance `angle` in the trigonometric interpolation of `count`."""
+def _evaluate_dirichlet_kernel(angle: Array, count: int) -> Array:
+    """Evaluate the weight of a value in a trigonometric interpolation.
+
+    Parameters
+    ----------
+    angle : ndarray
+        Distances from the value in radians.
+    count : int
+        Number of equidistant values.
+    """
     total = np.ones_like(angle)
     for order in range(1, count // 2 + 1):
-        total += (1.0 if 2 * order == count else 2.0) * np.cos(order * angle)
+        is_nyquist = 2 * order == count
+        total += (1.0 if is_nyquist else 2.0) * np.cos(order * angle)
     return total / count

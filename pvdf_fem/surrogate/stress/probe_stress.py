@@ -1,14 +1,15 @@
-"""The stress about a probe, in the probe's frame, for many forces at one place.
+"""Solves of the stress about a probe, in the probe's frame, for many forces at one place.
 
 Seen from the probe, its outline stays where it is and the rim moves. The stress at a point of this
-frame is therefore a smooth function of the rim's place, even at the probe's edge, where the stress
-is not smooth in space. A response interpolates these fields between few places of the rim.
+frame is therefore a smooth function of the rim's position, even at the probe's edge, where the
+stress is not smooth in space. A response interpolates these fields between few positions of the
+rim.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import krogh_interpolate
@@ -32,6 +33,20 @@ from pvdf_fem.surrogate.stress.polar_grid import PolarGrid
 INSIDE = 0.999  #: Share of the film's radius within which the stress is evaluated.
 
 
+class ForceSolution(NamedTuple):
+    """The displacement under one force."""
+
+    log_force: float  #: Logarithm of the force in N.
+    dofs: Array  #: Displacement in m.
+
+
+class SolvedStress(NamedTuple):
+    """The stress on one mesh under one force."""
+
+    space: Space
+    stress: Array  #: S11, S22 and S12 in Pa, (elements, points, 3).
+
+
 def mesh_probe(
     scene: Scene,
     ratio: float = 1.0,
@@ -39,103 +54,181 @@ def mesh_probe(
     growth: float = 0.23,
     film_size: float = 0.09,
 ) -> MeshTri2:
-    """The mesh of a scene with a probe, or with the guessed contact with a tip in its place.
+    """Mesh a scene with a probe, or with the estimated contact of a tip in its place.
 
     Parameters
     ----------
-    ratio : float
-        Sizes of elements over the sizes that the other parameters tell.
-    edge_size, growth, film_size : float
-        Size along the edge of the probe over the root of its area, growth of the size per distance
-        from the edge, largest size over the film's radius.
+    scene : Scene
+        With one probe.
+    ratio : float, optional
+        Sizes of elements over the sizes given by the other parameters.
+    edge_size : float, optional
+        Size along the edge of the probe over the root of the probe's area.
+    growth : float, optional
+        Growth of the size per distance from the edge.
+    film_size : float, optional
+        Largest size over the film's radius.
     """
     pressed = (collect_outlines(scene) | estimate_contact_outlines(scene))[PROBE]
     edge = ratio * edge_size * float(np.sqrt(pressed.area))
-    sizes = GradedSizes({PROBE: edge}, ratio * growth, ratio * film_size * scene.film.radius)
+    largest = ratio * film_size * scene.film.radius
+    sizes = GradedSizes({PROBE: edge}, ratio * growth, largest)
     return mesh_scene(scene, sizes, contacts=estimate_tip_outlines(scene))
 
 
 def solve_mean_stress(
-    scene: Scene, place: Array, forces: Sequence[float], raster: PolarGrid, ratio: float
+    scene: Scene,
+    position: Array,
+    forces_N: Sequence[float],
+    polar_grid: PolarGrid,
+    mesh_ratio: float,
 ) -> Array:
-    """`PolarGrid.means` (forces, 3, ρ, θ) of the stress 11, 22, 12 in Pa about a probe.
+    """Solve the stress about a probe at one position, and average it along rays.
 
-    The stress is the second Piola-Kirchhoff stress in the axes of the scene's probe, which is put
-    at `place`: x, y in mm and the rotation in degrees. Electrodes only make the mesh finer, whose
-    sizes are scaled by `ratio`. At points beyond the share `INSIDE` of the film's radius the stress
-    is taken from there. Raises `NotConvergedError` when there is no solution.
+    Parameters
+    ----------
+    scene : Scene
+        With one probe. Its electrodes only make the mesh finer.
+    position : ndarray, shape (3,)
+        x and y of the probe in mm and its rotation in degrees.
+    forces_N : sequence of float
+        Forces in the order of the solves.
+    polar_grid : PolarGrid
+        Points beyond the share `INSIDE` of the film's radius take the stress from there.
+    mesh_ratio : float
+        Factor on the sizes of elements.
+
+    Returns
+    -------
+    ndarray, shape (forces, 3, ρ, θ)
+        `PolarGrid.average_along_rays` of the second Piola-Kirchhoff stress S11, S22 and S12 in Pa,
+        in the axes of the probe.
+
+    Raises
+    ------
+    NotConvergedError
+        When there is no solution under one of the forces.
     """
-    x, y, rotation = map(float, place)
-    scene = scene.with_(**{"probe.x_mm": x, "probe.y_mm": y, "probe.rotation_deg": rotation})
-    points = 1e-3 * (rotate(raster.samples_mm, rotation) + np.array([x, y]))
-    share = np.linalg.norm(points, axis=-1, keepdims=True) / scene.film.radius
-    sampled = points * INSIDE / np.maximum(share, INSIDE)
+    x, y, rotation_deg = map(float, position)
+    changes = {"probe.x_mm": x, "probe.y_mm": y, "probe.rotation_deg": rotation_deg}
+    scene = scene.with_(**changes)
+    points = 1e-3 * (rotate(polar_grid.samples_mm, rotation_deg) + np.array([x, y]))
+    share_of_radius = np.linalg.norm(points, axis=-1, keepdims=True) / scene.film.radius
+    points_inside = points * INSIDE / np.maximum(share_of_radius, INSIDE)
+    to_probe = _make_stress_rotation(rotation_deg)
+    shape = (3, *points.shape[:2])
 
-    @lru_cache(maxsize=1)
-    def reading(space: Space) -> Callable[[Array], Array]:
-        sample, project = space.interpolation(sampled.reshape(-1, 2).T), _projection(space)
-        return lambda stress: np.asarray(sample @ project(stress))
-
+    means: list[Array] = []
+    space: Space | None = None
     try:
-        fields = [reading(space)(stress) for space, stress in solve_stresses(scene, forces, ratio)]
+        for solved in solve_stresses(scene, forces_N, mesh_ratio):
+            if space is not solved.space:
+                space = solved.space
+                interpolate = space.interpolation(points_inside.reshape(-1, 2).T)
+                project = _make_projection(space)
+            in_film_axes = np.asarray(interpolate @ project(solved.stress))
+            in_probe_axes = (in_film_axes @ to_probe).T.reshape(shape)
+            means.append(polar_grid.average_along_rays(in_probe_axes))
     except NotConvergedError as error:
         raise NotConvergedError(f"probe at ({x:g}, {y:g}) mm with {error}") from None
-    shape = (3, *points.shape[:2])
-    return np.stack(
-        [raster.means((field @ _turned(rotation)).T.reshape(shape)) for field in fields]
-    )
+    return np.stack(means)
 
 
-def _turned(rotation_deg: float) -> Array:
-    """Matrix (3, 3) from S11, S22, S12 (row) in the film's axes to those of a turned probe."""
+def _make_stress_rotation(rotation_deg: float) -> Array:
+    """Return the matrix (3, 3) from a row S11, S22, S12 in the film's axes to the probe's axes."""
     c, s = rotate([1.0, 0.0], rotation_deg)
     cc, cs, ss = c * c, c * s, s * s
     return np.array([[cc, ss, -cs], [ss, cc, cs], [2 * cs, -2 * cs, cc - ss]])
 
 
 def solve_stresses(
-    scene: Scene, forces: Sequence[float], ratio: float, order: int = 3
-) -> Iterator[tuple[Space, Array]]:
-    """Stress 11, 22, 12 in Pa under each force in N, (elements, points, 3), and its space.
+    scene: Scene, forces_N: Sequence[float], mesh_ratio: float, order: int = 3
+) -> Iterator[SolvedStress]:
+    """Solve the stress under each of several forces.
 
-    Under a tip each force has a mesh that is fine where its contact ends. Newton's method starts
-    from the polynomial of log F through the last three solutions on a mesh, or from the last one.
+    Parameters
+    ----------
+    scene : Scene
+        With one probe.
+    forces_N : sequence of float
+        In the order of the solves. Under a tip each force has its own mesh, which is fine at the
+        edge of its contact; otherwise all share one mesh.
+    mesh_ratio : float
+        Factor on the sizes of elements.
+    order : int, optional
+        Order of the elements.
+
+    Yields
+    ------
+    SolvedStress
+
+    Notes
+    -----
+    The initial guess of Newton's method is the polynomial of the logarithm of the force through the
+    last three solutions on a mesh, or else the last solution.
     """
     equilibrium: Equilibrium | None = None
-    known: list[tuple[float, Array]] = []  # logarithms of forces, and dofs
-    for force in forces:
-        loaded = scene.with_(**{"load.force_N": force})
-        if equilibrium is None or scene.tips:
-            last = equilibrium
-            problem = Problem.from_scene(loaded)
-            equilibrium = Equilibrium(problem, mesh_probe(loaded, ratio), order)
-            space = equilibrium.space
-            known = [(at, transfer_dofs(last.space, x, space)) for at, x in known[-1:] if last]
+    solutions: list[ForceSolution] = []
+    for force_N in forces_N:
+        loaded = scene.with_(**{"load.force_N": force_N})
+        problem = Problem.from_scene(loaded)
+        if equilibrium is None:
+            equilibrium = Equilibrium(problem, mesh_probe(loaded, mesh_ratio), order)
+        elif scene.tips:
+            last_space = equilibrium.space
+            equilibrium = Equilibrium(problem, mesh_probe(loaded, mesh_ratio), order)
+            log_force, dofs = solutions[-1]
+            transferred = transfer_dofs(last_space, dofs, equilibrium.space)
+            solutions = [ForceSolution(log_force, transferred)]
         else:
-            equilibrium = equilibrium.of_problem(Problem.from_scene(loaded))
-        start = None
-        if known:
-            at, dofs = map(np.array, zip(*known[-3:], strict=True))
-            start = equilibrium.restrict(krogh_interpolate(at, dofs, np.log(force)))
-        q = _solved(equilibrium, start, force)
-        known.append((np.log(force), equilibrium.dofs(q)))
-        yield equilibrium.space, equilibrium.state(q).stress
+            equilibrium = equilibrium.of_problem(problem)
+        guess = _extrapolate(solutions, force_N)
+        q = _solve_equilibrium(
+            equilibrium, None if guess is None else equilibrium.restrict(guess), force_N
+        )
+        solutions.append(ForceSolution(float(np.log(force_N)), equilibrium.dofs(q)))
+        yield SolvedStress(equilibrium.space, equilibrium.state(q).stress)
 
 
-def _solved(loaded: Equilibrium, start: Array | None, force: float) -> Array:
-    """The unknowns, from a start if that leads to them."""
-    result = find_equilibrium(loaded, start)
-    if start is not None and result.status is not Status.CONVERGED:
-        result = find_equilibrium(loaded, None)
+def _extrapolate(solutions: Sequence[ForceSolution], force_N: float) -> Array | None:
+    """Extrapolate the displacement from the last three solutions, if any, to another force."""
+    if not solutions:
+        return None
+    latest = solutions[-3:]
+    log_forces = np.array([solution.log_force for solution in latest])
+    dofs = np.array([solution.dofs for solution in latest])
+    return np.asarray(krogh_interpolate(log_forces, dofs, np.log(force_N)))
+
+
+def _solve_equilibrium(equilibrium: Equilibrium, guess: Array | None, force_N: float) -> Array:
+    """Solve for the unknowns, from an initial guess if Newton's method converges from it.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+        Equations of the loaded film.
+    guess : ndarray or None
+        Unknowns; None for the guess of `find_equilibrium`.
+    force_N : float
+        Named in the error.
+
+    Raises
+    ------
+    NotConvergedError
+        With the force, the status and its advice.
+    """
+    result = find_equilibrium(equilibrium, guess)
+    if guess is not None and result.status is not Status.CONVERGED:
+        result = find_equilibrium(equilibrium, None)
     if result.status is not Status.CONVERGED:
-        raise NotConvergedError(f"{force:g} N: {result.status}; {result.status.advice}")
+        raise NotConvergedError(f"{force_N:g} N: {result.status}; {result.status.advice}")
     return result.q
 
 
-def _projection(space: Space) -> Callable[[Array], Array]:
-    """The L2 projection on continuous fields of fields that jump between elements.
+def _make_projection(space: Space) -> Callable[[Array], Array]:
+    """Make the L2 projection onto continuous fields of fields that jump between elements.
 
-    It makes nodal values (scalar dofs, components) of values (elements, points, components).
+    It maps values (elements, points, components) to nodal values (scalar dofs, components).
     """
     factors = factorise(asm(mass, space.basis).tocsc())
 

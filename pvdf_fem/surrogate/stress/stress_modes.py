@@ -1,8 +1,9 @@
-"""Charges of any electrodes, from modes of the stress about a probe.
+"""Charges of any electrodes, from the principal modes of the stress about a probe.
 
-By Gauss's theorem the integral of a field over an electrode is half the integral, along the
-electrode's boundary, of the field's mean along the ray from the probe times the normal component of
-the place. The stress has a kink at the probe's edge, its mean along a ray has none.
+By Gauss's theorem, the integral of a field over an electrode is half the integral, along the
+boundary of the electrode, of the field's mean along the ray from the probe times the normal
+component of the position. The stress has a kink at the probe's edge, but its mean along a ray does
+not.
 """
 
 from __future__ import annotations
@@ -23,45 +24,62 @@ from pvdf_fem.surrogate.uniform_spline import UniformSpline
 
 @dataclass(frozen=True, eq=False)
 class StressModes:
-    """Charges from the modes of the stress about a probe."""
+    """The stress about a probe at all places and forces, as a sum of a few modes."""
 
-    places: CentreGrid
-    raster: PolarGrid
-    #: Modes of the stress over s and θ, as means along the rays: of its trace S11 + S22, then of
-    #: its deviator (S11 - S22)/2 and S12.
+    centre_grid: CentreGrid
+    polar_grid: PolarGrid
+    #: Modes over s and θ of the polar grid, as means along the rays: of the stress's trace
+    #: S11 + S22, then of its deviator (S11 - S22)/2 and S12.
     modes: UniformSpline
-    #: Amplitudes in Pa of the modes in the stress for each place and force, (rotations, radii,
-    #: angles, forces, modes).
+    #: Amplitudes of the modes in Pa, (rotations, radii, angles, forces, modes).
     amplitudes: FileArray
 
     @classmethod
-    def of(
-        cls, places: CentreGrid, raster: PolarGrid, means: Sequence[Array], least: float = 1e-7
+    def decompose(
+        cls,
+        centre_grid: CentreGrid,
+        polar_grid: PolarGrid,
+        means: Sequence[Array],
+        least: float = 1e-7,
     ) -> Self:
-        """The charges from stress at the places to solve.
+        """Decompose the stress into modes.
 
-        Means of S11, S22 and S12, each (forces, 3, ρ, θ), are in the order of
-        `Places.unique_places`. Modes are left out whose norm is below the share `least` of the
-        largest: at 1e-6 that is an error of 3e-5 in the charge of an electrode on the film's other
-        side.
+        Parameters
+        ----------
+        centre_grid : CentreGrid
+            The places of the probe.
+        polar_grid : PolarGrid
+            The points about the probe.
+        means : sequence of ndarray, shape (forces, 3, ρ, θ)
+            `PolarGrid.average_along_rays` of S11, S22 and S12 in Pa, in the order of
+            `CentreGrid.probe_positions`.
+        least : float, optional
+            Modes are neglected whose norm is below this share of the largest norm. At 1e-6 the
+            error is 3e-5 in the charge of an electrode on the film's other side.
+
+        Notes
+        -----
+        A proper orthogonal decomposition by the method of snapshots (Sirovich 1987): the stress of
+        each place and force is a snapshot, divided by its root mean square over all places.
         """
-        solved = np.reshape(means, (places.radii, -1, *np.shape(means)[1:]))
+        solved = np.reshape(means, (centre_grid.radii, -1, *np.shape(means)[1:]))
         S11, S22, S12 = np.moveaxis(solved, 3, 0)
-        scale = np.sqrt(((S11 + S22) ** 2).mean(axis=(0, 1, 3, 4)))
-        parts = np.stack([S11 + S22, (S11 - S22) / 2.0, S12], axis=3)
-        stress = places.expanded(parts / scale[:, None, None, None])
-        shape = stress.shape
-        rows = stress.reshape(int(np.prod(shape[:4])), -1)
-        energy, vectors = np.linalg.eigh(rows @ rows.T)
-        vectors = vectors[:, energy > least**2 * energy[-1]]
-        modes = (vectors.T @ rows).reshape(-1, *shape[4:])
-        amplitudes = vectors.reshape(*shape[:4], -1) * scale[:, None]
-        # (s, θ, components and modes)
-        values = modes.transpose(2, 3, 1, 0).reshape(*shape[5:], -1)
-        spline = UniformSpline.through(raster.axes, values, np.float32)
-        return cls(places, raster, spline, amplitudes)
+        scale_by_force = np.sqrt(((S11 + S22) ** 2).mean(axis=(0, 1, 3, 4)))
+        components = np.stack([S11 + S22, (S11 - S22) / 2.0, S12], axis=3)
+        stress = centre_grid.expand_by_symmetry(components / scale_by_force[:, None, None, None])
+        # (rotations, radii, angles, forces), then (components, ρ, θ)
+        snapshot_shape, field_shape = stress.shape[:4], stress.shape[4:]
+        snapshots = stress.reshape(int(np.prod(snapshot_shape)), -1)
+        energies, vectors = np.linalg.eigh(snapshots @ snapshots.T)
+        vectors = vectors[:, energies > least**2 * energies[-1]]
+        modes = (vectors.T @ snapshots).reshape(-1, *field_shape)
+        amplitudes = vectors.reshape(*snapshot_shape, -1) * scale_by_force[:, None]
+        # (ρ, θ, components and modes)
+        values = modes.transpose(2, 3, 1, 0).reshape(*field_shape[1:], -1)
+        spline = UniformSpline.interpolate(polar_grid.axes, values, np.float32)
+        return cls(centre_grid, polar_grid, modes=spline, amplitudes=amplitudes)
 
-    def charges_pC(
+    def compute_charges_pC(
         self,
         electrodes: Sequence[Outline],
         positions_mm: Array,
@@ -69,38 +87,76 @@ class StressModes:
         d_pC_N: tuple[float, float],
         at_once: int = 2000,
     ) -> Array:
-        """Charges (n, forces, electrodes) with the probe at positions (n, 2), turned in radians.
+        """Compute the charges of electrodes with the probe at several positions.
 
-        `d_pC_N` are d31 and d32. Integrals at positions `at_once` are one sparse matrix. Beyond the
-        places' reach charges only go on smoothly: the rim is taken to be as far as at the reach.
+        Parameters
+        ----------
+        electrodes : sequence of Outline
+            Outlines of the electrodes.
+        positions_mm : ndarray, shape (n, 2)
+            Positions of the probe. Beyond the reach of the centre grid the charges only continue
+            smoothly: the rim is taken to be as far away as at the reach.
+        rotation : float
+            Rotation of the probe in radians.
+        d_pC_N : tuple of float
+            d31 and d32.
+        at_once : int, optional
+            Number of positions whose integrals are one sparse matrix.
+
+        Returns
+        -------
+        ndarray, shape (n, forces, electrodes)
+            Charges in pC.
         """
         d31, d32 = d_pC_N
         c, s = np.cos(rotation), np.sin(rotation)
-        turned = np.array([[c, -s], [s, c]])
-        share = np.linalg.norm(positions_mm, axis=-1, keepdims=True) / self.places.reach_mm
-        seen_mm = positions_mm / np.maximum(share, 1.0)
-        weights = self.places.weights(-seen_mm @ turned, rotation)
+        to_film = np.array([[c, -s], [s, c]])
+        distance = np.linalg.norm(positions_mm, axis=-1, keepdims=True)
+        share_of_reach = distance / self.centre_grid.reach_mm
+        clipped_mm = positions_mm / np.maximum(share_of_reach, 1.0)
+        weights = self.centre_grid.compute_weights(-clipped_mm @ to_film, rotation)
         amplitudes = np.tensordot(weights, self.amplitudes, axes=3)
+        c2, s2 = np.cos(2.0 * rotation), np.sin(2.0 * rotation)
         charges = []
         for electrode in electrodes:
-            chunks = [positions_mm[i : i + at_once] for i in range(0, len(positions_mm), at_once)]
-            forces = np.concatenate([self._forces(electrode, at, turned) for at in chunks])
-            # the deviator is turned into the film's axes
-            c, s = np.cos(2.0 * rotation), np.sin(2.0 * rotation)
-            by_mode = 0.5 * (d31 + d32) * forces[:, 0]
-            by_mode += (d31 - d32) * (c * forces[:, 1] - s * forces[:, 2])
+            integrals = np.concatenate(
+                [
+                    self._integrate_modes(electrode, positions_mm[i : i + at_once], to_film)
+                    for i in range(0, len(positions_mm), at_once)
+                ]
+            )
+            # the deviator is rotated into the film's axes
+            by_mode = 0.5 * (d31 + d32) * integrals[:, 0]
+            by_mode += (d31 - d32) * (c2 * integrals[:, 1] - s2 * integrals[:, 2])
             charges.append(np.einsum("nm,nfm->nf", by_mode, amplitudes))
         return np.stack(charges, axis=-1)
 
-    def _forces(
-        self, electrode: Outline, positions_mm: Array, turned: Array, least_points: int = 6
+    def _integrate_modes(
+        self, electrode: Outline, positions_mm: Array, to_film: Array, least_points: int = 6
     ) -> Array:
-        """Integrals (n, components, modes) in N of the stress over an electrode, by at least so
-        many Gauss points on each of its sides."""
+        """Integrate the modes over an electrode.
+
+        Parameters
+        ----------
+        electrode : Outline
+            Outline of the electrode.
+        positions_mm : ndarray, shape (n, 2)
+            Positions of the probe.
+        to_film : ndarray, shape (2, 2)
+            Rotation from the probe's frame to the film's.
+        least_points : int, optional
+            Least number of Gauss points on each side of the electrode.
+
+        Returns
+        -------
+        ndarray, shape (n, 3, modes)
+            Integrals in m² of the trace, the deviator and the shear of each mode.
+        """
         side_mm = 1e3 * electrode.perimeter / max(4, len(electrode.boundary))
-        count = max(least_points, int(np.ceil(side_mm / self.raster.step_mm)))
+        count = max(least_points, int(np.ceil(side_mm / self.polar_grid.step_mm)))
         points, normals = electrode.boundary_rule(count)
-        from_probe = (1e3 * points - positions_mm[:, None]) @ turned
-        factors = 0.5e-3 * np.einsum("nqi,qi->nq", from_probe, normals @ turned)
-        forces = self.modes.sums(self.raster.coordinates(from_probe), factors)
-        return forces.reshape(len(positions_mm), 3, -1)
+        from_probe_mm = (1e3 * points - positions_mm[:, None]) @ to_film
+        factors = 0.5e-3 * np.einsum("nqi,qi->nq", from_probe_mm, normals @ to_film)
+        coordinates = self.polar_grid.compute_coordinates(from_probe_mm)
+        integrals = self.modes.sum_weighted(coordinates, factors)
+        return integrals.reshape(len(positions_mm), 3, -1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, calibrate
-from pvdf_fem.inverse.calibration.parameters import read_parameter, select_parameters
+from pvdf_fem.inverse.calibration.parameters import get_parameter, select_parameters
 from pvdf_fem.inverse.calibration.reading_model import ReadingModel
 from pvdf_fem.inverse.calibration.touch_table import read_touches
 from pvdf_fem.inverse.least_squares import apply_robust_loss
@@ -36,22 +36,22 @@ def test_exact_readings_give_the_true_parameters(true, is_like):
     assert (len(told) == 2 * 24) == is_like
     assert (calibration.status, calibration.outliers) == ("calibrated", {})
     for name in TRUE:
-        of, value = calibration.parameters[name], true.get(name, read_parameter(SCENE, name))
+        of, value = calibration.parameters[name], true.get(name, get_parameter(SCENE, name))
         assert abs(of["value"] - value) < 1.5 * of["deviation"], name
         assert of["value"] == pytest.approx(value, rel=1e-3, abs=1e-3), name
 
 
 def test_derivatives_are_those_of_solves():
     """By parameters of film and stage, place and force, against differences of solves."""
-    unknowns = select_parameters(SCENE, (PRETENSION, "gain.B", "shift", "turn"), {})
+    parameters = select_parameters(SCENE, (PRETENSION, "gain.B", "shift", "turn"), {})
     columns = {name: column[:2] for name, column in made().items()}
-    moves, start, count = np.array([[0.1, -0.2], [0.0, 0.0]]), unknowns.start + 0.1, 5
+    moves, start, count = np.array([[0.1, -0.2], [0.0, 0.0]]), parameters.initial + 0.1, 5
 
     def predicted(step):
         moved = dict(zip(("x_mm", "y_mm", "force_N"), step[count:], strict=True))
         touches = read_touches({**columns, **{n: columns[n] + h for n, h in moved.items()}}, SCENE)
-        of_touches = ReadingModel(unknowns, touches, "change", "V", 1e-5)
-        of_touches.solve(start + step[:count], moves, np.array([True, True]))
+        of_touches = ReadingModel(parameters, touches, "change", "V", 1e-5)
+        of_touches.solve_touches(start + step[:count], moves, np.array([True, True]))
         return of_touches.predict(start + step[:count], moves)
 
     at, h = predicted(np.zeros(count + 3)), 1e-4
@@ -66,7 +66,7 @@ def test_places_are_corrected(found):
     assert found.status == "calibrated"
     assert found.fit.p_value > 0.01
     _, true, *_ = drawn(24, 0.3, 1)
-    given = found.fit.model.touches.touches[:, :2]
+    given = found.fit.model.table.probe_loads[:, :2]
     before, after = (np.linalg.norm(true - at, axis=1) for at in (given, found.places_mm))
     assert np.median(after) < 0.7 * np.median(before)
 
@@ -115,8 +115,8 @@ def test_what_cannot_be_told_apart_is_decided_by_the_priors():
 
 def test_a_cooled_film_starts_at_its_tension():
     cooled = Scene.parse('[probe]\nshape = "triangle"\n')
-    unknowns = select_parameters(cooled, [PRETENSION], {})
-    assert unknowns.start[0] == pytest.approx(25e-6 * 2e9 / 0.66 * 110e-6)
+    parameters = select_parameters(cooled, [PRETENSION], {})
+    assert parameters.initial[0] == pytest.approx(25e-6 * 2e9 / 0.66 * 110e-6)
 
 
 def test_deviations_and_chi_square_are_those_of_many_sensors():
@@ -126,7 +126,7 @@ def test_deviations_and_chi_square_are_those_of_many_sensors():
         of = calibrate(SCENE, made(10, sigma=0.01, seed=seed), UNKNOWN)
         pulls.append([(p["value"] - TRUE[n]) / p["deviation"] for n, p in of.parameters.items()])
         excess.append(of.fit.chi_square - of.fit.degrees_of_freedom)
-        assert (of.fit.degrees_of_freedom, of.fit.scale >= 1.0) == (40 - 8, True)
+        assert (of.fit.degrees_of_freedom, of.fit.scatter >= 1.0) == (40 - 8, True)
     sizes = np.abs(pulls)
     assert 0.58 < np.mean(sizes < 1.0) < 0.78
     assert np.mean(sizes < 3.0) > 0.985
@@ -137,7 +137,7 @@ def test_readings_that_scatter_more_than_said_widen_the_deviations():
     columns = made(sigma=0.02)
     said, less = (calibrate(SCENE, columns, UNKNOWN, sigma=of) for of in (0.02, 0.01))
     assert less.status == "calibrated"
-    assert less.fit.scale == pytest.approx(2.0, rel=0.4)  # a robust scale of 96 residuals: 1.62
+    assert less.fit.scatter == pytest.approx(2.0, rel=0.4)  # a robust scale of 96 residuals: 1.62
     for name, of in said.parameters.items():
         assert less.parameters[name]["deviation"] == pytest.approx(of["deviation"], rel=0.25)
 
@@ -148,10 +148,10 @@ def test_residuals_from_a_fit_to_the_others_have_its_errors():
     columns["force_N"][4] *= 1.5
     found = calibrate(SCENE, columns, UNKNOWN)
     assert list(found.outliers) == [5]
-    fit, (others, lengths) = found.fit, found.fit.deleted()
+    fit, (others, lengths) = found.fit, found.fit.compute_deleted_residuals()
     for i, sign in ((0, -1.0), (4, 1.0)):
-        root, slopes = fit.whitened[0][i], fit.prediction.by_parameter[i]
-        of_noise, residual = root @ root.T, root @ fit.whitened[1][i]
+        root, slopes = fit.whitened.roots[i], fit.prediction.by_parameter[i]
+        of_noise, residual = root @ root.T, root @ fit.whitened.residuals[i]
         solved = np.linalg.solve(of_noise + sign * slopes @ fit.covariance @ slopes.T, residual)
         assert lengths[i] == pytest.approx(residual @ solved, rel=1e-6)
         expected = of_noise @ solved if sign < 0.0 else residual

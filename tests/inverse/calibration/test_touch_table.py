@@ -23,11 +23,11 @@ def test_a_file_and_columns_are_read_alike(tmp_path):
     path = tmp_path / "touches.csv"
     path.write_text("\n".join([HEAD, *ROWS]).replace(",", ";").replace("0.5", "0,5") + "\n")
     read, given = read_touches(path, SCENE), read_touches(columns(), SCENE)
-    np.testing.assert_array_equal(read.touches, given.touches)
+    np.testing.assert_array_equal(read.probe_loads, given.probe_loads)
     np.testing.assert_array_equal(read.readings, given.readings)
-    np.testing.assert_array_equal(read.touches[2], [-5.0, 1.0, 20.0, 0.5])
+    np.testing.assert_array_equal(read.probe_loads[2], [-5.0, 1.0, 20.0, 0.5])
     np.testing.assert_array_equal(read.readings[1], [11.0, 21.0, 31.0, 41.0])
-    assert (read.rows.tolist(), read.remarks) == ([1, 2, 3], ())
+    assert (read.rows.tolist(), read.notes) == ([1, 2, 3], ())
 
 
 def test_empty_cells_leave_out_a_reading_or_a_row(tmp_path):
@@ -37,7 +37,7 @@ def test_empty_cells_leave_out_a_reading_or_a_row(tmp_path):
     touches = read_touches(path, SCENE)
     assert touches.rows.tolist() == [1, 2, 4]
     assert np.isnan(touches.readings).sum() == np.isnan(touches.readings[1, 1]) == 1
-    assert [text.partition(":")[0] for text in touches.remarks] == ["row 3", "row 2"]
+    assert [text.partition(":")[0] for text in touches.notes] == ["row 3", "row 2"]
 
 
 @pytest.mark.parametrize(
@@ -70,6 +70,6 @@ def test_what_is_no_table_of_touches_is_refused_by_row_and_column(given, said, t
 def test_a_disc_needs_no_rotation():
     given = columns()
     del given["rotation_deg"]
-    np.testing.assert_array_equal(read_touches(given, DISC).touches[:, 2], 0.0)
+    np.testing.assert_array_equal(read_touches(given, DISC).probe_loads[:, 2], 0.0)
     with pytest.raises(TouchesError, match="column rotation_deg: "):
         read_touches(given, SCENE)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from pvdf_fem import NotConvergedError, Scene, solve
-from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.solver.sensitivity.gradients import gradients
@@ -228,7 +227,7 @@ def test_a_finer_tolerance_keeps_the_model():
     found = gradients(auto, ["film.thickness_um"], tolerance=2e-4)
     assert found.relative_errors["film.thickness_um"] <= 2e-4
     assert not found.solution.included
-    assert resolve_film_model(found.solution.scene.with_(**{"film.bending": "auto"})).bends
+    assert Problem.from_scene(found.solution.scene.with_(**{"film.bending": "auto"})).film.bends
 
 
 def test_unreachable_tolerance_names_what_to_change():

@@ -15,11 +15,11 @@ from pvdf_fem.cli.program import (
     InputError,
     add_progress,
     add_scene_command,
-    add_texts,
+    add_text_options,
     find_output_errors,
     read_scene,
 )
-from pvdf_fem.cli.response_model import positive
+from pvdf_fem.cli.response_choice import parse_number
 from pvdf_fem.files import replace_file
 from pvdf_fem.scene.scene_file import SceneError
 
@@ -52,7 +52,7 @@ def add_to(commands: Any) -> None:
     summary = "the sensor from known touches"
     parser = add_scene_command(commands, "calibrate", run, summary, DESCRIPTION, EPILOG)
     parser.add_argument("touches", metavar="TOUCHES.csv", help="touches with readings")
-    add_texts(
+    add_text_options(
         parser,
         ("--unknown", "NAMES", "film.pretension_N_m,gains", "what is sought"),
         ("--unit", "UNIT", "pC", "of the readings: pC or V"),
@@ -93,15 +93,22 @@ def run(options: argparse.Namespace) -> int:
     given = {f"--{name}": getattr(options, name.replace("-", "_")) for name in DEVIATIONS}
     given = {option: text for option, text in given.items() if text is not None}
     given |= {f"--prior {n.strip()}": v for n, _, v in (t.partition("=") for t in options.prior)}
-    values = {option: positive(option, text, mistakes, zero=True) for option, text in given.items()}
+    values = {
+        option: parse_number(option, text, mistakes, zero=True) for option, text in given.items()
+    }
     if mistakes:
         raise InputError(*mistakes)
     from pvdf_fem.inverse.calibration.calibrate import calibrate
     from pvdf_fem.inverse.calibration.diagnosis import CalibrationStatus
+    from pvdf_fem.inverse.touch.measurement import get_units_pC
 
     deviations: dict[str, Any] = {
         n.replace("-", "_"): values[f"--{n}"] for n in DEVIATIONS if f"--{n}" in values
     }
+    if "noise" in deviations:  # in the unit of the readings
+        noise = deviations.pop("noise")
+        units_pC = get_units_pC(scene, options.unit)
+        deviations["noise_pC"] = {name: noise * unit_pC for name, unit_pC in units_pC.items()}
     try:
         found = calibrate(
             scene,

@@ -13,10 +13,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.cli.locate_request import Request, require
+from pvdf_fem.cli.inverse.locate_request import Request, check_request
+from pvdf_fem.cli.inverse.reading_table import (
+    ENDINGS,
+    Row,
+    choose_format,
+    open_writer,
+    parse_cell,
+    read_rows,
+    to_plain,
+)
 from pvdf_fem.cli.program import ExitCode, InputError, find_output_errors
-from pvdf_fem.cli.response_model import model_of
-from pvdf_fem.cli.table import ENDINGS, Row, form, number, plain, rows_of, writer
+from pvdf_fem.cli.response_choice import load_or_build_response
 from pvdf_fem.progress import show_progress
 
 if TYPE_CHECKING:
@@ -30,7 +38,7 @@ OTHER = "explained if"  #: Begins a remark about a mistake in the readings of a 
 MOST_MISTAKES = 3  #: Number of mistakes that are told of a whole table.
 
 
-def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> int:
+def locate_table(scene: Scene, request: Request, options: argparse.Namespace) -> int:
     """Locate every row of a table, write the touches, and return the exit code.
 
     Raises `InputError` or `ValueError` with all mistakes in the options and the table's header.
@@ -45,7 +53,7 @@ def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> 
         raise InputError(*wrong)
     electrodes = [e.name for e in scene.electrode_list]
     with ExitStack() as stack:
-        columns, batches = rows_of(stack, source, form(source, options.json), electrodes)
+        columns, batches = read_rows(stack, source, choose_format(source, options.json), electrodes)
         found = list(Touches.empty(np.array([], dtype=object), (), "total").to_table())
         if taken := [
             f"{options.csv}: column {c}: is what is written; rename it, such as to given_{c}"
@@ -55,7 +63,7 @@ def locate_rows(scene: Scene, request: Request, options: argparse.Namespace) -> 
             raise InputError(*taken)
         locate = _locator(scene, request, options, columns)
         passed = [c for c in columns if c not in electrodes and c not in KNOWN]
-        write = writer(stack, target, form(target, options.json), [*passed, *found])
+        write = open_writer(stack, target, choose_format(target, options.json), [*passed, *found])
         counts, mistakes = Counter[str](), Counter[str]()
         total = _line_count(source)
         # neither beside rows on a terminal, nor of a pipe, whose rows nobody has counted
@@ -118,8 +126,8 @@ def _locator(
         for name, value in get_scene_quantities(scene).items()
         if name not in (*request.unknown, *columns)
     }
-    require({options.scene: scene}, request, dict.fromkeys(names, np.pi), known)
-    model = model_of(scene, options.scene, request.model)
+    check_request({options.scene: scene}, request, dict.fromkeys(names, np.pi), known)
+    model = load_or_build_response(scene, options.scene, request.model)
 
     def located(rows: Sequence[Row]) -> list[dict[str, Any]]:
         given: dict[str, Any] = {KNOWN[n]: np.full(len(rows), v) for n, v in known.items()}
@@ -135,7 +143,7 @@ def _locator(
             calibrated=not options.quick,
             **given,
         ).to_table()
-        cells = [[plain(value) for value in column.tolist()] for column in touches.values()]
+        cells = [[to_plain(value) for value in column.tolist()] for column in touches.values()]
         result = []
         for (values, sound), *found in zip(rows, *cells, strict=True):
             row = dict(zip(touches, found, strict=True))
@@ -149,4 +157,4 @@ def _locator(
 
 def _numbers(rows: Sequence[Row], column: str) -> Array:
     """The numbers in a column, NaN where there is none."""
-    return np.array([number(values.get(column)) for values, _ in rows])
+    return np.array([parse_cell(values.get(column)) for values, _ in rows])

@@ -11,11 +11,17 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli import program, response_model
-from pvdf_fem.cli.locate_request import SOUGHT, sought
-from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, read_scene
-from pvdf_fem.cli.response_model import ModelChoice, model_of
-from pvdf_fem.cli.table import number, plain, rows_of, writer
+from pvdf_fem.cli import program, response_choice
+from pvdf_fem.cli.inverse.locate_request import SOUGHT, parse_unknowns
+from pvdf_fem.cli.inverse.reading_table import open_writer, parse_cell, read_rows, to_plain
+from pvdf_fem.cli.program import (
+    ExitCode,
+    InputError,
+    add_scene_command,
+    add_text_options,
+    read_scene,
+)
+from pvdf_fem.cli.response_choice import ResponseChoice, load_or_build_response
 from pvdf_fem.files import escape_unprintable
 
 if TYPE_CHECKING:
@@ -69,8 +75,8 @@ def add_to(commands: Any) -> None:
     parser.add_argument(
         "--unit", choices=["V", "pC"], default="V", help="of the readings (default: V)"
     )
-    add_texts(parser, ("--unknown", "NAMES", "x,y,force", SOUGHT))
-    response_model.add_options(parser)
+    add_text_options(parser, ("--unknown", "NAMES", "x,y,force", SOUGHT))
+    response_choice.add_options(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -83,7 +89,10 @@ def run(options: argparse.Namespace) -> int:
     from pvdf_fem.solver.adaptive import compute_unloaded_integrals
 
     mistakes: list[str] = []
-    unknown, choice = sought(options.unknown, mistakes), ModelChoice.of(options, mistakes)
+    unknown, choice = (
+        parse_unknowns(options.unknown, mistakes),
+        ResponseChoice.of(options, mistakes),
+    )
     if "force_N" not in unknown:
         mistakes.append("--unknown: the force of a touch is always sought; name it")
     if scene.single_probe is None:
@@ -98,7 +107,7 @@ def run(options: argparse.Namespace) -> int:
     source = None if options.signals == "-" else Path(options.signals)
     name = source or "standard input"
     with ExitStack() as stack:
-        columns, batches = rows_of(stack, source, ".csv", electrodes)
+        columns, batches = read_rows(stack, source, ".csv", electrodes)
         time = next((column for column in TIMES if column in columns), "")
         if not time:
             reason = "has a column t; name it t_s or t_ms" if "t" in columns else ""
@@ -106,11 +115,11 @@ def run(options: argparse.Namespace) -> int:
             raise InputError(f"{name}: {reason}")
         if mistakes := choice.mistakes(scene, options.scene):
             raise InputError(*mistakes)
-        model = model_of(scene, options.scene, choice)
+        model = load_or_build_response(scene, options.scene, choice)
         with program.convert_value_errors():
             tracker = Tracker(model, unknown=unknown, unit=options.unit)
         kind = ".jsonl" if options.json else ".csv"
-        write = writer(stack, None, kind, [f.name for f in fields(TrackRow)])
+        write = open_writer(stack, None, kind, [f.name for f in fields(TrackRow)])
         rows, malformed, count, told = (row for batch in batches for row in batch), 0, 0, 0
         said = last = ""
         unit = f"; are the readings in {options.unit}, as --unit says?"
@@ -151,7 +160,7 @@ def _sample(
     """The numbers of a row by column, the time first, NaN where missing, and what keeps the row
     from being used."""
     texts = {key: cells.get(key, "").strip() for key in columns}
-    values = {key: number(text) for key, text in texts.items()}
+    values = {key: parse_cell(text) for key, text in texts.items()}
     wrong = {texts[n] for n, v in values.items() if math.isnan(v)} - {"", "nan", "NaN"}
     if wrong or not sound:
         return values, escape_unprintable(", ".join(sorted(wrong)))[:40] or f"{len(cells)} cells"
@@ -161,4 +170,4 @@ def _sample(
 def _plain(row: TrackRow) -> dict[str, Any]:
     """A row as JSON and CSV have it; times keep all their digits."""
     values = asdict(row)
-    return {k: v if k == "t_s" and v == v else plain(v) for k, v in values.items()}
+    return {k: v if k == "t_s" and v == v else to_plain(v) for k, v in values.items()}

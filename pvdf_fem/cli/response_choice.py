@@ -18,7 +18,7 @@ from pvdf_fem.cli.program import (
     InputError,
     add_progress,
     add_scene_command,
-    add_texts,
+    add_text_options,
     convert_value_errors,
     read_scene,
 )
@@ -68,7 +68,7 @@ def add_to(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Run the command; returns its exit code."""
     scene, mistakes = read_scene(options), list[str]()
-    choice = ModelChoice.of(options, mistakes)
+    choice = ResponseChoice.of(options, mistakes)
     if scene.single_probe is None:
         mistakes.append(f"{options.scene}: has no [probe]; add one")
     if mistakes := [*mistakes, *([] if mistakes else choice.mistakes(scene, options.scene))]:
@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
             if not present:
                 print(f"{options.scene}: no model is there; build one without --list")
         return ExitCode.CONVERGED if any(not why for _, why in present) else ExitCode.NOT_CONVERGED
-    model = model_of(scene, options.scene, choice)
+    model = load_or_build_response(scene, options.scene, choice)
     file = str(choice.path(scene, options.scene))
     print(json.dumps({"file": file, **model.to_json()}) if options.json else f"{file}: {model}")
     within = model.error_bound <= choice.wanted(scene)[1]
@@ -111,7 +111,7 @@ def add_options(parser: argparse.ArgumentParser, tolerance: str | None = None) -
     add_progress(parser)
     forces = "model.force_range_N, or 0.1,5"
     error = "" if tolerance else " (default: model.tolerance, or 0.1 of the noise)"
-    add_texts(
+    add_text_options(
         parser,
         ("--force-range", "LEAST,LARGEST", None, f"the model's forces in N (default: {forces})"),
         ("--tolerance", "SHARE", tolerance, f"its largest error bound{error}"),
@@ -119,7 +119,7 @@ def add_options(parser: argparse.ArgumentParser, tolerance: str | None = None) -
 
 
 @dataclass(frozen=True)
-class ModelChoice:
+class ResponseChoice:
     """Which model is wanted, as the options say."""
 
     file: Path | None
@@ -132,14 +132,14 @@ class ModelChoice:
     progress: bool | None = None  #: Whether builds show it; by default on a terminal.
 
     @classmethod
-    def of(cls, options: argparse.Namespace, mistakes: list[str]) -> ModelChoice:
+    def of(cls, options: argparse.Namespace, mistakes: list[str]) -> ResponseChoice:
         """The choice of a command line; what is wrong with it is added to `mistakes`."""
         texts = options.reach, options.force_range, options.tolerance
-        reach = texts[0] and positive("--reach", texts[0], mistakes)
+        reach = texts[0] and parse_number("--reach", texts[0], mistakes)
         forces = texts[1] and _range(texts[1], mistakes)
-        tolerance = texts[2] and positive("--tolerance", texts[2], mistakes)
+        tolerance = texts[2] and parse_number("--tolerance", texts[2], mistakes)
         # what is wrong with --sigma is told by its command
-        sigma = positive("--sigma", getattr(options, "sigma", "0.01"), [], zero=True) or 0.01
+        sigma = parse_number("--sigma", getattr(options, "sigma", "0.01"), [], zero=True) or 0.01
         return cls(options.model, reach, forces, tolerance, sigma, options.progress)
 
     def wanted(self, scene: Scene) -> tuple[Domain, float]:
@@ -199,8 +199,8 @@ class ModelChoice:
 
 
 @convert_value_errors()
-def model_of(
-    scene: Scene, scene_file: str, choice: ModelChoice, *, as_kept: bool = False
+def load_or_build_response(
+    scene: Scene, scene_file: str, choice: ResponseChoice, *, as_kept: bool = False
 ) -> Response:
     """The model of a scene, from its file or built and written there; `as_kept` may have other
     electrodes. Raises `InputError` for a file of a film or a probe that deforms otherwise."""
@@ -265,16 +265,16 @@ def _default_path(scene_file: str, key: str) -> Path:
 
 
 def _range(text: str, mistakes: list[str]) -> tuple[float, float]:
-    values = [number_of(part) for part in text.split(",")]
+    values = [read_number(part) for part in text.split(",")]
     if len(values) == 2 and values[0] and values[1] and 0.0 < values[0] < values[1]:
         return values[0], values[1]
     mistakes.append(f"--force-range {text}: give two forces in N, such as 0.1,5")
     return 0.0, 0.0
 
 
-def positive(option: str, text: str, mistakes: list[str], zero: bool = False) -> float:
+def parse_number(option: str, text: str, mistakes: list[str], zero: bool = False) -> float:
     """The positive number of an option; what is wrong with it is added to `mistakes`."""
-    value = number_of(text)
+    value = read_number(text)
     if value is None or value < 0.0 or (value == 0.0 and not zero):
         wanted = "a number that is not negative" if zero else "a positive number"
         mistakes.append(f"{option} {text}: give {wanted}")
@@ -282,7 +282,7 @@ def positive(option: str, text: str, mistakes: list[str], zero: bool = False) ->
     return value
 
 
-def number_of(text: str) -> float | None:
+def read_number(text: str) -> float | None:
     """A finite number, or None."""
     # float() also takes 1_000, and digits of other scripts
     if not re.fullmatch(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text):

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
 from pvdf_fem.cli.program import InputError
-from pvdf_fem.cli.response_model import number_of
+from pvdf_fem.cli.response_choice import read_number
 from pvdf_fem.files import (
     FileError,
     open_regular_file,
@@ -29,14 +29,14 @@ ENDINGS = [".csv", ".json", ".jsonl"]
 Row = tuple[dict[str, Any], bool]  #: Values by column, and whether there is one for each column.
 
 
-def form(path: Path | None, as_json: bool) -> str:
+def choose_format(path: Path | None, as_json: bool) -> str:
     """The format of a file, from `ENDINGS`; None is a pipe."""
     if path is None:
         return ".json" if as_json else ".csv"
     return path.suffix.lower() if path.suffix.lower() in ENDINGS else ".csv"
 
 
-def rows_of(
+def read_rows(
     stack: ExitStack, source: Path | None, kind: str, electrodes: Sequence[str]
 ) -> tuple[list[str], Iterator[list[Row]]]:
     """The columns of a file, or of standard input for None, and its rows as they come. Raises
@@ -65,21 +65,21 @@ def rows_of(
     return columns, batches
 
 
-def number(cell: Any) -> float:
+def parse_cell(cell: Any) -> float:
     """The number in a cell, NaN where there is none."""
     is_number = isinstance(cell, int | float) and not isinstance(cell, bool)
-    value = number_of(str(cell).strip()) if is_number or isinstance(cell, str) else None
+    value = read_number(str(cell).strip()) if is_number or isinstance(cell, str) else None
     return math.nan if value is None else value
 
 
-def plain(value: Any) -> Any:
+def to_plain(value: Any) -> Any:
     """A value as JSON has it, numbers with nine digits, None for NaN."""
     if isinstance(value, float):
         return None if math.isnan(value) else float(f"{value:.9g}")
     return value if value is None or isinstance(value, int) else str(value)
 
 
-def writer(
+def open_writer(
     stack: ExitStack, target: Path | None, kind: str, columns: Sequence[str]
 ) -> Callable[[list[dict[str, Any]]], None]:
     """A function that writes rows to a file, which appears whole at the end, or at once."""

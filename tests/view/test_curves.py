@@ -8,8 +8,9 @@ import pytest
 from matplotlib.lines import Line2D
 
 from pvdf_fem import Scene
-from pvdf_fem.view.curves import draw_curves, format_significant
-from pvdf_fem.view.figures import draw_film, make_figure
+from pvdf_fem.view.curves import Panel, draw_curves, make_curve_axes
+from pvdf_fem.view.figures import draw_film, get_figure, make_figure
+from pvdf_fem.view.labels import format_significant
 
 
 def table(data: float | None) -> pd.DataFrame:
@@ -24,8 +25,10 @@ def table(data: float | None) -> pd.DataFrame:
     [([[None, None], [None, None]], 0), ([[3.0, 4.0], [None, None]], 2), ([[None, 3.0]], 1)],
 )
 def test_differences_are_drawn_below_panels_that_have_data_only(data, strips):
-    rows = [[("a panel", table(x)) for x in row] for row in data]
-    figure = draw_curves(rows, "turn (°)", "charge (pC)")
+    rows = [[Panel("a panel", table(x)) for x in row] for row in data]
+    axes = make_curve_axes(rows)
+    draw_curves(rows, axes, x_label="turn (°)", y_label="charge (pC)")
+    figure = get_figure(axes[0][0].main)
     assert len(figure.axes) == sum(map(len, data)) + strips
     points = [y for ax in figure.axes for x, y in map(Line2D.get_data, ax.lines) if len(x) == 1]
     given = [x for row in data for x in row if x is not None]

@@ -7,10 +7,16 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli import program, response_model
-from pvdf_fem.cli.locate_request import SOUGHT, Request, require
-from pvdf_fem.cli.program import ExitCode, InputError, add_scene_command, add_texts, read_scene
-from pvdf_fem.cli.response_model import model_of
+from pvdf_fem.cli import program, response_choice
+from pvdf_fem.cli.inverse.locate_request import SOUGHT, Request, check_request
+from pvdf_fem.cli.program import (
+    ExitCode,
+    InputError,
+    add_scene_command,
+    add_text_options,
+    read_scene,
+)
+from pvdf_fem.cli.response_choice import load_or_build_response
 
 if TYPE_CHECKING:
     from pvdf_fem.inverse.touch.locate import ProbeMatch
@@ -44,7 +50,7 @@ the likelihood or more), status and remark follow. Files that end in .json or
 .jsonl have a list of objects, or an object on each line; - is CSV, or such a list
 with --json.
 
-The status is `located`, `ambiguous` (touches with another place or force are
+The status is `locate_with_scenes`, `ambiguous` (touches with another place or force are
 likely), `at edge` (the touch may lie beyond the model's domain) or `unexplained`:
 no touch of the model explains the charges, the numbers describe the nearest touch,
 and the remark names the unit, sign or exchanged channels with which a touch
@@ -73,7 +79,7 @@ def add_to(commands: Any) -> None:
     summary = "the touch that gave some charges"
     parser = add_scene_command(commands, "locate", run, summary, DESCRIPTION, EPILOG)
     given, values = parser.add_mutually_exclusive_group(required=True), "A=PC,B=PC,..."
-    add_texts(
+    add_text_options(
         given,
         ("--charges", values, None, "total charges of electrodes, the stretched film's included"),
         ("--changes", values, None, "readings of amplifiers that were zeroed before the touch"),
@@ -96,7 +102,7 @@ def add_to(commands: Any) -> None:
         default="pC",
         help="unit of readings and --noise; V needs a [readout] (default: pC)",
     )
-    add_texts(
+    add_text_options(
         parser,
         ("--output", "FILE", "-", "where a table's touches are written, - for standard output"),
         ("--sigma", "SHARE", "0.01", "standard deviation over the charge or change that is given"),
@@ -119,7 +125,7 @@ def add_to(commands: Any) -> None:
         help="another scene, with another probe, that may have given the charges; all are "
         "weighed by likelihood; may be given several times",
     )
-    response_model.add_options(parser)
+    response_choice.add_options(parser)
     program.add_plot(parser, "the likelihood of places of the touch")
 
 
@@ -138,12 +144,12 @@ def run(options: argparse.Namespace) -> int:
     mistakes += [f"{file}: has no [probe]; add one" for file, probe in probes.items() if not probe]
     if mistakes:
         raise InputError(*mistakes)
-    from pvdf_fem.cli.locate_rows import locate_rows
+    from pvdf_fem.cli.inverse.locate_table import locate_table
 
     with program.convert_value_errors():
         if options.csv is not None:
-            return locate_rows(scenes[options.scene], request, options)
-        choices = located(scenes, request)
+            return locate_table(scenes[options.scene], request, options)
+        choices = locate_with_scenes(scenes, request)
     try:
         if options.plot and choices[0].location.touches:
             program.save_plot(choices[0].location.plot(), options)
@@ -152,7 +158,7 @@ def run(options: argparse.Namespace) -> int:
     return ExitCode.CONVERGED if choices[0].location.explained else ExitCode.NOT_CONVERGED
 
 
-def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, ...]:
+def locate_with_scenes(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, ...]:
     """Locations with the probe of each scene, the likeliest first.
 
     What is not sought is known from the first. Raises `ValueError` with all mistakes.
@@ -174,8 +180,8 @@ def located(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
         return rank_probes({file: locate(sensor, request.readings, **asked, **errors)})
     touch = get_scene_quantities(sensor)
     known = {name: value for name, value in touch.items() if name not in request.unknown}
-    require(scenes, request, request.readings_pC(sensor), known)
-    models = {name: model_of(scenes[name], name, request.model) for name in scenes}
+    check_request(scenes, request, request.readings_pC(sensor), known)
+    models = {name: load_or_build_response(scenes[name], name, request.model) for name in scenes}
     asked |= {"known": known, **errors}
     readings = request.readings
     return rank_probes({name: locate(model, readings, **asked) for name, model in models.items()})

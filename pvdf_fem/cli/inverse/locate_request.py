@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli.program import find_plot_errors
-from pvdf_fem.cli.response_model import ModelChoice, number_of, positive
+from pvdf_fem.cli.response_choice import ResponseChoice, parse_number, read_number
 
 if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
@@ -31,7 +31,7 @@ class Request:
     noise: float | None  #: In the unit; None is the scene's.
     unknown: tuple[str, ...]  #: Of the quantities of a touch.
     touches: int  #: Number of probes that touch at once.
-    model: ModelChoice  #: The model that is wanted.
+    model: ResponseChoice  #: The model that is wanted.
     #: What is wrong with the options; the other values count only if nothing is.
     mistakes: tuple[str, ...]
 
@@ -43,10 +43,10 @@ class Request:
             if text is not None:
                 option = "--charges" if word == "total" else "--changes"
                 readings, reading = _charges(option, text, wrong), word
-        sigma, noise = positive("--sigma", options.sigma, wrong, zero=True), options.noise
+        sigma, noise = parse_number("--sigma", options.sigma, wrong, zero=True), options.noise
         if noise is not None:
-            noise = positive("--noise", noise, wrong, zero=True)
-        unknown = sought(options.unknown, wrong)
+            noise = parse_number("--noise", noise, wrong, zero=True)
+        unknown = parse_unknowns(options.unknown, wrong)
         if needs_solves(options.touches, unknown):
             solves = "is not for --touches 2, --unknown tangential or temperature; leave it out"
             table = options.csv is not None  # which is not for single touches' options either
@@ -55,7 +55,7 @@ class Request:
         wrong += find_plot_errors(options, options.scene)
         if options.plot and not {"x_mm", "y_mm"} <= set(unknown):
             wrong.append("--plot: draws places; have x and y among --unknown")
-        model = ModelChoice.of(options, wrong)
+        model = ResponseChoice.of(options, wrong)
         if options.model and options.others:
             wrong.append("--model: is of one scene; leave it out with --or")
         asked = readings, options.unit, reading, sigma, noise, unknown, options.touches
@@ -108,7 +108,7 @@ def _charges(option: str, text: str, mistakes: list[str]) -> dict[str, float]:
     charges: dict[str, float] = {}
     for item in text.split(","):
         name, equals, value = (part.strip() for part in item.partition("="))
-        number = number_of(value)
+        number = read_number(value)
         if not (name and equals) or number is None:
             mistakes.append(f"{option} {item.strip()}: write NAME=CHARGE, such as A=905.1")
         elif name in charges:
@@ -118,7 +118,7 @@ def _charges(option: str, text: str, mistakes: list[str]) -> dict[str, float]:
     return charges
 
 
-def sought(text: str, mistakes: list[str]) -> tuple[str, ...]:
+def parse_unknowns(text: str, mistakes: list[str]) -> tuple[str, ...]:
     """The quantities that are named as sought; what is wrong is added to `mistakes`."""
     known = BY_SOLVES | {name: name for name in BY_SOLVES.values()}
     items = [item.strip() for item in text.split(",")]
@@ -127,7 +127,7 @@ def sought(text: str, mistakes: list[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(known[item] for item in items if item in known))
 
 
-def require(
+def check_request(
     scenes: Mapping[str, Scene],
     request: Request,
     readings_pC: Mapping[str, float],

@@ -1,0 +1,67 @@
+"""Texts in figures and captions: labels of axes, numbers, and lists of words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from pvdf_fem.scene.keys import split_unit
+
+#: Labels of axes with charges, by reading.
+READING_LABELS = {"total": "charge (pC)", "change": "change by the touch (pC)"}
+MAX_DIGITS = 5  #: Largest number of digits of a value.
+
+
+def format_axis_label(key: str) -> str:
+    """Return a key of a scene in words: ``film.thickness_um`` becomes film thickness (µm)."""
+    words, unit = split_unit(key)
+    words = words.removeprefix("load ").removeprefix("numerics ")
+    return f"{words} ({unit.replace('degrees', '°')})" if unit else words
+
+
+def format_value(key: str, value: Any) -> str:
+    """Format a value of a key of a scene, a number with its unit: ``25 µm``."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return str(value)
+    unit = split_unit(key)[1].replace("degrees", "°")
+    if not unit:
+        return f"{key} = {value:g}"
+    return f"{value:g}{unit}" if unit == "°" else f"{value:g} {unit}"
+
+
+def format_significant(value: float, error: float = 0.0) -> str:
+    """Format a value with the digits that its error leaves.
+
+    Parameters
+    ----------
+    value : float
+        A number; a dash stands for NaN and infinity.
+    error : float
+        Its error, zero for `MAX_DIGITS` digits.
+
+    Returns
+    -------
+    str
+    """
+    if not math.isfinite(value):
+        return "–"
+    digits = MAX_DIGITS
+    if error > 0.0:
+        ratio = max(abs(value), error) / error
+        digits = min(math.floor(math.log10(ratio)) + 2, MAX_DIGITS)
+    magnitude = math.floor(math.log10(abs(value))) if value else 0
+    decimals = max(digits - 1 - magnitude, 0)
+    return f"{value:.{decimals}f}".replace("-", "−")
+
+
+def format_signed(value: float, decimals: int = 1) -> str:
+    """Format a number with its sign; a dash stands for NaN and infinity."""
+    return f"{value:+.{decimals}f}".replace("-", "−") if math.isfinite(value) else "–"
+
+
+def join_words(words: Sequence[str]) -> str:
+    """Join words as in a sentence: ``A, B and C``."""
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} and {words[-1]}"
