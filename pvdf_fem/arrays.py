@@ -1,4 +1,4 @@
-"""Array types, and small shared operations."""
+"""Types of arrays, and small operations on them."""
 
 from __future__ import annotations
 
@@ -19,43 +19,72 @@ COMPLEX_STEP = 1e-30
 
 
 def finite_or_none(value: float) -> float | None:
-    """The value, or None where JSON has no number."""
+    """Return a finite number; None for another, which JSON does not have."""
     return float(value) if np.isfinite(value) else None
 
 
 def compute_unit_gauss_rule(count: int) -> tuple[Array, Array]:
-    """Gauss's points and weights, (count,), on [0, 1]."""
+    """Return points and weights of Gauss's quadrature on [0, 1], each (count,)."""
     points, weights = np.polynomial.legendre.leggauss(count)
     return (points + 1.0) / 2.0, weights / 2.0
 
 
 def make_polar_grid(radius: float, radii: int, angles: int) -> Array:
-    """Places (radii, angles, 2) on a disc about the origin, the first angle twice."""
-    r, angle = np.linspace(0.0, radius, radii)[:, None], np.linspace(0.0, 2.0 * np.pi, angles)
+    """Return places on a disc about the origin.
+
+    Parameters
+    ----------
+    radius : float
+        Radius of the disc, in any unit.
+    radii, angles : int
+        Numbers of radii, from 0 on, and of angles. The first angle, 0, is repeated at the end.
+
+    Returns
+    -------
+    array, (radii, angles, 2)
+        x and y in the unit of the radius.
+    """
+    r = np.linspace(0.0, radius, radii)[:, None]
+    angle = np.linspace(0.0, 2.0 * np.pi, angles)
     return np.stack([r * np.cos(angle), r * np.sin(angle)], axis=-1)
 
 
 def move_components_first(values: Array, axes: int) -> Array:
-    """The last `axes` moved to the front."""
-    return _rolled(values, values.ndim - axes)
+    """Return a view of an array with the last `axes` axes moved to the front."""
+    return _rotate_axes(values, values.ndim - axes)
 
 
 def move_components_last(values: Array, axes: int) -> Array:
-    """The first `axes` moved to the end; in memory they stay first.
+    """Return a view of an array with the first `axes` axes moved to the end.
 
-    Components are then blocks: sums and products over points are several times faster.
+    In memory they stay first, so that components are blocks: sums and products over points are
+    several times faster.
     """
-    return _rolled(values, axes)
+    return _rotate_axes(values, axes)
 
 
-def _rolled(values: Array, axes: int) -> Array:
-    """The first `axes` moved to the end; `numpy.moveaxis` takes four times as long."""
+def _rotate_axes(values: Array, axes: int) -> Array:
+    """Return a view with the first `axes` axes moved to the end; `numpy.moveaxis` is slower."""
     order = range(values.ndim)
     return values.transpose(*order[axes:], *order[:axes])
 
 
 def apply_matrix(matrix: Array, vector: Array) -> Array:
-    """Vectors (..., n) times a matrix (n, n), or times matrices (..., n, n)."""
+    """Multiply vectors by a matrix.
+
+    Parameters
+    ----------
+    matrix : array, (n, n) or (..., n, n)
+        One matrix for all vectors, or one for each.
+    vector : array, (..., n)
+        The vectors.
+
+    Returns
+    -------
+    array, (..., n)
+        The products. With one matrix, components are blocks in memory, see `move_components_last`.
+    """
     if matrix.ndim > 2:
         return np.matmul(matrix, vector[..., None])[..., 0]
-    return move_components_last(np.tensordot(matrix, move_components_first(vector, 1), 1), 1)
+    components = move_components_first(vector, 1)
+    return move_components_last(np.tensordot(matrix, components, 1), 1)

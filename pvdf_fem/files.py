@@ -1,4 +1,4 @@
-"""Input files, read within bounds, and output files, written whole or not at all."""
+"""Input files, read up to a largest size, and output files, which appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -15,98 +15,198 @@ _DECIMAL_COMMA = re.compile(r"^(\s*[+-]?[0-9]*),([0-9]+([eE][+-]?[0-9]+)?\s*)$")
 
 
 class FileError(ValueError):
-    """A file cannot be read or written; the text names the file and says what to change."""
+    """A file that cannot be read or written; the text names the file and says what to change."""
 
 
 def escape_unprintable(text: str) -> str:
-    """A text in a line, with unprintable characters escaped."""
+    """Return a text in one line, with unprintable characters escaped."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
-def read_text(path: Path, most_bytes: int, what: str) -> str:
-    """Text of a regular UTF-8 file, without a byte order mark; see `read_bytes`, `decode_text`."""
-    return decode_text(path, read_bytes(path, most_bytes, what))
+# --------------------------------------------------------------------------------------- reading
 
 
-def read_bytes(path: Path, most_bytes: int, what: str) -> bytes:
-    """Content of a regular file.
+def read_text(path: Path, max_bytes: int, description: str) -> str:
+    """Read the text of a regular UTF-8 file, without a byte order mark.
 
-    A pipe or a device, which may never end, is refused without reading. `what` names the expected
-    file in error texts: ``a scene file``. Raises `FileError` when the file cannot be read, or has
-    more than `most_bytes`.
+    Parameters
+    ----------
+    path, max_bytes, description
+        See `read_bytes`.
+
+    Returns
+    -------
+    str
+        The text.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, has more than `max_bytes`, or is not UTF-8.
     """
-    with open_regular_file(path, what) as file, _as_unreadable(path, what):
-        raw = file.read(most_bytes + 1)
-        size = max(len(raw), os.fstat(file.fileno()).st_size)
-    if size > most_bytes:
+    return decode_text(path, read_bytes(path, max_bytes, description))
+
+
+def read_bytes(path: Path, max_bytes: int, description: str) -> bytes:
+    """Read the content of a regular file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    max_bytes : int
+        Largest size that is accepted.
+    description : str
+        The expected file, for error messages: ``a scene file``.
+
+    Returns
+    -------
+    bytes
+        The content.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read or has more than `max_bytes`, or if it is a pipe or a device,
+        which may never end.
+    """
+    with open_regular_file(path, description) as file, _convert_read_errors(path, description):
+        content = file.read(max_bytes + 1)
+        size = max(len(content), os.fstat(file.fileno()).st_size)
+    if size > max_bytes:
         raise FileError(
-            f"{path}: has {size} bytes, more than {most_bytes}; give the path of {what}"
+            f"{path}: has {size} bytes, more than {max_bytes}; give the path of {description}"
         )
-    return raw
+    return content
 
 
-def decode_text(path: Path, raw: bytes) -> str:
-    """The text of a file's content, without a byte order mark; `FileError` if it is not UTF-8."""
-    require_utf8_lines(raw, str(path))
+def decode_text(path: Path, content: bytes) -> str:
+    """Return the text of a file's content, without a byte order mark.
+
+    Raises `FileError` if it is not UTF-8.
+    """
+    require_utf8_lines(content, str(path))
     try:
-        return raw.decode("utf-8-sig")
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        text = f"{path}: line {line} is not UTF-8 text; save the file as UTF-8"
-        raise FileError(text) from None
+        line = content.count(b"\n", 0, error.start) + 1
+        raise FileError(f"{path}: line {line} is not UTF-8 text; save the file as UTF-8") from None
 
 
-def require_utf8_lines(raw: bytes, name: str) -> None:
-    """Raise `FileError` for a text, or a first line, in UTF-16, or whose lines end in CR alone."""
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")) or raw[:2].count(0) == 1:
+def require_utf8_lines(content: bytes, name: str) -> None:
+    """Raise `FileError` for UTF-16, and for lines that end in CR alone.
+
+    Parameters
+    ----------
+    content : bytes
+        A text, or its first line.
+    name : str
+        The file, for error messages.
+    """
+    has_byte_order_mark = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    has_null_byte = content[:2].count(0) == 1  # one of two bytes of an ASCII letter
+    if has_byte_order_mark or has_null_byte:
         raise FileError(f"{name}: is UTF-16 text; save the file as UTF-8")
-    if b"\r" in raw.removesuffix(b"\r") and b"\n" not in raw:
+    if b"\r" in content.removesuffix(b"\r") and b"\n" not in content:
         raise FileError(f"{name}: has lines that end in CR alone; save the file with LF or CR LF")
 
 
 def read_csv_rows(lines: Iterable[str], header: str) -> Iterator[list[str]]:
-    """Rows in a CSV file with this first line. Where the line has semicolons and no comma
-    (spreadsheets with decimal commas), commas become points."""
-    semicolons = ";" in header and "," not in header
-    for row in csv.reader(lines, delimiter=";" if semicolons else ",", strict=True):
-        yield [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in row] if semicolons else row
+    """Read the rows of a CSV file.
+
+    Where the header has semicolons and no comma, as from spreadsheets with decimal commas, cells
+    are separated by semicolons, and decimal commas become points.
+
+    Parameters
+    ----------
+    lines : iterable of str
+        Lines of the file.
+    header : str
+        Its first line.
+
+    Yields
+    ------
+    list of str
+        The cells of the next row.
+    """
+    has_semicolons = ";" in header and "," not in header
+    for row in csv.reader(lines, delimiter=";" if has_semicolons else ",", strict=True):
+        if has_semicolons:
+            yield [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in row]
+        else:
+            yield row
 
 
 @contextmanager
-def open_regular_file(path: Path, what: str) -> Iterator[BinaryIO]:
-    """A context with a regular file that is open for reading; `read_text` has the details."""
-    with _as_unreadable(path, what):
+def open_regular_file(path: Path, description: str) -> Iterator[BinaryIO]:
+    """Open a regular file for reading in this context.
+
+    Parameters
+    ----------
+    path, description
+        See `read_bytes`.
+
+    Yields
+    ------
+    file object
+        The file, in binary mode.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, or is a pipe or a device.
+    """
+    with _convert_read_errors(path, description):
         # without O_NONBLOCK, opening a pipe waits for a writer
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
         file = open(descriptor, "rb")  # noqa: SIM115
     with file:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise FileError(f"{path}: is no regular file; give the path of {what}")
+            raise FileError(f"{path}: is not a regular file; give the path of {description}")
         yield file
 
 
 @contextmanager
-def _as_unreadable(path: Path, what: str) -> Iterator[None]:
+def _convert_read_errors(path: Path, description: str) -> Iterator[None]:
+    """Convert errors of the system in this context to `FileError`."""
     try:
         yield
     except FileError:
         raise
     except (OSError, ValueError) as error:  # the latter for a null character in the path
         reason = getattr(error, "strerror", error)
-        text = f"{path}: cannot be read ({reason}); give the path of {what}"
-        raise FileError(text) from None
+        raise FileError(
+            f"{path}: cannot be read ({reason}); give the path of {description}"
+        ) from None
+
+
+# --------------------------------------------------------------------------------------- writing
 
 
 @contextmanager
 def replace_file(path: Path) -> Iterator[Path]:
-    """A context with the path of a temporary file, which replaces `path` at the end.
+    """Replace a file at the end of this context, or create it.
 
-    A file that is replaced leaves its permissions and, where possible, its owner to the new one.
-    After an exception the temporary file is removed, and `path` stays as it was. Raises `FileError`
-    when the file cannot be written.
+    The new file has the permissions and, where possible, the owner of the old one. After an
+    exception the old file remains as it was.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Yields
+    ------
+    Path
+        A temporary file to write, in the same folder.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written.
     """
-    with _as_file_error(path):
-        temporary = _beside(path)
+    with _convert_write_errors(path):
+        temporary = _make_temporary_path(path)
         try:
             yield temporary
             with suppress(FileNotFoundError):
@@ -117,74 +217,96 @@ def replace_file(path: Path) -> Iterator[Path]:
                 temporary.unlink(missing_ok=True)
 
 
-def copy_permissions(path: Path, other: Path) -> None:
-    """Give a file the permissions of a second file and, if the system permits, its owner."""
-    status = path.stat()
+def copy_permissions(source: Path, target: Path) -> None:
+    """Give a file the permissions of another one and, if the system allows it, its owner.
+
+    Parameters
+    ----------
+    source : Path
+        The file with the permissions.
+    target : Path
+        The file to change; nothing happens if it does not exist.
+    """
+    status = source.stat()
     if hasattr(os, "chown"):
         with suppress(OSError):
-            os.chown(other, status.st_uid, status.st_gid)
+            os.chown(target, status.st_uid, status.st_gid)
     with suppress(PermissionError, FileNotFoundError):
-        other.chmod(stat.S_IMODE(status.st_mode))
+        target.chmod(stat.S_IMODE(status.st_mode))
 
 
-def require_writable(path: Path, *others: Path | None) -> None:
-    """Raise `FileError` for a path that `replace_file` could not write, or a path in `others`."""
-    require_distinct(path, *others)
-    with _as_file_error(path):
-        temporary = _beside(path)
+def require_writable(path: Path, *inputs: Path | str | None) -> None:
+    """Raise `FileError` if `replace_file` could not write a file, or if it is one of `inputs`."""
+    require_distinct(path, *inputs)
+    with _convert_write_errors(path):
+        temporary = _make_temporary_path(path)
         temporary.touch()
         temporary.unlink()
 
 
-def require_distinct(path: Path, *others: Path | None) -> None:
-    """Raise `FileError` for a path that would overwrite a file in `others`, under every name."""
-    for other in others:
+def require_distinct(path: Path, *inputs: Path | str | None) -> None:
+    """Raise `FileError` if a file to be written is one of `inputs`, under any name."""
+    for other in inputs:
         if other is not None and is_same_file(path, other):
             raise FileError(
-                f"{path}: would overwrite {other}, which is the same file; name another"
+                f"{path}: would overwrite {other}, which is the same file; give another name"
             )
 
 
-def is_same_file(path: Path, other: Path) -> bool:
-    """Whether two paths lead to the same file or directory, also through links."""
+def is_same_file(path: Path | str, other: Path | str) -> bool:
+    """Return whether two paths lead to the same file or directory, also through links."""
     try:
         return os.path.samefile(path, other)
     except OSError:  # one does not exist
         return os.path.realpath(path) == os.path.realpath(other)
 
 
-def make_directory(path: Path, first: str, *others: Path) -> None:
-    """Make a directory and its parents for files that may not overwrite `others`.
+def make_directory(path: Path, first: str, *inputs: Path) -> None:
+    """Make a directory, with its parents, for files to be written.
 
-    Raises `FileError` when the directory cannot be made or holds a file in `others`, or when the
-    file named `first` could not be written.
+    Parameters
+    ----------
+    path : Path
+        The directory, which may exist.
+    first : str
+        Name of the first file in it.
+    *inputs : Path
+        Files that must not lie in it, since they are read.
+
+    Raises
+    ------
+    FileError
+        If the directory cannot be made or holds one of `inputs`, or if the file `first` could not
+        be written.
     """
-    for other in others:
+    for other in inputs:
         if is_same_file(path, other.parent):
-            raise FileError(f"{path}: holds {other.name}, which is read; name another directory")
+            raise FileError(f"{path}: holds {other.name}, which is read; give another directory")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        text = f"{path}: cannot be made a directory ({error.strerror}); name another"
-        raise FileError(text) from None
+        raise FileError(
+            f"{path}: cannot be made a directory ({error.strerror}); give another name"
+        ) from None
     require_writable(path / first)
 
 
-def _beside(path: Path) -> Path:
-    """A temporary name beside a file; raises `FileError` if the file may not be replaced."""
+def _make_temporary_path(path: Path) -> Path:
+    """Return a temporary path beside a file; raises `FileError` if it must not be replaced."""
     if path.exists():
         if not path.is_file():
-            raise FileError(f"{path}: is no regular file; name another")
+            raise FileError(f"{path}: is not a regular file; give another name")
         if not os.access(path, os.W_OK):
-            raise FileError(f"{path}: is write-protected; name another file")
+            raise FileError(f"{path}: is write-protected; give another name")
     target = Path(os.path.realpath(path))
     return target.with_name(f".{target.stem[:50]}-{os.getpid()}{path.suffix}")
 
 
 @contextmanager
-def _as_file_error(path: Path) -> Iterator[None]:
+def _convert_write_errors(path: Path) -> Iterator[None]:
+    """Convert errors of the system in this context to `FileError`."""
     try:
         yield
     except OSError as error:
         reason = error.strerror or error
-        raise FileError(f"{path}: cannot be written ({reason}); name another file") from error
+        raise FileError(f"{path}: cannot be written ({reason}); give another name") from error

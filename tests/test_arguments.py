@@ -81,8 +81,8 @@ CALLS = {
 #: What only developers give, and what is a callable or a truth value.
 UNCHECKED = ("self", "options", "progress")
 #: Arguments that go by another name in complaints.
-ALIASES = {"solution": "scene", "model": "(model|scene)", "response": "model"}
-ALIASES |= {"charges_pC": "charges(_pC)?", "d31_pC_N": ".*", "d32_pC_N": ".*"}
+ALIASES = {"solution": "scene", "response": "(response|model|scene)"}
+ALIASES |= {"d31_pC_N": ".*", "d32_pC_N": ".*"}
 
 
 def function_of(name):
@@ -149,11 +149,11 @@ MISTAKES = {
     "s.to_xarray(-1)": "step_mm",
     "s.plot(['stress'])": "quantity",
     "s.readings_V": "readout",
-    "pf.locate(S, [1, 2, 3])": "charges",
+    "pf.locate(S, [1, 2, 3])": "readings",
     "pf.Tracker(m).update(0, ['a', 2, 3, 4])": "readings",
     "pf.design(s, ['electrodes.count'])": "vary",
     "pf.Tracker()": "Tracker",
-    "pf.design(s, {'load.force_N': [1]}, response=3)": "model",
+    "pf.design(s, {'load.force_N': [1]}, response=3)": "response",
 }
 
 

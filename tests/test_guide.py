@@ -11,15 +11,17 @@ import pvdf_fem
 from pvdf_fem import Scene, solve
 from pvdf_fem.cli.main import make_command_parsers
 from pvdf_fem.report.registry import FIGURES, TABLES
-from pvdf_fem.scene.shapes import MODELS
+from pvdf_fem.scene.validation.table_forms import TABLES as SCENE_TABLES
+from pvdf_fem.scene.validation.table_forms import list_forms
 from reports.gallery import pictures
 from reports.guide import references, scene_keys
 
 
 def test_scene_files_are_told_with_every_key_and_no_python():
-    page = scene_keys.scene_page()
-    models = {*itertools.chain(*scene_keys.TABLES.values()), *MODELS.values()}
-    keys = {f"`{key}`" for model in models for key in model.model_fields if key != "shape"}
+    page = scene_keys.make_scene_page()
+    forms = [form for table in SCENE_TABLES.values() for form in list_forms(table)]
+    forms += itertools.chain(*scene_keys.TABLES.values())
+    keys = {f"`{key}`" for form in forms for key in form.fields if key != "shape"}
     assert not {key for key in keys if key not in page}
     tables = [line for line in page.splitlines() if line.startswith("| `")]
     assert not [line for line in tables if re.search(r"<|typing|Annotated|None|\| \|$", line)]
@@ -28,7 +30,7 @@ def test_scene_files_are_told_with_every_key_and_no_python():
 
 def test_the_example_with_every_key_is_written_from_the_code():
     """``python -m reports.guide.scene_keys`` writes it."""
-    assert scene_keys.EXAMPLE.read_text("utf-8") == scene_keys.commented_scene()
+    assert scene_keys.EXAMPLE.read_text("utf-8") == scene_keys.make_commented_scene()
 
 
 def test_report_scripts_are_told_with_every_kind_and_key():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pvdf_fem as pf
-from pvdf_fem.inverse.touch.locate_many import Touches
+from pvdf_fem.inverse.touch.touches import Touches
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow
 from pvdf_fem.summary import Result
 from tests.helpers.touch_models import bumps, random_touches
@@ -52,7 +52,7 @@ OBJECTS = {
         lambda s: pf.transient(s, pf.half_sine(0.01, 0.02), [0.01]),
         "0.01 A_change_pC A_reading_V",
     ),
-    "model": (lambda _: random_response.response(), "A, B, C, D 8"),
+    "model": (lambda _: random_response.make_response(), "A, B, C, D 8"),
     "location": (located, "touch x_mm known"),
     "rows": (
         lambda _: pf.locate_many(bumps(), bumps().evaluate(random_touches(40, 1))[0]),

@@ -5,74 +5,106 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli.program import (
-    ExitCode,
-    add_plot,
+from pvdf_fem.cli.options import (
+    MAX_QUOTED,
     add_scene_command,
-    add_text_options,
-    find_plot_errors,
+    add_text_option,
+    read_number,
     read_scene,
-    save_plot,
 )
-from pvdf_fem.cli.response_choice import read_number
+from pvdf_fem.cli.output import add_plot, find_plot_errors, save_plot
+from pvdf_fem.cli.program import ExitCode
 
-DESCRIPTION = """\
-Charges by a small force of the probe that oscillates about its load, with mass,
-film.loss_tangent and [air], as CSV by frequency: for each electrode real and
-imaginary part and estimated error in pC/N, and the reading of [readout] in V/N.
+if TYPE_CHECKING:
+    from pvdf_fem.arrays import Array
+    from pvdf_fem.dynamics.frequency_response import FrequencyResponse
+
+_DESCRIPTION = """\
+Charges under a small force of the probe that oscillates about its load, with mass,
+film.loss_tangent and [air], as CSV by frequency: for each electrode the real and the
+imaginary part and the estimated error in pC/N, and the reading of [readout] in V/N.
 With --plot only the first and the last rows are printed, as a table."""
-EPILOG = """\
+
+_EPILOG = """\
 examples:
   pvdf-fem respond scene.toml --frequencies 1:500 --plot response.png
   pvdf-fem respond scene.toml --frequencies 20 --set air.baffle=true --json
 
 exit codes: 0 done, 2 bad input, 3 not converged"""
-SPAN = (
-    "one in Hz, START:END:N for N evenly spaced in their logarithm, or START:END for 200 "
-    "and more about resonances"
+
+_SPAN = (
+    "one frequency in Hz; START:END:N for N frequencies, evenly spaced on a logarithmic axis; or "
+    "START:END for 200, and more about resonances"
 )
+_DEFAULT_COUNT = 200  #: Number of frequencies of START:END.
+_MAX_COUNT = 100_000
+_MAX_FREQUENCY_HZ = 1e6
 
 
-def add_to(commands: Any) -> None:
+def add_parser(commands: Any) -> None:
     """Add the command to the commands of an argument parser."""
-    summary = "charges under an oscillating force"
-    parser = add_scene_command(commands, "respond", run, summary, DESCRIPTION, EPILOG)
-    add_text_options(parser, ("--frequencies", "SPAN", "1:1000", SPAN))
-    add_plot(parser, "amplitudes, and phases of a damped film")
+    parser = add_scene_command(
+        commands,
+        "respond",
+        run,
+        summary="charges under an oscillating force",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+    )
+    add_text_option(parser, "--frequencies", "SPAN", about=_SPAN, default="1:1000")
+    add_plot(parser, "amplitudes, and phases of a film with losses")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command; returns its exit code."""
-    frequencies = _frequencies(options.frequencies)
-    told = f"--frequencies {options.frequencies[:60]}: is out of range; give {SPAN}"
-    mistakes = [told] if frequencies is None else []
-    scene = read_scene(options, *mistakes, *find_plot_errors(options, options.scene))
+    """Run the command, and return its exit code."""
+    errors = []
+    frequencies = _parse_frequencies(options.frequencies)
+    if frequencies is None:
+        value = options.frequencies[:MAX_QUOTED]
+        errors.append(f"--frequencies {value}: is out of range; give {_SPAN}")
+    errors += find_plot_errors(options, options.scene)
+    scene = read_scene(options, *errors)
     from pvdf_fem.dynamics.frequency_response import respond
 
-    response = respond(scene, frequencies, refined=options.frequencies.count(":") == 1)
+    assert frequencies is not None  # else there was an error
+    has_default_count = options.frequencies.count(":") == 1
+    response = respond(scene, frequencies, refined=has_default_count)
     try:
         if options.plot:
             save_plot(response.plot(), options)
-    finally:  # a full disk does not take the charges with it
-        if options.json:
-            print(json.dumps(response.to_json(), allow_nan=False))
-        elif options.plot:
-            print(response)
-        else:
-            for text in response.neglected:
-                print(f"left out: {text}", file=sys.stderr)
-            response.to_dataframe().to_csv(sys.stdout, index=False, lineterminator="\n")
+    finally:  # print the charges even if the figure cannot be written
+        _print(response, options)
     return ExitCode.CONVERGED
 
 
-def _frequencies(span: str, most: int = 100_000) -> Any:
-    """Frequencies in Hz of a span; None for what is none."""
+def _print(response: FrequencyResponse, options: argparse.Namespace) -> None:
+    """Print a response as JSON, as a short table beside a plot, or as CSV."""
+    if options.json:
+        print(json.dumps(response.to_json(), allow_nan=False))
+    elif options.plot:
+        print(response)
+    else:
+        for effect in response.neglected:
+            print(f"neglected: {effect}", file=sys.stderr)
+        response.to_dataframe().to_csv(sys.stdout, index=False, lineterminator="\n")
+
+
+def _parse_frequencies(span: str) -> Array | None:
+    """Return the frequencies in Hz of a value of ``--frequencies``; None if it is wrong."""
     import numpy as np
 
-    start, *others = [read_number(text) or 0.0 for text in span.split(":")]
-    end, count = [*others, 200.0][:2] if others else (start, 1.0)
-    if len(others) > 2 or not (0.0 < start <= end <= 1e6 and count in range(1, most + 1)):
+    parts = span.split(":")
+    if len(parts) > 3:
         return None
-    return np.geomspace(start, end, int(count))
+    start = read_number(parts[0])
+    end = read_number(parts[1]) if len(parts) > 1 else start
+    count: float | None = 1.0 if len(parts) == 1 else float(_DEFAULT_COUNT)
+    if len(parts) == 3:
+        count = read_number(parts[2])
+    if start is None or end is None or count is None:
+        return None
+    is_range = 0.0 < start <= end <= _MAX_FREQUENCY_HZ
+    is_count = count.is_integer() and 1 <= count <= _MAX_COUNT
+    return np.geomspace(start, end, int(count)) if is_range and is_count else None

@@ -1,27 +1,24 @@
-"""The model of the charges that commands need: from its file, or built and kept."""
+"""The response of a sensor that a command needs: its options, its file, and how it is built."""
 
 from __future__ import annotations
 
 import argparse
-import json
-import math
-import re
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from pvdf_fem.cli.program import (
-    ExitCode,
-    InputError,
+from pvdf_fem.cli.options import (
+    MAX_QUOTED,
     add_progress,
-    add_scene_command,
-    add_text_options,
-    convert_value_errors,
-    read_scene,
+    add_text_option,
+    parse_number,
+    parse_optional_number,
+    read_number,
 )
+from pvdf_fem.cli.program import convert_value_errors
 from pvdf_fem.files import FileError, require_writable
 from pvdf_fem.progress import Progress, format_remaining_time, show_progress
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
@@ -31,260 +28,340 @@ if TYPE_CHECKING:
     from pvdf_fem.surrogate.response import Response
     from pvdf_fem.surrogate.touch_domain import Domain
 
-
-DESCRIPTION = """\
-The model of the charges by the touch that `locate`, `track` and `explore` use. The
-model is built unless a model beside the scene file serves, and told with its error.
-The scene says where and how hard the film is touched:
-
-  [model]
-  reach_mm = 12             # largest distance of the probe from the centre
-  force_range_N = [0.1, 5]
-  tolerance = "auto"        # a tenth of the noise of readings, or a number
-
-A model for a larger reach and range of forces serves, also for other electrodes,
-d31 and d32."""
-
-EPILOG = """\
-examples:
-  pvdf-fem model sensor.toml
-  pvdf-fem model sensor.toml --list
-  pvdf-fem model sensor.toml --set model.reach_mm=8 --json
-
-exit codes: 0 there is a model, 2 bad input, 3 none, or its error bound is above
-the tolerance"""
+_DEFAULT_SIGMA = "0.01"
 
 
-def add_to(commands: Any) -> None:
-    """Add the command to the commands of an argument parser."""
-    summary = "the model of a sensor that locates touches"
-    parser = add_scene_command(commands, "model", run, summary, DESCRIPTION, EPILOG)
-    parser.add_argument(
-        "--list", action="store_true", help="list the models that there are, and build none"
-    )
-    add_options(parser)
+def add_response_options(parser: argparse.ArgumentParser, tolerance: str | None = None) -> None:
+    """Add the options that choose the response of a command, or describe one to be built.
 
-
-def run(options: argparse.Namespace) -> int:
-    """Run the command; returns its exit code."""
-    scene, mistakes = read_scene(options), list[str]()
-    choice = ResponseChoice.of(options, mistakes)
-    if scene.single_probe is None:
-        mistakes.append(f"{options.scene}: has no [probe]; add one")
-    if mistakes := [*mistakes, *([] if mistakes else choice.mistakes(scene, options.scene))]:
-        raise InputError(*mistakes)
-    if options.list:
-        present = [*choice.present(scene, options.scene)]
-        rows = [{"file": str(path), "serves": not why, "reason": why} for path, why in present]
-        if options.json:
-            print(json.dumps({"models": rows}))
-        else:
-            for path, why in present:
-                print(f"{path}: {why or 'serves'}")
-            if not present:
-                print(f"{options.scene}: no model is there; build one without --list")
-        return ExitCode.CONVERGED if any(not why for _, why in present) else ExitCode.NOT_CONVERGED
-    model = load_or_build_response(scene, options.scene, choice)
-    file = str(choice.path(scene, options.scene))
-    print(json.dumps({"file": file, **model.to_json()}) if options.json else f"{file}: {model}")
-    within = model.error_bound <= choice.wanted(scene)[1]
-    return ExitCode.CONVERGED if within else ExitCode.NOT_CONVERGED
-
-
-def add_options(parser: argparse.ArgumentParser, tolerance: str | None = None) -> None:
-    """The options that say which model a command uses, a new one to a tolerance."""
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        The parser of the command.
+    tolerance : str, optional
+        Default of ``--tolerance``, in place of that of the scene.
+    """
     parser.add_argument(
         "--model",
         metavar="FILE",
         type=Path,
-        help="the scene's model, built and written there if the file does not exist (default: "
-        "SCENE-HASH.response beside the scene file, the hash being of film and probe, domain, "
-        "tolerance and code); for other electrodes, d31 and d32 it is read anew",
+        help="file of the response, built and written if it does not exist (default: "
+        "SCENE-HASH.response beside the scene file, where the hash depends on film, probe, reach, "
+        "forces, tolerance and code); for other electrodes, d31 and d32 it is evaluated again",
     )
     parser.add_argument(
         "--reach",
         metavar="MM",
-        help="the model's largest distance of the centroid from the centre (default: "
-        "model.reach_mm, or 12, at most 0.6 of the film's radius and the probe's width away from "
-        "the rim)",
+        help="largest distance of the probe's centroid from the centre of the film (default: "
+        "model.reach_mm, or 12, but at most 0.6 of the film's radius, and the probe's width away "
+        "from the rim)",
     )
     add_progress(parser)
-    forces = "model.force_range_N, or 0.1,5"
-    error = "" if tolerance else " (default: model.tolerance, or 0.1 of the noise)"
-    add_text_options(
+    add_text_option(
         parser,
-        ("--force-range", "LEAST,LARGEST", None, f"the model's forces in N (default: {forces})"),
-        ("--tolerance", "SHARE", tolerance, f"its largest error bound{error}"),
+        "--force-range",
+        "LEAST,LARGEST",
+        about="range of forces in N (default: model.force_range_N, or 0.1,5)",
     )
+    error = "largest error of a charge, relative to the charge"
+    if tolerance is None:
+        error += " (default: model.tolerance, or 0.1 of the noise of readings)"
+    add_text_option(parser, "--tolerance", "SHARE", about=error, default=tolerance)
 
 
 @dataclass(frozen=True)
 class ResponseChoice:
-    """Which model is wanted, as the options say."""
+    """The response that a command needs, as its options describe it.
+
+    Attributes
+    ----------
+    file : Path or None
+        The file that ``--model`` names.
+    reach_mm : float or None
+        Largest distance of the probe from the centre; None stands for that of the scene.
+    force_range_N : tuple of float, or None
+        Least and largest force; None stands for those of the scene.
+    tolerance : float or None
+        Largest relative error of a charge; None stands for that of the scene.
+    sigma : float
+        Relative standard deviation of readings.
+    progress : bool or None
+        Whether builds show their progress; None shows it on a terminal.
+    """
 
     file: Path | None
-    #: The largest distance from the centre in mm, forces and largest error bound; None for the
-    #: scene's.
     reach_mm: float | None
-    force_N: tuple[float, float] | None
+    force_range_N: tuple[float, float] | None
     tolerance: float | None
-    sigma: float = 0.01  #: Relative noise of readings.
-    progress: bool | None = None  #: Whether builds show it; by default on a terminal.
+    sigma: float
+    progress: bool | None = None
 
     @classmethod
-    def of(cls, options: argparse.Namespace, mistakes: list[str]) -> ResponseChoice:
-        """The choice of a command line; what is wrong with it is added to `mistakes`."""
-        texts = options.reach, options.force_range, options.tolerance
-        reach = texts[0] and parse_number("--reach", texts[0], mistakes)
-        forces = texts[1] and _range(texts[1], mistakes)
-        tolerance = texts[2] and parse_number("--tolerance", texts[2], mistakes)
-        # what is wrong with --sigma is told by its command
-        sigma = parse_number("--sigma", getattr(options, "sigma", "0.01"), [], zero=True) or 0.01
-        return cls(options.model, reach, forces, tolerance, sigma, options.progress)
+    def from_options(cls, options: argparse.Namespace, errors: list[str]) -> ResponseChoice:
+        """Return the choice of a command line.
 
-    def wanted(self, scene: Scene) -> tuple[Domain, float]:
-        """Touches that a scene's model has to hold for, and its tolerance."""
+        Parameters
+        ----------
+        options : argparse.Namespace
+            Options of `add_response_options`, and `sigma` where the command has it.
+        errors : list of str
+            Receives messages about wrong values. The command itself reports a wrong ``--sigma``.
+
+        Returns
+        -------
+        ResponseChoice
+            The choice, which counts only if there are no errors.
+        """
+        reach_mm = parse_optional_number("--reach", options.reach, errors)
+        force_range_N = _parse_force_range(options.force_range, errors)
+        tolerance = parse_optional_number("--tolerance", options.tolerance, errors)
+        sigma_text = getattr(options, "sigma", _DEFAULT_SIGMA)
+        sigma = parse_number("--sigma", sigma_text, [], allow_zero=True)
+        return cls(
+            file=options.model,
+            reach_mm=reach_mm,
+            force_range_N=force_range_N,
+            tolerance=tolerance,
+            sigma=sigma or float(_DEFAULT_SIGMA),
+            progress=options.progress,
+        )
+
+    def resolve_settings(self, scene: Scene) -> tuple[Domain, float]:
+        """Return the touches for which a response must hold, and its tolerance.
+
+        Options come before the scene's table [model], and that before the defaults.
+        """
         from pvdf_fem.surrogate.touch_domain import resolve_response_settings
 
         domain, tolerance = resolve_response_settings(scene, self.sigma)
-        reach_mm = domain.reach_mm if self.reach_mm is None else self.reach_mm
-        domain = replace(domain, reach_mm=reach_mm, force_N=self.force_N or domain.force_N)
+        if self.reach_mm is not None:
+            domain = replace(domain, reach_mm=self.reach_mm)
+        if self.force_range_N is not None:
+            domain = replace(domain, force_N=self.force_range_N)
         return domain, tolerance if self.tolerance is None else self.tolerance
 
-    def path(self, scene: Scene, scene_file: str) -> Path:
-        """The file of a scene's model: the one that was named, or the default one."""
+    def find_path(self, scene: Scene, scene_file: str) -> Path:
+        """Return the file of the response of a scene.
+
+        This is the file that ``--model`` names, or that of just this response, or the first file
+        beside the scene file that can be used; where none exists, the file to be written.
+
+        Parameters
+        ----------
+        scene : Scene
+            The sensor.
+        scene_file : str
+            Path of its file.
+
+        Returns
+        -------
+        Path
+            The file, which may not exist.
+        """
         from pvdf_fem.surrogate.response_key import make_response_key
 
         if self.file:
             return self.file
-        own = _default_path(scene_file, make_response_key(scene, *self.wanted(scene)))
+        domain, tolerance = self.resolve_settings(scene)
+        own = _make_default_path(scene_file, make_response_key(scene, domain, tolerance))
         if own.exists():
             return own
-        serving = (path for path, why in self.present(scene, scene_file) if not why)
-        return next(serving, own)
+        for path, reason in self.list_files(scene, scene_file):
+            if not reason:
+                return path
+        return own
 
-    def present(self, scene: Scene, scene_file: str) -> Iterator[tuple[Path, str]]:
-        """The models beside a scene's file, and why each of them does not serve, if it does not."""
+    def list_files(self, scene: Scene, scene_file: str) -> Iterator[tuple[Path, str]]:
+        """List the files of responses beside a scene file.
+
+        Parameters
+        ----------
+        scene : Scene
+            The sensor.
+        scene_file : str
+            Path of its file.
+
+        Yields
+        ------
+        tuple of Path and str
+            A file, and the reason why it cannot be used; the reason is empty if it can.
+        """
+        stem = Path(scene_file).stem
+        for path in sorted(Path(scene_file).parent.glob(f"{stem}-*.response")):
+            yield path, self._explain_rejection(path, scene, scene_file)
+
+    def _explain_rejection(self, path: Path, scene: Scene, scene_file: str) -> str:
+        """Return the reason why a file of a response cannot be used for a scene, or nothing."""
         from pvdf_fem.surrogate.response import Response
         from pvdf_fem.surrogate.response_key import make_mechanical_key, make_response_key
 
-        domain, tolerance = self.wanted(scene)
-        for path in sorted(Path(scene_file).parent.glob(f"{Path(scene_file).stem}-*.response")):
-            try:
-                kept = Response.load(path)
-            except FileError as error:
-                yield path, str(error).removeprefix(f"{path}: ")
-                continue
-            code = make_response_key(kept.scene, kept.domain, kept.tolerance)
-            if make_mechanical_key(kept.scene) != make_mechanical_key(scene):
-                yield path, "is of another film or probe"
-            elif not kept.domain.covers(domain):
-                yield path, f"holds for {kept.domain} only"
-            elif kept.error_bound > tolerance:
-                yield path, f"has an error bound of {kept.error_bound:.2g}"
-            elif path != _default_path(scene_file, code):
-                yield path, "was built by another version"
-            else:
-                yield path, ""
+        try:
+            response = Response.load(path)
+        except FileError as error:
+            return str(error).removeprefix(f"{path}: ")
+        domain, tolerance = self.resolve_settings(scene)
+        if make_mechanical_key(response.scene) != make_mechanical_key(scene):
+            return "is of another film or probe"
+        if not response.domain.covers(domain):
+            return f"holds for {response.domain} only"
+        if response.error_bound > tolerance:
+            return f"has an error bound of {response.error_bound:.2g}"
+        key_today = make_response_key(response.scene, response.domain, response.tolerance)
+        if path != _make_default_path(scene_file, key_today):
+            return "was built by another version"
+        return ""
 
-    def mistakes(self, scene: Scene, scene_file: str) -> list[str]:
-        """What keeps a new model from being built; `FileError` if it could not be written."""
-        path = self.path(scene, scene_file)
-        if path.is_file():  # the domain is the file's
+    def find_errors(self, scene: Scene, scene_file: str) -> list[str]:
+        """Find the reasons for which a new response could not be built.
+
+        Parameters
+        ----------
+        scene : Scene
+            The sensor.
+        scene_file : str
+            Path of its file.
+
+        Returns
+        -------
+        list of str
+            Error messages; none where a file exists, whose reach and forces are used.
+
+        Raises
+        ------
+        FileError
+            If the file of the response could not be written.
+        """
+        path = self.find_path(scene, scene_file)
+        if path.is_file():
             return []
         require_writable(path)
-        reach, rim = self.reach_mm or 0.0, scene.film.radius_mm
-        beyond = f"--reach {reach:g}: is beyond the rim at film.radius_mm = {rim:g}; give less"
-        return [beyond] if reach > rim else []
+        radius_mm = scene.film.radius_mm
+        if self.reach_mm is None or self.reach_mm <= radius_mm:
+            return []
+        return [
+            f"--reach {self.reach_mm:g}: is beyond the rim at film.radius_mm = {radius_mm:g}; "
+            "give a smaller reach"
+        ]
 
 
 @convert_value_errors()
 def load_or_build_response(
-    scene: Scene, scene_file: str, choice: ResponseChoice, *, as_kept: bool = False
+    scene: Scene, scene_file: str, choice: ResponseChoice, *, as_stored: bool = False
 ) -> Response:
-    """The model of a scene, from its file or built and written there; `as_kept` may have other
-    electrodes. Raises `InputError` for a file of a film or a probe that deforms otherwise."""
+    """Load the response of a scene from its file, or build it and write the file.
+
+    Parameters
+    ----------
+    scene : Scene
+        The sensor.
+    scene_file : str
+        Path of its file.
+    choice : ResponseChoice
+        The response that is needed.
+    as_stored : bool, optional
+        Whether to return a stored response as it is, which may have other electrodes.
+
+    Returns
+    -------
+    Response
+        The response, for the electrodes of the scene unless `as_stored`.
+
+    Raises
+    ------
+    InputError
+        If the file is of another film or probe, or cannot be read.
+    NotConvergedError
+        If a solve of the build fails.
+    """
     from pvdf_fem.surrogate.response import Response
-    from pvdf_fem.surrogate.response_builder import build_response
     from pvdf_fem.surrogate.response_key import has_same_readout, require_same_mechanics
     from pvdf_fem.surrogate.touch_domain import centre_probe
 
-    path = choice.path(scene, scene_file)
+    path = choice.find_path(scene, scene_file)
     if not path.exists():
-        print(f"building the model of {scene_file}, to be kept as {path}", file=sys.stderr)
-        (domain, tolerance), alone = choice.wanted(scene), centre_probe(scene)
-        print(f"  for {domain}, with errors up to {tolerance:g} of a charge", file=sys.stderr)
-        for other, why in () if choice.file else choice.present(scene, scene_file):
-            print(f"  {other.name} does not serve: it {why}", file=sys.stderr)
-        try:
-            wanted = domain.reach_mm, domain.force_N, tolerance
-            with show_progress("s of one core", choice.progress) as show:
-                model = build_response(alone, *wanted, file=path, progress=_estimated(show))
-        except NotConvergedError as error:
-            low, high = domain.force_N
-            now = f"now {domain.reach_mm:g} mm, {low:g} to {high:g} N"
-            advice = f"or give a smaller --reach or --force-range ({now})"
-            raise NotConvergedError(f"{error}; {advice}") from error
-        print(*model.remarks, sep="\n", end="\n" if model.remarks else "", file=sys.stderr)
-        return model.for_scene(scene)
-    kept = Response.load(path)
+        return _build_response(scene, scene_file, choice, path)
+    stored = Response.load(path)
     try:
-        require_same_mechanics(kept.scene, scene)
-        if as_kept:
-            return kept
-        if not has_same_readout(kept.scene, scene):
-            print(f"reading {path} anew for other electrodes, d31 or d32", file=sys.stderr)
-        model = kept.for_scene(scene, progress=choice.progress)
+        require_same_mechanics(stored.scene, scene)
+        if as_stored:
+            return stored
+        if not has_same_readout(stored.scene, scene):
+            print(f"evaluating {path} for other electrodes, d31 or d32", file=sys.stderr)
+        response = stored.for_scene(scene, progress=choice.progress)
     except ValueError as error:
         raise ValueError(f"--model {path}: {error}, or name another file") from error
-    if model.spline is not kept.spline and not choice.file:
-        with suppress(FileError):  # a model that cannot be kept is read anew next time
-            model.for_scene(centre_probe(scene)).save(path)
-    return model
+    is_new = response.spline is not stored.spline
+    if is_new and not choice.file:
+        with suppress(FileError):  # without a file it is evaluated again next time
+            response.for_scene(centre_probe(scene)).save(path)
+    return response
 
 
-def _estimated(show: Progress) -> Progress:
-    """A progress that first says how long a build takes, by its first solves."""
-    told = False
+def _build_response(scene: Scene, scene_file: str, choice: ResponseChoice, path: Path) -> Response:
+    """Build the response of a scene, write it to `path`, and report this on standard error."""
+    from pvdf_fem.surrogate.response_builder import build_response
+    from pvdf_fem.surrogate.touch_domain import centre_probe
 
-    def tell(done: float, total: float) -> None:
-        nonlocal told
-        if not told:
-            text = (
-                f"  that takes {format_remaining_time(total)} of one core, as its first solves tell"
+    domain, tolerance = choice.resolve_settings(scene)
+    print(f"building the response of {scene_file}, to be stored as {path}", file=sys.stderr)
+    print(f"  for {domain}, with errors up to {tolerance:g} of a charge", file=sys.stderr)
+    if not choice.file:
+        for other, reason in choice.list_files(scene, scene_file):
+            print(f"  {other.name} cannot be used: it {reason}", file=sys.stderr)
+    try:
+        with show_progress("s of one core", choice.progress) as show:
+            response = build_response(
+                centre_probe(scene),
+                domain.reach_mm,
+                domain.force_N,
+                tolerance,
+                file=path,
+                progress=_EstimatedProgress(show),
             )
-            print(text, file=sys.stderr)
-        told = True
-        show(done, total)
+    except NotConvergedError as error:
+        least, largest = domain.force_N
+        now = f"now {domain.reach_mm:g} mm, {least:g} to {largest:g} N"
+        raise NotConvergedError(
+            f"{error}; or give a smaller --reach or --force-range ({now})"
+        ) from error
+    for note in response.notes:
+        print(note, file=sys.stderr)
+    return response.for_scene(scene)
 
-    return tell
+
+class _EstimatedProgress:
+    """A `Progress` that first prints the expected duration of a build."""
+
+    def __init__(self, show: Progress) -> None:
+        self.show = show
+        self.has_estimate = False
+
+    def __call__(self, done: float, total: float) -> None:
+        """Show finished and total work in seconds of one core."""
+        if not self.has_estimate:
+            duration = format_remaining_time(total)
+            print(f"  this takes {duration} of one core, by the first solves", file=sys.stderr)
+            self.has_estimate = True
+        self.show(done, total)
 
 
-def _default_path(scene_file: str, key: str) -> Path:
+def _make_default_path(scene_file: str, key: str) -> Path:
+    """Return the path beside a scene file for the response with a key."""
     return Path(scene_file).with_name(f"{Path(scene_file).stem}-{key[:16]}.response")
 
 
-def _range(text: str, mistakes: list[str]) -> tuple[float, float]:
-    values = [read_number(part) for part in text.split(",")]
-    if len(values) == 2 and values[0] and values[1] and 0.0 < values[0] < values[1]:
-        return values[0], values[1]
-    mistakes.append(f"--force-range {text}: give two forces in N, such as 0.1,5")
-    return 0.0, 0.0
+def _parse_force_range(text: str | None, errors: list[str]) -> tuple[float, float] | None:
+    """Return the least and the largest force in N of ``--force-range``; None without a valid one.
 
-
-def parse_number(option: str, text: str, mistakes: list[str], zero: bool = False) -> float:
-    """The positive number of an option; what is wrong with it is added to `mistakes`."""
-    value = read_number(text)
-    if value is None or value < 0.0 or (value == 0.0 and not zero):
-        wanted = "a number that is not negative" if zero else "a positive number"
-        mistakes.append(f"{option} {text}: give {wanted}")
-        return 0.0
-    return value
-
-
-def read_number(text: str) -> float | None:
-    """A finite number, or None."""
-    # float() also takes 1_000, and digits of other scripts
-    if not re.fullmatch(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text):
+    A message about a wrong value is added to `errors`.
+    """
+    if text is None:
         return None
-    return value if math.isfinite(value := float(text)) else None
+    numbers = [read_number(part) for part in text.split(",")]
+    if len(numbers) == 2:
+        least, largest = numbers
+        if least is not None and largest is not None and 0.0 < least < largest:
+            return least, largest
+    value = text[:MAX_QUOTED]
+    errors.append(f"--force-range {value}: is not a range; give two forces in N, such as 0.1,5")
+    return None

@@ -15,7 +15,7 @@ from pvdf_fem.dynamics.charge_changes import (
     label_in_pC,
     resolve_loaded_solution,
 )
-from pvdf_fem.dynamics.motion_equations import ComplexArray, linearize_about
+from pvdf_fem.dynamics.motion_equations import ComplexArray, linearise_about
 from pvdf_fem.progress import Progress, show_progress
 from pvdf_fem.scene.arguments import SceneLike, coerce, coerce_array
 from pvdf_fem.solver.solution import Solution
@@ -98,7 +98,7 @@ def respond(
     refined = coerce("refined", refined, bool)
     solution, channels = resolve_loaded_solution(solution)
     with show_progress("vectors at most", progress) as show:
-        motion = linearize_about(solution)
+        motion = linearise_about(solution)
         reduced = motion.equations.reduce(frequencies, show)
         next_order = motion.next_order.reduce(frequencies, show)
     resonances = reduced.find_resonances_Hz(frequencies.max())

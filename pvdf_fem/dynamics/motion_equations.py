@@ -58,8 +58,8 @@ class MotionEquations:
     loss_tangent: float
 
     @classmethod
-    def linearize(cls, equilibrium: Equilibrium, q: Array) -> MotionEquations:
-        """Linearize the motion about an equilibrium, with a force of the first probe along z.
+    def linearise(cls, equilibrium: Equilibrium, q: Array) -> MotionEquations:
+        """Linearise the motion about an equilibrium, with a force of the first probe along z.
 
         Parameters
         ----------
@@ -205,18 +205,18 @@ class MotionEquations:
             queue.append(factors.solve(self.volume.astype(stiffness.dtype)))
         vectors = np.empty((len(self.force), max_vectors), stiffness.dtype)
         for i in range(max_vectors):
-            vectors[:, i] = self._orthonormalize(queue.pop(0), vectors[:, :i])
+            vectors[:, i] = self._orthonormalise(queue.pop(0), vectors[:, :i])
             queue.append(factors.solve(self.mass @ vectors[:, i]))
             yield vectors[:, : i + 1]
 
-    def _orthonormalize(self, vector: Any, basis: Any) -> Any:
+    def _orthonormalise(self, vector: Any, basis: Any) -> Any:
         """Return the part of a vector orthogonal to a basis, normalised, both by the mass."""
         for _ in range(2):  # twice is enough to remove the effect of rounding
             vector = vector - basis @ (basis.T.conj() @ (self.mass @ vector))
         return vector / np.sqrt(np.vdot(vector, self.mass @ vector).real)
 
 
-class LinearizedMotion(NamedTuple):
+class LinearisedMotion(NamedTuple):
     """Equations of motion about a solution."""
 
     equations: MotionEquations
@@ -224,8 +224,8 @@ class LinearizedMotion(NamedTuple):
     next_order: MotionEquations
 
 
-def linearize_about(solution: Solution) -> LinearizedMotion:
-    """Linearize the motion about a solution, and about its refinement by the next order.
+def linearise_about(solution: Solution) -> LinearisedMotion:
+    """Linearise the motion about a solution, and about its refinement by the next order.
 
     Raises
     ------
@@ -234,9 +234,9 @@ def linearize_about(solution: Solution) -> LinearizedMotion:
     """
     factorised = factorise_tangent(solution.discrete)
     correction = solve_next_order(factorised)
-    return LinearizedMotion(
-        MotionEquations.linearize(factorised.equilibrium, factorised.q),
-        MotionEquations.linearize(correction.rich, correction.q),
+    return LinearisedMotion(
+        MotionEquations.linearise(factorised.equilibrium, factorised.q),
+        MotionEquations.linearise(correction.rich, correction.q),
     )
 
 

@@ -25,7 +25,7 @@ from pvdf_fem.dynamics.charge_changes import (
 )
 from pvdf_fem.dynamics.force_history import ForceHistory, SwitchedExponential
 from pvdf_fem.dynamics.frequency_response import MAX_FREQUENCY_HZ
-from pvdf_fem.dynamics.motion_equations import ComplexArray, MotionEquations, linearize_about
+from pvdf_fem.dynamics.motion_equations import ComplexArray, MotionEquations, linearise_about
 from pvdf_fem.electrodes.channel import Channel
 from pvdf_fem.scene.arguments import SceneLike, coerce, coerce_array
 from pvdf_fem.scene.scene_file import SceneError, format_error
@@ -94,7 +94,7 @@ def transient(
     if not solution.discrete.equilibrium.conservative:
         raise SceneError([format_error("load.kind", "follower", 'has no modes; give "dead"')])
     tested_Hz = np.linspace(0.0, highest_Hz, 24)
-    motion = linearize_about(solution)
+    motion = linearise_about(solution)
     modes = _compute_damped_modes(motion.equations, tested_Hz)
     next_order = _compute_damped_modes(motion.next_order, tested_Hz)
     charges = _sum_modes(modes, terms, times)

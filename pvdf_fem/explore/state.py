@@ -12,6 +12,8 @@ from urllib.parse import parse_qsl, urlencode
 
 from pvdf_fem.explore.picture import QUANTITIES
 from pvdf_fem.scene.changes import Replaced, to_plain_value
+from pvdf_fem.scene.placed.electrode import Layout
+from pvdf_fem.scene.placed.probe import Probe
 from pvdf_fem.scene.registry import LOAD_CLASSES, PROFILE_ENTRIES
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import (
@@ -21,15 +23,14 @@ from pvdf_fem.scene.scene_file import (
     read_key_texts,
     suggest,
 )
-from pvdf_fem.scene.shapes import ELECTRODES, MODELS, PROBES, Layout
 
 MOST_NOISE = 0.5  #: Largest standard deviation of readings, relative to them.
 #: Keys with words as values.
 WORDS: dict[str, tuple[str, ...]] = {
     "load.kind": (*LOAD_CLASSES,),
-    "probe.shape": (*PROBES,),
+    "probe.shape": (*Probe.shapes,),
     "electrodes.layout": get_args(Layout.model_fields["layout"].annotation),
-    "electrodes.shape": (*ELECTRODES,),
+    "electrodes.shape": (*Layout.shapes,),
     "quantity": (*QUANTITIES,),
 }
 #: A refused word may need a word for this partner key.
@@ -93,9 +94,10 @@ class View:
             table
         ):  # a list gives way to a table
             return [(table, Replaced({name: word}))]
-        model = MODELS.get((drop_probe_number(table), "table", word)) if name == "shape" else None
-        fields = model.model_fields if model else {}
-        needed = [size for size, field in fields.items() if field.is_required()]
+        needed = []
+        if name == "shape":
+            shaped_table = Layout if table == "electrodes" else Probe
+            needed = shaped_table.list_required_sizes(word)
         sizes = {
             f"{table}.{size}": explain_key(drop_probe_number(table), size)[1] for size in needed
         }

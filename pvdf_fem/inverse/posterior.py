@@ -138,7 +138,7 @@ def sample_posterior(
         Weighted draws within the response's domain.
     """
     unknown = problem.unknown
-    maxima = problem.coordinates(np.array([touch.values for touch in touches]))
+    maxima = problem.to_coordinates(np.array([touch.values for touch in touches]))
     periods = np.where(
         unknown == TouchColumn.ROTATION, find_rotation_period_deg(problem.response), 0.0
     )
@@ -161,7 +161,7 @@ def sample_posterior(
     chi_square = np.square(problem.linearise(drawn)[:, :, 0]).sum(axis=1)
     log_weights = -0.5 * chi_square - np.log(density)
     weights = np.exp(log_weights - log_weights.max())
-    values = problem.touches(drawn)[:, unknown]
+    values = problem.to_touches(drawn)[:, unknown]
     return Posterior(values, weights / weights.sum(), periods)
 
 
@@ -233,7 +233,7 @@ def profile_chi_square(
     """
     touches = np.tile(touch.values, (len(places_mm), 1))
     touches[:, : TouchColumn.ROTATION] = places_mm
-    initial = problem.coordinates(touches)
+    initial = problem.to_coordinates(touches)
     free = problem.unknown[~np.isin(problem.unknown, (TouchColumn.X, TouchColumn.Y))]
     at_places = replace(problem, unknown=free)
     first_row = np.zeros(len(initial), dtype=int)

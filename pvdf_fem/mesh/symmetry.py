@@ -20,11 +20,12 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.keys import Affects, select_by_effect
+from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.outlines.outline import LENGTH_TOLERANCE, Outline, has_overlap
 from pvdf_fem.scene.outlines.polygon import Polygon
-from pvdf_fem.scene.registry import Load
+from pvdf_fem.scene.placed.patch import Patch
+from pvdf_fem.scene.placed.probe import ListedProbe
 from pvdf_fem.scene.scene import LoadedProbe, Scene
-from pvdf_fem.scene.shapes import Bonded, Pressing
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +145,8 @@ def _patch_swap(mirror: Array, scene: Scene, slack: float) -> dict[str, str] | N
 
 
 #: Data to compare: a patch's layer; a probe's outline and load.
-_MATERIAL = set(Bonded.model_fields)
-_SAID = {"shape", *Pressing.model_fields}
+_MATERIAL = Patch.list_layer_keys()
+_SAID = {"shape", *ListedProbe.list_load_keys()}
 
 
 def _upright(touch: LoadedProbe) -> Load:

@@ -20,14 +20,14 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.mesh.symmetry import classify_isotropy
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.keys import Affects, select_by_effect
+from pvdf_fem.scene.placed.probe import Probe
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.shapes import Probe
 
 #: Lengths over the film's radius are equal if they agree to this many decimals, and forces over
 #: the thickness if they agree to this many digits.
 DIGITS = 9
 #: Effects of keys that change the film's deformation.
-MECHANICAL_EFFECTS = (Affects.MECHANICS, Affects.OUTLINE, Affects.STRAIN_AT_REST, Affects.SCALE)
+MECHANICAL_EFFECTS = (Affects.MECHANICS, Affects.OUTLINE, Affects.PRESTRAIN, Affects.SCALE)
 
 
 class MechanicalKey(NamedTuple):

@@ -20,7 +20,7 @@ from pvdf_fem.film.loads.profiles import make_profile, pin_profile_files
 from pvdf_fem.film.models import FilmModel, resolve_film_model
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector, find_symmetry_sector
 from pvdf_fem.problem.outputs import Output, make_outputs
-from pvdf_fem.scene.registry import Load
+from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.scene import Scene
 
 #: Tables of a scene that the unloaded film does not have.

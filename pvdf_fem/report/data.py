@@ -24,7 +24,7 @@ from pvdf_fem.scene.changes import normalize_key, to_plain_value
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, flatten, format_error, suggest
-from pvdf_fem.scene.validation_errors import MAX_ERRORS
+from pvdf_fem.scene.validation.errors import MAX_ERRORS
 from pvdf_fem.solver.adaptive import compute_unloaded_integrals
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TOUCH_SCENE_KEYS
 

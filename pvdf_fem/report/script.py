@@ -18,7 +18,7 @@ from pvdf_fem.report.task import Task
 from pvdf_fem.scene.keys import Section, make_validation_error
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import MOST_BYTES, SceneError, format_error, parse_toml, suggest
-from pvdf_fem.scene.validation_errors import MAX_ERRORS, describe_errors, join_key
+from pvdf_fem.scene.validation.errors import MAX_ERRORS, describe_errors, join_key
 
 MAX_WORDS = 120  #: Largest number of words in a text.
 PICTURES = 3  #: Number of pictures on the first screen.

@@ -6,6 +6,7 @@ Arguments are checked by types and ranges, and refused in sentences, as keys of 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeAlias, TypeVar
 
@@ -17,7 +18,7 @@ from pvdf_fem.scene.changes import to_plain_value
 from pvdf_fem.scene.keys import Key
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import format_error, suggest
-from pvdf_fem.scene.validation_errors import describe_errors
+from pvdf_fem.scene.validation.errors import describe_errors
 
 T = TypeVar("T")
 Value = TypeVar("Value")
@@ -70,10 +71,11 @@ def as_scene(given: SceneLike) -> Scene:
 
 
 def as_response(given: T) -> T:
-    """A model of the charges, from `build_response`; TypeError for anything else."""
+    """Return a response, such as that of `build_response`; TypeError for anything else."""
     if hasattr(given, "evaluate"):
         return given
-    raise TypeError(format_error("model", given, "is no model; give build_response(scene)"))
+    reason = "must be a response; give build_response(scene)"
+    raise TypeError(format_error("response", given, reason))
 
 
 def coerce(
@@ -86,9 +88,15 @@ def coerce(
             return given
         raise ValueError(format_error(name, given, f"must be a {kind.__name__}; give one"))
     try:
-        return TypeAdapter(kind).validate_python(to_plain_value(given))
+        return _make_adapter(kind).validate_python(to_plain_value(given))
     except ValidationError as error:
         raise ValueError("\n".join(describe_errors(error, name, Scene))) from None
+
+
+@lru_cache(maxsize=128)
+def _make_adapter(kind: Any) -> TypeAdapter[Any]:
+    """Make pydantic's validator of a type, which takes longer than a validation."""
+    return TypeAdapter(kind)
 
 
 def coerce_array(

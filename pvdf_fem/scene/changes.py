@@ -3,32 +3,41 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel
 
-from pvdf_fem.scene.registry import ALTERNATIVE_KEYS, FORCE_KEYS, set_key
+from pvdf_fem.scene.dependent_keys import ALTERNATIVE_KEYS, set_key
+from pvdf_fem.scene.load import FORCE_KEYS
+from pvdf_fem.scene.placed.electrode import Layout
+from pvdf_fem.scene.placed.placed_shape import SIZE_KEYS
 from pvdf_fem.scene.scene_file import format_error
-from pvdf_fem.scene.shapes import LAYOUTS, RING, SIZES
 
-# Keys that decide which further keys exist, in order of change.
-_FIRST = ("layout", "shape", "kind", "profile")
-# The change of a table key; the table's keys are changes themselves.
+#: The names and the indices (int) that lead to a value of a scene.
+Steps = tuple[Any, ...]
+
+# Keys that decide which further keys exist, in the order of their changes.
+_DECISIVE_KEYS = ("layout", "shape", "kind", "profile")
+# The value of a change to a table; the table's keys are changes themselves.
 _TABLE = object()
 _KEY = re.compile(r"[^.[\]]+(?:\.[^.[\]]+|\[[0-9]{1,9}\])*")
-#: Complaint about a key that addresses a table's entry, or a list's key.
-_BY_INDEX = {
-    name: f"{them} are addressed by index in a list [[{name}]], as in {name}[0].x_mm"
-    for name, them in {"electrodes": "electrodes", "probe": "probes"}.items()
+# Keys that a new shape removes.
+_KEYS_OF_A_SHAPE = SIZE_KEYS | {"edge_radius_mm"}
+_KEYS_OF_EVERY_LAYOUT = Layout.list_common_keys()
+# Reasons against a key that addresses an entry of a table, or a key of a list.
+_INDEX_REASONS = {
+    "electrodes": "electrodes are addressed by index in a list [[electrodes]], as in"
+    " electrodes[0].x_mm",
+    "probe": "probes are addressed by index in a list [[probe]], as in probe[0].x_mm",
 }
 
 
 class Replaced(dict[str, Any]):
-    """A table that replaces a whole table in the scene. Missing keys get their defaults. Other
-    tables are merged.
+    """A table that replaces a whole table of the scene. Missing keys get their defaults, while
+    other tables are merged.
 
     Examples
     --------
@@ -36,23 +45,39 @@ class Replaced(dict[str, Any]):
     """
 
 
+class _Change(NamedTuple):
+    """A change as it was written, and its value."""
+
+    key: str
+    value: Any
+
+
+class _IndexError(ValueError):
+    """A key by name where an index is needed, or the other way round."""
+
+
 @lru_cache(maxsize=1024)
-def parse_key(key: str) -> tuple[Any, ...]:
-    """Names and indices (int) in a dotted key; none if it is no key."""
-    steps = re.findall(r"[^.[\]]+", key) if _KEY.fullmatch(key) else []
-    return _beside(int(step) if re.fullmatch("[0-9]{1,9}", step) else step for step in steps)
+def parse_key(key: str) -> Steps:
+    """Return the names and the indices (int) of a dotted key; none where it is not a key."""
+    if not _KEY.fullmatch(key):
+        return ()
+    steps = re.findall(r"[^.[\]]+", key)
+    is_index = [re.fullmatch("[0-9]{1,9}", step) for step in steps]
+    return _move_beside_shape(
+        tuple(int(s) if index else s for s, index in zip(steps, is_index, strict=True))
+    )
 
 
-def _beside(steps: Iterable[Any]) -> tuple[Any, ...]:
-    """The steps to a key; steps to the force of a listed probe lead beside the probe's shape."""
-    match steps := tuple(steps):
-        case ("probe", int(), "load", key, *_) if key in FORCE_KEYS:
-            return steps[:2] + steps[3:]
+def _move_beside_shape(steps: Steps) -> Steps:
+    """Lead steps to a force in the load of a listed probe to its place beside the shape."""
+    match steps:
+        case ("probe", int() as number, "load", key, *further) if key in FORCE_KEYS:
+            return ("probe", number, key, *further)
     return steps
 
 
 def get_number(scene: Any, key: str) -> float:
-    """The number that a scene has by a key."""
+    """Return the number that a scene has by a key."""
     value = scene
     for step in parse_key(key):
         value = value[step] if isinstance(step, int) else getattr(value, step)
@@ -60,72 +85,109 @@ def get_number(scene: Any, key: str) -> float:
 
 
 def normalize_key(key: str) -> str:
-    """The canonical spelling of a key: ``electrodes.0.x_mm`` becomes ``electrodes[0].x_mm``."""
-    rest = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in parse_key(key))
-    return "".join(rest).removeprefix(".") or key
+    """Return the usual spelling of a key: ``electrodes[0].x_mm`` for ``electrodes.0.x_mm``."""
+    spelling = ""
+    for step in parse_key(key):
+        spelling += f"[{step}]" if isinstance(step, int) else f".{step}"
+    return spelling.removeprefix(".") or key
 
 
 def apply_changes(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) -> list[str]:
-    """Change values in tables in place, by keys like ``load.force_N`` or ``probe[0].x_mm``, with a
-    dict or None, and with keywords. Tables among the values are merged, and tables on the way are
-    made. Returns complaints about keys that lead nowhere or are changed twice."""
+    """Change values in the tables of a scene in place.
+
+    Parameters
+    ----------
+    tables : dict
+        The tables of a scene.
+    given : mapping or None
+        Values by keys like ``load.force_N`` or ``probe[0].x_mm``. Tables among the values are
+        merged, and missing tables on the way to a key are made.
+    named : mapping
+        Further changes.
+
+    Returns
+    -------
+    list of str
+        Errors of keys that lead nowhere or are changed twice.
+    """
     if not isinstance(given, Mapping | None):
         reason = 'must be a dict of keys with their values; give {"load.force_N": 2}'
         return [format_error("changes", given, reason)]
-    changes = {**(given or {}), **named}
-    found: dict[tuple[Any, ...], tuple[str, Any]] = {}
-    problems = []
-    for name, given in changes.items():
-        key = _encodable(name)
-        if not (whole := parse_key(key) if isinstance(key, str) else ()):
-            reason = "is no key; write one such as film.radius_mm or electrodes[0].x_mm"
-            problems.append(format_error(str(key)[:80] or '""', given, reason))
-        for steps, value in iterate_values(whole, given) if whole else ():
-            told = ".".join([key, *map(str, steps[len(whole) :])])[:80]
-            if steps in found:
-                reason = f"is the same key as {found[steps][0]}; remove one"
-                problems.append(format_error(told, given, reason))
-            found.setdefault(steps, (told, value))
+    changes, problems = _collect_changes({**(given or {}), **named})
+
     # whole sections first, then keys that decide which further keys exist
-    for steps in sorted(found, key=lambda s: (len(s), [*_FIRST, s[-1]].index(s[-1]))):
-        told, value = found[steps]
-        _, rival = found.get((*steps[:-1], ALTERNATIVE_KEYS.get(steps[-1])), ("", None))
+    for steps in sorted(changes, key=_order_of_change):
+        change = changes[steps]
+        alternative = changes.get((*steps[:-1], ALTERNATIVE_KEYS.get(steps[-1])))
         try:
-            _put(tables, steps, value, rival)
-        except (AttributeError, LookupError, TypeError, ValueError) as error:
-            indexed = [text for text in _BY_INDEX.values() if text in error.args]
-            reason = indexed[0] if indexed else "leads nowhere; use a key of this scene"
-            problems.append(format_error(told, {} if value is _TABLE else value, reason))
+            _apply_change(
+                tables, steps, value=change.value, alternative=alternative and alternative.value
+            )
+        except _IndexError as error:
+            value = {} if change.value is _TABLE else change.value
+            problems.append(format_error(change.key, value, str(error)))
+        except (AttributeError, LookupError, TypeError, ValueError):
+            value = {} if change.value is _TABLE else change.value
+            reason = "leads nowhere; use a key of this scene"
+            problems.append(format_error(change.key, value, reason))
     return list(dict.fromkeys(problems))
 
 
-def iterate_values(steps: tuple[Any, ...], value: Any) -> Iterator[tuple[tuple[Any, ...], Any]]:
-    """Steps and value of a change; a merged table is followed by the changes of its keys."""
+def _collect_changes(given: Mapping[Any, Any]) -> tuple[dict[Steps, _Change], list[str]]:
+    """Collect the changes of single values by their steps, and errors of keys."""
+    changes: dict[Steps, _Change] = {}
+    problems = []
+    for name, table_or_value in given.items():
+        key = _escape_surrogates(name)
+        first_steps = parse_key(key) if isinstance(key, str) else ()
+        if not first_steps:
+            reason = "is not a key; write one such as film.radius_mm or electrodes[0].x_mm"
+            problems.append(format_error(str(key)[:80] or '""', table_or_value, reason))
+            continue
+        for steps, value in iterate_values(first_steps, table_or_value):
+            further = map(str, steps[len(first_steps) :])
+            spelling = ".".join([key, *further])[:80]
+            if steps in changes:
+                reason = f"is the same key as {changes[steps].key}; remove one"
+                problems.append(format_error(spelling, table_or_value, reason))
+            else:
+                changes[steps] = _Change(spelling, value)
+    return changes, problems
+
+
+def _order_of_change(steps: Steps) -> tuple[int, int]:
+    """Order changes by depth, and then decisive keys before others."""
+    name = steps[-1]
+    rank = _DECISIVE_KEYS.index(name) if name in _DECISIVE_KEYS else len(_DECISIVE_KEYS)
+    return len(steps), rank
+
+
+def iterate_values(steps: Steps, value: Any) -> Iterator[tuple[Steps, Any]]:
+    """Yield steps and value of a change; a merged table is followed by the values of its keys."""
     if isinstance(value, Mapping) and not isinstance(value, Replaced):
         yield steps, _TABLE
         for key, item in value.items():
-            yield from iterate_values(_beside((*steps, _encodable(key))), item)
+            inner_steps = _move_beside_shape((*steps, _escape_surrogates(key)))
+            yield from iterate_values(inner_steps, item)
     else:
         yield steps, to_plain_value(value)
 
 
 def find_changed_keys(changes: Mapping[str, Any]) -> set[str]:
-    """Keys named by changes, ``load.force_N``, and replaced sections."""
-    every = (
-        leaf for key, value in changes.items() for leaf in iterate_values(parse_key(key), value)
-    )
-    found = (steps for steps, value in every if value is not _TABLE)
-    return {".".join([step for step in steps if isinstance(step, str)][:2]) for steps in found}
+    """Return the keys that changes name, such as ``load.force_N``, and replaced sections."""
+    keys = set()
+    for key, change in changes.items():
+        for steps, value in iterate_values(parse_key(key), change):
+            if value is not _TABLE:
+                names = [step for step in steps if isinstance(step, str)]
+                keys.add(".".join(names[:2]))
+    return keys
 
 
-def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any, rival: Any) -> None:
-    """Change a value; `rival` is the new value of the key's rival, or None."""
+def _apply_change(tables: dict[str, Any], steps: Steps, value: Any, alternative: Any) -> None:
+    """Change a value; `alternative` is the new value of the key's alternative, or None."""
+    _require_index_of_list(tables, steps)
     node: Any = tables
-    if steps[0] in _BY_INDEX and len(steps) > 2:
-        entries = node.get(steps[0]) or {}
-        listed = isinstance(entries, list)
-        if not (isinstance(steps[1], int) if listed else steps[1] in entries):
-            raise ValueError(_BY_INDEX[steps[0]])
     for step in steps[:-1]:
         node = node[step] if isinstance(node, list) else node.setdefault(str(step), {})
     last: Any = steps[-1] if isinstance(node, list) else str(steps[-1])
@@ -136,27 +198,38 @@ def _put(tables: dict[str, Any], steps: tuple[Any, ...], value: Any, rival: Any)
         node[last] = value
         return
     if last == "shape" and node.get("shape") != value:
-        for size in node.keys() & SIZES:
+        for size in node.keys() & _KEYS_OF_A_SHAPE:
             del node[size]
     if steps == ("electrodes", "layout") and node.get("layout") != value:
-        for key in node.keys() - (LAYOUTS["square"].model_fields.keys() - RING):
+        for key in node.keys() - _KEYS_OF_EVERY_LAYOUT:
             del node[key]
-    set_key(node, last, value, rival)
+    set_key(node, last, value, alternative=alternative)
 
 
-def _encodable(key: Any) -> Any:
-    """A key without unpaired surrogates, which pydantic would not name in its complaint."""
+def _require_index_of_list(tables: dict[str, Any], steps: Steps) -> None:
+    """Raise where electrodes or probes of a list are not addressed by index, or a table's are."""
+    section = steps[0]
+    if section not in _INDEX_REASONS or len(steps) <= 2:
+        return
+    entries = tables.get(section) or {}
+    is_right = isinstance(steps[1], int) if isinstance(entries, list) else steps[1] in entries
+    if not is_right:
+        raise _IndexError(_INDEX_REASONS[section])
+
+
+def _escape_surrogates(key: Any) -> Any:
+    """Escape unpaired surrogates of a key, which pydantic would not name in its errors."""
     return key.encode("utf-8", "backslashreplace").decode() if isinstance(key, str) else key
 
 
 def to_plain_value(value: Any) -> Any:
-    """A value in the form from a TOML parser."""
+    """Convert a value to the form that a TOML parser returns."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_none=True)
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Mapping):
-        return {_encodable(key): to_plain_value(item) for key, item in value.items()}
+        return {_escape_surrogates(key): to_plain_value(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [to_plain_value(item) for item in value]
     return value

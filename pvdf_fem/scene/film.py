@@ -12,9 +12,9 @@ from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 from pvdf_fem.scene.keys import Affects, Key, Section, make_validation_error
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import has_overlap
+from pvdf_fem.scene.placed.patch import EXPANSION, MODULUS, Patch
 from pvdf_fem.scene.registry import LAW_CLASSES
 from pvdf_fem.scene.scene_file import quote
-from pvdf_fem.scene.shapes import EXPANSION, MODULUS, Patch
 
 Value = TypeVar("Value")
 #: A number, or a pair of numbers along x and y.
@@ -29,7 +29,7 @@ COEFFICIENT = Key(
 
 
 class Layer(NamedTuple):
-    """What a patch bonds to the film."""
+    """The layer that a patch bonds to the film, with the film's values where it gives none."""
 
     patch: Patch
     stiffness: NDArray[np.float64]  #: Of plane stress in Pa, (3, 3).
@@ -80,14 +80,14 @@ class Film(Section):
     """Thermal expansion."""
     pretension_N_m: Annotated[
         NumberOrPair[float] | None,
-        Key("N/m", (-1e6, 1e6), Affects.STRAIN_AT_REST, example=8.333),
+        Key("N/m", (-1e6, 1e6), Affects.PRESTRAIN, example=8.333),
     ] = None
     """Tension of the clamped film at rest, in place of temperature_change_K; a pair [Nx, Ny] where
     x and y differ. Below zero the film is like a film that is heated."""
     temperature_change_K: Annotated[
         float | None,
         Field(validate_default=True),
-        Key("K", (-1e4, 1e4), Affects.STRAIN_AT_REST, example=-1.0),
+        Key("K", (-1e4, 1e4), Affects.PRESTRAIN, example=-1.0),
     ] = None
     """Change of temperature of the clamped film: cooling stretches it. -1 where pretension_N_m is
     not given either."""
@@ -146,7 +146,8 @@ class Film(Section):
 
     @field_validator("poisson_ratio")
     @classmethod
-    def _elastic_energy_is_positive(cls, value: float, info: ValidationInfo) -> float:
+    def _reject_negative_energy(cls, value: float, info: ValidationInfo) -> float:
+        """Refuse Poisson's ratios for which the elastic energy would not be positive."""
         modulus = info.data.get("youngs_modulus_GPa")
         if modulus is None:  # refused already
             return value
@@ -154,73 +155,58 @@ class Film(Section):
             E1, E2 = modulus
             # nearer to 1, ν12 ν21 makes a stiffness that is singular to rounding
             if value**2 * E2 >= E1 * (1 - 1e-9):
-                bound = np.sqrt(E1 / E2)
-                raise make_validation_error(
-                    f"makes ν12 ν21 at least 1; give a value below {bound:.6g}"
-                )
+                reason = "makes ν12 ν21 at least 1"
+                advice = f"give a value below {np.sqrt(E1 / E2):.6g}"
+                raise make_validation_error(f"{reason}; {advice}")
         elif not 0 <= value < 0.5:
-            raise make_validation_error(
-                "is outside of [0, 0.5); give Poisson's ratio of a real isotropic film"
-            )
+            reason = "must be at least 0 and below 0.5"
+            advice = "give Poisson's ratio of a real isotropic film"
+            raise make_validation_error(f"{reason}; {advice}")
         return value
 
     @field_validator("temperature_change_K")
     @classmethod
-    def _is_stretched_in_one_way(cls, value: float | None, info: ValidationInfo) -> float | None:
-        if (pretension := info.data.get("pretension_N_m")) is None:
+    def _resolve_cooling(cls, value: float | None, info: ValidationInfo) -> float | None:
+        """Cool the film by 1 K by default, and refuse a cooling beside a pretension."""
+        pretension = info.data.get("pretension_N_m")
+        if pretension is None:
             return -1.0 if value is None else value
         if value is not None:
             other = f"film.pretension_N_m = {quote(pretension)}"
-            raise make_validation_error(f"stands beside {other}; remove one of the two")
+            raise make_validation_error(f"is incompatible with {other}; remove one of the two")
         return None
 
     @field_validator("rim_displacement_um")
     @classmethod
-    def _has_pairs(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
+    def _reject_unpaired_coefficient(
+        cls, value: tuple[float, ...] | None
+    ) -> tuple[float, ...] | None:
         if value is not None and len(value) % 2 == 0:
-            raise make_validation_error(
-                "has a cosine without its sine; give an odd number of coefficients"
-            )
+            reason = "has a cosine without its sine; give an odd number of coefficients"
+            raise make_validation_error(reason)
         return value
 
     @field_validator("bending", "coupling", mode="before")
     @classmethod
-    def _is_a_choice(cls, value: Any) -> Any:
+    def _reject_other_words(cls, value: Any) -> Any:
         if isinstance(value, bool) or value == "auto":
             return value
-        raise make_validation_error('is not known; give true, false or "auto"')
-
-    @field_validator("compression")
-    @classmethod
-    def _wrinkles_are_alone(cls, value: str, info: ValidationInfo) -> str:
-        for key in ("bending", "coupling"):
-            if value == "tension-field" and info.data.get(key):
-                raise make_validation_error(f"is of a film without {key}; give film.{key} = false")
-        return value
+        raise make_validation_error('is not a known value; give true, false or "auto"')
 
     @field_validator("patches")
     @classmethod
-    def _are_on_the_film(cls, value: Any, info: ValidationInfo) -> Any:
-        rim = Circle(np.zeros(2), info.data.get("radius_mm", np.nan) / 1e3)
-        for i, patch in enumerate(value or ()):
-            if rim.radius > 0.0 and not has_overlap(patch.outline, rim):
-                raise make_validation_error(
-                    f"[{i}] lies outside of the rim; move it inwards or remove it"
-                )
+    def _reject_patches(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse patches outside of the rim, and a thermal expansion on a film with pretension."""
+        rim_radius = info.data.get("radius_mm", np.nan) / 1e3
+        rim = Circle(np.zeros(2), rim_radius)
+        for number, patch in enumerate(value or ()):
+            if rim_radius > 0.0 and not has_overlap(patch.outline, rim):
+                reason = f"[{number}] lies outside of the rim; move it inwards or remove it"
+                raise make_validation_error(reason)
             if patch.thermal_expansion_per_K is not None and info.data.get("pretension_N_m"):
-                reason = f"[{i}].thermal_expansion_per_K is for a film that is cooled"
+                reason = f"[{number}].thermal_expansion_per_K requires a film that is cooled"
                 raise make_validation_error(f"{reason}; remove it or film.pretension_N_m")
         return value or None
-
-    @field_validator("law")
-    @classmethod
-    def _is_of_an_isotropic_film(cls, value: str, info: ValidationInfo) -> str:
-        unlike = isinstance(info.data.get("youngs_modulus_GPa"), tuple)
-        if value == "neo-hookean" and (unlike or info.data.get("shear_modulus_GPa") is not None):
-            raise make_validation_error(
-                "is of an isotropic film; give one film.youngs_modulus_GPa alone"
-            )
-        return value
 
     @property
     def radius(self) -> float:
@@ -257,7 +243,7 @@ class Film(Section):
 
     @property
     def reference_state(self) -> Film:
-        """The film before warming and pressure; its charges are the charges at rest."""
+        """The film before warming and pressure, from which changes of charges are counted."""
         before = {"warming_K": None, "pressure_Pa": None, "pressure_follows": False}
         return self.model_copy(update=before)
 
@@ -268,12 +254,12 @@ class Film(Section):
 
     @property
     def distributed_force(self) -> float:
-        """Size in N of the loads on the whole film."""
+        """Magnitude in N of the loads on the whole film."""
         return float(abs((self.pressure_Pa or 0.0) + self.weight) * np.pi * self.radius**2)
 
     @property
     def prestrain(self) -> NDArray[np.float64]:
-        """Elastic strain of the flat clamped film, (3,), with engineering shear."""
+        """Elastic strain (3,) of the flat clamped film, with engineering shear."""
         if self.temperature_change_K is not None:
             change = self.temperature_change_K + (self.warming_K or 0.0)
             strain = -self.thermal_expansion_per_K * change
@@ -282,68 +268,95 @@ class Film(Section):
 
     @property
     def prestress(self) -> NDArray[np.float64]:
-        """Stress in Pa, (3,), in the flat clamped film if compression is carried; without shear."""
+        """Stress (3,) in Pa in the flat clamped film, without shear, if it bears compression."""
         if self.pretension_N_m is None:
             return self.stiffness @ self.prestrain
-        given = np.append(np.broadcast_to(self.pretension_N_m, 2), 0.0) / self.thickness
-        loosened = self.thermal_expansion_per_K * (self.warming_K or 0.0)
-        return np.asarray(given - self.stiffness @ [loosened, loosened, 0.0])
+        tension = np.append(np.broadcast_to(self.pretension_N_m, 2), 0.0)
+        warming_strain = self.thermal_expansion_per_K * (self.warming_K or 0.0)
+        relief = self.stiffness @ [warming_strain, warming_strain, 0.0]
+        return np.asarray(tension / self.thickness - relief)
 
     @property
     def stiffness(self) -> NDArray[np.float64]:
-        """Plane-stress stiffness in Pa, shape (3, 3): components 11, 22, 12, engineering shear."""
+        """Plane-stress stiffness (3, 3) in Pa: components 11, 22, 12 with engineering shear."""
         modulus = self.youngs_modulus_GPa
         E1, E2 = modulus if isinstance(modulus, tuple) else (modulus, modulus)
         return 1e9 * compute_plane_stress_stiffness(
-            E1, E2, self.poisson_ratio, self.shear_modulus_GPa
+            E1, E2, nu12=self.poisson_ratio, G=self.shear_modulus_GPa
         )
 
     @property
     def layers(self) -> dict[str, Layer]:
         """The layers of the patches, by their names in a mesh."""
-        return {f"film patch {i}": self._layer(p) for i, p in enumerate(self.patches or (), 1)}
+        patches = self.patches or ()
+        return {f"film patch {i}": self._make_layer(p) for i, p in enumerate(patches, start=1)}
 
-    def _layer(self, patch: Patch) -> Layer:
-        C, E, nu = self.stiffness, patch.youngs_modulus_GPa, patch.poisson_ratio
-        if E is not None:
-            nu = float(C[0, 1] / np.sqrt(C[0, 0] * C[1, 1])) if nu is None else nu
-            C = 1e9 * compute_plane_stress_stiffness(E, E, nu)
-        strain = self.reference_state.prestrain * (patch.bonded != "at rest")
-        if (alpha := patch.thermal_expansion_per_K) is not None:
-            strain[:2] = -alpha * (self.temperature_change_K or 0.0)
-        alpha = self.thermal_expansion_per_K if alpha is None else alpha
-        strain[:2] -= alpha * (self.warming_K or 0.0)
+    def _make_layer(self, patch: Patch) -> Layer:
+        """Make the layer of a patch."""
+        stiffness = self.stiffness
+        modulus = patch.youngs_modulus_GPa
+        if modulus is not None:
+            nu = patch.poisson_ratio
+            if nu is None:
+                nu = float(stiffness[0, 1] / np.sqrt(stiffness[0, 0] * stiffness[1, 1]))
+            stiffness = 1e9 * compute_plane_stress_stiffness(modulus, modulus, nu12=nu)
+        prestrain = self.reference_state.prestrain * (patch.bonded != "at rest")
+        expansion = self.thermal_expansion_per_K
+        if patch.thermal_expansion_per_K is not None:
+            expansion = patch.thermal_expansion_per_K
+            prestrain[:2] = -expansion * (self.temperature_change_K or 0.0)
+        prestrain[:2] -= expansion * (self.warming_K or 0.0)
         density = self.density if patch.density_kg_m3 is None else patch.density_kg_m3
-        return Layer(patch, C, strain, alpha, density)
+        return Layer(patch, stiffness, prestrain=prestrain, expansion=expansion, density=density)
 
     @property
     def has_unbalanced_prestress(self) -> bool:
-        """Whether the clamped film, untouched, moves in its plane, since its stress is uneven."""
-        stretched = any(layer.prestrain.any() for layer in self.layers.values())
-        return stretched or self.rim_displacement_um is not None
+        """Whether the unloaded film moves in its plane, since its prestress is not uniform."""
+        is_layer_stretched = any(layer.prestrain.any() for layer in self.layers.values())
+        return is_layer_stretched or self.rim_displacement_um is not None
 
     @property
     def is_flat_unloaded(self) -> bool:
-        """Whether the clamped film, untouched, is in balance while it is flat."""
+        """Whether the film without probes is in equilibrium while it is flat."""
         return not (self.has_unbalanced_prestress or self.distributed_force)
-
-    def rim_strain(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Strain (..., 3) of a displacement g (x, y) that is the rim's there, in units of a: g is
-        Re Σ C z^n with C = c - i s of the coefficients of cos nθ and sin nθ."""
-        x, y = np.moveaxis(places / self.radius, -1, 0)
-        strain = np.zeros((*places.shape[:-1], 3))
-        c0, *others = self.rim_displacement_um or (0.0,)
-        pairs = [c0, *(c - 1j * s for c, s in zip(others[::2], others[1::2], strict=True))]
-        for n, C in enumerate(np.array(pairs) / 1e6 / self.radius):
-            g, slope = (C * (x + 1j * y) ** n).real, n * C * (x + 1j * y) ** max(n - 1, 0)
-            gx, gy = slope.real, -slope.imag
-            strain += np.stack([g + x * gx, g + y * gy, x * gy + y * gx], axis=-1)
-        return strain
 
     @property
     def is_inhomogeneous(self) -> bool:
-        """Whether the film is uneven before a touch."""
+        """Whether stiffness or prestrain depend on the place."""
         return bool(self.patches or self.rim_displacement_um)
+
+    def compute_rim_strain(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Compute the strain of a smooth displacement that is the rim's displacement there.
+
+        Parameters
+        ----------
+        places : array (..., 2)
+            In m.
+
+        Returns
+        -------
+        array (..., 3)
+            Strain with engineering shear.
+
+        Notes
+        -----
+        In units of the film's radius the displacement is g (x, y) with g = Re Σ C z^n at
+        z = x + i y, where C = c - i s for the coefficients c of cos nθ and s of sin nθ.
+        """
+        x, y = np.moveaxis(places / self.radius, -1, 0)
+        z = x + 1j * y
+        constant, *others = self.rim_displacement_um or (0.0,)
+        cosines = others[::2]
+        sines = others[1::2]
+        coefficients = [constant, *(c - 1j * s for c, s in zip(cosines, sines, strict=True))]
+        strain = np.zeros((*places.shape[:-1], 3))
+        for n, C in enumerate(np.array(coefficients) / 1e6 / self.radius):
+            g = (C * z**n).real
+            derivative = n * C * z ** max(n - 1, 0)
+            g_x = derivative.real
+            g_y = -derivative.imag
+            strain += np.stack([g + x * g_x, g + y * g_y, x * g_y + y * g_x], axis=-1)
+        return strain
 
 
 class Air(Section):
@@ -356,8 +369,22 @@ class Air(Section):
 
 
 def compute_plane_stress_stiffness(E1: Any, E2: Any, nu12: Any, G: Any = None) -> NDArray[Any]:
-    """Stiffness (3, 3) of an orthotropic sheet, Voigt, in the unit of its moduli. Numbers may be
-    complex, for derivatives. Without `G`, Huber's estimate is taken."""
+    """Compute the stiffness of an orthotropic sheet in plane stress.
+
+    Parameters
+    ----------
+    E1, E2 : float or complex
+        Young's moduli along x and y. Numbers may be complex, for complex-step derivatives.
+    nu12 : float or complex
+        Poisson's ratio of the contraction along y under stress along x.
+    G : float or complex, optional
+        Shear modulus; by default Huber's estimate √(E1 E2)/(2(1 + √(ν12 ν21))).
+
+    Returns
+    -------
+    array (3, 3)
+        In Voigt's notation with engineering shear, in the unit of the moduli.
+    """
     nu21 = nu12 * E2 / E1
     if G is None:
         # ν12 √(E2/E1) is √(ν12 ν21) with the sign of ν12

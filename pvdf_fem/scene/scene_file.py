@@ -221,6 +221,23 @@ def format_error(key: str, value: Any, reason: str) -> str:
 
 
 def suggest(word: Any, known: Sequence[str]) -> str:
-    """Advice for a word missing among the known words."""
-    near = difflib.get_close_matches(word, known, 1) if isinstance(word, str) else []
-    return f"did you mean {near[0]}?" if near else f"choose from {', '.join(known)}"
+    """Suggest known words in place of an unknown one.
+
+    Parameters
+    ----------
+    word : object
+        The unknown word; anything but text is similar to no word.
+    known : sequence of str
+
+    Returns
+    -------
+    str
+        The most similar word, the words that begin with the unknown one, ``d31_pC_N`` for ``d31``,
+        or all words.
+    """
+    if isinstance(word, str) and word:
+        similar = difflib.get_close_matches(word, known, n=1)
+        longer = [other for other in known if other.startswith(f"{word}_")]
+        if similar or longer:
+            return f"did you mean {' or '.join(similar or longer)}?"
+    return f"choose from {', '.join(known)}"

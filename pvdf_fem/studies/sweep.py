@@ -1,4 +1,4 @@
-"""A scene's charges over a grid of parameters, as a labelled dataset."""
+"""Sweeps: the charges of a scene over a grid of parameters."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from pvdf_fem.studies.scene_grid import SceneGrid
 if TYPE_CHECKING:
     import xarray
 
+MAX_PROCESSES = 4096
+
 
 def sweep(
     scene: SceneLike,
@@ -27,24 +29,36 @@ def sweep(
 ) -> xarray.Dataset:
     """Solve a scene over a grid of parameters.
 
+    Scenes whose films deform alike share a solve.
+
     Parameters
     ----------
     scene : Scene, path of its file, dict of its tables, or a result of it
         The base scene.
     axes : sequence of mapping
-        Tables of keys with their values, ``[{"film.thickness_um": [9, 25, 110]}, ...]``; see
+        A table for each axis, with keys of the scene and their values,
+        ``[{"film.thickness_um": [9, 25, 110]}, ...]``; see
         `pvdf_fem.studies.scene_grid.SceneGrid.from_tables`.
     store : Store or path of its file, optional
-        Scenes in the store are not solved; new records join the store, but not after a crash.
+        Scenes in the store are not solved; new records join it, but not those of crashed solves.
     processes : int, optional
         Number of processes; by default one for each core. 1 solves in the calling process.
     scheduler : str, optional
         Address of a Dask scheduler, whose workers solve in place of local processes.
     progress : callable or bool, optional
-        Called with the numbers of distinct scenes that are solved and that had to be; or whether
-        these are shown, see `pvdf_fem.progress.show_progress`.
+        Called with the number of distinct scenes that have been solved and of those to solve; or
+        whether these are shown, see `pvdf_fem.progress.show_progress`.
 
-    Raises `SceneError` when an axis, or a scene of the grid, has a mistake.
+    Returns
+    -------
+    xarray.Dataset
+        Charges by axis and electrode with their errors, and the status of each scene, see
+        `pvdf_fem.studies.sweep_dataset.make_sweep_dataset`.
+
+    Raises
+    ------
+    SceneError
+        If an axis, or a scene of the grid, has errors; with all of them.
 
     Examples
     --------
@@ -53,13 +67,27 @@ def sweep(
     """
     from pvdf_fem.studies.sweep_dataset import make_sweep_dataset  # xarray is slow to import
 
-    how: dict[str, Any] = {"scheduler": coerce("scheduler", scheduler, str | None)}
+    scheduler = coerce("scheduler", scheduler, str | None)
     if processes is not None:
-        how["processes"] = coerce("processes", processes, int, (1, 4096))
+        processes = coerce("processes", processes, int, (1, MAX_PROCESSES))
     if not isinstance(store, Store | None):
         with Store(coerce("store", store, Path)) as opened:
-            return sweep(scene, axes, opened, **how, progress=progress)
+            return sweep(
+                scene,
+                axes,
+                opened,
+                processes=processes,
+                scheduler=scheduler,
+                progress=progress,
+            )
     grid = SceneGrid.from_tables(as_scene(scene), axes)
-    todo = plan_scenes(grid.scenes(), store)
+    plan = plan_scenes(grid.scenes(), store)
     with show_progress("scenes", progress) as show:
-        return make_sweep_dataset(grid, todo, solve_planned(todo, store, **how, progress=show))
+        records = solve_planned(
+            plan,
+            store,
+            processes=-1 if processes is None else processes,
+            scheduler=scheduler,
+            progress=show,
+        )
+        return make_sweep_dataset(grid, plan, records)

@@ -1,10 +1,10 @@
-"""Charges over a grid as an xarray dataset, and as a NetCDF file."""
+"""The dataset of a sweep: charges over a grid of scenes as xarray dataset and NetCDF file."""
 
 from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,90 +12,137 @@ import numpy as np
 import xarray
 
 from pvdf_fem import __version__
+from pvdf_fem.arrays import Array
 from pvdf_fem.batch.plan import SweepPlan
 from pvdf_fem.batch.store import Record
 from pvdf_fem.electrodes.channel import compute_readings_V
 from pvdf_fem.files import replace_file
 from pvdf_fem.scene.keys import split_unit
+from pvdf_fem.scene.scene import Scene
 from pvdf_fem.studies.scene_grid import SceneGrid
 
-#: Unit signs for ASCII in files.
-_IN_ASCII = str.maketrans({"µ": "u", "Ω": "Ohm", "²": "2", "³": "3"})
-_BESIDE = "charge_error_pC status"  # what CF has beside charges
+#: Signs of units in ASCII, for files.
+_ASCII_SIGNS = str.maketrans({"µ": "u", "Ω": "Ohm", "²": "2", "³": "3"})
+#: Variables that belong to the charges, as the CF conventions name them.
+_ANCILLARY = "charge_error_pC status"
+_CHARGE_VARIABLES = {
+    "charge_pC": "total charge",
+    "charge_error_pC": "estimated error of the total charge",
+    "rest_charge_pC": "charge without a touch",
+    "rest_charge_error_pC": "estimated error without a touch",
+    "charge_change_pC": "change of the charge by the touch",
+    "charge_change_error_pC": "its estimated error",
+}
+
+
+class SweepColumns:
+    """Results of the distinct scenes of a sweep as arrays, NaN where there is none."""
+
+    def __init__(self, scenes: Sequence[Scene], electrodes: Sequence[str]) -> None:
+        """Make empty arrays.
+
+        Parameters
+        ----------
+        scenes : sequence of Scene
+            The scenes.
+        electrodes : sequence of str
+            Names of all electrodes of the scenes.
+        """
+        self.scenes = scenes
+        self.column_of = {name: column for column, name in enumerate(electrodes)}
+        shape = (len(scenes), len(electrodes))
+        self.charges_pC = np.full(shape, np.nan)
+        self.charge_errors_pC = np.full(shape, np.nan)
+        self.unloaded_pC = np.full(shape, np.nan)
+        self.unloaded_errors_pC = np.full(shape, np.nan)
+        self.readings_V = np.full(shape, np.nan)
+        self.deflections_mm = np.full(len(scenes), np.nan)
+        self.statuses = np.full(len(scenes), "", dtype="U32")
+
+    def fill(self, index: int, record: Record) -> None:
+        """Fill in the record of a scene, by the scene's index."""
+        scene = self.scenes[index]
+        columns = [self.column_of[electrode.name] for electrode in scene.electrode_list]
+        coefficients = (scene.film.d31_pC_N, scene.film.d32_pC_N)
+        loaded = record.integrals_by(scene.numerics.observable)
+        self.charges_pC[index, columns] = loaded.charges(coefficients)
+        self.charge_errors_pC[index, columns] = loaded.charge_errors(coefficients)
+        unloaded = record.unloaded
+        self.unloaded_pC[index, columns] = unloaded.charges(coefficients)
+        self.unloaded_errors_pC[index, columns] = unloaded.charge_errors(coefficients)
+        self.statuses[index] = record.status
+        if record.converged:
+            self.deflections_mm[index] = record.deflection_max_mm
+        if scene.readout is not None:
+            charges_pC = self.charges_pC[index, columns]
+            changes_pC = charges_pC - self.unloaded_pC[index, columns]
+            self.readings_V[index, columns] = compute_readings_V(scene, charges_pC, changes_pC)
+
+    def get_charge_columns(self) -> dict[str, Array]:
+        """Return the arrays of charges, (scenes, electrodes), by variables of the dataset."""
+        return {
+            "charge_pC": self.charges_pC,
+            "charge_error_pC": self.charge_errors_pC,
+            "rest_charge_pC": self.unloaded_pC,
+            "rest_charge_error_pC": self.unloaded_errors_pC,
+            "charge_change_pC": self.charges_pC - self.unloaded_pC,
+            "charge_change_error_pC": self.charge_errors_pC + self.unloaded_errors_pC,
+        }
 
 
 def make_sweep_dataset(
     grid: SceneGrid, plan: SweepPlan, records: Iterable[tuple[int, Record]]
 ) -> xarray.Dataset:
-    """The charges of a grid's scenes.
+    """Make the dataset of a sweep.
 
-    `records` belong to the distinct scenes, with indices in the plan, in arbitrary order. The
-    dataset has a dimension for each axis, and `electrode`. The variables `charge_pC` and
-    `charge_error_pC` (total charges), `rest_charge_pC` and `rest_charge_error_pC` (the untouched
-    film), `charge_change_pC` and `charge_change_error_pC`, and with ``[readout]`` `reading_V` have
-    all dimensions, with NaN where there is no charge; `status` and `deflection_max_mm` have those
-    of the axes. Variables have the CF attributes `long_name` and `units`, and coordinates an
-    attribute `key`, the varied scene key.
+    Parameters
+    ----------
+    grid : SceneGrid
+        The scenes with their axes.
+    plan : SweepPlan
+        The distinct scenes among them.
+    records : iterable of (int, Record)
+        Records of the distinct scenes with their indices in the plan, in any order.
+
+    Returns
+    -------
+    xarray.Dataset
+        With a dimension for each axis, and ``electrode``. ``charge_pC`` and ``charge_error_pC``
+        (total charges), ``rest_charge_pC`` and ``rest_charge_error_pC`` (unloaded film),
+        ``charge_change_pC`` and ``charge_change_error_pC``, and with ``[readout]`` ``reading_V``
+        have all dimensions, and are NaN where there is no charge; ``status`` and
+        ``deflection_max_mm`` have those of the axes. Variables have the CF attributes
+        ``long_name`` and ``units``, and coordinates an attribute ``key``, the varied scene key.
     """
-    scenes = plan.scenes
-    layouts = {scene.electrodes: scene.electrode_list for scene in scenes}
-    electrodes = (electrode for layout in layouts.values() for electrode in layout)
-    names = list(dict.fromkeys(electrode.name for electrode in electrodes))
-    count = len(scenes)
-    charge, error, rest, rest_error, reading = np.full((5, count, len(names)), np.nan)
-    deflection, status = np.full(count, np.nan), np.full(count, "", dtype="U32")
+    electrodes = _list_electrodes(plan.scenes)
+    columns = SweepColumns(plan.scenes, electrodes)
     for index, record in records:
-        status[index] = record.status
-        columns = [names.index(e.name) for e in scenes[index].electrode_list]
-        film, observable = scenes[index].film, scenes[index].numerics.observable
-        d = film.d31_pC_N, film.d32_pC_N
-        for values, errors, forces in (
-            (charge, error, record.integrals_by(observable)),
-            (rest, rest_error, record.unloaded),
-        ):
-            values[index, columns] = forces.charges(d)
-            errors[index, columns] = forces.charge_errors(d)
-        if record.converged:
-            deflection[index] = record.deflection_max_mm
-        if scenes[index].readout is not None:
-            both = charge[index, columns], (charge[index] - rest[index])[columns]
-            reading[index, columns] = compute_readings_V(scenes[index], *both)
-    dims, first = [axis.name for axis in grid.axes], plan.first
-    over = {1: dims, 2: [*dims, "electrode"]}
+        columns.fill(index, record)
+    dims = [axis.name for axis in grid.axes]
+    by_electrode = [*dims, "electrode"]
 
-    def over_grid(values: Any) -> Any:
-        return values[first].reshape(*grid.shape, *values.shape[1:])
+    def arrange(values: Any) -> Any:
+        """Arrange values of distinct scenes, (scenes, ...), over the grid."""
+        return values[plan.first].reshape(*grid.shape, *values.shape[1:])
 
-    variables: dict[str, Any] = {
-        "charge_pC": (
-            charge,
-            {**make_attributes("total charge", "pC"), "ancillary_variables": _BESIDE},
-        ),
-        "charge_error_pC": (error, make_attributes("estimated error of the total charge", "pC")),
-        "rest_charge_pC": (rest, make_attributes("charge without a touch", "pC")),
-        "rest_charge_error_pC": (
-            rest_error,
-            make_attributes("estimated error without a touch", "pC"),
-        ),
-        "charge_change_pC": (
-            charge - rest,
-            make_attributes("change of the charge by the touch", "pC"),
-        ),
-        "charge_change_error_pC": (
-            error + rest_error,
-            make_attributes("its estimated error", "pC"),
-        ),
-        "deflection_max_mm": (deflection, make_attributes("largest deflection", "mm")),
-        "status": (status, {"long_name": "how the solve ended"}),
-    }
-    if any(scene.readout for scene in scenes):
-        variables["reading_V"] = reading, make_attributes("reading just after a sudden touch", "V")
+    variables: dict[str, Any] = {}
+    for name, values in columns.get_charge_columns().items():
+        attributes = make_attributes(_CHARGE_VARIABLES[name], "pC")
+        if name == "charge_pC":
+            attributes["ancillary_variables"] = _ANCILLARY
+        variables[name] = (by_electrode, arrange(values), attributes)
+    attributes = make_attributes("largest deflection", "mm")
+    variables["deflection_max_mm"] = (dims, arrange(columns.deflections_mm), attributes)
+    attributes = make_attributes("how the solve ended")
+    variables["status"] = (dims, arrange(columns.statuses), attributes)
+    if any(scene.readout for scene in plan.scenes):
+        attributes = make_attributes("reading just after a sudden touch", "V")
+        variables["reading_V"] = (by_electrode, arrange(columns.readings_V), attributes)
+    coordinates = make_coordinates(grid)
+    coordinates["electrode"] = ("electrode", electrodes, make_attributes("electrode"))
     return xarray.Dataset(
-        {
-            name: (over[values.ndim], over_grid(values), about)
-            for name, (values, about) in variables.items()
-        },
-        {**make_coordinates(grid), "electrode": ("electrode", names, {"long_name": "electrode"})},
+        variables,
+        coordinates,
         {
             "Conventions": "CF-1.11",
             "title": "charges of the electrodes of a PVDF membrane",
@@ -105,46 +152,65 @@ def make_sweep_dataset(
     )
 
 
+def _list_electrodes(scenes: Sequence[Scene]) -> list[str]:
+    """Return the distinct names of all electrodes of scenes, in the order of their first scene."""
+    layouts = {scene.electrodes: scene.electrode_list for scene in scenes}
+    names = []
+    for electrodes in layouts.values():
+        names += [electrode.name for electrode in electrodes]
+    return list(dict.fromkeys(names))
+
+
 def make_coordinates(grid: SceneGrid) -> dict[str, Any]:
-    """Coordinates along a grid's axes, with their meaning."""
-    ends = Counter(_end(key) for axis in grid.axes for key in axis.values)
-    # xarray takes a coordinate with the name of a dimension for its index
-    ends.update(axis.name for axis in grid.axes)
+    """Make the coordinates along a grid's axes, with their attributes.
+
+    A coordinate is named by the last part of its key, or by its whole key where another coordinate
+    or an axis has that name.
+    """
+    name_counts = Counter(axis.name for axis in grid.axes)
+    for axis in grid.axes:
+        name_counts.update(_get_last_part(key) for key in axis.values)
     coordinates: dict[str, Any] = {}
     for axis in grid.axes:
         for key, values in axis.values.items():
-            name = _end(key) if ends[_end(key)] == 1 else key
+            last_part = _get_last_part(key)
+            name = last_part if name_counts[last_part] == 1 else key
             if len(axis.values) == 1:
-                name = axis.name
-            coordinates[name] = (axis.name, _labels(values), {"key": key, **describe_key(key)})
-        for name, further in axis.beside.items():
-            coordinates[name] = (axis.name, list(further), describe_key(name))
+                name = axis.name  # xarray takes it for the index of the dimension
+            attributes = {"key": key, **describe_key(key)}
+            coordinates[name] = (axis.name, _make_labels(values), attributes)
+        for name, numbers in axis.beside.items():
+            coordinates[name] = (axis.name, list(numbers), describe_key(name))
     return coordinates
 
 
-def _end(key: str) -> str:
+def _get_last_part(key: str) -> str:
+    """Return the name of a key without its tables."""
     return key.rpartition(".")[-1]
 
 
-def _labels(values: tuple[Any, ...]) -> list[Any]:
-    """Values as numbers or as texts; tables and lists in full."""
+def _make_labels(values: Sequence[Any]) -> list[Any]:
+    """Return values as numbers, or as texts where they are not all numbers."""
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return [float(value) for value in values]
-    return [
-        value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-        for value in values
-    ]
+    labels = []
+    for value in values:
+        is_text = isinstance(value, str)
+        labels.append(value if is_text else json.dumps(value, ensure_ascii=False))
+    return labels
 
 
 def describe_key(key: str) -> dict[str, str]:
-    """The attributes of what a key stands for: ``film.thickness_um`` is film thickness in um."""
+    """Return attributes of a variable by its key: of ``film.thickness_um`` film thickness, um."""
     words, unit = split_unit(key)
-    return make_attributes(words, unit.translate(_IN_ASCII))
+    return make_attributes(words, unit.translate(_ASCII_SIGNS))
 
 
-def make_attributes(long_name: str, unit: str) -> dict[str, str]:
-    """The attributes of a variable."""
-    return {"long_name": long_name, "units": unit} if unit else {"long_name": long_name}
+def make_attributes(long_name: str, unit: str = "") -> dict[str, str]:
+    """Return the CF attributes of a variable with a description and a unit."""
+    if not unit:
+        return {"long_name": long_name}
+    return {"long_name": long_name, "units": unit}
 
 
 def write_netcdf(data: xarray.Dataset, path: Path) -> None:

@@ -71,7 +71,7 @@ class Response(Result):
     #: The largest error bound that was requested.
     tolerance: float = 1e-3
     #: Notes on the build, and changes that would help if the bound exceeds the tolerance.
-    remarks: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     #: The stress about the probe, for responses of other electrodes.
     stress_modes: StressModes | None = None
     #: The full solves with which the error was measured.
@@ -80,10 +80,10 @@ class Response(Result):
     unloaded_charges_pC: UnloadedCharges | None = None
 
     def summary(self) -> Summary:
-        """Return the electrodes, the domain, the error bound and the remarks."""
+        """Return the electrodes, the domain, the error bound and the notes."""
         about = f"charges of {', '.join(self.names)} for {self.domain}"
-        notes = [f"errors: up to {self.error_bound:.2g} of a charge", *self.remarks]
-        return Summary(self.status, [about], notes=notes)
+        lines = [f"errors: up to {self.error_bound:.2g} of a charge", *self.notes]
+        return Summary(self.status, [about], notes=lines)
 
     def to_json(self) -> dict[str, Any]:
         """Return the values that `pvdf-fem model --json` prints besides the file."""
@@ -92,7 +92,7 @@ class Response(Result):
             "reach_mm": self.domain.reach_mm,
             "force_range_N": list(self.domain.force_N),
             "error_bound": self.error_bound,
-            "remarks": list(self.remarks),
+            "remarks": list(self.notes),
         }
 
     @cached_property
@@ -216,19 +216,19 @@ class Response(Result):
         response = replace(
             self,
             error_bound=bound,
-            remarks=(),
+            notes=(),
             unloaded_charges_pC=_compute_finite_unloaded_charges(self.scene),
         )
         if response.status is Status.CONVERGED:
             return response
         distances = np.hypot(touches[:, TouchColumn.X], touches[:, TouchColumn.Y])
         nearest_miss_mm = distances[bounds > self.tolerance].min()
-        remark = (
+        note = (
             f"tolerance = {self.tolerance:g}: exceeded by the error bound {bound:.2g}; raise the"
             " tolerance to the bound, or lower the reach: touches meet the tolerance up to"
             f" {nearest_miss_mm:.3g} mm"
         )
-        return replace(response, remarks=(remark,))
+        return replace(response, notes=(note,))
 
     def plot(
         self,

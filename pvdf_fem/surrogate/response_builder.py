@@ -52,7 +52,7 @@ def build_response(
         Least and largest force; by default those of the scene's ``[model]``.
     tolerance : float, optional
         Largest error bound; by default that of the scene's ``[model]``. A response that exceeds it
-        is returned with its true bound, and its `remarks` say what would help.
+        is returned with its true bound, and its `notes` say what would help.
     processes : int, optional
         Number of processes; by default all cores.
     file : path, optional
@@ -176,8 +176,8 @@ def _build_within_tolerance(
     assert validation is not None
     failed = len(touches) - len(validation.touches)
     if failed:
-        remark = f"{failed} of the {len(touches)} random touches have no solution"
-        best = replace(best, remarks=(*best.remarks, remark))
+        note = f"{failed} of the {len(touches)} random touches have no solution"
+        best = replace(best, notes=(*best.notes, note))
     return best
 
 

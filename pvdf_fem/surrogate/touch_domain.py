@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
 from functools import cached_property
 from typing import NamedTuple
 
@@ -24,7 +23,7 @@ TOUCH_QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")
 TOUCH_SCENE_KEYS = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
 
 
-class TouchColumn(IntEnum):
+class TouchColumn:
     """Columns of the quantities in a row of touches, in the order of `TOUCH_QUANTITIES`."""
 
     X = 0

@@ -29,7 +29,7 @@ from shapely import Point
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import replace_file
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.shapes import Electrode
+from pvdf_fem.scene.placed.electrode import Electrode
 
 # The look of all figures; matplotlib's stubs ask for literal keys.
 _STYLE: dict[Any, Any] = matplotlib.rc_params_from_file(

@@ -22,7 +22,8 @@ from pvdf_fem.report.kind import Content, Inputs, Kind, prefix_errors
 from pvdf_fem.report.results import ReportResults
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.scene_file import SceneError
-from pvdf_fem.studies.design import DesignStudy, find_best_design, make_table
+from pvdf_fem.studies.design import find_best_design, make_table
+from pvdf_fem.studies.design_study import DesignStudy
 from pvdf_fem.surrogate.touch_domain import Domain, centre_probe
 from pvdf_fem.view.charts import draw_design_map
 from pvdf_fem.view.figures import WIDTH_MM, get_line_style, make_figure
@@ -108,7 +109,7 @@ class OfDesigns(Kind):
         domain, noise = Domain(self.reach_mm, self.forces_N), (self.sigma, self.noise_pC)
         with prefix_errors("vary"):
             designs = DesignStudy.from_scene(scene, vary)
-            if wrong := [*designs.mistakes(domain, self.step_mm, self.tolerance, *noise)]:
+            if wrong := [*designs.find_errors(domain, self.step_mm, self.tolerance, *noise)]:
                 raise SceneError(wrong)
         how = {key: getattr(self, key) for key in ("step_mm", "forces_N", "tolerance")}
         how |= {**QUICK} if inputs.quick else {}

@@ -18,7 +18,8 @@ from pvdf_fem.report.registry import TABLES as REPORT_TABLES
 from pvdf_fem.report.script import Other, Script, ScriptSection
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene_file import get_example_text, read_examples
-from reports.guide.scene_keys import cleaned, scene_page, table_of
+from pvdf_fem.scene.validation.table_forms import TableForm
+from reports.guide.scene_keys import clean_docstring, make_key_table, make_scene_page
 
 #: What public names return or take, by headings of the page.
 RESULTS: Mapping[str, tuple[str, ...]] = {
@@ -36,7 +37,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "pvdf_fem.inverse.calibration.calibration.Calibration",
         "pvdf_fem.inverse.touch.location.Location",
         "pvdf_fem.inverse.touch.touch.Touch",
-        "pvdf_fem.inverse.touch.locate_many.Touches",
+        "pvdf_fem.inverse.touch.touches.Touches",
         "pvdf_fem.inverse.tracking.results.TrackRow",
         "pvdf_fem.report.report.MadeReport",
         "pvdf_fem.report.kind.Content",
@@ -64,7 +65,7 @@ INTERNAL = (
 def write_references(folder: Path) -> None:
     """Write all pages to a folder; a page that has not changed keeps its time."""
     folder.mkdir(exist_ok=True)
-    pages = {"scene": scene_page(), "report": report_page(), "commands": commands_page()}
+    pages = {"scene": make_scene_page(), "report": report_page(), "commands": commands_page()}
     pages |= {"api": api_page()}
     for name, text in (pages | {"modules": modules_page()}).items():
         path = folder / f"{name}.md"
@@ -91,7 +92,7 @@ def report_page() -> str:
         for name, model in kinds.items():
             keys = [key for key in model.model_fields if key not in Kind.model_fields]
             lines += ["", f'## `[[section.{form}]]` with `kind = "{name}"`', ""]
-            lines += [cleaned(model.__doc__), "", *table_of(model, keys)]
+            lines += [clean_docstring(model.__doc__), "", *make_key_table(TableForm(model), keys)]
     lines += [
         "",
         "## A script",
@@ -105,7 +106,11 @@ def report_page() -> str:
 
 def _alone(model: type[Section]) -> list[str]:
     """A model's docstring, and a table of its keys."""
-    return [cleaned(model.__doc__), "", *table_of(model, model.model_fields)]
+    return [
+        clean_docstring(model.__doc__),
+        "",
+        *make_key_table(TableForm(model), model.model_fields),
+    ]
 
 
 def commands_page() -> str:

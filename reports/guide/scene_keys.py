@@ -1,4 +1,4 @@
-"""Every key of a scene file, from the code: the page of the guide, and the example with all keys.
+"""Every key of a scene file, from the code: the page of the guide and the example with all keys.
 
 ``python -m reports.guide.scene_keys`` writes the example, ``geometry/four_electrodes.toml``, which
 ``pvdf-fem keys`` and ``pvdf-fem --help`` read.
@@ -13,197 +13,229 @@ import textwrap
 import types
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
-from itertools import chain, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pvdf_fem.scene.changes import to_plain_value
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.keys import Key, Section
+from pvdf_fem.scene.load import Load
+from pvdf_fem.scene.placed.electrode import Electrode, Layout
+from pvdf_fem.scene.placed.patch import Patch
+from pvdf_fem.scene.placed.placed_shape import PLACEMENT_KEYS
+from pvdf_fem.scene.placed.probe import ListedProbe, Probe
 from pvdf_fem.scene.readout import Readout
-from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import Numerics, Scene
 from pvdf_fem.scene.scene_file import format_toml_value, get_example_text, read_examples
-from pvdf_fem.scene.shapes import ELECTRODES, LAYOUTS, PATCHES, PROBES, Bonded, Layout, Pressing
 from pvdf_fem.scene.stage import ResponseDomain, Stage
+from pvdf_fem.scene.validation.table_forms import TableForm, list_forms
 
 EXAMPLE = Path(__file__).parents[2] / "geometry" / "four_electrodes.toml"
-#: Tables of a scene file and their models; shapes of one kind stand side by side.
-TABLES: Mapping[str, tuple[type[Section], ...]] = {
-    "[film]": (Film,),
-    "[electrodes]": tuple(LAYOUTS.values()),
-    "[[electrodes]]": tuple(ELECTRODES.values()),
-    "[probe]": tuple(PROBES.values()),
-    "[[probe]], besides the keys of [probe]": (Pressing,),
-    "[[film.patches]]": tuple(PATCHES.values()),
-    "[load]": (Load,),
-    "[numerics]": (Numerics,),
-    "[readout]": (Readout,),
-    "[stage]": (Stage,),
-    "[air]": (Air,),
-    "[model]": (ResponseDomain,),
+LISTED_PROBE = "[[probe]], besides the keys of [probe]"
+#: Tables of a scene file and their models.
+MODELS: Mapping[str, type[Section]] = {
+    "[film]": Film,
+    "[electrodes]": Layout,
+    "[[electrodes]]": Electrode,
+    "[probe]": Probe,
+    LISTED_PROBE: ListedProbe,
+    "[[film.patches]]": Patch,
+    "[load]": Load,
+    "[numerics]": Numerics,
+    "[readout]": Readout,
+    "[stage]": Stage,
+    "[air]": Air,
+    "[model]": ResponseDomain,
 }
-#: What tables of several shapes are, in the example.
+#: Tables of a scene file in each of their shapes; a listed probe has one form, see `_list_keys`.
+TABLES: Mapping[str, list[TableForm]] = {
+    heading: [TableForm(model)] if heading == LISTED_PROBE else list_forms(model)
+    for heading, model in MODELS.items()
+}
+#: Descriptions of tables of several shapes, in the example.
 ABOUT = {
-    "[[film.patches]]": inspect.cleandoc(Bonded.__doc__ or ""),
+    "[[film.patches]]": inspect.cleandoc(Patch.__doc__ or ""),
     "[electrodes]": inspect.cleandoc(Layout.__doc__ or ""),
     "[[electrodes]]": "In place of the layout, any electrodes; they may touch, but not overlap.",
-    "[probe]": "What presses on the film; without this table nothing does.",
+    "[probe]": "The probe that presses on the film; without this table nothing does.",
 }
 UNCERTAIN = (
     "Standard deviations of numbers of the scene by their keys, in the key's unit or as shares of "
-    "the number: `pvdf-fem solve` tells what they make of each charge."
+    "the number: `pvdf-fem solve` prints the standard deviation that each charge has by them."
 )
 HEAD = """\
 # The sensor with four electrodes, without a probe: the film under its pretension only.
-# Copy, keep what you change, delete the rest: every key has the value below as its default. Lines
-# that begin with # and a key are tables and keys which this sensor has not, each with an example.
+# Copy, keep the keys that you change, delete the rest: every key has the value below as its
+# default. Lines that begin with # and a key are tables and keys that this sensor does not have,
+# each with an example.
 """
 
 
 @cache
-def _texts(model: type[Section]) -> dict[str, str]:
-    """The texts below the fields of a class in its source; none of a class that has no source."""
-    try:
-        source = textwrap.dedent(inspect.getsource(model))
-    except OSError:
-        return {}
+def _read_field_texts(model: type[Section]) -> dict[str, str]:
+    """Read the texts below the fields of a class in its source."""
+    source = textwrap.dedent(inspect.getsource(model))
     [table] = ast.parse(source).body
-    found, body = {}, getattr(table, "body", [])
-    hidden = (node.orelse for node in body if isinstance(node, ast.If))  # from type checkers
-    for field, text in pairwise(chain(body, *hidden)):
+    assert isinstance(table, ast.ClassDef)
+    texts = {}
+    for field, text in pairwise(table.body):
         match field, text:
-            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(ast.Constant(str() as said)):
-                found[name] = " ".join(said.split())
-    return found
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(ast.Constant(str() as found)):
+                texts[name] = " ".join(found.split())
+    return texts
 
 
-def meaning(model: type[Section], name: str) -> str:
-    """What a key of a table means; empty where that is not said."""
-    said = (_texts(table).get(name, "") for table in _tables(model))
-    return next(filter(None, said), "")
+def get_meaning(form: TableForm, name: str) -> str:
+    """Return the meaning of a key of a table; empty where its source has none."""
+    for model in form.sources:
+        text = _read_field_texts(model).get(name)
+        if text:
+            return text
+    return ""
 
 
-def _tables(model: type[Section]) -> list[type[Section]]:
-    """The tables from which a table has its keys; a ring has sizes from its electrodes."""
-    ring = [ELECTRODES[model.model_fields["shape"].default]] if issubclass(model, Layout) else []
-    parents = (table for one in (model, *ring) for table in one.__mro__)
-    return [table for table in parents if issubclass(table, Section)]
+def describe_condition(form: TableForm, name: str) -> str:
+    """Describe the value of another key that a key needs, and the limits of its numbers."""
+    key = form.key_of(name)
+    parts = []
+    if key.needs is not None:
+        needed, value = key.needs
+        parts.append(f'Requires {needed} = "{value}".' if value else f"Requires {needed}.")
+    if key.limits is not None:
+        low, high = key.limits
+        parts.append(f"{low:g} to {high:g} {key.unit}".rstrip() + ".")
+    return " ".join(parts)
 
 
-def condition(model: type[Section], name: str) -> str:
-    """What another key has to be for a key, and the range of its numbers."""
-    key = model.key_of(name)
-    needed, value = key.needs or ("", None)
-    needs = f'Of {needed} = "{value}" only. ' if value else f"With {needed} only. " * bool(needed)
-    if key.within is None:
-        return needs.rstrip()
-    return f"{needs}{key.within[0]:g} to {key.within[1]:g} {key.unit}".rstrip() + "."
+def iterate_groups(forms: Sequence[TableForm]) -> Iterator[tuple[str, TableForm, list[str]]]:
+    """Yield the keys of a table in groups.
 
+    Parameters
+    ----------
+    forms : sequence of TableForm
+        The forms of one table.
 
-def groups(models: Sequence[type[Section]]) -> Iterator[tuple[str, type[Section], list[str]]]:
-    """Keys of a table by a caption and a model: all keys of one model, or the keys that models of
-    shapes share, and then for each shape the keys of its own."""
-    first, *others = models
+    Yields
+    ------
+    str, TableForm, list of str
+        A caption and the keys of one form: without a caption all keys of the only form, or the keys
+        that all forms share, and then for each shape its own keys.
+    """
+    first, *others = forms
     if not others:
-        yield "", first, list(first.model_fields)
+        yield "", first, list(first.fields)
         return
-    shared = [key for key in first.model_fields if all(key in m.model_fields for m in others)]
+    shared = [key for key in first.fields if all(key in form.fields for form in others)]
     yield "", first, shared
-    for model in models:
-        caption = f'shape = "{model.model_fields["shape"].default}": {cleaned(model.__doc__)}'
-        yield caption, model, [key for key in model.model_fields if key not in shared]
+    for form in forms:
+        shape = form.fields["shape"].default
+        caption = f'shape = "{shape}": {clean_docstring(form.description)}'
+        yield caption, form, [key for key in form.fields if key not in shared]
 
 
-def commented_scene() -> str:
-    """The example scene with every key, its meaning, range, and default or example."""
-    blocks, told = [HEAD], set()
-    for heading, models in TABLES.items():
+def make_commented_scene() -> str:
+    """Make the example scene with every key, its meaning, limits, and default or example."""
+    blocks = [HEAD]
+    seen_captions = set()
+    for heading, forms in TABLES.items():
         table, _, more = heading.partition(", ")
         field = Scene.model_fields.get(table.strip("[]"))
-        used = table[1] != "[" and field is not None and field.default is not None
-        about = cleaned(models[0].__doc__) if len(models) == 1 else ABOUT[table]
-        lines = [*_comment(": ".join(filter(None, [more, about]))), table if used else f"#{table}"]
-        for caption, model, keys in groups(models):
-            if caption in told:
+        is_used = table[1] != "[" and field is not None and field.default is not None
+        about = clean_docstring(forms[0].description) if len(forms) == 1 else ABOUT[table]
+        lines = _comment(f"{more}: {about}" if more else about)
+        lines.append(table if is_used else f"#{table}")
+        for caption, form, keys in iterate_groups(forms):
+            if caption in seen_captions and form is not forms[0]:
                 continue
             lines += _comment(caption)
-            given = used and model is models[0]
-            lines += [line for key in keys for line in _entry(model, key, given)]
-            told |= {caption} - {""}
+            for key in _list_keys(heading, keys):
+                lines += _make_entry(form, key, is_used=is_used and form is forms[0])
+            if caption:
+                seen_captions.add(caption)
         blocks.append("\n".join(lines) + "\n")
-    blocks.append(
-        "\n".join([*_comment(UNCERTAIN), "#[uncertain]", '#"film.thickness_um" = "5 %"\n'])
-    )
+    uncertain = [*_comment(UNCERTAIN), "#[uncertain]", '#"film.thickness_um" = "5 %"\n']
+    blocks.append("\n".join(uncertain))
     return "\n".join(blocks)
 
 
-def _entry(model: type[Section], name: str, used: bool) -> list[str]:
-    """A key with its comment; as a comment too, where the table or the key has no value."""
-    default = _default(model, name)
-    value = model.key_of(name).example if default is None else default
-    if value is None:
-        fields = (table.model_fields.get(name) for table in _tables(model))
-        value = next((f.default for f in fields if f and not f.is_required()), None)
+def _list_keys(heading: str, keys: list[str]) -> list[str]:
+    """Return the keys below a heading; of a listed probe only those that others do not have."""
+    if heading != LISTED_PROBE:
+        return keys
+    return [key for key in keys if key not in Probe.model_fields]
+
+
+def _make_entry(form: TableForm, name: str, is_used: bool) -> list[str]:
+    """Make a key with its comment; commented out where the scene does not have it."""
+    default = _get_default(form, name)
+    value = form.key_of(name).example if default is None else default
+    if name in PLACEMENT_KEYS:
+        value = 0.0
     if value is None:  # a list of tables, which has a heading of its own
         return []
-    mark = "" if used and default is not None else "#"
-    lines = _comment(f"{meaning(model, name)} {condition(model, name)}")
-    return [*lines, f"{mark}{name} = {format_toml_value(to_plain_value(value))}"]
+    mark = "" if is_used and default is not None else "#"
+    comment = f"{get_meaning(form, name)} {describe_condition(form, name)}"
+    return [*_comment(comment), f"{mark}{name} = {format_toml_value(to_plain_value(value))}"]
 
 
-def _default(model: type[Section], name: str) -> Any:
-    """The default of a key; None for a key that is needed, or not given."""
-    field = model.model_fields[name]
+def _get_default(form: TableForm, name: str) -> Any:
+    """Return the default of a key; None for a key that is required, or not given."""
+    field = form.fields[name]
     return None if field.is_required() else field.get_default(call_default_factory=True)
 
 
 def _comment(text: str) -> list[str]:
+    """Wrap a text as lines of comment."""
     return textwrap.wrap(text, 98, initial_indent="# ", subsequent_indent="# ")
 
 
-def scene_page() -> str:
-    """Every table of a scene file with its keys, defaults, ranges and meanings."""
+def make_scene_page() -> str:
+    """Make the page of every table of a scene file with its keys, defaults, limits and meanings."""
     lines = [
         "# Scene files",
         "A scene is a TOML file of these tables. Every key has a default unless it is marked as",
-        "needed, and the units are in the keys' names. `pvdf-fem keys` prints the scene at the end",
-        "of this page, and `pvdf-fem keys WORD` what the scene has of a word.",
+        "required, and the units are in the keys' names. `pvdf-fem keys` prints the scene at the",
+        "end of this page, and `pvdf-fem keys WORD` the keys of a word.",
         "",
-        cleaned(Scene.__doc__),
+        clean_docstring(Scene.__doc__),
     ]
-    for heading, models in TABLES.items():
+    for heading, forms in TABLES.items():
         lines += ["", f"## `{heading}`", ""]
-        lines += [cleaned(models[0].__doc__) if len(models) == 1 else ABOUT[heading], ""]
-        for caption, model, keys in groups(models):
-            shape, _, about = caption.partition(": ")
-            lines += ["", f"`{shape}`: {about}", ""] if caption else []
-            lines += table_of(model, keys)
+        lines += [clean_docstring(forms[0].description) if len(forms) == 1 else ABOUT[heading], ""]
+        for caption, form, keys in iterate_groups(forms):
+            if caption:
+                shape, _, about = caption.partition(": ")
+                lines += ["", f"`{shape}`: {about}", ""]
+            lines += make_key_table(form, _list_keys(heading, keys))
     lines += ["", "## `[uncertain]`", "", UNCERTAIN]
     commented = get_example_text("four_electrodes", read_examples()).rstrip()
     lines += ["", "## A scene with every key", "", "```toml", commented, "```"]
     return "\n".join(lines) + "\n"
 
 
-def cleaned(doc: str | None) -> str:
-    """A docstring without examples as Markdown: double backticks are single ones."""
+def clean_docstring(doc: str | None) -> str:
+    """Return a docstring without examples as Markdown, with single backticks."""
     return inspect.cleandoc(doc or "").partition("\n\nExamples\n")[0].replace("``", "`")
 
 
-def table_of(model: type[Section], keys: Iterable[str]) -> list[str]:
-    """A table of keys: default, values, and meaning where it is said."""
+def make_key_table(form: TableForm, keys: Iterable[str]) -> list[str]:
+    """Make a table of keys in Markdown: default, values, and meaning."""
     lines = ["| key | default | values | meaning |", "| --- | --- | --- | --- |"]
-    for key in keys:
-        field, said = model.model_fields[key], model.key_of(key)
-        default = "needed" if field.is_required() else _written(_default(model, key))
-        needs = condition(model, key) if said.needs else ""
-        about = f"{meaning(model, key)} {needs.partition('. ')[0]}".strip()
-        values = _values(field.annotation, said)
-        lines += [f"| `{key}` | {default} | {values} | {about.replace('|', chr(92) + '|')} |"]
+    for name in keys:
+        field = form.fields[name]
+        key = form.key_of(name)
+        default = "required" if field.is_required() else _format_default(_get_default(form, name))
+        about = get_meaning(form, name)
+        if key.needs is not None:
+            about += f" {describe_condition(form, name).partition('. ')[0]}"
+        values = _describe_values(field.annotation, key)
+        about = about.strip().replace("|", "\\|")
+        lines.append(f"| `{name}` | {default} | {values} | {about} |")
     return lines
 
 
-def _written(value: Any) -> str:
+def _format_default(value: Any) -> str:
     if value is None:
         return "not given"
     if value in ((), {}):
@@ -213,33 +245,38 @@ def _written(value: Any) -> str:
     return f"`{json.dumps(value)}`"
 
 
-def _values(annotation: Any, key: Key) -> str:
-    """What a type takes, in words; `key` has the range of its numbers."""
-    origin, arguments = get_origin(annotation), get_args(annotation)
+def _describe_values(annotation: Any, key: Key) -> str:
+    """Describe the values of a type in words; `key` has the limits of its numbers."""
+    origin = get_origin(annotation)
+    arguments = get_args(annotation)
     if key.words:
-        return ", ".join(map(_written, key.words))
+        return ", ".join(map(_format_default, key.words))
     if origin is Annotated:
-        return _values(arguments[0], next((k for k in arguments if isinstance(k, Key)), key))
+        marks = [mark for mark in arguments if isinstance(mark, Key)]
+        return _describe_values(arguments[0], marks[0] if marks else key)
     if origin is Literal:
-        return ", ".join(_written(value) for value in arguments)
+        return ", ".join(_format_default(value) for value in arguments)
     if origin in (Union, types.UnionType):
-        kinds = dict.fromkeys(_values(a, key) for a in arguments if a is not type(None))
-        return " or ".join(kind for kind in kinds if kind)
+        kinds = [_describe_values(one, key) for one in arguments if one is not type(None)]
+        return " or ".join(kind for kind in dict.fromkeys(kinds) if kind)
     if origin is tuple:
-        kinds = dict.fromkeys(_values(a, key) for a in arguments if a is not Ellipsis)
-        is_tables = any("Patch" in kind for kind in kinds)
-        return "list of the table" if is_tables else f"list of {'; '.join(kinds)}"
+        kinds = [_describe_values(one, key) for one in arguments if one is not Ellipsis]
+        if any("Patch" in kind for kind in kinds):
+            return "list of the table"
+        return f"list of {'; '.join(dict.fromkeys(kinds))}"
     if origin is dict:
-        is_number = _values(arguments[1], key) not in ("value", "list of value")
-        return f"table by {'electrode' if is_number else 'key'} of {_values(arguments[1], key)}"
+        values = _describe_values(arguments[1], key)
+        owner = "key" if values in ("value", "list of value") else "electrode"
+        return f"table by {owner} of {values}"
     if inspect.isclass(annotation) and issubclass(annotation, Section):
         return f"table {annotation.__name__}"
-    if annotation in (float, int) and key.within:
-        return f"{key.within[0]:g} to {key.within[1]:g} {key.unit}".rstrip()
+    if annotation in (float, int) and key.limits:
+        low, high = key.limits
+        return f"{low:g} to {high:g} {key.unit}".rstrip()
     names = {bool: "`true`, `false`", float: "number", int: "whole number", str: "text"}
     names[Any] = "value"
-    return names.get(annotation, "as said above")
+    return names.get(annotation, "as described above")
 
 
 if __name__ == "__main__":
-    EXAMPLE.write_text(commented_scene(), "utf-8")
+    EXAMPLE.write_text(make_commented_scene(), "utf-8")

@@ -14,7 +14,7 @@ import numpy as np
 from pvdf_fem import Scene, SceneError
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.shapes import PROBES
+from pvdf_fem.scene.placed.probe import Probe
 
 Tables = dict[str, Any]
 Random = np.random.Generator
@@ -147,8 +147,7 @@ def _sized(random: Random, shape: str, size: float) -> Tables:
 
 
 def _outline(probe: Tables) -> Outline:
-    outline: Outline = PROBES[probe["shape"]](**probe).outline
-    return outline
+    return Probe.model_validate(probe).outline
 
 
 def _electrodes(random: Random, kind: str, radius: float, probe: Tables) -> list[Tables]:

@@ -15,8 +15,9 @@ from pvdf_fem.batch.plan import plan_solves
 from pvdf_fem.batch.store import make_record_key
 from pvdf_fem.scene.changes import parse_key
 from pvdf_fem.scene.keys import Section
-from pvdf_fem.scene.registry import PROFILE_ENTRIES
-from pvdf_fem.scene.shapes import ELECTRODES, MODELS, PROBES
+from pvdf_fem.scene.registry import PROBE_SHAPES, PROFILE_ENTRIES
+from pvdf_fem.scene.validation.table_forms import TABLES as SCENE_TABLES
+from pvdf_fem.scene.validation.table_forms import TableForm, list_forms
 from pvdf_fem.surrogate.response_key import require_same_mechanics
 from reports.guide.scene_keys import TABLES
 from tests.helpers.discs import on_mesh
@@ -61,24 +62,24 @@ SCENES: list[tuple[Changes, list[str]]] = [
 ]
 
 
-def shaped(path: tuple[str, ...]) -> tuple[Changes, list[str]]:
-    """A scene with a table of `MODELS`, and the table's key."""
-    section, kind, shape, *_ = path
+def shaped(place: str, shape: str) -> tuple[Changes, list[str]]:
+    """A scene with a shaped table at a place, and the table's key."""
     entry = {"shape": shape, "x_mm": 7.0, "y_mm": 1.0, "rotation_deg": 10.0, **SIZES[shape]}
     load = {"kind": "contact" if shape == "sphere" else "dead"}
-    if section == "film":
+    if place == "film.patches[0]":
         return {"film.patches": [entry | LAYER]}, ["film.patches[0]"]
-    if path[:2] == ("electrodes", "list"):
+    if place == "electrodes[0]":
         return {"electrodes": [{**entry, "name": "A"}]}, ["electrodes[0]"]
-    if section == "electrodes":
+    if place == "electrodes":
         ring = {"layout": "ring", "ring_radius_mm": 8.0, "shape": shape}
         return {"electrodes": ring | SIZES[shape]}, ["electrodes"]
-    if kind == "table":
+    if place == "probe":
         return {"probe": entry, "load": load}, ["probe"]
     return {"probe": [{**entry, "load": load}]}, ["probe[0]", "probe[0].load"]
 
 
-SCENES += [shaped(path) for path in MODELS if path[3:] == ()]
+FORMS = [(place, form) for place, table in SCENE_TABLES.items() for form in list_forms(table)]
+SCENES += [shaped(place, form.fields["shape"].default) for place, form in FORMS if form.shape]
 
 
 def scaled(value: Any) -> Any:
@@ -90,8 +91,9 @@ def scaled(value: Any) -> Any:
 
 def others(table: Section, name: str) -> Iterator[Any]:
     """Other values of a key, by its type and what is said of it; not of tables in it."""
-    said, value, field = table.key_of(name), getattr(table, name), type(table).model_fields[name]
-    words = {"shape": {*PROBES, *ELECTRODES}, "profile": PROFILE_ENTRIES, "name": ["Z"]}
+    said, value = table.table_keys[name], getattr(table, name)
+    field = TableForm(type(table), type(getattr(table, "geometry", None))).fields[name]
+    words = {"shape": PROBE_SHAPES, "profile": PROFILE_ENTRIES, "name": ["Z"]}
     if value is None:
         yield {} if said.example is None else said.example
     elif isinstance(value, bool):
@@ -110,7 +112,7 @@ def changed_alone(changes: Changes, tables: list[str]) -> Iterator[tuple[str, Sc
         table: Any = base
         for step in parse_key(where) if where else ():
             table = table[step] if isinstance(step, int) else getattr(table, step)
-        for name in type(table).model_fields:
+        for name in table.table_keys:
             for value in others(table, name):
                 try:
                     yield name, base.with_({f"{where}.{name}".lstrip("."): value})
@@ -165,7 +167,8 @@ def test_scenes_share_what_a_key_does_not_change(changes, tables):
 
 
 def test_every_key_is_changed_in_some_scene():
-    models = Scene, *MODELS.values(), *(model for table in TABLES.values() for model in table)
+    forms = [TableForm(Scene), *(form for _, form in FORMS)]
+    forms += [form for table in TABLES.values() for form in table]
     changed = {name for case in SCENES for name, _ in changed_alone(*case)}
     by_their_keys = {"film", "electrodes", "probe", "load", "numerics", "patches"}
-    assert {name for model in models for name in model.model_fields} - changed == by_their_keys
+    assert {name for form in forms for name in form.fields} - changed == by_their_keys

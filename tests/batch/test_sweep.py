@@ -19,8 +19,9 @@ from pvdf_fem import solve
 from pvdf_fem.batch import batch
 from pvdf_fem.batch.store import Record, Store, make_record_key
 from pvdf_fem.batch.workers import ClusterLostError, WorkerDied, run_on_processes
-from pvdf_fem.studies.scene_grid import RESERVED_NAMES, SceneGrid
+from pvdf_fem.studies.scene_grid import SceneGrid
 from pvdf_fem.studies.sweep import sweep
+from pvdf_fem.studies.sweep_axis import RESERVED_NAMES
 from pvdf_fem.studies.sweep_dataset import write_netcdf
 from tests.conftest import Run
 from tests.helpers import deaths
@@ -90,12 +91,12 @@ def test_a_dataset_has_the_charges_of_each_scene_in_its_place():
 def test_a_scene_that_fails_is_stored_and_one_that_crashes_is_tried_again(tmp_path, monkeypatch):
     """The rest goes on; a store may be a path."""
     axes = [{"film.temperature_change_K": [-1.0, 10.0, -2.0], "load.force_N": [1.0, 0.0, 2.0]}]
-    records_of = batch.make_records
+    make_records = batch.make_records
 
     def broken(scenes, frames):
         if scenes[0].load.force_N == 2.0:
             raise MemoryError
-        return records_of(scenes, frames)
+        return make_records(scenes, frames)
 
     monkeypatch.setattr(batch, "make_records", broken)
     path = tmp_path / "s.db"

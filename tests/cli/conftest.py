@@ -7,7 +7,7 @@ from importlib import import_module
 
 import pytest
 
-from tests.helpers.streams import sensor
+from tests.helpers.streams import make_sensor
 from tests.helpers.touch_models import bumps
 
 TOLERANCE = "[numerics]\ntolerance = 0.05\n"
@@ -51,7 +51,7 @@ RESPONSE_USERS = (
 def models(monkeypatch):
     """Replace built responses by made-up ones; the list receives the scene of each."""
     scenes = []
-    unloaded = sensor()
+    unloaded = make_sensor()
 
     def make_response(scene, *_, **__):
         scenes.append(scene)

@@ -18,12 +18,12 @@ import pytest
 import xarray
 
 from pvdf_fem import Scene, __version__, calibrate, dataset, modes, respond, solve
-from pvdf_fem.cli.program import read_scene
+from pvdf_fem.cli.options import read_scene
 from pvdf_fem.scene.scene_file import read_examples, read_key_texts
 from pvdf_fem.solver.nonlinear.newton import NewtonOptions
 from tests.helpers.touch_models import bumps
 from tests.helpers.touched_sensor import SCENE as TOUCHED
-from tests.helpers.touched_sensor import TRUE, made, made_up
+from tests.helpers.touched_sensor import TRUE, make_columns, patch_solver
 
 ROOT = Path(__file__).parents[2]
 
@@ -116,7 +116,7 @@ def test_touches_for_estimators_are_those_of_python(folder, models, command):
 
 def test_designs_are_printed_drawn_and_written(folder, models, command):
     thick = "film.thickness_um={start=10, stop=20, count=2}"
-    asked = "design disc.toml --set electrodes.layout=ring --noise 0.02 --step 6 --vary"
+    asked = "design disc.toml --set electrodes.layout=ring --sigma 0.02 --step 6 --vary"
     asked = [*asked.split(), "electrodes.count=4,6", "--vary", thick]
     told = command(*asked, "--json", "--output", "a.csv", "--plot", "a.svg").json
     assert (told["noise"], told["step_mm"], len(models)) == (0.02, 6.0, 2)
@@ -130,11 +130,13 @@ def test_designs_are_printed_drawn_and_written(folder, models, command):
 
 @pytest.mark.parametrize("count", [6, 4])
 def test_a_sensor_is_calibrated_or_has_a_status(folder, command, monkeypatch, count):
-    made_up(monkeypatch)
+    patch_solver(monkeypatch)
     placed = {key: value for key, value in TRUE.items() if key.startswith("stage.")}
     scene = TOUCHED.with_(**placed)
     Path("sensor.toml").write_text(scene.to_toml())
-    columns = {key: values[:count] for key, values in made(6, sigma=0.01, place_sd=0.3).items()}
+    columns = {
+        key: values[:count] for key, values in make_columns(6, sigma=0.01, place_sd=0.3).items()
+    }
     with open("touches.csv", "w", newline="") as file:
         csv.writer(file).writerows([columns, *zip(*columns.values(), strict=True)])
     unknown, priors = "film.pretension_N_m,gains", {"gains": 0.2}

@@ -77,8 +77,8 @@ def built(folder, monkeypatch):
         progress(1, 40)
         calls.append((reach_mm, force_N, tolerance))
         found = {"domain": Domain(reach_mm, force_N), "tolerance": tolerance}
-        bound = {"error_bound": 0.5 * tolerance, "remarks": ("a remark",)}
-        model = replace(random_response.response(), scene=scene, **found, **bound)
+        bound = {"error_bound": 0.5 * tolerance, "notes": ("a note",)}
+        model = replace(random_response.make_response(), scene=scene, **found, **bound)
         model.save(file)
         return model
 
@@ -97,7 +97,7 @@ def test_a_model_is_built_once_and_kept(built, command):
     assert (len(built), again.err) == (1, "")
     design = command("design", "triangle.toml", "--tolerance", 1e-3, "--step", 12)
     assert (design.code, len(design.told), len(built)) == (0, 2, 1)  # designs and models
-    assert ("a remark" in first.told, len(first.told)) == (True, 4)  # with domain and duration
+    assert ("a note" in first.told, len(first.told)) == (True, 4)  # with domain and duration
     command(*LOCATE, "--set", "film.thickness_um=30", "--sigma", "0.05", "--model", "a.response")
     assert built[1:] == [(12.0, (0.1, 5.0), pytest.approx(5e-3))]  # a tenth of the noise
     other = command(*LOCATE, "--model", "a.response", "--set", "probe.side_mm=9")

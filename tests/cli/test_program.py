@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from pvdf_fem.cli.program import InputError, run_program
+from pvdf_fem.cli.program import InputError, log_to_stderr, run_program
 from pvdf_fem.files import FileError, replace_file
+from pvdf_fem.log import logger
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
 
 ROOT = Path(__file__).parents[2]
@@ -84,7 +85,7 @@ def test_a_file_is_replaced_where_a_link_leads_with_its_permissions_and_owner(tm
         (InputError("a = 1: bad", "b\n\x9b = 2: bad"), 2, "a = 1: bad\nb\\n\\x9b = 2: bad\n"),
         (FileError("a.vtu: full"), 2, "a.vtu: full\n"),
         (OSError(28, "No space left on device", "a.svg"), 2, "a.svg: No space left on device\n"),
-        (InputError(*"x" * 130), 2, "x\n" * 120 + "there are more mistakes; correct these first\n"),
+        (InputError(*"x" * 130), 2, "x\n" * 120 + "there are more errors; correct these first\n"),
         (InputError(400 * "x", 401 * "y"), 2, 400 * "x" + "\n" + 397 * "y" + "...\n"),
         (NotConvergedError("slack"), 3, "not converged: slack\n"),
         (KeyboardInterrupt(), 130, "test: interrupted\n"),
@@ -150,3 +151,50 @@ def test_an_interrupted_solve_is_told_in_a_line_and_leaves_the_old_files(module,
     assert ("converged" in run.stdout) == (module == "meshio")  # what is known is told
     assert {*folder.iterdir()} == before
     assert folder.joinpath("a.vtu").read_text() == "old"
+
+
+# ------------------------------------------------------------------------------------ log messages
+
+
+def log_messages(*_, **__):
+    logger.info("mesh 1")
+    logger.debug("Newton step 1")
+
+
+@pytest.mark.parametrize(
+    ("verbosity", "messages"), [(0, []), (1, ["mesh 1"]), (2, ["mesh 1", "Newton step 1"])]
+)
+def test_log_messages_are_printed_on_request(capsys, verbosity, messages):
+    with log_to_stderr(verbosity):
+        log_messages()
+    log_messages()  # the handler is gone
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert [line.partition("] ")[2] for line in err.splitlines()] == messages
+
+
+@pytest.mark.parametrize(
+    ("line", "lines"),
+    [
+        ("modes scene.toml", 0),
+        ("-v modes scene.toml", 1),
+        ("modes scene.toml -v", 1),
+        ("modes -vv scene.toml", 2),
+        ("--verbose --verbose modes scene.toml", 2),
+    ],
+)
+def test_the_option_stands_before_or_behind_the_command(folder, command, monkeypatch, line, lines):
+    def solve(*_):
+        log_messages()
+        raise NotConvergedError("slack")
+
+    monkeypatch.setattr("pvdf_fem.dynamics.modes.modes", solve)
+    run = command(*line.split())
+    assert (run.code, run.out) == (3, "")
+    assert len(run.err.splitlines()) == lines + 1
+
+
+def test_the_package_is_silent_by_default():
+    code = "from pvdf_fem.log import logger; logger.warning('a warning')"
+    run = process(sys.executable, "-c", code)
+    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")

@@ -41,8 +41,8 @@ REFUSED = [
     (f"{DATASET} a.nc --sigma a --noise -1", ["--sigma a", "--noise -1"]),
     (f"{DATASET} a.nc --reach 46", ["--reach 46"]),
     ("design disc.toml --vary electrodes.count", ["--vary electrodes.count="]),
-    ("design disc.toml --vary load.force_N=1 --vary load.force_N=2", ["--vary"]),
-    ("design disc.toml --noise a --noise-pC -1", ["--noise a", "--noise-pC -1"]),
+    ("design disc.toml --vary load.force_N=1 --vary load.force_N=2", ["--vary load.force_N"]),
+    ("design disc.toml --sigma a --noise-pC -1", ["--sigma a", "--noise-pC -1"]),
     ("design disc.toml --step b --reach c", ["--step b", "--reach c"]),
     ("design disc.toml --vary film.thickness_um=9,25 --model one.response", ["--model"]),
     (

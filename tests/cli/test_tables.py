@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pvdf_fem.cli.main import main
-from tests.helpers.streams import Tap, sensor, stream
+from tests.helpers.streams import Tap, make_sensor, make_stream
 
 LOCATE, TRACK = "locate scene.toml --output touches.csv --csv", "track sensor.toml"
 SAMPLES = "t_s,A,B,C,D\n0,0.1,0.1,0.1,0.1\n0.001,0.1,0.1,0.1,0.1\n"
@@ -88,7 +88,7 @@ def test_a_live_pipe_is_answered_row_by_row(line, text, word, monkeypatch, capsy
 @pytest.fixture(scope="module")
 def table():
     """Rows of signals with one tap at 0.6 s."""
-    t, readings = stream(sensor(), [Tap(0.6, 0.1, (3.0, -2.0), 0.8)], 0.8, noise_V=2e-4)
+    t, readings = make_stream(make_sensor(), [Tap(0.6, 0.1, (3.0, -2.0), 0.8)], 0.8, noise_V=2e-4)
     return [(a, *b) for a, b in zip(t, readings, strict=True)]
 
 

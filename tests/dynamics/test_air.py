@@ -18,8 +18,8 @@ ZEROS = jn_zeros(0, 12)
 MODAL = np.pi * j1(ZEROS[:3]) ** 2
 
 
-def energies(s: float, *shapes: str, degree: int = 30) -> Array:
-    """What stands for w/|k| w on the unit disc, of shapes at Gauss points in polar coordinates."""
+def compute_energies(s: float, *shapes: str, degree: int = 30) -> Array:
+    """Integrate w/|k| w over the unit disc for each shape w, at Gauss points."""
     x, weight = np.polynomial.legendre.leggauss(120)
     height = (x + 1.0) * np.pi / 4.0  # r = sin(height), which is smooth at the rim
     r, angle = np.meshgrid(np.sin(height), np.arange(64) * np.pi / 32.0, indexing="ij")
@@ -27,17 +27,20 @@ def energies(s: float, *shapes: str, degree: int = 30) -> Array:
     area = area * np.maximum(1.0 - r**2, 0.0) ** max(s, 0.0)
     unit = np.stack([r * np.cos(angle), r * np.sin(angle)], axis=-1).reshape(-1, 2)
     functions = np.hstack([*_evaluate_functions(unit, degree, s)])
-    known = {"piston": np.ones_like(r), "rocking": r * np.cos(angle)}
+    simple_shapes = {"piston": np.ones_like(r), "rocking": r * np.cos(angle)}
     found = []
     for shape in shapes:
-        w = known[shape] if shape in known else j0(ZEROS[int(shape)] * r)
+        w = simple_shapes[shape] if shape in simple_shapes else j0(ZEROS[int(shape)] * r)
         found.append(np.square((w * area).ravel() @ functions).sum())
     return np.array(found)
 
 
-def added(mode: int) -> float:
-    """Added mass of a mode without a baffle: 4 int g^2 dt with g = int_0^t s J0(j s)/sqrt(t^2 -
-    s^2) ds = sin(j t)/j (Sneddon, Mixed Boundary Value Problems (1966), section 3.5)."""
+def compute_added_mass(mode: int) -> float:
+    """Return the added mass of a mode without a baffle.
+
+    It is 4 int g^2 dt with g = int_0^t s J0(j s)/sqrt(t^2 - s^2) ds = sin(j t)/j (Sneddon, Mixed
+    Boundary Value Problems (1966), section 3.5).
+    """
     j = ZEROS[mode]
     return float(2.0 * (1.0 - np.sinc(2.0 * j / np.pi)) / (j**2 * np.pi * j1(j) ** 2))
 
@@ -50,17 +53,17 @@ def added(mode: int) -> float:
         (BAFFLED, ["piston"], [8 / 3], 1e-4),  # Rayleigh: 8/3 rho a^3 on each side
         # Gamma, added over film's mass on one side, rho_air a/(rho h) taken out
         (BAFFLED, ["0", "1", "2"], MODAL * [0.7464, 0.2616, 0.1522], 2e-4),
-        (FREE, ["0", "1", "2"], MODAL * [added(mode) for mode in range(3)], 1e-6),
+        (FREE, ["0", "1", "2"], MODAL * [compute_added_mass(mode) for mode in range(3)], 1e-6),
     ],
 )
-def test_energies_are_those_of_closed_forms(
+def test_energies_agree_with_closed_forms(
     s: float, shapes: list[str], expected: Array, rtol: float
 ) -> None:
-    np.testing.assert_allclose(energies(s, *shapes), expected, rtol=rtol)
+    np.testing.assert_allclose(compute_energies(s, *shapes), expected, rtol=rtol)
 
 
 def test_frequencies_in_air() -> None:
-    """In a baffle by another program; without one by Sneddon's added mass of each mode alone."""
+    """Compare with another program in a baffle, and with Sneddon's added mass without one."""
     in_air = Scene().with_(air={"density_kg_m3": 1.204}, **{"numerics.tolerance": 3e-3})
     baffled, free = (modes(in_air.with_(**{"air.baffle": b}), 15) for b in (True, False))
     spectrum = baffled.spectra[AIR]
@@ -71,12 +74,12 @@ def test_frequencies_in_air() -> None:
     assert np.all(true < 2.0 * spectrum.errors[[0, 5, 14]] + 5e-5 * known)
     weight = 2.0 * 1.204 * 45e-3 / (1760.0 * 25e-6)
     found = np.asarray(free.frequencies_in_air_Hz)[[0, 5]] / free.frequencies_Hz[[0, 5]]
-    expected = [1.0 / np.sqrt(1.0 + weight * added(mode)) for mode in (0, 1)]
+    expected = [1.0 / np.sqrt(1.0 + weight * compute_added_mass(mode)) for mode in (0, 1)]
     np.testing.assert_allclose(found, expected, rtol=2e-2)
 
 
-def test_a_punch_under_which_air_moves_along() -> None:
-    """The volume that the unknowns displace is that of the deflection, and so is the mass."""
+def test_air_moves_with_the_film_under_a_punch() -> None:
+    """The unknowns displace the volume of the deflection, and have its added mass."""
     probe = {"shape": "circle", "radius_mm": 8.0}
     scene = Scene().with_(probe=probe, load={"kind": "rigid"}, air={"baffle": False})
     found = modes(scene, 1)

@@ -8,7 +8,7 @@ import scipy.linalg
 
 from pvdf_fem import Scene, gradients, respond
 from pvdf_fem.dynamics.air import AirLoad
-from pvdf_fem.dynamics.motion_equations import MotionEquations, linearize_about
+from pvdf_fem.dynamics.motion_equations import MotionEquations, linearise_about
 from pvdf_fem.dynamics.spectrum import assemble_pencil
 from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.solver.next_order import factorise_tangent
@@ -19,7 +19,7 @@ DAMPED = TRIANGLE.with_(air={"baffle": True}, **{"film.loss_tangent": 0.08})
 
 
 @pytest.mark.parametrize("load", LOADS)
-def test_static_limit_is_the_static_derivative(load: str) -> None:
+def test_static_limit_equals_the_static_derivative(load: str) -> None:
     scene = TRIANGLE.with_(air={"baffle": True}, **LOADS[load])
     solution = on_mesh(scene)
     found, rates = respond(solution, [0.0, 0.2]), gradients(solution)["load.force_N"]
@@ -30,11 +30,11 @@ def test_static_limit_is_the_static_derivative(load: str) -> None:
 
 
 @pytest.mark.parametrize("scene", [DAMPED, DAMPED.with_(**{"air.baffle": False})])
-def test_ritz_vectors_find_what_direct_solves_find(scene: Scene) -> None:
-    """(K + i d K_e - omega^2 M + i omega^3 r v v^T) q = f with dense matrices."""
+def test_ritz_vectors_agree_with_direct_solves(scene: Scene) -> None:
+    """Solve (K + i d K_e - omega^2 M + i omega^3 r v v^T) q = f with dense matrices."""
     solution = on_mesh(scene)
     equilibrium, q, _ = factorise_tangent(solution.discrete)
-    full = linearize_about(solution)[0]
+    full = linearise_about(solution).equations
     air, (stiffness, mass) = AirLoad.from_equilibrium(equilibrium), assemble_pencil(equilibrium, q)
     frequencies = np.array([90.0, 480.0])
     found = respond(solution, frequencies)
@@ -62,11 +62,14 @@ def test_resonances_are_frequencies_of_the_loaded_film() -> None:
 
 
 def test_only_stretching_has_losses() -> None:
-    """The flat film deflects against its tension alone, N laplace, and in the plane the moduli
-    resist: K_e x = 0 of deflections, and K_e x = K x - N laplace x of the others."""
+    """K_e x is 0 for deflections x, and K x - N laplace x for displacements in the plane.
+
+    Only the tension N resists the deflection of the flat film, and only the moduli resist
+    displacements in its plane.
+    """
     solution = on_mesh(TRIANGLE.with_(**{"load.force_N": 0.0, "film.loss_tangent": 0.1}))
     equilibrium, q, _ = factorise_tangent(solution.discrete)
-    full, space = MotionEquations.linearize(equilibrium, q), equilibrium.space
+    full, space = MotionEquations.linearise(equilibrium, q), equilibrium.space
     tension = equilibrium.film.prestress[0] * equilibrium.film.thickness
     laplace = tension * equilibrium.assembly.matrix(space.laplace())
     step = np.random.default_rng(1).standard_normal(len(q))
@@ -86,7 +89,7 @@ def test_errors_are_of_the_right_size() -> None:
     assert 0.3 * max(true) < max(stated) < 5.0 * max(true)
 
 
-def test_readings_are_those_of_the_channels() -> None:
+def test_readings_follow_from_the_channels() -> None:
     readout = {"feedback_resistance_MOhm": 10.0, "gain": {"A": 2.0}}
     scene = TRIANGLE.with_(readout=readout)
     found = respond(on_mesh(scene), [1.0, 15.9, 300.0])
@@ -104,5 +107,7 @@ def test_readings_are_those_of_the_channels() -> None:
         ({"probe": [{"shape": "circle", "radius_mm": 2.0}]}, "probe"),
     ],
 )
-def test_scenes_whose_force_cannot_oscillate(changes: dict[str, object], key: str) -> None:
+def test_scenes_without_an_oscillating_force_are_rejected(
+    changes: dict[str, object], key: str
+) -> None:
     assert keys(refused(respond, TRIANGLE.with_(**changes), 20.0)) == [key]

@@ -1,4 +1,4 @@
-"""Frequencies against closed forms, and eigenpairs against the equations they come from."""
+"""Frequencies against closed forms, and eigenpairs against the equations of motion."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ TIGHT = Scene().with_(**{"film.pretension_N_m": 20.0, "film.youngs_modulus_GPa":
 SMALL = {"film.radius_mm": 4.0, "electrodes.ring_radius_mm": 2.0, "electrodes.side_mm": 0.5}
 
 
-def exact(scene, count):
-    """Frequencies in Hz of Rayleigh's stretched disc."""
+def compute_exact_frequencies(scene, count):
+    """Return the frequencies in Hz of Rayleigh's stretched disc."""
     film = scene.film
     shape = {"radius": film.radius, "areal_density": film.density * film.thickness}
     tension = float(film.thickness * film.prestress[0])
@@ -36,16 +36,16 @@ def exact(scene, count):
     ("scene", "count", "tolerance"),
     [(Scene(), 1, 1e-2), (TIGHT, 6, 1e-3), (Scene().with_(**SMALL), 40, 1e-2)],
 )
-def test_tolerance_is_met_and_no_mode_is_missed(scene, count, tolerance):
+def test_frequencies_meet_the_tolerance_and_no_mode_is_missing(scene, count, tolerance):
     found = modes(scene.with_(**{"numerics.tolerance": tolerance}), count)
-    errors = np.abs(found.frequencies_Hz - exact(scene, count))
-    assert np.all(errors <= tolerance * exact(scene, count))
-    # the estimate leaves out the rim's polynomial shape, which matters to the lowest mode alone
+    errors = np.abs(found.frequencies_Hz - compute_exact_frequencies(scene, count))
+    assert np.all(errors <= tolerance * compute_exact_frequencies(scene, count))
+    # the estimate neglects the polynomial shape of the rim, which matters to the lowest mode only
     np.testing.assert_allclose(found.frequency_errors_Hz, errors, rtol=0.2)
 
 
-#: Under this punch the next order lowers the first frequency through the mode's shape by nearly
-#: what it raises it through the film's stress: the sum of both was 0.03 of the true error.
+#: Under this punch the next order raises the first frequency through the film's stress and lowers
+#: it through the mode's shape by nearly as much: the sum of both was 0.03 of the true error.
 CANCELLING = Scene().with_(
     film={"poisson_ratio": 0.3197, "temperature_change_K": -1.5806},
     probe={"shape": "rectangle", "width_mm": 6.3395, "height_mm": 3.8933}
@@ -68,7 +68,7 @@ def test_errors_are_of_the_right_size(scene, tolerance):
     assert np.max(stated) <= 20.0 * np.max(true)
 
 
-def test_shapes_are_bessel_evaluate_functions():
+def test_shapes_are_bessel_functions():
     """Axisymmetric modes J0(j0n r/a), scaled to 1 at the centre; none moves in the plane."""
     found = modes(Scene().with_(**{"numerics.tolerance": 1e-4}))
     radius = np.linalg.norm(found.basis.doflocs, axis=0) / found.scene.film.radius
@@ -98,8 +98,8 @@ def test_unequal_tensions_make_an_elliptic_drum():
     assert modes(scene, 1).frequencies_Hz[0] == pytest.approx(expected, rel=1e-5)
 
 
-def punched(scene, diameters, bounds):
-    """First frequency over that of the drum, of the annulus around a centred punch.
+def compute_punched_ratio(scene, diameters, bounds):
+    """Return the first frequency of the annulus around a centred punch over that of the drum.
 
     Annular membrane (Rayleigh, Theory of Sound, section 201) on c^2 laplace w = -omega^2 w, fixed
     outside. Inside, a punch that stays horizontal follows an axisymmetric mode with the mass of the
@@ -120,14 +120,17 @@ def punched(scene, diameters, bounds):
 
 def test_rigid_punch_binds_the_flat_film():
     scene = Scene().with_(probe={"shape": "circle", "radius_mm": 8.0}, **LOADS["sliding"])
-    found, (drum,) = modes(scene, 3), exact(scene, 1)
-    ratios = [punched(scene, 0, (2.0, 2.8)), *2 * [punched(scene, 1, (3.5, 5.0))]]
+    found, (drum,) = modes(scene, 3), compute_exact_frequencies(scene, 1)
+    ratios = [
+        compute_punched_ratio(scene, 0, (2.0, 2.8)),
+        *2 * [compute_punched_ratio(scene, 1, (3.5, 5.0))],
+    ]
     np.testing.assert_allclose(found.frequencies_Hz / drum, ratios, rtol=1e-3)
     below = np.unique(found.basis.element_dofs[:, found.basis.mesh.subdomains["probe"]])
     assert np.ptp(found.shapes[0, below, 2]) == 0.0
 
 
-def test_only_rigid_probes_bind_the_flat_film_and_none_presses_or_warms_it():
+def test_only_rigid_probes_change_the_modes_of_the_flat_film():
     rigid = {"shape": "circle", "radius_mm": 4.0, "x_mm": -8.0, "load": {"kind": "rigid"}}
     tip = {"shape": "sphere", "radius_mm": 5.0, "x_mm": 9.0, "load": {"kind": "contact"}}
     dead = {"shape": "circle", "radius_mm": 2.0, "y_mm": 12.0}
@@ -139,7 +142,9 @@ def test_only_rigid_probes_bind_the_flat_film_and_none_presses_or_warms_it():
     found = [modes(TRIANGLE.with_(**moved, **touch), 1).frequencies_Hz[0] for touch in touches]
     assert found[0] == pytest.approx(found[1], rel=1e-12)
     follower = TRIANGLE.with_(**LOADS["follower"], **{"load.force_N": 5.0})
-    np.testing.assert_allclose(modes(follower, 3).frequencies_Hz, exact(follower, 3), rtol=1e-3)
+    np.testing.assert_allclose(
+        modes(follower, 3).frequencies_Hz, compute_exact_frequencies(follower, 3), rtol=1e-3
+    )
 
 
 @pytest.mark.parametrize("load", LOADS)
@@ -180,16 +185,16 @@ def test_no_frequencies_without_tension(film, loaded, status):
     assert "frequencies_Hz" not in found.to_json()
 
 
-def test_unreachable_tolerance_is_said_before_meshing():
+def test_unreachable_tolerance_is_reported_before_meshing():
     found = modes(Scene().with_(**{"numerics.tolerance": 2e-8}), 100)
     assert found.status is Status.TOLERANCE
     assert "numerics.max_unknowns" in found.reason
     assert "mesh" not in found.seconds
 
 
-def test_the_air_s_mass_is_told_as_modes_in_air_have_it():
-    told = modes(Scene(), 1).neglected[-1]
-    sizes = re.search(r"about ([\d.]+) times the film's mass, ([\d.]+) without a baffle", told)
+def test_note_on_missing_air_agrees_with_modes_in_air():
+    note = modes(Scene(), 1).neglected[-1]
+    sizes = re.search(r"about ([\d.]+) times the film's mass, ([\d.]+) without a baffle", note)
     for baffle, size in zip((True, False), sizes.groups(), strict=True):
         found = modes(Scene().with_(air={"baffle": baffle}), 1)
         added = (found.frequencies_Hz / found.frequencies_in_air_Hz) ** 2 - 1.0

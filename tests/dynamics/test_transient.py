@@ -8,18 +8,18 @@ from scipy.signal import lfilter, lsim
 
 from pvdf_fem import Scene, SceneError, gradients, modes, respond, transient
 from pvdf_fem.dynamics.force_history import half_sine, step
-from pvdf_fem.dynamics.motion_equations import linearize_about
+from pvdf_fem.dynamics.motion_equations import linearise_about
 from tests.helpers.discs import TRIANGLE, on_mesh
 
 DURATION, FORCE = 4e-3, 0.01
 TAP = half_sine(FORCE, DURATION)
 
 
-def test_a_tap_against_direct_integration():
-    """M x'' + K x = f F(t) of the reduced equations with air, in small steps of a linear force."""
+def test_a_tap_agrees_with_direct_integration():
+    """Integrate M x'' + K x = f F(t) of the reduced equations with air, in small steps of force."""
     solution, times = on_mesh(TRIANGLE.with_(air={"baffle": False})), np.linspace(0.0, 12e-3, 4001)
     found = transient(solution, TAP, times, highest_Hz=800.0)
-    system = linearize_about(solution)[0].reduce(np.linspace(0.0, 800.0, 24))
+    system = linearise_about(solution).equations.reduce(np.linspace(0.0, 800.0, 24))
     none, one = np.zeros_like(system.stiffness), np.eye(len(system.force))
     rate = np.block([[none, one], [-system.stiffness, none]])
     force = FORCE * np.sin(np.pi * times / DURATION) * (times < DURATION)
@@ -30,15 +30,17 @@ def test_a_tap_against_direct_integration():
         np.testing.assert_allclose(charge, values, atol=1e-3 * np.abs(values).max())
 
 
-def test_a_hum_settles_to_the_frequency_response():
-    """Sound is damped mode by mode here, and exactly there. Modes that displace no volume would
-    ring for ever, so the probe is in the middle."""
+def test_a_steady_sine_agrees_with_the_frequency_response():
+    """The transient damps modes by sound one by one, the frequency response damps them exactly.
+
+    Modes that displace no volume would ring for ever, so the probe is at the centre.
+    """
     probe = '[probe]\nshape = "circle"\nradius_mm = 4.0\n[load]\nforce_N = 0.05\n[air]\n'
     solution, times = on_mesh(Scene.parse(probe)), 60.0 + np.linspace(0.0, 0.02, 20)
     first = modes(solution.scene, 1, loaded=True).frequencies_in_air_Hz[0]
     for frequency in (20.0, first):
-        hum = ((0.0, 2j * np.pi * frequency, 0.01),)
-        found = transient(solution, hum, times, highest_Hz=200.0)
+        sine = ((0.0, 2j * np.pi * frequency, 0.01),)
+        found = transient(solution, sine, times, highest_Hz=200.0)
         for name, charge in respond(solution, [frequency, 200.0]).charges_pC_N.items():
             expected = 0.01 * charge[0] * np.exp(2j * np.pi * frequency * times)
             difference = np.abs(found.charges_pC[name] - expected.real).max()
@@ -56,8 +58,8 @@ def test_a_step_ends_at_the_static_charges():
         assert np.all(found.charge_errors_pC[name] < 0.05 * abs(static))
 
 
-def test_readings_discharge():
-    """C dV/dt + V/R = dQ/dt by the trapezium rule on fine times."""
+def test_readings_discharge_through_the_feedback_resistance():
+    """Integrate C dV/dt + V/R = dQ/dt by the trapezium rule on fine times."""
     readout = {"feedback_resistance_MOhm": 5.0, "gain": 3.0}
     times, tap = np.linspace(0.0, 0.02, 2001), half_sine(0.01, 8e-3)
     found = transient(on_mesh(TRIANGLE.with_(readout=readout)), tap, times, highest_Hz=200.0)
@@ -69,6 +71,6 @@ def test_readings_discharge():
         np.testing.assert_allclose(found.readings_V[name], 3.0 * voltage, atol=limit)
 
 
-def test_a_force_that_follows_has_no_modes():
+def test_a_follower_pressure_is_rejected():
     with pytest.raises(SceneError, match=r"load\.kind"):
         transient(on_mesh(TRIANGLE.with_(**{"load.kind": "follower"})), TAP, [0.0])

@@ -7,48 +7,42 @@ from typing import Any, Literal, get_args, get_origin
 from hypothesis import strategies as st
 
 from pvdf_fem.scene.changes import to_plain_value
-from pvdf_fem.scene.keys import Section
-from pvdf_fem.scene.registry import Load, LoadOverrides
-from pvdf_fem.scene.scene import Air, Film, Numerics, Readout, ResponseDomain, Stage
+from pvdf_fem.scene.load import Load, LoadOverrides
 from pvdf_fem.scene.scene_file import format_toml
-from pvdf_fem.scene.shapes import ELECTRODES, LAYOUTS, LISTED_PROBES, PATCHES, PROBES
+from pvdf_fem.scene.validation.table_forms import TABLES as SCENE_TABLES
+from pvdf_fem.scene.validation.table_forms import TableForm, list_forms
 
 Tables = dict[str, Any]
 
-#: Tables of a scene by where they stand; those of shapes have a model for each shape.
-TABLES: list[tuple[str, type[Section]]] = [
-    *(("film", Film), ("load", Load), ("numerics", Numerics), ("readout", Readout)),
-    *(("stage", Stage), ("air", Air), ("model", ResponseDomain), ("probe[0].load", LoadOverrides)),
-    *(("electrodes", model) for model in LAYOUTS.values()),
-    *(("electrodes[0]", model) for model in ELECTRODES.values()),
-    *(("probe", model) for model in PROBES.values()),
-    *(("probe[0]", model) for model in LISTED_PROBES.values()),
-    *(("film.patches[0]", model) for model in PATCHES.values()),
+#: Tables of a scene by their place, in each of their shapes.
+TABLES: list[tuple[str, TableForm]] = [
+    (place, form) for place, table in SCENE_TABLES.items() for form in list_forms(table)
 ]
-#: Values of keys that have neither default nor example.
+#: Values of required keys, small enough for electrodes side by side.
 GIVEN = {"x_mm": 0.0, "y_mm": 0.0, "radius_mm": 1.0, "width_mm": 3.0, "height_mm": 2.0}
 GIVEN["side_mm"] = 3.0
 
 
-def example(model: type[Section], name: str) -> Any:
+def example(form: TableForm, name: str) -> Any:
     """A value that a key takes: its default, or else its example."""
-    model = Load if model is LoadOverrides else model
-    field = model.model_fields[name]
+    form = TableForm(Load) if form.table is LoadOverrides else form
+    field = form.fields[name]
     default = None if field.is_required() else field.default
-    found = model.key_of(name).example if default is None else default
-    return to_plain_value(GIVEN.get(name) if found is None else found)
+    if default is None:
+        default = GIVEN.get(name, form.key_of(name).example)
+    return to_plain_value(default)
 
 
-def table_of(model: type[Section], *names: str) -> Tables:
+def table_of(form: TableForm, *names: str) -> Tables:
     """The smallest table with some keys: they, what they need, and what is required."""
-    fields = model.model_fields
+    fields = form.fields
     required = [name for name in fields if fields[name].is_required() or name == "shape"]
     table = {}
     for name in (*names, *required):
-        table[name] = example(model, name)
-        key, needed = model.key_of(name).needs or ("", None)
+        table[name] = example(form, name)
+        key, needed = form.key_of(name).needs or ("", None)
         if key in fields:
-            table[key] = needed or example(model, key)
+            table[key] = needed or example(form, key)
     return table
 
 
@@ -68,10 +62,10 @@ def words_of(annotation: Any) -> list[Any]:
     return [*inner] if is_choice else [word for part in inner for word in words_of(part)]
 
 
-def values(model: type[Section], name: str) -> st.SearchStrategy[Any]:
+def values(form: TableForm, name: str) -> st.SearchStrategy[Any]:
     """Valid values of a key by itself."""
-    key, value = model.key_of(name), example(model, name)
-    words = [*key.words] or words_of(model.model_fields[name].annotation)
+    key, value = form.key_of(name), example(form, name)
+    words = [*key.words] or words_of(form.fields[name].annotation)
     if isinstance(value, bool):
         return st.sampled_from([True, False, *words])
     if words:
@@ -79,7 +73,7 @@ def values(model: type[Section], name: str) -> st.SearchStrategy[Any]:
     if isinstance(value, int):
         return st.integers(value // 2 + 1, 2 * value)
     if isinstance(value, float):
-        low, high = key.within or (-3.0, 3.0)
+        low, high = key.limits or (-3.0, 3.0)
         numbers = st.floats(0.5, 2.0).map(lambda factor: factor * value)
         numbers = numbers if value else st.floats(-3.0, 3.0)
         return numbers.map(lambda number: min(max(number, low), high))
@@ -87,13 +81,13 @@ def values(model: type[Section], name: str) -> st.SearchStrategy[Any]:
 
 
 @st.composite
-def rows(draw: st.DrawFn, model: type[Section]) -> Tables:
+def rows(draw: st.DrawFn, form: TableForm) -> Tables:
     """A table with some of its keys, beside what these need."""
-    known = [name for name in model.model_fields if example(model, name) is not None]
+    known = [name for name in form.fields if example(form, name) is not None]
     names = draw(st.lists(st.sampled_from(known), max_size=4, unique=True))
-    table = table_of(model, *names)
-    deciders = {(model.key_of(name).needs or ("",))[0] for name in table} | {"shape", "name"}
-    return table | {n: draw(values(model, n)) for n in names if n not in deciders}
+    table = table_of(form, *names)
+    deciders = {(form.key_of(name).needs or ("",))[0] for name in table} | {"shape", "name"}
+    return table | {n: draw(values(form, n)) for n in names if n not in deciders}
 
 
 @st.composite
@@ -101,9 +95,9 @@ def tables(draw: st.DrawFn) -> Tables:
     """Tables of a scene; each value is valid by itself."""
     scene: Tables = {}
     places = st.floats(-15.0, 15.0)
-    for where, model in draw(st.lists(st.sampled_from(TABLES), min_size=1, max_size=5)):
+    for where, form in draw(st.lists(st.sampled_from(TABLES), min_size=1, max_size=5)):
         section, _, inner = where.removesuffix("[0]").partition(".")
-        row = draw(rows(model))
+        row = draw(rows(form))
         if where in ("electrodes[0]", "probe[0]"):
             row |= {"x_mm": draw(places), "y_mm": draw(places)}
             before = scene.get(section)

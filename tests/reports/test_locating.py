@@ -17,7 +17,7 @@ from reports.__main__ import script
 from reports.locating import signals, touches
 from reports.locating.signals import Taps
 from reports.locating.touches import LAYOUTS, NOISE
-from tests.helpers.streams import Rested
+from tests.helpers.streams import MembraneCharges
 from tests.helpers.touch_models import POINTS, Bumps
 
 DISC = {"shape": "circle", "radius_mm": 4.0}
@@ -81,7 +81,7 @@ def test_touches_are_found_where_they_are(made_up):
 
 def test_a_tap_is_tracked_through_its_circuit(monkeypatch):
     def solved(scene):
-        changes = charges_of(scene, Rested) - 1e12 * compute_unloaded_charges(
+        changes = charges_of(scene, MembraneCharges) - 1e12 * compute_unloaded_charges(
             Problem.from_scene(scene)
         )
         names = [electrode.name for electrode in scene.electrode_list]
@@ -89,7 +89,7 @@ def test_a_tap_is_tracked_through_its_circuit(monkeypatch):
 
     monkeypatch.setattr(signals, "solve", solved)
     monkeypatch.setattr(
-        signals, "build_response", lambda scene, *args, **how: of_scene(scene, Rested)
+        signals, "build_response", lambda scene, *args, **how: of_scene(scene, MembraneCharges)
     )
     tap, *samples = Taps(Scene().with_(probe=DISC), 1, 6.0, (0.5, 1.0), 1e-5).run()
     assert tap["touches"] == 1

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Response
-from tests.helpers.streams import Tap, sensor, stream
+from tests.helpers.streams import Tap, make_sensor, make_stream
 
-MODEL = sensor()
-STREAM = stream(MODEL, [Tap(0.4, 0.1, (3.0, -2.0), 0.8)], 0.6, noise_V=2e-4)
+MODEL = make_sensor()
+STREAM = make_stream(MODEL, [Tap(0.4, 0.1, (3.0, -2.0), 0.8)], 0.6, noise_V=2e-4)
 SAMPLES = list(zip(*map(np.ndarray.tolist, STREAM), strict=True))
 
 

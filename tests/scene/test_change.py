@@ -9,9 +9,11 @@ import pytest
 
 from pvdf_fem import Scene
 from pvdf_fem.scene.changes import normalize_key
+from pvdf_fem.scene.placed.probe import Probe
+from pvdf_fem.scene.registry import FLAT_SHAPES
 from pvdf_fem.scene.scene import Film, Replaced
 from pvdf_fem.scene.scene_file import parse_change
-from pvdf_fem.scene.shapes import PROBES, SIZES
+from pvdf_fem.scene.validation.table_forms import TableForm
 from pvdf_fem.studies.scene_grid import SceneGrid
 from tests.helpers.refusals import keys, refused
 from tests.helpers.strategies import TABLES, placed, table_of
@@ -89,14 +91,11 @@ def test_sections_are_replaced_removed_and_merged():
     assert channels.readout.gain == {"A": 1.02, "C": 2.0}
 
 
-FLAT = [shape for shape in PROBES if shape != "sphere"]
-
-
-@pytest.mark.parametrize(("old", "new"), [*itertools.permutations(FLAT, 2)])
+@pytest.mark.parametrize(("old", "new"), [*itertools.permutations(FLAT_SHAPES, 2)])
 def test_a_new_shape_keeps_the_place_and_drops_the_sizes_of_the_old_one(old, new):
     before, sizes = (
-        table_of(PROBES[of], *(PROBES[of].model_fields.keys() & SIZES - {"edge_radius_mm"}))
-        for of in (old, new)
+        table_of(TableForm(Probe, FLAT_SHAPES[name]), *FLAT_SHAPES[name].list_sizes())
+        for name in (old, new)
     )
     scene = Scene(probe={**before, "x_mm": 4.0})
     changed = scene.with_(**{f"probe.{key}": value for key, value in sizes.items()})
@@ -116,9 +115,9 @@ def test_a_new_shape_keeps_the_place_and_drops_the_sizes_of_the_old_one(old, new
     ],
 )
 def test_a_new_value_leaves_behind_the_keys_that_need_the_old_one(where, key, old, new):
-    model = next(model for place, model in TABLES if place == where)
-    names = [name for name in model.model_fields if model.key_of(name).needs == (key, old)]
-    table = table_of(model, *names)
+    form = next(form for place, form in TABLES if place == where)
+    names = [name for name in form.fields if form.key_of(name).needs == (key, old)]
+    table = table_of(form, *names)
     rest = {name: value for name, value in table.items() if name not in names} | {key: new}
     changed = Scene(**placed(where, table)).with_(**{f"{where}.{key}": new})
     assert names

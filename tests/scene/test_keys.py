@@ -16,31 +16,30 @@ from pydantic import ValidationError
 
 from pvdf_fem import Scene
 from pvdf_fem.scene.keys import split_unit
-from pvdf_fem.scene.registry import FORCE_KEYS
+from pvdf_fem.scene.load import FORCE_KEYS
 from pvdf_fem.scene.scene_file import flatten
-from pvdf_fem.scene.shapes import MODELS
-from reports.guide.scene_keys import TABLES as TOLD
-from reports.guide.scene_keys import meaning
+from pvdf_fem.scene.validation.table_forms import TableForm
+from reports.guide.scene_keys import get_meaning
 from tests.helpers.damage import drawn
 from tests.helpers.refusals import keys, refused, scene_or_mistakes
 from tests.helpers.strategies import TABLES, example, placed, table_of, tables
 
-each_table = pytest.mark.parametrize(("where", "model"), TABLES)
+each_table = pytest.mark.parametrize(("where", "form"), TABLES)
 
 
-def test_each_key_says_its_meaning_unit_and_range():
-    for model in {Scene, *MODELS.values(), *itertools.chain(*TOLD.values())}:
-        for name, field in model.model_fields.items():
-            key = model.key_of(name)
-            assert meaning(model, name), (model, name)
+def test_each_key_has_a_meaning_a_unit_and_limits():
+    for form in [TableForm(Scene), *(form for _, form in TABLES)]:
+        for name, field in form.fields.items():
+            key = form.key_of(name)
+            assert get_meaning(form, name), (form, name)
             is_number = re.search(r"\b(float|int)\b", str(field.annotation))
-            assert not is_number or key.within, (model, name)
-            assert split_unit(name)[1] in ("", key.unit), (model, name)
+            assert not is_number or key.limits, (form, name)
+            assert split_unit(name)[1] in ("", key.unit), (form, name)
             assert field.default is not None or key.example is not None or not is_number
 
 
-def told_at(where, name):
-    """The key in complaints: the forces of a listed probe are told beside its shape."""
+def key_in_file(where, name):
+    """The key in messages: the forces of a listed probe stand beside its shape."""
     return (
         f"probe[0].{name}" if where == "probe[0].load" and name in FORCE_KEYS else f"{where}.{name}"
     )
@@ -54,7 +53,7 @@ def wrong_values(value, key):
         return [1, "yes"]
     if not isinstance(value, int | float):
         return [3] if value is None else [3, "", -2]
-    low, high = key.within
+    low, high = key.limits
     if isinstance(value, int):
         return ["2", True, value + 0.5, low - 1, high + 1, 10**400]
     ends = [math.nextafter(low, -math.inf), math.nextafter(high, math.inf)]
@@ -62,22 +61,22 @@ def wrong_values(value, key):
 
 
 @each_table
-def test_a_wrong_value_and_a_misspelt_key_are_refused_where_they_stand(where, model):
-    for name in model.model_fields:
-        table = table_of(model, name)
-        for wrong in wrong_values(example(model, name), model.key_of(name)):
+def test_wrong_values_and_misspelt_keys_are_refused_by_key(where, form):
+    for name in form.fields:
+        table = table_of(form, name)
+        for wrong in wrong_values(example(form, name), form.key_of(name)):
             [told] = keys(refused(Scene, **placed(where, {**table, name: wrong})))
-            assert re.sub(r"(\[\d+\])+$", "", told) == told_at(where, name), wrong
-        told = refused(Scene, **placed(where, {**table_of(model), f"{name}x": 1}))
+            assert re.sub(r"(\[\d+\])+$", "", told) == key_in_file(where, name), wrong
+        told = refused(Scene, **placed(where, {**table_of(form), f"{name}x": 1}))
         assert told == [f"{where}.{name}x = 1"]
 
 
-def mistaken(model, table):
+def find_refused_keys(model, table):
     """The keys of a table that are refused."""
     try:
         model(**table)
     except ValidationError as error:
-        return {found["loc"][0] for found in error.errors()}
+        return {details["loc"][-1] for details in error.errors()}
     return set()
 
 
@@ -86,16 +85,16 @@ NARROWER = ("poisson_ratio", "vertices_mm", "force_range_N", "edge_radius_mm")
 
 
 @each_table
-def test_the_ends_of_a_range_are_taken(where, model):
-    for name in model.model_fields:
-        value, key = example(model, name), model.key_of(name)
-        if key.within is None or name in NARROWER:
+def test_the_ends_of_a_range_are_valid(where, form):
+    for name in form.fields:
+        value, key = example(form, name), form.key_of(name)
+        if key.limits is None or name in NARROWER:
             continue
-        for end in key.within:
+        for end in key.limits:
             end = int(end) if isinstance(value, int) else end
             given = [end] * len(value) if isinstance(value, list) else end
-            table = {**table_of(model, name), name: given}
-            assert name not in mistaken(model, table), end
+            table = {**table_of(form, name), name: given}
+            assert name not in find_refused_keys(form.table, table), end
 
 
 #: Values that further keys need, and another value.
@@ -108,27 +107,27 @@ NEEDY["cable_capacitance_pF"] = 30.0
 
 
 @each_table
-def test_a_key_without_the_one_that_it_needs_is_refused(where, model):
-    for name in model.model_fields:
-        decider, needed = model.key_of(name).needs or ("", None)
-        if decider not in model.model_fields or example(model, name) == "square":
+def test_a_key_is_refused_without_the_key_that_it_needs(where, form):
+    for name in form.fields:
+        decider, needed = form.key_of(name).needs or ("", None)
+        if decider not in form.fields or example(form, name) == "square":
             continue
-        table = {**table_of(model, name), name: NEEDY.get(name, example(model, name))}
+        table = {**table_of(form, name), name: NEEDY.get(name, example(form, name))}
         table.pop(decider)
         table |= {decider: OTHERS[needed]} if needed else {}
-        assert keys(refused(Scene, **placed(where, table)))[0] == told_at(where, name)
+        assert keys(refused(Scene, **placed(where, table)))[0] == key_in_file(where, name)
 
 
 @pytest.mark.parametrize("where", ["film", "load", "film.patches[0]"])
-def test_a_number_in_another_unit_is_doubted_or_refused_with_what_was_meant(where):
-    model = next(model for place, model in TABLES if place == where)
+def test_a_number_in_another_unit_is_warned_of_or_refused_with_a_likely_unit(where):
+    form = next(form for place, form in TABLES if place == where)
     checked = []
-    for name in model.model_fields:
-        value, key = example(model, name), model.key_of(name)
+    for name in form.fields:
+        value, key = example(form, name), form.key_of(name)
         for number in (value / size for size in key.likely_units.values()):
             if key.usual_limits[0] <= abs(number) <= key.usual_limits[1]:
                 continue
-            tables = {"probe": {}, **placed(where, {**table_of(model, name), name: number})}
+            tables = {"probe": {}, **placed(where, {**table_of(form, name), name: number})}
             scene = scene_or_mistakes(tables)
             told = scene.warnings if isinstance(scene, Scene) else scene
             assert any(f" {value:.3g} {key.unit} " in line for line in told), name
@@ -141,7 +140,7 @@ SECTIONS = re.compile(rf"({'|'.join(Scene.model_fields)})\b")
 
 @given(tables=tables(), data=st.data())
 @drawn(1.0)
-def test_a_scene_comes_back_or_is_refused_by_key(tables, data):
+def test_a_scene_survives_round_trips_or_is_refused_by_key(tables, data):
     """From its file, as JSON, from another process, and by its keys set in any order."""
     scene = scene_or_mistakes(tables)
     if not isinstance(scene, Scene):

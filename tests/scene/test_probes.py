@@ -5,7 +5,8 @@ from hypothesis import given
 
 from pvdf_fem import Scene
 from pvdf_fem.scene.changes import get_number
-from pvdf_fem.scene.registry import Load, LoadOverrides
+from pvdf_fem.scene.load import Load, LoadOverrides
+from pvdf_fem.scene.validation.table_forms import TableForm
 from pvdf_fem.solver.sensitivity.parameters import map_probe_keys
 from pvdf_fem.studies.scene_grid import SceneGrid
 from tests.helpers.damage import drawn
@@ -115,7 +116,7 @@ def test_keys_of_a_load_that_no_probe_has_are_told_and_do_not_vary():
         assert "load.force_N" in keys(refused(SceneGrid.from_tables(both, [axis]).scenes))
 
 
-@given(load=rows(Load), own=rows(LoadOverrides))
+@given(load=rows(TableForm(Load)), own=rows(TableForm(LoadOverrides)))
 @drawn(1.0)
 def test_a_merged_load_is_what_with_makes_of_the_scenes_load(load, own):
     tip = {"edge_radius_mm": 0.5} if {**load, **own}.get("kind") == "contact" else {}

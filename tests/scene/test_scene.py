@@ -105,7 +105,7 @@ def test_a_rim_s_displacement_grows_along_radii_as_harmonics():
     steps = 1e-7 * np.eye(2)
     along_x, along_y = ((moved(places + h) - moved(places - h)) / 2e-7 for h in steps)
     strain = [along_x[:, 0], along_y[:, 1], along_x[:, 1] + along_y[:, 0]]
-    found = Film(rim_displacement_um=coefficients).rim_strain(places)
+    found = Film(rim_displacement_um=coefficients).compute_rim_strain(places)
     assert found == pytest.approx(np.transpose(strain), rel=1e-6, abs=1e-9)
 
 

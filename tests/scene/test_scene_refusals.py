@@ -45,8 +45,8 @@ REFUSALS = [
     ("probe = []", "probe = []"),
     ("electrodes = [3]", "electrodes[0] = 3"),
     # shapes
-    ('[[electrodes]]\nname = "A"\ny_mm = 0', "electrodes[0].x_mm = (nothing)"),
-    (electrode(shape="circle"), "electrodes[0].radius_mm = (nothing)"),
+    ('[[electrodes]]\nname = "A"\ny_mm = 0', "electrodes[0].x_mm: is required"),
+    (electrode(shape="circle"), "electrodes[0].radius_mm: is required"),
     (POLYGON + "vertices_mm = [[0, 0], [1, 0]]", "probe.vertices_mm = [[0, 0], "),
     (POLYGON + CROSSED, "probe.vertices_mm = [[0, 0], "),
     (POLYGON + f"vertices_mm = [{1001 * '[0, 0],'}]", "probe.vertices_mm = [[0, 0], "),
@@ -110,12 +110,13 @@ REFUSALS = [
 OFFERED = [
     ("[films]", "films = a table", "film"),
     ("[film]\nthicknes_um = 30", "film.thicknes_um = 30", "thickness_um"),
+    ("[film]\nd31 = 7", "film.d31 = 7", "d31_pC_N"),
     ("[probe]\nradius_mm = 1", "probe.radius_mm = 1", "circle"),
     ('[electrodes]\nname = "A"', 'electrodes.name = "A"', "[[electrodes]]"),
     ("[electrodes]\nnam = 1", "electrodes.nam = 1", "side_mm"),
     ("[film.patches]\nx_mm = 1", "film.patches = a table", "[[film.patches]]"),
     ("[[load]]\nforce_N = 1", "load = [a table]", "[load]"),
-    (electrode(shape="triangel"), 'electrodes[0].shape = "triangel"', "rectangle"),
+    (electrode(shape="triangel"), 'electrodes[0].shape = "triangel"', "triangle"),
     ("[load]\nkind = 3", "load.kind = 3", "follower"),
     ("[film]\nradius_mm = 0.045", "electrodes.ring_radius_mm = 10.0", "45 mm"),
 ]

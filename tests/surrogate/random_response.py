@@ -1,4 +1,4 @@
-"""A response over made-up coefficients, and its file."""
+"""A response with random coefficients, and its file."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from pvdf_fem.surrogate.uniform_spline import UniformAxis, UniformSpline
 
 
 @cache
-def response() -> Response:
-    """A response to the triangle."""
+def make_response() -> Response:
+    """Return a response to the triangle."""
     axis = UniformAxis(-10.0, 4.0, 6)
     axes = axis, axis, UniformAxis(0.0, 30.0, 4, periodic=True)
     values = np.random.default_rng(2).normal(size=(6, 6, 4, 4 * 4))
@@ -25,9 +25,9 @@ def response() -> Response:
 
 
 @cache
-def response_bytes() -> bytes:
-    """The file of `response`."""
+def make_response_bytes() -> bytes:
+    """Return the content of the response's file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.response"
-        response().save(path)
+        make_response().save(path)
         return path.read_bytes()

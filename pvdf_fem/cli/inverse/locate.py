@@ -1,4 +1,4 @@
-"""The command ``pvdf-fem locate``: from readings to the touch."""
+"""The command ``pvdf-fem locate``: the touch that explains readings."""
 
 from __future__ import annotations
 
@@ -7,56 +7,49 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli import program, response_choice
-from pvdf_fem.cli.inverse.locate_request import SOUGHT, Request, check_request
-from pvdf_fem.cli.program import (
-    ExitCode,
-    InputError,
-    add_scene_command,
-    add_text_options,
-    read_scene,
-)
-from pvdf_fem.cli.response_choice import load_or_build_response
+from pvdf_fem.cli.inverse.locate_request import UNKNOWN_HELP, Request, require_locatable
+from pvdf_fem.cli.options import add_scene_command, add_text_option, read_scene
+from pvdf_fem.cli.output import add_plot, save_plot
+from pvdf_fem.cli.program import ExitCode, InputError, convert_value_errors
+from pvdf_fem.cli.response_choice import add_response_options, load_or_build_response
 
 if TYPE_CHECKING:
     from pvdf_fem.inverse.touch.locate import ProbeMatch
     from pvdf_fem.scene.scene import Scene
 
-DESCRIPTION = """\
-The touch that gave some charges: position, force and rotation of the scene's
+_DESCRIPTION = """\
+Locate the touch that gave some charges: position, force and rotation of the scene's
 probe, and all other touches that explain the charges. The true touch is within
 the ± of each with a probability of 68 %, so that an unlikely touch has a large
-±. Quantities that are not sought are known: probe.x_mm, probe.y_mm,
+±. Quantities that are not named by --unknown are known: probe.x_mm, probe.y_mm,
 probe.rotation_deg and load.force_N of the scene.
 
-Charges are totals, or changes by the touch, which an amplifier reads that was
+Charges are totals, or changes by the touch, as an amplifier reads them that was
 zeroed before the touch. Gains and offsets come from the scene's [readout], also for
-readings in pC, and places and rotations are in the frame of its [stage].
+readings in pC; places and rotations are in the frame of its [stage].
 
-A model of the charges is needed, over all places within --reach and forces in
---force-range. The first call builds the model, says how long the build takes, and
-keeps the model beside the scene file; later calls take a moment.
+A response is needed, the model of the charges for all places within --reach and all
+forces in --force-range. The first call builds it, says how long that takes, and
+stores it beside the scene file; later calls take a moment.
 
 Two touches at once (--touches 2), tangential forces and temperatures (--unknown
 with tangential or temperature) are found by full solves over this reach and these
-forces, without a model, in up to a minute; the scene's list of probes, or its
-probe twice, touches the film.
+forces, without a response, in up to a minute. The two probes are those of the
+scene, or its single probe twice.
 
-With --csv every row of a file is located. Its header has names of electrodes,
-and may have rotation_deg and force_N, which are then known. Other columns are
-passed through; columns x_mm, y_mm, rotation_deg, force_N, their deviations,
-chi_square, p_value, alternatives (touches with another place or force and 1 % of
-the likelihood or more), status and remark follow. Files that end in .json or
-.jsonl have a list of objects, or an object on each line; - is CSV, or such a list
-with --json.
+With --csv every row of a file is located. Its header has names of electrodes, and
+may have rotation_deg and force_N, which are then known. Other columns are copied.
+The columns x_mm, y_mm, rotation_deg, force_N, their deviations, chi_square, p_value,
+alternatives (touches with another place or force and 1 % of the likelihood or more),
+status and remark follow. Files that end in .json or .jsonl have a list of objects,
+or an object on each line; - is CSV, or such a list with --json.
 
-The status is `locate_with_scenes`, `ambiguous` (touches with another place or force are
-likely), `at edge` (the touch may lie beyond the model's domain) or `unexplained`:
-no touch of the model explains the charges, the numbers describe the nearest touch,
-and the remark names the unit, sign or exchanged channels with which a touch
-explains them."""
+The status is `located`, `ambiguous` (touches with another place or force are
+likely), `at edge` (the touch may lie beyond the response) or `unexplained`: no touch
+explains the charges, the numbers are those of the nearest touch, and the remark
+names the unit, sign or exchanged channels with which a touch would explain them."""
 
-EPILOG = """\
+_EPILOG = """\
 examples:
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9 \\
@@ -74,41 +67,75 @@ no mistake such as exchanged channels explains more rows), 2 bad input, 3 no
 touch explains them, or a solve failed"""
 
 
-def add_to(commands: Any) -> None:
+def add_parser(commands: Any) -> None:
     """Add the command to the commands of an argument parser."""
-    summary = "the touch that gave some charges"
-    parser = add_scene_command(commands, "locate", run, summary, DESCRIPTION, EPILOG)
-    given, values = parser.add_mutually_exclusive_group(required=True), "A=PC,B=PC,..."
-    add_text_options(
-        given,
-        ("--charges", values, None, "total charges of electrodes, the stretched film's included"),
-        ("--changes", values, None, "readings of amplifiers that were zeroed before the touch"),
-        ("--csv", "FILE", None, "a table of readings, or - for standard input (see --json)"),
+    parser = add_scene_command(
+        commands,
+        "locate",
+        run,
+        summary="the touch that gave some charges",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+    )
+    source = parser.add_mutually_exclusive_group(required=True)
+    values = "A=PC,B=PC,..."
+    add_text_option(
+        source,
+        "--charges",
+        values,
+        about="total charges of electrodes, including those of the stretched film",
+    )
+    add_text_option(
+        source,
+        "--changes",
+        values,
+        about="readings of amplifiers that were zeroed before the touch",
+    )
+    add_text_option(
+        source,
+        "--csv",
+        "FILE",
+        about="a table of readings, or - for standard input (see --json)",
     )
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="locate a table by tens of thousands of rows a second rather than a hundred: with "
-        "deviations by the likelihood's curvature, without alternatives",
+        help="locate tens of thousands of rows of a table a second instead of a hundred: with "
+        "deviations by the curvature of the likelihood, and without alternatives",
     )
     parser.add_argument(
         "--reading",
         choices=("change", "total"),
-        help="what a table has (default: readout.reading, or total without [readout])",
+        help="kind of a table's readings (default: readout.reading, or total without [readout])",
     )
     parser.add_argument(
         "--unit",
         choices=("pC", "V"),
         default="pC",
-        help="unit of readings and --noise; V needs a [readout] (default: pC)",
+        help="unit of readings and of --noise; V needs a [readout] (default: pC)",
     )
-    add_text_options(
+    add_text_option(
         parser,
-        ("--output", "FILE", "-", "where a table's touches are written, - for standard output"),
-        ("--sigma", "SHARE", "0.01", "standard deviation over the charge or change that is given"),
-        ("--noise", "PC", None, "another one, of every reading (default: readout.noise_V, or 0)"),
-        ("--unknown", "NAMES", "x,y,force", SOUGHT),
+        "--output",
+        "FILE",
+        about="file for the touches of a table, - for standard output",
+        default="-",
     )
+    add_text_option(
+        parser,
+        "--sigma",
+        "SHARE",
+        about="standard deviation of a charge or change, relative to it",
+        default="0.01",
+    )
+    add_text_option(
+        parser,
+        "--noise",
+        "VALUE",
+        about="further standard deviation of every reading, in its unit (default: "
+        "readout.noise_V, or 0)",
+    )
+    add_text_option(parser, "--unknown", "NAMES", about=UNKNOWN_HELP, default="x,y,force")
     parser.add_argument(
         "--touches",
         type=int,
@@ -123,81 +150,132 @@ def add_to(commands: Any) -> None:
         default=[],
         dest="others",
         help="another scene, with another probe, that may have given the charges; all are "
-        "weighed by likelihood; may be given several times",
+        "compared by likelihood. May be repeated",
     )
-    response_choice.add_options(parser)
-    program.add_plot(parser, "the likelihood of places of the touch")
+    add_response_options(parser)
+    add_plot(parser, "the likelihood of places of the touch")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command; returns its exit code."""
-    request = Request.of(options)
-    mistakes, scenes = list(request.mistakes), {}
-    for file in dict.fromkeys([options.scene, *options.others]):
-        try:
-            scenes[file] = read_scene(argparse.Namespace(scene=file, settings=options.settings))
-        except InputError as error:
-            mistakes += error.args
-    probes = {
-        f: s.loaded_probes if request.by_solves else s.single_probe for f, s in scenes.items()
-    }
-    mistakes += [f"{file}: has no [probe]; add one" for file, probe in probes.items() if not probe]
-    if mistakes:
-        raise InputError(*mistakes)
+    """Run the command, and return its exit code."""
+    request = Request.from_options(options)
+    scenes = _read_scenes(options, request)
     from pvdf_fem.cli.inverse.locate_table import locate_table
 
-    with program.convert_value_errors():
+    with convert_value_errors():
         if options.csv is not None:
             return locate_table(scenes[options.scene], request, options)
-        choices = locate_with_scenes(scenes, request)
+        matches = _locate(scenes, request)
+    best = matches[0].location
     try:
-        if options.plot and choices[0].location.touches:
-            program.save_plot(choices[0].location.plot(), options)
-    finally:  # a full disk does not take the touch with it
-        print_matches(choices, options.json)
-    return ExitCode.CONVERGED if choices[0].location.explained else ExitCode.NOT_CONVERGED
+        if options.plot and best.touches:
+            save_plot(best.plot(), options)
+    finally:  # print the touch even if the figure cannot be written
+        _print_matches(matches, options.json)
+    return ExitCode.CONVERGED if best.explained else ExitCode.NOT_CONVERGED
 
 
-def locate_with_scenes(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, ...]:
-    """Locations with the probe of each scene, the likeliest first.
+def _read_scenes(options: argparse.Namespace, request: Request) -> dict[str, Scene]:
+    """Return the scenes of a command line by file, the sensor's first.
 
-    What is not sought is known from the first. Raises `ValueError` with all mistakes.
+    Raises `InputError` with all errors of the request and of the scenes.
+    """
+    errors = list(request.errors)
+    scenes: dict[str, Scene] = {}
+    for file in dict.fromkeys([options.scene, *options.others]):
+        try:
+            scene = read_scene(argparse.Namespace(scene=file, settings=options.settings))
+        except InputError as error:
+            errors += error.args
+            continue
+        scenes[file] = scene
+        has_probe = bool(scene.loaded_probes) if request.needs_solves else scene.single_probe
+        if not has_probe:
+            errors.append(f"{file}: has no [probe]; add one")
+    if errors:
+        raise InputError(*errors)
+    return scenes
+
+
+def _locate(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, ...]:
+    """Locate the touch with the probe of each scene.
+
+    Parameters
+    ----------
+    scenes : mapping of str to Scene
+        Scenes by file. Known quantities are those of the first one.
+    request : Request
+        The readings and the unknown quantities.
+
+    Returns
+    -------
+    tuple of ProbeMatch
+        A location for each scene, the likeliest first.
+
+    Raises
+    ------
+    ValueError
+        With a line for each error of the request.
     """
     from pvdf_fem.inverse.touch.locate import get_scene_quantities, locate, rank_probes
 
     file, sensor = next(iter(scenes.items()))
-    errors: dict[str, Any] = {"sigma": request.sigma, "noise_pC": request.noise_pC(sensor)}
-    asked: dict[str, Any] = {
+    arguments: dict[str, Any] = {
+        "sigma": request.sigma,
+        "noise_pC": request.noise_pC(sensor),
         "unknown": request.unknown,
         "reading": request.reading,
         "unit": request.unit,
     }
-    if request.by_solves:
-        asked |= {"touches": request.touches, "progress": request.model.progress}
-        domain = {"reach_mm": request.model.reach_mm, "force_range_N": request.model.force_N}
-        if given := {key: value for key, value in domain.items() if value}:
-            sensor = sensor.with_(model=given)
-        return rank_probes({file: locate(sensor, request.readings, **asked, **errors)})
-    touch = get_scene_quantities(sensor)
-    known = {name: value for name, value in touch.items() if name not in request.unknown}
-    check_request(scenes, request, request.readings_pC(sensor), known)
-    models = {name: load_or_build_response(scenes[name], name, request.model) for name in scenes}
-    asked |= {"known": known, **errors}
-    readings = request.readings
-    return rank_probes({name: locate(model, readings, **asked) for name, model in models.items()})
+    if request.needs_solves:
+        location = locate(
+            _with_response_table(sensor, request),
+            request.readings,
+            touches=request.touches,
+            progress=request.response.progress,
+            **arguments,
+        )
+        return rank_probes({file: location})
+    known = {
+        name: value
+        for name, value in get_scene_quantities(sensor).items()
+        if name not in request.unknown
+    }
+    require_locatable(scenes, request, request.readings_pC(sensor), known)
+    # all responses first, so that no build fails after a search
+    responses = {
+        name: load_or_build_response(scene, name, request.response)
+        for name, scene in scenes.items()
+    }
+    locations = {
+        name: locate(response, request.readings, known=known, **arguments)
+        for name, response in responses.items()
+    }
+    return rank_probes(locations)
 
 
-def print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:
-    """Locations by probe, the likeliest first."""
+def _with_response_table(sensor: Scene, request: Request) -> Scene:
+    """Return a scene whose table [model] has the reach and the forces of the options."""
+    changes: dict[str, Any] = {}
+    if request.response.reach_mm is not None:
+        changes["reach_mm"] = request.response.reach_mm
+    if request.response.force_range_N is not None:
+        changes["force_range_N"] = request.response.force_range_N
+    changed: Scene = sensor.with_(model=changes) if changes else sensor
+    return changed
+
+
+def _print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:
+    """Print locations, the likeliest first; several with the probabilities of their scenes."""
     if as_json:
-        by_scene = [
-            {"scene": probe.name, "weight": probe.weight, **probe.location.to_json()}
-            for probe in matches
+        objects = [
+            {"scene": match.name, "weight": match.weight, **match.location.to_json()}
+            for match in matches
         ]
-        result = by_scene[0] if len(by_scene) == 1 else {"scenes": by_scene}
+        result = objects[0] if len(objects) == 1 else {"scenes": objects}
         print(json.dumps(result, allow_nan=False))
         return
-    for probe in matches:
+    for match in matches:
         if len(matches) > 1:
-            print(f"{probe.name}: probability {probe.weight:.3g}")
-        print(probe.location)
+            print(f"{match.name}: probability {match.weight:.3g}")
+        print(match.location)

@@ -1,80 +1,112 @@
-"""What ``pvdf-fem locate`` is asked for, read from its options, and what is wrong with it."""
+"""The request that the options of ``pvdf-fem locate`` make, and the errors in it."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from pvdf_fem.cli.program import find_plot_errors
-from pvdf_fem.cli.response_choice import ResponseChoice, parse_number, read_number
+from pvdf_fem.cli.options import parse_number, parse_optional_number, read_number
+from pvdf_fem.cli.output import find_plot_errors
+from pvdf_fem.cli.response_choice import ResponseChoice
 
 if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
 
-#: What may be sought, as on the command line.
-NAMES = {"x": "x_mm", "y": "y_mm", "force": "force_N", "rotation": "rotation_deg"}
-#: What full solves find besides.
-BY_SOLVES = {**NAMES, "tangential": "tangential_N", "temperature": "temperature_K"}
-SOUGHT = f"what is sought, of {', '.join(BY_SOLVES)}"
+#: Quantities that a response can find, by their names on the command line.
+FOUND_BY_RESPONSES = {"x": "x_mm", "y": "y_mm", "force": "force_N", "rotation": "rotation_deg"}
+#: Quantities that full solves can find.
+FOUND_BY_SOLVES = {
+    **FOUND_BY_RESPONSES,
+    "tangential": "tangential_N",
+    "temperature": "temperature_K",
+}
+UNKNOWN_HELP = f"unknown quantities, of {', '.join(FOUND_BY_SOLVES)}"
 
 
 @dataclass(frozen=True)
 class Request:
-    """What was asked for, read from the options."""
+    """A request to locate touches, as the options describe it.
 
-    readings: dict[str, float]  #: By electrode in the unit; none for a table.
-    unit: str  #: ``pC`` or ``V``.
-    reading: str | None  #: Of `pvdf_fem.inverse.touch.measurement.READINGS`; None is the scene's.
+    Attributes
+    ----------
+    readings : dict
+        Readings by electrode, in the unit; empty for a table.
+    unit : {"pC", "V"}
+        Unit of readings and of `noise`.
+    reading : {"change", "total"} or None
+        Kind of the readings; None stands for that of the scene.
+    sigma : float
+        Relative standard deviation of readings.
+    noise : float or None
+        Further standard deviation in the unit; None stands for that of the scene.
+    unknown : tuple of str
+        Unknown quantities of a touch, such as ``x_mm``.
+    touches : int
+        Number of probes that touch at once.
+    response : ResponseChoice
+        The response to locate with.
+    errors : tuple of str
+        Errors in the options; the other attributes count only if there are none.
+    """
+
+    readings: dict[str, float]
+    unit: str
+    reading: str | None
     sigma: float
-    noise: float | None  #: In the unit; None is the scene's.
-    unknown: tuple[str, ...]  #: Of the quantities of a touch.
-    touches: int  #: Number of probes that touch at once.
-    model: ResponseChoice  #: The model that is wanted.
-    #: What is wrong with the options; the other values count only if nothing is.
-    mistakes: tuple[str, ...]
+    noise: float | None
+    unknown: tuple[str, ...]
+    touches: int
+    response: ResponseChoice
+    errors: tuple[str, ...]
 
     @classmethod
-    def of(cls, options: argparse.Namespace) -> Request:
-        """The request of a command line."""
-        readings, reading, wrong = {}, options.reading, _misplaced(options)
-        for word, text in (("total", options.charges), ("change", options.changes)):
-            if text is not None:
-                option = "--charges" if word == "total" else "--changes"
-                readings, reading = _charges(option, text, wrong), word
-        sigma, noise = parse_number("--sigma", options.sigma, wrong, zero=True), options.noise
-        if noise is not None:
-            noise = parse_number("--noise", noise, wrong, zero=True)
-        unknown = parse_unknowns(options.unknown, wrong)
+    def from_options(cls, options: argparse.Namespace) -> Request:
+        """Return the request of a command line."""
+        errors = _find_misplaced_options(options)
+        reading, readings = options.reading, dict[str, float]()
+        if options.charges is not None:
+            reading, readings = "total", _parse_readings("--charges", options.charges, errors)
+        elif options.changes is not None:
+            reading, readings = "change", _parse_readings("--changes", options.changes, errors)
+        sigma = parse_number("--sigma", options.sigma, errors, allow_zero=True)
+        noise = parse_optional_number("--noise", options.noise, errors, allow_zero=True)
+        unknown = parse_unknowns(options.unknown, errors)
         if needs_solves(options.touches, unknown):
-            solves = "is not for --touches 2, --unknown tangential or temperature; leave it out"
-            table = options.csv is not None  # which is not for single touches' options either
-            used = {"--csv": True} if table else _singles(options)
-            wrong += [f"{name}: {solves}" for name, given in used.items() if given]
-        wrong += find_plot_errors(options, options.scene)
+            errors += _find_options_without_solves(options)
+        errors += find_plot_errors(options, options.scene)
         if options.plot and not {"x_mm", "y_mm"} <= set(unknown):
-            wrong.append("--plot: draws places; have x and y among --unknown")
-        model = ResponseChoice.of(options, wrong)
+            errors.append("--plot: draws places; have x and y among --unknown")
+        response = ResponseChoice.from_options(options, errors)
         if options.model and options.others:
-            wrong.append("--model: is of one scene; leave it out with --or")
-        asked = readings, options.unit, reading, sigma, noise, unknown, options.touches
-        return cls(*asked, model, tuple(wrong))
+            errors.append("--model: is the response of one scene; remove it, or remove --or")
+        return cls(
+            readings=readings,
+            unit=options.unit,
+            reading=reading,
+            sigma=sigma,
+            noise=noise,
+            unknown=unknown,
+            touches=options.touches,
+            response=response,
+            errors=tuple(errors),
+        )
 
     @property
-    def by_solves(self) -> bool:
-        """Whether no model of a single touch serves it."""
+    def needs_solves(self) -> bool:
+        """Whether full solves are needed, since responses cannot find the touch."""
         return needs_solves(self.touches, self.unknown)
 
     def readings_pC(self, scene: Scene) -> dict[str, float]:
-        """The readings in nominal pC, by electrode."""
+        """Return the readings in nominal pC, by electrode."""
         from pvdf_fem.inverse.touch.measurement import get_units_pC
 
         units = get_units_pC(scene, self.unit)
         return {name: units.get(name, 1.0) * value for name, value in self.readings.items()}
 
     def noise_pC(self, scene: Scene) -> dict[str, float] | None:
-        """The noise in nominal pC, by electrode; None is the noise of the readout."""
+        """Return the noise in nominal pC, by electrode; None stands for that of the readout."""
         from pvdf_fem.inverse.touch.measurement import get_units_pC
 
         if self.noise is None:
@@ -83,73 +115,131 @@ class Request:
 
 
 def needs_solves(touches: int, unknown: Sequence[str]) -> bool:
-    """Whether no model of a single touch finds that many touches and these unknowns."""
-    return touches > 1 or not set(unknown) <= {*NAMES.values()}
+    """Return whether full solves are needed for so many touches and these unknowns."""
+    return touches > 1 or not set(unknown) <= set(FOUND_BY_RESPONSES.values())
 
 
-def _misplaced(options: argparse.Namespace) -> list[str]:
-    """Options that are not for what was given."""
-    table, single = options.csv is not None, "is of a table; leave it out, or give --csv"
-    wrong = [f"--{name}: {single}" for name in ("quick", "reading") if getattr(options, name)]
-    if options.output != "-":
-        wrong.append(f"--output: {single}")
-    if not table:
-        return wrong
-    each = _singles(options).items()
-    return [f"{name}: is for single touches; leave it out" for name, used in each if used]
+def parse_unknowns(text: str, errors: list[str]) -> tuple[str, ...]:
+    """Return the quantities that ``--unknown`` names.
 
+    Parameters
+    ----------
+    text : str
+        Names with commas between them: ``x`` or ``x_mm``.
+    errors : list of str
+        Receives a message about each unknown name.
 
-def _singles(options: argparse.Namespace) -> dict[str, Any]:
-    """Options for single touches, and whether they were given."""
-    return {"--or": options.others, "--plot": options.plot}
-
-
-def _charges(option: str, text: str, mistakes: list[str]) -> dict[str, float]:
-    charges: dict[str, float] = {}
+    Returns
+    -------
+    tuple of str
+        The quantities, such as ``x_mm``, each once.
+    """
+    quantities = {name: name for name in FOUND_BY_SOLVES.values()}
+    quantities |= FOUND_BY_SOLVES
+    unknown: list[str] = []
     for item in text.split(","):
-        name, equals, value = (part.strip() for part in item.partition("="))
-        number = read_number(value)
-        if not (name and equals) or number is None:
-            mistakes.append(f"{option} {item.strip()}: write NAME=CHARGE, such as A=905.1")
-        elif name in charges:
-            mistakes.append(f"{option} {name}: given twice; remove one")
-        else:
-            charges[name] = number
-    return charges
+        name = item.strip()
+        if name not in quantities:
+            errors.append(f"--unknown {name}: is not a quantity; use {', '.join(FOUND_BY_SOLVES)}")
+        elif quantities[name] not in unknown:
+            unknown.append(quantities[name])
+    return tuple(unknown)
 
 
-def parse_unknowns(text: str, mistakes: list[str]) -> tuple[str, ...]:
-    """The quantities that are named as sought; what is wrong is added to `mistakes`."""
-    known = BY_SOLVES | {name: name for name in BY_SOLVES.values()}
-    items = [item.strip() for item in text.split(",")]
-    names = ", ".join(BY_SOLVES)
-    mistakes += [f"--unknown {item}: choose from {names}" for item in items if item not in known]
-    return tuple(dict.fromkeys(known[item] for item in items if item in known))
-
-
-def check_request(
+def require_locatable(
     scenes: Mapping[str, Scene],
     request: Request,
     readings_pC: Mapping[str, float],
     known: Mapping[str, float],
 ) -> None:
-    """Refuse before anything is built what cannot be located with the scenes."""
-    from pvdf_fem.inverse.touch.measurement import (
-        find_quantity_errors,
-        find_reading_errors,
-        get_centre_mm,
-    )
+    """Check, before any response is built, that touches can be located.
 
-    mistakes: list[str] = []
-    for name, scene in scenes.items():
-        mistakes += find_reading_errors(scene, readings_pC, request.sigma, request.noise_pC(scene))
+    Parameters
+    ----------
+    scenes : mapping of str to Scene
+        Scenes by file; the first one is that of the sensor.
+    request : Request
+        The request.
+    readings_pC : mapping of str to float
+        Readings in nominal pC, by electrode.
+    known : mapping of str to float
+        Known quantities of the touch, such as ``rotation_deg``.
+
+    Raises
+    ------
+    ValueError
+        With a line for each error.
+    """
+    from pvdf_fem.inverse.touch.measurement import get_centre_mm
+    from pvdf_fem.inverse.touch.validation import find_quantity_errors, find_reading_errors
+
+    errors: list[str] = []
+    for file, scene in scenes.items():
+        errors += find_reading_errors(scene, readings_pC, request.sigma, request.noise_pC(scene))
         if request.unit == "V" and scene.readout is None:
-            mistakes.append(f"--unit V: {name} has no [readout]; add one, or give pC")
-    for name, scene in scenes.items():
-        mistakes += request.model.mistakes(scene, name)
-    if not (request.model.file and request.model.file.exists()):
-        first = next(iter(scenes.values()))
-        (domain, _), centre = request.model.wanted(first), get_centre_mm(first)
-        mistakes += find_quantity_errors(domain, request.unknown, {}, known, centre)
-    if mistakes:
-        raise ValueError("\n".join(dict.fromkeys(mistakes)))
+            errors.append(f"--unit V: {file} has no [readout]; add one, or give pC")
+    for file, scene in scenes.items():
+        errors += request.response.find_errors(scene, file)
+    file_of_response = request.response.file
+    if file_of_response is None or not file_of_response.exists():
+        sensor = next(iter(scenes.values()))
+        domain, _ = request.response.resolve_settings(sensor)
+        centre_mm = get_centre_mm(sensor)
+        errors += find_quantity_errors(domain, request.unknown, {}, known, centre_mm)
+    if errors:
+        raise ValueError("\n".join(dict.fromkeys(errors)))
+
+
+def _find_misplaced_options(options: argparse.Namespace) -> list[str]:
+    """Return messages about options of tables without ``--csv``, and of single touches with it."""
+    if options.csv is not None:
+        return [
+            f"{option}: is only for single touches; remove it"
+            for option in _list_single_touch_options(options)
+        ]
+    of_tables = {
+        "--quick": options.quick,
+        "--reading": options.reading is not None,
+        "--output": options.output != "-",
+    }
+    return [
+        f"{option}: is only for tables; remove it, or give --csv FILE"
+        for option, is_used in of_tables.items()
+        if is_used
+    ]
+
+
+def _find_options_without_solves(options: argparse.Namespace) -> list[str]:
+    """Return messages about options that are incompatible with full solves."""
+    # with a table, options of single touches are reported already
+    used = ["--csv"] if options.csv is not None else _list_single_touch_options(options)
+    with_solves = "--touches 2 and --unknown tangential or temperature"
+    return [f"{option}: is incompatible with {with_solves}; remove it" for option in used]
+
+
+def _list_single_touch_options(options: argparse.Namespace) -> list[str]:
+    """Return the options of single touches by responses that are used."""
+    used = []
+    if options.others:
+        used.append("--or")
+    if options.plot:
+        used.append("--plot")
+    return used
+
+
+def _parse_readings(option: str, text: str, errors: list[str]) -> dict[str, float]:
+    """Return readings by electrode, from ``A=905.1,B=731.4``.
+
+    Messages about wrong items are added to `errors`.
+    """
+    readings: dict[str, float] = {}
+    for item in text.split(","):
+        name, _, value = (part.strip() for part in item.partition("="))
+        number = read_number(value)
+        if not name or number is None:
+            errors.append(f"{option} {item.strip()}: is not NAME=NUMBER; write such as A=905.1")
+        elif name in readings:
+            errors.append(f"{option} {name}: is given twice; remove one")
+        else:
+            readings[name] = number
+    return readings

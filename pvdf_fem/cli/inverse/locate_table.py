@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.cli.inverse.locate_request import Request, check_request
+from pvdf_fem.cli.inverse.locate_request import Request, require_locatable
 from pvdf_fem.cli.inverse.reading_table import (
-    ENDINGS,
+    EXTENSIONS,
     Row,
     choose_format,
     open_writer,
@@ -23,7 +23,8 @@ from pvdf_fem.cli.inverse.reading_table import (
     read_rows,
     to_plain,
 )
-from pvdf_fem.cli.program import ExitCode, InputError, find_output_errors
+from pvdf_fem.cli.output import find_output_errors
+from pvdf_fem.cli.program import ExitCode, InputError
 from pvdf_fem.cli.response_choice import load_or_build_response
 from pvdf_fem.progress import show_progress
 
@@ -32,129 +33,202 @@ if TYPE_CHECKING:
 
 #: Rows with calibrated deviations, which take milliseconds each, that are written together.
 CALIBRATED_ROWS = 32
-#: Columns with what is known of a touch, and the options of `locate_many` for them.
+#: Columns with known quantities of a touch, and the arguments of `locate_many` for them.
 KNOWN = {"rotation_deg": "rotations_deg", "force_N": "forces_N"}
-OTHER = "explained if"  #: Begins a remark about a mistake in the readings of a row.
-MOST_MISTAKES = 3  #: Number of mistakes that are told of a whole table.
+MISTAKE_PREFIX = "explained if"  #: Begins a remark about a mistake in the readings of a row.
+MAX_MISTAKES = 3  #: Number of mistakes that are named for a whole table.
 
 
 def locate_table(scene: Scene, request: Request, options: argparse.Namespace) -> int:
-    """Locate every row of a table, write the touches, and return the exit code.
+    """Locate every row of a table, and write the touches.
 
-    Raises `InputError` or `ValueError` with all mistakes in the options and the table's header.
+    Parameters
+    ----------
+    scene : Scene
+        The sensor.
+    request : Request
+        The unknown quantities, the noise, and the response.
+    options : argparse.Namespace
+        The options of ``pvdf-fem locate``.
+
+    Returns
+    -------
+    int
+        The exit code.
+
+    Raises
+    ------
+    InputError, ValueError
+        With all errors in the options and in the header of the table.
     """
-    from pvdf_fem.inverse.touch.locate_many import Touches
-
-    source, target = (None if p == "-" else Path(p) for p in (options.csv, options.output))
-    wrong = find_output_errors(target, ENDINGS, Path(options.scene), source, options.model)
+    source = None if options.csv == "-" else Path(options.csv)
+    target = None if options.output == "-" else Path(options.output)
+    errors = find_output_errors(target, EXTENSIONS, Path(options.scene), source, options.model)
     if not {"x_mm", "y_mm"} <= set(request.unknown):
-        wrong.append("--unknown: x and y of a table are always sought; name them")
-    if wrong:
-        raise InputError(*wrong)
-    electrodes = [e.name for e in scene.electrode_list]
+        errors.append("--unknown: x and y are always unknown in a table; name them")
+    if errors:
+        raise InputError(*errors)
+    electrodes = [electrode.name for electrode in scene.electrode_list]
+    counts = Counter[str]()
+    mistakes = Counter[str]()
     with ExitStack() as stack:
-        columns, batches = read_rows(stack, source, choose_format(source, options.json), electrodes)
-        found = list(Touches.empty(np.array([], dtype=object), (), "total").to_table())
-        if taken := [
-            f"{options.csv}: column {c}: is what is written; rename it, such as to given_{c}"
-            for c in found
-            if c in columns and c not in KNOWN
-        ]:
-            raise InputError(*taken)
-        locate = _locator(scene, request, options, columns)
-        passed = [c for c in columns if c not in electrodes and c not in KNOWN]
-        write = open_writer(stack, target, choose_format(target, options.json), [*passed, *found])
-        counts, mistakes = Counter[str](), Counter[str]()
-        total = _line_count(source)
-        # neither beside rows on a terminal, nor of a pipe, whose rows nobody has counted
-        show = stack.enter_context(
-            show_progress("rows", options.progress if target and total else False)
+        input_format = choose_format(source, options.json)
+        columns, batches = read_rows(stack, source, input_format, electrodes)
+        locator = _RowLocator(scene, request, options, columns)
+        write = open_writer(
+            stack, target, choose_format(target, options.json), locator.output_columns
         )
+        line_count = _count_lines(source)
+        # no progress beside rows on a terminal, nor of a pipe, whose length is unknown
+        progress = options.progress if target and line_count else False
+        show = stack.enter_context(show_progress("rows", progress))
         for batch in batches:
             step = len(batch) if options.quick else CALIBRATED_ROWS
-            for first in range(0, len(batch), step):
-                located = locate(batch[first : first + step])
-                counts.update(row["status"] for row in located)
-                told = (part for row in located for part in row["remark"].split("; "))
-                mistakes.update(part for part in told if part.startswith(OTHER))
-                write(located)
-                show(counts.total(), max(total, counts.total()))
-    return _told(counts, mistakes)
+            for start in range(0, len(batch), step):
+                rows = locator.locate(batch[start : start + step])
+                for row in rows:
+                    counts[row["status"]] += 1
+                    mistakes.update(_list_mistakes(row["remark"]))
+                write(rows)
+                show(counts.total(), max(line_count, counts.total()))
+    return _report(counts, mistakes)
 
 
-def _line_count(source: Path | None) -> int:
-    """Number of lines of a file; 0 for standard input."""
+class _RowLocator:
+    """Locates rows of a table.
+
+    Raises `ValueError` or `InputError` with all errors of the request and the header, before a
+    response is built.
+    """
+
+    def __init__(
+        self, scene: Scene, request: Request, options: argparse.Namespace, columns: list[str]
+    ) -> None:
+        from pvdf_fem.inverse.touch.locate import get_scene_quantities
+        from pvdf_fem.inverse.touch.touches import Touches
+
+        self.scene = scene
+        self.request = request
+        self.is_quick = options.quick
+        electrodes = [electrode.name for electrode in scene.electrode_list]
+        self.electrodes = [name for name in electrodes if name in columns]
+        #: Columns that are copied to the output.
+        self.copied = [name for name in columns if name not in electrodes and name not in KNOWN]
+        #: Columns with known quantities.
+        self.known_columns = [name for name in KNOWN if name in columns]
+        no_touches = Touches.empty(np.array([], dtype=object), (), "total")
+        added = list(no_touches.to_table())
+        self.output_columns = [*self.copied, *added]
+        clashes = [name for name in added if name in self.copied]
+        if clashes:
+            raise InputError(*(_describe_clash(options.csv, name) for name in clashes))
+        #: Known quantities that are the same in all rows.
+        self.known = {
+            name: value
+            for name, value in get_scene_quantities(scene).items()
+            if name not in request.unknown and name not in columns
+        }
+        any_charge_pC = np.pi  # readings of the rows are checked one by one
+        readings_pC = dict.fromkeys(self.electrodes, any_charge_pC)
+        require_locatable({options.scene: scene}, request, readings_pC, self.known)
+        self.response = load_or_build_response(scene, options.scene, request.response)
+
+    def locate(self, rows: Sequence[Row]) -> list[dict[str, Any]]:
+        """Return the cells of some rows by column, located."""
+        from pvdf_fem.inverse.touch.locate_many import locate_many
+
+        known: dict[str, Any] = {}
+        for name, value in self.known.items():
+            known[KNOWN[name]] = np.full(len(rows), value)
+        for name in self.known_columns:
+            known[KNOWN[name]] = _read_column(rows, name)
+        touches = locate_many(
+            self.response,
+            {name: _read_column(rows, name) for name in self.electrodes},
+            self.request.sigma,
+            noise_pC=self.request.noise_pC(self.scene),
+            reading=self.request.reading,
+            unit=self.request.unit,
+            calibrated=not self.is_quick,
+            **known,
+        ).to_table()
+        columns = {name: column.tolist() for name, column in touches.items()}
+        located = []
+        for i, row in enumerate(rows):
+            copied = {name: row.cells.get(name) for name in self.copied}
+            found = {name: to_plain(column[i]) for name, column in columns.items()}
+            located.append({**copied, **(found if row.is_complete else _make_malformed(columns))})
+        return located
+
+
+def _make_malformed(columns: dict[str, Any]) -> dict[str, Any]:
+    """Return the cells of a row that cannot be read."""
+    from pvdf_fem.inverse.touch.touch import TouchStatus
+
+    return {**dict.fromkeys(columns), "status": str(TouchStatus.MALFORMED), "remark": ""}
+
+
+def _describe_clash(file: str, column: str) -> str:
+    """Return a message about a column of the input that has the name of an output column."""
+    return (
+        f"{file}: column {column}: has the name of a column of the output; rename it, such as to "
+        f"given_{column}"
+    )
+
+
+def _read_column(rows: Sequence[Row], column: str) -> Array:
+    """Return the numbers in a column, (rows,), NaN where there is none."""
+    return np.array([parse_cell(row.cells.get(column)) for row in rows])
+
+
+def _list_mistakes(remark: str) -> list[str]:
+    """Return the parts of a remark that name a mistake in the readings."""
+    return [part for part in remark.split("; ") if part.startswith(MISTAKE_PREFIX)]
+
+
+def _count_lines(source: Path | None) -> int:
+    """Return the number of lines of a file; 0 for standard input."""
     if source is None:
         return 0
     with source.open("rb") as file:
         return sum(1 for _ in file)
 
 
-def _told(counts: Counter[str], mistakes: Counter[str]) -> int:
-    """Tell on standard error what became of rows, and which mistakes explain rows that no touch
-    explains; the exit code. Single rows with a mistake may fit a touch by chance: nothing is
-    located where a mistake explains more rows than fit as they are given."""
+def _report(counts: Counter[str], mistakes: Counter[str]) -> int:
+    """Print a summary of all rows on standard error, and return the exit code.
+
+    Single rows with a mistake may fit a touch by chance. The table therefore counts as located only
+    if at least as many rows fit as they are as there are rows that one mistake explains.
+
+    Parameters
+    ----------
+    counts : Counter
+        Number of rows by status.
+    mistakes : Counter
+        Number of rows by the mistake that explains their readings.
+
+    Returns
+    -------
+    int
+        The exit code.
+    """
     from pvdf_fem.inverse.touch.touch import EXPLAINED_STATUSES
 
-    for text, count in mistakes.most_common(MOST_MISTAKES):
-        print(f"{count} of {counts['unexplained']} unexplained rows: {text}", file=sys.stderr)
-    if counts["unexplained"] and not mistakes:
-        check = "check --unit, signs and the order of channels"
-        print(f"unexplained rows: no touch fits them; {check}", file=sys.stderr)
-    named = ", ".join(f"{count} {status}" for status, count in counts.items())
-    print(f"{counts.total()} rows: {named or 'none'}", file=sys.stderr)
+    unexplained = counts["unexplained"]
+    for mistake, count in mistakes.most_common(MAX_MISTAKES):
+        print(f"{count} of {unexplained} unexplained rows: {mistake}", file=sys.stderr)
+    if unexplained and not mistakes:
+        print(
+            "unexplained rows: no touch fits them; check --unit, signs and the order of channels",
+            file=sys.stderr,
+        )
+    by_status = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
+    print(f"{counts.total()} rows: {by_status or 'none'}", file=sys.stderr)
     fitting = sum(counts[status] for status in EXPLAINED_STATUSES)
-    (text, most), *_ = mistakes.most_common(1) or [("", 0)]
-    if most > fitting:
-        print(f"only {fitting} rows fit as they are given, {most} are {text}", file=sys.stderr)
-    failed = counts.total() and (not fitting or most > fitting)
-    return ExitCode.NOT_CONVERGED if failed else ExitCode.CONVERGED
-
-
-def _locator(
-    scene: Scene, request: Request, options: argparse.Namespace, columns: list[str]
-) -> Callable[[Sequence[Row]], list[dict[str, Any]]]:
-    """What makes touches, by column, of rows; raises `ValueError` before a model is built."""
-    from pvdf_fem.inverse.touch.locate import get_scene_quantities
-    from pvdf_fem.inverse.touch.locate_many import locate_many
-    from pvdf_fem.inverse.touch.touch import TouchStatus
-
-    names = [e.name for e in scene.electrode_list if e.name in columns]
-    passed = [c for c in columns if c not in names and c not in KNOWN]
-    known = {
-        name: value
-        for name, value in get_scene_quantities(scene).items()
-        if name not in (*request.unknown, *columns)
-    }
-    check_request({options.scene: scene}, request, dict.fromkeys(names, np.pi), known)
-    model = load_or_build_response(scene, options.scene, request.model)
-
-    def located(rows: Sequence[Row]) -> list[dict[str, Any]]:
-        given: dict[str, Any] = {KNOWN[n]: np.full(len(rows), v) for n, v in known.items()}
-        for name in KNOWN.keys() & set(columns):
-            given[KNOWN[name]] = _numbers(rows, name)
-        touches = locate_many(
-            model,
-            {name: _numbers(rows, name) for name in names},
-            request.sigma,
-            noise_pC=request.noise_pC(scene),
-            reading=request.reading,
-            unit=request.unit,
-            calibrated=not options.quick,
-            **given,
-        ).to_table()
-        cells = [[to_plain(value) for value in column.tolist()] for column in touches.values()]
-        result = []
-        for (values, sound), *found in zip(rows, *cells, strict=True):
-            row = dict(zip(touches, found, strict=True))
-            if not sound:
-                row = {**dict.fromkeys(touches), "status": str(TouchStatus.MALFORMED), "remark": ""}
-            result.append({**{name: values.get(name) for name in passed}, **row})
-        return result
-
-    return located
-
-
-def _numbers(rows: Sequence[Row], column: str) -> Array:
-    """The numbers in a column, NaN where there is none."""
-    return np.array([parse_cell(values.get(column)) for values, _ in rows])
+    is_mistaken = False
+    for mistake, count in mistakes.most_common(1):
+        is_mistaken = count > fitting
+        if is_mistaken:
+            print(f"only {fitting} rows fit as they are, {count} are {mistake}", file=sys.stderr)
+    is_located = counts.total() == 0 or (fitting > 0 and not is_mistaken)
+    return ExitCode.CONVERGED if is_located else ExitCode.NOT_CONVERGED

@@ -1,4 +1,4 @@
-"""Tables of readings, read as their rows come, and tables of touches, written row by row."""
+"""Tables of readings, read while their rows arrive, and tables of touches, written row by row."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, BinaryIO, TextIO
+from typing import Any, BinaryIO, NamedTuple, TextIO
 
+from pvdf_fem.cli.options import read_number
 from pvdf_fem.cli.program import InputError
-from pvdf_fem.cli.response_choice import read_number
 from pvdf_fem.files import (
     FileError,
     open_regular_file,
@@ -22,160 +22,275 @@ from pvdf_fem.files import (
     require_utf8_lines,
 )
 
-LONGEST_ROW = 1 << 20  #: Largest size in bytes of a line, or of an object.
-CHUNK = 1 << 18  #: Bytes that are read at once at most; a pipe gives what has come.
-ENDINGS = [".csv", ".json", ".jsonl"]
+MAX_ROW_BYTES = 1 << 20  #: Largest size of a line of CSV, or of a JSON object.
+CHUNK_BYTES = 1 << 18  #: Largest number of bytes that are read at once; a pipe may return fewer.
+EXTENSIONS = [".csv", ".json", ".jsonl"]
 
-Row = tuple[dict[str, Any], bool]  #: Values by column, and whether there is one for each column.
+
+class Row(NamedTuple):
+    """A row of a table: its cells by column, and whether there is one for each column."""
+
+    cells: dict[str, Any]
+    is_complete: bool
 
 
 def choose_format(path: Path | None, as_json: bool) -> str:
-    """The format of a file, from `ENDINGS`; None is a pipe."""
+    """Return the format of a table, one of `EXTENSIONS`.
+
+    Parameters
+    ----------
+    path : Path or None
+        The file; None stands for standard input or output.
+    as_json : bool
+        Whether standard input and output have JSON.
+
+    Returns
+    -------
+    str
+        The extension of the format; a file with another extension is CSV.
+    """
     if path is None:
         return ".json" if as_json else ".csv"
-    return path.suffix.lower() if path.suffix.lower() in ENDINGS else ".csv"
+    extension = path.suffix.lower()
+    return extension if extension in EXTENSIONS else ".csv"
 
 
 def read_rows(
-    stack: ExitStack, source: Path | None, kind: str, electrodes: Sequence[str]
+    stack: ExitStack, source: Path | None, table_format: str, electrodes: Sequence[str]
 ) -> tuple[list[str], Iterator[list[Row]]]:
-    """The columns of a file, or of standard input for None, and its rows as they come. Raises
-    `InputError` for a table without electrodes, and `FileError` for what is no table."""
+    """Read the columns of a table, and prepare to read its rows.
+
+    A warning on standard error names electrodes without a column.
+
+    Parameters
+    ----------
+    stack : ExitStack
+        Closes the file.
+    source : Path or None
+        The file; None stands for standard input.
+    table_format : str
+        One of `EXTENSIONS`.
+    electrodes : sequence of str
+        Names of the sensor's electrodes.
+
+    Returns
+    -------
+    columns : list of str
+        Names of the columns.
+    batches : iterator of list of Row
+        The rows, in each list those that have arrived.
+
+    Raises
+    ------
+    InputError
+        If no column has the name of an electrode, or standard input is closed.
+    FileError
+        If the file is not a table.
+    """
     if source is None and sys.stdin is None:
         raise InputError("standard input: is closed; redirect it from a file")
-    stream = (
-        stack.enter_context(open_regular_file(source, "a table")) if source else sys.stdin.buffer
-    )
+    if source is None:
+        stream: BinaryIO = sys.stdin.buffer
+    else:
+        stream = stack.enter_context(open_regular_file(source, "a table"))
     name = str(source or "standard input")
-    lines = _lines(stream, name)
-    first = next(lines, [""])
-    require_utf8_lines(first[0].encode("utf-8", "surrogateescape"), name)
-    read = _csv_rows if kind == ".csv" else _json_rows
-    batches = read(itertools.chain([first], lines), name)
-    columns = list(next(batches, [({}, True)])[0][0])
-    if not set(columns) & set(electrodes):
-        shown = ", ".join(columns)
-        advice = "; separate columns by commas" if ";" in shown or "\t" in shown else ""
-        wanted = f"name some of {', '.join(electrodes)} in its first line{advice}"
-        raise InputError(f"{name}: has no electrode among its columns {shown}; {wanted}")
-    if missing := [electrode for electrode in electrodes if electrode not in columns]:
-        others = ", ".join(repr(column) for column in columns if column not in electrodes)
-        told = f"{name}: no column for {', '.join(missing)}, which are left out"
-        print(f"warning: {told}" + (f"; it also has {others}" if others else ""), file=sys.stderr)
+    lines = _read_lines(stream, name)
+    first_lines = next(lines, [""])
+    require_utf8_lines(first_lines[0].encode("utf-8", "surrogateescape"), name)
+    parse = _parse_csv if table_format == ".csv" else _parse_json
+    batches = parse(itertools.chain([first_lines], lines), name)
+    header = next(batches, [Row({}, True)])
+    columns = list(header[0].cells)
+    _check_columns(columns, electrodes, name)
     return columns, batches
 
 
+def _check_columns(columns: Sequence[str], electrodes: Sequence[str], name: str) -> None:
+    """Raise `InputError` for columns without any electrode; warn where some are missing."""
+    missing = [electrode for electrode in electrodes if electrode not in columns]
+    if len(missing) == len(electrodes):
+        shown = ", ".join(columns)
+        advice = f"name some of {', '.join(electrodes)} in its first line"
+        if ";" in shown or "\t" in shown:
+            advice += "; separate columns by commas"
+        raise InputError(f"{name}: has no electrode among its columns {shown}; {advice}")
+    if missing:
+        message = f"warning: {name}: has no column for {', '.join(missing)}"
+        others = [repr(column) for column in columns if column not in electrodes]
+        if others:
+            message += f"; its other columns are {', '.join(others)}"
+        print(message, file=sys.stderr)
+
+
 def parse_cell(cell: Any) -> float:
-    """The number in a cell, NaN where there is none."""
+    """Return the number in a cell, NaN where there is none."""
     is_number = isinstance(cell, int | float) and not isinstance(cell, bool)
-    value = read_number(str(cell).strip()) if is_number or isinstance(cell, str) else None
+    if not is_number and not isinstance(cell, str):
+        return math.nan
+    value = read_number(str(cell).strip())
     return math.nan if value is None else value
 
 
 def to_plain(value: Any) -> Any:
-    """A value as JSON has it, numbers with nine digits, None for NaN."""
+    """Return a value as JSON has it: numbers with nine digits, None for NaN."""
     if isinstance(value, float):
         return None if math.isnan(value) else float(f"{value:.9g}")
-    return value if value is None or isinstance(value, int) else str(value)
+    if value is None or isinstance(value, int):
+        return value
+    return str(value)
 
 
 def open_writer(
-    stack: ExitStack, target: Path | None, kind: str, columns: Sequence[str]
+    stack: ExitStack, target: Path | None, table_format: str, columns: Sequence[str]
 ) -> Callable[[list[dict[str, Any]]], None]:
-    """A function that writes rows to a file, which appears whole at the end, or at once."""
+    """Open a table for writing.
+
+    Parameters
+    ----------
+    stack : ExitStack
+        Closes the file, which appears at the end as a whole.
+    target : Path or None
+        The file; None stands for standard output, where rows appear at once.
+    table_format : str
+        One of `EXTENSIONS`.
+    columns : sequence of str
+        Names of the columns; other cells of CSV rows are dropped.
+
+    Returns
+    -------
+    callable
+        Writes a list of rows, each a dictionary by column.
+    """
     file: TextIO = sys.stdout
     if target:
         temporary = stack.enter_context(replace_file(target))
         file = stack.enter_context(
             temporary.open("w", encoding="utf-8", errors="surrogateescape", newline="")
         )
+    if table_format == ".csv":
+        return _open_csv_writer(file, columns)
+    if table_format == ".jsonl":
+        return _JsonWriter(file, before="", between="", after="\n")
+    file.write("[")
+    stack.callback(file.write, "\n]\n")
+    return _JsonWriter(file, before="\n", between=",", after="")
+
+
+def _open_csv_writer(
+    file: TextIO, columns: Sequence[str]
+) -> Callable[[list[dict[str, Any]]], None]:
+    """Write the header of a CSV table, and return the function that writes rows."""
     table = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
-    separator = "\n"
-    if kind == ".csv":
-        table.writeheader()
-    elif kind == ".json":
-        file.write("[")
-        stack.callback(file.write, "\n]\n")
+    table.writeheader()
 
     def write(rows: list[dict[str, Any]]) -> None:
-        nonlocal separator
-        if kind == ".csv":
-            table.writerows(rows)
-        for row in rows if kind != ".csv" else ():
-            text = json.dumps(row, allow_nan=False)
-            file.write(f"{text}\n" if kind == ".jsonl" else f"{separator}{text}")
-            separator = ",\n"
+        table.writerows(rows)
         file.flush()
 
     return write
 
 
-def _csv_rows(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
-    """First a row with the columns of a table, then its rows as they come."""
-    header, *first = next(lines)
-    columns = [column.strip() for column in _cells(header, header)]
-    if twice := sorted({column for column in columns if columns.count(column) > 1}):
-        raise FileError(f"{name}: column {twice[0]} is there twice; rename one")
-    yield [(dict.fromkeys(columns), True)]
-    for batch in itertools.chain([first] if first else [], lines):
-        cells = [_cells(line, header) for line in batch]
-        yield [(dict(zip(columns, row, strict=False)), len(row) == len(columns)) for row in cells]
+class _JsonWriter:
+    """Writes rows as JSON objects, with texts before, between and after them."""
+
+    def __init__(self, file: TextIO, *, before: str, between: str, after: str) -> None:
+        self.file, self.before, self.between, self.after = file, before, between, after
+        self.is_first = True
+
+    def __call__(self, rows: list[dict[str, Any]]) -> None:
+        """Write rows."""
+        for row in rows:
+            if not self.is_first:
+                self.file.write(self.between)
+            self.is_first = False
+            text = json.dumps(row, allow_nan=False)
+            self.file.write(f"{self.before}{text}{self.after}")
+        self.file.flush()
 
 
-def _cells(line: str, header: str) -> list[str]:
-    """The cells of a line; none if a quotation mark is missing."""
+def _parse_csv(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
+    """Yield a row with the columns of a CSV table, then its rows as they arrive."""
+    header, *others = next(lines)
+    columns = [column.strip() for column in _split_cells(header, header)]
+    for column in sorted(columns):
+        if columns.count(column) > 1:
+            raise FileError(f"{name}: column {column} is there twice; rename one")
+    yield [Row(dict.fromkeys(columns), True)]
+    batches = itertools.chain([others], lines) if others else lines
+    for batch in batches:
+        rows = []
+        for line in batch:
+            cells = _split_cells(line, header)
+            is_complete = len(cells) == len(columns)
+            rows.append(Row(dict(zip(columns, cells, strict=False)), is_complete))
+        yield rows
+
+
+def _split_cells(line: str, header: str) -> list[str]:
+    """Return the cells of a line of CSV; none if a quotation mark is missing."""
     try:
         return next(read_csv_rows([line], header), [])
     except csv.Error:
         return []
 
 
-def _json_rows(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
-    """First a row with the keys of the first object, then all as they come, of a list or not."""
-    text, columns = "", None
+def _parse_json(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
+    """Yield a row with the keys of the first object, then all objects as they arrive.
+
+    The objects may be those of a list, or stand one on each line.
+    """
+    text = ""
+    is_header_due = True
     for batch in lines:
         rows: list[Row] = []
         for line in batch:
             text += line
             try:
-                objects = _JSON.decode(f"[{text.strip(_BETWEEN)}]")
-            except (ValueError, RecursionError):  # an object may go on in the next line
-                if len(text) > LONGEST_ROW:
+                objects = _DECODER.decode(f"[{text.strip(_AROUND_OBJECTS)}]")
+            except (ValueError, RecursionError):  # the object may continue in the next line
+                if len(text) > MAX_ROW_BYTES:
                     break
-            else:
-                rows += [(v, True) if isinstance(v, dict) else ({}, False) for v in objects]
-                text = ""
-        if rows and columns is None:
-            yield [(columns := rows[0][0], True)]
+                continue
+            text = ""
+            for value in objects:
+                is_object = isinstance(value, dict)
+                rows.append(Row(value if is_object else {}, is_object))
+        if rows and is_header_due:
+            is_header_due = False
+            yield [Row(rows[0].cells, True)]
         if rows:
             yield rows
     if text:
-        wanted = "give a list of objects, each on a line"
-        raise FileError(f"{name}: is no JSON from {text[:40]} on; {wanted}")
+        raise FileError(
+            f"{name}: is not JSON from {text[:40]} on; give a list of objects, each on a line"
+        )
 
 
-def _finite(text: str) -> float | None:
-    return value if math.isfinite(value := float(text)) else None
+def _parse_finite(text: str) -> float | None:
+    """Return a number of JSON, None for one that is not finite."""
+    value = float(text)
+    return value if math.isfinite(value) else None
 
 
-_JSON = json.JSONDecoder(parse_float=_finite, parse_constant=_finite)
-_BETWEEN = "[], \t"  #: Characters before, between and after objects of a list.
+_DECODER = json.JSONDecoder(parse_float=_parse_finite, parse_constant=_parse_finite)
+_AROUND_OBJECTS = "[], \t"  #: Characters before, between and after the objects of a list.
 
 
-def _lines(stream: BinaryIO, name: str) -> Iterator[list[str]]:
-    """Lines that are not blank, as many at once as have come."""
+def _read_lines(stream: BinaryIO, name: str) -> Iterator[list[str]]:
+    """Yield lists of the lines that have arrived, without blank ones."""
     rest = b""
-    while chunk := stream.read1(CHUNK):  # type: ignore[attr-defined]
+    while chunk := stream.read1(CHUNK_BYTES):  # type: ignore[attr-defined]
         *lines, rest = (rest + chunk).split(b"\n")
-        if len(rest) > LONGEST_ROW:
-            raise FileError(f"{name}: has a line of more than {LONGEST_ROW} bytes; give a table")
-        if texts := [_text(line) for line in lines if line.strip()]:
+        if len(rest) > MAX_ROW_BYTES:
+            raise FileError(f"{name}: has a line of more than {MAX_ROW_BYTES} bytes; give a table")
+        texts = [_decode_line(line) for line in lines if line.strip()]
+        if texts:
             yield texts
     if rest.strip():
-        yield [_text(rest)]
+        yield [_decode_line(rest)]
 
 
-def _text(line: bytes) -> str:
-    # bytes that are not UTF-8 are kept as surrogates
+def _decode_line(line: bytes) -> str:
+    """Return the text of a line; bytes that are not UTF-8 become surrogates."""
     text = line.decode("utf-8", "surrogateescape")
     return text.removesuffix("\r").removeprefix("\ufeff")

@@ -11,53 +11,55 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pvdf_fem.cli import program, response_choice
-from pvdf_fem.cli.inverse.locate_request import SOUGHT, parse_unknowns
-from pvdf_fem.cli.inverse.reading_table import open_writer, parse_cell, read_rows, to_plain
-from pvdf_fem.cli.program import (
-    ExitCode,
-    InputError,
-    add_scene_command,
-    add_text_options,
-    read_scene,
+from pvdf_fem.cli.inverse.locate_request import UNKNOWN_HELP, parse_unknowns
+from pvdf_fem.cli.inverse.reading_table import Row, open_writer, parse_cell, read_rows, to_plain
+from pvdf_fem.cli.options import add_scene_command, add_text_option, read_scene
+from pvdf_fem.cli.program import ExitCode, InputError, convert_value_errors
+from pvdf_fem.cli.response_choice import (
+    ResponseChoice,
+    add_response_options,
+    load_or_build_response,
 )
-from pvdf_fem.cli.response_choice import ResponseChoice, load_or_build_response
 from pvdf_fem.files import escape_unprintable
 
 if TYPE_CHECKING:
     from pvdf_fem.inverse.tracking.results import TrackRow
+    from pvdf_fem.inverse.tracking.tracker import Tracker
 
-TIMES = {"t_s": 1.0, "t_ms": 1e-3}  #: Columns of times, and their units in s.
-CALM = ("", "quiet", "settling")  #: Statuses of rows without a touch.
-#: Of touches with these the unit is in doubt.
-DOUBTED = ("too_strong", "unexplained")
-DESCRIPTION = """\
+TIME_UNITS_S = {"t_s": 1.0, "t_ms": 1e-3}  #: Columns of times, and their units in s.
+STATUSES_WITHOUT_TOUCH = ("", "quiet", "settling")
+#: Statuses of touches that a wrong unit of the readings may explain.
+DOUBTFUL_STATUSES = ("too_strong", "unexplained")
+#: Texts of cells that stand for a missing reading.
+MISSING = {"", "nan", "NaN"}
+
+_DESCRIPTION = """\
 Follow touches in sampled readings of the scene's channels ([readout]): when they
 begin and end, where they are (on the [stage]) and their force, with standard
-deviations. The charge lost through resistances is integrated and added again; offsets
-and slow drifts are followed while nothing touches.
+deviations. Charge that is lost through resistances is integrated and added again;
+offsets and slow drifts are followed while nothing touches.
 
 The signals are a CSV file with a column t_s, or t_ms, and one for each electrode, or -
 for standard input, which may be a live pipe: each row is answered at once by a
 row of CSV, and each touch that has ended by a line on standard error. An empty
-cell or nan is a missing reading; other columns are left out.
+cell or nan is a missing reading; other columns are ignored.
 
-A model of the charges is needed, as for locate: the first call builds the model, says
-how long the build takes, and keeps the model beside the scene file."""
+A response is needed, as for `locate`: the first call builds it, says how long that
+takes, and stores it beside the scene file."""
 
-EPILOG = """\
+_EPILOG = """\
 status of a row, and of a touch that has ended:
-  settling     the first readings, of which the baseline is learned: do not touch
+  settling     the first readings, from which the baseline is learned: do not touch
   quiet, touch
-  starting     a touch that is too faint yet to be located; if it has ended, no
+  starting     a touch that is still too faint to be located; if it has ended, no
                place was found
-  too_light, too_strong   the force is beyond the model's (--force-range); the
-               place comes from the samples before
+  too_light, too_strong   the force is outside --force-range; the place is that of
+               earlier samples
   unexplained  no touch of this probe gives such charges
-  lost         a touch cannot be told from the drift any longer, or the readings
+  lost         a touch can no longer be distinguished from the drift, or the readings
                paused
-  clock        the time did not grow, and all begins anew
-  malformed    not a number in each cell, or no time; the row is left out
+  clock        the time did not increase, and everything starts again
+  malformed    a cell is not a number, or there is no time; the row is skipped
 
 examples:
   pvdf-fem track sensor.toml signals.csv > rows.csv
@@ -66,108 +68,195 @@ examples:
 exit codes: 0 done, 2 bad input, or no row that can be used"""
 
 
-def add_to(commands: Any) -> None:
+def add_parser(commands: Any) -> None:
     """Add the command to the commands of an argument parser."""
-    as_json = "print a JSON object for each row and touch"
-    about = "track", run, "touches in a stream of readings", DESCRIPTION, EPILOG
-    parser = add_scene_command(commands, *about, as_json=as_json)
+    parser = add_scene_command(
+        commands,
+        "track",
+        run,
+        summary="touches in a stream of readings",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        json_help="print a JSON object for each row and touch",
+    )
     parser.add_argument("signals", metavar="SIGNALS.csv", help="readings, or - for standard input")
     parser.add_argument(
-        "--unit", choices=["V", "pC"], default="V", help="of the readings (default: V)"
+        "--unit", choices=["V", "pC"], default="V", help="unit of the readings (default: V)"
     )
-    add_text_options(parser, ("--unknown", "NAMES", "x,y,force", SOUGHT))
-    response_choice.add_options(parser)
+    add_text_option(parser, "--unknown", "NAMES", about=UNKNOWN_HELP, default="x,y,force")
+    add_response_options(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command; returns its exit code."""
+    """Run the command, and return its exit code."""
     scene = read_scene(options)
-    from pvdf_fem.inverse.touch.touch import TouchStatus
-    from pvdf_fem.inverse.tracking.results import TrackRow
     from pvdf_fem.inverse.tracking.tracker import Tracker
     from pvdf_fem.problem.problem import Problem
     from pvdf_fem.solver.adaptive import compute_unloaded_integrals
 
-    mistakes: list[str] = []
-    unknown, choice = (
-        parse_unknowns(options.unknown, mistakes),
-        ResponseChoice.of(options, mistakes),
-    )
+    errors: list[str] = []
+    unknown = parse_unknowns(options.unknown, errors)
+    choice = ResponseChoice.from_options(options, errors)
     if "force_N" not in unknown:
-        mistakes.append("--unknown: the force of a touch is always sought; name it")
+        errors.append("--unknown: the force of a touch is always unknown; name it")
     if scene.single_probe is None:
-        mistakes.append(f"{options.scene}: has no [probe]; add one")
+        errors.append(f"{options.scene}: has no [probe]; add one")
     if options.unit == "V" and scene.readout is None:
-        mistakes.append(f"--unit V: {options.scene} has no [readout]; add one, or give pC")
-    if mistakes:
-        raise InputError(*mistakes)
-    # a scene whose unloaded film has no charges is refused before a response is built
-    compute_unloaded_integrals(Problem.from_scene(scene))
+        errors.append(f"--unit V: {options.scene} has no [readout]; add one, or give pC")
+    if errors:
+        raise InputError(*errors)
+    compute_unloaded_integrals(
+        Problem.from_scene(scene)
+    )  # raises for a scene without them, before a response is built
     electrodes = [electrode.name for electrode in scene.electrode_list]
     source = None if options.signals == "-" else Path(options.signals)
-    name = source or "standard input"
+    name = str(source or "standard input")
     with ExitStack() as stack:
         columns, batches = read_rows(stack, source, ".csv", electrodes)
-        time = next((column for column in TIMES if column in columns), "")
-        if not time:
-            reason = "has a column t; name it t_s or t_ms" if "t" in columns else ""
-            reason = reason or "has no column t_s or t_ms; give the times in s or ms there"
-            raise InputError(f"{name}: {reason}")
-        if mistakes := choice.mistakes(scene, options.scene):
-            raise InputError(*mistakes)
-        model = load_or_build_response(scene, options.scene, choice)
-        with program.convert_value_errors():
-            tracker = Tracker(model, unknown=unknown, unit=options.unit)
-        kind = ".jsonl" if options.json else ".csv"
-        write = open_writer(stack, None, kind, [f.name for f in fields(TrackRow)])
-        rows, malformed, count, told = (row for batch in batches for row in batch), 0, 0, 0
-        said = last = ""
-        unit = f"; are the readings in {options.unit}, as --unit says?"
-        wanted = f"give {len(columns)} numbers, or nan for what is missing"
-        for count, (cells, sound) in enumerate(rows, 1):
-            values, wrong = _sample(cells, sound, [time, *electrodes])
-            t_s = TIMES[time] * values.pop(time)
-            if wrong and not malformed:
-                print(f"{name}: row {count} has {wrong}; {wanted}", file=sys.stderr, flush=True)
-            malformed += bool(wrong)
-            row = TrackRow(t_s, TouchStatus.MALFORMED) if wrong else tracker.update(t_s, values)
-            write([_plain(row)])
-            last = last if wrong else row.status
-            if row.status == "settling" and math.isfinite(tracker.settling_ends_s) and not said:
-                said = f"settling until t_s = {tracker.settling_ends_s:.4g}: do not touch"
-                print(said, file=sys.stderr, flush=True)
-            for summary in tracker.touches[told:]:
-                if options.json:
-                    write([{"summary": _plain(summary)}])
-                else:
-                    doubt = unit if summary.status in DOUBTED else ""
-                    print(f"{summary}{doubt}", file=sys.stderr, flush=True)
-            told = len(tracker.touches)
-    if malformed:
-        print(f"{name}: {malformed} of {count} rows are malformed, left out", file=sys.stderr)
-        if malformed == count:
-            return ExitCode.BAD_INPUT
-    if last not in CALM:
-        print(f"{name}: a touch has not ended at the last row ({last})", file=sys.stderr)
-    elif not told:
-        print(f"{name}: nothing touches{unit}", file=sys.stderr)
-    return ExitCode.CONVERGED
+        time_column = _find_time_column(columns, name)
+        errors = choice.find_errors(scene, options.scene)
+        if errors:
+            raise InputError(*errors)
+        response = load_or_build_response(scene, options.scene, choice)
+        with convert_value_errors():
+            tracker = Tracker(response, unknown=unknown, unit=options.unit)
+        session = _Session(tracker, name, options, stack)
+        for batch in batches:
+            for row in batch:
+                session.process(row, time_column, electrodes)
+    return session.finish()
 
 
-def _sample(
-    cells: dict[str, Any], sound: bool, columns: Sequence[str]
-) -> tuple[dict[str, float], str]:
-    """The numbers of a row by column, the time first, NaN where missing, and what keeps the row
-    from being used."""
-    texts = {key: cells.get(key, "").strip() for key in columns}
-    values = {key: parse_cell(text) for key, text in texts.items()}
-    wrong = {texts[n] for n, v in values.items() if math.isnan(v)} - {"", "nan", "NaN"}
-    if wrong or not sound:
-        return values, escape_unprintable(", ".join(sorted(wrong)))[:40] or f"{len(cells)} cells"
-    return values, "" if math.isfinite(values[columns[0]]) else f"no time {columns[0]}"
+def _find_time_column(columns: Sequence[str], name: str) -> str:
+    """Return the column of times; raises `InputError` if there is none."""
+    for column in TIME_UNITS_S:
+        if column in columns:
+            return column
+    if "t" in columns:
+        raise InputError(f"{name}: has a column t; name it t_s or t_ms")
+    raise InputError(f"{name}: has no column t_s or t_ms; give the times in s or ms there")
 
 
-def _plain(row: TrackRow) -> dict[str, Any]:
-    """A row as JSON and CSV have it; times keep all their digits."""
+class _Session:
+    """A stream of readings that a tracker follows.
+
+    Rows go to standard output, and messages to standard error.
+    """
+
+    def __init__(
+        self, tracker: Tracker, name: str, options: argparse.Namespace, stack: ExitStack
+    ) -> None:
+        from pvdf_fem.inverse.tracking.results import TrackRow
+
+        self.tracker = tracker
+        self.name = name  #: Of the table, for messages.
+        self.as_json = options.json
+        self.unit_doubt = f"; are the readings in {options.unit}, as --unit says?"
+        columns = [field.name for field in fields(TrackRow)]
+        self.write = open_writer(stack, None, ".jsonl" if options.json else ".csv", columns)
+        self.rows = 0
+        self.malformed_rows = 0
+        self.reported_touches = 0
+        self.last_status = ""
+        self.has_announced_settling = False
+
+    def process(self, row: Row, time_column: str, electrodes: Sequence[str]) -> None:
+        """Answer a row of the table, and report touches that have ended."""
+        from pvdf_fem.inverse.touch.touch import TouchStatus
+        from pvdf_fem.inverse.tracking.results import TrackRow
+
+        self.rows += 1
+        columns = (time_column, *electrodes)
+        sample = {column: row.cells.get(column, "").strip() for column in columns}
+        values = {column: parse_cell(text) for column, text in sample.items()}
+        t_s = TIME_UNITS_S[time_column] * values.pop(time_column)
+        defect = _find_defect(row, sample, time_column)
+        if defect:
+            self._report_malformed(defect, len(row.cells))
+            self.write([_to_plain_row(TrackRow(t_s, TouchStatus.MALFORMED))])
+        else:
+            tracked = self.tracker.update(t_s, values)
+            self.write([_to_plain_row(tracked)])
+            self.last_status = tracked.status
+            self._announce_settling(tracked)
+        self._report_touches()
+
+    def finish(self) -> int:
+        """Report malformed rows and a touch that has not ended, and return the exit code."""
+        if self.malformed_rows:
+            count = f"{self.malformed_rows} of {self.rows} rows are malformed"
+            self._print(f"{self.name}: {count} and were skipped")
+            if self.malformed_rows == self.rows:
+                return ExitCode.BAD_INPUT
+        if self.last_status not in STATUSES_WITHOUT_TOUCH:
+            self._print(f"{self.name}: a touch has not ended at the last row ({self.last_status})")
+        elif not self.reported_touches:
+            self._print(f"{self.name}: nothing touches{self.unit_doubt}")
+        return ExitCode.CONVERGED
+
+    def _report_malformed(self, defect: str, columns: int) -> None:
+        """Count a malformed row, and report the first one."""
+        self.malformed_rows += 1
+        if self.malformed_rows == 1:
+            advice = f"give {columns} numbers, or nan for missing readings"
+            self._print(f"{self.name}: row {self.rows} has {defect}; {advice}")
+
+    def _announce_settling(self, tracked: TrackRow) -> None:
+        """Report once until when the baseline is learned."""
+        end_s = self.tracker.settling_ends_s
+        is_due = tracked.status == "settling" and not self.has_announced_settling
+        if is_due and math.isfinite(end_s):
+            self.has_announced_settling = True
+            self._print(f"settling until t_s = {end_s:.4g}: do not touch")
+
+    def _report_touches(self) -> None:
+        """Report touches that have ended since the last row."""
+        for summary in self.tracker.touches[self.reported_touches :]:
+            if self.as_json:
+                self.write([{"summary": _to_plain_row(summary)}])
+            else:
+                doubt = self.unit_doubt if summary.status in DOUBTFUL_STATUSES else ""
+                self._print(f"{summary}{doubt}")
+        self.reported_touches = len(self.tracker.touches)
+
+    def _print(self, message: str) -> None:
+        """Print a message on standard error at once."""
+        print(message, file=sys.stderr, flush=True)
+
+
+def _find_defect(row: Row, sample: dict[str, str], time_column: str) -> str:
+    """Return the reason why a row cannot be used, or nothing.
+
+    Parameters
+    ----------
+    row : Row
+        The row.
+    sample : dict
+        Its texts of time and readings, by column.
+    time_column : str
+        The column of the time.
+
+    Returns
+    -------
+    str
+        The cells that are no numbers, the number of cells, or that there is no time.
+    """
+    wrong = {
+        text for text in sample.values() if math.isnan(parse_cell(text)) and text not in MISSING
+    }
+    if wrong:
+        return escape_unprintable(", ".join(sorted(wrong)))[:40]
+    if not row.is_complete:
+        return f"{len(row.cells)} cells"
+    if sample[time_column] in MISSING:
+        return f"no time {time_column}"
+    return ""
+
+
+def _to_plain_row(row: TrackRow) -> dict[str, Any]:
+    """Return a row as JSON and CSV have it; times keep all their digits."""
     values = asdict(row)
-    return {k: v if k == "t_s" and v == v else to_plain(v) for k, v in values.items()}
+    plain = {name: to_plain(value) for name, value in values.items()}
+    if not math.isnan(values["t_s"]):
+        plain["t_s"] = values["t_s"]
+    return plain

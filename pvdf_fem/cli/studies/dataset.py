@@ -7,80 +7,127 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from pvdf_fem.cli import program, response_choice
-from pvdf_fem.cli.program import (
-    ExitCode,
-    InputError,
+from pvdf_fem.cli.options import (
     add_scene_command,
-    add_text_options,
+    add_text_option,
+    parse_number,
+    parse_optional_number,
     read_scene,
 )
-from pvdf_fem.cli.response_choice import ResponseChoice, load_or_build_response, parse_number
+from pvdf_fem.cli.output import find_output_errors
+from pvdf_fem.cli.program import ExitCode, InputError
+from pvdf_fem.cli.response_choice import (
+    ResponseChoice,
+    add_response_options,
+    load_or_build_response,
+)
 
 _DESCRIPTION = """\
-Random touches of a sensor, with the charges of its electrodes, a bound on the
-model's error of each charge, and readings with noise: to train and to test
-estimators of touches. Touches are even by place, by rotation and by the logarithm
-of the force, over the reach and the forces of the scene's [model].
+Random touches of a sensor, with the charges of its electrodes, a bound on the error
+of each charge, and readings with noise: to train and to test estimators of touches.
+Touches are evenly distributed over place, rotation and the logarithm of the force,
+within the reach and the forces of the scene's [model].
 
 Readings are total charges or changes by the touch, with the gains, offsets and
 noise of the scene's [readout], in nominal pC. Places and rotations are in the frame
-of its [stage]. The model of the charges is built and kept as for `locate`; after
-that, 100,000 touches take a few seconds.
+of its [stage]. The response is built and stored as for `locate`; after that,
+100,000 touches take a few seconds.
 
-The file has the scene, the seed and the noise: NetCDF (.nc) as attributes, which
-xarray reads; Parquet (.parquet, needs pyarrow) as metadata, which pandas reads as
-attrs; CSV (.csv) as comments with # before its header."""
+The file contains the scene, the seed and the noise: NetCDF (.nc) as attributes,
+which xarray reads; Parquet (.parquet, needs pyarrow) as metadata, which pandas reads
+as attrs; CSV (.csv) as comments with # before its header."""
 
 _EPILOG = """\
 examples:
   pvdf-fem dataset sensor.toml --touches 100000 --seed 1 --output touches.nc
   pvdf-fem dataset sensor.toml --sigma 0 --noise 0.5 --output touches.csv
 
-exit codes: 0 written, 2 bad input, 3 a film without a model"""
+exit codes: 0 written, 2 bad input, 3 a film without a response"""
+
+_EXTENSIONS = [".nc", ".parquet", ".csv"]
 
 
-def add_to(commands: Any) -> None:
+def add_parser(commands: Any) -> None:
     """Add the command to the commands of an argument parser."""
-    about = "random touches with readings", _DESCRIPTION, _EPILOG
-    parser = add_scene_command(commands, "dataset", run, *about, as_json="")
-    add_text_options(
+    parser = add_scene_command(
+        commands,
+        "dataset",
+        run,
+        summary="random touches with readings",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        json_help="",
+    )
+    add_text_option(parser, "--touches", "N", about="number of touches", default="100000")
+    add_text_option(
         parser,
-        ("--touches", "N", "100000", "how many touches"),
-        ("--seed", "N", "0", "equal seeds draw equal touches and equal noise"),
-        ("--sigma", "SHARE", "0.01", "standard deviation of a reading over the charge or change"),
-        ("--noise", "PC", None, "another one, of every reading (default: readout.noise_V, or 0)"),
+        "--seed",
+        "N",
+        about="seed of touches and noise; equal seeds give equal ones",
+        default="0",
+    )
+    add_text_option(
+        parser,
+        "--sigma",
+        "SHARE",
+        about="standard deviation of a reading, relative to the charge or change",
+        default="0.01",
+    )
+    add_text_option(
+        parser,
+        "--noise",
+        "PC",
+        about="further standard deviation of every reading (default: readout.noise_V, or 0)",
     )
     parser.add_argument(
         "--reading",
         choices=("change", "total"),
-        help="what is read (default: readout.reading, or total without [readout])",
+        help="kind of the readings (default: readout.reading, or total without [readout])",
     )
-    output = "file to write: .nc, .parquet or .csv"
-    parser.add_argument("--output", metavar="FILE", type=Path, required=True, help=output)
-    response_choice.add_options(parser)
+    parser.add_argument(
+        "--output",
+        metavar="FILE",
+        type=Path,
+        required=True,
+        help=f"file to write: {', '.join(_EXTENSIONS)}",
+    )
+    add_response_options(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command; returns its exit code."""
-    wrong: list[str] = []
-    sigma, noise = parse_number("--sigma", options.sigma, wrong, zero=True), options.noise
-    noise = None if noise is None else parse_number("--noise", noise, wrong, zero=True)
-    choice = ResponseChoice.of(options, wrong)
-    wrong += program.find_output_errors(
-        options.output, [".nc", ".parquet", ".csv"], Path(options.scene), options.model
-    )
+    """Run the command, and return its exit code."""
+    errors: list[str] = []
+    sigma = parse_number("--sigma", options.sigma, errors, allow_zero=True)
+    noise_pC = parse_optional_number("--noise", options.noise, errors, allow_zero=True)
+    choice = ResponseChoice.from_options(options, errors)
+    inputs = Path(options.scene), options.model
+    errors += find_output_errors(options.output, _EXTENSIONS, *inputs)
     if options.output.suffix.lower() == ".parquet" and find_spec("pyarrow") is None:
-        wrong.append(f"{options.output}: needs pyarrow; install pvdf-fem[parquet], or give .nc")
-    scene = read_scene(options, *wrong)
+        errors.append(f"{options.output}: needs pyarrow; install pvdf-fem[parquet], or give .nc")
+    scene = read_scene(options, *errors)
     from pvdf_fem.studies.touch_dataset import dataset, find_request_errors, write_dataset
 
-    count, seed = (int(n) if n.isdecimal() else n for n in (options.touches, options.seed))
-    wrong = [*find_request_errors(scene, count, seed, sigma, noise, options.reading)]
-    if wrong := [*wrong, *choice.mistakes(scene, options.scene)]:
-        raise InputError(*wrong)
-    model = load_or_build_response(scene, options.scene, choice)
-    how: dict[str, Any] = {"noise_pC": noise, "reading": options.reading, "response": model}
-    write_dataset(dataset(scene, count, seed, sigma, **how), options.output)
-    print(f"{options.output}: {count} touches, readings of {', '.join(model.names)}")
+    count = _to_integer(options.touches)
+    seed = _to_integer(options.seed)
+    errors = list(find_request_errors(scene, count, seed, sigma, noise_pC, options.reading))
+    errors += choice.find_errors(scene, options.scene)
+    if errors:
+        raise InputError(*errors)
+    response = load_or_build_response(scene, options.scene, choice)
+    data = dataset(
+        scene,
+        count,
+        seed,
+        sigma,
+        noise_pC=noise_pC,
+        reading=options.reading,
+        response=response,
+    )
+    write_dataset(data, options.output)
+    print(f"{options.output}: {count} touches, readings of {', '.join(response.names)}")
     return ExitCode.CONVERGED
+
+
+def _to_integer(text: str) -> Any:
+    """Return the integer that a text is; another text stays one, and is reported later."""
+    return int(text) if text.isdecimal() else text

@@ -83,7 +83,7 @@ class Laminate:
         prestrain = self.prestrain
         if self.added is not None:
             places = self.space.places @ frame
-            rim_strain = film.rim_strain(places)
+            rim_strain = film.compute_rim_strain(places)
             warming = self.added.temperature(places)[..., None]
             thermal = film.thermal_expansion_per_K * warming * EQUIBIAXIAL
             prestrain = prestrain + rim_strain - thermal

@@ -14,9 +14,9 @@ from pvdf_fem.film.point_load import (
     estimate_tension,
 )
 from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.tip import STEEPEST, Tip
-from pvdf_fem.scene.registry import Load
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 #: Contact width over the width by a point load's tension, measured for spheres: 1.07 to 1.11.

@@ -114,23 +114,9 @@ class PatchLoad(ProbeLoad):
         return self.force / self.integrate_on_film(self.space.weights[self.patch])
 
     def face_forces(self, state: State, residual: Array) -> ElementForces:
-        """Return the force along z, distributed over the patch by the load's profile."""
-        _, weights = self._quadrature
-        share = weights.sum(axis=1) / self.integrate_on_film(weights)
-        return ElementForces(self.patch, self.components[2] * share)
-
-    @property
-    def _quadrature(self) -> tuple[Array, Array]:
-        """Values of the functions, (n, points, functions), and weights times the profile in m²,
-        (n, points), in the elements of the patch."""
-        profile = make_profile(self.spec)
-        if profile.order is None:
-            return self.space.values[self.patch], self.space.weights[self.patch]
-        places, values, weights = self.space.make_quadrature(self.patch, profile.order)
-        weights = weights * profile(places @ self.sector.frame)
-        if len(weights) and not weights.any():
-            raise profile.make_error("is zero wherever the probe presses; change it")
-        return values, weights
+        """Return the traction along z times the undeformed area of the elements."""
+        traction = self.traction(state.deformation_gradient[self.patch])[..., 2]
+        return ElementForces(self.patch, (self.space.weights[self.patch] * traction).sum(axis=1))
 
 
 class DeadPressure(PatchLoad):
@@ -158,6 +144,25 @@ class DeadPressure(PatchLoad):
         total = np.bincount(nodes.ravel(), shares.ravel(), node_count)
         return np.asarray(total / self.integrate_on_film(weights))
 
+    def face_forces(self, state: State, residual: Array) -> ElementForces:
+        """Return the force along z, distributed over the patch by the load's profile."""
+        _, weights = self._quadrature
+        share = weights.sum(axis=1) / self.integrate_on_film(weights)
+        return ElementForces(self.patch, self.components[2] * share)
+
+    @property
+    def _quadrature(self) -> tuple[Array, Array]:
+        """Values of the functions, (n, points, functions), and weights times the profile in m²,
+        (n, points), in the elements of the patch."""
+        profile = make_profile(self.spec)
+        if profile.order is None:
+            return self.space.values[self.patch], self.space.weights[self.patch]
+        places, values, weights = self.space.make_quadrature(self.patch, profile.order)
+        weights = weights * profile(places @ self.sector.frame)
+        if len(weights) and not weights.any():
+            raise profile.make_error("is zero wherever the probe presses; change it")
+        return values, weights
+
 
 class FollowerPressure(PatchLoad):
     """A pressure that stays normal to the deformed film."""
@@ -174,6 +179,11 @@ class FollowerPressure(PatchLoad):
             return None
         stiffness = compute_normal_stiffness(self.space, self.patch, self.pressure, state)
         return ElementMatrices(self.patch, -stiffness)
+
+    def face_forces(self, state: State, residual: Array) -> ElementForces:
+        """Return the pressure times the undeformed area of the elements."""
+        area = self.space.weights[self.patch].sum(axis=1)
+        return ElementForces(self.patch, self.pressure * area)
 
     def with_frozen_loads(self) -> DeadPressure:
         """Return the dead pressure of the same size."""

@@ -24,7 +24,8 @@ from pvdf_fem.files import FileError, decode_text, read_bytes
 from pvdf_fem.film.loads.load_spec import LoadSpec, Pressure, format_function_name
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import average_over, rotate
-from pvdf_fem.scene.registry import DIGEST_MARK, PROFILE_ENTRIES, find_load_key
+from pvdf_fem.scene.placed.probe import find_load_key
+from pvdf_fem.scene.registry import DIGEST_MARK, PROFILE_ENTRIES
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import format_error
 

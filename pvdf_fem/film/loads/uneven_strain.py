@@ -168,7 +168,7 @@ class UnevenStrain:
     def strain(self, places: Array) -> Array:
         """Return the added elastic strain, (..., 3)."""
         thermal = self.film.thermal_expansion_per_K * self.temperature(places)
-        return self.film.rim_strain(places) - thermal[..., None] * [1.0, 1.0, 0.0]
+        return self.film.compute_rim_strain(places) - thermal[..., None] * [1.0, 1.0, 0.0]
 
     def stress(self, places: Array) -> Array:
         """Return the stress of the added strain in Pa, (..., 3)."""

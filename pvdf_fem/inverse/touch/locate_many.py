@@ -1,139 +1,42 @@
-"""The likeliest touch for each of many charges, tens of thousands a second."""
+"""Locate the most likely touch for each of many rows of readings, tens of thousands a second."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.inverse.least_squares import SearchOptions, SearchResult, concatenate_results
 from pvdf_fem.inverse.touch.location import Location
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
-from pvdf_fem.inverse.touch.measurement import (
-    LARGEST_PC,
-    LEAST_PC,
-    Deviations,
-    Measurement,
-    find_reading_errors,
-    get_units_pC,
-)
+from pvdf_fem.inverse.touch.measurement import Deviations, Measurement, get_units_pC
 from pvdf_fem.inverse.touch.search import (
     DEFAULT_OPTIONS,
-    describe_touches,
     make_location,
     mark_explained,
     search_everywhere,
     search_rows,
 )
-from pvdf_fem.inverse.touch.touch import TouchStatus, decide_status
+from pvdf_fem.inverse.touch.touch import TouchStatus
+from pvdf_fem.inverse.touch.touches import Touches
+from pvdf_fem.inverse.touch.validation import LARGEST_PC, LEAST_PC, find_reading_errors
 from pvdf_fem.scene.arguments import as_response, coerce
-from pvdf_fem.summary import Summary, TabularResult, TextTable
 from pvdf_fem.surrogate.charge_function import ChargeFunction
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
 #: Rows that are located together: they take some 3 kB each while searches are under way.
 CHUNK_ROWS = 32768
-SHORT = SearchOptions(max_steps=12)  #: Of searches with mistakes undone, few of which end.
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Touches(TabularResult):
-    """The likeliest touch found for each row of charges; other touches may be as likely."""
-
-    #: x and y in mm, rotation in degrees, force in N, (n, 4); NaN, as all other numbers, unless
-    #: located, or the nearest where `UNEXPLAINED`.
-    values: Array
-    #: What the readings were taken for, of `READINGS`, and what was sought.
-    reading: str
-    unknown: tuple[str, ...]
-    status: NDArray[np.object_]  #: A `TouchStatus` each, (n,).
-    #: Covariances (n, unknown, unknown) as for `Touch`, by the likelihood's curvature there alone.
-    covariances: Array
-    #: Standard deviations (n, unknown): calibrated as for `Location` if asked for, else by these.
-    deviations: Array
-    alternatives: Array  #: Number of other touches that are likely, (n,); NaN unless calibrated.
-    #: As for `Touch`, (n,).
-    determined: Mask
-    chi_square: Array
-    p_value: Array
-    #: Mistakes in readings that would explain them where no touch does, in words, (n,).
-    explanations: NDArray[np.object_]
-    at_edge: Mask  #: Whether the touch is held by a limit of the model's domain, (n,).
-
-    @classmethod
-    def empty(cls, status: NDArray[np.object_], unknown: tuple[str, ...], reading: str) -> Touches:
-        """Results to be filled: NaN for numbers, false for flags."""
-        n, k = len(status), len(unknown)
-        values, covariances, deviations, alternatives, chi_square, p_value = (
-            np.full((n, *shape), np.nan) for shape in ((4,), (k, k), (k,), (), (), ())
-        )
-        determined, at_edge = np.zeros((2, n), dtype=bool)
-        other = np.full(n, "", dtype=object)
-        numbers = values, reading, unknown, status, covariances, deviations, alternatives
-        return cls(*numbers, determined, chi_square, p_value, other, at_edge)
-
-    @property
-    def explained(self) -> Mask:
-        """Whether a touch explains the charges, (n,)."""
-        return np.isfinite(self.chi_square) & (self.status != TouchStatus.UNEXPLAINED)
-
-    def put(self, rows: Indices, problem: LocationProblem, ends: SearchResult) -> None:
-        """Write down the ends of searches for some rows."""
-        self.status[rows[~ends.converged]] = TouchStatus.NOT_FOUND
-        rows, ends = rows[ends.converged], ends.select(np.flatnonzero(ends.converged))
-        self.values[rows], root, free, *fit, explained = describe_touches(problem, ends)
-        self.chi_square[rows], self.p_value[rows] = fit
-        self.covariances[rows] = root @ root.swapaxes(1, 2)
-        curved = np.sqrt(np.einsum("nuu->nu", self.covariances[rows]))
-        told = self.deviations[rows]  # where calibrated
-        self.deviations[rows] = np.where(np.isnan(told), curved, told)
-        self.determined[rows] = ~free.any(axis=1)
-        self.at_edge[rows] = [bool(limits) for limits in problem.edges(ends.coordinates)]
-        reasons = explained, self.alternatives[rows] > 0, self.at_edge[rows]
-        self.status[rows] = [*map(decide_status, *(of.tolist() for of in reasons))]
-
-    def summary(self) -> Summary:
-        """How many rows are located and explained, and the first and the last touches."""
-        about = f"{int(self.explained.sum())} of {len(self.status)} rows are explained"
-        return Summary("touches", [about], [TextTable.from_columns(self.columns())])
-
-    def to_table(self) -> dict[str, NDArray[Any]]:
-        """Columns (n,): touches, deviations (NaN where known), fit, alternatives, status, remark.
-
-        The remark has words: ``explained if`` with mistakes in readings, ``undetermined``,
-        ``at edge``.
-        """
-        deviations = np.full(self.values.shape, np.nan)
-        deviations[:, [TOUCH_QUANTITIES.index(name) for name in self.unknown]] = self.deviations
-        columns = ["_deviation_".join(name.rsplit("_", 1)) for name in TOUCH_QUANTITIES]
-        found = np.isfinite(self.chi_square)
-        remarks = self.explanations.copy()
-        for word, rows in {"undetermined": ~self.determined, "at edge": self.at_edge}.items():
-            remarks[found & rows] += f"; {word}"
-        few = self.status == TouchStatus.UNDETERMINED
-        remarks[few & ~found] += "; fewer channels than unknown quantities"
-        counts = [None if np.isnan(count) else int(count) for count in self.alternatives]
-        return {
-            **dict(zip(TOUCH_QUANTITIES, self.values.T, strict=True)),
-            **dict(zip(columns, deviations.T, strict=True)),
-            "chi_square": self.chi_square,
-            "p_value": self.p_value,
-            "alternatives": np.array(counts, dtype=object),
-            "status": self.status,
-            "remark": np.array([remark[2:] for remark in remarks], dtype=object),
-        }
-
-    columns = to_table
+#: Of searches for mistakes in readings, few of which converge.
+EXPLANATION_SEARCH = SearchOptions(max_steps=12)
 
 
 def locate_many(
-    model: ChargeFunction,
-    charges_pC: ArrayLike | Mapping[str, ArrayLike],
+    response: ChargeFunction,
+    readings: ArrayLike | Mapping[str, ArrayLike],
     sigma: Deviations = 0.01,
     *,
     rotations_deg: ArrayLike | None = None,
@@ -143,29 +46,40 @@ def locate_many(
     unit: str = "pC",
     calibrated: bool = False,
 ) -> Touches:
-    """The likeliest place, and force and rotation if they are not known, for rows of charges.
+    """Find the most likely touch for each of many rows of readings.
 
-    Each search starts from the touch of a table whose charges have the nearest ratios. Where its
-    end does not explain the charges, searches from several touches of the table follow, and at last
-    searches from everywhere, as in `locate`. A row that cannot be used changes no other row.
+    The place is always unknown, rotation and force are unless they are given. A row that cannot be
+    used changes no other row.
 
     Parameters
     ----------
-    model, sigma, noise_pC, reading, unit
-        As for `locate`.
-    charges_pC : array_like, shape (n, electrodes), or mapping
-        Rows of readings as for `locate`, of all electrodes, or the readings of all rows by the
-        electrode's name, of some.
-    rotations_deg, forces_N : array_like, shape (n,), optional
-        Known rotations, in the frame of the scene's stage, and forces; sought if not given.
+    response, sigma, noise_pC, reading, unit
+        As for `locate`; a scene cannot stand for the response.
+    readings : array_like, shape (n, electrodes), or mapping
+        Rows of readings of all electrodes, or the n readings of some electrodes by name.
+    rotations_deg : array_like, shape (n,), optional
+        Known rotations in the frame of the scene's stage.
+    forces_N : array_like, shape (n,), optional
+        Known forces.
     calibrated : bool
-        Find all likely touches of each row, and calibrated deviations, as `locate` does; that is
-        a hundred times slower.
+        Whether all likely touches of each row are found and deviations are calibrated, as `locate`
+        does; that is a hundred times slower.
+
+    Returns
+    -------
+    Touches
+        A touch and a status for each row.
 
     Raises
     ------
     ValueError
-        For shapes that do not match, and mistakes as `locate` tells them.
+        For shapes that do not match, and for mistakes as in `locate`.
+
+    Notes
+    -----
+    The first search for a row begins with the best candidate of a coarse grid. If its end does not
+    explain the readings, searches from several candidates follow, and at last searches all over the
+    domain as in `locate`.
 
     Examples
     --------
@@ -173,132 +87,246 @@ def locate_many(
     >>> readings = [[350.0, 240.0, 200.0, 230.0], [330.0, 300.0, 210.0, 240.0]]
     >>> locate_many(response, readings, sigma=0.01, reading="change").status
     """
-    names, charges = _table(as_response(model), charges_pC)
+    response = as_response(response)
+    columns = _read_columns(response, readings)
     calibrated = coerce("calibrated", calibrated, bool)
-    any_charges, noise = dict.fromkeys(names, math.pi), (sigma, noise_pC, reading)
-    mistakes = [
-        *find_reading_errors(model.scene, any_charges, *noise, model.unloaded_charges_pC, unit)
-    ]
+    errors = list(
+        find_reading_errors(
+            response.scene,
+            dict.fromkeys(columns.names, math.pi),  # any valid readings
+            sigma=sigma,
+            noise_pC=noise_pC,
+            reading=reading,
+            unloaded_charges=response.unloaded_charges_pC,
+            unit=unit,
+        )
+    )
     known: dict[int, Array] = {}
-    given = {
-        "rotations_deg": (TouchColumn.ROTATION, rotations_deg),
-        "forces_N": (TouchColumn.FORCE, forces_N),
-    }
-    for name, (i, values) in given.items():
-        if values is not None:
-            known[i] = _numbers(values, name)
-            if known[i].shape != charges.shape[:1]:
-                mistakes.append(f"{name} of shape {known[i].shape}: give one per row")
-    if mistakes:
-        raise ValueError("\n".join(mistakes))
-    measurement = Measurement.from_response(model, names, *noise, unit)
-    units = get_units_pC(model.scene, unit)
-    charges = charges * [units[name] for name in names]
-    sought = np.array([i for i in range(len(TOUCH_QUANTITIES)) if i not in known])
-    status = _status(measurement, charges, known, sought)
-    found = Touches.empty(status, tuple(TOUCH_QUANTITIES[i] for i in sought), measurement.reading)
+    if rotations_deg is not None:
+        known[TouchColumn.ROTATION] = _read_numbers(rotations_deg, "rotations_deg")
+    if forces_N is not None:
+        known[TouchColumn.FORCE] = _read_numbers(forces_N, "forces_N")
+    for column, values in known.items():
+        if values.shape != (len(columns.readings),):
+            name = "forces_N" if column == TouchColumn.FORCE else "rotations_deg"
+            errors.append(f"{name} of shape {values.shape}: give one number per row")
+    if errors:
+        raise ValueError("\n".join(errors))
+    measurement = Measurement.from_response(
+        response, columns.names, sigma=sigma, noise_pC=noise_pC, reading=reading, unit=unit
+    )
+    units_pC = get_units_pC(response.scene, unit)
+    readings_pC = columns.readings * [units_pC[name] for name in columns.names]
+    unknown = np.array([i for i in range(len(TOUCH_QUANTITIES)) if i not in known])
+    status = _decide_initial_status(measurement, readings_pC, known, unknown)
+    names = tuple(TOUCH_QUANTITIES[column] for column in unknown)
+    touches = Touches.empty(status, names, measurement.reading)
     usable = np.flatnonzero(status == TouchStatus.LOCATED)
     for first in range(0, len(usable), CHUNK_ROWS):
         rows = usable[first : first + CHUNK_ROWS]
-        held = _held(known, rows)
-        problem = measurement.problem(charges[rows], sought)
-        ends = search_rows(problem, held, 1)
-        if (again := np.flatnonzero(~mark_explained(problem, ends))).size:
-            others = search_rows(
-                problem.rows(again), _held(known, rows[again]), DEFAULT_OPTIONS.retries
-            )
-            ends.replace_worse(again, others)
-        strange = (
-            np.arange(len(rows)) if calibrated else np.flatnonzero(~mark_explained(problem, ends))
-        )
-        for k in strange.tolist():
-            there = _everywhere(problem, ends, held, k)
-            if calibrated:
-                found.alternatives[rows[k]] = there.alternatives
-                if there.touches:
-                    found.deviations[rows[k]] = [*there.deviations.values()]
-        found.put(rows, problem, ends)
-        strange = rows[~found.explained[rows]]
-        told = measurement, charges[strange], sought, _held(known, strange)
-        for text, _, _, which in find_explanations(*told):
-            found.explanations[strange[which]] += f"; explained if {text}"
-    return found
+        _locate_rows(touches, rows, measurement, readings_pC[rows], known, calibrated)
+    return touches
 
 
-def _held(known: Mapping[int, Array], rows: Indices) -> dict[int, Array]:
-    """Coordinates that some rows know, from quantities of all rows."""
-    return {i: np.log(of[rows]) if i == TouchColumn.FORCE else of[rows] for i, of in known.items()}
+def _locate_rows(
+    touches: Touches,
+    rows: Indices,
+    measurement: Measurement,
+    readings_pC: Array,
+    known: Mapping[int, Array],
+    calibrated: bool,
+) -> None:
+    """Locate some rows together and store their touches.
+
+    Parameters
+    ----------
+    touches : Touches
+        Results of all rows, of which these are filled in.
+    rows : ndarray of int, shape (m,)
+        The rows to locate.
+    measurement : Measurement
+        Meaning and noise of the readings.
+    readings_pC : ndarray, shape (m, electrodes)
+        Readings of these rows.
+    known : mapping
+        Known quantities of all rows by column.
+    calibrated : bool
+        Whether all likely touches are found for deviations and numbers of alternatives.
+    """
+    unknown = np.array([i for i in range(len(TOUCH_QUANTITIES)) if i not in known])
+    fixed = _fix_coordinates(known, rows)
+    problem = measurement.make_problem(readings_pC, unknown)
+    ends = search_rows(problem, fixed, count=1)
+    failed = np.flatnonzero(~mark_explained(problem, ends))
+    if failed.size:
+        failed_fixed = _fix_coordinates(known, rows[failed])
+        failed_problem = problem.select_rows(failed)
+        retried = search_rows(failed_problem, failed_fixed, DEFAULT_OPTIONS.retry_candidates)
+        ends.replace_worse(failed, retried)
+    thorough = np.arange(len(rows))
+    if not calibrated:
+        thorough = np.flatnonzero(~mark_explained(problem, ends))
+    for index in thorough.tolist():
+        location = _search_thoroughly(problem, ends, fixed, index)
+        if calibrated:
+            touches.alternatives[rows[index]] = location.alternatives
+            if location.touches:
+                touches.deviations[rows[index]] = list(location.deviations.values())
+    touches.store(rows, problem, ends)
+    is_strange = ~touches.explained[rows]
+    strange = rows[is_strange]
+    strange_fixed = _fix_coordinates(known, strange)
+    for found in find_explanations(measurement, readings_pC[is_strange], unknown, strange_fixed):
+        touches.explanations[strange[found.rows]] += f"; explained if {found.text}"
+
+
+def _fix_coordinates(known: Mapping[int, Array], rows: Indices) -> dict[int, Array]:
+    """Return the fixed coordinates of some rows from the known quantities of all rows."""
+    fixed = {}
+    for column, values in known.items():
+        fixed[column] = np.log(values[rows]) if column == TouchColumn.FORCE else values[rows]
+    return fixed
+
+
+class ReadingExplanation(NamedTuple):
+    """A mistake in readings without which touches explain some rows."""
+
+    text: str  #: The mistake in words.
+    problem: LocationProblem  #: The problem without the mistake, of all rows.
+    ends: SearchResult  #: Ends of searches at the touches that explain rows.
+    rows: Indices  #: The rows that are explained.
 
 
 def find_explanations(
-    measurement: Measurement, readings: Array, sought: Indices, held: Mapping[int, Array]
-) -> Iterator[tuple[str, LocationProblem, SearchResult, Indices]]:
-    """Mistakes that explain some of the readings (n, electrodes): a text, the problem without the
-    mistake, ends of searches that explain readings, and their rows."""
-    for text, meant, undone in measurement.list_misreadings() if len(readings) else ():
-        problem = meant.problem(undone(readings), sought)
-        ends = search_rows(problem, held, 1, SHORT)
+    measurement: Measurement,
+    readings_pC: Array,
+    unknown: Indices,
+    fixed: Mapping[int, Array],
+) -> Iterator[ReadingExplanation]:
+    """Find mistakes in readings without which touches explain them.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        Meaning and noise of the readings as they were given.
+    readings_pC : ndarray, shape (n, electrodes)
+        Readings that no touch explains.
+    unknown : ndarray of int
+        Columns of the free quantities.
+    fixed : mapping
+        Coordinates (n,) of the fixed quantities by column.
+
+    Yields
+    ------
+    ReadingExplanation
+        One for each mistake that explains some rows.
+    """
+    if not len(readings_pC):
+        return
+    for alternative in measurement.list_alternatives():
+        corrected = alternative.correct(readings_pC)
+        problem = alternative.measurement.make_problem(corrected, unknown)
+        ends = search_rows(problem, fixed, count=1, options=EXPLANATION_SEARCH)
         rows = np.flatnonzero(mark_explained(problem, ends))
         if rows.size:
-            yield text, problem, ends.select(rows), rows
+            yield ReadingExplanation(alternative.text, problem, ends.select(rows), rows)
 
 
-def _everywhere(
-    problem: LocationProblem, ends: SearchResult, held: Mapping[int, Array], k: int
+def _search_thoroughly(
+    problem: LocationProblem, ends: SearchResult, fixed: Mapping[int, Array], index: int
 ) -> Location:
-    """What `locate` finds for a row, and with its end so far; improves the end."""
-    row, known = np.array([k]), {i: float(values[k]) for i, values in held.items()}
-    alone = problem.rows(row)
-    every = concatenate_results(
-        [ends.select(row), search_everywhere(alone, known, DEFAULT_OPTIONS)]
-    )
-    ends.replace_worse(row, every.select(every.ranking.argsort()[:1]))
-    return make_location(alone, every)
+    """Locate one row by searches all over the domain, as `locate` does.
+
+    Parameters
+    ----------
+    problem : LocationProblem
+        The problem of all rows.
+    ends : SearchResult
+        The best end for each row so far; the row's end is replaced by a better one.
+    fixed : mapping
+        Coordinates (rows,) of the fixed quantities by column.
+    index : int
+        The row.
+    """
+    row = np.array([index])
+    row_problem = problem.select_rows(row)
+    row_fixed = {column: float(values[index]) for column, values in fixed.items()}
+    searched = search_everywhere(row_problem, row_fixed, DEFAULT_OPTIONS)
+    every_end = concatenate_results([ends.select(row), searched])
+    ends.replace_worse(row, every_end.select(every_end.ranking.argsort()[:1]))
+    return make_location(row_problem, every_end)
 
 
-def _table(
-    model: ChargeFunction, charges_pC: ArrayLike | Mapping[str, ArrayLike]
-) -> tuple[tuple[str, ...], Array]:
-    """Names of electrodes, and their charges (n, electrodes)."""
-    if not hasattr(charges_pC, "keys"):
-        names, charges = tuple(model.names), _numbers(charges_pC, "charges_pC")
-        if charges.ndim != 2 or charges.shape[1] != len(names):
-            raise ValueError(f"charges_pC of shape {charges.shape}: give (n, {len(names)})")
-        return names, charges
-    given: Any = charges_pC
-    columns = {name: _numbers(given[name], f"charges_pC.{name}") for name in given}
+class _ReadingColumns(NamedTuple):
+    """Readings of some electrodes."""
+
+    names: tuple[str, ...]  #: Names of the electrodes.
+    readings: Array  #: (n, electrodes)
+
+
+def _read_columns(
+    response: ChargeFunction, readings: ArrayLike | Mapping[str, ArrayLike]
+) -> _ReadingColumns:
+    """Return names of electrodes with their readings, from rows or from columns by name."""
+    if not hasattr(readings, "keys"):
+        names = tuple(response.names)
+        rows = _read_numbers(readings, "readings")
+        if rows.ndim != 2 or rows.shape[1] != len(names):
+            raise ValueError(f"readings of shape {rows.shape}: must be (n, {len(names)})")
+        return _ReadingColumns(names, rows)
+    given: Any = readings
+    columns = {name: _read_numbers(given[name], f"readings.{name}") for name in given}
     if len({column.shape for column in columns.values()}) > 1:
-        raise ValueError("charges_pC: columns differ in length; give one charge per row")
-    return tuple(columns), np.stack([*columns.values()], axis=1) if columns else np.empty((0, 0))
+        raise ValueError("readings: columns differ in length; give one reading per row")
+    if not columns:
+        return _ReadingColumns((), np.empty((0, 0)))
+    return _ReadingColumns(tuple(columns), np.stack(list(columns.values()), axis=1))
 
 
-def _numbers(values: Any, what: str) -> Array:
-    """Values as floats, NaN for None; raises `ValueError` for what is no table of numbers."""
+def _read_numbers(values: Any, key: str) -> Array:
+    """Return values as floats, NaN for None; `ValueError` if they are not numbers."""
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError, OverflowError):
-        advice = "give numbers, NaN where there is none"
-        raise ValueError(f"{what}: {values!r:.60} is no table of numbers; {advice}") from None
+        reason = "must be a table of numbers; give NaN for missing ones"
+        raise ValueError(f"{key} = {values!r:.60}: {reason}") from None
 
 
-def _status(
-    measurement: Measurement, readings: Array, known: Mapping[int, Array], sought: Indices
+def _decide_initial_status(
+    measurement: Measurement, readings_pC: Array, known: Mapping[int, Array], unknown: Indices
 ) -> NDArray[np.object_]:
-    """What keeps rows from being located; `TouchStatus.LOCATED` for those that can be."""
-    determinable = measurement.problem(np.zeros_like(readings[:1]), sought).is_determinable
-    usual = np.clip(readings, -LARGEST_PC, LARGEST_PC)  # numbers of any size are told, not squared
-    small = np.abs(measurement.signals(usual)) < LEAST_PC
+    """Find the rows that cannot be located.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        Meaning and noise of the readings.
+    readings_pC : ndarray, shape (n, electrodes)
+        Readings, some of which may be infinite or NaN.
+    known : mapping
+        Known quantities (n,) by column.
+    unknown : ndarray of int
+        Columns of the free quantities.
+
+    Returns
+    -------
+    ndarray of TouchStatus, shape (n,)
+        `TouchStatus.LOCATED` for rows that can be located, otherwise the reason why not.
+    """
+    any_row = np.zeros_like(readings_pC[:1])
+    is_determinable = measurement.make_problem(any_row, unknown).is_determinable
+    clipped = np.clip(readings_pC, -LARGEST_PC, LARGEST_PC)  # huge readings must not overflow
+    is_small = np.abs(measurement.to_signals(clipped)) < LEAST_PC
+    has_no_deviation = (is_small & (measurement.noise_pC == 0.0)).any(axis=1)
     lowest, highest = measurement.response.domain.force_N
-    forces = known.get(TouchColumn.FORCE, np.full(len(readings), lowest))
-    # the last reasons win
-    reasons = {
-        TouchStatus.UNDETERMINED: np.full(len(readings), not determinable),
-        TouchStatus.OUTSIDE: ~((lowest <= forces) & (forces <= highest)),
-        TouchStatus.ZERO: small.all(axis=1) | (small & (measurement.noise_pC == 0.0)).any(axis=1),
-        TouchStatus.TOO_LARGE: (np.abs(readings) > LARGEST_PC).any(axis=1),
-        TouchStatus.NOT_FINITE: ~np.isfinite([*readings.T, *known.values()]).all(axis=0),
-    }
-    status = np.full(len(readings), TouchStatus.LOCATED, dtype=object)
-    for reason, rows in reasons.items():
-        status[rows] = reason
+    forces = known.get(TouchColumn.FORCE, np.full(len(readings_pC), lowest))
+    is_finite = np.isfinite([*readings_pC.T, *known.values()]).all(axis=0)
+    status = np.full(len(readings_pC), TouchStatus.LOCATED, dtype=object)
+    # Where several reasons apply, the last one is given.
+    if not is_determinable:
+        status[:] = TouchStatus.UNDETERMINED
+    status[~((lowest <= forces) & (forces <= highest))] = TouchStatus.OUTSIDE
+    status[is_small.all(axis=1) | has_no_deviation] = TouchStatus.ZERO
+    status[(np.abs(readings_pC) > LARGEST_PC).any(axis=1)] = TouchStatus.TOO_LARGE
+    status[~is_finite] = TouchStatus.NOT_FINITE
     return status

@@ -1,12 +1,13 @@
-"""The least-squares problem of a touch: differences of charges, each over its standard deviation.
+"""The least-squares problem of a touch: differences of charges over their standard deviations.
 
-Touches are sought in the coordinates x, y in mm, rotation in degrees and the logarithm of the force
-in N of each probe, and in what else a model knows. Charges are close to linear in them, as they
-grow with a power of the force. Beyond the model's domain charges are continued linearly from its
-edge, so that errors of the charges may move a touch near the edge a little across it.
+The coordinates of the problem are, for each probe, the place x and y in mm, the rotation in degrees
+and the logarithm of the force in N, followed by the other quantities that a response has. Charges
+are close to linear in them, since charges grow with a power of the force. Beyond the response's
+domain charges are extrapolated linearly from its edge, so that errors of the charges may move a
+touch near the edge a little across it.
 
-Coordinates have their origin at the film's centre. Their axes are the axes of the stage, where one
-of x and y may be known.
+Coordinates have their origin at the film's centre and the axes of the stage, along which x or y may
+be fixed. Touches have the origin of the stage, too.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ from pvdf_fem.surrogate.charge_function import (
 )
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn, is_within
 
-#: Searches may go this far beyond the model's domain, over its reach and over its largest force.
+#: Searches may go this far beyond the response's domain, over its reach and over its forces.
 SEARCH_MARGIN = 1.05
-#: Longest steps of searches: of a place over the reach, of a rotation in degrees, of a logarithm of
-#: the force, and of what a touch has besides, in N or K.
+#: Longest steps of searches by base quantity: of a place over the reach, of a rotation in degrees,
+#: of a logarithm of the force, of a tangential force in N, of a temperature in K.
 LONGEST_STEPS = {
     "x_mm": 0.25,
     "y_mm": 0.25,
@@ -41,220 +42,327 @@ LONGEST_STEPS = {
     "tangential_N": 1.0,
     "temperature_K": 5.0,
 }
-MERGE_DISTANCE = (
-    0.03  #: Searches for one touch that are this close, over the longest steps, go on as one.
-)
-#: What is known without any charge of what a touch has besides, over the longest step.
+#: Searches as close as this, over the longest steps, are on the way to one minimum.
+MERGE_DISTANCE = 0.03
+#: Extent of the domain of tangential forces and temperatures, over the longest step.
 EXTENT = 4.0
 
 
 def get_base_quantity(quantity: str) -> str:
-    """The name of a model's quantity without probe and index: one of `LONGEST_STEPS`."""
-    return next(name for name in LONGEST_STEPS if name in parse_key(quantity))
+    """Return a quantity's name without probe and index: ``x_mm`` for ``probe[1].x_mm``."""
+    parts = parse_key(quantity)
+    return next(name for name in LONGEST_STEPS if name in parts)
 
 
-def slice_quantity(model: ChargeFunction, quantity: int) -> slice:
-    """Where the rows of touches have a quantity of each probe, of `TOUCH_QUANTITIES` by index."""
-    return slice(quantity, len(TOUCH_QUANTITIES) * count_probes(model), len(TOUCH_QUANTITIES))
+def slice_quantity(response: ChargeFunction, column: int) -> slice:
+    """Return the columns of one quantity of all probes.
+
+    Parameters
+    ----------
+    response : ChargeFunction
+        The response, of one probe or of several.
+    column : int
+        Column of the quantity for one probe, of `TouchColumn`.
+
+    Returns
+    -------
+    slice
+        Columns in rows of touches or coordinates.
+    """
+    width = len(TOUCH_QUANTITIES)
+    return slice(column, width * count_probes(response), width)
 
 
 def evaluate_on_stage(
-    model: ChargeFunction, touches: Array, turn_deg: float = 0.0
+    response: ChargeFunction, touches: Array, film_rotation_deg: float = 0.0
 ) -> tuple[Array, Array]:
-    """Charges and slopes by a model of touches along axes in which the film is turned."""
-    if not turn_deg:
-        return model.evaluate(touches)
-    to_film, turned = np.eye(touches.shape[1]), rotate(np.eye(2), turn_deg)
-    for x in range(0, len(TOUCH_QUANTITIES) * count_probes(model), len(TOUCH_QUANTITIES)):
-        to_film[x : x + TouchColumn.ROTATION, x : x + TouchColumn.ROTATION] = turned
+    """Evaluate a response along axes in which the film is rotated.
+
+    Parameters
+    ----------
+    response : ChargeFunction
+        The response, whose own axes are those of the film.
+    touches : ndarray, shape (n, k)
+        Touches along the axes of the stage, with their origin at the film's centre.
+    film_rotation_deg : float
+        Rotation of the film on the stage.
+
+    Returns
+    -------
+    charges : ndarray, shape (n, electrodes)
+        Charges in pC.
+    derivatives : ndarray, shape (n, electrodes, k)
+        Derivatives of the charges along the axes of the stage.
+    """
+    if not film_rotation_deg:
+        return response.evaluate(touches)
+    to_film = np.eye(touches.shape[1])
+    rotation = rotate(np.eye(2), film_rotation_deg)
+    width = len(TOUCH_QUANTITIES)
+    for first in range(0, width * count_probes(response), width):
+        to_film[first : first + 2, first : first + 2] = rotation
     on_film = touches @ to_film.T
-    on_film[:, slice_quantity(model, TouchColumn.ROTATION)] -= turn_deg
-    charges, slopes = model.evaluate(on_film)
-    return charges, slopes @ to_film
+    on_film[:, slice_quantity(response, TouchColumn.ROTATION)] -= film_rotation_deg
+    charges, derivatives = response.evaluate(on_film)
+    return charges, derivatives @ to_film
 
 
 @lru_cache(maxsize=8)
-def compute_longest_steps(model: ChargeFunction) -> Array:
-    """Longest steps of searches in each coordinate, (k,)."""
-    steps = np.array([LONGEST_STEPS[get_base_quantity(name)] for name in model.quantities])
-    for quantity in (TouchColumn.X, TouchColumn.Y):
-        steps[slice_quantity(model, quantity)] *= model.domain.reach_mm
+def compute_longest_steps(response: ChargeFunction) -> Array:
+    """Compute the longest step of searches along each coordinate, (k,)."""
+    steps = np.array([LONGEST_STEPS[get_base_quantity(name)] for name in response.quantities])
+    for column in (TouchColumn.X, TouchColumn.Y):
+        steps[slice_quantity(response, column)] *= response.domain.reach_mm
     return steps
 
 
 @lru_cache(maxsize=8)
-def compute_extents(model: ChargeFunction) -> Array:
-    """Size of a model's domain in each coordinate: what is known without any charge, (k,)."""
-    lowest, highest = model.domain.log_force
-    sizes = EXTENT * compute_longest_steps(model)
-    for quantity in (TouchColumn.X, TouchColumn.Y):
-        sizes[slice_quantity(model, quantity)] = model.domain.reach_mm
-    sizes[slice_quantity(model, TouchColumn.ROTATION)] = 0.5 * find_rotation_periods_deg(model)
-    sizes[slice_quantity(model, TouchColumn.FORCE)] = highest - lowest
+def compute_extents(response: ChargeFunction) -> Array:
+    """Compute the size of the response's domain along each coordinate, (k,).
+
+    It is the standard deviation of a coordinate before any charge is measured.
+    """
+    lowest, highest = response.domain.log_force
+    sizes = EXTENT * compute_longest_steps(response)
+    for column in (TouchColumn.X, TouchColumn.Y):
+        sizes[slice_quantity(response, column)] = response.domain.reach_mm
+    half_periods = 0.5 * find_rotation_periods_deg(response)
+    sizes[slice_quantity(response, TouchColumn.ROTATION)] = half_periods
+    sizes[slice_quantity(response, TouchColumn.FORCE)] = highest - lowest
     return sizes
 
 
 @dataclass(frozen=True, eq=False)
 class LocationProblem:
-    """Charges of some touches, to be explained by a model."""
+    """Measured charges of one or several touches, to be explained by a response.
+
+    It is a `LeastSquaresProblem` with the residuals (Q(c) - q)/σ of the response's charges Q at the
+    coordinates c from the measured charges q with the standard deviations σ.
+    """
 
     response: ChargeFunction
-    electrodes: Indices  #: The model's electrodes that have charges.
-    charges_pC: Array  #: With their standard deviations, (touches, electrodes).
-    deviations_pC: Array
-    unknown: Indices  #: Which of the model's quantities are sought.
-    stage: Stage = field(default_factory=Stage)  #: The frame of coordinates and results.
-    reading: str = "total"  #: What the readings were taken for, of `READINGS`.
+    electrodes: Indices  #: Electrodes of the response that were measured.
+    charges_pC: Array  #: Measured total charges, (rows, electrodes).
+    deviations_pC: Array  #: Their standard deviations, (rows, electrodes).
+    unknown: Indices  #: Columns of the free quantities; the others are fixed.
+    stage: Stage = field(default_factory=Stage)  #: Frame of coordinates and touches.
+    reading: str = "total"  #: Meaning of the readings, of `READINGS`.
 
     @property
     def centre_mm(self) -> tuple[float, float]:
-        """Place of the film's centre in the frame of results."""
+        """Place of the film's centre in the frame of touches."""
         return self.stage.x_mm, self.stage.y_mm
 
-    def rows(self, rows: Indices) -> LocationProblem:
-        """The problem with some rows of the charges."""
-        charges, spread = self.charges_pC[rows], self.deviations_pC[rows]
-        return replace(self, charges_pC=charges, deviations_pC=spread)
+    def select_rows(self, rows: Indices) -> LocationProblem:
+        """Return the problem with some rows of the charges."""
+        charges = self.charges_pC[rows]
+        return replace(self, charges_pC=charges, deviations_pC=self.deviations_pC[rows])
 
-    def touches(self, at: Array) -> Array:
-        """Touches (n, k) at coordinates (n, k): x and y in mm, degrees, N."""
-        touches = at.copy()
-        self.of_probes(touches)[..., : TouchColumn.ROTATION] += self.centre_mm
-        if TouchColumn.ROTATION in self.unknown:
-            touches[:, slice_quantity(self.response, TouchColumn.ROTATION)] %= (
-                find_rotation_periods_deg(self.response)
-            )
-        touches[:, self.forces] = np.exp(at[:, self.forces])
-        return touches
-
-    def coordinates(self, touches: Array) -> Array:
-        """Coordinates (n, k) of touches."""
-        at = touches.copy()
-        self.of_probes(at)[..., : TouchColumn.ROTATION] -= self.centre_mm
-        at[:, self.forces] = np.log(touches[:, self.forces])
-        return at
+    # ---- coordinates and touches
 
     @cached_property
-    def forces(self) -> slice:
-        """Where the forces are among the coordinates."""
+    def force_columns(self) -> slice:
+        """Columns of the forces of all probes."""
         return slice_quantity(self.response, TouchColumn.FORCE)
 
-    def of_probes(self, at: Array) -> Array:
-        """The coordinates (n, k) of each probe, (n, probes, 4), as a view."""
-        count = self.forces.stop // len(TOUCH_QUANTITIES)
-        return at[:, : self.forces.stop].reshape(len(at), count, len(TOUCH_QUANTITIES))
+    def view_by_probe(self, coordinates: Array) -> Array:
+        """Return a view (n, probes, 4) of coordinates or touches (n, k)."""
+        stop = self.force_columns.stop
+        width = len(TOUCH_QUANTITIES)
+        return coordinates[:, :stop].reshape(len(coordinates), stop // width, width)
 
-    def compute_differences(self, at: Array, other: Array) -> Array:
-        """Differences (..., k) of coordinates or of touches, less whole periods of rotations."""
-        apart, turns = at - other, slice_quantity(self.response, TouchColumn.ROTATION)
+    def to_touches(self, coordinates: Array) -> Array:
+        """Convert coordinates (n, k) to touches: places on the stage, forces in N."""
+        touches = coordinates.copy()
+        self.view_by_probe(touches)[..., :2] += self.centre_mm
+        if TouchColumn.ROTATION in self.unknown:
+            rotations = slice_quantity(self.response, TouchColumn.ROTATION)
+            touches[:, rotations] %= find_rotation_periods_deg(self.response)
+        touches[:, self.force_columns] = np.exp(coordinates[:, self.force_columns])
+        return touches
+
+    def to_coordinates(self, touches: Array) -> Array:
+        """Convert touches (n, k) to coordinates, with the logarithm of forces."""
+        coordinates = touches.copy()
+        self.view_by_probe(coordinates)[..., :2] -= self.centre_mm
+        coordinates[:, self.force_columns] = np.log(touches[:, self.force_columns])
+        return coordinates
+
+    def compute_differences(self, coordinates: Array, others: Array) -> Array:
+        """Compute differences less whole periods of rotations.
+
+        Parameters
+        ----------
+        coordinates, others : ndarray, shape (..., k)
+            Coordinates or touches.
+
+        Returns
+        -------
+        ndarray, shape (..., k)
+            `coordinates` less `others`, with rotations from minus to plus half a period.
+        """
+        differences = coordinates - others
+        rotations = slice_quantity(self.response, TouchColumn.ROTATION)
         periods = find_rotation_periods_deg(self.response)
-        apart[..., turns] -= periods * np.rint(apart[..., turns] / periods)
-        return apart
+        differences[..., rotations] -= periods * np.rint(differences[..., rotations] / periods)
+        return differences
 
     def compute_touch_scale(self, touches: Array) -> Array:
-        """What a change of the coordinates is multiplied by to be one of the touches, (n, k)."""
+        """Compute the derivatives (n, k) of touches (n, k) by their coordinates."""
         scale = np.ones(touches.shape)
-        scale[:, self.forces] = touches[:, self.forces]
+        scale[:, self.force_columns] = touches[:, self.force_columns]  # dF/d(ln F) = F
         return scale
 
-    def linearise(self, at: Array, rows: Indices | None = None) -> Array:
-        """Differences of charges, then their slopes, over deviations, (n, electrodes, 1 + k). The
-        coordinates `at` (n, k) are to explain the `rows` (n,) of the charges, by default the
-        first. Slopes by coordinates that are not sought are zero."""
-        edge, forces = self.project_onto_domain(at), self.forces
-        touches = edge.copy()
-        touches[:, forces] = force = np.exp(edge[:, forces])
-        charges, slopes = evaluate_on_stage(self.response, touches, self.stage.rotation_deg)
-        which = slice(1) if rows is None else rows
-        system = np.empty((len(at), len(self.electrodes), 1 + at.shape[1]))
-        system[:, :, 0] = charges.take(self.electrodes, axis=1) - self.charges_pC[which]
-        system[:, :, 1:] = slopes.take(self.electrodes, axis=1)
-        system[:, :, 1 + forces.start : 1 + forces.stop : forces.step] *= force[:, None]
-        if edge is not at:
-            system[:, :, 0] += np.matmul(system[:, :, 1:], (at - edge)[:, :, None])[:, :, 0]
-        system *= self._weights[which]
+    # ---- residuals
+
+    def linearise(self, coordinates: Array, rows: Indices | None = None) -> Array:
+        """Compute whitened residuals and their derivatives.
+
+        Parameters
+        ----------
+        coordinates : ndarray, shape (n, k)
+            Coordinates of the searches.
+        rows : ndarray of int, shape (n,), optional
+            Row of the charges that each search is to explain; by default the first one.
+
+        Returns
+        -------
+        ndarray, shape (n, electrodes, 1 + k)
+            The augmented matrices [r J]; derivatives by fixed coordinates are zero.
+        """
+        inside = self.project_onto_domain(coordinates)
+        columns = self.force_columns
+        forces = np.exp(inside[:, columns])
+        touches = inside.copy()
+        touches[:, columns] = forces
+        rotation_deg = self.stage.rotation_deg
+        charges, derivatives = evaluate_on_stage(self.response, touches, rotation_deg)
+        measured = slice(1) if rows is None else rows
+        system = np.empty((len(coordinates), len(self.electrodes), 1 + coordinates.shape[1]))
+        residuals = system[:, :, 0]
+        residuals[:] = charges.take(self.electrodes, axis=1) - self.charges_pC[measured]
+        jacobian = system[:, :, 1:]
+        jacobian[:] = derivatives.take(self.electrodes, axis=1)
+        jacobian[:, :, columns] *= forces[:, None]
+        if inside is not coordinates:
+            beyond = coordinates - inside
+            residuals += np.matmul(jacobian, beyond[:, :, None])[:, :, 0]
+        system *= self._weights[measured]
         return system
 
-    def project_onto_domain(self, at: Array) -> Array:
-        """Coordinates (n, k) moved to the nearest points of the domain; `at` itself if there."""
-        return self.project_onto(at, *self._domain)
-
-    def project_onto_bounds(self, at: Array) -> Array:
-        """`inside` for the larger domain that searches may not leave."""
-        (reach_mm, lowest, highest), more = self._domain, math.log(SEARCH_MARGIN)
-        return self.project_onto(at, SEARCH_MARGIN * reach_mm, lowest - more, highest + more)
-
-    def project_onto(self, at: Array, reach_mm: float, lowest: float, highest: float) -> Array:
-        each = at[:, : self.forces.stop].reshape(-1, len(TOUCH_QUANTITIES))
-        if is_within(each, reach_mm, lowest, highest):
-            return at
-        given, of_probes = self.of_probes(at), self.of_probes(moved := at.copy())
-        of_probes[..., TouchColumn.FORCE] = np.clip(given[..., TouchColumn.FORCE], lowest, highest)
-        x_sought, y_sought = self._sought[TouchColumn.X], self._sought[TouchColumn.Y]
-        if x_sought == y_sought:
-            distance = np.hypot(given[..., TouchColumn.X], given[..., TouchColumn.Y])
-            of_probes[..., : TouchColumn.ROTATION] *= (reach_mm / np.maximum(distance, reach_mm))[
-                ..., None
-            ]
-        else:  # places move along the unknown coordinate only
-            sought, known = (
-                (TouchColumn.X, TouchColumn.Y) if x_sought else (TouchColumn.Y, TouchColumn.X)
-            )
-            half_chord = np.sqrt(np.maximum(reach_mm**2 - given[..., known] ** 2, 0.0))
-            of_probes[..., sought] = np.clip(given[..., sought], -half_chord, half_chord)
-        return moved
-
     @cached_property
-    def _domain(self) -> tuple[float, float, float]:
-        """Reach in mm, least and largest logarithm of the force."""
-        return self.response.domain.reach_mm, *self.response.domain.log_force
+    def _weights(self) -> Array:
+        """Factors of the augmented matrices: 1/σ, or 0 along fixed coordinates."""
+        is_kept = np.append(True, self._is_free)
+        return is_kept / self.deviations_pC[:, :, None]
 
-    def edges(self, at: Array) -> list[tuple[str, ...]]:
-        """Which limits of the domain each of the touches `at` (n, k) is at, or beyond."""
-        (reach_mm, lowest, highest), sought = self._domain, self.unknown.tolist()
-        each, force = self.of_probes(at), at[:, self.forces]
-        beyond = np.hypot(each[..., TouchColumn.X], each[..., TouchColumn.Y]) >= reach_mm
-        far = np.asarray(beyond.any(axis=1) & (TouchColumn.X in sought or TouchColumn.Y in sought))
-        outside = (force <= lowest) | (force >= highest)
-        extreme = np.asarray(outside.any(axis=1) & (TouchColumn.FORCE in sought))
-        pairs = zip(far.tolist(), extreme.tolist(), strict=True)
-        return [("reach_mm",) * wide + ("force_N",) * strong for wide, strong in pairs]
+    # ---- bounds
+
+    def project_onto_domain(self, coordinates: Array) -> Array:
+        """Return the nearest coordinates (n, k) in the domain; the same array if all are inside."""
+        lowest, highest = self.response.domain.log_force
+        return self.project_onto(coordinates, self.response.domain.reach_mm, lowest, highest)
+
+    def project_onto_bounds(self, coordinates: Array) -> Array:
+        """Return the nearest coordinates (n, k) in the larger domain of searches."""
+        reach_mm = SEARCH_MARGIN * self.response.domain.reach_mm
+        lowest, highest = self.response.domain.log_force
+        margin = math.log(SEARCH_MARGIN)
+        return self.project_onto(coordinates, reach_mm, lowest - margin, highest + margin)
+
+    def project_onto(
+        self, coordinates: Array, reach_mm: float, lowest: float, highest: float
+    ) -> Array:
+        """Return the nearest coordinates within a reach and within limits of the force.
+
+        Parameters
+        ----------
+        coordinates : ndarray, shape (n, k)
+            Coordinates, returned themselves where all are inside.
+        reach_mm : float
+            Largest distance from the film's centre. A place beyond moves towards the centre, or
+            along its free coordinate if the other one is fixed.
+        lowest, highest : float
+            Limits of the logarithms of the forces in N.
+        """
+        rows_of_probes = coordinates[:, : self.force_columns.stop].reshape(-1, 4)
+        if is_within(rows_of_probes, reach_mm, lowest, highest):
+            return coordinates
+        projected = coordinates.copy()
+        probes = self.view_by_probe(projected)
+        np.clip(probes[..., TouchColumn.FORCE], lowest, highest, probes[..., TouchColumn.FORCE])
+        is_x_free, is_y_free = self._is_free[[TouchColumn.X, TouchColumn.Y]]
+        if is_x_free == is_y_free:
+            distance = np.hypot(probes[..., TouchColumn.X], probes[..., TouchColumn.Y])
+            probes[..., :2] *= (reach_mm / np.maximum(distance, reach_mm))[..., None]
+        else:
+            free, fixed = TouchColumn.X, TouchColumn.Y
+            if is_y_free:
+                free, fixed = fixed, free
+            half_chord = np.sqrt(np.maximum(reach_mm**2 - probes[..., fixed] ** 2, 0.0))
+            probes[..., free] = np.clip(probes[..., free], -half_chord, half_chord)
+        return projected
+
+    def find_active_limits(self, coordinates: Array) -> list[tuple[str, ...]]:
+        """Find the limits of the domain that touches are at or beyond.
+
+        Parameters
+        ----------
+        coordinates : ndarray, shape (n, k)
+            Coordinates of touches.
+
+        Returns
+        -------
+        list of tuple of str
+            For each touch ``reach_mm``, ``force_N``, both or none. Fixed quantities have no limits.
+        """
+        lowest, highest = self.response.domain.log_force
+        unknown = self.unknown.tolist()
+        probes = self.view_by_probe(coordinates)
+        forces = coordinates[:, self.force_columns]
+        distance = np.hypot(probes[..., TouchColumn.X], probes[..., TouchColumn.Y])
+        is_far: Mask = np.any(distance >= self.response.domain.reach_mm, axis=1)
+        is_far &= TouchColumn.X in unknown or TouchColumn.Y in unknown
+        is_extreme: Mask = np.any((forces <= lowest) | (forces >= highest), axis=1)
+        is_extreme &= TouchColumn.FORCE in unknown
+        limits = []
+        for far, extreme in zip(is_far.tolist(), is_extreme.tolist(), strict=True):
+            names = ("reach_mm",) if far else ()
+            limits.append((*names, "force_N") if extreme else names)
+        return limits
+
+    # ---- size of the problem
 
     @property
     def longest_steps(self) -> Array:
-        """Longest steps (k,) of searches."""
+        """Longest step of searches along each coordinate, (k,)."""
         return compute_longest_steps(self.response)
 
     @cached_property
     def merge_distances(self) -> Array:
-        """Distances (k,) up to which searches go on as one."""
+        """Distances (k,) within which two searches are on the way to one minimum."""
         return MERGE_DISTANCE * self.longest_steps
 
     @property
-    def freedom(self) -> int:
-        """Charges less unknown quantities; negative with too few charges."""
+    def degrees_of_freedom(self) -> int:
+        """Charges less free quantities; negative with too few charges."""
         return len(self.electrodes) - len(self.unknown)
 
     @property
     def is_determinable(self) -> bool:
-        """Whether there are as many charges as unknown coordinates that charges depend on."""
-        return len(self.electrodes) >= len(self.moving)
+        """Whether there are as many charges as free coordinates that charges depend on."""
+        return len(self.electrodes) >= len(self.free_columns)
 
     @property
-    def moving(self) -> Indices:
-        """Coordinates that are sought and that charges depend on."""
-        return np.flatnonzero(self._sought)
+    def free_columns(self) -> Indices:
+        """Columns of the free coordinates that charges depend on."""
+        return np.flatnonzero(self._is_free)
 
     @cached_property
-    def _sought(self) -> Mask:
-        sought = np.zeros(len(self.response.quantities), dtype=bool)
-        sought[self.unknown] = True
-        sought[slice_quantity(self.response, TouchColumn.ROTATION)] &= is_rotation_dependent(
-            self.response
-        )
-        return sought
-
-    @cached_property
-    def _weights(self) -> Array:
-        """Factors of differences and slopes, (touches, electrodes, 1 + k)."""
-        return np.append(True, self._sought) / self.deviations_pC[:, :, None]
+    def _is_free(self) -> Mask:
+        """Whether coordinates are free and charges depend on them, (k,)."""
+        is_free = np.zeros(len(self.response.quantities), dtype=bool)
+        is_free[self.unknown] = True
+        if not is_rotation_dependent(self.response):
+            is_free[slice_quantity(self.response, TouchColumn.ROTATION)] = False
+        return is_free

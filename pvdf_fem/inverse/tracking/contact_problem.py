@@ -183,7 +183,7 @@ class ContactProblem(LocationProblem):
         touches = [touch for touch in location.touches if touch.weight > AMBIGUOUS_SHARE]
         if not touches or touches[0].force_N < self.response.domain.force_N[0]:
             return None
-        coordinates = problem.coordinates(np.array([touch.values for touch in touches]))
+        coordinates = problem.to_coordinates(np.array([touch.values for touch in touches]))
         return CandidatePlaces(
             sample,
             coordinates,

@@ -17,7 +17,8 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.inverse.touch.locate import PLACE_AND_FORCE, get_scene_quantities
-from pvdf_fem.inverse.touch.measurement import find_quantity_errors, get_centre_mm
+from pvdf_fem.inverse.touch.measurement import get_centre_mm
+from pvdf_fem.inverse.touch.validation import find_quantity_errors
 from pvdf_fem.inverse.tracking.baseline import Baseline
 from pvdf_fem.inverse.tracking.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.clock import ClockEvent, SampleClock
@@ -81,7 +82,7 @@ class Tracker:
         unknown = coerce("unknown", unknown, Names)
         scene_values = get_scene_quantities(scene)
         origin = (*get_centre_mm(scene), 0.0, 0.0)
-        errors = [*find_quantity_errors(response.domain, unknown, {}, scene_values, origin)]
+        errors = [*find_quantity_errors(response.domain, unknown, {}, scene_values, origin[:2])]
         if "force_N" not in unknown:
             errors.append("unknown: force_N is missing; add it, it is always unknown")
         if unit not in UNITS:
@@ -308,7 +309,7 @@ class Tracker:
             Chi-square of the charges at this time.
         """
         problem = self._problem
-        x_mm, y_mm, rotation_deg, force_N = problem.touches(coordinates[None])[0].tolist()
+        x_mm, y_mm, rotation_deg, force_N = problem.to_touches(coordinates[None])[0].tolist()
         x_deviation, y_deviation, rotation_deviation, log_deviation = places.deviations.tolist()
         lowest_N, highest_N = self.response.domain.force_N
         if not places.is_explained:

@@ -121,7 +121,7 @@ class ChargeVsDistance(CurveKind):
             series = SceneSeries(
                 scene,
                 (electrode,),
-                x=tuple(scheme.distances_on(angle).tolist()),
+                x=tuple(scheme.list_distances(angle).tolist()),
                 scenes=place_probe(scene, places),
                 panel=panel,
                 curve=f"{angle:g}°",

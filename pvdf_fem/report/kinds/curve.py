@@ -13,7 +13,7 @@ from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.keys import Finite, make_validation_error
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, format_error
-from pvdf_fem.studies.scene_grid import ValueRange
+from pvdf_fem.studies.sweep_axis import ValueRange
 from pvdf_fem.view.labels import format_axis_label, format_value
 
 MAX_VALUES = 200  #: Largest number of values of a curve.

@@ -19,7 +19,7 @@ from pvdf_fem.report.charge_map import ChargeMap
 from pvdf_fem.report.kind import PLACE, Inputs, differ_only_in, get_place_mm
 from pvdf_fem.report.kinds.map_kind import MapKind
 from pvdf_fem.report.results import ReportResults
-from pvdf_fem.scene.keys import Finite, Whole, within
+from pvdf_fem.scene.keys import Finite, Whole, limit_to
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.view.curves import RING
 from pvdf_fem.view.figures import (
@@ -49,7 +49,7 @@ def _choose_tag(value: Any) -> str:
 #: Charges of the lines, or about how many lines; the tags are no part of a key.
 Levels = Annotated[
     Annotated[tuple[Finite, ...], Field(min_length=1, max_length=20), Tag("<list>")]
-    | Annotated[Whole, within(1, 20), Tag("<count>")],
+    | Annotated[Whole, limit_to(1, 20), Tag("<count>")],
     Discriminator(_choose_tag),
 ]
 

@@ -20,10 +20,10 @@ from pvdf_fem.report.data import ERROR_MM, Readings
 from pvdf_fem.report.kind import PLACE, Inputs, differ_only_in, get_place_mm
 from pvdf_fem.report.kinds.map_kind import MapKind
 from pvdf_fem.report.results import NothingToShowError, ReportResults
-from pvdf_fem.scene.keys import Finite, within
+from pvdf_fem.scene.keys import Finite, limit_to
+from pvdf_fem.scene.placed.electrode import Electrode
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, format_error
-from pvdf_fem.scene.shapes import Electrode
 from pvdf_fem.view.curves import CurveEnd, label_points
 from pvdf_fem.view.figures import COLOURS, WIDTH_MM, draw_film, get_figure
 from pvdf_fem.view.labels import join_words
@@ -92,7 +92,7 @@ class Positions(MapKind):
 
     kind: Literal["positions"]
     data: Annotated[str, Field(min_length=1)]
-    sigma: Annotated[Finite, within(1e-6, 1.0)] = 0.01
+    sigma: Annotated[Finite, limit_to(1e-6, 1.0)] = 0.01
 
     stem: ClassVar[str] = "positions"
     rank: ClassVar[int] = 5

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import Annotated, Literal
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.outlines.ellipse import Ellipse
-from pvdf_fem.scene.outlines.shape import SIZE, Shape
 
 
 class Circle(Ellipse):
@@ -38,18 +34,3 @@ class Circle(Ellipse):
 
     def transform(self, frame: Array, shift: Array | float = 0.0) -> Circle:
         return Circle(frame @ self.centre + shift, self.radius)
-
-
-class CircleShape(Shape):
-    """A disc about (x, y)."""
-
-    period_deg = 0.0
-    is_mirror_symmetric = True
-    size_key = "radius_mm"
-    shape: Literal["circle"] = "circle"
-    radius_mm: Annotated[float, SIZE] = 1.0
-    """Radius of the disc."""
-
-    @cached_property
-    def outline(self) -> Circle:
-        return Circle(np.array([self.x_mm, self.y_mm]) / 1e3, self.radius_mm / 1e3)

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Literal
 
 import numpy as np
 import shapely
-from pydantic import AfterValidator
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.keys import make_validation_error
-from pvdf_fem.scene.outlines.outline import EllipseCurve, Outline, rotate
-from pvdf_fem.scene.outlines.shape import SIZE, Shape
+from pvdf_fem.scene.outlines.outline import EllipseCurve, Outline
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,28 +128,3 @@ class Ellipse(Outline):
 
     def transform(self, frame: Array, shift: Array | float = 0.0) -> Ellipse:
         return Ellipse(frame @ self.centre + shift, frame @ self.first, self.second)
-
-
-def _is_not_thin(semi_axes: tuple[float, float]) -> tuple[float, float]:
-    if max(semi_axes) > 1000.0 * min(semi_axes):  # ends too sharp for the rounding of a mesh
-        raise make_validation_error("is too thin; give axes whose ratio is 1000 at the most")
-    return semi_axes
-
-
-class EllipseShape(Shape):
-    """An ellipse about (x, y), unrotated with its first axis along x."""
-
-    period_deg = 180.0
-    is_mirror_symmetric = True
-    size_key = "semi_axes_mm"
-    shape: Literal["ellipse"] = "ellipse"
-    semi_axes_mm: Annotated[
-        tuple[float, float], replace(SIZE, example=[3.0, 2.0]), AfterValidator(_is_not_thin)
-    ]
-    """Semi-axes [a, b], unrotated a along x."""
-
-    @cached_property
-    def outline(self) -> Ellipse:
-        first, second = self.semi_axes_mm
-        centre = np.array([self.x_mm, self.y_mm]) / 1e3
-        return Ellipse(centre, rotate([first / 1e3, 0.0], self.rotation_deg), second / 1e3)

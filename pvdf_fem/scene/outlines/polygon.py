@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Annotated, Literal
+from dataclasses import dataclass
+from functools import cache, cached_property
 
 import numpy as np
 import shapely
-from pydantic import AfterValidator, Field
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.keys import make_validation_error
-from pvdf_fem.scene.outlines.outline import Line, Outline, rotate
-from pvdf_fem.scene.outlines.shape import PLACE, SIZE, Shape
+from pvdf_fem.scene.outlines.outline import Line, Outline
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +76,21 @@ class Polygon(Outline):
         return -float(other.signed_distance(self.vertices).min())
 
     def boundary_rule(self, count: int) -> tuple[Array, Array]:
-        s, w = np.polynomial.legendre.leggauss(count)
+        s, w = _make_gauss_rule(count)
         begin = self.vertices[:, None]
         sides = np.roll(self.vertices, -1, axis=0)[:, None] - begin
         normals = np.stack([sides[..., 1], -sides[..., 0]], axis=-1) * 0.5 * w[:, None]
         points = begin + 0.5 * (s[:, None] + 1.0) * sides
         return points.reshape(-1, 2), normals.reshape(-1, 2)
+
+
+@cache
+def _make_gauss_rule(count: int) -> tuple[Array, Array]:
+    """Make the points and weights (count,) of the Gauss-Legendre rule on [-1, 1], read-only."""
+    points, weights = np.polynomial.legendre.leggauss(count)
+    points.setflags(write=False)
+    weights.setflags(write=False)
+    return points, weights
 
 
 def make_rectangle_corners(width: float, height: float) -> Array:
@@ -127,80 +132,3 @@ def _moments(vertices: Array) -> tuple[float, Array]:
     cross = here[:, 0] * there[:, 1] - there[:, 0] * here[:, 1]
     area = cross.sum() / 2
     return float(area), vertices[0] + cross @ (here + there) / (6 * area)
-
-
-class _PolygonalShape(Shape):
-    def _placed(self, corners_mm: Array) -> Polygon:
-        turned = rotate(corners_mm, self.rotation_deg)
-        return Polygon((turned + np.array([self.x_mm, self.y_mm])) / 1e3)
-
-
-class TriangleShape(_PolygonalShape):
-    """An equilateral triangle; (x, y) is its centroid, unrotated a vertex points to +y."""
-
-    period_deg = 120.0
-    is_mirror_symmetric = True
-    shape: Literal["triangle"] = "triangle"
-    side_mm: Annotated[float, SIZE] = 7.0
-    """Length of a side."""
-
-    @cached_property
-    def outline(self) -> Polygon:
-        return self._placed(make_triangle_corners(self.side_mm))
-
-
-class SquareShape(_PolygonalShape):
-    """A square about (x, y), unrotated with its edges along x and y."""
-
-    period_deg = 90.0
-    is_mirror_symmetric = True
-    is_rectangle = True
-    shape: Literal["square"] = "square"
-    side_mm: Annotated[float, SIZE] = 3.0
-    """Length of a side."""
-
-    @cached_property
-    def outline(self) -> Polygon:
-        return self._placed(make_rectangle_corners(self.side_mm, self.side_mm))
-
-
-class RectangleShape(_PolygonalShape):
-    """A rectangle about (x, y), unrotated with its width along x."""
-
-    period_deg = 180.0
-    is_mirror_symmetric = True
-    is_rectangle = True
-    size_key = "width_mm"
-    shape: Literal["rectangle"] = "rectangle"
-    width_mm: Annotated[float, SIZE] = 14.0
-    """Width, unrotated along x."""
-    height_mm: Annotated[float, SIZE] = 7.0
-    """Height, unrotated along y."""
-
-    @cached_property
-    def outline(self) -> Polygon:
-        return self._placed(make_rectangle_corners(self.width_mm, self.height_mm))
-
-
-def _is_simple(vertices: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-    if wrong := find_polygon_defect(vertices):
-        raise make_validation_error(f"{wrong}; list the corners of a simple polygon once, in order")
-    return vertices
-
-
-class PolygonShape(_PolygonalShape):
-    """A simple polygon in either orientation; its vertices are relative to (x, y), unrotated."""
-
-    size_key = "vertices_mm"
-    shape: Literal["polygon"] = "polygon"
-    vertices_mm: Annotated[
-        tuple[tuple[float, float], ...],
-        Field(min_length=3, max_length=1000),
-        replace(PLACE, example=[[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]]),
-        AfterValidator(_is_simple),
-    ]
-    """Corners [[x, y], ...] of a simple polygon in order."""
-
-    @cached_property
-    def outline(self) -> Polygon:
-        return self._placed(np.array(self.vertices_mm))

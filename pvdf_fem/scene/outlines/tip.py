@@ -21,7 +21,6 @@ from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.polygon import Polygon
-from pvdf_fem.scene.outlines.shape import Touching
 
 #: Part of the edge's radius up to which the height follows the ball; farther out it goes on as
 #: a parabola keeps heights finite for iterates there.
@@ -200,9 +199,26 @@ class PolygonTip(Tip):
         return Polygon(np.array(shape.simplify(detail * width).exterior.coords)[:-1])
 
 
-def make_tip(probe: Touching) -> Tip:
-    """The rigid tip of a probe's shape; raises `ValueError` with the reason for other shapes."""
-    outline, radius = probe.outline, (probe.rounding_mm or 0.0) / 1e3
+def make_tip(outline: Outline, edge_radius_mm: float | None) -> Tip:
+    """Make the rigid tip of a probe.
+
+    Parameters
+    ----------
+    outline : Outline
+        Outline of the probe in m.
+    edge_radius_mm : float or None
+        Radius of its rounded edge, of a sphere the sphere's radius.
+
+    Returns
+    -------
+    Tip
+
+    Raises
+    ------
+    ValueError
+        With the reason, for an outline that is no tip.
+    """
+    radius = (edge_radius_mm or 0.0) / 1e3
     if not radius:
         raise ValueError("has a sharp edge")
     if isinstance(outline, Circle) and outline.radius >= radius:
@@ -210,9 +226,9 @@ def make_tip(probe: Touching) -> Tip:
     if isinstance(outline, Polygon):
         face = outline.shape.buffer(-radius, join_style="mitre")
         if not np.isclose(outline.shape.convex_hull.area, outline.area, rtol=1e-9):
-            raise ValueError("is no tip, since it is not convex")
+            raise ValueError("is not a tip, since it is not convex")
         if not face.is_empty:
             return PolygonTip(Polygon(np.array(face.exterior.coords)[:-1]), radius)
     if isinstance(outline, Circle | Polygon):
         raise ValueError(f"leaves no flat face with an edge of {1e3 * radius:g} mm")
-    raise ValueError("has no rounded edge; take a circle or a polygon")
+    raise ValueError("cannot have a rounded edge; choose a circle or a polygon")

@@ -10,7 +10,8 @@ import numpy as np
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.registry import FILM_LOAD_CLASSES, find_load_key
+from pvdf_fem.scene.placed.probe import find_load_key
+from pvdf_fem.scene.registry import FILM_LOAD_CLASSES
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 #: Names of the keys that place a probe.

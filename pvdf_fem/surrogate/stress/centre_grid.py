@@ -23,7 +23,7 @@ from scipy.interpolate import BarycentricInterpolator
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.outlines.outline import rotate
-from pvdf_fem.scene.shapes import Probe
+from pvdf_fem.scene.placed.probe import Probe
 
 
 class GridNode(NamedTuple):

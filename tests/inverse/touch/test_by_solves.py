@@ -28,7 +28,14 @@ PAIR = EIGHT.with_(
 )
 WARM = {**DISC, "x_mm": 8.0, "contact_time_s": 0.1}
 FINGER = Scene().with_(probe=WARM, **{"film.pyroelectric_uC_m2K": -25.0})
-FEW = LocateOptions(pitch_mm=7.5, fine_mm=2.5, starts=3, followed=1, rounds=0, tolerance=1e-3)
+FEW = LocateOptions(
+    solved_pitch_mm=7.5,
+    superposed_pitch_mm=2.5,
+    superposed_candidates=3,
+    refined_candidates=1,
+    side_rounds=0,
+    tolerance=1e-3,
+)
 USUAL = ("x_mm", "y_mm", "force_N")
 
 

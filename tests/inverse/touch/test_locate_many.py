@@ -80,12 +80,12 @@ def test_columns_in_any_order_are_as_good_as_rows():
 @pytest.mark.parametrize(
     ("charges", "options", "key"),
     [
-        ({"A": [1.0], "E": [1.0]}, {}, r"charges\.E"),
-        ({"A": [1.0], "B": [1.0, 2.0]}, {}, "charges_pC"),
-        ({}, {}, "charges"),
-        ([[1.0] * 4, [1.0, 2.0, 3.0]], {}, "charges_pC"),
-        ({"A": [1.0, "broken"]}, {}, r"charges_pC\.A"),
-        (np.ones((2, 3)), {}, r"charges_pC of shape \(2, 3\)"),
+        ({"A": [1.0], "E": [1.0]}, {}, r"readings\.E"),
+        ({"A": [1.0], "B": [1.0, 2.0]}, {}, "readings"),
+        ({}, {}, "readings"),
+        ([[1.0] * 4, [1.0, 2.0, 3.0]], {}, "readings"),
+        ({"A": [1.0, "broken"]}, {}, r"readings\.A"),
+        (np.ones((2, 3)), {}, r"readings of shape \(2, 3\)"),
         (np.ones((2, 4)), {"forces_N": [1.0]}, r"forces_N of shape \(1,\)"),
         (np.ones((2, 4)), {"sigma": -1.0}, "sigma = -1"),
     ],

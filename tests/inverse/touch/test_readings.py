@@ -124,9 +124,13 @@ TWO = {"A": 700.0, "B": 600.0}
 @pytest.mark.parametrize(
     ("charges", "options", "keys"),
     [
-        ({}, {}, ["charges"]),
-        ({"A": "12", "B": None, "C": 1e13, "D": 0.0}, {}, [f"charges.{n}" for n in "ABCD"]),
-        ({"A": 700.0, "E": 1.0, "B": np.nan}, {"sigma": -0.1}, ["charges.E", "charges.B", "sigma"]),
+        ({}, {}, ["readings"]),
+        ({"A": "12", "B": None, "C": 1e13, "D": 0.0}, {}, [f"readings.{n}" for n in "ABCD"]),
+        (
+            {"A": 700.0, "E": 1.0, "B": np.nan},
+            {"sigma": -0.1},
+            ["readings.E", "readings.B", "sigma"],
+        ),
         (TWO, {"sigma": {"A": 0.1}}, ["sigma.B"]),
         (TWO, {"noise_pC": -1.0, "reading": "both"}, ["noise_pC", "reading"]),
         (TWO, {"unit": "V"}, ["unit"]),

@@ -1,0 +1,70 @@
+"""The command ``pvdf-fem mesh``: the first mesh of a scene, as a file."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from pvdf_fem.cli.options import add_scene_command, read_scene
+from pvdf_fem.cli.output import find_output_errors
+from pvdf_fem.cli.program import ExitCode
+
+_DESCRIPTION = """\
+Write the mesh that `solve` starts with: six-node triangles in metres, with
+the patches `electrode NAME` and `probe`.
+The extension chooses the format:
+  .msh                physical groups; where patches overlap, their combination
+                      is a group of its own, such as `electrode A + probe`
+  .inp                element sets, and the node set `rim`
+  .vtu .vtk .xdmf     a 0/1 array for each patch"""
+
+_EPILOG = """\
+example:
+  pvdf-fem mesh scene.toml scene.msh --set numerics.tolerance=1e-4
+
+exit codes: 0 written, 2 bad input, 3 gmsh failed"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command to the commands of an argument parser."""
+    parser = add_scene_command(
+        commands,
+        "mesh",
+        run,
+        summary="write the mesh of a scene",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        json_help="",
+    )
+    parser.add_argument("file", metavar="FILE", type=Path, help="mesh file to write")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the command, and return its exit code."""
+    from pvdf_fem.view.export import FORMATS, write_mesh
+
+    errors = find_output_errors(options.file, list(FORMATS), options.scene)
+    scene = read_scene(options, *errors)
+    from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
+    from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
+    from pvdf_fem.problem.problem import Problem
+    from pvdf_fem.solver.first_sizes import ORDER, choose_first_sizes
+
+    problem = Problem.from_scene(scene)
+    try:
+        mesh = mesh_scene(
+            scene,
+            choose_first_sizes(problem, ORDER),
+            least_jacobian=problem.film.least_jacobian,
+            contacts=estimate_tip_outlines(scene),
+        )
+        write_mesh(mesh, options.file)
+    except MeshError as error:
+        print(f"not meshed: {error}; move or resize the probe slightly", file=sys.stderr)
+        return ExitCode.NOT_CONVERGED
+    patches = ", ".join(name for name in mesh.subdomains if name != "film")
+    nodes = mesh.doflocs.shape[1]
+    print(f"{options.file}: {mesh.nelements} triangles, {nodes} nodes, patches {patches}")
+    return ExitCode.CONVERGED

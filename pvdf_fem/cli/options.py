@@ -1,0 +1,343 @@
+"""Options that commands share, and how their values are read."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from pvdf_fem.cli.program import InputError, print_errors, shorten
+from pvdf_fem.scene.scene_file import SceneError, parse_change, quote, read_key_texts, suggest
+
+if TYPE_CHECKING:
+    from pvdf_fem.scene.scene import Scene
+
+MAX_QUOTED = 60  #: Characters of an option's value that are repeated in an error message.
+
+
+class ArgumentParser(argparse.ArgumentParser):
+    """A parser that prints help texts as they are, and short error messages.
+
+    Arguments are repeated in one line of printable characters. For an unknown command, the nearest
+    one is suggested.
+    """
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        layout: dict[str, Any] = {
+            "formatter_class": argparse.RawDescriptionHelpFormatter,
+            "allow_abbrev": False,
+        }
+        super().__init__(*arguments, **(layout | options))
+
+    def error(self, message: str) -> NoReturn:
+        """Print the usage and an error message, and exit with code 2."""
+        unknown = re.fullmatch(
+            r"argument COMMAND: invalid choice: '(.*)' \(choose from (.*)\)", message
+        )
+        if unknown:
+            name, commands = unknown.groups()
+            message = f"{name} is not a command; {suggest(name, re.findall(r'[a-z]+', commands))}"
+        super().error(shorten(message))
+
+
+def add_command(
+    commands: Any,
+    name: str,
+    run: Callable[[argparse.Namespace], int],
+    *,
+    summary: str,
+    description: str,
+    epilog: str,
+) -> ArgumentParser:
+    """Add a command to the command line.
+
+    Parameters
+    ----------
+    commands : object
+        The commands, as `argparse.ArgumentParser.add_subparsers` returns them.
+    name : str
+        Name of the command.
+    run : callable
+        Runs the command with its options, and returns the exit code.
+    summary : str
+        A line about the command in the list of commands.
+    description : str
+        Text above the options in the help of the command.
+    epilog : str
+        Text below them, with examples and exit codes.
+
+    Returns
+    -------
+    ArgumentParser
+        The parser of the command.
+    """
+    parser: ArgumentParser = commands.add_parser(
+        name, help=summary, description=description, epilog=epilog
+    )
+    parser.set_defaults(run=run, parser=parser)
+    # without a default, which would replace a `-v` in front of the command
+    add_verbosity(parser, default=argparse.SUPPRESS)
+    return parser
+
+
+def add_scene_command(
+    commands: Any,
+    name: str,
+    run: Callable[[argparse.Namespace], int],
+    *,
+    summary: str,
+    description: str,
+    epilog: str,
+    json_help: str = "print one JSON object and nothing else",
+) -> ArgumentParser:
+    """Add a command with a scene file, ``--set`` and ``--json``.
+
+    Parameters
+    ----------
+    commands, name, run, summary, description, epilog
+        See `add_command`.
+    json_help : str, optional
+        Help text of ``--json``; empty for a command without this option.
+
+    Returns
+    -------
+    ArgumentParser
+        The parser of the command.
+    """
+    parser = add_command(
+        commands, name, run, summary=summary, description=description, epilog=epilog
+    )
+    parser.add_argument("scene", metavar="SCENE.toml", help="scene file")
+    parser.add_argument(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        dest="settings",
+        help="change a value of the scene, such as load.force_N=2 or electrodes[0].x_mm=9. VALUE "
+        "is TOML; a bare word is text; a table, as in 'film={thickness_um=12}', changes only the "
+        "keys in it. May be repeated; the last value of a key counts",
+    )
+    if json_help:
+        parser.add_argument("--json", action="store_true", help=json_help)
+    return parser
+
+
+def add_verbosity(parser: argparse.ArgumentParser, default: Any = 0) -> None:
+    """Add the option ``-v``, whose count is `options.verbose`."""
+    parser.add_argument(
+        "-v",
+        "--verbose",
+        action="count",
+        default=default,
+        help="log meshes, iterations and the like on standard error; -vv logs more",
+    )
+
+
+def add_text_option(
+    parser: Any, name: str, metavar: str, *, about: str, default: str | None = None
+) -> None:
+    """Add an option whose value is a text, to be read later together with all others.
+
+    Parameters
+    ----------
+    parser : object
+        A parser, or a group of one.
+    name, metavar : str
+        The option, such as ``--sigma``, and the name of its value in the help.
+    about : str
+        Help text, to which the default is added.
+    default : str, optional
+        Value where the option is not used.
+    """
+    text = about if default is None else f"{about} (default: {default})"
+    parser.add_argument(name, metavar=metavar, default=default, help=text)
+
+
+def add_progress(parser: argparse.ArgumentParser) -> None:
+    """Add the option ``--progress``."""
+    parser.add_argument(
+        "--progress",
+        action="store_true",
+        default=None,
+        help="show finished work and remaining time even if standard error is not a terminal",
+    )
+
+
+def describe_unknown_argument(words: Sequence[str], parser: argparse.ArgumentParser) -> str:
+    """Return the error message for words that are no argument of a command.
+
+    A key of the scene, as in ``--force 2``, is recognised, and ``--set`` suggested.
+
+    Parameters
+    ----------
+    words : sequence of str
+        The words that the parser left over.
+    parser : argparse.ArgumentParser
+        The parser of the command.
+
+    Returns
+    -------
+    str
+        The message about the first word.
+    """
+    word = words[0]
+    if not word.startswith("-"):
+        return f"{word}: is one argument too many; remove it, or write --set KEY=VALUE"
+    option, has_value, value = word.partition("=")
+    if not has_value and len(words) > 1:
+        value = words[1]
+    key_with_unit = re.compile(rf"{re.escape(option.strip('-').replace('-', '_'))}(_\w+)?")
+    for key in read_key_texts():
+        is_in_list = key.table.startswith("[[")
+        if key_with_unit.fullmatch(key.name) and not is_in_list:
+            full_key = f"{key.table.strip('[]')}.{key.name}"
+            return f"{word}: is not an option here; write --set {full_key}={value}"
+    known = [name for action in parser._actions for name in action.option_strings]
+    return f"{word}: is not an option here; {suggest(option, known)}"
+
+
+# ------------------------------------------------------------------------------------- scenes
+
+
+def read_scene(options: argparse.Namespace, *errors: str) -> Scene:
+    """Read the scene file of a command, with the changes of ``--set``.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Options with `scene` and `settings`.
+    *errors : str
+        Errors that were found in other options.
+
+    Returns
+    -------
+    Scene
+        The changed scene. A key of the file that it does not have is reported on standard error.
+
+    Raises
+    ------
+    InputError
+        With `errors` and all errors of the scene and its changes, if there are any.
+    """
+    from pvdf_fem.scene.scene import Scene
+
+    messages = list(errors)
+    changes = _parse_settings(options.settings, messages)
+    try:
+        original: Scene = Scene.from_file(options.scene)
+        scene = original.with_(**changes) if changes else original
+    except SceneError as error:
+        messages += error.problems
+    if messages:
+        raise InputError(*messages)
+    if changes:
+        for lost in _find_lost_keys(original, scene, changes):
+            print_errors(f"--set: drops {lost}, a key that the changed scene does not have")
+    return scene
+
+
+def _parse_settings(settings: Sequence[str], errors: list[str]) -> dict[str, Any]:
+    """Return the values of ``--set`` by key; tables of one key are merged.
+
+    Messages about wrong settings are added to `errors`.
+    """
+    from pvdf_fem.scene.changes import normalize_key
+
+    changes: dict[str, Any] = {}
+    for setting in settings:
+        try:
+            key, value = parse_change(setting)
+            key = normalize_key(key)
+        except SceneError as error:
+            errors += [f"--set {problem}" for problem in error.problems]
+            continue
+        earlier = changes.get(key)
+        if isinstance(value, dict) and isinstance(earlier, dict):
+            value = earlier | value
+        changes[key] = value
+    return changes
+
+
+def _find_lost_keys(original: Scene, scene: Scene, changes: Mapping[str, Any]) -> Iterator[str]:
+    """Find keys of a scene file that the changed scene lacks, though no change names them.
+
+    Yields ``key = value`` of each.
+    """
+    from pvdf_fem.scene.changes import find_changed_keys
+
+    before = original.model_dump(mode="json", exclude_unset=True, exclude_none=True)
+    after = scene.model_dump(mode="json", exclude_none=True)
+    changed = find_changed_keys(changes)
+    for name, section in before.items():
+        old_tables = section if isinstance(section, list) else [section]
+        new_section = after.get(name, {})
+        new_tables = new_section if isinstance(new_section, list) else [new_section]
+        # a list that became shorter has lost whole tables, which a change has named
+        for old, new in zip(old_tables, new_tables, strict=False):
+            for key, value in old.items():
+                if key not in new and not changed & {name, f"{name}.{key}"}:
+                    yield f"{name}.{key} = {quote(value)}"
+
+
+# ------------------------------------------------------------------------------------- values
+
+
+def read_number(text: str) -> float | None:
+    """Return the finite number that a text is, or None."""
+    # float() also accepts 1_000, and digits of other scripts
+    if not re.fullmatch(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text):
+        return None
+    value = float(text)
+    return value if math.isfinite(value) else None
+
+
+def parse_number(option: str, text: str, errors: list[str], allow_zero: bool = False) -> float:
+    """Return the value of an option that is a positive number.
+
+    Parameters
+    ----------
+    option : str
+        The option, such as ``--sigma``, for the error message.
+    text : str
+        Its value on the command line.
+    errors : list of str
+        Receives a message if the value is wrong.
+    allow_zero : bool, optional
+        Whether zero is allowed, too.
+
+    Returns
+    -------
+    float
+        The number, or 0 for a wrong value.
+    """
+    value = read_number(text)
+    if value is None or value < 0.0 or (value == 0.0 and not allow_zero):
+        allowed = "a number that is not negative" if allow_zero else "a positive number"
+        errors.append(f"{option} {text[:MAX_QUOTED]}: is not allowed; give {allowed}")
+        return 0.0
+    return value
+
+
+def parse_optional_number(
+    option: str, text: str | None, errors: list[str], allow_zero: bool = False
+) -> float | None:
+    """Return the value of an option that may be absent; None where it is, see `parse_number`.
+
+    Parameters
+    ----------
+    option, errors, allow_zero
+        See `parse_number`.
+    text : str, optional
+        Value on the command line; None where the option is not used.
+
+    Returns
+    -------
+    float or None
+        The number.
+    """
+    if text is None:
+        return None
+    return parse_number(option, text, errors, allow_zero)

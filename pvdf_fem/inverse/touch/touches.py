@@ -1,0 +1,159 @@
+"""The most likely touch for each of many rows of readings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.inverse.least_squares import SearchResult
+from pvdf_fem.inverse.touch.location_problem import LocationProblem
+from pvdf_fem.inverse.touch.search import describe_touches
+from pvdf_fem.inverse.touch.touch import TouchStatus, decide_status
+from pvdf_fem.summary import Summary, TabularResult, TextTable
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Touches(TabularResult):
+    """The most likely touch for each of n rows of readings; others may be as likely.
+
+    Numbers are NaN in rows without a touch.
+    """
+
+    #: x and y in mm, rotation in degrees and force in N, (n, 4); those of the nearest touch if the
+    #: status is `TouchStatus.UNEXPLAINED`.
+    values: Array
+    reading: str  #: Meaning of the readings, of `READINGS`.
+    unknown: tuple[str, ...]  #: Quantities that were free.
+    status: NDArray[np.object_]  #: A `TouchStatus` for each row, (n,).
+    #: Covariances (n, unknown, unknown) by the curvature of the likelihood, as `Touch.covariance`.
+    covariances: Array
+    #: Standard deviations (n, unknown): those of `covariances`, or calibrated ones as
+    #: `Location.deviations` if these were requested.
+    deviations: Array
+    #: Numbers of other touches that are likely, (n,); NaN if calibrated results were not requested.
+    alternatives: Array
+    determined: Mask  #: Whether the charges determine every unknown, (n,).
+    chi_square: Array  #: Sums of the squared whitened residuals, (n,).
+    p_value: Array  #: Probabilities of a larger chi-square, (n,).
+    #: Mistakes in the readings without which a touch would explain them, in words, (n,).
+    explanations: NDArray[np.object_]
+    at_edge: Mask  #: Whether the touch is at a limit of the response's domain, (n,).
+
+    @classmethod
+    def empty(cls, status: NDArray[np.object_], unknown: tuple[str, ...], reading: str) -> Touches:
+        """Return results to be filled in, with NaN for numbers and false for flags.
+
+        Parameters
+        ----------
+        status : ndarray of TouchStatus, shape (n,)
+            Status of each row.
+        unknown : tuple of str
+            Free quantities.
+        reading : str
+            Meaning of the readings, of `READINGS`.
+        """
+        rows = len(status)
+        count = len(unknown)
+        return cls(
+            values=np.full((rows, len(TOUCH_QUANTITIES)), np.nan),
+            reading=reading,
+            unknown=unknown,
+            status=status,
+            covariances=np.full((rows, count, count), np.nan),
+            deviations=np.full((rows, count), np.nan),
+            alternatives=np.full(rows, np.nan),
+            determined=np.zeros(rows, dtype=bool),
+            chi_square=np.full(rows, np.nan),
+            p_value=np.full(rows, np.nan),
+            explanations=np.full(rows, "", dtype=object),
+            at_edge=np.zeros(rows, dtype=bool),
+        )
+
+    @property
+    def explained(self) -> Mask:
+        """Whether a touch explains the charges, (n,)."""
+        return np.isfinite(self.chi_square) & (self.status != TouchStatus.UNEXPLAINED)
+
+    def store(self, rows: Indices, problem: LocationProblem, ends: SearchResult) -> None:
+        """Fill in the touches of some rows.
+
+        Deviations that are there already are calibrated ones and stay.
+
+        Parameters
+        ----------
+        rows : ndarray of int, shape (m,)
+            Rows to fill in.
+        problem : LocationProblem
+            The problem with the charges of these rows.
+        ends : SearchResult
+            The best end for each of these rows.
+        """
+        self.status[rows[~ends.converged]] = TouchStatus.NOT_FOUND
+        rows = rows[ends.converged]
+        ends = ends.select(np.flatnonzero(ends.converged))
+        described = describe_touches(problem, ends)
+        roots = described.covariance_roots
+        self.values[rows] = described.values
+        self.chi_square[rows] = described.chi_square
+        self.p_value[rows] = described.p_value
+        self.covariances[rows] = roots @ roots.swapaxes(1, 2)
+        by_curvature = np.sqrt(np.einsum("nuu->nu", self.covariances[rows]))
+        calibrated = self.deviations[rows]
+        is_missing = np.isnan(calibrated)
+        self.deviations[rows] = np.where(is_missing, by_curvature, calibrated)
+        self.determined[rows] = ~described.undetermined.any(axis=1)
+        limits = problem.find_active_limits(ends.coordinates)
+        self.at_edge[rows] = [bool(names) for names in limits]
+        explained = described.explained.tolist()
+        ambiguous = (self.alternatives[rows] > 0).tolist()
+        at_edge = self.at_edge[rows].tolist()
+        self.status[rows] = list(map(decide_status, explained, ambiguous, at_edge))
+
+    def summary(self) -> Summary:
+        """Return how many rows are explained, and the first and the last touches."""
+        explained = f"{int(self.explained.sum())} of {len(self.status)} rows are explained"
+        return Summary("touches", [explained], [TextTable.from_columns(self.columns())])
+
+    def to_table(self) -> dict[str, NDArray[Any]]:
+        """Return columns of n values by name.
+
+        Returns
+        -------
+        dict of str to ndarray
+            The quantities; their deviations, NaN for fixed ones; chi-square and p-value; the number
+            of alternatives; the status; and a remark with words such as ``explained if`` and a
+            mistake in the readings, ``undetermined`` or ``at edge``.
+        """
+        deviations = np.full(self.values.shape, np.nan)
+        columns = [TOUCH_QUANTITIES.index(name) for name in self.unknown]
+        deviations[:, columns] = self.deviations
+        table: dict[str, NDArray[Any]] = {}
+        for name, values in zip(TOUCH_QUANTITIES, self.values.T, strict=True):
+            table[name] = values
+        for name, values in zip(TOUCH_QUANTITIES, deviations.T, strict=True):
+            quantity, unit = name.rsplit("_", 1)
+            table[f"{quantity}_deviation_{unit}"] = values
+        counts = [None if np.isnan(count) else int(count) for count in self.alternatives]
+        table["chi_square"] = self.chi_square
+        table["p_value"] = self.p_value
+        table["alternatives"] = np.array(counts, dtype=object)
+        table["status"] = self.status
+        table["remark"] = self._make_remarks()
+        return table
+
+    columns = to_table
+
+    def _make_remarks(self) -> NDArray[np.object_]:
+        """Return a remark for each row, (n,); empty where there is nothing to say."""
+        has_touch = np.isfinite(self.chi_square)
+        remarks = self.explanations.copy()
+        remarks[has_touch & ~self.determined] += "; undetermined"
+        remarks[has_touch & self.at_edge] += "; at edge"
+        has_few_channels = (self.status == TouchStatus.UNDETERMINED) & ~has_touch
+        remarks[has_few_channels] += "; fewer channels than unknown quantities"
+        return np.array([remark.removeprefix("; ") for remark in remarks], dtype=object)

@@ -1,0 +1,59 @@
+"""Keys that a scene's table has or loses with the value of another key."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pvdf_fem.scene.load import Load
+from pvdf_fem.scene.readout import Readout
+
+#: Pairs of keys of a table that exclude each other, in both directions.
+ALTERNATIVE_KEYS = {
+    "depth_mm": "force_N",
+    "force_N": "depth_mm",
+    "temperature_change_K": "pretension_N_m",
+    "pretension_N_m": "temperature_change_K",
+}
+
+
+def _collect_requirements() -> dict[str, tuple[str, str | None]]:
+    """Collect the keys of loads and readouts that need a value of another key."""
+    requirements = {}
+    for table in (Load, Readout):
+        for name in table.model_fields:
+            needs = table.key_of(name).needs
+            if needs is not None:
+                requirements[name] = needs
+    return requirements
+
+
+_REQUIREMENTS = _collect_requirements()
+
+
+def set_key(table: dict[str, Any], key: str, value: Any, alternative: Any = None) -> None:
+    """Set a key of a scene's table in place, and remove the keys that it makes obsolete.
+
+    Keys that need another value of the key are removed, and the key's alternative, such as
+    ``force_N`` of ``depth_mm``.
+
+    Parameters
+    ----------
+    table : dict
+        A table of a scene file.
+    key : str
+        Name of the key in the table.
+    value : object
+        Its new value. A table by channel removes no other key.
+    alternative : object, optional
+        New value of the alternative key; then both keys stay, and validation refuses them.
+    """
+    if isinstance(value, dict):
+        table[key] = value
+        return
+    for other, (decisive_key, needed) in _REQUIREMENTS.items():
+        if other in table and decisive_key == key and value != needed:
+            set_key(table, other, None)
+            del table[other]
+    if value is not None and alternative is None:
+        table.pop(ALTERNATIVE_KEYS.get(key, ""), None)
+    table[key] = value

@@ -1,0 +1,99 @@
+"""Electrodes: a list of any, or a layout of equal ones on a ring."""
+
+from __future__ import annotations
+
+import re
+from functools import cached_property
+from string import ascii_uppercase
+from typing import Annotated, ClassVar, Literal, Self, TypeAlias
+
+import numpy as np
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+
+from pvdf_fem.scene.keys import Key, make_validation_error
+from pvdf_fem.scene.outlines.outline import rotate
+from pvdf_fem.scene.placed.placed_shape import PlacedShape, ShapedTable, tag_table_or_list
+from pvdf_fem.scene.shapes.shape import PLACE, SIZE
+
+
+def _check_name(name: str) -> str:
+    """Refuse a name that cannot stand in a table, a file name or a command."""
+    if not name or name != name.strip() or not name.isprintable():
+        reason = "is not a name; give printable characters without blanks around them"
+        raise make_validation_error(reason)
+    if len(name) > 40 or re.search(r'[/\\,="]', name):
+        reason = 'is too long or contains one of / \\ , = "; choose a simpler name'
+        raise make_validation_error(reason)
+    return name
+
+
+class Electrode(PlacedShape):
+    """An electrode."""
+
+    name: Annotated[str, AfterValidator(_check_name), Key(example="A")]
+    """A name that no other electrode has."""
+    x_mm: Annotated[float, PLACE]
+    y_mm: Annotated[float, PLACE]
+
+
+class Layout(ShapedTable):
+    """Equal electrodes, evenly on a ring: A, B, C, ... counter-clockwise. Electrodes are not
+    turned: their axes are the film's, as in the thesis."""
+
+    shape_key: ClassVar[Key] = Key(needs=("layout", "ring"), neutral="square")
+
+    layout: Literal["four", "three", "ring"] = "four"
+    """four: the thesis's squares, A on +x, B on +y, C on -x, D on -y. three: A at 270°, B at 30°,
+    C at 150°. ring: any number of electrodes of any shape."""
+    count: Annotated[
+        int | None, Key("electrodes", (1, 25), needs=("layout", "ring"), example=6)
+    ] = None
+    """Number of electrodes on the ring; 4 where it is not given."""
+    ring_radius_mm: Annotated[float, SIZE] = 10.0
+    """From the film's centre to the centres of the electrodes."""
+    first_angle_deg: Annotated[
+        float | None, Key("degrees", (-3600.0, 3600.0), needs=("layout", "ring"), example=45.0)
+    ] = None
+    """From +x to A; 0 where it is not given."""
+    centre: Annotated[bool, Key(needs=("layout", "ring"))] = False
+    """One more electrode, the last, is on the film's centre."""
+
+    @model_validator(mode="after")
+    def _reject_shape(self) -> Self:
+        """Refuse other shapes than squares in the thesis's layouts."""
+        if self.layout != "ring" and self.shape != "square":
+            reason = 'requires layout = "ring"; remove it or change layout'
+            raise make_validation_error(reason, key="shape", value=self.shape)
+        return self
+
+    @cached_property
+    def electrodes(self) -> tuple[Electrode, ...]:
+        """The electrodes on the ring, then the one on the centre."""
+        count = self.count or 4
+        first_deg = self.first_angle_deg or 0.0
+        if self.layout == "three":
+            count = 3
+            first_deg = 270.0
+        angles_deg = first_deg + 360.0 * np.arange(count) / count
+        places = [rotate([self.ring_radius_mm, 0.0], angle) for angle in angles_deg]
+        if self.centre:
+            places.append(np.zeros(2))
+        return tuple(
+            Electrode.model_validate(
+                {"name": name, "x_mm": float(x), "y_mm": float(y), "shape": self.geometry}
+            )
+            for name, (x, y) in zip(ascii_uppercase, places, strict=False)
+        )
+
+    @classmethod
+    def list_common_keys(cls) -> set[str]:
+        """Return the keys that every layout has."""
+        own = {name for name in cls.model_fields if cls.key_of(name).needs is None}
+        return own - {"geometry"} | set(cls.shapes[cls.default_shape].list_sizes())
+
+
+Electrodes: TypeAlias = Annotated[
+    Annotated[Layout, Tag("<table>")]
+    | Annotated[tuple[Electrode, ...], Field(min_length=1, max_length=100), Tag("<list>")],
+    Discriminator(tag_table_or_list),
+]

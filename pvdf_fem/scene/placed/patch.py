@@ -1,0 +1,55 @@
+"""Patches: layers that are bonded to the film."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated, Literal
+
+from pvdf_fem.scene.keys import Affects, Key
+from pvdf_fem.scene.placed.placed_shape import PlacedShape
+from pvdf_fem.scene.shapes.shape import PLACE
+
+#: Keys of the material of film and patches.
+MODULUS = Key(
+    "GPa", (1e-6, 1e4), usual_limits=(1e-6, 1500.0), likely_units={"MPa": 1e-3, "Pa": 1e-9}
+)
+EXPANSION = Key("1/K", (-0.1, 0.1), Affects.PRESTRAIN)
+
+
+class Patch(PlacedShape):
+    """A layer bonded to the film, as tape, ink or solder. Layers may overlap electrodes, probes and
+    further layers, and reach over the rim. Their material is the film's where it is not given."""
+
+    thickness_um: Annotated[float, Key("µm", (1e-3, 1e5), example=50.0)]
+    """Thickness, of both layers together where the layer is on both sides."""
+    both_sides: Annotated[bool, Key()] = False
+    """The layer is half on the one side and half on the other."""
+    youngs_modulus_GPa: Annotated[float | None, replace(MODULUS, example=3.0)] = None
+    """Young's modulus, of an isotropic layer."""
+    poisson_ratio: Annotated[
+        float | None, Key("", (0.0, 0.4999), needs=("youngs_modulus_GPa", None), example=0.3)
+    ] = None
+    """Poisson's ratio."""
+    density_kg_m3: Annotated[
+        float | None, Key("kg/m³", (0.0, 1e5), Affects.DYNAMICS, example=1400.0)
+    ] = None
+    """Density."""
+    bonded: Literal["at rest", "before stretching"] = "at rest"
+    """at rest: to the stretched film, without stress of its own. before stretching: it is
+    stretched, or cooled and clamped, together with the film."""
+    thermal_expansion_per_K: Annotated[
+        float | None, Key("1/K", (-0.1, 0.1), needs=("bonded", "before stretching"), example=1e-5)
+    ] = None
+    """Thermal expansion."""
+    x_mm: Annotated[float, PLACE]
+    y_mm: Annotated[float, PLACE]
+
+    @classmethod
+    def list_layer_keys(cls) -> set[str]:
+        """Return the keys of the layer, without its shape and its place."""
+        return set(cls.model_fields) - set(PlacedShape.model_fields)
+
+    @property
+    def thickness(self) -> float:
+        """Thickness in m."""
+        return self.thickness_um / 1e6

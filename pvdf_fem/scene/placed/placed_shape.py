@@ -1,0 +1,174 @@
+"""Tables of a scene file that have a shape: the shape's keys stand beside their own keys."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+
+from pydantic import (
+    Field,
+    GetCoreSchemaHandler,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
+from pydantic_core import CoreSchema
+from pydantic_core.core_schema import tagged_union_schema
+
+from pvdf_fem.scene.keys import Affects, Key, Section
+from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.registry import FLAT_SHAPES, PROBE_SHAPES
+from pvdf_fem.scene.shapes.shape import PLACE, Shape
+
+ROTATION = Key("degrees", (-3600.0, 3600.0), Affects.OUTLINE)
+#: Keys of a placement, in the order of a scene file.
+PLACEMENT_KEYS = ("x_mm", "y_mm", "rotation_deg")
+#: Sizes of shapes; a change of the shape removes them.
+SIZE_KEYS = frozenset(name for shape in PROBE_SHAPES.values() for name in shape.list_sizes())
+
+
+class OneOfShapes:
+    """Annotation of a field that holds a shape: a table with its name and its sizes.
+
+    Parameters
+    ----------
+    shapes : mapping of str to type of Shape
+        The shapes that the field may hold, by name.
+    """
+
+    def __init__(self, shapes: Mapping[str, type[Shape]]) -> None:
+        self.shapes = shapes
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Validate by the model that the key ``shape`` names."""
+        choices = {name: handler.generate_schema(shape) for name, shape in self.shapes.items()}
+        return tagged_union_schema(choices, discriminator="shape", from_attributes=True)
+
+
+class ShapedTable(Section):
+    """A table with a shape.
+
+    In a scene file the keys of the shape stand beside the table's own keys, ``shape = "circle"``
+    and ``radius_mm = 1.0`` beside ``x_mm = 5.0``. In Python they are attributes of the table, too.
+    """
+
+    geometry: Annotated[Shape, OneOfShapes(FLAT_SHAPES)] = Field(alias="shape")
+    """The shape with its sizes."""
+
+    #: Description of the key ``shape``.
+    shape_key: ClassVar[Key] = Key()
+    #: Shapes that the table may have, by name.
+    shapes: ClassVar[Mapping[str, type[Shape]]] = FLAT_SHAPES
+    #: The shape of a table that names none.
+    default_shape: ClassVar[str] = "square"
+    #: Sizes by the shape's name where they are not given; further sizes are required.
+    default_sizes: ClassVar[Mapping[str, Mapping[str, float]]] = {"square": {"side_mm": 3.0}}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _group_shape_keys(cls, table: Any) -> Any:
+        """Move the keys of the shape into a table of their own.
+
+        Keys that are not the table's own are left to the shape, which refuses unknown ones. The
+        sizes of an unknown shape are dropped: only the shape's name is refused.
+        """
+        if not isinstance(table, Mapping):
+            return table
+        name = table.get("shape", cls.default_shape)
+        if isinstance(name, Shape):
+            return table
+        own_keys = _list_own_keys(cls)
+        own = {key: value for key, value in table.items() if key in own_keys}
+        sizes = {key: value for key, value in table.items() if key not in own_keys}
+        if isinstance(name, str) and name in cls.shapes:
+            geometry = {**cls.default_sizes.get(name, {}), **sizes, "shape": name}
+        else:
+            geometry = {"shape": name}
+        return {**own, "shape": geometry}
+
+    @model_serializer(mode="wrap")
+    def _spread_shape_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Return the table with the keys of the shape beside its own."""
+        table = handler(self)
+        geometry = table.pop("geometry", {})
+        placement = {key: table.pop(key) for key in PLACEMENT_KEYS if key in table}
+        return {**table, **placement, **geometry}
+
+    if not TYPE_CHECKING:  # type checkers shall not take every name for an attribute
+
+        def __getattr__(self, name: str) -> Any:
+            """Return a size of the shape, such as ``radius_mm``."""
+            geometry = self.__dict__.get("geometry")
+            if geometry is not None and name in type(geometry).model_fields:
+                return getattr(geometry, name)
+            return super().__getattr__(name)
+
+    @classmethod
+    def list_required_sizes(cls, shape: str) -> list[str]:
+        """Return the size keys of a shape that a table of this kind has to give."""
+        defaults = cls.default_sizes.get(shape, {})
+        return [name for name in cls.shapes[shape].list_sizes() if name not in defaults]
+
+    @property
+    def shape(self) -> str:
+        """The name of the shape."""
+        return self.geometry.shape
+
+    @property
+    def table_keys(self) -> Mapping[str, Key]:
+        """The keys of the table and of its shape, by name."""
+        return _collect_table_keys(type(self), type(self.geometry))
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a copy with other values; sizes of the shape are changed in the shape."""
+        changes = dict(update or {})
+        sizes = {name: changes.pop(name) for name in self.geometry.list_sizes() if name in changes}
+        if sizes:
+            changes["geometry"] = self.geometry.model_copy(update=sizes)
+        return super().model_copy(update=changes, deep=deep)
+
+
+@cache
+def _list_own_keys(table: type[ShapedTable]) -> frozenset[str]:
+    return frozenset(table.model_fields) - {"geometry"}
+
+
+@cache
+def _collect_table_keys(table: type[ShapedTable], shape: type[Shape]) -> dict[str, Key]:
+    own = {name: table.key_of(name) for name in table.model_fields if name != "geometry"}
+    sizes = {name: shape.key_of(name) for name in shape.list_sizes()}
+    return {**own, "shape": table.shape_key, **sizes}
+
+
+class PlacedShape(ShapedTable):
+    """A shape at the point (x, y), rotated counter-clockwise about it."""
+
+    x_mm: Annotated[float, PLACE] = 0.0
+    """Place of the centre; of a triangle the centroid, of a polygon the origin of its vertices."""
+    y_mm: Annotated[float, PLACE] = 0.0
+    """Place along y."""
+    rotation_deg: Annotated[float, ROTATION] = 0.0
+    """Turn about the place, counter-clockwise."""
+
+    @cached_property
+    def outline(self) -> Outline:
+        """Outline in m on the film."""
+        return self.geometry.make_outline(self.x_mm, self.y_mm, self.rotation_deg)
+
+    @property
+    def period_deg(self) -> float:
+        """The smallest rotation that maps the shape onto itself; 0 if every rotation does."""
+        return self.geometry.period_deg
+
+    @property
+    def is_mirror_symmetric(self) -> bool:
+        """Whether the unrotated shape is its own mirror image about the y axis."""
+        return self.geometry.is_mirror_symmetric
+
+
+def tag_table_or_list(value: Any) -> str:
+    """Return the tag of the model for one table, or for a list of tables."""
+    return "<list>" if isinstance(value, list | tuple) else "<table>"

@@ -1,0 +1,173 @@
+"""Probes: one table, or a list whose members may have loads of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Annotated, Any, ClassVar, TypeAlias
+
+from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator, model_validator
+
+from pvdf_fem.scene.dependent_keys import ALTERNATIVE_KEYS, set_key
+from pvdf_fem.scene.keys import Key, make_validation_error
+from pvdf_fem.scene.load import DEPTH, FORCE, FORCE_KEYS, TANGENTIAL, Load, LoadOverrides
+from pvdf_fem.scene.placed.placed_shape import OneOfShapes, PlacedShape, tag_table_or_list
+from pvdf_fem.scene.registry import PROBE_SHAPES
+from pvdf_fem.scene.shapes.shape import Shape
+from pvdf_fem.scene.shapes.sphere import SphereShape
+
+#: Keys of a warm probe.
+HEAT_KEYS = ("temperature_K", "contact_time_s")
+
+
+class Probe(PlacedShape):
+    """A probe, the body that presses on the film."""
+
+    shapes: ClassVar[Mapping[str, type[Shape]]] = PROBE_SHAPES
+    default_shape: ClassVar[str] = "triangle"
+    default_sizes: ClassVar[Mapping[str, Mapping[str, float]]] = {
+        "triangle": {"side_mm": 7.0},
+        "rectangle": {"width_mm": 14.0, "height_mm": 7.0},
+        "circle": {"radius_mm": 1.0},
+        "sphere": {"radius_mm": 5.0},
+    }
+
+    geometry: Annotated[Shape, OneOfShapes(PROBE_SHAPES)] = Field(alias="shape")
+    edge_radius_mm: Annotated[float | None, Key("mm", (1e-4, 1e5), example=0.5)] = None
+    """Radius of the rounded edge of a tip, which is a circle or a convex polygon."""
+    temperature_K: Annotated[float | None, Key("K", (-500.0, 500.0), example=10.0)] = None
+    """Temperature over the temperature of the film."""
+    contact_time_s: Annotated[float | None, Key("s", (1e-6, 1e6), example=1.0)] = None
+    """Time for which a warm probe has touched; 1 where it is not given."""
+
+    @field_validator("edge_radius_mm")
+    @classmethod
+    def _reject_edge_of_sphere(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if value is not None and isinstance(info.data.get("geometry"), SphereShape):
+            reason = "is incompatible with a sphere, which has no edge; remove it"
+            raise make_validation_error(reason)
+        return value
+
+    @property
+    def rounding_mm(self) -> float | None:
+        """Radius of a tip's rounded edge, of a sphere its radius; None for a sharp edge."""
+        if isinstance(self.geometry, SphereShape):
+            return self.geometry.radius_mm
+        return self.edge_radius_mm
+
+
+class ListedProbe(Probe):
+    """A probe in a list. Its load is the scene's load except for the keys that it gives itself: a
+    new kind removes the keys that only the scene's kind has."""
+
+    depth_mm: Annotated[float | None, DEPTH] = None
+    """Depth of the tip, in place of force_N."""
+    force_N: Annotated[float | None, FORCE] = None
+    """Force along z."""
+    tangential_N: Annotated[tuple[float, float] | None, TANGENTIAL] = None
+    """Force along x and y."""
+    load: Annotated[LoadOverrides | None, Key(example={"kind": "rigid"})] = None
+    """Other keys of [load] that the probe has for itself."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _move_forces_out_of_load(cls, table: Any) -> Any:
+        """Move forces from ``load`` beside the shape, where they are kept."""
+        load = table.get("load") if isinstance(table, Mapping) else None
+        if isinstance(load, LoadOverrides):
+            load = load.model_dump()
+        if not isinstance(load, Mapping):
+            return table
+        remaining = {key: value for key, value in load.items() if value is not None}
+        moved = dict(table)
+        for key in FORCE_KEYS:
+            if key in remaining and table.get(key) is None:
+                moved[key] = remaining.pop(key)
+        moved["load"] = remaining or None
+        return moved
+
+    @field_validator("load")
+    @classmethod
+    def _reject_repeated_force(cls, value: LoadOverrides | None) -> LoadOverrides | None:
+        for key in FORCE_KEYS:
+            if getattr(value, key, None) is not None:
+                reason = f"has {key}, which stands beside it too; remove one of the two"
+                raise make_validation_error(reason)
+        return value
+
+    @classmethod
+    def list_load_keys(cls) -> tuple[str, ...]:
+        """Return the keys by which a listed probe overrides the scene's load."""
+        return (*FORCE_KEYS, "load")
+
+    @property
+    def overrides(self) -> dict[str, Any]:
+        """Keys of the load given by the probe itself, `kind` first."""
+        load = {} if self.load is None else self.load.model_dump()
+        forces = {key: getattr(self, key) for key in FORCE_KEYS}
+        return {**load, **{key: value for key, value in forces.items() if value is not None}}
+
+    def resolve_load(self, scene_load: Load) -> Load:
+        """Return the probe's load in a scene.
+
+        Parameters
+        ----------
+        scene_load : Load
+            The scene's load, from which the probe has the keys that it does not give itself.
+
+        Returns
+        -------
+        Load
+
+        Raises
+        ------
+        ValidationError
+            For keys that are incompatible with the kind of the resolved load.
+        """
+        return _merge_loads(scene_load, tuple(self.overrides.items()))
+
+    def inherits_load_key(self, key: str) -> bool:
+        """Return whether a key of the scene's load is part of the probe's load."""
+        overrides = self.overrides
+        return key not in overrides and key in _override({key: None}, overrides)
+
+
+@lru_cache(maxsize=1024)
+def _merge_loads(load: Load, overrides: tuple[tuple[str, Any], ...]) -> Load:
+    return Load(**_override(load.model_dump(), dict(overrides)))
+
+
+def _override(table: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Override keys of a load's table in place, and return it."""
+    for key, value in overrides.items():
+        alternative = overrides.get(ALTERNATIVE_KEYS.get(key, ""))
+        set_key(table, key, value, alternative)
+    return table
+
+
+def find_load_key(where: str, probe: Any, key: str) -> str:
+    """Find the key by which a scene gives a value of a probe's load.
+
+    Parameters
+    ----------
+    where : str
+        Key of the probe, ``probe`` or ``probe[0]``.
+    probe : Probe
+    key : str
+        A key of loads.
+
+    Returns
+    -------
+    str
+        ``load.force_N`` of the scene's load, or ``probe[0].force_N`` of the probe's own.
+    """
+    if not isinstance(probe, ListedProbe) or key not in probe.overrides:
+        return f"load.{key}"
+    return f"{where}.{key}" if key in FORCE_KEYS else f"{where}.load.{key}"
+
+
+Probes: TypeAlias = Annotated[
+    Annotated[Probe, Tag("<table>")]
+    | Annotated[tuple[ListedProbe, ...], Field(min_length=1, max_length=20), Tag("<list>")],
+    Discriminator(tag_table_or_list),
+]

@@ -1,0 +1,220 @@
+"""Placement errors: shapes that overlap or reach over the rim, and loads that do not fit them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from itertools import combinations
+from typing import TypeAlias
+
+import numpy as np
+from pydantic import ValidationError
+
+from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.load import Load
+from pvdf_fem.scene.outlines.ellipse import Ellipse
+from pvdf_fem.scene.outlines.outline import LENGTH_TOLERANCE, has_overlap
+from pvdf_fem.scene.outlines.tip import make_tip
+from pvdf_fem.scene.placed.electrode import Electrode, Layout
+from pvdf_fem.scene.placed.placed_shape import PlacedShape
+from pvdf_fem.scene.placed.probe import ListedProbe, Probe, find_load_key
+from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
+from pvdf_fem.scene.scene_file import format_error
+from pvdf_fem.scene.shapes.sphere import SphereShape
+
+#: A layout, or the keys and electrodes of a list.
+_HashableElectrodes: TypeAlias = Layout | tuple[tuple[str, Electrode], ...]
+
+
+def find_placement_errors(
+    radius_mm: float | None,
+    electrodes: Layout | Mapping[str, Electrode],
+    probes: Mapping[str, Probe],
+    load: Load | None,
+    observable: str,
+) -> Iterator[str]:
+    """Find errors between shapes and loads that are valid by themselves.
+
+    Parameters
+    ----------
+    radius_mm : float or None
+        Radius of the film; without it nothing is compared with the rim.
+    electrodes : Layout or mapping of str to Electrode
+        A layout, or the electrodes of a list by their keys.
+    probes : mapping of str to Probe
+        The probes by their keys.
+    load : Load or None
+        The scene's load; without it no load is checked.
+    observable : str
+        The scene's ``numerics.observable``.
+
+    Yields
+    ------
+    str
+        ``key = value: reason; advice``.
+    """
+    if isinstance(electrodes, Layout):
+        hashable: _HashableElectrodes = electrodes
+    else:
+        hashable = tuple(electrodes.items())
+    if not _are_electrodes_valid(radius_mm, hashable, observable):
+        yield from _find_electrode_errors(radius_mm, hashable, observable)
+    for key, probe in probes.items():
+        if radius_mm is not None:
+            yield from _find_rim_errors(key, probe, radius_mm)
+        if load is not None:
+            yield from _find_load_errors(radius_mm, key, probe, load)
+    yield from _find_overlaps(probes)
+
+
+def _find_load_errors(
+    radius_mm: float | None, key: str, probe: Probe, scene_load: Load
+) -> Iterator[str]:
+    """Find errors in the load of a probe, its own or the scene's."""
+    load = scene_load
+    if isinstance(probe, ListedProbe):
+        try:
+            load = probe.resolve_load(scene_load)
+        except ValidationError as error:
+            for details in error.errors():
+                name = find_load_key(key, probe, str(details["loc"][0]))
+                reason = details["ctx"]["reason"]
+                if not name.startswith(key):
+                    reason += f" (of {key})"
+                yield format_error(name, details["input"], reason)
+            return
+    yield from _find_tip_errors(key, probe, load)
+    rim = np.inf if radius_mm is None else radius_mm / 1e3
+    is_on_rim = abs(probe.outline.reach - rim) <= LENGTH_TOLERANCE * rim < np.inf
+    if load.kind == "rigid" and is_on_rim:
+        reason = "a rigid probe on the clamped rim cannot move"
+        advice = "make the probe smaller or choose another kind"
+        yield format_error(find_load_key(key, probe, "kind"), load.kind, f"{reason}; {advice}")
+    if load.profile_entry.needs_ellipse and not isinstance(probe.outline, Ellipse):
+        reason = "requires a disc or an ellipse"
+        advice = f'give {key}.shape = "circle" or another profile'
+        name = find_load_key(key, probe, "profile")
+        yield format_error(name, load.profile, f"{reason}; {advice}")
+
+
+def _find_tip_errors(key: str, probe: Probe, load: Load) -> Iterator[str]:
+    """Find a load that does not suit a probe: contact without a tip, or a tip without contact."""
+    name = "shape" if probe.edge_radius_mm is None else "edge_radius_mm"
+    value = getattr(probe, name)
+    is_contact = load.kind == "contact"
+    try:
+        make_tip(probe.outline, probe.rounding_mm)
+    except ValueError as error:
+        if is_contact or probe.edge_radius_mm is not None:
+            advice = 'give shape = "sphere" or edge_radius_mm'
+            yield format_error(f"{key}.{name}", value, f"{error}; {advice}")
+        return
+    if not is_contact:
+        reason = "belongs to a rigid tip, whose contact with the film has to be found"
+        advice = f'give {find_load_key(key, probe, "kind")} = "contact" or another {name}'
+        yield format_error(f"{key}.{name}", value, f"{reason}; {advice}")
+
+
+@lru_cache(maxsize=16)
+def _are_electrodes_valid(
+    radius_mm: float | None, electrodes: _HashableElectrodes, observable: str
+) -> bool:
+    """Return whether electrodes have no errors; those of a sweep are compared once."""
+    return next(_find_electrode_errors(radius_mm, electrodes, observable), None) is None
+
+
+def _find_electrode_errors(
+    radius_mm: float | None, electrodes: _HashableElectrodes, observable: str
+) -> Iterator[str]:
+    if isinstance(electrodes, Layout):
+        keyed = {"electrodes": electrodes.electrodes[0]}
+        yield from _find_layout_errors(radius_mm, electrodes)
+    else:
+        keyed = dict(electrodes)
+        yield from _find_list_errors(radius_mm, keyed)
+    entry = OBSERVABLE_ENTRIES.get(observable)
+    if entry is not None and entry.needs_edges:
+        yield from _find_edge_errors(observable, keyed)
+
+
+def _find_layout_errors(radius_mm: float | None, layout: Layout) -> Iterator[str]:
+    """Find electrodes of a layout that reach over the rim or overlap."""
+    key = "electrodes.ring_radius_mm"
+    value = layout.ring_radius_mm
+    electrodes = layout.electrodes
+    smaller = f"electrodes.{layout.geometry.list_sizes()[0]} smaller"
+    reach_mm = 1e3 * max(electrode.outline.reach for electrode in electrodes)
+    if radius_mm is not None and reach_mm > radius_mm * (1 + LENGTH_TOLERANCE):
+        reason = _describe_excess(reach_mm, radius_mm)
+        yield format_error(key, value, f"{reason}; make the ring or {smaller}")
+    for a, b in combinations(electrodes, 2):
+        if has_overlap(a.outline, b.outline):
+            fewer = "electrodes.count or " if layout.layout == "ring" else ""
+            advice = f"make the ring larger or {fewer}{smaller}"
+            yield format_error(key, value, f"electrodes {a.name} and {b.name} overlap; {advice}")
+            return
+
+
+def _find_list_errors(
+    radius_mm: float | None, electrodes: Mapping[str, Electrode]
+) -> Iterator[str]:
+    """Find listed electrodes that reach over the rim, share a name or overlap."""
+    if radius_mm is not None:
+        for key, electrode in electrodes.items():
+            yield from _find_rim_errors(key, electrode, radius_mm)
+    keys_by_name: dict[str, str] = {}
+    for key, electrode in electrodes.items():
+        other = keys_by_name.setdefault(electrode.name, key)
+        if other != key:
+            reason = f"is the name of {other} too; give every electrode a name of its own"
+            yield format_error(f"{key}.name", electrode.name, reason)
+    yield from _find_overlaps(electrodes)
+
+
+def _find_overlaps(shapes: Mapping[str, PlacedShape]) -> Iterator[str]:
+    """Find pairs of shapes that overlap; the later one is refused."""
+    for (first_key, first), (key, shape) in combinations(shapes.items(), 2):
+        if has_overlap(first.outline, shape.outline):
+            reason = f"{key} overlaps {first_key}; move one of them or make it smaller"
+            yield format_error(f"{key}.x_mm", shape.x_mm, reason)
+
+
+def _find_rim_errors(key: str, shape: PlacedShape, radius_mm: float) -> Iterator[str]:
+    """Find a shape that reaches over the rim, or a sphere whose lowest point is beyond it."""
+    limit_mm = radius_mm * (1 + LENGTH_TOLERANCE)
+    reach_mm = shape.outline.reach * 1e3
+    if reach_mm <= limit_mm:
+        return
+    geometry = shape.geometry
+    is_small_sphere = isinstance(geometry, SphereShape) and geometry.radius_mm <= limit_mm
+    if is_small_sphere and np.hypot(shape.x_mm, shape.y_mm) < radius_mm:
+        return
+    centred = geometry.make_outline(0.0, 0.0, shape.rotation_deg)
+    if centred.reach * 1e3 > limit_mm:
+        name = geometry.list_sizes()[0]
+        advice = "make it smaller"
+    else:
+        name = "x_mm" if abs(shape.x_mm) >= abs(shape.y_mm) else "y_mm"
+        advice = "move it inwards or make it smaller"
+    reason = _describe_excess(reach_mm, radius_mm)
+    yield format_error(f"{key}.{name}", getattr(shape, name), f"{reason}; {advice}")
+
+
+def _describe_excess(reach_mm: float, radius_mm: float) -> str:
+    """Describe how far a shape reaches over the rim."""
+    excess_mm = reach_mm - radius_mm
+    text = f"reaches {excess_mm:.3g} mm over the rim at film.radius_mm = {radius_mm:g}"
+    question = Film.key_of("radius_mm").ask_likely_unit(radius_mm)
+    return f"{text} ({question})" if question else text
+
+
+def _find_edge_errors(observable: str, electrodes: Mapping[str, Electrode]) -> Iterator[str]:
+    """Find electrodes without the four edges along x and y that an observable needs."""
+    reason = f'numerics.observable = "{observable}" requires rectangles with edges along x and y'
+    for key, electrode in electrodes.items():
+        if not electrode.geometry.is_rectangle:
+            advice = 'change it or choose "material"'
+            yield format_error(f"{key}.shape", electrode.shape, f"{reason}; {advice}")
+        elif electrode.rotation_deg % 90 != 0:
+            advice = 'give a multiple of 90 or choose "material"'
+            yield format_error(f"{key}.rotation_deg", electrode.rotation_deg, f"{reason}; {advice}")
