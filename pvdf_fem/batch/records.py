@@ -174,7 +174,7 @@ def _collect_outputs(
         own = []
         for electrode in problem.outputs:
             output = replace(electrode, patch=None, frame=frame)
-            place = output.placed.signature(problem.scene.film.radius, DIGITS)
+            place = output.placed.make_signature(problem.scene.film.radius, DIGITS)
             directions = np.round(output.directions, DIGITS).tobytes()
             key = (place, directions, output.observable, output.d)
             if key not in index_of:
@@ -193,11 +193,11 @@ def _follow_electrodes(outputs: Sequence[Output], problem: Problem) -> list[Outp
     radius = problem.scene.film.radius
     patches = {}
     for electrode in problem.scene.electrode_list:
-        signature = electrode.outline.signature(radius, DIGITS)
+        signature = electrode.outline.make_signature(radius, DIGITS)
         patches[signature] = make_subdomain_name(electrode.name)
     followed = []
     for output in outputs:
-        patch = patches.get(output.placed.signature(radius, DIGITS))
+        patch = patches.get(output.placed.make_signature(radius, DIGITS))
         is_parallel = np.isin(output.frame, (-1.0, 0.0, 1.0)).all()
         if patch is None or not is_parallel:
             return None

@@ -188,7 +188,8 @@ class ModalProblem:
         if not coarse.is_flat:
             with self.timer("solve"):
                 result = find_equilibrium(coarse, budget=self.budget)
-                iterations, failed = len(result.iterations), result.failed_attempts
+                iterations = len(result.iterations)
+                failed = result.failed_attempts
                 self.budget.spend(coarse, result.fresh_count)
                 if not result.converged or result.factors is None:
                     return ModalLevel(coarse, result.status, iterations, failed)
@@ -197,7 +198,8 @@ class ModalProblem:
                 )
                 if isinstance(correction, NewtonResult):
                     return ModalLevel(coarse, correction.status, iterations, failed)
-                q, rich_q = result.q, correction.q
+                q = result.q
+                rich_q = correction.q
         elif _is_slack(coarse):
             return ModalLevel(coarse, Status.SINGULAR)
         with self.timer("modes"):

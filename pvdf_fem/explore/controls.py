@@ -63,7 +63,11 @@ def to_point_list(points_mm: Array) -> list[list[float]]:
 
 def _outline(outline: Outline) -> dict[str, Any]:
     [[x, y]] = to_point_list(1e3 * outline.centroid[None])
-    return {"x": x, "y": y, "points": to_point_list(1e3 * np.array(outline.shape.exterior.coords))}
+    return {
+        "x": x,
+        "y": y,
+        "points": to_point_list(1e3 * np.array(outline.inscribed_polygon.exterior.coords)),
+    }
 
 
 def describe_controls(view: View) -> dict[str, list[dict[str, Any]]]:

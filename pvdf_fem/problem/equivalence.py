@@ -115,7 +115,7 @@ def _find_canonical_place(probe: Probe, radius: float, isotropy: str) -> tuple[s
     centre = outline.centroid / radius
     places = []
     for frame in _list_frames(points, centre, isotropy):
-        signature = outline.transform(frame).signature(radius, DIGITS)
+        signature = outline.transform(frame).make_signature(radius, DIGITS)
         turn = -round(float(np.trace(frame)), DIGITS)
         places.append((signature, turn, tuple(frame.ravel())))
     signature, _, entries = min(places)

@@ -174,4 +174,4 @@ class Problem:
             For a profile that is not finite, or is zero on its whole probe.
         """
         for load in self.loads:
-            make_profile(load).mean(load.outline.polygon)
+            make_profile(load).mean(load.outline.equal_area_polygon)

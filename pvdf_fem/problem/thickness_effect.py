@@ -45,7 +45,7 @@ def describe_thickness_effect(
     """
     film = problem.scene.film
     electrodes = problem.scene.electrode_list
-    polygons = np.array([electrode.outline.polygon for electrode in electrodes])
+    polygons = np.array([electrode.outline.equal_area_polygon for electrode in electrodes])
     forces = (film.pressure_Pa or 0.0) * shapely.area(polygons)
     for load in problem.loads:
         forces = forces + _estimate_forces_on_electrodes(problem, load, polygons)
@@ -78,7 +78,7 @@ def _estimate_forces_on_electrodes(
     scene = problem.scene
     outline, _ = estimate_pressed_area(scene, load)
     force = estimate_load_force(load.load, scene.film)
-    probe = outline.polygon
+    probe = outline.equal_area_polygon
     at_edge = PROBE_LOADS[load.load.kind].edge_share
     inside = shapely.intersection(polygons, probe)
     edge = shapely.intersection(polygons, probe.exterior)

@@ -11,7 +11,7 @@ from pvdf_fem import NotConvergedError, Scene, Solution, solve
 from pvdf_fem.solver.next_order import compute_error_shares
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.view.figures import make_figure, render_figure, use_style
-from pvdf_fem.view.film_map import MAPS, sample_field
+from pvdf_fem.view.film_quantities import MAPS, sample_field
 
 
 @pytest.fixture(scope="module")
