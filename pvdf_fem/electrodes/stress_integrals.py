@@ -148,8 +148,8 @@ def compute_charge_scales(
     """Reference sizes in C for relative charge errors, (goals,), from the `forces` X, Y in N. This
     is the charge itself, but at least the part `CANCELLATION_SHARE` of |d31 X| + |d32 Y|. An
     electrode on slack film, or held under a probe, has next to no charge, and a relative error has
-    no meaning there. A size is therefore at least the part `negligible` of the charge by the film's mean
-    stress."""
+    no meaning there. A size is therefore at least the part `negligible` of the charge by the film's
+    mean stress."""
     stress = np.abs(state.stress[..., :2]) * space.weights[..., None]
     mean = stress.sum(axis=(0, 1)) / space.weights.sum()
     charges, d = combine_charges(outputs, forces), np.abs(piezo_coefficients(outputs))

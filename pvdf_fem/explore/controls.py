@@ -103,15 +103,15 @@ def _tension(film: Film) -> float | tuple[float, ...]:
 
 def format_title(section: Any, name: str) -> str:
     """The name of a key of a table in words, with its unit."""
-    return (section.key_of(name) if isinstance(section, Section) else Key()).title(name)
+    return (section.table_keys[name] if isinstance(section, Section) else Key()).title(name)
 
 
 def _keys(scene: Scene) -> Iterator[str]:
     """Keys that may have controls, words first."""
-    find_unused_load_keys = {*scene.find_unused_load_keys(SLIDERS)}
+    unused_keys = {*scene.find_unused_load_keys(SLIDERS)}
     probes = [touch.key for touch in scene.loaded_probes] or ["probe"]
     for key in (*WORDS, *SLIDERS):
-        if key.startswith("load.") and (key in find_unused_load_keys or not scene.loaded_probes):
+        if key.startswith("load.") and (key in unused_keys or not scene.loaded_probes):
             continue
         for probe in probes if key.startswith("probe.") else ["probe"]:
             yield key.replace("probe", probe, 1)

@@ -1,11 +1,12 @@
 """A made-up sensor with known parameters, and readings of its touches, for tests of calibrations.
 
-`patch_solver` puts it in the place of solves.
+`patch_solver` lets calibrations solve this sensor.
 """
 
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,7 @@ SCENE = Scene.parse('[probe]\nshape = "triangle"\nside_mm = 7.0\n').with_(
     **{"film.pretension_N_m": 8.0}
 )
 NAMES = ("A", "B", "C", "D")
+#: The true values of the sensor's parameters.
 TRUE = {
     "film.pretension_N_m": 9.5,
     "gain.A": 1.07,
@@ -35,45 +37,60 @@ TRUE = {
 }
 UNKNOWN = ("film.pretension_N_m", "gains", "shift", "turn")
 PLACES_MM = np.array([rotate([10.0, 0.0], 90.0 * k) for k in range(4)])
-#: What forces of the electrodes depend on.
+#: Arguments of the stress integrals.
 KEYS = (*TOUCH_KEYS, "film.pretension_N_m")
 
 
+class Placements(NamedTuple):
+    """Places, rotations and forces of touches."""
+
+    written_mm: np.ndarray  #: Places as the file has them, (touches, 2).
+    true_mm: np.ndarray  #: True places, (touches, 2).
+    rotations_deg: np.ndarray
+    forces_N: np.ndarray
+    rng: np.random.Generator  #: Draws further numbers.
+
+
 def compute_integrals(at):
-    """Forces X, Y (electrodes, 2) in N under the probe at the values of `KEYS`. Those of the
-    untouched film are half its tension."""
+    """Compute stress integrals X, Y in N, (electrodes, 2), at the values of `KEYS`.
+
+    Those of the unloaded film are half its tension.
+    """
     x, y, rotation, force, tension = at
-    apart = rotate(make_triangle_corners(7.0), rotation) + np.array([x, y]) - PLACES_MM[:, None]
-    widths = np.array([[81.0, 49.0], [36.0, 81.0]])
-    shares = 1.0 / (1.0 + np.square(apart) @ (1.0 / widths).T)
+    corners = rotate(make_triangle_corners(7.0), rotation) + np.array([x, y])
+    apart = corners - PLACES_MM[:, None]
+    squared_widths = np.array([[81.0, 49.0], [36.0, 81.0]])
+    shares = 1.0 / (1.0 + np.square(apart) @ (1.0 / squared_widths).T)
     return 0.5 * tension + 60.0 * force / (0.1 * tension + force) ** 0.5 * shares.mean(axis=1)
 
 
 def solve_outputs(scene, outputs):
-    """What a calibration asks of a solution."""
+    """Return the parts of a solution that a calibration reads."""
     at = np.array([get_parameter(scene, key) for key in KEYS])
+    integrals = SimpleNamespace(values=compute_integrals(at))
     return SimpleNamespace(
         at=at,
         status=Status.CONVERGED,
         reason="",
-        discrete=SimpleNamespace(stress_integrals=SimpleNamespace(values=compute_integrals(at))),
+        discrete=SimpleNamespace(stress_integrals=integrals),
         charge_errors_pC=dict.fromkeys(NAMES, 0.0),
         charges_pC=dict.fromkeys(NAMES, 1.0),
     )
 
 
 def compute_integral_rates(solution, keys):
-    """Derivatives (keys, electrodes, 2) of the forces."""
-    steps = [1e-5 * (np.array(KEYS) == key) for key in keys]
-    ends = [
-        (compute_integrals(solution.at + step), compute_integrals(solution.at - step))
-        for step in steps
-    ]
-    return np.array([(ahead - back) / 2e-5 for ahead, back in ends])
+    """Compute derivatives (keys, electrodes, 2) of the stress integrals by differences."""
+    rates = []
+    for key in keys:
+        step = 1e-5 * (np.array(KEYS) == key)
+        higher = compute_integrals(solution.at + step)
+        lower = compute_integrals(solution.at - step)
+        rates.append((higher - lower) / 2e-5)
+    return np.array(rates)
 
 
 def compute_unloaded_integrals(scene, needed):
-    """Forces of the untouched film."""
+    """Return the stress integrals of the unloaded film."""
     return SimpleNamespace(values=np.full((4, 2), 0.5 * scene.film.pretension_N_m))
 
 
@@ -86,23 +103,35 @@ def patch_solver(patch):
 
 
 def draw_placements(count, place_sd, seed):
-    """Places in the file and true ones, (count, 2), rotations and forces, and what draws more."""
+    """Draw placements within 10 mm of the centre, with errors of the places in the file."""
     rng = np.random.default_rng(seed)
-    reach, angle = 10.0 * rng.uniform(size=count) ** 0.5, rng.uniform(0.0, 2.0 * np.pi, count)
-    places = np.stack([reach * np.cos(angle), reach * np.sin(angle)], axis=-1)
-    rotations, forces_N = rng.uniform(0.0, 120.0, count), rng.uniform(0.3, 2.0, count)
-    return places, places + place_sd * rng.standard_normal((count, 2)), rotations, forces_N, rng
+    reach_mm = 10.0 * rng.uniform(size=count) ** 0.5
+    angle = rng.uniform(0.0, 2.0 * np.pi, count)
+    written_mm = np.stack([reach_mm * np.cos(angle), reach_mm * np.sin(angle)], axis=-1)
+    rotations_deg = rng.uniform(0.0, 120.0, count)
+    forces_N = rng.uniform(0.3, 2.0, count)
+    true_mm = written_mm + place_sd * rng.standard_normal((count, 2))
+    return Placements(written_mm, true_mm, rotations_deg, forces_N, rng)
 
 
 def make_columns(count=24, sigma=0.0, place_sd=0.0, seed=1, true=TRUE):
-    """Columns of touches with readings of the changes in pC."""
-    places, moved, rotations, forces_N, rng = draw_placements(count, place_sd, seed)
+    """Make the columns of touches, with readings of the changes in pC."""
+    drawn = draw_placements(count, place_sd, seed)
     stage = Stage(**{key[6:]: value for key, value in true.items() if key.startswith("stage.")})
-    on_film, turned = stage.to_film(moved, rotations)
-    tension, d = true["film.pretension_N_m"], [get_parameter(SCENE, key) for key in COEFFICIENTS]
-    touches = np.column_stack([on_film, turned, forces_N, np.full(count, tension)])
-    charges = np.array([(compute_integrals(at) - 0.5 * tension) @ d for at in touches])
+    on_film_mm, on_film_deg = stage.to_film(drawn.true_mm, drawn.rotations_deg)
+    tension = true["film.pretension_N_m"]
+    coefficients = [get_parameter(SCENE, key) for key in COEFFICIENTS]
+    tensions = np.full(count, tension)
+    charges = []
+    for at in np.column_stack([on_film_mm, on_film_deg, drawn.forces_N, tensions]):
+        charges.append((compute_integrals(at) - 0.5 * tension) @ coefficients)
     gains = np.array([true.get(f"gain.{name}", 1.0) for name in NAMES])
-    readings = gains * charges * (1.0 + sigma * rng.standard_normal((count, 4)))
-    columns = {"x_mm": places[:, 0], "y_mm": places[:, 1], "rotation_deg": rotations}
-    return {**columns, "force_N": forces_N, **dict(zip(NAMES, readings.T, strict=True))}
+    noise = 1.0 + sigma * drawn.rng.standard_normal((count, 4))
+    readings = gains * np.array(charges) * noise
+    columns = {
+        "x_mm": drawn.written_mm[:, 0],
+        "y_mm": drawn.written_mm[:, 1],
+        "rotation_deg": drawn.rotations_deg,
+        "force_N": drawn.forces_N,
+    }
+    return columns | dict(zip(NAMES, readings.T, strict=True))

@@ -1,4 +1,4 @@
-"""Calibrations of a made-up sensor: what is found, what is left out, and what is wrong."""
+"""Calibrations of a made-up sensor: its parameters, outliers, and mistakes in files of touches."""
 
 import numpy as np
 import pytest
@@ -24,158 +24,214 @@ UNCERTAIN = {PRETENSION: "30 %", "film.thickness_um": "5 %"}
 
 @pytest.fixture(scope="module", autouse=True)
 def made_up_sensor():
-    with pytest.MonkeyPatch.context() as patched:
-        patch_solver(patched)
+    """Let calibrations solve a made-up sensor."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch_solver(patch)
         yield
 
 
 @pytest.fixture(scope="module")
-def found():
+def calibration():
+    """A calibration by noisy readings at misplaced touches."""
     scene = SCENE.with_(uncertain=UNCERTAIN)
     return calibrate(scene, make_columns(sigma=0.01, place_sd=0.3), UNKNOWN, place_sd=0.3)
 
 
-@pytest.mark.parametrize(("true", "is_like"), [(TRUE, False), ({PRETENSION: 8.0}, True)])
-def test_exact_readings_give_the_true_parameters(true, is_like):
-    """The first solves are coarse, and never the last; at a sensor that is like the scene no
-    further ones are needed."""
-    told, how = [], {"sigma": 4e-3, "progress": lambda *n: told.append(n)}
-    calibration = calibrate(SCENE, make_columns(true=true), UNKNOWN, **how)
-    assert (len(told) == 2 * 24) == is_like
-    assert (calibration.status, calibration.outliers) == ("calibrated", {})
+@pytest.mark.parametrize(("true", "is_like_scene"), [(TRUE, False), ({PRETENSION: 8.0}, True)])
+def test_exact_readings_give_the_true_parameters(true, is_like_scene):
+    """The first solves are coarse, so that they are never the last ones.
+
+    At a sensor that is like the scene a second round is enough.
+    """
+    progress = []
+    calibration = calibrate(
+        SCENE,
+        make_columns(true=true),
+        UNKNOWN,
+        sigma=4e-3,
+        progress=lambda *numbers: progress.append(numbers),
+    )
+    assert (len(progress) == 2 * 24) == is_like_scene
+    assert calibration.status == "calibrated"
+    assert calibration.outliers == {}
     for name in TRUE:
-        of, value = calibration.parameters[name], true.get(name, get_parameter(SCENE, name))
-        assert abs(of["value"] - value) < 1.5 * of["deviation"], name
-        assert of["value"] == pytest.approx(value, rel=1e-3, abs=1e-3), name
+        parameter = calibration.parameters[name]
+        value = true.get(name, get_parameter(SCENE, name))
+        assert abs(parameter["value"] - value) < 1.5 * parameter["deviation"], name
+        assert parameter["value"] == pytest.approx(value, rel=1e-3, abs=1e-3), name
 
 
-def test_derivatives_are_those_of_solves():
-    """By parameters of film and stage, place and force, against differences of solves."""
+def test_derivatives_of_readings_agree_with_differences_of_solves():
+    """By parameters of film and stage, and by place and force."""
     parameters = select_parameters(SCENE, (PRETENSION, "gain.B", "shift", "turn"), {})
+    count = len(parameters)
     columns = {name: column[:2] for name, column in make_columns().items()}
-    moves, start, count = np.array([[0.1, -0.2], [0.0, 0.0]]), parameters.initial + 0.1, 5
+    corrections_mm = np.array([[0.1, -0.2], [0.0, 0.0]])
+    values = parameters.initial + 0.1
 
-    def predicted(step):
-        moved = dict(zip(("x_mm", "y_mm", "force_N"), step[count:], strict=True))
-        touches = read_touches({**columns, **{n: columns[n] + h for n, h in moved.items()}}, SCENE)
-        of_touches = ReadingModel(parameters, touches, "change", "V", 1e-5)
-        of_touches.solve_touches(start + step[:count], moves, np.array([True, True]))
-        return of_touches.predict(start + step[:count], moves)
+    def predict(step):
+        changed = dict(columns)
+        for name, change in zip(("x_mm", "y_mm", "force_N"), step[count:], strict=True):
+            changed[name] = columns[name] + change
+        model = ReadingModel(parameters, read_touches(changed, SCENE), "change", "V", 1e-5)
+        stepped = values + step[:count]
+        model.solve_touches(stepped, corrections_mm, np.array([True, True]))
+        return model.predict(stepped, corrections_mm)
 
-    at, h = predicted(np.zeros(count + 3)), 1e-4
-    rates = np.concatenate([at.by_parameter, at.by_touch], axis=-1)
+    h = 1e-4
+    prediction = predict(np.zeros(count + 3))
+    rates = np.concatenate([prediction.by_parameter, prediction.by_touch], axis=-1)
+    scale = np.abs(prediction.readings).max()
     for i, step in enumerate(h * np.eye(count + 3)):
-        slope = (predicted(step).readings - predicted(-step).readings) / (2.0 * h)
-        scale = np.abs(at.readings).max()
-        np.testing.assert_allclose(rates[:, :, i], slope, atol=1e-5 * scale)
+        difference = predict(step).readings - predict(-step).readings
+        np.testing.assert_allclose(rates[:, :, i], difference / (2.0 * h), atol=1e-5 * scale)
 
 
-def test_places_are_corrected(found):
-    assert found.status == "calibrated"
-    assert found.fit.p_value > 0.01
-    _, true, *_ = draw_placements(24, 0.3, 1)
-    given = found.fit.model.table.probe_loads[:, :2]
-    before, after = (np.linalg.norm(true - at, axis=1) for at in (given, found.places_mm))
+def test_places_are_corrected(calibration):
+    assert calibration.status == "calibrated"
+    assert calibration.fit.p_value > 0.01
+    true_mm = draw_placements(24, 0.3, 1).true_mm
+    written_mm = calibration.fit.model.table.probe_loads[:, :2]
+    before = np.linalg.norm(true_mm - written_mm, axis=1)
+    after = np.linalg.norm(true_mm - calibration.places_mm, axis=1)
     assert np.median(after) < 0.7 * np.median(before)
 
 
-def test_the_calibrated_scene_reads_as_the_sensor_does(found):
-    """What was uncertain in the scene has the deviations that were found."""
-    scene, of = Scene.parse(found.scene.to_toml()), found.parameters
-    assert scene == found.scene
-    assert scene.film.pretension_N_m == of[PRETENSION]["value"]
-    assert scene.readout.gain == {n: of[f"gain.{n}"]["value"] for n in NAMES}
+def test_the_calibrated_scene_has_the_fitted_values(calibration):
+    """Fitted parameters that were uncertain have the deviations of the calibration."""
+    scene = Scene.parse(calibration.scene.to_toml())
+    parameters = calibration.parameters
+    assert scene == calibration.scene
+    assert scene.film.pretension_N_m == parameters[PRETENSION]["value"]
+    assert scene.readout.gain == {name: parameters[f"gain.{name}"]["value"] for name in NAMES}
     assert scene.readout.reading == "change"
-    assert scene.stage.x_mm == of["stage.x_mm"]["value"]
-    assert scene.uncertain == {**UNCERTAIN, PRETENSION: of[PRETENSION]["deviation"]}
+    assert scene.stage.x_mm == parameters["stage.x_mm"]["value"]
+    assert scene.uncertain == {**UNCERTAIN, PRETENSION: parameters[PRETENSION]["deviation"]}
+
+
+def make_readings_with_offset(unit):
+    """Make columns of readings with an offset of 0.02 V, from channels with 220 pF."""
+    columns = make_columns(sigma=0.01, place_sd=0.3)
+    units_per_volt = 1.0 if unit == "V" else 220.0
+    for name in NAMES:
+        columns[name] = units_per_volt * (columns[name] / 220.0 + 0.02)
+    return columns
 
 
 @pytest.mark.parametrize("unit", ["pC", "V"])
-def test_readings_are_those_of_the_channels_and_have_their_noise(unit):
+def test_offsets_and_noise_have_the_unit_of_the_channels(unit):
     noise_V = {"A": 0.03, "B": 0.01}
     scene = SCENE.with_(readout={"feedback_capacitance_pF": 220.0, "noise_V": noise_V})
-    columns, in_unit = make_columns(sigma=0.01, place_sd=0.3), 1.0 if unit == "V" else 220.0
-    columns |= {n: in_unit * (columns[n] / 220.0 + 0.02) for n in NAMES}
+    columns = make_readings_with_offset(unit)
     found = calibrate(scene, columns, (*UNKNOWN, "offsets"), unit=unit, place_sd=0.3)
     assert found.status == "calibrated"
     for name in NAMES:
         offset = found.parameters[f"offset.{name}"]
         assert abs(offset["value"] - 0.02) < 3.0 * offset["deviation"]
         assert offset["deviation"] < 0.05  # half of the prior's
-    read = np.stack([columns[n] for n in NAMES], axis=1)
-    size = np.maximum(np.abs(read), np.abs(found.fit.prediction.readings))
-    noise = in_unit * np.array([noise_V.get(name, 0.0) for name in NAMES])
+    readings = np.stack([columns[name] for name in NAMES], axis=1)
+    size = np.maximum(np.abs(readings), np.abs(found.fit.prediction.readings))
+    units_per_volt = 1.0 if unit == "V" else 220.0
+    noise = units_per_volt * np.array([noise_V.get(name, 0.0) for name in NAMES])
     np.testing.assert_allclose(found.fit.deviations, np.hypot(0.01 * size, noise), rtol=1e-6)
 
 
-def test_what_cannot_be_told_apart_is_decided_by_the_priors():
-    """The product of gain and coefficient is told to the noise, the factors to their priors."""
+@pytest.mark.parametrize("unit", ["pC", "V"])
+def test_noise_pC_is_in_nominal_pC_whatever_the_unit_of_readings(unit):
+    noise_V = dict.fromkeys(NAMES, 0.0) | {"A": 0.03, "B": 0.01}
+    noise_pC = {name: 220.0 * noise for name, noise in noise_V.items()}
+    quiet = SCENE.with_(readout={"feedback_capacitance_pF": 220.0})
+    noisy = SCENE.with_(readout={"feedback_capacitance_pF": 220.0, "noise_V": noise_V})
+    columns = make_readings_with_offset(unit)
+    words = (*UNKNOWN, "offsets")
+    expected = calibrate(noisy, columns, words, unit=unit, place_sd=0.3)
+    found = calibrate(quiet, columns, words, unit=unit, place_sd=0.3, noise_pC=noise_pC)
+    np.testing.assert_allclose(found.fit.values, expected.fit.values, rtol=1e-9)
+    with pytest.raises(ValueError, match=r"^noise_pC\.D: is required"):
+        calibrate(quiet, columns, noise_pC={"A": 1.0, "B": 1.0, "C": 1.0})
+
+
+def test_parameters_that_readings_do_not_separate_are_decided_by_the_priors():
+    """Readings determine the product of gain and coefficient, the priors the factors."""
     truth = SCENE.with_(**{key: of for key, of in TRUE.items() if not key.startswith("gain.")})
     words = ("film.d31_pC_N", "film.d32_pC_N", "gains")
     calibration = calibrate(truth, make_columns(sigma=0.01), words)
     (text,) = calibration.undetermined
     assert all(name in text for name in calibration.parameters)
     assert calibration.fit.degrees_of_freedom == 24 * 4 - (6 - 1)
-    gain, d31 = calibration.parameters["gain.A"], calibration.parameters["film.d31_pC_N"]
+    gain = calibration.parameters["gain.A"]
+    d31 = calibration.parameters["film.d31_pC_N"]
     assert gain["value"] * d31["value"] == pytest.approx(8.0 * 1.07, rel=0.02)
     assert gain["deviation"] > 0.03
 
 
-def test_a_cooled_film_starts_at_its_tension():
+def test_the_prior_of_a_cooled_film_is_at_its_tension():
     cooled = Scene.parse('[probe]\nshape = "triangle"\n')
     parameters = select_parameters(cooled, [PRETENSION], {})
     assert parameters.initial[0] == pytest.approx(25e-6 * 2e9 / 0.66 * 110e-6)
 
 
-def test_deviations_and_chi_square_are_those_of_many_sensors():
-    """25 sensors, 10 touches each: 68 % are within a deviation, and chi-square is what it is."""
-    pulls, excess = [], []
+def test_deviations_and_chi_square_agree_with_the_scatter_over_many_sensors():
+    """Of 25 sensors with 10 touches each, 68 % of the errors are within a deviation."""
+    pulls = []
+    excess = []
     for seed in range(25):
-        of = calibrate(SCENE, make_columns(10, sigma=0.01, seed=seed), UNKNOWN)
-        pulls.append([(p["value"] - TRUE[n]) / p["deviation"] for n, p in of.parameters.items()])
-        excess.append(of.fit.chi_square - of.fit.degrees_of_freedom)
-        assert (of.fit.degrees_of_freedom, of.fit.scatter >= 1.0) == (40 - 8, True)
+        calibration = calibrate(SCENE, make_columns(10, sigma=0.01, seed=seed), UNKNOWN)
+        for name, parameter in calibration.parameters.items():
+            pulls.append((parameter["value"] - TRUE[name]) / parameter["deviation"])
+        fit = calibration.fit
+        excess.append(fit.chi_square - fit.degrees_of_freedom)
+        assert fit.degrees_of_freedom == 40 - 8
+        assert fit.scatter >= 1.0
     sizes = np.abs(pulls)
     assert 0.58 < np.mean(sizes < 1.0) < 0.78
     assert np.mean(sizes < 3.0) > 0.985
     assert abs(np.mean(excess)) < 3.0 * np.sqrt(2.0 * 32 / 25)
 
 
-def test_readings_that_scatter_more_than_said_widen_the_deviations():
+def test_scatter_above_the_stated_noise_widens_the_deviations():
     columns = make_columns(sigma=0.02)
-    said, less = (calibrate(SCENE, columns, UNKNOWN, sigma=of) for of in (0.02, 0.01))
-    assert less.status == "calibrated"
-    assert less.fit.scatter == pytest.approx(2.0, rel=0.4)  # a robust scale of 96 residuals: 1.62
-    for name, of in said.parameters.items():
-        assert less.parameters[name]["deviation"] == pytest.approx(of["deviation"], rel=0.25)
+    expected = calibrate(SCENE, columns, UNKNOWN, sigma=0.02)
+    understated = calibrate(SCENE, columns, UNKNOWN, sigma=0.01)
+    assert understated.status == "calibrated"
+    # a robust scale of 96 residuals: 1.62
+    assert understated.fit.scatter == pytest.approx(2.0, rel=0.4)
+    for name, parameter in expected.parameters.items():
+        deviation = understated.parameters[name]["deviation"]
+        assert deviation == pytest.approx(parameter["deviation"], rel=0.25)
 
 
-def test_residuals_from_a_fit_to_the_others_have_its_errors():
-    """Closed form: less those of the fit in which a touch has part, plus those of another fit."""
+def test_deleted_residuals_have_the_errors_of_a_fit_to_the_others():
+    """Closed form: their covariance is smaller for a used touch, and larger for an outlier."""
     columns = make_columns(10, sigma=0.01)
     columns["force_N"][4] *= 1.5
     found = calibrate(SCENE, columns, UNKNOWN)
     assert list(found.outliers) == [5]
-    fit, (others, lengths) = found.fit, found.fit.compute_deleted_residuals()
+    fit = found.fit
+    deleted = fit.compute_deleted_residuals()
     for i, sign in ((0, -1.0), (4, 1.0)):
-        root, slopes = fit.whitened.roots[i], fit.prediction.by_parameter[i]
-        of_noise, residual = root @ root.T, root @ fit.whitened.residuals[i]
-        solved = np.linalg.solve(of_noise + sign * slopes @ fit.covariance @ slopes.T, residual)
-        assert lengths[i] == pytest.approx(residual @ solved, rel=1e-6)
-        expected = of_noise @ solved if sign < 0.0 else residual
-        np.testing.assert_allclose(root @ others[i], expected, rtol=1e-6)
+        root = fit.whitened.roots[i]
+        slopes = fit.prediction.by_parameter[i]
+        noise_covariance = root @ root.T
+        residual = root @ fit.whitened.residuals[i]
+        covariance = noise_covariance + sign * slopes @ fit.covariance @ slopes.T
+        weighted = np.linalg.solve(covariance, residual)
+        assert deleted.squared_lengths[i] == pytest.approx(residual @ weighted, rel=1e-6)
+        expected = noise_covariance @ weighted if sign < 0.0 else residual
+        np.testing.assert_allclose(root @ deleted.residuals[i], expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("column", "told", "size"),
+    ("column", "key", "size"),
     [("y_mm", "place_mm", 0.5), ("x_mm", "place_mm", 0.5), ("force_N", "force", 0.05)],
 )
-def test_what_a_left_out_touch_is_off_its_place_and_force(column, told, size):
-    columns, signs = make_columns(), np.where(np.arange(24) % 2, 1.0, -1.0)
+def test_leave_one_out_errors_are_those_of_places_and_forces_in_the_file(column, key, size):
+    columns = make_columns()
+    signs = np.where(np.arange(24) % 2, 1.0, -1.0)
     factor = columns["force_N"] if column == "force_N" else 1.0
     columns[column] = columns[column] + signs * size * factor
-    left = calibrate(SCENE, columns, UNKNOWN, sigma=0.05).leave_one_out
-    assert left[told] == pytest.approx(size, rel=0.35)
+    errors = calibrate(SCENE, columns, UNKNOWN, sigma=0.05).leave_one_out
+    assert errors[key] == pytest.approx(size, rel=0.35)
 
 
 @pytest.mark.parametrize(
@@ -189,16 +245,17 @@ def test_a_robust_loss_grows_as_the_logarithm_beyond_its_limit(limit, loss):
     assert np.square(residuals).sum() == pytest.approx(3.0 * loss)
 
 
-@pytest.mark.parametrize(("column", "said"), [("x_mm", "misplaced"), ("force_N", "force_N")])
-def test_one_wrong_touch_is_named_and_does_not_bias(found, column, said):
+@pytest.mark.parametrize(("column", "word"), [("x_mm", "misplaced"), ("force_N", "force_N")])
+def test_one_wrong_touch_is_named_and_does_not_bias(calibration, column, word):
     columns = make_columns(sigma=0.01, place_sd=0.3)
     columns[column][4] = 1.5 * columns[column][4] + 4.0 * (column == "x_mm")
-    wrong = calibrate(SCENE, columns, UNKNOWN, place_sd=0.3)
-    assert wrong.status == "calibrated"
-    assert list(wrong.outliers) == [5]
-    assert said in wrong.outliers[5]
-    for name, of in found.parameters.items():
-        assert abs(wrong.parameters[name]["value"] - of["value"]) < 2.0 * of["deviation"]
+    found = calibrate(SCENE, columns, UNKNOWN, place_sd=0.3)
+    assert found.status == "calibrated"
+    assert list(found.outliers) == [5]
+    assert word in found.outliers[5]
+    for name, parameter in calibration.parameters.items():
+        change = abs(found.parameters[name]["value"] - parameter["value"])
+        assert change < 2.0 * parameter["deviation"]
 
 
 MISTAKES = {
@@ -215,12 +272,13 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize("said", MISTAKES)
-def test_mistakes_are_named(said):
-    columns, (status, change) = make_columns(sigma=0.01, place_sd=0.3), MISTAKES[said]
-    calibration = calibrate(SCENE, {**columns, **change(columns)}, UNKNOWN, place_sd=0.3)
+@pytest.mark.parametrize("word", MISTAKES)
+def test_mistakes_in_the_file_are_named(word):
+    columns = make_columns(sigma=0.01, place_sd=0.3)
+    status, change = MISTAKES[word]
+    calibration = calibrate(SCENE, columns | change(columns), UNKNOWN, place_sd=0.3)
     assert calibration.status == status
-    assert said in calibration.reason
+    assert word in calibration.reason
     assert "parameters" not in calibration.to_json()
     with pytest.raises(ValueError, match=status):
         calibration.scene  # noqa: B018
@@ -228,14 +286,15 @@ def test_mistakes_are_named(said):
 
 def test_too_few_touches_and_touches_of_another_sensor_have_a_status():
     columns = make_columns(10, sigma=0.01)
-    shuffled = {n: np.roll(columns[n], i) for i, n in enumerate(NAMES)}
-    assert calibrate(SCENE, {**columns, **shuffled}, UNKNOWN).status == "not_explained"
-    same = {"force_N": np.ones(10)}
-    assert calibrate(SCENE, {**columns, **same}, UNKNOWN).status == "wrong_force"
+    shuffled = {name: np.roll(columns[name], shift) for shift, name in enumerate(NAMES)}
+    assert calibrate(SCENE, columns | shuffled, UNKNOWN).status == "not_explained"
+    same_force = {"force_N": np.ones(10)}
+    assert calibrate(SCENE, columns | same_force, UNKNOWN).status == "wrong_force"
     for count in (2, 6):
-        some = {name: column[:count] for name, column in columns.items()}
-        few = calibrate(SCENE, some, UNKNOWN, sigma=1e-4)  # two have no degree of freedom
-        assert (few.status, 0.0 <= few.fit.p_value <= 1.0) == ("too_few_touches", True)
+        first = {name: column[:count] for name, column in columns.items()}
+        calibration = calibrate(SCENE, first, UNKNOWN, sigma=1e-4)
+        assert calibration.status == "too_few_touches"
+        assert 0.0 <= calibration.fit.p_value <= 1.0  # two touches have no degree of freedom
 
 
 @pytest.mark.parametrize(
@@ -250,6 +309,6 @@ def test_too_few_touches_and_touches_of_another_sensor_have_a_status():
         ({"readout.kind": "voltage"}, {"unknown": ["film.thickness_um"]}, "unknown film.thickness"),
     ],
 )
-def test_arguments_are_refused_before_any_solve(changes, arguments, key):
+def test_wrong_arguments_are_rejected_before_any_solve(changes, arguments, key):
     with pytest.raises(ValueError, match=f"^{key}"):
         calibrate(SCENE.with_(**changes), {}, **arguments)

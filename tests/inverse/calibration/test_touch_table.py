@@ -1,4 +1,4 @@
-"""Files of touches: what is read, and what is refused before any solve."""
+"""Tables of touches: their values, and errors that are found before any solve."""
 
 import numpy as np
 import pytest
@@ -13,21 +13,24 @@ HEAD = "x_mm,y_mm,rotation_deg,force_N,A,B,C,D"
 ROWS = ("1,2,0,1,10,20,30,40", "3,4,10,2,11,21,31,41", "-5,1,20,0.5,12,22,32,42")
 
 
-def columns(**changes):
+def make_columns(**changes):
+    """Make the columns of `ROWS`, with some replaced."""
     values = np.array([[float(cell) for cell in row.split(",")] for row in ROWS]).T
     return {**dict(zip(HEAD.split(","), values, strict=True)), **changes}
 
 
-def test_a_file_and_columns_are_read_alike(tmp_path):
+def test_a_file_and_columns_give_the_same_table(tmp_path):
     """The file has decimal commas between semicolons."""
     path = tmp_path / "touches.csv"
     path.write_text("\n".join([HEAD, *ROWS]).replace(",", ";").replace("0.5", "0,5") + "\n")
-    read, given = read_touches(path, SCENE), read_touches(columns(), SCENE)
-    np.testing.assert_array_equal(read.probe_loads, given.probe_loads)
-    np.testing.assert_array_equal(read.readings, given.readings)
-    np.testing.assert_array_equal(read.probe_loads[2], [-5.0, 1.0, 20.0, 0.5])
-    np.testing.assert_array_equal(read.readings[1], [11.0, 21.0, 31.0, 41.0])
-    assert (read.rows.tolist(), read.notes) == ([1, 2, 3], ())
+    from_file = read_touches(path, SCENE)
+    from_columns = read_touches(make_columns(), SCENE)
+    np.testing.assert_array_equal(from_file.probe_loads, from_columns.probe_loads)
+    np.testing.assert_array_equal(from_file.readings, from_columns.readings)
+    np.testing.assert_array_equal(from_file.probe_loads[2], [-5.0, 1.0, 20.0, 0.5])
+    np.testing.assert_array_equal(from_file.readings[1], [11.0, 21.0, 31.0, 41.0])
+    assert from_file.rows.tolist() == [1, 2, 3]
+    assert from_file.notes == ()
 
 
 def test_empty_cells_leave_out_a_reading_or_a_row(tmp_path):
@@ -41,34 +44,35 @@ def test_empty_cells_leave_out_a_reading_or_a_row(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("source", "text"),
     [
         (HEAD.replace("force_N,", ""), "column force_N: "),
         (HEAD.replace("x_mm", "x"), "column x: unknown; remove it, or choose from x_mm"),
         (HEAD + "\n1,2,0,1,10,20,30", "row 1 has 7 cells"),
         (HEAD + "\n1,2,0,1,10,20,30,oops", "row 1: D = 'oops'"),
         (HEAD + "\n" + ROWS[0], "touches: 1 with numbers"),
-        (columns(B=[3.0]), "touches: columns differ in length"),
-        (columns(B=[3.0, 3.0, 3.0]), "column B: is 3 in every row"),
-        (columns(C=[np.nan] * 3), "column C: is empty"),
-        (columns(x_mm=[1.0] * 3, y_mm=[2.0] * 3), "columns x_mm, y_mm: the same in every row"),
-        (columns(x_mm=[1e3, 3e3, -5e3], y_mm=[2e3, 4e3, 1e3]), "look like µm"),
-        (columns(x_mm=[1e-3, 3e-3, -5e-3], y_mm=[2e-3, 4e-3, 0.0]), "look like m,"),
-        (columns(x_mm=[1.0, 3.0, 44.0]), "row 3: x_mm, y_mm = 44, 1 "),
-        (columns(force_N=[1.0, -2.0, 1.0]), "row 2: force_N "),
+        (make_columns(B=[3.0]), "touches: columns differ in length"),
+        (make_columns(B=[3.0, 3.0, 3.0]), "column B: is 3 in every row"),
+        (make_columns(C=[np.nan] * 3), "column C: is empty"),
+        (make_columns(x_mm=[1.0] * 3, y_mm=[2.0] * 3), "columns x_mm, y_mm: the same in every row"),
+        (make_columns(x_mm=[1e3, 3e3, -5e3], y_mm=[2e3, 4e3, 1e3]), "look like µm"),
+        (make_columns(x_mm=[1e-3, 3e-3, -5e-3], y_mm=[2e-3, 4e-3, 0.0]), "look like m,"),
+        (make_columns(x_mm=[1.0, 3.0, 44.0]), "row 3: x_mm, y_mm = 44, 1 "),
+        (make_columns(force_N=[1.0, -2.0, 1.0]), "row 2: force_N "),
     ],
 )
-def test_what_is_no_table_of_touches_is_refused_by_row_and_column(given, said, tmp_path):
-    if isinstance(given, str):
-        tmp_path.joinpath("touches.csv").write_text(given + "\n")
-        given = tmp_path / "touches.csv"
+def test_errors_name_row_and_column(source, text, tmp_path):
+    if isinstance(source, str):
+        path = tmp_path / "touches.csv"
+        path.write_text(source + "\n")
+        source = path
     with pytest.raises(TouchesError) as caught:
-        read_touches(given, SCENE)
-    assert any(said in line for line in caught.value.args), caught.value.args
+        read_touches(source, SCENE)
+    assert any(text in line for line in caught.value.args), caught.value.args
 
 
 def test_a_disc_needs_no_rotation():
-    given = columns()
+    given = make_columns()
     del given["rotation_deg"]
     np.testing.assert_array_equal(read_touches(given, DISC).probe_loads[:, 2], 0.0)
     with pytest.raises(TouchesError, match="column rotation_deg: "):
