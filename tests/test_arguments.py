@@ -133,7 +133,7 @@ MISTAKES = {
     "pf.respond(s, [-1])": "frequencies_Hz",
     "pf.respond(s, [])": "frequencies_Hz",
     "pf.respond(s, 20, 30)": "refined",
-    "pf.transient(s, ((1, 2),), [0, 1])": "touch",
+    "pf.transient(s, ((1, 2),), [0, 1])": "force_history",
     "pf.transient(s, pf.step(0.1), [0, math.nan])": "times_s",
     "pf.half_sine(0.1, 0)": "duration_s",
     "pf.gradients(s, ['bad'])": "parameters",

@@ -63,7 +63,7 @@ def _canonical_place(probe: Probe, radius: float, symmetry: str) -> tuple[str, A
     outline = probe.outline
     places = []
     for frame in _frames(outline.defining_points / radius, outline.centroid / radius, symmetry):
-        signature = outline.transform(frame).signature(radius, DIGITS)
+        signature = outline.transform(frame).make_signature(radius, DIGITS)
         places.append((signature, -round(float(np.trace(frame)), DIGITS), tuple(frame.ravel())))
     signature, _, entries = min(places)
     return f"{signature}", np.reshape(entries, (2, 2))

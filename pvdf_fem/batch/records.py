@@ -126,7 +126,7 @@ def _distinct_goals(scenes: Sequence[Scene], frames: Array) -> tuple[list[Output
         indices.append([])
         for output in (replace(output, patch=None, frame=frame) for output in make_outputs(scene)):
             directions = np.round(output.directions, DIGITS).tobytes()
-            place = output.placed.signature(scene.film.radius, DIGITS)
+            place = output.placed.make_signature(scene.film.radius, DIGITS)
             key = place, directions, output.observable, output.d
             if key not in index_of:
                 index_of[key] = len(outputs)
@@ -139,12 +139,14 @@ def _followed(outputs: Sequence[Output], scene: Scene) -> list[Output] | None:
     """The goals on a mesh that follows a scene's electrodes, or None if a goal is no electrode in
     this scene with parallel axes."""
     patches = {
-        electrode.outline.signature(scene.film.radius, DIGITS): make_subdomain_name(electrode.name)
+        electrode.outline.make_signature(scene.film.radius, DIGITS): make_subdomain_name(
+            electrode.name
+        )
         for electrode in scene.electrode_list
     }
     followed = []
     for output in outputs:
-        patch = patches.get(output.placed.signature(scene.film.radius, DIGITS))
+        patch = patches.get(output.placed.make_signature(scene.film.radius, DIGITS))
         if patch is None or not np.isin(output.frame, (-1.0, 0.0, 1.0)).all():
             return None
         followed.append(replace(output, patch=patch))

@@ -78,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
     scene = read_scene(options, *errors)
     quantity = options.quantity or _DEFAULT_QUANTITY
     if options.plot:
-        from pvdf_fem.view.film_map import resolve_map
+        from pvdf_fem.view.film_quantities import resolve_map
 
         try:
             resolve_map(quantity, scene)

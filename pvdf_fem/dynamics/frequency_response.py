@@ -40,7 +40,7 @@ class FrequencyResponse(ChargeChanges):
 
     def plot(self) -> Figure:
         """Draw amplitudes with the resonances marked, and phases if something damps the film."""
-        from pvdf_fem.view.charts import draw_frequency_response
+        from pvdf_fem.view.charts.vibration import draw_frequency_response
 
         return draw_frequency_response(
             self.frequencies_Hz, self.charges_pC_N, self.resonances_Hz, self.solution.scene

@@ -130,7 +130,8 @@ class ModalProblem:
 
     def choose_first_sizes(self) -> GradedSizes:
         """Choose sizes that meet half the tolerance for the flat film."""
-        scene, tolerance = self.scene, self.scene.numerics.tolerance
+        scene = self.scene
+        tolerance = scene.numerics.tolerance
         wavelengths = (0.5 * tolerance / FLAT_ERROR) ** (1.0 / ERROR_ORDER)
         size = scene.film.radius * min(wavelengths / estimate_wavenumber(self.count), 0.3)
         patch_sizes = {}
@@ -185,7 +186,8 @@ class ModalProblem:
         if not coarse.is_flat:
             with self.timer("solve"):
                 result = find_equilibrium(coarse, budget=self.budget)
-                iterations, failed = len(result.iterations), result.failed_attempts
+                iterations = len(result.iterations)
+                failed = result.failed_attempts
                 self.budget.spend(coarse, result.fresh_count)
                 if not result.converged or result.factors is None:
                     return ModalLevel(coarse, result.status, iterations, failed)
@@ -194,7 +196,8 @@ class ModalProblem:
                 )
                 if isinstance(correction, NewtonResult):
                     return ModalLevel(coarse, correction.status, iterations, failed)
-                q, rich_q = result.q, correction.q
+                q = result.q
+                rich_q = correction.q
         elif _is_slack(coarse):
             return ModalLevel(coarse, Status.SINGULAR)
         with self.timer("modes"):

@@ -100,7 +100,7 @@ class Modes(Result):
 
     def plot(self) -> Figure:
         """Draw the shapes of the modes with their frequencies, with the scene's air if any."""
-        from pvdf_fem.view.charts import draw_mode_shapes
+        from pvdf_fem.view.charts.vibration import draw_mode_shapes
 
         medium = AIR if AIR in self.spectra else VACUUM
         spectrum = self.spectra[medium]
@@ -144,8 +144,9 @@ def _make_table(medium: str, spectrum: Spectrum) -> TextTable:
     """Return the table of the frequencies with their errors."""
     rows = []
     for i in range(len(spectrum.frequencies)):
-        frequency, error = float(spectrum.frequencies[i]), float(spectrum.errors[i])
-        rows.append((str(i + 1), *format_with_error(frequency, error)))
+        frequency = float(spectrum.frequencies[i])
+        value, error = format_with_error(frequency, float(spectrum.errors[i]))
+        rows.append((str(i + 1), value, error))
     return TextTable((medium, "Hz", "± Hz"), tuple(rows))
 
 
@@ -201,7 +202,8 @@ def modes(
         return Modes(scene, loaded, status=Status.MESH_FAILED, reason=reason)
     except TooManyUnknownsError as error:
         return Modes(scene, loaded, status=Status.TOLERANCE, reason=str(error))
-    status, reason = level.status, level.status.advice
+    status = level.status
+    reason = status.advice
     if status is Status.CONVERGED and level.worst > scene.numerics.tolerance:
         status = Status.TOLERANCE
         reason = f"{status.advice}, to at least {level.worst:.1e}, which was reached ({stop})"

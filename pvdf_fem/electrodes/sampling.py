@@ -101,7 +101,7 @@ def place_area_points(
 ) -> tuple[Indices, Indices, Array, Array]:
     """Quadrature over outline areas, exact for polynomials of a `degree` in every element: outline
     and element of each row of points, (n,), points in m, (n, points, 2), and weights in m^2."""
-    owners, elements, pieces = _pieces(mesh, [outline.polygon for outline in outlines])
+    owners, elements, pieces = _pieces(mesh, [outline.equal_area_polygon for outline in outlines])
     rings = shapely.get_exterior_ring(shapely.orient_polygons(pieces))
     corners, ring = shapely.get_coordinates(rings, return_index=True)
     first = corners[np.searchsorted(ring, ring[:-1])]

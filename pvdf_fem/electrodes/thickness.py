@@ -49,7 +49,7 @@ def describe_thickness_effect(
     """Whether the charge by d33 is included, and its size, in parts of charges that are given;
     none where no electrode is pressed. A typical d33 of PVDF estimates a missing charge."""
     given, electrodes = scene.film.d33_pC_N, scene.electrode_list
-    polygons = np.array([electrode.outline.polygon for electrode in electrodes])
+    polygons = np.array([electrode.outline.equal_area_polygon for electrode in electrodes])
     spread = (scene.film.pressure_Pa or 0.0) * shapely.area(polygons)
     on = sum((_about(scene, touch, polygons) for touch in options.load_specs(scene)), spread)
     if on.any():
@@ -71,7 +71,7 @@ def _about(scene: Scene, touch: LoadSpec, polygons: NDArray[np.object_]) -> Arra
         estimate_pressed_area(scene, touch),
         estimate_load_force(touch.load, scene.film),
     )
-    probe, at_edge = outline.polygon, PROBE_LOADS[touch.load.kind].edge_share
+    probe, at_edge = outline.equal_area_polygon, PROBE_LOADS[touch.load.kind].edge_share
     inside, edge = (shapely.intersection(polygons, x) for x in (probe, probe.exterior))
     along, over = shapely.length(edge) / probe.length, shapely.area(inside) / probe.area
     if (profile := make_profile(touch)).order and (pressed := np.flatnonzero(over)).size:

@@ -65,7 +65,7 @@ def to_point_list(points_mm: Array) -> list[list[float]]:
 def _describe_outline(outline: Outline) -> dict[str, Any]:
     """Return the centroid and the points of an outline in mm."""
     [[x, y]] = to_point_list(1e3 * outline.centroid[None])
-    points_mm = 1e3 * np.array(outline.shape.exterior.coords)
+    points_mm = 1e3 * np.array(outline.inscribed_polygon.exterior.coords)
     return {"x": x, "y": y, "points": to_point_list(points_mm)}
 
 

@@ -60,8 +60,20 @@ class LowRankFactors:
         self.small = np.eye(self.columns.shape[1]) + self.columns.T @ self._solved_columns["N"]
 
     def solve(self, right: Array, trans: str = "N") -> Array:
-        """Return the solution for right-hand sides (n,) or (n, m), as `SuperLU.solve` does; with
-        ``trans="T"`` that of the transposed matrix."""
+        """Solve with the matrix, as `SuperLU.solve` does.
+
+        Parameters
+        ----------
+        right : (n,) or (n, m) array
+            Right-hand sides.
+        trans : str
+            "N", or "T" for the transposed matrix.
+
+        Returns
+        -------
+        (n,) or (n, m) array
+            The solutions.
+        """
         x = self.factors.solve(right, trans)
         small = self.small if trans == "N" else self.small.T
         correction = np.linalg.solve(small, self.columns.T @ x)

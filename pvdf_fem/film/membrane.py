@@ -50,8 +50,13 @@ class Membrane(Laminate, Term):
         return state.stress if state.added is None else state.stress - state.added
 
     def moduli(self, state: State) -> Array:
-        """Return dS/dE in Pa, (3, 3), or (elements, points, 3, 3) where it is not the same
-        everywhere. The moduli of the last state are kept."""
+        """Return dS/dE in Pa; that of the last state is kept.
+
+        Returns
+        -------
+        (3, 3) or (elements, points, 3, 3) array
+            A single matrix where it is the same everywhere.
+        """
         if state.moduli is not None:
             return state.moduli
         if self._last_moduli is None or self._last_moduli[0] is not state:
@@ -71,8 +76,10 @@ class Membrane(Laminate, Term):
 
     @cached_property
     def _balanced_forces(self) -> Array:
-        """Forces of the part of the flat film's stress that balances inside the rim, (dofs,): of
-        the whole stress if it is uniform, otherwise of its mean."""
+        """Forces in N of the part of the flat film's stress that balances inside the rim, (dofs,).
+
+        It is the whole stress if that is uniform, otherwise its mean.
+        """
         flat = self.resultant(np.zeros((*self.volumes.shape, 3)))
         mean = np.einsum("epi,ep->i", flat, self.volumes) / self.volumes.sum()
         is_uniform = np.abs(flat - mean).max() <= 1e-12 * np.abs(mean).max()  # but for rounding
@@ -153,8 +160,22 @@ class Membrane(Laminate, Term):
         return matrices + self._damping(state) if self.law.wrinkles else matrices
 
     def _tangent_products(self, state: State, moduli: Array, chunk: slice) -> Array:
-        """Return the tangent's blocks in a chunk of elements, (elements, functions, component
-        pairs, functions)."""
+        """Return the tangent's blocks in a chunk of elements.
+
+        Parameters
+        ----------
+        state : State
+            The state of the film.
+        moduli : (3, 3) or (elements, points, 3, 3) array
+            Moduli in Pa.
+        chunk : slice
+            The elements.
+
+        Returns
+        -------
+        (elements, functions, component pairs, functions) array
+            Blocks in N/m.
+        """
         rows = self.space.gradient_rows[chunk]
         elements, lines, functions = rows.shape
         g1, g2 = rows[:, 0::2], rows[:, 1::2]
@@ -250,8 +271,20 @@ class Membrane(Laminate, Term):
         )
 
     def _first_piola(self, deformation_gradient: Array, stress: Array) -> Array:
-        """Return the first Piola-Kirchhoff stress F S times the volumes, (2, 3, elements,
-        points)."""
+        """Return the first Piola-Kirchhoff stress F S times the volumes.
+
+        Parameters
+        ----------
+        deformation_gradient : (elements, points, 3, 2) array
+            F.
+        stress : (elements, points, 3) array
+            S in Pa.
+
+        Returns
+        -------
+        (2, 3, elements, points) array
+            By direction and component, in N m.
+        """
         s11, s22, s12 = (stress[..., i] * self.volumes for i in range(3))
         f1, f2 = move_components_first(deformation_gradient, 2).swapaxes(0, 1)
         return np.stack([s11 * f1 + s12 * f2, s12 * f1 + s22 * f2])
@@ -261,8 +294,13 @@ class Membrane(Laminate, Term):
         return self.space.laplace()
 
     def _damping(self, state: State) -> Array:
-        """Return the tangent of an artificial tension in N/m, (elements, element dofs, element
-        dofs)."""
+        """Return the tangent of an artificial tension in N/m.
+
+        Returns
+        -------
+        (elements, element dofs, element dofs) array
+            Element matrices.
+        """
         return (state.damping + self.floor) * self.mean_tension(state) * self._laplace
 
     def mean_tension(self, state: State, least_strain: float = 1e-16) -> float:
@@ -275,8 +313,9 @@ class Membrane(Laminate, Term):
         return self.film.thickness * max(average, least_strain * self.law.stiffness[0, 0])
 
     def predicted(self, state: State, stress: Array, damping: float) -> State:
-        """Return a state with another stress and damping in its tangent, and the moduli of its own
-        strain.
+        """Return a state with another stress and damping in its tangent.
+
+        Its moduli remain those of its own strain.
 
         Parameters
         ----------
@@ -291,8 +330,7 @@ class Membrane(Laminate, Term):
 
 
 def compute_strain(gradient: Array) -> Array:
-    """Compute the Green-Lagrange strain, (..., 3) in Voigt order, of a displacement gradient (...,
-    3, 2)."""
+    """Compute the Green-Lagrange strain (..., 3) of a displacement gradient (..., 3, 2)."""
     return compute_strain_rate(IDENTITY + 0.5 * gradient, gradient)
 
 

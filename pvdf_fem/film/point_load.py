@@ -135,8 +135,10 @@ def estimate_point_deflection(
 
 
 def estimate_point_force(film: Film, deflection: float) -> float:
-    """Estimate the force in N that deflects the film's centre by `deflection` in m, to a
-    hundredth."""
+    """Estimate the force in N that deflects the film's centre by `deflection` in m.
+
+    It is exact to a hundredth, which is enough for an initial guess.
+    """
     low, high = 1e-12, 1e12
     force = 1.0
     while high > 1.01 * low:

@@ -111,8 +111,7 @@ class Space:
 
     @cached_property
     def values(self) -> Array:
-        """Values of the scalar functions at the quadrature points, (elements, points,
-        functions)."""
+        """Values of the functions at the quadrature points, (elements, points, functions)."""
         shape = self.weights.shape
         return np.stack([np.broadcast_to(s[0], shape) for s in self.basis.basis], axis=-1)
 
@@ -132,8 +131,15 @@ class Space:
         return Quadrature(places, np.stack(values, axis=-1), basis.dx)
 
     def gradient(self, x: Array, elements: Selection = ALL) -> Array:
-        """Return the displacement gradient of the dofs `x` at the quadrature points, (elements,
-        points, 3, 2)."""
+        """Return the displacement gradient at the quadrature points, (elements, points, 3, 2).
+
+        Parameters
+        ----------
+        x : (dofs,) array
+            Dofs of the displacement in m.
+        elements : slice or (n,) array
+            Elements.
+        """
         rows = self.gradient_rows[elements]
         nodes = self.nodes[elements]
         slopes = np.matmul(rows, x.reshape(-1, 3)[nodes]).reshape(len(rows), -1, 2, 3)
@@ -173,8 +179,18 @@ class Space:
         return self.by_component(np.matmul(weighted.swapaxes(1, 2), self.values))
 
     def by_component(self, scalar: Array) -> Array:
-        """Return matrices for all three components, (elements, element dofs, element dofs), from
-        matrices (elements, functions, functions) of a scalar function."""
+        """Return matrices for all three displacement components.
+
+        Parameters
+        ----------
+        scalar : (elements, functions, functions) array
+            Matrices for a scalar function.
+
+        Returns
+        -------
+        (elements, element dofs, element dofs) array
+            The same for each component, without coupling.
+        """
         blocks = np.einsum("eab,ij->eaibj", scalar, np.eye(3))
         return blocks.reshape(*self.element_dofs.shape, self.element_dofs.shape[1])
 
@@ -230,15 +246,33 @@ def evaluate_shape_functions(element: Element, points: Array) -> Array:
 
 
 def evaluate_shape_gradients(element: Element, points: Array) -> Array:
-    """Evaluate first derivatives by the local coordinates, (points, functions, 2), at local points
-    (2, points)."""
+    """Evaluate first derivatives by the local coordinates, (points, functions, 2).
+
+    Parameters
+    ----------
+    element : Element
+        Element with the functions.
+    points : (2, points) array
+        Local coordinates.
+    """
     gradients = [element.lbasis(points, i)[1] for i in range(len(element.doflocs))]
     return np.array(gradients).transpose(2, 0, 1)
 
 
 def evaluate_shape_hessians(element: Element, points: Array) -> Array:
-    """Evaluate second derivatives by the local coordinates, (points, functions, 2, 2), at local
-    points (2, points), by complex steps in the first."""
+    """Evaluate second derivatives by the local coordinates, (points, functions, 2, 2).
+
+    Parameters
+    ----------
+    element : Element
+        Element with the functions.
+    points : (2, points) array
+        Local coordinates.
+
+    Notes
+    -----
+    They are complex steps in the first derivatives.
+    """
     columns = []
     for direction in np.eye(2):
         moved = points + 1j * COMPLEX_STEP * direction[:, None]

@@ -75,7 +75,7 @@ class CombinedMotion(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """What a term demands of the dofs. Constraints add no equation: they map unknowns to dofs."""
+    """Constraints of a term on the dofs. They add no equation, but map unknowns to dofs."""
 
     #: Dofs that stay zero, (n,).
     fixed_dofs: Indices = field(default_factory=NO_INDICES.copy)
@@ -134,8 +134,10 @@ class NonlocalTangent:
         return None
 
     def added_stress(self, state: State) -> ElementStress | None:
-        """Return a stress to add to the strain's stress. The membrane has the geometric stiffness
-        of the sum."""
+        """Return a stress to add to the strain's stress.
+
+        The membrane has the geometric stiffness of the sum.
+        """
         return None
 
 
@@ -154,8 +156,10 @@ class Term(SolverHints, NonlocalTangent, ABC):
 
     @abstractmethod
     def energy(self, state: State) -> float:
-        """Return the energy in J; of a nonconservative load minus the work of its present
-        forces."""
+        """Return the energy in J.
+
+        For a nonconservative load it is minus the work of its present forces.
+        """
 
     @abstractmethod
     def residual(self, state: State) -> Array:

@@ -122,8 +122,10 @@ class Unknowns:
         return np.append(slots, 0.0)[self.of_dof]
 
     def fold(self, forces: Array) -> Array:
-        """Return the forces on the unknowns of forces (dofs, ...); forces on fixed dofs drop
-        out."""
+        """Return the forces on the unknowns, (unknowns, ...), of forces on the dofs, (dofs, ...).
+
+        Forces on fixed dofs drop out.
+        """
         if forces.ndim > 1:
             return np.asarray(self.expansion.T @ forces)
         total = self._sum_in_slots(forces)
@@ -132,8 +134,13 @@ class Unknowns:
         return np.asarray(total, dtype=np.float64)
 
     def fold_diagonal(self, diagonal: Array) -> Array:
-        """Return the diagonal for unknowns of a matrix with the `diagonal` for dofs, (dofs,),
-        without coupling between dofs."""
+        """Return the diagonal for unknowns of a matrix with a diagonal for dofs, (unknowns,).
+
+        Parameters
+        ----------
+        diagonal : (dofs,) array
+            The diagonal; coupling between dofs that share an unknown is neglected.
+        """
         total = self._sum_in_slots(diagonal)
         if self.slots_of_unknowns is not None:
             total = self.slots_of_unknowns.power(2).T @ total
@@ -170,8 +177,13 @@ class Assembly:
         self._slots = np.where(slots == FIXED, unknowns.slot_count, slots).astype(np.int32)
 
     def matrix(self, element_matrices: Array) -> sp.csc_matrix:
-        """Return the sum of element matrices (elements, element dofs, element dofs), (unknowns,
-        unknowns)."""
+        """Return the sum of element matrices, (unknowns, unknowns).
+
+        Parameters
+        ----------
+        element_matrices : (elements, element dofs, element dofs) array
+            Matrices of all elements.
+        """
         count = self.unknowns.slot_count
         rows = np.broadcast_to(self._slots[:, :, None], element_matrices.shape)
         columns = np.broadcast_to(self._slots[:, None, :], element_matrices.shape)

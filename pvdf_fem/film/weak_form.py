@@ -33,7 +33,10 @@ def make_vector_basis(space: Space) -> Basis:
 
 
 def make_residual_form(film: Film) -> LinearForm:
-    """Make the form h S : sym(F^T grad v), to be assembled with the field `displacement`."""
+    """Make the form h S : sym(F^T grad v).
+
+    It is to be assembled with the field `displacement`.
+    """
 
     def form(v: Any, p: Any) -> Array:
         F = _deformation_gradient(p.displacement)
@@ -44,8 +47,10 @@ def make_residual_form(film: Film) -> LinearForm:
 
 
 def make_tangent_form(film: Film) -> BilinearForm:
-    """Make the form h (dE : C : DE + S : sym(grad v^T grad u)), to be assembled with the field
-    `displacement`."""
+    """Make the form h (dE : C : DE + S : sym(grad v^T grad u)).
+
+    It is to be assembled with the field `displacement`.
+    """
 
     def form(u: Any, v: Any, p: Any) -> Array:
         F = _deformation_gradient(p.displacement)

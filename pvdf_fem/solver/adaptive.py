@@ -152,7 +152,7 @@ def solve_outputs(
     forces; a solution's charges by electrode have no meaning here.
     """
     for touch in options.load_specs(scene):  # before any mesh, files and functions are refused
-        make_profile(touch).mean(touch.outline.polygon)
+        make_profile(touch).mean(touch.outline.equal_area_polygon)
     (scene,) = pin_profile_files([scene])
     if mesh is not None:
         scene.require_no_tips("a mesh that is given")

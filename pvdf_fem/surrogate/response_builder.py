@@ -114,7 +114,7 @@ class _BuildResults:
     """Results of the tasks of one build."""
 
     stress_modes: StressModes
-    #: Results of the solves that were asked for.
+    #: Results of the further tasks.
     solves: Sequence[Any]
 
 

@@ -192,7 +192,9 @@ def find_validation_errors(
 
 def _find_incompatible_keys(scene: Scene) -> Iterator[str]:
     """Yield an error for each key of a scene that is incompatible with a response."""
-    load, film, observable = scene.load, scene.film, scene.numerics.observable
+    load = scene.load
+    film = scene.film
+    observable = scene.numerics.observable
     if load.kind == "rigid":
         reason = "makes the stress singular at the probe's edge; take 'dead' or 'follower'"
         yield format_error("load.kind", load.kind, f"incompatible with a response: {reason}")

@@ -1,4 +1,4 @@
-"""A page about a calibration: what was found, with pictures of readings, residuals and places."""
+"""The page about a calibration: its outcome, and figures of readings, residuals and places."""
 
 from __future__ import annotations
 
@@ -26,6 +26,8 @@ from pvdf_fem.view.figures import (
 )
 from pvdf_fem.view.touch_map import draw_sensor_on_stage
 
+SIZE_MM = 95.0  #: Width and height of a figure.
+
 _PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{verdict}: calibration</title>
 <meta name="viewport" content="width=device-width, initial-scale=1"><style>
@@ -40,17 +42,33 @@ code {{ overflow-wrap: anywhere }}
 
 @dataclass(frozen=True, eq=False)
 class CalibrationData:
-    """Touches as read, and by the calibrated sensor."""
+    """Touches as measured, and as the calibrated sensor predicts them.
 
-    scene: Scene  #: The sensor.
+    Parameters
+    ----------
+    scene : Scene
+        The calibrated sensor.
+    channels : sequence of m str
+        Names of the channels.
+    unit : str
+        Unit of the readings.
+    rows : int array (n,)
+        Rows of the touches in their file.
+    is_outlier : bool array (n,)
+        Touches that did not count.
+    readings, predicted : array (n, m)
+        Measured and predicted readings.
+    given_mm, found_mm : array (n, 2)
+        Places on the stage in mm, as in the file and as calibrated.
+    """
+
+    scene: Scene
     channels: Sequence[str]
-    unit: str  #: Of readings.
-    rows: Indices  #: Of the touches in their file, (touches,).
-    neglected: Mask  #: Touches that did not count, (touches,).
-    #: readings, predicted: (touches, channels).
+    unit: str
+    rows: Indices
+    is_outlier: Mask
     readings: Array
     predicted: Array
-    #: given_mm, found_mm: Places on the stage, (touches, 2).
     given_mm: Array
     found_mm: Array
 
@@ -58,68 +76,106 @@ class CalibrationData:
 def write_calibration_page(
     data: CalibrationData, verdict: str, summary: str, about: Mapping[str, str], path: Path
 ) -> None:
-    """Write one self-contained HTML page: a verdict in words, what it is about by name, a summary
-    in HTML, and pictures that stand side by side where there is room."""
+    """Write the page about a calibration, one self-contained HTML file.
+
+    Parameters
+    ----------
+    data : CalibrationData
+        The touches.
+    verdict : str
+        Status of the calibration.
+    summary : str
+        Its summary as HTML.
+    about : mapping of str to str
+        Texts by name, such as the files that were read.
+    path : Path
+        The file.
+    """
     with use_style():
-        texts = [
-            render_figure(draw(data), ".svg").decode() for draw in (_parity, _residuals, _places)
-        ]
+        figures = [_draw_parity(data), _draw_residuals(data), _draw_places(data)]
+        texts = [render_figure(figure, ".svg").decode() for figure in figures]
     pictures = "".join(text[text.index("<svg") :] for text in texts)
     pictures = re.sub("<metadata>.*?</metadata>", "", pictures, flags=re.DOTALL)
-    lines = (f"{escape(name)}: <code>{escape(text)}</code><br>" for name, text in about.items())
-    words = verdict.replace("_", " ").capitalize()
+    lines = [f"{escape(name)}: <code>{escape(text)}</code><br>" for name, text in about.items()]
     page = _PAGE.format(
-        verdict=escape(words), about=f"<p>{''.join(lines)}</p>", summary=summary, pictures=pictures
+        verdict=escape(verdict.replace("_", " ").capitalize()),
+        about=f"<p>{''.join(lines)}</p>",
+        summary=summary,
+        pictures=pictures,
     )
     with replace_file(path) as unfinished:
         unfinished.write_text(page, encoding="utf-8")
 
 
-def _parity(data: CalibrationData) -> Figure:
-    figure, unit = make_figure(95.0, 95.0), data.unit
-    ax, kept = figure.subplots(), ~data.neglected
-    _by_channel(ax, data, data.predicted.T, data.readings.T)
-    ends = _range([data.readings[kept], data.predicted[kept]])
-    ax.plot(ends, ends, color=GREY, linewidth=0.8, zorder=0)
-    ax.set(xlabel=f"calibrated sensor ({unit})", ylabel=f"reading ({unit})", title="Parity")
-    ax.set(xlim=ends, ylim=ends)
+def _draw_parity(data: CalibrationData) -> Figure:
+    """Draw the measured readings over the predicted ones."""
+    figure = make_figure(SIZE_MM, SIZE_MM)
+    ax = figure.subplots()
+    _plot_by_channel(ax, data, data.predicted.T, data.readings.T)
+    is_used = ~data.is_outlier
+    limits = _find_limits([data.readings[is_used], data.predicted[is_used]])
+    ax.plot(limits, limits, color=GREY, linewidth=0.8, zorder=0)
+    xlabel = f"calibrated sensor ({data.unit})"
+    ax.set(xlabel=xlabel, ylabel=f"reading ({data.unit})", title="Parity")
+    ax.set(xlim=limits, ylim=limits)
     figure.legend(loc="outside upper right", ncols=6)
     return figure
 
 
-def _residuals(data: CalibrationData) -> Figure:
-    figure, kept = make_figure(95.0, 95.0), ~data.neglected
-    ax, percent = figure.subplots(), 100.0 * (data.readings / data.predicted - 1.0)
-    _by_channel(ax, data, np.tile(data.rows, (len(data.channels), 1)), percent.T)
+def _draw_residuals(data: CalibrationData) -> Figure:
+    """Draw the relative differences of measured from predicted readings by row."""
+    figure = make_figure(SIZE_MM, SIZE_MM)
+    ax = figure.subplots()
+    percent = 100.0 * (data.readings / data.predicted - 1.0)
+    rows = np.tile(data.rows.astype(float), (len(data.channels), 1))
+    _plot_by_channel(ax, data, rows, percent.T)
     ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
     ax.set(xlabel="row", ylabel="reading over the sensor's, less 1 (%)", title="Residuals")
-    ax.set_ylim(*_range([percent[kept], 0.0 * percent[kept]]))
+    used = percent[~data.is_outlier]
+    ax.set_ylim(*_find_limits([used, np.zeros_like(used)]))
     return figure
 
 
-def _by_channel(ax: Axes, data: CalibrationData, x: Array, y: Array) -> None:
-    """Values of channels (channels, touches), crossed out where touches were left out."""
+def _plot_by_channel(ax: Axes, data: CalibrationData, x: Array, y: Array) -> None:
+    """Plot values by channel, with outliers crossed out.
+
+    Parameters
+    ----------
+    ax : Axes
+        The axes.
+    data : CalibrationData
+        The touches.
+    x, y : array (m, n)
+        Values by channel and touch.
+    """
     for j, channel in enumerate(data.channels):
         ax.plot(x[j], y[j], label=channel, **{**get_line_style(j), "linestyle": "none"})
-        ax.plot(x[j, data.neglected], y[j, data.neglected], "x", color="black")
+        ax.plot(x[j, data.is_outlier], y[j, data.is_outlier], "x", color="black")
 
 
-def _range(values: Sequence[Array], margin: float = 0.05) -> Array:
-    """Limits of an axis about values."""
-    low, high = np.nanmin(values), np.nanmax(values)
-    return np.array([low, high]) + margin * (high - low) * np.array([-1.0, 1.0])
+def _find_limits(values: Sequence[Array], margin: float = 0.05) -> Array:
+    """Return limits (2,) of an axis with a margin about all values."""
+    low = np.nanmin(values)
+    high = np.nanmax(values)
+    width = margin * (high - low)
+    return np.array([low - width, high + width])
 
 
-def _places(data: CalibrationData) -> Figure:
-    figure, given, found = make_figure(95.0, 95.0), data.given_mm, data.found_mm
-    ax, stage = figure.subplots(), data.scene.stage or Stage()
-    touched = np.abs(given - [stage.x_mm, stage.y_mm]).max()
-    bounds = [electrode.outline.shape.bounds for electrode in data.scene.electrode_list]
-    draw_sensor_on_stage(ax, data.scene, max(1.1 * touched, 1e3 * np.abs(bounds).max()))
-    ax.plot(*given.T, "o", color=COLOURS[0], label="in the file")
-    ax.plot(*found.T, "s", color=COLOURS[1], label="as calibrated")
-    ax.plot(*np.stack([given, found], axis=1).T, color=GREY, linewidth=0.8, zorder=0)
-    ax.plot(*given[data.neglected].T, "x", color="black", markersize=9.0, label="left out")
+def _draw_places(data: CalibrationData) -> Figure:
+    """Draw the places on the stage as in the file and as calibrated."""
+    stage = data.scene.stage or Stage()
+    farthest_touch = np.abs(data.given_mm - [stage.x_mm, stage.y_mm]).max()
+    bounds = [electrode.outline.inscribed_polygon.bounds for electrode in data.scene.electrode_list]
+    farthest_electrode = 1e3 * np.abs(bounds).max()
+    figure = make_figure(SIZE_MM, SIZE_MM)
+    ax = figure.subplots()
+    draw_sensor_on_stage(ax, data.scene, max(1.1 * farthest_touch, farthest_electrode))
+    ax.plot(*data.given_mm.T, "o", color=COLOURS[0], label="in the file")
+    ax.plot(*data.found_mm.T, "s", color=COLOURS[1], label="as calibrated")
+    pairs = np.stack([data.given_mm, data.found_mm], axis=1)
+    ax.plot(*pairs.T, color=GREY, linewidth=0.8, zorder=0)
+    outliers = data.given_mm[data.is_outlier]
+    ax.plot(*outliers.T, "x", color="black", markersize=9.0, label="left out")
     ax.set(xlabel="x on the stage (mm)", ylabel="y on the stage (mm)", title="Places")
     figure.legend(loc="outside lower center", ncols=3)
     return figure

@@ -308,7 +308,9 @@ def draw_design_map(ax: Axes, chosen: Dataset, most_mm: float | None = None) -> 
     drawn = ax.pcolormesh(x, y, chosen.place_deviation_mm, **look)
     scene = Scene.parse(str(chosen.scene.values))
     electrodes = scene.electrode_list
-    ends = [1e3 * np.abs(electrode.outline.shape.bounds).max() for electrode in electrodes]
+    ends = [
+        1e3 * np.abs(electrode.outline.inscribed_polygon.bounds).max() for electrode in electrodes
+    ]
     draw_film(ax, scene.film.radius_mm, electrodes, max(1.03 * x[-1], *ends))
     across, up = (places[chosen.ambiguous.values > 0.0] for places in np.meshgrid(x, y))
     ax.plot(across, up, ".", color="white", markersize=2.0)

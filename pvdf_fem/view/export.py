@@ -1,8 +1,9 @@
-"""Solutions and meshes as files for further programs, by meshio."""
+"""Solutions and meshes as files for other programs, by meshio."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -25,104 +26,180 @@ class ExportError(FileError):
 
 
 def write_vtu(film: FilmData, path: str | Path) -> None:
-    """Write a solution as an unstructured grid of VTK, on the reference disc in m, for ParaView.
+    """Write a solution as an unstructured grid of VTK, for ParaView.
+
+    Parameters
+    ----------
+    film : FilmData
+        The solution.
+    path : path
+        File whose name ends in ``.vtu``.
+
+    Raises
+    ------
+    ExportError
+        For another ending.
+    FileError
+        For a file that cannot be written.
+
+    Notes
+    -----
+    The grid is the reference disc in m.
 
     Point data: ``displacement_m``, which is cubic in between (Warp By Vector shows the deformed
-    film); ``deflection_m``; ``S11_Pa``, ``S22_Pa``, ``S12_Pa``, the second Piola-Kirchhoff stress
-    as the mean over the elements around a node by area; ``principal_stress_Pa``, its larger
-    principal value; and ``contact_pressure_Pa`` of tips. Cell data: the stresses averaged over an
-    element, and for each patch an array of 0 and 1 of its name (``electrode A``, ``probe``). Field
-    data: ``charge_pC A`` and ``charge_error_pC A`` for every electrode, and as UTF-8 bytes
-    ``scene_toml``, the scene, and ``included``. Raises `ExportError` for another ending than
-    ``.vtu``, and `FileError` for a file that cannot be written.
+    film); ``deflection_m``; the second Piola-Kirchhoff stress ``S11_Pa``, ``S22_Pa``, ``S12_Pa`` as
+    the mean over the elements around a node by area; ``principal_stress_Pa``, its larger principal
+    value; and ``contact_pressure_Pa`` of indenter tips.
+
+    Cell data: the stresses averaged over an element, and for each patch an array of 0 and 1 of its
+    name (``electrode A``, ``probe``).
+
+    Field data: ``charge_pC A`` and ``charge_error_pC A`` for every electrode, and as UTF-8 bytes
+    ``scene_toml``, the scene, and ``included``, the included effects.
     """
     path = Path(path)
     if path.suffix.lower() != ".vtu":
         raise ExportError(f"{path}: is written as VTU; give a name that ends in .vtu")
-    displacement, nodal = _at_nodes(film)
-    at = film.in_elements(film.equilibrium.space.basis.X)
-    weights = film.equilibrium.space.weights[..., None]
-    mean = 1e6 * (at.stress_MPa * weights).sum(axis=1) / weights.sum(axis=1)
-    point_data = {"displacement_m": displacement, "deflection_m": displacement[:, 2].copy()}
-    point_data |= {**_components(nodal), "principal_stress_Pa": compute_principal_values(nodal)[1]}
-    if film.contacts:
-        point_data["contact_pressure_Pa"] = _contact_pressure(film)
-    cell_data = {**_components(mean), **_masks(film.mesh)}
-    grid = _grid(film.mesh, point_data=point_data, cell_data=cell_data)
-    grid.field_data = _field_data(film)
-    _write(grid, path, "vtu")
-
-
-def _field_data(film: FilmData) -> dict[str, Array]:
-    """Charges with their errors by electrode, and the scene, which meshio reads as numbers only."""
-    tables = {"charge_pC": film.charges_pC, "charge_error_pC": film.charge_errors_pC}
-    values = {
-        f"{key} {name}": np.array([value])
-        for key, table in tables.items()
-        for name, value in table.items()
+    displacement, stress = _compute_nodal_values(film)
+    point_data = {
+        "displacement_m": displacement,
+        "deflection_m": displacement[:, 2].copy(),
+        **_split_components(stress),
+        "principal_stress_Pa": compute_principal_values(stress)[1],
     }
+    if film.contacts:
+        point_data["contact_pressure_Pa"] = _compute_nodal_pressure(film)
+    cell_data: dict[str, NDArray[Any]] = dict(_split_components(_compute_mean_stress(film)))
+    cell_data |= _make_masks(film.mesh)
+    grid = _make_grid(film.mesh, point_data=point_data, cell_data=cell_data)
+    grid.field_data = _make_field_data(film)
+    _write_grid(grid, path, "vtu")
+
+
+def _make_field_data(film: FilmData) -> dict[str, Array]:
+    """Return charges with their errors by electrode, and texts as the numbers of their bytes."""
+    data: dict[str, Any] = {}
+    for name, charge in film.charges_pC.items():
+        data[f"charge_pC {name}"] = np.array([charge])
+    for name, error in film.charge_errors_pC.items():
+        data[f"charge_error_pC {name}"] = np.array([error])
     texts = {"scene_toml": film.scene.to_toml(), "included": "\n".join(film.included)}
-    told = {key: np.frombuffer(t.encode(), dtype=np.uint8) for key, t in texts.items() if t}
-    return {**values, **told}
+    for key, text in texts.items():
+        if text:
+            data[key] = np.frombuffer(text.encode(), dtype=np.uint8)
+    return data
 
 
-def _at_nodes(film: FilmData) -> tuple[Array, Array]:
-    """Displacement (nodes, 3) and averaged stress (nodes, 3) at the nodes of the mesh."""
-    nodes, at = film.mesh.dofs.element_dofs.T, film.in_elements(ElementTriP2.doflocs.T)
+def _compute_mean_stress(film: FilmData) -> Array:
+    """Return the mean stress (elements, 3) of elements in Pa."""
+    points = film.in_elements(film.equilibrium.space.basis.X)
+    weights = film.equilibrium.space.weights[..., None]
+    return 1e6 * (points.stress_MPa * weights).sum(axis=1) / weights.sum(axis=1)
+
+
+def _compute_nodal_values(film: FilmData) -> tuple[Array, Array]:
+    """Return displacement (nodes, 3) in m and averaged stress (nodes, 3) in Pa at the nodes."""
+    nodes = film.mesh.dofs.element_dofs.T
+    points = film.in_elements(ElementTriP2.doflocs.T)
     displacement = np.zeros((film.mesh.doflocs.shape[1], 3))
-    displacement[nodes] = 1e-3 * at.displacement_mm
+    displacement[nodes] = 1e-3 * points.displacement_mm
     areas = film.equilibrium.space.weights.sum(axis=1)[:, None]
-    parts = np.moveaxis(1e6 * at.stress_MPa, -1, 0)
-    return displacement, np.stack([_means(nodes, part, areas) for part in parts], axis=-1)
+    components = np.moveaxis(1e6 * points.stress_MPa, -1, 0)
+    averages = [_average_at_nodes(nodes, component, areas) for component in components]
+    return displacement, np.stack(averages, axis=-1)
 
 
-def _contact_pressure(film: FilmData) -> Array:
-    """Mean tip pressure in the elements around nodes, zero beside tips, (nodes,)."""
+def _compute_nodal_pressure(film: FilmData) -> Array:
+    """Return the mean pressure (nodes,) of tips around nodes in Pa, zero beside tips."""
     nodes = film.mesh.dofs.element_dofs.T
     weights = film.equilibrium.space.weights
     pressure = compute_contact_pressure(film.equilibrium, film.state)
-    areas = (weights * (pressure > 0.0)).sum(axis=1, keepdims=True)
-    total = (weights * pressure).sum(axis=1, keepdims=True)
-    return _means(nodes, total / np.where(areas > 0.0, areas, 1.0), areas)
+    touched_areas = (weights * (pressure > 0.0)).sum(axis=1, keepdims=True)
+    forces = (weights * pressure).sum(axis=1, keepdims=True)
+    means = forces / np.where(touched_areas > 0.0, touched_areas, 1.0)
+    return _average_at_nodes(nodes, means, touched_areas)
 
 
-def _means(nodes: Indices, values: Array, areas: Array) -> Array:
-    """Means by area about each node, (nodes,), of values in elements, (elements, 6 or 1)."""
-    at, weighted = nodes.ravel(), np.broadcast_to(areas * values, nodes.shape)
-    around = np.bincount(at, np.broadcast_to(areas, nodes.shape).ravel())
-    return np.bincount(at, weighted.ravel()) / np.where(around > 0.0, around, 1.0)
+def _average_at_nodes(nodes: Indices, values: Array, areas: Array) -> Array:
+    """Average values of elements about each node, weighted by area.
+
+    Parameters
+    ----------
+    nodes : int array (elements, 6)
+        Nodes of the elements.
+    values : array (elements, 6 or 1)
+        Values at the nodes of an element, or of the whole element.
+    areas : array (elements, 1)
+        Areas of the elements.
+
+    Returns
+    -------
+    array (nodes,)
+    """
+    flat_nodes = nodes.ravel()
+    weighted = np.broadcast_to(areas * values, nodes.shape).ravel()
+    total_areas = np.bincount(flat_nodes, np.broadcast_to(areas, nodes.shape).ravel())
+    totals = np.bincount(flat_nodes, weighted)
+    return totals / np.where(total_areas > 0.0, total_areas, 1.0)
 
 
-def _components(stress: Array) -> dict[str, Array]:
-    return dict(zip(("S11_Pa", "S22_Pa", "S12_Pa"), np.moveaxis(stress, -1, 0), strict=True))
+def _split_components(stress: Array) -> dict[str, Array]:
+    """Return the components of stresses (n, 3) by name."""
+    s11, s22, s12 = np.moveaxis(stress, -1, 0)
+    return {"S11_Pa": s11, "S22_Pa": s22, "S12_Pa": s12}
 
 
 @dataclass(frozen=True)
 class MeshFormat:
-    """A file format and the way it holds patches."""
+    """A file format for six-node triangles with patches.
 
-    name: str  #: Name that meshio has for the format.
-    #: ``arrays`` for 0/1 cell data by patch; ``groups`` for named groups without overlap, one
-    #: for each combination of patches; ``sets`` for named sets, which may overlap.
+    Parameters
+    ----------
+    name : str
+        meshio's name of the format.
+    patches : {"arrays", "groups", "sets"}
+        How the format holds patches: as cell data of 0 and 1 by patch; as named groups without
+        overlap, one for each combination of patches; or as named sets, which may overlap.
+    options : tuple of (str, value)
+        Keyword arguments of meshio's writer.
+    """
+
+    name: str
     patches: Literal["arrays", "groups", "sets"]
-    #: Keyword arguments for meshio's writer.
     options: tuple[tuple[str, Any], ...] = ()
 
 
-#: meshio's formats for six-node triangles and patches, by extension.
+#: Formats by extension.
 FORMATS = {
     ".msh": MeshFormat("gmsh22", "groups", (("binary", False),)),
     ".inp": MeshFormat("abaqus", "sets"),
     ".vtu": MeshFormat("vtu", "arrays"),
     ".vtk": MeshFormat("vtk", "arrays"),
-    ".xdmf": MeshFormat("xdmf", "arrays", (("data_format", "XML"),)),  # the others: in two files
+    # other forms of data than XML would need a second file
+    ".xdmf": MeshFormat("xdmf", "arrays", (("data_format", "XML"),)),
 }
 
 
 def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
-    """Write a mesh from `mesh_scene` in the format for the path's extension (`FORMATS`).
+    """Write a mesh in the format of the path's extension (`FORMATS`).
 
-    Points are in m with z = 0, elements six-node triangles, counter-clockwise. Patches become:
+    Parameters
+    ----------
+    mesh : MeshTri2
+        A mesh of the film with its patches, in m.
+    path : path
+        The file.
+
+    Raises
+    ------
+    ExportError
+        For an unknown extension, or where meshio misses a library for the format.
+    FileError
+        For a file that cannot be written.
+
+    Notes
+    -----
+    Points are in m with z = 0, elements are six-node triangles, counter-clockwise. Patches become:
 
     - ``.msh``: physical groups. An element of an MSH file has only one group, but a probe may press
       on an electrode. Combinations of patches are therefore groups: ``electrode A``, ``probe``,
@@ -131,63 +208,64 @@ def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
       names become underscores.
     - ``.vtu``, ``.vtk``, ``.xdmf``: cell data, 1 inside a patch and 0 outside. Blanks in names
       become underscores in ``.vtk``.
-
-    Raises `ExportError` when there is no such format, or meshio lacks a library for it, and
-    `FileError` when the file cannot be written.
     """
     path = Path(path)
-    if (file_format := FORMATS.get(path.suffix.lower())) is None:
+    extension = path.suffix.lower()
+    if extension not in FORMATS:
         raise ExportError(
             f"{path}: no format for six-node triangles with patches has the extension "
             f"{path.suffix!r}; choose from {' '.join(FORMATS)}"
         )
-    patches = _masks(mesh)
+    file_format = FORMATS[extension]
+    masks: dict[str, Any] = _make_masks(mesh)
     if file_format.name in ("abaqus", "vtk"):
-        patches = _without_blanks(patches, path)
+        masks = _replace_blanks(masks, path)
     data: dict[str, Any] = {}
     if file_format.patches == "arrays":
-        data["cell_data"] = patches
+        data["cell_data"] = masks
     elif file_format.patches == "sets":
-        data["cell_sets"] = {name: [np.flatnonzero(mask)] for name, mask in patches.items()}
-        data["point_sets"] = {RIM: np.unique(_rim(mesh))}
-    grid = _grid(mesh, **data)
+        data["cell_sets"] = {name: [np.flatnonzero(mask)] for name, mask in masks.items()}
+        data["point_sets"] = {RIM: np.unique(_find_rim_lines(mesh))}
+    grid = _make_grid(mesh, **data)
     if file_format.patches == "groups":
         _add_groups(grid, mesh)
-    _write(grid, path, file_format.name, **dict(file_format.options))
+    _write_grid(grid, path, file_format.name, **dict(file_format.options))
 
 
 def _add_groups(grid: Any, mesh: MeshTri2) -> None:
-    """Add gmsh's physical groups: combinations of patches, and the rim."""
-    patches = _masks(mesh)
-    combinations, group = np.unique(
-        np.array([*patches.values()]).reshape(len(patches), -1), axis=1, return_inverse=True
-    )
-    names = [
-        " + ".join(name for name, inside in zip(patches, column, strict=True) if inside) or FILM
-        for column in combinations.T
-    ]
-    rim = _rim(mesh)
-    tags = [group.ravel() + 1, np.full(len(rim), len(names) + 1)]
-    grid.cells.append(_meshio().CellBlock("line3", rim))
+    """Add gmsh's physical groups to a grid: combinations of patches, and the rim."""
+    masks = _make_masks(mesh)
+    stacked = np.array(list(masks.values())).reshape(len(masks), -1)
+    combinations, group = np.unique(stacked, axis=1, return_inverse=True)
+    names = []
+    for combination in combinations.T:
+        patches = [name for name, inside in zip(masks, combination, strict=True) if inside]
+        names.append(" + ".join(patches) if patches else FILM)
+    rim = _find_rim_lines(mesh)
+    rim_tag = len(names) + 1
+    tags = [group.ravel() + 1, np.full(len(rim), rim_tag)]
+    grid.cells.append(_import_meshio().CellBlock("line3", rim))
     grid.cell_data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
-    dimensions = {name: (tag, 2) for tag, name in enumerate(names, start=1)}
-    dimensions[RIM] = (len(names) + 1, 1)
-    grid.field_data = {name: np.array(value) for name, value in dimensions.items()}
+    # the tag and the dimension of each group
+    grid.field_data = {name: np.array([tag, 2]) for tag, name in enumerate(names, start=1)}
+    grid.field_data[RIM] = np.array([rim_tag, 1])
 
 
-def _masks(mesh: MeshTri2) -> dict[str, NDArray[np.int32]]:
-    """Masks of the patches by name, (elements,): 1 in the patch and 0 elsewhere."""
+def _make_masks(mesh: MeshTri2) -> dict[str, NDArray[np.int32]]:
+    """Return masks (elements,) of the patches by name: 1 in the patch and 0 elsewhere."""
     masks = {}
     for name, elements in mesh.subdomains.items():
         if name != FILM:
-            masks[name] = np.zeros(mesh.nelements, dtype=np.int32)
-            masks[name][elements] = 1
+            mask = np.zeros(mesh.nelements, dtype=np.int32)
+            mask[elements] = 1
+            masks[name] = mask
     return masks
 
 
-def _without_blanks(patches: dict[str, Any], path: Path) -> dict[str, Any]:
-    renamed = {re.sub(r"\s", "_", name): mask for name, mask in patches.items()}
-    if len(renamed) < len(patches):
+def _replace_blanks(masks: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Return masks by names without blanks; `ExportError` where two names become equal."""
+    renamed = {re.sub(r"\s", "_", name): mask for name, mask in masks.items()}
+    if len(renamed) < len(masks):
         raise ExportError(
             f"{path}: this format has no blanks in names, and without them two electrodes have "
             "one name; rename an electrode"
@@ -195,37 +273,65 @@ def _without_blanks(patches: dict[str, Any], path: Path) -> dict[str, Any]:
     return renamed
 
 
-def _rim(mesh: MeshTri2) -> Indices:
-    """Nodes of the rim's three-node lines, (lines, 3)."""
+def _find_rim_lines(mesh: MeshTri2) -> Indices:
+    """Return the nodes (lines, 3) of the rim's three-node lines."""
     facets = mesh.boundaries[RIM]
     return np.vstack([mesh.facets[:, facets], mesh.dofs.facet_dofs[0, facets]]).T
 
 
-def _meshio() -> Any:
-    import meshio  # takes a quarter of a second
+def _import_meshio() -> Any:
+    """Import meshio, which takes a quarter of a second."""
+    import meshio
 
     return meshio
 
 
-def _grid(mesh: MeshTri2, **data: Any) -> Any:
-    """The mesh as meshio's; `cell_data` has one array for each name."""
+def _make_grid(
+    mesh: MeshTri2, cell_data: Mapping[str, NDArray[Any]] | None = None, **data: Any
+) -> Any:
+    """Return a mesh as meshio's.
+
+    Parameters
+    ----------
+    mesh : MeshTri2
+        The mesh in m.
+    cell_data : mapping of str to array (elements,), optional
+        Values of the elements by name.
+    **data
+        Further data as meshio takes them.
+    """
     points = np.column_stack([mesh.doflocs.T, np.zeros(mesh.doflocs.shape[1])])
-    cell_data = {name: [values] for name, values in data.pop("cell_data", {}).items()}
-    triangles = [("triangle6", _counter_clockwise(mesh))]
-    return _meshio().Mesh(points, triangles, cell_data=cell_data, **data)
+    triangles = [("triangle6", _orient_elements(mesh))]
+    cell_lists = {name: [values] for name, values in (cell_data or {}).items()}
+    return _import_meshio().Mesh(points, triangles, cell_data=cell_lists, **data)
 
 
-def _counter_clockwise(mesh: MeshTri2) -> Indices:
-    """Nodes of the elements, (elements, 6): the vertices, then the middles of the sides."""
+def _orient_elements(mesh: MeshTri2) -> Indices:
+    """Return the nodes (elements, 6) counter-clockwise: the vertices, then the mid-side nodes."""
     nodes = np.asarray(mesh.dofs.element_dofs.T)
     a, b, c = mesh.doflocs.T[nodes[:, :3]].swapaxes(0, 1)
-    (x1, y1), (x2, y2) = (b - a).T, (c - a).T
-    return np.where((x1 * y2 < x2 * y1)[:, None], nodes[:, [0, 2, 1, 5, 4, 3]], nodes)
+    x1, y1 = (b - a).T
+    x2, y2 = (c - a).T
+    is_clockwise = x1 * y2 < x2 * y1
+    return np.where(is_clockwise[:, None], nodes[:, [0, 2, 1, 5, 4, 3]], nodes)
 
 
-def _write(grid: Any, path: Path, name: str, **options: Any) -> None:
-    if name == "vtu":  # meshio writes names into the XML as they are
-        grid.cell_data = {_xml(key): values for key, values in grid.cell_data.items()}
+def _write_grid(grid: Any, path: Path, name: str, **options: Any) -> None:
+    """Write meshio's grid to a file.
+
+    Parameters
+    ----------
+    grid : meshio.Mesh
+        The grid.
+    path : Path
+        The file.
+    name : str
+        meshio's name of the format.
+    **options
+        Arguments of meshio's writer.
+    """
+    if name == "vtu":  # meshio does not escape names for XML
+        grid.cell_data = {_escape_xml(key): values for key, values in grid.cell_data.items()}
     try:
         with replace_file(path) as temporary:
             grid.write(temporary, file_format=name, **options)
@@ -238,18 +344,21 @@ def _write(grid: Any, path: Path, name: str, **options: Any) -> None:
         ) from error
 
 
-def _xml(name: str) -> str:
+def _escape_xml(name: str) -> str:
+    """Return a name for XML in ASCII."""
     return escape(name).encode("ascii", "xmlcharrefreplace").decode()
 
 
 def _add_field_data(path: Path, arrays: dict[str, Array]) -> None:
-    """Add arrays to a VTU file in VTK's form; meshio reads but does not write these arrays."""
+    """Add arrays to a VTU file; meshio reads field data there, but does not write them."""
     types = {"f": "Float64", "u": "UInt8"}
-    texts = [
-        f'<DataArray type="{types[array.dtype.kind]}" Name="{_xml(name)}" format="ascii"'
-        f' NumberOfTuples="{array.size}">{" ".join(map(str, array.tolist()))}</DataArray>'
-        for name, array in arrays.items()
-    ]
+    elements = []
+    for name, array in arrays.items():
+        values = " ".join(map(str, array.tolist()))
+        elements.append(
+            f'<DataArray type="{types[array.dtype.kind]}" Name="{_escape_xml(name)}"'
+            f' format="ascii" NumberOfTuples="{array.size}">{values}</DataArray>'
+        )
     grid = "<UnstructuredGrid>"
-    added = "\n".join([grid, "<FieldData>", *texts, "</FieldData>"])
-    path.write_text(path.read_text("utf-8").replace(grid, added, 1), "utf-8")
+    with_data = "\n".join([grid, "<FieldData>", *elements, "</FieldData>"])
+    path.write_text(path.read_text("utf-8").replace(grid, with_data, 1), "utf-8")

@@ -1,4 +1,4 @@
-"""A solution in 3-D: the deflected film for pyvista, and as a page that needs no server."""
+"""A solution in 3-D: the deflected film for pyvista, and as an HTML page without a server."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from pvdf_fem.electrodes.point_values import PointValues, evaluate_along
 from pvdf_fem.files import replace_file
 from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.view.figures import COLOURS, choose_colours
-from pvdf_fem.view.film_map import FilmMap, resolve_map, sample_field
+from pvdf_fem.view.film_quantities import FilmMap, resolve_map, sample_field
 
-#: A program that ends with 0 where VTK renders, and by a signal where VTK misses its libraries.
+#: A program that returns 0 where VTK renders, and crashes where VTK misses libraries.
 TRIAL = """
 from vtkmodules import vtkRenderingOpenGL2
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
@@ -38,67 +38,116 @@ class NoRenderingError(ImportError):
 
 @cache
 def require_rendering() -> None:
-    """Raise `NoRenderingError` where VTK would end Python: tried in another process, once."""
-    if subprocess.run([sys.executable, "-c", TRIAL], capture_output=True).returncode:
+    """Raise `NoRenderingError` where VTK would crash Python; tried once, in another process."""
+    trial = subprocess.run([sys.executable, "-c", TRIAL], capture_output=True)
+    if trial.returncode != 0:
         raise NoRenderingError(
             "a view in 3-D needs a display, or EGL: apt-get install libegl1 libgl1-mesa-dri"
         )
 
 
 def make_film_view(data: FilmData, name: str, scale: float | None, html: str | Path | None) -> Any:
-    """`Solution.view`."""
-    shown, scene = resolve_map(name, data.scene), data.scene
-    scale, html = coerce("scale", scale, float | None), coerce("html", html, Path | None)
-    pyvista = _imported("pyvista")
+    """Show a field on the deflected film in 3-D.
+
+    Parameters
+    ----------
+    data : FilmData
+        The solution.
+    name : str
+        A field of `MAPS`.
+    scale : float, optional
+        Factor of the displacements, by default one with which the deflection is a quarter of the
+        radius.
+    html : path, optional
+        HTML file to write.
+
+    Returns
+    -------
+    pyvista.Plotter
+
+    Raises
+    ------
+    ImportError
+        Without pyvista, or where it cannot render.
+    ValueError
+        For an unknown name, or a quantity that is not a field.
+    """
+    scene = data.scene
+    film_map = resolve_map(name, scene)
+    scale = coerce("scale", scale, float | None)
+    html = coerce("html", html, Path | None)
+    pyvista = _import_module("pyvista")
     require_rendering()
     if scale is None:
-        deepest = 1e3 * float(np.abs(data.state.dofs[2::3]).max())
-        scale = 0.25 * scene.film.radius_mm / (deepest or 1.0)
-    plotter = pyvista.Plotter(off_screen=True if html else None)
-    film = make_film_surface(data, shown, scale)
-    bar = {"title": _plain(shown.label), "color": "black", "fmt": "%.3g"}
-    colours, *limits = choose_colours(film.active_scalars, shown.colours)
-    plotter.add_mesh(film, cmap=colours, clim=limits, scalar_bar_args=bar, smooth_shading=True)
+        largest_mm = 1e3 * float(np.abs(data.state.dofs[2::3]).max())
+        quarter_mm = 0.25 * scene.film.radius_mm
+        scale = quarter_mm / largest_mm if largest_mm > 0.0 else quarter_mm
+    plotter = pyvista.Plotter(off_screen=html is not None)
+    film = make_film_surface(data, film_map, scale)
+    colours = choose_colours(film.active_scalars, film_map.colours)
+    plotter.add_mesh(
+        film,
+        cmap=colours.name,
+        clim=[colours.low, colours.high],
+        scalar_bar_args={"title": _plain_text(film_map.label), "color": "black", "fmt": "%.3g"},
+        smooth_shading=True,
+    )
     above = np.array([0.0, 0.0, 2e-3 * scene.film.radius_mm])  # or the film would hide lines
-    lines = film.contour(9, scalars=film.points[:, 2]).translate(above)
-    if lines.n_points:  # which a flat film has not
-        plotter.add_mesh(lines, color="white", opacity=0.5)
-    edges = [(electrode.outline, "black") for electrode in scene.electrode_list]
-    edges += [(touch.outline, COLOURS[1]) for touch in scene.loaded_probes]
-    for outline, colour in edges:
-        corners_mm = 1e3 * np.array(outline.shape.exterior.coords)
-        along = evaluate_along(data.equilibrium, data.state, corners_mm)
-        line = pyvista.lines_from_points(_hanging(along, scale) + above)
+    contours = film.contour(9, scalars=film.points[:, 2]).translate(above)
+    if contours.n_points:  # a flat film has none
+        plotter.add_mesh(contours, color="white", opacity=0.5)
+    outlines = [(electrode.outline, "black") for electrode in scene.electrode_list]
+    outlines += [(probe_load.outline, COLOURS[1]) for probe_load in scene.loaded_probes]
+    for outline, colour in outlines:
+        corners_mm = 1e3 * np.array(outline.inscribed_polygon.exterior.coords)
+        points = evaluate_along(data.equilibrium, data.state, corners_mm)
+        line = pyvista.lines_from_points(_displace(points, scale) + above)
         plotter.add_mesh(line, color=colour, line_width=4)
     plotter.set_background("white")
     plotter.view_vector((-1.0, -1.5, 1.2), viewup=(0.0, 0.0, 1.0))
-    if html:
+    if html is not None:
         with replace_file(Path(html)) as unfinished:
-            unfinished.write_text(_page(plotter.render_window), encoding="utf-8")
+            unfinished.write_text(_render_page(plotter.render_window), encoding="utf-8")
     return plotter
 
 
-def make_film_surface(data: FilmData, shown: FilmMap, scale: float = 1.0) -> Any:
-    """The deflected film in mm as a pyvista surface, with a field's values."""
-    at, triangles, values = sample_field(data, shown)
-    points = _hanging(at, scale).reshape(-1, 3)
-    surface = _imported("pyvista").PolyData.from_regular_faces(points, triangles)
-    surface.point_data[_plain(shown.label)] = values.ravel()
+def make_film_surface(data: FilmData, film_map: FilmMap, scale: float = 1.0) -> Any:
+    """Return the deflected film with a field as a pyvista surface.
+
+    Parameters
+    ----------
+    data : FilmData
+        The solution.
+    film_map : FilmMap
+        The field.
+    scale : float
+        Factor of the displacements.
+
+    Returns
+    -------
+    pyvista.PolyData
+        With coordinates in mm.
+    """
+    field = sample_field(data, film_map)
+    points = _displace(field.points, scale).reshape(-1, 3)
+    surface = _import_module("pyvista").PolyData.from_regular_faces(points, field.triangles)
+    surface.point_data[_plain_text(film_map.label)] = field.values.ravel()
     return surface.clean()
 
 
-def _hanging(at: PointValues, scale: float) -> Array:
-    """Displaced places (..., 3), deflected downwards like a film pressed from above."""
-    u, v, w = scale * np.moveaxis(at.displacement_mm, -1, 0)
-    return np.stack([at.x_mm + u, at.y_mm + v, -w], axis=-1)
+def _displace(points: PointValues, scale: float) -> Array:
+    """Return displaced points (..., 3) in mm, deflected downwards as by a probe from above."""
+    u, v, w = scale * np.moveaxis(points.displacement_mm, -1, 0)
+    return np.stack([points.x_mm + u, points.y_mm + v, -w], axis=-1)
 
 
-def _plain(label: str) -> str:
-    """A label without the marks of formulas."""
-    return label.translate(dict.fromkeys(map(ord, "${}_")))
+def _plain_text(label: str) -> str:
+    """Return a label without the marks of formulas."""
+    return label.translate(str.maketrans("", "", "${}_"))
 
 
-def _imported(name: str) -> Any:
+def _import_module(name: str) -> Any:
+    """Import an optional module; the error of a missing one says what to install."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -106,18 +155,20 @@ def _imported(name: str) -> Any:
         raise ImportError(f"a view in 3-D needs {name}: {advice}") from error
 
 
-def _page(window: Any) -> str:
-    """A page with a render window's content and its viewer."""
-    vtk = _imported("trame_vtk.modules.vtk.serializers")
+def _render_page(window: Any) -> str:
+    """Return an HTML page with the content of a render window and its viewer."""
+    serializers = _import_module("trame_vtk.modules.vtk.serializers")
     window.Render()
-    vtk.initialize_serializers()
-    context, page, packed = vtk.SynchronizationContext(), io.StringIO(), io.BytesIO()
-    scene = vtk.serialize(None, window, vtk.reference_id(window), context, 0)
-    arrays = {
-        array["hash"]: {**array, "content": context.get_cached_data_array(array["hash"], False)}
-        for array in vtk.extract_array_hash(scene)
-    }
+    serializers.initialize_serializers()
+    context = serializers.SynchronizationContext()
+    scene = serializers.serialize(None, window, serializers.reference_id(window), context, 0)
+    arrays = {}
+    for array in serializers.extract_array_hash(scene):
+        content = context.get_cached_data_array(array["hash"], False)
+        arrays[array["hash"]] = {**array, "content": content}
+    packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("index.json", json.dumps({"scene": scene, "hashes": arrays}))
-    _imported("trame_vtk.tools.vtksz2html").write_html(packed.getvalue(), page)
+    page = io.StringIO()
+    _import_module("trame_vtk.tools.vtksz2html").write_html(packed.getvalue(), page)
     return page.getvalue()

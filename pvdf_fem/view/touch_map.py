@@ -1,4 +1,4 @@
-"""Maps over touched places: a response's charges, and a location's likelihood."""
+"""Maps over the places of touches: charges of a response, and the likelihood of a location."""
 
 from __future__ import annotations
 
@@ -16,141 +16,253 @@ from pvdf_fem.arrays import Array, make_polar_grid
 from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
-from pvdf_fem.view import figures
-from pvdf_fem.view.figures import COLOURS
+from pvdf_fem.view.figures import (
+    COLOURS,
+    HALO,
+    add_colour_bar,
+    choose_colours,
+    draw_electrode,
+    draw_film,
+    draw_labelled_contours,
+    draw_rim,
+    get_figure,
+    make_figure,
+    make_map_axes,
+    use_style,
+)
 
-RASTER = (33, 97)  #: Numbers of distances from the centre and of directions, the first one twice.
-#: Colour limits for a likelihood, in standard deviations.
+RADII = 33  #: Number of radii in the raster of a map.
+ANGLES = 97  #: Number of angles in the raster of a map, the first direction twice.
+MARGIN = 1.15  #: Half the width of a map over the reach of the touches.
+#: Limits of the colours of a likelihood, in standard deviations.
 LEVELS: Array = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 1000.0])
+MIN_OPACITY = 0.2  #: Opacity of the least likely touches.
+LINE_LENGTH = 62  #: Letters in a line of remarks.
 
 
 def draw_charge_map(
     scene: Scene, reach_mm: float, charge: Callable[[Array], Array], title: str, ax: Axes | None
 ) -> Figure:
-    """A map of an electrode's charge by the probe's place, with lines of equal charge.
+    """Draw the charge of an electrode by the probe's place, with lines of equal charge.
 
     Parameters
     ----------
+    scene : Scene
+        The film with its electrodes.
+    reach_mm : float
+        Largest distance in mm of a place from the film's centre.
     charge : callable
-        Charges in pC, (n,), of probes at places (n, 2) in mm.
+        Returns the charges (n,) in pC of probes at places (n, 2) in mm.
+    title : str
+        Title of the map.
+    ax : Axes, optional
+        Axes in mm, by default those of a new figure.
+
+    Returns
+    -------
+    Figure
     """
     if ax is None:
-        with figures.use_style():
-            return draw_charge_map(scene, reach_mm, charge, title, figures.make_map_axes())
-    ax, places = coerce("ax", ax, Axes), make_polar_grid(reach_mm, *RASTER)
-    x, y = np.moveaxis(places, -1, 0)
+        with use_style():
+            return draw_charge_map(scene, reach_mm, charge, title=title, ax=make_map_axes())
+    ax = coerce("ax", ax, Axes)
+    places = make_polar_grid(reach_mm, RADII, ANGLES)
+    x = places[..., 0]
+    y = places[..., 1]
     charges = charge(places.reshape(-1, 2)).reshape(x.shape)
-    colours, low, high = figures.choose_colours(charges)
-    filled = ax.contourf(x, y, charges, levels=np.linspace(low, high, 256), cmap=colours)
-    levels = [at for at in MaxNLocator(10).tick_values(low, high) if low < at < high]
-    centres = [1e3 * known.outline.centroid for known in scene.electrode_list]
-    figures.draw_labelled_contours(ax, x, y, charges, levels, np.array(centres))
-    figures.draw_film(ax, scene.film.radius_mm, scene.electrode_list, 1.15 * reach_mm)
+    colours = choose_colours(charges)
+    shades = np.linspace(colours.low, colours.high, 256)
+    filled = ax.contourf(x, y, charges, levels=shades, cmap=colours.name)
+    ticks = MaxNLocator(10).tick_values(colours.low, colours.high)
+    levels = [tick for tick in ticks if colours.low < tick < colours.high]
+    centres = [1e3 * electrode.outline.centroid for electrode in scene.electrode_list]
+    draw_labelled_contours(ax, x, y, charges, levels=levels, occupied=np.array(centres))
+    draw_film(ax, scene.film.radius_mm, scene.electrode_list, MARGIN * reach_mm)
     ax.set_title(title)
-    figures.add_colour_bar(ax, filled, "charge (pC), with the charge at rest", ticks=levels)
-    return figures.get_figure(ax)
+    add_colour_bar(ax, filled, "charge (pC), with the charge at rest", ticks=levels)
+    return get_figure(ax)
 
 
 def draw_likelihood_map(
     scene: Scene,
     reach_mm: float,
     touches: Sequence[Mapping[str, Any]],
-    apart: Callable[[Array], Array],
+    deviation: Callable[[Array], Array],
     remarks: Sequence[str],
 ) -> Figure:
-    """The likelihood over the film and near the likeliest touch; touches are given in JSON form.
+    """Draw the likelihood of places over the film, and near the most likely touch.
 
     Parameters
     ----------
-    apart : callable
-        √(2 ln(L max/L)), (n,), of the likelihood L of places (n, 2) in mm.
+    scene : Scene
+        The film with its electrodes on the stage.
+    reach_mm : float
+        Largest distance in mm of a place from the film's centre.
+    touches : sequence of mappings
+        Located touches in JSON form, the most likely one first.
+    deviation : callable
+        Returns √(2 ln(L_max/L)) (n,) for the likelihood L of places (n, 2) in mm.
+    remarks : sequence of str
+        Lines above the maps.
+
+    Returns
+    -------
+    Figure
     """
-    stage, best = scene.stage or Stage(), touches[0]
-    deviations, middle = best["standard_deviations"], np.array([best["x_mm"], best["y_mm"]])
-    wide = min(6.0 * max(deviations["x_mm"], deviations["y_mm"]), reach_mm)
-    with figures.use_style():
-        figure = figures.make_figure(120.0, 190.0)  # one above the other: a phone shows them
+    stage = scene.stage or Stage()
+    centre = np.array([stage.x_mm, stage.y_mm])
+    best = touches[0]
+    best_place = np.array([best["x_mm"], best["y_mm"]])
+    deviations = best["standard_deviations"]
+    half_width = min(6.0 * max(deviations["x_mm"], deviations["y_mm"]), reach_mm)
+    with use_style():
+        figure = make_figure(120.0, 190.0)  # one map above the other: a phone shows them
         figure.set_layout_engine("compressed")
         film, near = figure.subplots(2)
-        centre = np.array([stage.x_mm, stage.y_mm])
-        drawn = _likelihood(film, apart, make_polar_grid(reach_mm, *RASTER) + centre)
-        draw_sensor_on_stage(film, scene, 1.15 * reach_mm)
-        across = np.linspace(-wide, wide, 41)
-        _likelihood(near, apart, np.stack(np.meshgrid(across, across), axis=-1) + middle)
-        near.set(xlim=middle[0] + across[[0, -1]], ylim=middle[1] + across[[0, -1]])
+        raster = make_polar_grid(reach_mm, RADII, ANGLES) + centre
+        filled = _draw_likelihood(film, deviation, raster)
+        draw_sensor_on_stage(film, scene, MARGIN * reach_mm)
+        ticks = np.linspace(-half_width, half_width, 41)
+        raster = np.stack(np.meshgrid(ticks, ticks), axis=-1) + best_place
+        _draw_likelihood(near, deviation, raster)
+        near.set(xlim=best_place[0] + ticks[[0, -1]], ylim=best_place[1] + ticks[[0, -1]])
         near.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
         near.plot(*compute_deviation_ellipse(best).T, color=COLOURS[1])
         for ax in (film, near):
             ax.grid(False)
-            _touches(ax, touches)
+            _mark_touches(ax, touches)
         film.set_title("Likelihood over the film")
         near.set_title("Enlarged, with the ellipse of one σ")
         near.legend(loc="upper right", framealpha=0.8, frameon=True)
         label = "how much less likely than the best touch (standard deviations)"
-        figure.colorbar(drawn, ax=[film, near], label=label, shrink=0.9, format="%g")
+        figure.colorbar(filled, ax=[film, near], label=label, shrink=0.9, format="%g")
         if remarks:
-            figure.suptitle("\n".join(fill(r, 62) for r in remarks), fontsize="medium")
+            lines = [fill(remark, LINE_LENGTH) for remark in remarks]
+            figure.suptitle("\n".join(lines), fontsize="medium")
     return figure
 
 
 def draw_touch_ellipses(
     scene: Scene, reach_mm: float, touches: Sequence[Mapping[str, Any]], keys: Sequence[str]
 ) -> Figure:
-    """Touches in JSON form with standard-deviation ellipses around their places; `keys` name the x
-    coordinates."""
-    with figures.use_style():
-        ax = figures.make_map_axes()
-        draw_sensor_on_stage(ax, scene, 1.15 * reach_mm)
+    """Draw touches of several probes with the ellipses of their standard deviations.
+
+    Parameters
+    ----------
+    scene : Scene
+        The film with its electrodes on the stage.
+    reach_mm : float
+        Largest distance in mm of a place from the film's centre.
+    touches : sequence of mappings
+        Located touches in JSON form.
+    keys : sequence of str
+        Keys of the probes' x coordinates in a touch.
+
+    Returns
+    -------
+    Figure
+    """
+    with use_style():
+        ax = make_map_axes()
+        draw_sensor_on_stage(ax, scene, MARGIN * reach_mm)
         for touch in touches:
-            for key in keys:
-                share = max(float(touch["weight"]), 0.2)
-                ax.plot(*compute_deviation_ellipse(touch, key).T, color=COLOURS[1], alpha=share)
-                label = f"{touch[key[:-4] + 'force_N']:.3g} N"
-                at = touch[key], touch[key[:-4] + "y_mm"]
-                ax.annotate(label, at, (5, 5), textcoords="offset points", alpha=share)
+            opacity = max(float(touch["weight"]), MIN_OPACITY)
+            for x_key in keys:
+                prefix = x_key.removesuffix("x_mm")
+                ellipse = compute_deviation_ellipse(touch, x_key)
+                ax.plot(*ellipse.T, color=COLOURS[1], alpha=opacity)
+                place = (touch[x_key], touch[f"{prefix}y_mm"])
+                force = f"{touch[f'{prefix}force_N']:.3g} N"
+                ax.annotate(force, place, (5, 5), textcoords="offset points", alpha=opacity)
         ax.set_title("Touches with ellipses of one σ")
-        return figures.get_figure(ax)
+        return get_figure(ax)
 
 
 def compute_deviation_ellipse(
     touch: Mapping[str, Any], x_key: str = "x_mm", points: int = 97
 ) -> Array:
-    """Points in mm, (points, 2), on the ellipse around a touch's place, with the standard
-    deviations as shadows; the touch is given in JSON form."""
+    """Compute the ellipse of one standard deviation around the place of a touch.
+
+    Parameters
+    ----------
+    touch : mapping
+        A touch in JSON form.
+    x_key : str
+        Key of the probe's x coordinate.
+    points : int
+        Number of points on the ellipse.
+
+    Returns
+    -------
+    array (points, 2)
+        Places in mm.
+
+    Notes
+    -----
+    With the covariance C = V diag(λ) Vᵀ of the place, the points are V diag(√λ) (cos t, sin t). The
+    projections of the ellipse on the axes are the standard deviations of x and y.
+    """
     keys = [x_key, x_key.replace("x_mm", "y_mm")]
-    rows = [[*touch["standard_deviations"]].index(key) for key in keys]
-    squares, vectors = np.linalg.eigh(np.array(touch["covariance"])[np.ix_(rows, rows)])
-    root, angle = vectors * np.sqrt(np.maximum(squares, 0.0)), np.linspace(0.0, 2 * np.pi, points)
-    around = root @ [np.cos(angle), np.sin(angle)]
-    return np.asarray([touch[key] for key in keys] + around.T)
+    names = list(touch["standard_deviations"])
+    rows = [names.index(key) for key in keys]
+    covariance = np.array(touch["covariance"])[np.ix_(rows, rows)]
+    squares, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(squares, 0.0))
+    angle = np.linspace(0.0, 2.0 * np.pi, points)
+    offsets = root @ [np.cos(angle), np.sin(angle)]
+    place = [touch[key] for key in keys]
+    return np.asarray(place + offsets.T)
 
 
-def _touches(ax: Axes, touches: Sequence[Mapping[str, Any]]) -> None:
-    """Mark the likeliest touch, and its rivals with their shares of the likelihood."""
+def _mark_touches(ax: Axes, touches: Sequence[Mapping[str, Any]]) -> None:
+    """Mark the most likely touch, and its rivals with their shares of the likelihood."""
     for number, touch in enumerate(touches):
-        label = ("the likeliest", "rivals")[min(number, 1)] if number < 2 else None
-        look: dict[str, Any] = {"color": COLOURS[1], "linestyle": "none", "label": label}
-        place = touch["x_mm"], touch["y_mm"]
-        ax.plot(*place, marker="x+"[min(number, 1)], **look)
-        if number:
-            share = f"{100.0 * touch['weight']:.2g} %"
-            words = ax.annotate(share, place, (5, -11), textcoords="offset points")
-            words.set(clip_on=True, path_effects=[figures.HALO])
+        place = (touch["x_mm"], touch["y_mm"])
+        look: dict[str, Any] = {"color": COLOURS[1], "linestyle": "none"}
+        if number == 0:
+            ax.plot(*place, marker="x", label="the likeliest", **look)
+            continue
+        ax.plot(*place, marker="+", label="rivals" if number == 1 else None, **look)
+        share = f"{100.0 * touch['weight']:.2g} %"
+        text = ax.annotate(share, place, (5, -11), textcoords="offset points")
+        text.set(clip_on=True, path_effects=[HALO])
 
 
-def _likelihood(ax: Axes, apart: Callable[[Array], Array], places: Array) -> Any:
-    """Colours for `apart` at places (n, m, 2) in mm."""
-    shades = np.minimum(apart(places.reshape(-1, 2)), LEVELS[-1]).reshape(places.shape[:2])
-    bands = BoundaryNorm(LEVELS, 256, extend="neither")
-    x, y = np.moveaxis(places, -1, 0)
-    return ax.contourf(x, y, shades, levels=LEVELS, cmap="Blues_r", norm=bands)
+def _draw_likelihood(ax: Axes, deviation: Callable[[Array], Array], places: Array) -> Any:
+    """Fill places (n, m, 2) in mm with the colours of their likelihood, and return the artist.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes in mm.
+    deviation : callable
+        Returns √(2 ln(L_max/L)) (n,) for the likelihood L of places (n, 2) in mm.
+    places : array (n, m, 2)
+        Places in mm.
+    """
+    deviations = deviation(places.reshape(-1, 2)).reshape(places.shape[:2])
+    shades = np.minimum(deviations, LEVELS[-1])
+    norm = BoundaryNorm(LEVELS, 256, extend="neither")
+    x = places[..., 0]
+    y = places[..., 1]
+    return ax.contourf(x, y, shades, levels=LEVELS, cmap="Blues_r", norm=norm)
 
 
 def draw_sensor_on_stage(ax: Axes, scene: Scene, reach_mm: float) -> None:
-    """Draw rim and electrodes on the stage, up to a reach in mm from the film's centre."""
+    """Draw rim and electrodes in the coordinates of the stage.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes in mm.
+    scene : Scene
+        The sensor, with its place and rotation on the stage.
+    reach_mm : float
+        Half the width of the visible region about the film's centre in mm.
+    """
     stage = scene.stage or Stage()
     centre_mm = np.array([stage.x_mm, stage.y_mm])
-    figures.draw_rim(ax, scene.film.radius_mm, reach_mm, centre_mm)
+    draw_rim(ax, scene.film.radius_mm, reach_mm, centre_mm)
     for electrode in scene.electrode_list:
         outline = electrode.outline.transform(stage.rotation, centre_mm / 1e3)
-        figures.draw_electrode(ax, outline, [electrode.name])
+        draw_electrode(ax, outline, [electrode.name])

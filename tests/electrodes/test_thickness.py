@@ -41,7 +41,7 @@ def test_whole_load_over_one_electrode(load):
 
 
 @pytest.mark.parametrize("load", [LOADS["dead"], LOADS["sliding"], SPHERE])
-def test_left_out_within_a_third_and_thirty_times(load):
+def test_neglected_effects_within_a_third_and_thirty_times(load):
     scene = OVER_A.with_(**load, **{"probe.x_mm": 11.2, "probe.y_mm": 0.7})
     charges = added(scene)
     ((included, text),) = describe_thickness_effect(scene.with_(**{"film.d33_pC_N": None}))

@@ -1,4 +1,4 @@
-"""Electromechanical coupling: a closed form, and what follows from voltages."""
+"""Electromechanical coupling: a closed form, and readings of voltages."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_covered_film_under_uniform_tension_is_stiffer_by_k_squared(cable_pF):
     assert coupling.energy(state) / short == pytest.approx(stiffer, rel=1e-6)
 
 
-def test_reading_is_the_voltage_of_the_equations():
+def test_readings_are_the_voltages_of_the_equations():
     solution = solve(WIRED)
     state = solution.discrete.solved_state
     terms = [term for term in solution.discrete.solved.terms if isinstance(term, Coupling)]

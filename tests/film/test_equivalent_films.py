@@ -1,4 +1,4 @@
-"""Films that are told in two ways are one film: in charges, at rest, in deflection and stress."""
+"""Films that are described in two ways: equal charges, unloaded charges, deflection and stress."""
 
 from __future__ import annotations
 
@@ -76,14 +76,15 @@ PAIRS = {
 
 
 @pytest.mark.parametrize(("scene", "other", "most"), PAIRS.values(), ids=PAIRS)
-def test_equivalent_films_are_one(scene, other, most):
+def test_equivalent_films_have_equal_results(scene, other, most):
     assert scene != other
     found, expected = solve(scene), solve(other)
     assert found.status is expected.status
     assert found.deflection_max_mm == pytest.approx(expected.deflection_max_mm, rel=most)
     assert values(found.charges_pC) == pytest.approx(values(expected.charges_pC), rel=most)
     warm_probe = scene.probe and scene.loaded_probes[0].probe.temperature_K
-    if scene.film.warming_K == other.film.warming_K and not warm_probe:  # rest is before
+    # charges at rest are those before the film warms
+    if scene.film.warming_K == other.film.warming_K and not warm_probe:
         rest, wanted = found.rest_charges_pC, expected.rest_charges_pC
         assert rest == pytest.approx(wanted, rel=most, nan_ok=True)
     stress, wanted = (solution.at(3.0, 4.0).stress_MPa for solution in (found, expected))

@@ -1,4 +1,4 @@
-"""Loads by probes and on the whole film: their sums, moments and files, and what moves a film."""
+"""Loads by probes and on the whole film: their sums and moments, profile files, and contacts."""
 
 import numpy as np
 import pytest
@@ -19,8 +19,8 @@ ELLIPSE = {"shape": "ellipse", "semi_axes_mm": [4.0, 2.0], "x_mm": 5.0, "y_mm": 
 SCENE = Scene().with_(probe=DISC)
 
 
-def moments(scene, pressure=None):
-    """Total force in N, its centre and its mean square distance from there in mm, mm²."""
+def compute_moments(scene, pressure=None):
+    """Return the total force in N, its centre and mean square distance from there in mm, mm²."""
     mesh = graded_mesh(scene, 0.5, 10.0)
     equilibrium = Equilibrium(scene, mesh, 2, options=SolveOptions.for_pressure(scene, pressure))
     (load,) = equilibrium.loads
@@ -41,7 +41,7 @@ def moments(scene, pressure=None):
     ],
 )
 def test_moments_are_the_exact_ones(probe, profile, square):
-    force, centre, found = moments(SCENE.with_(probe=probe, **{"load.profile": profile}))
+    force, centre, found = compute_moments(SCENE.with_(probe=probe, **{"load.profile": profile}))
     assert force == pytest.approx(1.0, rel=1e-12)
     assert centre == pytest.approx([5.0, 1.0], rel=1e-4)
     assert found == pytest.approx(square, rel=1e-4)
@@ -53,7 +53,7 @@ def bilinear(x_mm, y_mm):
 
 
 @pytest.mark.parametrize("kind", ["csv", "nc"])
-def test_a_table_and_a_function_turn_with_their_probe(tmp_path, kind):
+def test_profiles_by_files_and_functions_turn_with_their_probe(tmp_path, kind):
     """The centre of `bilinear` on a disc of radius 4 mm is at 16/4 (0.15, -0.1) mm."""
     path, x, y = tmp_path / f"p.{kind}", np.array([-6.0, -1.0, 6.0]), np.array([-5.0, 5.0])
     values = bilinear(x[:, None], y)
@@ -64,8 +64,8 @@ def test_a_table_and_a_function_turn_with_their_probe(tmp_path, kind):
         rows = [f"{y[j]},{value},{x[i]}" for (i, j), value in np.ndenumerate(values)]
         path.write_text("\n".join(["y_mm,pressure,x_mm", *rows]))
     turned = SCENE.with_(**{"probe.rotation_deg": 40.0})
-    expected = moments(turned, pressure=lambda x, y: 3.0 * bilinear(x, y))
-    found = moments(turned.with_(**{"load.profile": str(path)}))
+    expected = compute_moments(turned, pressure=lambda x, y: 3.0 * bilinear(x, y))
+    found = compute_moments(turned.with_(**{"load.profile": str(path)}))
     assert np.hstack(found) == pytest.approx(np.hstack(expected), rel=1e-9)
     assert found[1] == pytest.approx(np.add(rotate([0.6, -0.4], 40.0), [5.0, 1.0]), rel=1e-4)
 
@@ -93,7 +93,7 @@ SLACK = {"film.temperature_change_K": 0.5, "film.compression": "tension-field"}
 
 
 @pytest.mark.parametrize(("film", "gravity_m_s2"), [(TIGHT, 981.0), (NONE, -9.81), (SLACK, 9.81)])
-def test_a_film_bears_its_weight_at_rest(film, gravity_m_s2):
+def test_an_unloaded_film_sags_by_its_weight(film, gravity_m_s2):
     """A tight one is a paraboloid of the height q a²/(4 N0) by the weight q."""
     heavy = solve(Scene().with_(**film, **{"film.gravity_m_s2": gravity_m_s2}))
     assert heavy.rest_charges_pC == pytest.approx(heavy.charges_pC, rel=1e-9)
@@ -111,15 +111,15 @@ def test_a_rim_that_moves_inwards_leaves_no_stable_film():
 # tips
 
 
-def felt(**probe):
-    """What a tip does that presses with 1 N."""
+def solve_contact(**probe):
+    """Return the contact of a tip that presses with 1 N."""
     load = {"kind": "contact", "force_N": 1.0}
     scene = Scene().with_(probe=probe, load=load, **{"numerics.tolerance": 1e-2})
     return solve(scene).contacts["probe"]
 
 
 def test_tractions_on_a_sphere_pass_through_its_centre():
-    sphere = felt(shape="sphere", radius_mm=5.0, x_mm=14.0, y_mm=6.0)
+    sphere = solve_contact(shape="sphere", radius_mm=5.0, x_mm=14.0, y_mm=6.0)
     x, y = sphere.lateral_N
     assert x < y < -1e-3
     assert sphere.moments_N_mm == pytest.approx([5.0 * y, -5.0 * x], rel=1e-2)
@@ -127,6 +127,6 @@ def test_tractions_on_a_sphere_pass_through_its_centre():
 
 def test_a_pressure_turns_with_its_tip():
     long = {"shape": "rectangle", "width_mm": 12.0, "height_mm": 4.0, "edge_radius_mm": 1.0}
-    along, oblique = (felt(**long, rotation_deg=rotation) for rotation in (0.0, 45.0))
+    along, oblique = (solve_contact(**long, rotation_deg=rotation) for rotation in (0.0, 45.0))
     assert along.largest_pressure_MPa == pytest.approx(oblique.largest_pressure_MPa, rel=0.06)
     assert along.mean_pressure_MPa < 1.0 / (10.0 * 2.0)  # the flat face is a part of the contact

@@ -1,4 +1,4 @@
-"""Films at rest and under load by what they are made of: stretched, wrinkling, of rubber."""
+"""Films of several materials, unloaded and loaded: stretched, wrinkling, of rubber."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WRINKLING = {"film.compression": "tension-field"}
     thickness_um=st.floats(1.0, 500.0),
     moduli=st.tuples(st.floats(0.5, 5.0), st.floats(0.5, 5.0)),
 )
-def test_the_flat_film_has_the_tension_that_is_given(tension, thickness_um, moduli):
+def test_the_flat_film_has_the_pretension_of_its_key(tension, thickness_um, moduli):
     film = {"pretension_N_m": tension, "thickness_um": thickness_um, "youngs_modulus_GPa": moduli}
     film = Film(**film, poisson_ratio=0.3, d32_pC_N=-2.0)
     stress = np.array([*tension, 0.0]) / (1e-6 * thickness_um)
@@ -69,7 +69,7 @@ def test_slack_film_has_a_result_under_any_load(force_N, kind):
 
 
 @pytest.mark.slow
-def test_a_load_that_hardly_reaches_the_film_is_named():
+def test_a_load_on_a_line_of_slack_film_has_a_status():
     """Beside a rigid probe of 0.01 mm at the rim: tension runs in a line or two."""
     star = [[8.0, 2.6], [3.3, 6.1], [-2.2, 7.5], [-8.8, -1.8], [-2.7, -4.5], [3.7, -4.3]]
     scene = Scene().with_(
@@ -98,14 +98,14 @@ RUBBER = Scene().with_(
 )
 
 
-def test_a_pretension_that_is_given_is_the_tension_at_rest():
+def test_the_pretension_is_the_tension_of_unloaded_rubber():
     taut = {"film.pretension_N_m": [40.0, 15.0], "film.d31_pC_N": 1.0, "film.d32_pC_N": 0.0}
     charge = solve(RUBBER.with_(**taut)).charges_pC["A"]
     assert charge == pytest.approx(9e-6 * 40.0 / 200e-6, rel=1e-12)  # of 9 mm²
 
 
 @pytest.mark.parametrize(("nu", "stretch"), [(0.49, 1.3), (0.3, 1.15)])
-def test_an_inflated_disc_is_that_in_one_dimension(nu, stretch):
+def test_an_inflated_disc_agrees_with_one_dimensional_equations(nu, stretch):
     exact, mu = inflated(stretch, nu), 1e6 / (2.0 * (1.0 + nu))
     pascal = exact.pressure * mu * 200e-6 / 45e-3
     changes = {"film.poisson_ratio": nu, "film.pressure_Pa": pascal}
@@ -116,7 +116,7 @@ def test_an_inflated_disc_is_that_in_one_dimension(nu, stretch):
     assert centre == pytest.approx(mu * (1.0 - stretch ** (-4.0 * m - 2.0)), rel=2e-3)
 
 
-def test_large_strains_are_remarked_where_the_law_ends():
+def test_strains_beyond_the_limit_of_a_law_have_a_warning():
     warned = []
     for law, pascal in (("neo-hookean", 600.0), ("hooke", 600.0), ("neo-hookean", 4500.0)):
         changes = {"film.law": law, "film.pressure_Pa": pascal, "film.poisson_ratio": 0.49}

@@ -35,7 +35,7 @@ from tests.helpers.discs import (
 )
 
 PLATE = {"film.bending": True}
-# F a^2/(D h): the deflection is some 1e-4 h, and its square what the linear plate leaves out.
+# F a^2/(D h): the deflection is some 1e-4 h, and its square the error of the linear plate.
 LOAD = 1e-2
 
 
@@ -84,7 +84,7 @@ def punched(radius, b=0.2, length=0.1):
         (punched, 0.2, 100.0, "sliding", 1.0),
     ],
 )
-def test_a_plate_has_the_deflection_of_its_closed_form(exact, patch_radius, tension, load, size_mm):
+def test_deflection_of_plates_with_closed_forms(exact, patch_radius, tension, load, size_mm):
     """On a mesh of fixed sizes: charges of a nearly flat plate are second-order small."""
     scene = plate(20.0, patch_radius, tension, **LOADS[load])
     solution = solve(scene, mesh=graded_mesh(scene, size_mm, 2.0 * size_mm), order=3)
@@ -94,8 +94,11 @@ def test_a_plate_has_the_deflection_of_its_closed_form(exact, patch_radius, tens
     assert solution.force_balance < 1e-6
 
 
-def stretched(widths):
-    """Solution in elements of so many bending lengths at the rim; deflection lost by bending, m."""
+def solve_stretched(widths):
+    """Solve in elements of so many bending lengths at the rim.
+
+    Return the solution, the deflection of the membrane, and the deflection lost by bending in m.
+    """
     length = 0.05 / widths
     scene = plate(1.0, 0.5, length**-2, LOAD * length**-2)
     radius = scene.film.radius
@@ -107,29 +110,29 @@ def stretched(widths):
 
 
 @pytest.mark.parametrize("widths", [3.0, 10.0, 25.0, 200.0])
-def test_layer_narrower_than_the_elements(widths):
-    solution, membrane, lost = stretched(widths)
+def test_deflection_lost_in_a_layer_narrower_than_the_elements(widths):
+    solution, membrane, lost = solve_stretched(widths)
     found = membrane - 1e-3 * solution.deflection_max_mm
     assert found / lost == pytest.approx(1.0, abs=0.08)
 
 
-def change_by_layers(solution):
-    """Change of the unknowns by what narrow layers may do, and the layers."""
+def find_uncertain_change(solution):
+    """Return the change of the unknowns by uncertain bending forces, and the layers."""
     solved, state = solution.discrete.solved, solution.discrete.solved_state
     layers = solved.model.layers(solved.terms, solved.unknowns.expansion, state)
     return layers.change(factorise(solved.tangent(state))), layers
 
 
-def test_a_part_of_what_narrow_layers_do_is_uncertain():
-    solution, _, lost = stretched(200.0)
-    change, layers = change_by_layers(solution)
+def test_a_part_of_the_bending_forces_is_uncertain():
+    solution, _, lost = solve_stretched(200.0)
+    change, layers = find_uncertain_change(solution)
     centre = np.hypot(*solution.basis.doflocs).argmin()
     found = solution.discrete.solved.dofs(change)[2::3][centre] / lost
     uncertain = estimate_uncertain_fraction(layers.widths.max())  # a fit, here within 6 %
     assert found == pytest.approx(-uncertain, rel=0.13)
 
 
-def test_the_stated_error_has_what_is_uncertain():
+def test_the_stated_error_covers_the_uncertain_forces():
     scene = RECTANGLE.with_(**{"film.thickness_um": 9.0}, **PLATE)
     solution = solve(scene, mesh=graded_mesh(scene, 2.0, 8.0))
     outputs, solved, q = make_outputs(scene), solution.discrete.solved, solution.discrete.q
@@ -138,7 +141,7 @@ def test_the_stated_error_has_what_is_uncertain():
         * combine_charges(
             outputs, compute_stress_integrals(outputs, solved.membrane, solved.dofs(at))
         )
-        for at in (q, q + change_by_layers(solution)[0])
+        for at in (q, q + find_uncertain_change(solution)[0])
     )
     stated = np.array([*solution.charge_errors_pC.values()])
     assert np.all(stated >= np.abs(with_layers - without))
@@ -194,8 +197,8 @@ def test_stretched_plate_vibrates(bending):
 
 
 @pytest.mark.parametrize("reduction", [0.5, 0.7, 0.9])
-def test_sizes_leave_what_was_asked_for(reduction):
-    """Elements of all widths and effects; those that leave little stay."""
+def test_sizes_leave_the_error_that_is_allowed(reduction):
+    """Elements of all widths and effects; those with little error stay."""
     random = np.random.default_rng(1)
     lengths, widths, effects = 10.0 ** random.uniform(
         [[-3], [-1], [-4]], [[0], [1.3], [0]], (3, 500)

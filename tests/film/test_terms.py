@@ -1,5 +1,7 @@
-"""The equations of a scene, with all terms: each derivative against differences, the membrane's
-kernel against its forms and against automatic differentiation, and the dofs that punches tie."""
+"""The terms of the equations: derivatives against differences, and constraints of punches.
+
+The membrane's kernel is compared with its weak form and with automatic differentiation.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +14,10 @@ from numpy.polynomial import polynomial
 from skfem import BilinearForm
 
 from pvdf_fem import Scene
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import ALL, Array
 from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import compute_tensile_part
-from pvdf_fem.film.term import State
+from pvdf_fem.film.term import ElementMatrices, State, Term
 from pvdf_fem.film.unknowns import Assembly, Unknowns
 from pvdf_fem.film.weak_form import make_residual_form, make_tangent_form, make_vector_basis
 from pvdf_fem.solver.nonlinear.newton import factorise
@@ -158,7 +160,7 @@ def test_action_and_diagonal_are_those_of_the_symmetric_tangent(sample):
     equations, state = sample.equations, sample.at(0.0)
     symmetric = equations.with_terms(term for term in equations.terms if term.conservative)
     assert sample.close(equations.action(state, sample.d), symmetric.tangent(state) @ sample.d)
-    if not equations.model.floating:  # else the diagonal is not asked for
+    if not equations.model.floating:  # no diagonal is needed with coupling
         diagonal = sample.of_every_dof(symmetric).sparse_tangent(state).diagonal()
         expected = equations.unknowns.fold_diagonal(diagonal)
         assert sample.close(equations.diagonal(state), expected)
@@ -173,6 +175,42 @@ def test_energy_along_a_step_is_a_quartic(sample):
         energies = np.array([sample.energy(s) for s in lengths])
         values = polynomial.polyval(lengths, quartic)
         assert values == pytest.approx(energies, rel=1e-9, abs=1e-9 * np.abs(energies).max())
+
+
+class ElasticBed(Term):
+    """Springs below the film, as a term with the three members that have no default."""
+
+    def __init__(self, space, stiffness=1e11):
+        self.space = space
+        self.matrices = stiffness * space.mass()
+
+    def energy(self, state):
+        return 0.5 * float(self.residual(state) @ state.dofs)
+
+    def residual(self, state):
+        local = state.dofs[self.space.element_dofs]
+        return self.space.sum(np.einsum("eij,ej->ei", self.matrices, local))
+
+    def element_tangent(self, state):
+        return ElementMatrices(ALL, self.matrices)
+
+
+@of_cases("dead")
+def test_products_diagonal_and_energy_along_a_step_follow_from_the_element_tangent(sample):
+    membrane, state, d = sample.equations.membrane, sample.at(0.0), sample.d
+    bed = ElasticBed(sample.equations.space)
+    equations = sample.equations.with_terms([membrane, bed])
+    tangent = equations.tangent(state)
+    alone = tangent - sample.equations.with_terms([membrane]).tangent(state)
+    assert abs(alone).max() > 1e-3 * abs(tangent).max()
+    assert sample.close(equations.action(state, d), tangent @ d)
+    diagonal = sample.of_every_dof(equations).sparse_tangent(state).diagonal()
+    assert sample.close(equations.diagonal(state), equations.unknowns.fold_diagonal(diagonal))
+    x = equations.unknowns.expand(d)
+    polynomial_of_bed = bed.energy_along(state, x)
+    for s in (-1.0, 0.5, 2.0):
+        energy = bed.energy(sample.at(s))
+        assert polynomial.polyval(s, polynomial_of_bed) == pytest.approx(energy, rel=1e-9)
 
 
 @of_cases("order 1", "orthotropic", "unequal tensions")
@@ -213,7 +251,7 @@ def test_kernel_is_the_derivative_that_jax_makes_of_the_energy(sample):
 
 
 @of_cases("sliding", "stuck", "sideways")
-def test_punch_moves_as_one_and_sticks_only_when_told(sample):
+def test_film_under_a_punch_has_a_common_deflection_and_sticks_if_the_scene_says_so(sample):
     space, unknowns = sample.equations.space, sample.equations.unknowns
     load, x = sample.equations.scene.load, unknowns.expand(sample.q).reshape(-1, 3)
     moves = x[np.unique(space.basis.element_dofs[:, space.mesh.subdomains["probe"]])]

@@ -115,7 +115,7 @@ def test_sizes_are_obeyed_along_outlines_and_grow_with_the_distance(electrode_mm
     points = shapely.points(mesh.p[:, mesh.facets].mean(axis=1).T)
     asked = np.full(len(points), 8e-3)
     for name, shape in shapes.items():
-        distance = shapely.distance(points, shape.shape.boundary)
+        distance = shapely.distance(points, shape.inscribed_polygon.boundary)
         asked = np.minimum(asked, patches[name] + 0.4 * distance)
     ratio = lengths / asked
     assert ratio.max() < 1.8

@@ -12,8 +12,10 @@ from pvdf_fem.batch import batch
 from pvdf_fem.batch.store import Record
 from pvdf_fem.studies.design import design, find_best_design
 from pvdf_fem.studies.sweep import sweep
-from pvdf_fem.view import charts
-from pvdf_fem.view.charts import draw_designs, draw_frequency_response, draw_sweep
+from pvdf_fem.view.charts import sweep as sweep_charts
+from pvdf_fem.view.charts.design import draw_designs
+from pvdf_fem.view.charts.sweep import draw_sweep
+from pvdf_fem.view.charts.vibration import draw_frequency_response
 from tests.helpers.sweep_cases import BASE, made_up
 from tests.helpers.touch_models import bumps
 
@@ -45,7 +47,7 @@ def test_curves_of_one_axis_with_the_failed_scene_marked(monkeypatch):
 
 
 def test_a_map_of_two_axes_for_each_electrode(monkeypatch):
-    monkeypatch.setattr(charts, "FEW", 2)
+    monkeypatch.setattr(sweep_charts, "MAX_CURVES", 2)
     data = swept(monkeypatch, {"load.force_N": [1.0, 2.0, 3.0]}, {"probe.x_mm": [0.0, 3.0, 5.0]})
     figure = draw_sweep(data)
     for ax, name in zip(figure.axes[:4], "ABCD", strict=True):

@@ -12,7 +12,7 @@ from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.solver.next_order import compute_error_shares
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.view.figures import make_figure, render_figure, use_style
-from pvdf_fem.view.film_map import MAPS, sample_field
+from pvdf_fem.view.film_quantities import MAPS, sample_field
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.view.film_map import MAPS
+from pvdf_fem.view.film_quantities import MAPS
 from pvdf_fem.view.film_view import NoRenderingError, make_film_surface, require_rendering
 
 pytest.importorskip("pyvista", reason="views in 3-D need pyvista")

@@ -171,7 +171,7 @@ def _write(data: xarray.Dataset, options: argparse.Namespace) -> None:
     """Print a table of the designs, and write the files of the options."""
     from pvdf_fem.studies.design import find_best_design, make_table
     from pvdf_fem.studies.sweep_dataset import write_netcdf
-    from pvdf_fem.view.charts import draw_designs
+    from pvdf_fem.view.charts.design import draw_designs
 
     table = make_table(data)
     if options.json:

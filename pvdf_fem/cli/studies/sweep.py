@@ -186,7 +186,7 @@ def _solve(
         data = make_sweep_dataset(grid, plan, records)
     write_netcdf(data, output)
     if options.plot:
-        from pvdf_fem.view.charts import draw_sweep
+        from pvdf_fem.view.charts.sweep import draw_sweep
 
         save_plot(draw_sweep(data), options)
     if not options.quiet:

@@ -105,15 +105,25 @@ class BendingLayers:
         return self.expansion[2::3]
 
     def change(self, factors: SuperLU) -> Array:
-        """Return the change of the unknowns by the uncertain forces, (unknowns,), with the factors
-        of the tangent."""
+        """Return the change of the unknowns by the uncertain forces, (unknowns,).
+
+        Parameters
+        ----------
+        factors : SuperLU
+            Factors of the tangent.
+        """
         form = self.plate.form
         values = estimate_uncertain_fraction(self.widths)[form.elements] * self.values
         return -factors.solve(np.asarray(self._deflections.T @ (form.strains.T @ values)))
 
     def effects(self, duals: Array) -> Array:
-        """Return the absolute changes of outputs by the bending forces of each element, (elements,
-        outputs), from dual solutions (unknowns, outputs)."""
+        """Return the absolute changes of outputs by bending forces, (elements, outputs).
+
+        Parameters
+        ----------
+        duals : (unknowns, outputs) array
+            Dual solutions of the outputs.
+        """
         form = self.plate.form
         work = self.values[:, None] * (form.strains @ (self._deflections @ duals))
         value_count = len(form.elements)

@@ -122,8 +122,10 @@ class Plate(Term):
         return self._last_tangent[1]
 
     def element_action(self, state: State, x: Array) -> Array:
-        """Return the bending forces of the dofs `x` in N, (elements, element dofs). The elements
-        around a node share its force equally."""
+        """Return the bending forces of the dofs `x` in N, (elements, element dofs).
+
+        The elements around a node share its force equally.
+        """
         nodes = self.space.nodes
         forces = np.zeros((*nodes.shape, 3))
         shares = self.form.forces(x[2::3]) / np.bincount(nodes.ravel())
@@ -362,8 +364,21 @@ class _EdgeValues:
 
 
 def _find_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
-    """Find the sides (edges, 1) of edges at the border of `elements`, and those (edges, 2) of edges
-    between two of them."""
+    """Find the sides of all edges of some elements.
+
+    Parameters
+    ----------
+    mesh : MeshTri2
+        The mesh.
+    elements : (n,) array
+        The elements.
+
+    Returns
+    -------
+    list of arrays
+        Sides (edges, 1) of edges at the border of the elements, and sides (edges, 2) of edges
+        between two of them.
+    """
     sides = (np.arange(3)[:, None] * mesh.nelements + elements).ravel()
     facets = mesh.t2f[:, elements].ravel()
     order = np.argsort(facets, kind="stable")

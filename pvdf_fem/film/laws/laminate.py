@@ -31,8 +31,13 @@ class Ply:
     prestrain: Array  #: Elastic strain of the flat sheet, (3,) or (elements, points, 3).
 
     def stress(self, strain: Array) -> Array:
-        """Return the stress over the film's thickness in Pa, (elements, points, 3), of strains in
-        the ply's elements."""
+        """Return the stress over the film's thickness in Pa, (elements, points, 3).
+
+        Parameters
+        ----------
+        strain : (elements, points, 3) array
+            Strain in the ply's elements.
+        """
         stress = self.law.stress(strain, self.prestrain)
         return stress if self.thickness_ratio == 1.0 else self.thickness_ratio * stress
 
@@ -106,14 +111,30 @@ class Laminate:
         return plies
 
     def stress(self, strain: Array) -> Array:
-        """Return the film's second Piola-Kirchhoff stress in Pa, (..., 3), of Green-Lagrange
-        strains (..., 3), without the stress of the added strain."""
+        """Return the film's stress without that of the added strain in Pa, (..., 3).
+
+        Parameters
+        ----------
+        strain : (..., 3) array
+            Green-Lagrange strain.
+        """
         stress = self.law.stress(strain, self.prestrain)
         return stress if self._subtracted is None else stress - self._subtracted
 
     def at(self, places: Array) -> Laminate:
-        """Return the film at places (..., 2) in m on the whole film, whose law takes the strain
-        added there. `stress` still subtracts the stress C : e of that strain e alone."""
+        """Return the film at some places, for laws that are not linear.
+
+        Parameters
+        ----------
+        places : (..., 2) array
+            Places in m on the whole film.
+
+        Returns
+        -------
+        Laminate
+            Its law takes the strain e that is added there. Its `stress` still subtracts the stress
+            C : e.
+        """
         if self.added is None:
             return self
         other = copy(self)
@@ -122,14 +143,26 @@ class Laminate:
         return other
 
     def film_stress(self, strain: Array, places: Array) -> Array:
-        """Return the film's whole stress in Pa, (..., 3), of strains (..., 3) at places (..., 2) in
-        m on the whole film."""
+        """Return the film's whole stress in Pa, (..., 3).
+
+        Parameters
+        ----------
+        strain : (..., 3) array
+            Green-Lagrange strain.
+        places : (..., 2) array
+            Its places in m on the whole film.
+        """
         stress = self.at(places).stress(strain)
         return stress if self.added is None else stress + self.added.stress(places)
 
     def resultant(self, strain: Array) -> Array:
-        """Return the stress of all plies over the film's thickness in Pa, (elements, points, 3), of
-        strains of the same shape."""
+        """Return the stress of all plies over the film's thickness in Pa, (elements, points, 3).
+
+        Parameters
+        ----------
+        strain : (elements, points, 3) array
+            Green-Lagrange strain.
+        """
         if len(self.plies) == 1:
             return self.plies[0].stress(strain)
         total = np.zeros_like(strain)
@@ -138,8 +171,18 @@ class Laminate:
         return total
 
     def resultant_moduli(self, strain: Array) -> Array:
-        """Return the derivative of `resultant` in Pa, (3, 3), or (elements, points or 1, 3, 3)
-        where it is not the same everywhere."""
+        """Return the derivative of `resultant` by the strain in Pa.
+
+        Parameters
+        ----------
+        strain : (elements, points, 3) array
+            Green-Lagrange strain.
+
+        Returns
+        -------
+        (3, 3) or (elements, points or 1, 3, 3) array
+            A single matrix where it is the same everywhere.
+        """
         film, *layers = self.plies
         if not layers:
             return film.law.moduli(strain, film.prestrain)
@@ -151,8 +194,15 @@ class Laminate:
         return total
 
     def stored_energy(self, strain: Array, volumes: Array) -> float:
-        """Return the energy in J of strains (elements, points, 3) in film volumes (elements,
-        points) in m³."""
+        """Return the stored energy of all plies in J.
+
+        Parameters
+        ----------
+        strain : (elements, points, 3) array
+            Green-Lagrange strain.
+        volumes : (elements, points) array
+            Volumes of the film in m³.
+        """
         total = 0.0
         for ply in self.plies:
             density = ply.law.energy(strain[ply.elements], ply.prestrain)

@@ -72,8 +72,10 @@ def estimate_load_force(load: Load, film: Film) -> float:
 
 
 def estimate_contact_outlines(scene: Scene) -> dict[str, Outline]:
-    """Estimate the outlines of contacts with a scene's tips, by patch name, on the film before it
-    deforms."""
+    """Estimate the outlines of contacts with a scene's tips, by patch name.
+
+    They are those of the film that touches, before it deforms.
+    """
     outlines = {}
     for probe in scene.tips:
         width = estimate_contact_width(probe, scene.film)
@@ -83,8 +85,10 @@ def estimate_contact_outlines(scene: Scene) -> dict[str, Outline]:
 
 
 def estimate_tip_outlines(scene: Scene) -> dict[str, Outline]:
-    """Estimate the outlines that a mesh follows at a scene's tips, by patch name: contacts and flat
-    faces."""
+    """Estimate the outlines that a mesh follows at a scene's tips, by patch name.
+
+    They are those of the contacts and of flat faces, on the film before it deforms.
+    """
     outlines = estimate_contact_outlines(scene)
     for probe in scene.tips:
         width = estimate_contact_width(probe, scene.film)
@@ -117,7 +121,7 @@ def _move_to_undeformed_film(probe: LoadedProbe, film: Film, width: float) -> Ti
     tip = probe.tip
     force = estimate_load_force(probe.load, film)
     centre = probe.outline.centroid
-    nearest = tip.core_perimeter / (2.0 * np.pi) + width
+    nearest = tip.face_perimeter / (2.0 * np.pi) + width
     # the distance of the rim from a point load beside the film's centre
     reach = film.radius - float(np.hypot(*centre)) ** 2 / film.radius
     deflection = estimate_point_deflection(film, force, min(nearest, 0.5 * reach), reach)
@@ -125,7 +129,7 @@ def _move_to_undeformed_film(probe: LoadedProbe, film: Film, width: float) -> Ti
     tension = estimate_tension(film, force, nearest) - unloaded_tension
     biaxial_modulus = film.stiffness[:2, :2].sum(axis=0).mean()
     stretch = STRETCH_FACTOR * tension / film.thickness / biaxial_modulus
-    return tip.moved_by(-DRIFT_FACTOR * (deflection / film.radius) ** 2 * centre, -stretch)
+    return tip.move(-DRIFT_FACTOR * (deflection / film.radius) ** 2 * centre, -stretch)
 
 
 def format_face_patch(probe: LoadedProbe) -> str:
@@ -161,7 +165,7 @@ def estimate_contact_width(probe: LoadedProbe, film: Film, halvings: int = 60) -
     low, high = 0.0, STEEPEST * tip.radius
     for _ in range(halvings):
         width = 0.5 * (low + high)
-        length = tip.core_perimeter + 2.0 * np.pi * width
+        length = tip.face_perimeter + 2.0 * np.pi * width
         tension = estimate_tension(film, force, length / (2.0 * np.pi))
         if tension * length * width / tip.radius > force:
             high = width

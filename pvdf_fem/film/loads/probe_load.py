@@ -98,8 +98,13 @@ class PatchLoad(ProbeLoad):
 
     @abstractmethod
     def traction(self, deformation_gradient: Array) -> Array:
-        """Return the traction per undeformed area in Pa, (..., 3), of film that is deformed by
-        `deformation_gradient` (..., 3, 2)."""
+        """Return the traction per undeformed area in Pa, (..., 3).
+
+        Parameters
+        ----------
+        deformation_gradient : (..., 3, 2) array
+            Deformation gradient of the film.
+        """
 
     def forces(self, state: State) -> Array:
         """Return the integral of the traction over the patch in N, (dofs,)."""
@@ -152,8 +157,11 @@ class DeadPressure(PatchLoad):
 
     @property
     def _quadrature(self) -> tuple[Array, Array]:
-        """Values of the functions, (n, points, functions), and weights times the profile in m²,
-        (n, points), in the elements of the patch."""
+        """Quadrature on the patch, in the order of its elements.
+
+        Values of the functions, (n, points, functions), and weights times the profile in m²,
+        (n, points).
+        """
         profile = make_profile(self.spec)
         if profile.order is None:
             return self.space.values[self.patch], self.space.weights[self.patch]

@@ -111,8 +111,10 @@ class RigidTip(ProbeLoad):
     # --- hints for the solver
 
     def relaxed(self) -> Term:
-        """Return a tip with a larger overlap; for the softest tip a pressure on the estimated
-        contact."""
+        """Return a tip with a larger overlap.
+
+        For the softest tip it is a pressure on the estimated contact.
+        """
         if self.softness > 0.1 * LARGEST_SOFTNESS:
             return DeadPressure(self.spec, self.space, self.sector).with_components(self.components)
         other = copy(self)
@@ -168,7 +170,7 @@ class RigidTip(ProbeLoad):
         places = self.compute_places(x)
         frame = self.sector.frame
         shape = places.shape[:2]
-        height = self.tip.height(places[..., :2].reshape(-1, 2) @ frame)
+        height = self.tip.compute_height(places[..., :2].reshape(-1, 2) @ frame)
         rates = -np.ones((*shape, 3))
         rates[..., :2] = -(height.slope @ frame.T).reshape(*shape, 2)
         hessian = (frame @ height.hessian @ frame.T).reshape(*shape, 2, 2)
@@ -281,8 +283,10 @@ class RigidTip(ProbeLoad):
         return assembly.of_dofs(sp.csr_matrix((values, (rows, columns)), shape))
 
     def _depth_rates(self, state: State) -> tuple[Array, float]:
-        """Return derivatives by the depth, in N/m: of the film's forces, (dofs,), and of their sum
-        along z."""
+        """Return derivatives by the depth, in N/m.
+
+        Those of the film's forces, (dofs,), and that of the sum of these along z.
+        """
         overlap = self.overlap(state)
         stiff = self.penalty * self.space.weights * overlap.is_touching
         elements = np.flatnonzero(stiff.any(axis=1))
@@ -292,8 +296,7 @@ class RigidTip(ProbeLoad):
     # Products that make no element matrices take a small part of the time of `element_tangent`.
 
     def element_action(self, state: State, x: Array) -> Array:
-        """Return the tangent at a constant depth times the dofs `x` in N, (elements, element
-        dofs)."""
+        """Return the tangent at a constant depth times `x` in N, (elements, element dofs)."""
         actions = np.zeros(self.space.element_dofs.shape)
         elements, weighted = self._touching_tractions(state)
         values = self.space.values[elements]

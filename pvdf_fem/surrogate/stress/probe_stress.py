@@ -60,7 +60,7 @@ def mesh_probe(
     scene : Scene
         With one probe.
     ratio : float, optional
-        Sizes of elements over the sizes given by the other parameters.
+        Sizes of elements over the sizes by the other parameters.
     edge_size : float, optional
         Size along the edge of the probe over the root of the probe's area.
     growth : float, optional

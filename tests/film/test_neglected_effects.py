@@ -1,4 +1,4 @@
-"""What a film model leaves out: how much that is, when "auto" includes it, and what is told."""
+"""Effects that a film model may neglect: their estimates, when "auto" includes them, and notes."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def light(random):
     return {"load.force_N": 10 ** random.uniform(-2.0, -1.0), "load.kind": "dead"}
 
 
-#: By key: how scenes are drawn, what includes the effect, its estimate, and seeds: other scenes
-#: than those that factors of estimates were fitted to.
+#: By key: how scenes are drawn, the value that includes the effect, its estimate, and seeds. The
+#: scenes are others than those that the estimates were fitted to.
 EFFECTS = {
     "film.bending": (
         stiff,
@@ -67,8 +67,10 @@ def test_estimates_are_between_a_third_and_thirty_times_the_effect(key, seed):
 @pytest.mark.parametrize("bonded", ["at rest", "before stretching"])
 @pytest.mark.parametrize("side_mm", [2.0, 6.0])
 @pytest.mark.parametrize(("thickness_um", "modulus_GPa"), [(8.0, 0.3), (25.0, 3.0), (60.0, 8.0)])
-def test_layers_on_one_side_bend_as_much_as_is_stated(bonded, side_mm, thickness_um, modulus_GPa):
-    """Up to six times what a laminated disc says, of the layer on either side."""
+def test_the_estimate_for_a_layer_on_one_side_is_one_to_six_times_the_change(
+    bonded, side_mm, thickness_um, modulus_GPa
+):
+    """Of the change in a laminated disc, with the layer on either side."""
     layer = {"shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": side_mm, "bonded": bonded}
     layer |= {"thickness_um": thickness_um, "youngs_modulus_GPa": modulus_GPa}
     scene = Scene().with_(
@@ -86,7 +88,7 @@ def test_layers_on_one_side_bend_as_much_as_is_stated(bonded, side_mm, thickness
 
 
 @pytest.mark.parametrize("rest", [-5.0, 0.0, 9.0])
-def test_the_tension_about_a_point_load_is_the_root_of_its_cubic(rest):
+def test_the_tension_around_a_point_load_is_the_root_of_its_cubic(rest):
     film, force, r = Film(pretension_N_m=rest), 0.01, 5e-3
     N = estimate_tension(film, force, r)
     assert N**2 * (N - rest) == pytest.approx(0.24**3 * 2e9 * 25e-6 * (force / r) ** 2, rel=1e-9)
@@ -94,7 +96,7 @@ def test_the_tension_about_a_point_load_is_the_root_of_its_cubic(rest):
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "others", "joins"),
+    ("key", "value", "others", "is_included"),
     [
         ("film.bending", False, {}, False),
         ("film.bending", True, {}, True),
@@ -106,20 +108,23 @@ def test_the_tension_about_a_point_load_is_the_root_of_its_cubic(rest):
         ("film.gravity_m_s2", -9.81, {"load.force_N": 0.02}, True),
     ],
 )
-def test_what_was_decided_is_said(key, value, others, joins):
-    """The weight, which told in every scene would be noise, only where it matters."""
+def test_a_result_has_a_note_on_each_effect(key, value, others, is_included):
+    """On the weight only where it matters: in every scene it would be noise."""
     scene = RECTANGLE.with_(**{"numerics.tolerance": 1e-2, key: value, **others})
     solution = solve(scene)
-    told, untold = (solution.included, solution.neglected)[:: 1 if joins else -1]
-    (said,) = (text for text in told if key in text)
-    assert not any(key in text for text in untold)
-    assert ("gravity" in " ".join(solution.neglected)) == (key == "film.gravity_m_s2" and not joins)
+    expected, other = solution.included, solution.neglected
+    if not is_included:
+        expected, other = other, expected
+    (note,) = (text for text in expected if key in text)
+    assert not any(key in text for text in other)
+    is_weight_neglected = key == "film.gravity_m_s2" and not is_included
+    assert ("gravity" in " ".join(solution.neglected)) == is_weight_neglected
     assert not solution.warnings
-    if value != -9.81:  # the weight tells its pressure
-        assert f"{format_two_digits(100.0 * EFFECTS[key][2](scene))} %" in said
+    if value != -9.81:  # an included weight is stated as a pressure
+        assert f"{format_two_digits(100.0 * EFFECTS[key][2](scene))} %" in note
 
 
-def test_a_thick_film_bends_or_has_a_warning_and_a_tip_leaves_bending_out():
+def test_a_thick_film_bends_or_has_a_warning_and_tips_neglect_bending():
     thick = RECTANGLE.with_(**{"film.thickness_um": 1000.0})
     without, auto = (solve(thick.with_(**{"film.bending": b})) for b in (False, "auto"))
     (warning,) = without.warnings

@@ -1,4 +1,4 @@
-"""What strains a film unevenly: heat, the rim's displacement, and layers bonded to it."""
+"""Uneven strains of a film: by heat, by the rim's displacement, and by layers bonded to it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ CENTRE = {"shape": "circle", "x_mm": 0.0, "y_mm": 0.0}
 
 
 @pytest.mark.parametrize("fourier", [0.002, 0.0499, 0.0501, 0.3, 2.0])
-def test_heat_goes_through_the_film_as_the_equation_of_heat_says(fourier):
+def test_heat_through_the_film_solves_the_heat_equation(fourier):
     count = 400
     z = (np.arange(count) + 0.5) / count  # middles of cells; the face z = 0 is held at 1
     matrix = np.diag(np.full(count - 1, 1.0), 1) + np.diag(np.full(count - 1, 1.0), -1)
@@ -42,7 +42,7 @@ def test_heat_goes_through_the_film_as_the_equation_of_heat_says(fourier):
     assert compute_mean_warming(fourier) == pytest.approx(1.0 - cold.mean(), rel=1e-3)
 
 
-def test_heat_spreads_beside_a_disc_as_the_equation_of_heat_says():
+def test_heat_beside_a_disc_solves_the_heat_equation():
     """After a second, by second differences on radii from the disc's edge, which is held at 1."""
     r, h = np.linspace(2e-3, 4e-3, 201, retstep=True)
     matrix = np.diag(np.full(201, -2.0)) + np.diag(1.0 + 0.5 * h / r[:-1], 1)
@@ -61,11 +61,12 @@ def test_heat_spreads_beside_a_disc_as_the_equation_of_heat_says():
         ({"shape": "triangle", "side_mm": 7.0}, 0.331),
     ],
 )
-def test_heat_beside_other_outlines_is_off_as_stated(shape, excess):
+def test_the_error_of_heat_beside_other_outlines_is_as_stated(shape, excess):
     """Against finite elements of the heat equation on meshes with these outlines, after 30 s."""
     scene = Scene().with_(probe={**shape, "temperature_K": 1.0, "contact_time_s": 30.0})
-    told = float(next(describe_heat_effects(scene))[1].split("about ")[1].split()[0])
-    assert 0.6 * excess < told / 100.0 < 2.0 * excess
+    note = next(describe_heat_effects(scene))
+    stated_percent = float(note.text.split("about ")[1].split()[0])
+    assert 0.6 * excess < stated_percent / 100.0 < 2.0 * excess
 
 
 def test_a_tape_under_a_warm_probe_expands_by_its_own_coefficient():
@@ -87,7 +88,7 @@ def test_heat_on_an_electrode_is_its_area_times_the_pyroelectric_coefficient():
     scene = Scene().with_(probe={**finger, **WARM}, **PYROELECTRIC)
     warm, mechanical = charges(scene), charges(scene.with_(**{"film.pyroelectric_uC_m2K": None}))
     assert warm - mechanical == pytest.approx([2250.0, 0.0, 0.0, 0.0], rel=1e-4, abs=1e-6)
-    # what the film would do if it could not move: 8e-12 · 2 · E α ΔT/(1 - ν) · 9 mm2
+    # the charge if the film could not move: 8e-12 · 2 · E α ΔT/(1 - ν) · 9 mm2
     clamped = charges(scene.with_(probe=Replaced(finger))) - mechanical
     assert 0.0 < clamped[0] < 480.0
 
@@ -99,7 +100,7 @@ def test_heat_on_an_electrode_is_its_area_times_the_pyroelectric_coefficient():
     ("coefficients", "n", "phase"),
     [([0.0, 0.0, 0.0, 0.5, 0.0], 2, 0.0), ([0.0, 0.0, 0.5], 1, np.pi / 2)],
 )
-def test_an_uneven_rim_is_that_of_plane_elasticity(coefficients, n, phase):
+def test_an_uneven_rim_strains_the_film_as_plane_elasticity_says(coefficients, n, phase):
     """Muskhelishvili's potential A z^(n+1) of u_r = c cos n(θ - phase), u_θ = 0 on the rim."""
     scene = Scene().with_(**FAR, **{"film.rim_displacement_um": coefficients})
     E, nu, a, c = 2e9, 0.34, 45e-3, 0.5e-6
@@ -116,8 +117,8 @@ def test_an_uneven_rim_is_that_of_plane_elasticity(coefficients, n, phase):
 
 
 @pytest.mark.parametrize(("bonded", "disc_mm"), [("at rest", 9.0), ("before stretching", 4.0)])
-def test_a_stiff_disc_at_the_centre_is_that_of_the_axisymmetric_film(bonded, disc_mm):
-    """Of von Kármán's strains, under a small load; untouched, only a stretched layer moves."""
+def test_a_stiff_disc_at_the_centre_agrees_with_an_axisymmetric_film(bonded, disc_mm):
+    """With von Kármán's strains, under a small load; unloaded, only a stretched layer moves."""
     layer = {**CENTRE, "radius_mm": 6.0, "thickness_um": 50.0, "youngs_modulus_GPa": 3.0}
     scene = Scene().with_(
         film={"patches": [{**layer, "bonded": bonded}]},
@@ -125,11 +126,11 @@ def test_a_stiff_disc_at_the_centre_is_that_of_the_axisymmetric_film(bonded, dis
         electrodes=[{**CENTRE, "name": "A", "radius_mm": disc_mm}],
         **{"numerics.tolerance": 3e-5, "load.force_N": 0.02},
     )
-    touched, untouched = (laminated(scene, 1.0, force).as_membrane() for force in (0.02, 0.0))
+    loaded, unloaded = (laminated(scene, 1.0, force).as_membrane() for force in (0.02, 0.0))
     solution = solve(scene)
-    assert solution.charges_pC["A"] == pytest.approx(touched.charges(8.0, 8.0)[0], rel=2e-4)
-    assert solution.deflection_max_mm == pytest.approx(1e3 * touched.deflections[0], rel=2e-4)
-    assert solution.rest_charges_pC["A"] == pytest.approx(untouched.charges(8.0, 8.0)[0], rel=2e-4)
+    assert solution.charges_pC["A"] == pytest.approx(loaded.charges(8.0, 8.0)[0], rel=2e-4)
+    assert solution.deflection_max_mm == pytest.approx(1e3 * loaded.deflections[0], rel=2e-4)
+    assert solution.rest_charges_pC["A"] == pytest.approx(unloaded.charges(8.0, 8.0)[0], rel=2e-4)
 
 
 def test_a_patch_may_end_beyond_the_rim():
@@ -140,7 +141,7 @@ def test_a_patch_may_end_beyond_the_rim():
     assert covered == pytest.approx(5e-3 * (45e-3 - 11.5e-3), rel=1e-3)
 
 
-# parts of symmetric films
+# sectors of symmetric films
 
 
 def oblique():
@@ -159,17 +160,17 @@ TAPED = Scene().with_(film={"patches": TAPES}, probe=RECTANGLE, numerics={"toler
 
 
 @pytest.mark.parametrize(("scene", "most"), [(oblique(), 1e-3), (TAPED, 5e-3)])
-def test_a_part_of_a_symmetric_film_has_all_of_it(monkeypatch, scene, most):
+def test_a_sector_of_a_symmetric_film_has_its_charges(monkeypatch, scene, most):
     assert len(find_symmetry_sector(scene).mirror_axes) == 1
-    on_part = solve(scene)
+    on_sector = solve(scene)
     for name in scene.film.layers:
-        patch = on_part.mesh.subdomains[name]
-        assert on_part.discrete.equilibrium.space.weights[patch].sum() == pytest.approx(9e-6)
+        patch = on_sector.mesh.subdomains[name]
+        assert on_sector.discrete.equilibrium.space.weights[patch].sum() == pytest.approx(9e-6)
     monkeypatch.setattr(solving, "find_symmetry_sector", lambda scene: WHOLE_FILM)
-    assert [*on_part.charges_pC.values()] == pytest.approx(charges(scene), rel=most)
+    assert [*on_sector.charges_pC.values()] == pytest.approx(charges(scene), rel=most)
 
 
-def test_what_is_unlike_is_no_mirror_image():
+def test_unequal_probes_patches_and_rims_are_no_mirror_images():
     finger = {"shape": "circle", "x_mm": 9.0, "radius_mm": 2.0, "force_N": 1.0, **WARM}
     pairs = ([finger, {**finger, "x_mm": -9.0, "temperature_K": t}] for t in (10.0, 5.0))
     assert [find_symmetry_sector(Scene().with_(probe=pair)).mirror_axes for pair in pairs] == [
