@@ -82,7 +82,7 @@ class Visit:
 
     def scene(self):
         """The scene that the address stands for."""
-        return View.of_query(SCENE, urlparse(self.page.url).query).scene
+        return View.from_query(SCENE, urlparse(self.page.url).query).scene
 
     def reads(self, scene):
         """The bars come to show what `solve` says of a scene, and the address to stand for it."""
