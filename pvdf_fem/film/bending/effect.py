@@ -242,8 +242,8 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _Press) -> float:
         difference = max(abs(film.d31 - film.d32) / (d31 + d32), FIT.even)
     largest = 0.0
     for electrode in scene.electrode_list:
-        area = electrode.outline.polygon
-        covered = area.intersection(outline.polygon).area / area.area
+        area = electrode.outline.equal_area_polygon
+        covered = area.intersection(outline.equal_area_polygon).area / area.area
         distance = max(math.dist(electrode.outline.centroid, outline.centroid), layer_radius)
         beside = difference * (layer_radius / distance) ** 2
         pressed = _estimate_load_curvature(film, electrode.outline, press, half_width, D)
