@@ -22,7 +22,7 @@ def format_two_digits(value: float) -> str:
 
 def describe_charge_effect(
     about: tuple[str, str],
-    given: float | None,
+    coefficient: float | None,
     typical: float,
     per_unit: float,
     name: str,
@@ -34,8 +34,8 @@ def describe_charge_effect(
     ----------
     about : tuple of str
         The effect, and the key of its coefficient.
-    given : float or None
-        The coefficient in the scene; None if it has none, so that the effect is neglected.
+    coefficient : float or None
+        The effect's coefficient in the scene; None if it has none, so that the effect is neglected.
     typical : float
         A typical coefficient, which estimates a neglected effect.
     per_unit : float
@@ -46,14 +46,13 @@ def describe_charge_effect(
         Charges of the solution.
     """
     effect, key = about
-    coefficient = typical if given is None else given
-    added_pC = coefficient * per_unit
+    added_pC = per_unit * (typical if coefficient is None else coefficient)
     size = f"about {format_two_digits(added_pC)} pC on {name}"
     charge = (charges_pC or {}).get(name)
     if charge:
         percent = format_two_digits(100.0 * abs(added_pC / charge))
         size += f", {percent} % of its charge"
-    if given is not None:
-        return EffectNote(True, f"{effect} ({key} = {given:g}): {size}")
+    if coefficient is not None:
+        return EffectNote(True, f"{effect} ({key} = {coefficient:g}): {size}")
     text = f"{effect}: {size}, for a typical {key} = {typical:g}; to include it give that"
     return EffectNote(False, text)

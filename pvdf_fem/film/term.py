@@ -75,7 +75,7 @@ class CombinedMotion(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """What a term demands of the dofs. Constraints add no equation: they map unknowns to dofs."""
+    """Constraints of a term on the dofs. They add no equation, but map unknowns to dofs."""
 
     #: Dofs that stay zero, (n,).
     fixed_dofs: Indices = field(default_factory=NO_INDICES.copy)

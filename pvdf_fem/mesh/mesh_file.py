@@ -145,7 +145,8 @@ def _inside(mesh: MeshTri2, shapes: dict[str, Outline]) -> dict[str, Indices]:
     """Elements with their centroids inside an outline, by the outline's name."""
     middles = mesh.mapping().F(np.full((2, 1), 1.0 / 3.0))[:, :, 0].T
     return {
-        name: np.flatnonzero(shape.signed_distance(middles) < 0.0) for name, shape in shapes.items()
+        name: np.flatnonzero(shape.compute_signed_distances(middles) < 0.0)
+        for name, shape in shapes.items()
     }
 
 
@@ -163,7 +164,7 @@ def _misplaced(
         found = float(area[elements].sum())
         facets, count = np.unique(mesh.t2f[:, elements], return_counts=True)
         corners = np.unique(mesh.facets[:, facets[count == 1]])
-        off = np.abs(shape.signed_distance(mesh.p[:, corners].T)).max(initial=0.0)
+        off = np.abs(shape.compute_signed_distances(mesh.p[:, corners].T)).max(initial=0.0)
         centre = first[:, elements].sum(axis=1) / max(found, np.finfo(float).tiny)
         off = max(off, float(np.linalg.norm(centre - shape.centroid)))
         if abs(found - shape.area) > slack * shape.area or off > slack * size:

@@ -37,11 +37,11 @@ def bulge_arcs(
     outline if its distance is below `near` times the radius. Where curves lie up to twice this
     distance apart, gmsh makes a single node halfway; touching curves are much farther apart an
     element's size from their contact."""
-    on = np.abs(outline.signed_distance(points.T)) < near * film
+    on = np.abs(outline.compute_signed_distances(points.T)) < near * film
     ends, middle = triangles[:, SIDES].reshape(-1, 2), triangles[:, 3:].ravel()
     arcs = curved[middle] & on[middle] & on[ends].all(axis=1)
     starts, stops = points[:, ends[arcs]].transpose(2, 1, 0)
-    points[:, middle[arcs]] = outline.arc_middles(starts, stops).T
+    points[:, middle[arcs]] = outline.compute_arc_midpoints(starts, stops).T
 
 
 def find_curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:

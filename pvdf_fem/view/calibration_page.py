@@ -165,7 +165,7 @@ def _draw_places(data: CalibrationData) -> Figure:
     """Draw the places on the stage as in the file and as calibrated."""
     stage = data.scene.stage or Stage()
     farthest_touch = np.abs(data.given_mm - [stage.x_mm, stage.y_mm]).max()
-    bounds = [electrode.outline.shape.bounds for electrode in data.scene.electrode_list]
+    bounds = [electrode.outline.inscribed_polygon.bounds for electrode in data.scene.electrode_list]
     farthest_electrode = 1e3 * np.abs(bounds).max()
     figure = make_figure(SIZE_MM, SIZE_MM)
     ax = figure.subplots()

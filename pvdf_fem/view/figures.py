@@ -233,7 +233,7 @@ def draw_electrode(ax: Axes, outline: Outline, lines: Sequence[str], veil: float
     veil : float
         Opacity of a white area over the map below the electrode, 0 to 1.
     """
-    corners_mm = 1e3 * np.array(outline.shape.exterior.coords)
+    corners_mm = 1e3 * np.array(outline.inscribed_polygon.exterior.coords)
     ax.add_patch(Patch(corners_mm, facecolor="white", edgecolor="none", alpha=veil))
     ax.add_patch(Patch(corners_mm, fill=False, linewidth=0.9, path_effects=[HALO]))
     box_mm = Bbox([corners_mm.min(axis=0), corners_mm.max(axis=0)])
@@ -262,7 +262,7 @@ def draw_film(
     centre = Point(0.0, 0.0)
     half_width = reach
     for electrode in electrodes:
-        shape = electrode.outline.shape
+        shape = electrode.outline.inscribed_polygon
         if 1e3 * shape.distance(centre) < reach:
             half_width = max(half_width, 1e3 * np.abs(shape.bounds).max())
     draw_rim(ax, radius_mm, half_width)

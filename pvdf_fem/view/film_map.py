@@ -68,7 +68,7 @@ def draw_film_map(
         add_colour_bar(ax, drawn, film_map.label)
     _draw_electrodes(ax, film, film_map.veil)
     for probe_load in scene.loaded_probes:
-        edge_mm = 1e3 * np.array(probe_load.outline.shape.exterior.coords)
+        edge_mm = 1e3 * np.array(probe_load.outline.inscribed_polygon.exterior.coords)
         if probe_load.patch in film.contacts:
             edge_mm = film.contacts[probe_load.patch].edge_mm
         ax.plot(*edge_mm.T, color=COLOURS[1], path_effects=[HALO])

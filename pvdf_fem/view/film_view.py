@@ -99,7 +99,7 @@ def make_film_view(data: FilmData, name: str, scale: float | None, html: str | P
     outlines = [(electrode.outline, "black") for electrode in scene.electrode_list]
     outlines += [(probe_load.outline, COLOURS[1]) for probe_load in scene.loaded_probes]
     for outline, colour in outlines:
-        corners_mm = 1e3 * np.array(outline.shape.exterior.coords)
+        corners_mm = 1e3 * np.array(outline.inscribed_polygon.exterior.coords)
         points = evaluate_along(data.equilibrium, data.state, corners_mm)
         line = pyvista.lines_from_points(_displace(points, scale) + above)
         plotter.add_mesh(line, color=colour, line_width=4)

@@ -96,10 +96,10 @@ def _integral(outline: Outline, total: Sum, edge: float) -> float:
         r = np.concatenate([a + (b - a) * x for a, b in pairwise(ends)])
         sizes = np.concatenate([(b - a) * weight for a, b in pairwise(ends)])
         return float((2.0 * np.pi * r * total(r)) @ sizes)
-    left, low, right, high = outline.shape.bounds
+    left, low, right, high = outline.inscribed_polygon.bounds
     r = np.hypot((left + (right - left) * x)[:, None], low + (high - low) * x)
     values = total(r.ravel()).reshape(r.shape)
-    return float(outline.shape.area * (weight @ values @ weight))
+    return float(outline.inscribed_polygon.area * (weight @ values @ weight))
 
 
 def pressurised(film: RoundFilm) -> Sum:

@@ -1,9 +1,9 @@
-"""What is special to the report on designs: deviations of place and force by design, and maps.
+"""Kinds of figures of the report on designs: deviations of place and force by design, and maps.
 
     pvdf-fem report reports/design/report.toml --kinds reports/design/special.py
 
-Both kinds draw what `pvdf_fem.design` finds. A task is about designs with one value of the first
-key; a process keeps its last models of the charges for the next tasks.
+Both kinds draw the dataset that `pvdf_fem.design` returns. A task computes the designs with one
+value of the first key; a process keeps its last responses for the next tasks.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from pydantic import Field
 
 from pvdf_fem import Response, Scene, build_response, design
@@ -32,42 +33,66 @@ from pvdf_fem.view.labels import format_axis_label
 if TYPE_CHECKING:
     import xarray
 
-#: Of a preview: every third value of a key, few places, and a coarse model.
-QUICK = {"step_mm": 3.0, "tolerance": 5e-2}
-EVERY = 3
+#: Settings of a preview: few places, a coarse response, and every third value of a key.
+QUICK_STEP_MM = 3.0
+QUICK_TOLERANCE = 5e-2
+QUICK_STRIDE = 3
 DECADE = 10.0  #: Ratio of values of a key above which their axis is logarithmic.
-THESIS = (10.0, 4.0)  #: Radius of the ring in mm, and number of electrodes.
-#: Panels: variables, labels, and factors of what is drawn.
+#: The thesis's ring of electrodes.
+THESIS_RADIUS_MM = 10.0
+THESIS_COUNT = 4.0
+
+
+class Panel(NamedTuple):
+    """A panel of the figure of deviations."""
+
+    variable: str
+    label: str
+    factor: float  #: Of the drawn values.
+
+
 PANELS = (
-    ("place_deviation_median_mm", "place (mm)", 1.0),
-    ("force_deviation_median", "force (%)", 100.0),
-    ("ambiguous_share", "ambiguous (%)", 100.0),
+    Panel("place_deviation_median_mm", "place (mm)", 1.0),
+    Panel("force_deviation_median", "force (%)", 100.0),
+    Panel("ambiguous_share", "ambiguous (%)", 100.0),
 )
 
 
 @lru_cache(maxsize=2)
 def build_cached_response(
-    scene: Scene, reach_mm: float, forces_N: tuple[float, float], tolerance: float
+    scene: Scene, reach_mm: float, force_range_N: tuple[float, float], tolerance: float
 ) -> Response:
-    """A model of the charges, built once by a process."""
-    return build_response(scene, reach_mm, forces_N, tolerance, 1, progress=lambda done, of: None)
+    """Build the response of a scene once in a process.
+
+    Parameters
+    ----------
+    scene : Scene
+        The sensor with its probe at the centre.
+    reach_mm : float
+        Largest distance of touches from the centre.
+    force_range_N : tuple of float
+        Least and largest force.
+    tolerance : float
+        Error bound of the response.
+    """
+    return build_response(scene, reach_mm, force_range_N, tolerance, 1, progress=False)
 
 
 @dataclass(frozen=True)
 class Bounds(Task):
-    """Designs of a scene by keys with their values, as JSON."""
+    """A study of a scene's designs; arguments are those of `design`."""
 
     scene: Scene
-    vary: str
+    vary: str  #: As JSON, so that the task can be hashed.
     sigma: float
     noise_pC: float
     reach_mm: float
     step_mm: float
-    forces_N: tuple[float, float]
+    force_range_N: tuple[float, float]
     tolerance: float
 
     def run(self) -> Rows:
-        """One row with the whole dataset as JSON."""
+        """Return one row with the whole dataset as JSON."""
         data = design(
             self.scene,
             json.loads(self.vary),
@@ -75,21 +100,23 @@ class Bounds(Task):
             noise_pC=self.noise_pC,
             reach_mm=self.reach_mm,
             step_mm=self.step_mm,
-            force_range_N=self.forces_N,
-            response=self._model,
+            force_range_N=self.force_range_N,
+            response=self._get_response,
             processes=1,
-            progress=lambda done, of: None,
+            progress=False,
         )
         return [{"data": json.dumps(data.to_dict())}]
 
-    def _model(self, scene: Scene) -> Response:
-        """The model of a scene, for any electrodes, d31 and d32."""
+    def _get_response(self, scene: Scene) -> Response:
+        """Return the response of a scene, which serves any electrodes, d31 and d32."""
         film = scene.film.model_copy(update={"d31_pC_N": 8.0, "d32_pC_N": 8.0})
-        alone = centre_probe(Scene(film=film, probe=scene.probe, load=scene.load))
-        return build_cached_response(alone, self.reach_mm, self.forces_N, self.tolerance)
+        without_electrodes = centre_probe(Scene(film=film, probe=scene.probe, load=scene.load))
+        return build_cached_response(
+            without_electrodes, self.reach_mm, self.force_range_N, self.tolerance
+        )
 
 
-class OfDesigns(Kind):
+class StudyKind(Kind):
     """Designs by the keys in `vary`; `names` are those of the values of the last key."""
 
     vary: Annotated[dict[str, tuple[Any, ...]], Field(min_length=1, max_length=2)]
@@ -98,126 +125,178 @@ class OfDesigns(Kind):
     noise_pC: float = 1.0
     reach_mm: float = 12.0
     step_mm: float = 1.0
-    forces_N: tuple[float, float] = (0.1, 4.0)
+    force_range_N: tuple[float, float] = (0.1, 4.0)
     tolerance: float = 1e-2
 
     def list_tasks(self, inputs: Inputs) -> Sequence[Task]:
-        """A task for each value of the first key."""
-        vary = {key: values[:: EVERY if inputs.quick else 1] for key, values in self.vary.items()}
-        first, *others = vary
+        """Return a task for each value of the first key."""
+        stride = QUICK_STRIDE if inputs.quick else 1
+        vary = {key: values[::stride] for key, values in self.vary.items()}
         scene = self.resolve_scene(inputs)
-        domain, noise = Domain(self.reach_mm, self.forces_N), (self.sigma, self.noise_pC)
-        with prefix_errors("vary"):
-            designs = DesignStudy.from_scene(scene, vary)
-            if wrong := [*designs.find_errors(domain, self.step_mm, self.tolerance, *noise)]:
-                raise SceneError(wrong)
-        how = {key: getattr(self, key) for key in ("step_mm", "forces_N", "tolerance")}
-        how |= {**QUICK} if inputs.quick else {}
-        asked = {"sigma": self.sigma, "noise_pC": self.noise_pC, "reach_mm": self.reach_mm, **how}
-        parts = [{first: [value], **{key: vary[key] for key in others}} for value in vary[first]]
-        return [Bounds(scene, json.dumps(part), **asked) for part in parts]
+        self._require_valid(scene, vary)
+        first_key = next(iter(vary))
+        tasks = []
+        for value in vary[first_key]:
+            task = Bounds(
+                scene,
+                json.dumps(vary | {first_key: [value]}),
+                sigma=self.sigma,
+                noise_pC=self.noise_pC,
+                reach_mm=self.reach_mm,
+                step_mm=QUICK_STEP_MM if inputs.quick else self.step_mm,
+                force_range_N=self.force_range_N,
+                tolerance=QUICK_TOLERANCE if inputs.quick else self.tolerance,
+            )
+            tasks.append(task)
+        return tasks
 
-    def found(self, inputs: Inputs, results: ReportResults) -> xarray.Dataset:
-        """What the tasks found, along the keys."""
+    def _require_valid(self, scene: Scene, vary: dict[str, tuple[Any, ...]]) -> None:
+        """Raise SceneError for designs or noise with errors."""
+        domain = Domain(self.reach_mm, self.force_range_N)
+        with prefix_errors("vary"):
+            study = DesignStudy.from_scene(scene, vary)
+            errors = study.find_errors(
+                domain, self.step_mm, self.tolerance, self.sigma, self.noise_pC
+            )
+            found = list(errors)
+            if found:
+                raise SceneError(found)
+
+    def join_datasets(self, inputs: Inputs, results: ReportResults) -> xarray.Dataset:
+        """Return the datasets of the tasks as one, along the first key."""
         import xarray
 
-        rows = [json.loads(results.get_rows(task)[0]["data"]) for task in self.list_tasks(inputs)]
-        parts = [xarray.Dataset.from_dict(part) for part in rows]
+        parts = []
+        for task in self.list_tasks(inputs):
+            row = results.get_rows(task)[0]
+            parts.append(xarray.Dataset.from_dict(json.loads(row["data"])))
         return xarray.concat(parts, parts[0].scene.dims[0], combine_attrs="override")
 
-    def condition(self) -> str:
-        """What the numbers hold for."""
-        return (
-            f"{100 * self.sigma:g} % and {self.noise_pC:g} pC of noise, places up to "
-            f"{self.reach_mm:g} mm from the centre"
-        )
+    def describe_conditions(self) -> str:
+        """Return a clause with the noise and the places."""
+        noise = f"{100 * self.sigma:g} % and {self.noise_pC:g} pC of noise"
+        return f"{noise}, places up to {self.reach_mm:g} mm from the centre"
 
 
-class Deviations(OfDesigns):
-    """Median deviations of place and force, and the share of ambiguous places, along the last key,
-    a curve for each value of the first one of two."""
+class Deviations(StudyKind):
+    """Median deviations of place and force, and the share of ambiguous places, along the last key.
+
+    With two keys there is a curve for each value of the first one.
+    """
 
     kind: Literal["deviations"]
-    told: Literal["rings", "centre"] | None = None
+    finding: Literal["rings", "centre"] | None = None  #: The finding that the page claims.
 
     stem: ClassVar[str] = "deviations"
 
     def compose(self, inputs: Inputs, results: ReportResults) -> Content:
-        """Panels below each other."""
-        data = self.found(inputs, results)
-        *family, along = (str(axis) for axis in data.scene.dims)
-        curves = (
-            [data]
-            if not family
-            else [data.isel({family[0]: i}) for i in range(len(data[family[0]]))]
-        )
-        x = np.arange(len(data[along])) if self.names else data[along].values
+        """Draw panels below each other."""
+        data = self.join_datasets(inputs, results)
         figure = make_figure(WIDTH_MM, 150.0)
-        panels = figure.subplots(len(PANELS), sharex=True)
-        for ax, (name, label, factor) in zip(panels, PANELS, strict=True):
-            for number, curve in enumerate(curves):
-                of = _shown(curve[family[0]].item()) if family else None
-                look = get_line_style(number) | ({"linestyle": "none"} if self.names else {})
-                ax.plot(x, factor * curve[name], label=of, **look)
-            ax.set_ylabel(label)
-            ax.set_ylim(0.0, 1.08 * factor * float(data[name].max()) or 1.0)
-        if self.names:
-            names = self.names[:: EVERY if inputs.quick else 1]
-            panels[-1].set_xticks(x, names, rotation=25, ha="right")
-        else:
-            if x.min() > 0.0 and x.max() >= DECADE * x.min():
-                panels[-1].set_xscale("log")
-                panels[-1].set_xticks(x, map(_shown, x.tolist()))
-                panels[-1].set_xticks([], minor=True)
-            panels[-1].set_xlabel(format_axis_label(data[along].attrs["key"]))
-        if family:
-            title = format_axis_label(data[family[0]].attrs["key"])
-            figure.legend(
-                *panels[0].get_legend_handles_labels(),
-                loc="outside upper left",
-                title=title,
-                ncols=6,
-            )
-        text = f"Medians over the places of the deviations of place and force; {self.condition()}."
-        claim = CLAIMS[self.told](data) if self.told else ""
+        axes = figure.subplots(len(PANELS), sharex=True)
+        for ax, panel in zip(axes, PANELS, strict=True):
+            self._draw_panel(ax, panel, data)
+        self._label_designs(axes[-1], data, QUICK_STRIDE if inputs.quick else 1)
+        if len(data.scene.dims) == 2:
+            first = data[data.scene.dims[0]]
+            handles, labels = axes[0].get_legend_handles_labels()
+            title = format_axis_label(first.attrs["key"])
+            figure.legend(handles, labels, loc="outside upper left", title=title, ncols=6)
+        conditions = self.describe_conditions()
+        text = f"Medians over the places of the deviations of place and force; {conditions}."
+        claim = FINDINGS[self.finding](data) if self.finding else ""
         return Content(text, make_table(data), figure, claim=claim)
 
+    def _get_positions(self, data: xarray.Dataset) -> np.ndarray[Any, Any]:
+        """Return where designs are drawn: at the values of the last key, or evenly by name."""
+        values = data[data.scene.dims[-1]]
+        return np.arange(len(values)) if self.names else values.values
 
-def _of_rings(data: xarray.Dataset) -> str:
-    """What the best ring of each number of electrodes leaves, and the thesis's ring."""
-    found = [find_best_design(data.sel(count=count)) for count in data["count"].values]
-    counts, radii = (
-        ", ".join(f"{of[name].item():g}" for of in found) for name in ("count", "ring_radius_mm")
-    )
-    medians = ", ".join(f"{of.place_deviation_median_mm.item():.2f}" for of in found)
+    def _draw_panel(self, ax: Axes, panel: Panel, data: xarray.Dataset) -> None:
+        """Draw the curves of a panel.
+
+        Parameters
+        ----------
+        ax : Axes
+            Where to draw.
+        panel : Panel
+            Variable to draw.
+        data : xarray.Dataset
+            The designs.
+        """
+        x = self._get_positions(data)
+        values = panel.factor * data[panel.variable]
+        curves: dict[str | None, Any] = {None: values}
+        if values.ndim == 2:
+            first = data[data.scene.dims[0]]
+            curves = {_format(value.item()): values.sel({first.name: value}) for value in first}
+        for number, (label, curve) in enumerate(curves.items()):
+            style = get_line_style(number)
+            if self.names:
+                style = {**style, "linestyle": "none"}
+            ax.plot(x, curve, label=label, **style)
+        ax.set_ylabel(panel.label)
+        largest = float(values.max())
+        ax.set_ylim(0.0, 1.08 * largest if largest else 1.0)
+
+    def _label_designs(self, ax: Axes, data: xarray.Dataset, stride: int) -> None:
+        """Label the axis of the designs.
+
+        Parameters
+        ----------
+        ax : Axes
+            The lowest panel.
+        data : xarray.Dataset
+            The designs.
+        stride : int
+            Every `stride`-th of the names belongs to a design.
+        """
+        x = self._get_positions(data)
+        if self.names:
+            ax.set_xticks(x, self.names[::stride], rotation=25, ha="right")
+            return
+        if x.min() > 0.0 and x.max() >= DECADE * x.min():
+            ax.set_xscale("log")
+            ax.set_xticks(x, [_format(value) for value in x.tolist()])
+            ax.set_xticks([], minor=True)
+        ax.set_xlabel(format_axis_label(data[data.scene.dims[-1]].attrs["key"]))
+
+
+def _describe_rings(data: xarray.Dataset) -> str:
+    """Describe the best ring of each number of electrodes, and the thesis's ring."""
+    best = [find_best_design(data.sel(count=count)) for count in data["count"].values]
+    counts = ", ".join(f"{each['count'].item():g}" for each in best)
+    radii = ", ".join(f"{each['ring_radius_mm'].item():g}" for each in best)
+    medians = ", ".join(f"{each.place_deviation_median_mm.item():.2f}" for each in best)
     text = (
-        f"{counts} electrodes tell the place to {medians} mm at best (median of the standard "
+        f"{counts} electrodes locate touches to {medians} mm at best (median of the standard "
         f"deviation, {100 * data.sigma:g} % noise), on rings of {radii} mm radius"
     )
-    radius, count = THESIS
-    if radius in data.ring_radius_mm and count in data["count"]:
-        thesis = data.sel(count=count, ring_radius_mm=radius)
-        text += f"; four on the thesis's ring of {radius:g} mm to {_told(thesis)}"
+    if THESIS_RADIUS_MM in data.ring_radius_mm and THESIS_COUNT in data["count"]:
+        thesis = data.sel(count=THESIS_COUNT, ring_radius_mm=THESIS_RADIUS_MM)
+        text += f"; four on the thesis's ring of {THESIS_RADIUS_MM:g} mm to {_describe(thesis)}"
     return text
 
 
-def _of_centre(data: xarray.Dataset) -> str:
-    """What an electrode at the centre of the thesis's ring leaves."""
-    radius, _ = THESIS
-    if radius not in data.ring_radius_mm:
+def _describe_centre(data: xarray.Dataset) -> str:
+    """Describe an electrode at the centre of the thesis's ring."""
+    if THESIS_RADIUS_MM not in data.ring_radius_mm:
         return ""
-    return f"with one more at its centre to {_told(data.sel(centre='true', ring_radius_mm=radius))}"
+    with_centre = data.sel(centre="true", ring_radius_mm=THESIS_RADIUS_MM)
+    return f"with one more at its centre to {_describe(with_centre)}"
 
 
-def _told(of: xarray.Dataset) -> str:
-    share = 100 * of.ambiguous_share.item()
-    return f"{of.place_deviation_median_mm.item():.2f} mm, {share:.0f} % of the places ambiguous"
+def _describe(design_data: xarray.Dataset) -> str:
+    """Describe one design by its median deviation and its share of ambiguous places."""
+    share = 100 * design_data.ambiguous_share.item()
+    median_mm = design_data.place_deviation_median_mm.item()
+    return f"{median_mm:.2f} mm, {share:.0f} % of the places ambiguous"
 
 
-CLAIMS = {"rings": _of_rings, "centre": _of_centre}
+FINDINGS = {"rings": _describe_rings, "centre": _describe_centre}
 
 
-class DesignMaps(OfDesigns):
+class DesignMaps(StudyKind):
     """The map of the best design for each value of the first key."""
 
     kind: Literal["design-maps"]
@@ -225,21 +304,22 @@ class DesignMaps(OfDesigns):
     stem: ClassVar[str] = "maps"
 
     def compose(self, inputs: Inputs, results: ReportResults) -> Content:
-        """Maps with one scale."""
-        data = self.found(inputs, results)
-        first = data.scene.dims[0]
-        chosen = [find_best_design(data.sel({first: of.item()})) for of in data[first]]
-        figure = make_figure(1.4 * WIDTH_MM, 70.0 * ((len(chosen) + 1) // 2))
-        panels = figure.subplots(-(-len(chosen) // 2), 2, squeeze=False).ravel()
-        most_mm = 2.0 * max(float(of.place_deviation_median_mm) for of in chosen)
-        for ax, of in zip(panels, chosen, strict=False):
-            draw_design_map(ax, of, most_mm)
-        for ax in panels[len(chosen) :]:
+        """Draw maps with one scale, two in a row."""
+        data = self.join_datasets(inputs, results)
+        first = data[data.scene.dims[0]]
+        best = [find_best_design(data.sel({first.name: value.item()})) for value in first]
+        rows = (len(best) + 1) // 2
+        figure = make_figure(1.4 * WIDTH_MM, 70.0 * rows)
+        axes = figure.subplots(rows, 2, squeeze=False).ravel()
+        scale_mm = 2.0 * max(float(each.place_deviation_median_mm) for each in best)
+        for ax, each in zip(axes, best, strict=False):
+            draw_design_map(ax, each, scale_mm)
+        for ax in axes[len(best) :]:
             ax.remove()
-        return Content(
-            f"Colours: deviation of the place; {self.condition()}.", make_table(data), figure
-        )
+        text = f"Colours: deviation of the place; {self.describe_conditions()}."
+        return Content(text, make_table(data), figure)
 
 
-def _shown(value: Any) -> str:
+def _format(value: Any) -> str:
+    """Format the value of a key in a few digits."""
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -159,4 +159,6 @@ def test_a_scene_survives_round_trips_or_is_refused_by_key(tables, data):
     assert max(o.reach for o in outlines) <= scene.film.radius * (1.0 + 1e-8)
     for a, b in itertools.combinations(outlines, 2):
         # shapely's discs are inscribed polygons, so they do not overlap either
-        assert a.shape.intersection(b.shape).area <= 1e-9 * min(a.area, b.area)
+        assert a.inscribed_polygon.intersection(b.inscribed_polygon).area <= 1e-9 * min(
+            a.area, b.area
+        )

@@ -52,11 +52,11 @@ def test_measures_follow_a_motion(name, angle, shift):
     frame = rotate(np.eye(2), angle).T
     there = here.transform(frame, np.array(shift))
     assert there.area == pytest.approx(area, rel=1e-12)
-    assert there.polygon.area == pytest.approx(area, rel=1e-12)
+    assert there.equal_area_polygon.area == pytest.approx(area, rel=1e-12)
     assert there.centroid == pytest.approx(frame @ centroid + shift, abs=1e-11)
     again = there.transform(frame.T, -frame.T @ shift)
     assert again.coincides(here, 1e-11)
-    assert again.signature(1.0, 6) == here.signature(1.0, 6)
+    assert again.make_signature(1.0, 6) == here.make_signature(1.0, 6)
     assert not there.transform(np.eye(2), [1e-3, 0.0]).coincides(there, 0.99e-3)
     mirror = np.diag([1.0, -1.0])
     assert here.transform(mirror).coincides(here, 1e-9) == (name in ("rectangle",))
@@ -66,14 +66,14 @@ def test_measures_follow_a_motion(name, angle, shift):
 @pytest.mark.parametrize("name", OUTLINES)
 def test_the_boundary_has_the_area_the_perimeter_and_no_distance(name):
     outline, area, _ = OUTLINES[name]
-    points, normals = outline.boundary_rule(8 if name in ("rectangle", "disc") else 64)
+    points, normals = outline.make_boundary_rule(8 if name in ("rectangle", "disc") else 64)
     assert 0.5 * (points * normals).sum() == pytest.approx(area, rel=1e-12)
-    assert np.abs(outline.signed_distance(points)).max() < 1e-12
+    assert np.abs(outline.compute_signed_distances(points)).max() < 1e-12
     outwards = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     for step in (1e-7, -1e-7):
-        found = outline.signed_distance(points + step * outwards)
+        found = outline.compute_signed_distances(points + step * outwards)
         assert found == pytest.approx(step, rel=1e-2)
-    fine = Polygon(outline.at(ROUND)) if isinstance(outline, Ellipse) else outline
+    fine = Polygon(outline.compute_points(ROUND)) if isinstance(outline, Ellipse) else outline
     assert outline.reach == pytest.approx(
         np.linalg.norm(fine.defining_points, axis=1).max(), rel=1e-7
     )
@@ -85,10 +85,11 @@ def test_the_boundary_has_the_area_the_perimeter_and_no_distance(name):
 
 
 def test_means_over_shapes_are_those_of_their_points():
-    square = Polygon(SQUARE + 3.0).shape
+    square = Polygon(SQUARE + 3.0).inscribed_polygon
     assert average_over(square, lambda at: at[:, 0]) == pytest.approx(3.0)
     assert average_over(square, lambda at: (at[:, 1] - 3.0) ** 2) == pytest.approx(1 / 3, rel=2e-3)
-    needle = Polygon([[0.0, 0.0], [2.0, 1.9], [2.0, 1.90001]]).shape  # between the raster's points
+    # between the points of the raster
+    needle = Polygon([[0.0, 0.0], [2.0, 1.9], [2.0, 1.90001]]).inscribed_polygon
     assert average_over(needle, lambda at: at[:, 1] / at[:, 0]) == pytest.approx(0.95, rel=1e-5)
 
 
@@ -168,10 +169,10 @@ def test_polygons_on_the_same_corners_are_told_apart():
     corners = np.array([[0.0, 0.0], [4.0, 0.0], [1.0, 1.0], [0.0, 4.0]])
     first, second = Polygon(corners), Polygon(corners[[0, 2, 1, 3]])
     assert not first.coincides(second, 1e-9)
-    assert first.signature(1.0, 6) != second.signature(1.0, 6)
+    assert first.make_signature(1.0, 6) != second.make_signature(1.0, 6)
     again = Polygon(corners[[2, 1, 0, 3]] + 1e-10)
     assert first.coincides(again, 1e-9)
-    assert first.signature(1.0, 6) == again.signature(1.0, 6)
+    assert first.make_signature(1.0, 6) == again.make_signature(1.0, 6)
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ class BendingFit:
 
     #: Change over l/a by the rim, for an electrode at the film's centre.
     rim_at_centre: float = 0.4
-    #: What the square of an electrode's distance over the film's radius adds to `rim_at_centre`.
+    #: Added to `rim_at_centre` per square of the electrode's distance over the film's radius.
     rim_outside: float = 4.0
     probe: float = 0.4  #: Change over l/b, or (l/b)^2, by the probe.
     #: Least difference between the effects of strain along x and y, beside a layer.
@@ -242,8 +242,8 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _Press) -> float:
         difference = max(abs(film.d31 - film.d32) / (d31 + d32), FIT.even)
     largest = 0.0
     for electrode in scene.electrode_list:
-        area = electrode.outline.polygon
-        covered = area.intersection(outline.polygon).area / area.area
+        area = electrode.outline.equal_area_polygon
+        covered = area.intersection(outline.equal_area_polygon).area / area.area
         distance = max(math.dist(electrode.outline.centroid, outline.centroid), layer_radius)
         beside = difference * (layer_radius / distance) ** 2
         pressed = _estimate_load_curvature(film, electrode.outline, press, half_width, D)

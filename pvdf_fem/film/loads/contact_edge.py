@@ -19,7 +19,7 @@ RAY_COUNT = 72
 #: Degree of the polynomial that locates an edge. On 10 tips at two tolerances, areas of contacts
 #: are within 0.4 % of the truth, and within 1 and 3 % in two cases.
 DEGREE = 4
-#: Degree of a poorer polynomial, whose result tells the error.
+#: Degree of a poorer polynomial, whose result differs by about the error.
 POORER_DEGREE = 3
 
 
@@ -71,7 +71,7 @@ def locate_contact_edge(
     last = _find_last_touching(tip, state, _Rays(origins, rays.directions), width)
     is_touched = tip.overlap(state).is_touching.any(axis=1)
     size = float(compute_element_sizes(tip.space.mesh)[is_touched].mean())
-    core_radius = tip.tip.core_perimeter / (2.0 * np.pi)
+    core_radius = tip.tip.face_perimeter / (2.0 * np.pi)
     beside = last + size * np.linspace(begin, end, 4 * degree)[:, None]
     gaps = _compute_gaps(tip, state, origins + beside[..., None] * rays.directions)
     edge = np.empty(RAY_COUNT)
@@ -79,12 +79,12 @@ def locate_contact_edge(
         last_radius = core_radius + last[i]
         z = np.log((core_radius + beside[:, i]) / last_radius)
         # heights of the film less the tip's depth, and distances from the core, over z
-        heights = gaps.values[:, i] - tip.tip.profile(gaps.distances[:, i])[0]
+        heights = gaps.values[:, i] - tip.tip.compute_profile(gaps.distances[:, i])[0]
         values = np.stack([heights, gaps.distances[:, i]], -1)
         film_fit, distance_fit = polynomial.polyfit(z, values, degree).T
         nearest = np.log(max(1.0 - size / last_radius, 0.1))
         fine = np.linspace(nearest, z[-1], 1500)
-        tip_height, _, _ = tip.tip.profile(polynomial.polyval(fine, distance_fit))
+        tip_height, _, _ = tip.tip.compute_profile(polynomial.polyval(fine, distance_fit))
         gap = polynomial.polyval(fine, film_fit) + tip_height
         edge[i] = last_radius * np.exp(fine[gap.argmin()]) - core_radius
     return np.asarray(origins + edge[:, None] * rays.directions)
@@ -107,7 +107,7 @@ def measure_contact_outlines(tip: RigidTip, state: State) -> dict[str, Outline]:
     """
     outlines = {tip.spec.patch: tip.tip.fit_outline(locate_contact_edge(tip, state))}
     if tip.tip.face is not None:
-        points = np.array(tip.tip.face.shape.exterior.coords)[:-1]
+        points = np.array(tip.tip.face.inscribed_polygon.exterior.coords)[:-1]
         undeformed = points - _interpolate_displacement(tip, state, points)[:, :2]
         outlines[format_face_patch(tip.spec)] = tip.tip.fit_outline(undeformed)
     return outlines
@@ -115,10 +115,10 @@ def measure_contact_outlines(tip: RigidTip, state: State) -> dict[str, Outline]:
 
 def _make_rays(tip: RigidTip, width: float) -> _Rays:
     """Make rays from the core through points on the outline that is offset by `width` in m."""
-    line = tip.tip.make_offset_outline(width).shape.exterior
+    line = tip.tip.make_offset_outline(width).inscribed_polygon.exterior
     fractions = np.arange(RAY_COUNT) / RAY_COUNT
     points = np.array([line.interpolate(t, normalized=True).coords[0] for t in fractions])
-    distances = tip.tip.distances(points)
+    distances = tip.tip.compute_distances(points)
     return _Rays(points - distances.value[:, None] * distances.normal, distances.normal)
 
 
@@ -141,8 +141,8 @@ def _compute_gaps(tip: RigidTip, state: State, points: Array) -> _Gaps:
     """Compute where points (..., 2) of the undeformed film are after their displacement."""
     flat = points.reshape(-1, 2)
     displacement = _interpolate_displacement(tip, state, flat)
-    distances = tip.tip.distances(flat + displacement[:, :2]).value
-    tip_height = tip.tip.profile(distances)[0]
+    distances = tip.tip.compute_distances(flat + displacement[:, :2]).value
+    tip_height = tip.tip.compute_profile(distances)[0]
     gaps = tip_height + displacement[:, 2] - tip.overlap(state).depth
     shape = points.shape[:-1]
     return _Gaps(distances.reshape(shape), gaps.reshape(shape))

@@ -121,7 +121,7 @@ def _move_to_undeformed_film(probe: LoadedProbe, film: Film, width: float) -> Ti
     tip = probe.tip
     force = estimate_load_force(probe.load, film)
     centre = probe.outline.centroid
-    nearest = tip.core_perimeter / (2.0 * np.pi) + width
+    nearest = tip.face_perimeter / (2.0 * np.pi) + width
     # the distance of the rim from a point load beside the film's centre
     reach = film.radius - float(np.hypot(*centre)) ** 2 / film.radius
     deflection = estimate_point_deflection(film, force, min(nearest, 0.5 * reach), reach)
@@ -129,7 +129,7 @@ def _move_to_undeformed_film(probe: LoadedProbe, film: Film, width: float) -> Ti
     tension = estimate_tension(film, force, nearest) - unloaded_tension
     biaxial_modulus = film.stiffness[:2, :2].sum(axis=0).mean()
     stretch = STRETCH_FACTOR * tension / film.thickness / biaxial_modulus
-    return tip.moved_by(-DRIFT_FACTOR * (deflection / film.radius) ** 2 * centre, -stretch)
+    return tip.move(-DRIFT_FACTOR * (deflection / film.radius) ** 2 * centre, -stretch)
 
 
 def format_face_patch(probe: LoadedProbe) -> str:
@@ -165,7 +165,7 @@ def estimate_contact_width(probe: LoadedProbe, film: Film, halvings: int = 60) -
     low, high = 0.0, STEEPEST * tip.radius
     for _ in range(halvings):
         width = 0.5 * (low + high)
-        length = tip.core_perimeter + 2.0 * np.pi * width
+        length = tip.face_perimeter + 2.0 * np.pi * width
         tension = estimate_tension(film, force, length / (2.0 * np.pi))
         if tension * length * width / tip.radius > force:
             high = width

@@ -170,7 +170,7 @@ class RigidTip(ProbeLoad):
         places = self.compute_places(x)
         frame = self.sector.frame
         shape = places.shape[:2]
-        height = self.tip.height(places[..., :2].reshape(-1, 2) @ frame)
+        height = self.tip.compute_height(places[..., :2].reshape(-1, 2) @ frame)
         rates = -np.ones((*shape, 3))
         rates[..., :2] = -(height.slope @ frame.T).reshape(*shape, 2)
         hessian = (frame @ height.hessian @ frame.T).reshape(*shape, 2, 2)

@@ -98,7 +98,7 @@ def describe_heat_effects(
     if name is not None and heat[name]:
         yield describe_charge_effect(
             ("pyroelectricity, charge by warming", "film.pyroelectric_uC_m2K"),
-            given=film.pyroelectric_uC_m2K,
+            coefficient=film.pyroelectric_uC_m2K,
             typical=typical_uC_m2K,
             per_unit=heat[name],
             name=name,
@@ -124,7 +124,7 @@ def _integrate_warming(scene: Scene, outline: Outline) -> float:
     added = UnevenStrain.from_scene(scene)
     mean = scene.film.warming_K or 0.0
     if added and added.warm_probes:
-        mean += average_over(outline.polygon, added.temperature)
+        mean += average_over(outline.equal_area_polygon, added.temperature)
     return 1e6 * outline.area * mean
 
 
@@ -155,7 +155,7 @@ class UnevenStrain:
         for probe in self.warm_probes:
             outline = probe.outline
             heat_length = compute_heat_length(self.film, probe)
-            d = np.maximum(outline.signed_distance(points), 0.0)
+            d = np.maximum(outline.compute_signed_distances(points), 0.0)
             fall = erfc(d / heat_length)
             if not len(outline.corners):
                 radius = np.sqrt(outline.area / np.pi)

@@ -51,7 +51,7 @@ class Sensor(FigureKind):
     def draw(self, data: SensorData, axes: Axes) -> None:
         """Draw rim, electrodes and the filled probe."""
         for probe_load in data.scene.loaded_probes:
-            corners_mm = 1e3 * np.array(probe_load.outline.shape.exterior.coords)
+            corners_mm = 1e3 * np.array(probe_load.outline.inscribed_polygon.exterior.coords)
             patch = Polygon(corners_mm, facecolor=COLOURS[1], alpha=0.45, edgecolor="none")
             axes.add_patch(patch)
         draw_film(axes, data.scene.film.radius_mm, data.scene.electrode_list)

@@ -1,8 +1,7 @@
-"""Common interface of probe and electrode outlines, in metres in the film's plane.
+"""Common interface of the outlines of probes, electrodes and patches, in metres.
 
 The origin is the film's centre. Areas, centroids and reaches are exact, without an approximating
-polygon. A new shape is a file beside this file, with a subclass of `Outline`, its table in scene
-files (`Shape`), and a line in `pvdf_fem.scene.shapes`.
+polygon. The shapes in `pvdf_fem.scene.shapes` make outlines from their sizes.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ LENGTH_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A straight boundary piece between two points (2,) in m."""
+    """A straight piece of a boundary between two points (2,) in m."""
 
     start: Array
     end: Array
@@ -41,17 +40,12 @@ class EllipseCurve:
 
 
 class Outline(ABC):
-    """The outline of a probe or an electrode."""
+    """A closed curve in the plane of the film."""
 
     @property
     def corners(self) -> Array:
         """Corners (n, 2) in m, counter-clockwise; a smooth outline has none."""
         return np.empty((0, 2))
-
-    @property
-    def size(self) -> float:
-        """A length in m by which outlines with equal class and `defining_points` may differ."""
-        return 0.0
 
     @property
     @abstractmethod
@@ -61,13 +55,13 @@ class Outline(ABC):
     @cached_property
     def perimeter(self) -> float:
         """Length of the outline in m."""
-        _, normals = self.boundary_rule(1 if len(self.corners) else 1024)
+        _, normals = self.make_boundary_rule(1 if len(self.corners) else 1024)
         return float(np.linalg.norm(normals, axis=1).sum())
 
     @property
     @abstractmethod
     def centroid(self) -> Array:
-        """Centroid, shape (2,), in m."""
+        """Centroid (2,) in m."""
 
     @property
     @abstractmethod
@@ -77,103 +71,209 @@ class Outline(ABC):
     @property
     @abstractmethod
     def lower_left(self) -> Array:
-        """Least x and least y, shape (2,), in m."""
+        """Least x and least y (2,) in m."""
 
     @property
     @abstractmethod
     def defining_points(self) -> Array:
-        """Points (n, 2) in m, counter-clockwise, that fix an outline with this class and `size`."""
+        """Points (n, 2) in m, counter-clockwise.
+
+        They and `defining_length` define an outline among those of its class.
+        """
+
+    @property
+    def defining_length(self) -> float:
+        """A length in m, such as the radius of a circle; 0 where the points are enough."""
+        return 0.0
 
     @property
     @abstractmethod
     def boundary(self) -> tuple[Line | EllipseCurve, ...]:
-        """The boundary pieces, end to end."""
+        """The pieces of the boundary, end to end."""
 
     @property
     @abstractmethod
-    def shape(self) -> shapely.Polygon:
-        """The outline for shapely: an inscribed polygon."""
+    def inscribed_polygon(self) -> shapely.Polygon:
+        """A polygon with its corners on the outline."""
+
+    @cached_property
+    def equal_area_polygon(self) -> shapely.Polygon:
+        """A polygon with exactly the outline's area."""
+        inscribed = self.inscribed_polygon
+        factor = float(np.sqrt(self.area / inscribed.area))
+        x, y = self.centroid.tolist()
+        return affinity.scale(inscribed, factor, factor, origin=(x, y))
 
     @abstractmethod
     def transform(self, frame: Array, shift: Array | float = 0.0) -> Self:
-        """The outline after the map x -> frame x + shift with an orthogonal matrix (2, 2)."""
+        """Return the outline after the map x -> frame x + shift.
+
+        Parameters
+        ----------
+        frame : array (2, 2)
+            An orthogonal matrix: a rotation or a reflection.
+        shift : array (2,) or float
+            In m.
+
+        Returns
+        -------
+        Outline
+        """
 
     @abstractmethod
-    def signed_distance(self, points: Array) -> Array:
-        """Distances (n,) in m of points (n, 2) from the boundary, negative inside. They are exact
-        to first order next to the boundary, and have the right sign anywhere."""
+    def compute_signed_distances(self, points: Array) -> Array:
+        """Compute distances from the boundary, negative inside.
+
+        Parameters
+        ----------
+        points : array (n, 2)
+            In m.
+
+        Returns
+        -------
+        array (n,)
+            In m. Distances are exact to first order next to the boundary, and have the right sign
+            everywhere.
+        """
 
     @abstractmethod
     def compute_depth_in(self, other: Outline) -> float:
-        """How deep this boundary reaches into another outline, in m; negative outside. It is taken
-        where two outlines only touch but for rounding; there a polygon dips with its corners, and
-        into its sides the other outline dips."""
+        """Compute how deep the boundary reaches into another outline, in m; negative outside.
 
-    def arc_middles(self, starts: Array, ends: Array) -> Array:
-        """Midside nodes (n, 2) in m that give curved elements the area of a smooth outline.
-        `starts` and `ends` (n, 2) belong to their sides on a curved boundary piece."""
+        Notes
+        -----
+        The depth is needed where two outlines overlap by little more than rounding. There a polygon
+        reaches in with its corners; where the other outline reaches into the sides of the polygon,
+        that outline has the larger depth.
+        """
+
+    def compute_arc_midpoints(self, starts: Array, ends: Array) -> Array:
+        """Compute midside nodes that give curved elements the area of a smooth outline.
+
+        Parameters
+        ----------
+        starts, ends : array (n, 2)
+            Ends in m of the elements' sides on a curved piece of the boundary.
+
+        Returns
+        -------
+        array (n, 2)
+            In m.
+        """
         raise NotImplementedError
 
     @abstractmethod
-    def boundary_rule(self, count: int) -> tuple[Array, Array]:
-        """Points (n, 2) in m and outward normals (n, 2) times weights in m along the boundary.
-        `count` points are taken along a side of a polygon or a quarter of a closed curve."""
+    def make_boundary_rule(self, count: int) -> tuple[Array, Array]:
+        """Make a quadrature rule on the boundary.
 
-    @cached_property
-    def polygon(self) -> shapely.Polygon:
-        """A polygon with exactly the outline's area."""
-        grown = float(np.sqrt(self.area / self.shape.area))
-        x, y = self.centroid.tolist()
-        return affinity.scale(self.shape, grown, grown, origin=(x, y))
+        Parameters
+        ----------
+        count : int
+            Number of points along a side of a polygon, or a quarter of a closed curve.
+
+        Returns
+        -------
+        points : array (n, 2)
+            In m.
+        normals : array (n, 2)
+            Outward unit normals times weights in m.
+        """
 
     def coincides(self, other: Outline, slack: float) -> bool:
-        """Whether another outline is the same, to `slack` in m in each coordinate."""
-        if type(self) is not type(other) or len(self.defining_points) != len(other.defining_points):
+        """Return whether another outline is the same, to `slack` in m in each coordinate."""
+        points = self.defining_points
+        other_points = other.defining_points
+        if type(self) is not type(other) or len(points) != len(other_points):
             return False
-        first = np.abs(other.defining_points - self.defining_points[0]).max(axis=1).argmin()
-        apart = np.roll(other.defining_points, -first, axis=0) - self.defining_points
-        return bool(max(np.abs(apart).max(), abs(self.size - other.size)) <= slack)
+        first = np.abs(other_points - points[0]).max(axis=1).argmin()
+        offsets = np.roll(other_points, -first, axis=0) - points
+        length_offset = abs(self.defining_length - other.defining_length)
+        return bool(max(np.abs(offsets).max(), length_offset) <= slack)
 
-    def signature(self, unit: float, digits: int) -> tuple[str | float, ...]:
-        """Values that are equal for outlines that cover the same points, after rounding lengths to
-        `digits` after the point in units of `unit` m."""
+    def make_signature(self, unit: float, digits: int) -> tuple[str | float, ...]:
+        """Make values that are equal for outlines that cover the same points.
+
+        Parameters
+        ----------
+        unit : float
+            Unit of lengths in m.
+        digits : int
+            Number of decimals to which lengths are rounded in this unit.
+
+        Returns
+        -------
+        tuple of str and float
+            Class, `defining_length`, and `defining_points` from the least one on.
+        """
         rounded = (np.round(self.defining_points / unit, digits) + 0.0).tolist()
         first = rounded.index(min(rounded))
-        ordered = [x for point in rounded[first:] + rounded[:first] for x in point]
-        return (type(self).__name__, round(self.size / unit, digits), *ordered)
+        points = rounded[first:] + rounded[:first]
+        coordinates = np.ravel(points).tolist()
+        return (type(self).__name__, round(self.defining_length / unit, digits), *coordinates)
 
 
 def has_overlap(a: Outline, b: Outline) -> bool:
-    """Whether the interiors of two outlines meet; outlines that touch do not overlap."""
+    """Return whether the interiors of two outlines meet; outlines that touch do not overlap."""
+    polygon_a = a.inscribed_polygon
+    polygon_b = b.inscribed_polygon
     # chords are much nearer to their arcs
-    if not shapely.dwithin(a.shape, b.shape, 1e-4 * (a.perimeter + b.perimeter)):
+    if not shapely.dwithin(polygon_a, polygon_b, 1e-4 * (a.perimeter + b.perimeter)):
         return False
     slack = LENGTH_TOLERANCE * max(a.reach, b.reach)
-    common = a.shape.intersection(b.shape)
+    common = polygon_a.intersection(polygon_b)
     # 2 area / perimeter measures the width of the common part, however long it is
     if 2.0 * common.area > slack * common.length:
         return True
-    # what the polygons do not show is between arcs and their chords
+    # an overlap between arcs and their chords is not seen by the polygons
     return max(a.compute_depth_in(b), b.compute_depth_in(a)) > slack
 
 
 def average_over(
-    shape: shapely.Geometry, field: Callable[[Array], Array], lines: int = 24
+    region: shapely.Geometry, field: Callable[[Array], Array], lines: int = 24
 ) -> float:
-    """Approximate mean over a shape, in m, for a field (n,) at points (n, 2): on a raster with
-    `lines` by `lines` cells, or at a single point for a shape between cells."""
-    low, high = np.reshape(shape.bounds, (2, 2))
-    grid = low + (high - low) * (np.indices((lines, lines)).reshape(2, -1).T + 0.5) / lines
-    inside = grid[shapely.contains_xy(shape, grid)]
-    one = shapely.get_coordinates(shapely.point_on_surface(shape))
-    return float(field(inside if len(inside) else one).mean())
+    """Compute an approximate mean of a field over a region.
+
+    Parameters
+    ----------
+    region : shapely.Geometry
+        In m.
+    field : callable
+        From points (n, 2) in m to values (n,).
+    lines : int
+        Number of cells of a raster along x and along y. Where no centre of a cell is in the region,
+        one point of the region is taken.
+
+    Returns
+    -------
+    float
+    """
+    low, high = np.reshape(region.bounds, (2, 2))
+    cells = np.indices((lines, lines)).reshape(2, -1).T
+    centres = low + (high - low) * (cells + 0.5) / lines
+    inside = centres[shapely.contains_xy(region, centres)]
+    if len(inside) == 0:
+        inside = shapely.get_coordinates(shapely.point_on_surface(region))
+    return float(field(inside).mean())
 
 
 def rotate(points: ArrayLike, angle_deg: float) -> Array:
-    """Points, shape (..., 2), turned counter-clockwise about the origin; quarters are exact."""
+    """Rotate points counter-clockwise about the origin; multiples of 90 degrees are exact.
+
+    Parameters
+    ----------
+    points : array (..., 2)
+    angle_deg : float
+
+    Returns
+    -------
+    array (..., 2)
+    """
     quarters, remainder = divmod(angle_deg, 90.0)
-    c, s = np.cos(np.radians(remainder)), np.sin(np.radians(remainder))
+    cosine = np.cos(np.radians(remainder))
+    sine = np.sin(np.radians(remainder))
     for _ in range(int(quarters % 4)):
-        c, s = -s, c
-    x, y = np.moveaxis(np.asarray(points, dtype=float), -1, 0)
-    return np.stack([c * x - s * y, s * x + c * y], axis=-1)
+        cosine, sine = -sine, cosine
+    coordinates = np.asarray(points, dtype=float)
+    x = coordinates[..., 0]
+    y = coordinates[..., 1]
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)

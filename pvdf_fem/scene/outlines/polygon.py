@@ -1,10 +1,11 @@
-"""Polygons, and polygonal shapes: triangle, square, rectangle and free polygons."""
+"""The outline of a polygon, and the corners of common ones."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -13,74 +14,112 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.scene.outlines.outline import Line, Outline
 
 
+class _Moments(NamedTuple):
+    """Signed area, positive for counter-clockwise vertices, and centroid (2,)."""
+
+    area: float
+    centroid: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Polygon(Outline):
-    """A simple polygon. Its `vertices` (n, 2) in m may be in either orientation; they are stored
-    counter-clockwise and read-only."""
+    """A simple polygon.
+
+    Parameters
+    ----------
+    vertices : array (n, 2)
+        In m, in either orientation; they are stored counter-clockwise and read-only.
+    """
 
     vertices: Array
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices, dtype=float)
-        if _moments(vertices)[0] < 0:
+        if _compute_moments(vertices).area < 0:
             vertices = vertices[::-1].copy()
         vertices.setflags(write=False)
         object.__setattr__(self, "vertices", vertices)
 
     @cached_property
     def area(self) -> float:
-        return _moments(self.vertices)[0]
+        """Area in m²."""
+        return _compute_moments(self.vertices).area
 
     @cached_property
     def centroid(self) -> Array:
-        return _moments(self.vertices)[1]
+        """Centroid (2,) in m."""
+        return _compute_moments(self.vertices).centroid
 
     @cached_property
     def reach(self) -> float:
+        """Largest distance of a vertex from the film's centre, in m."""
         return float(np.linalg.norm(self.vertices, axis=1).max())
 
     @cached_property
     def lower_left(self) -> Array:
+        """Least x and least y (2,) in m."""
         return self.vertices.min(axis=0)
 
     @property
     def corners(self) -> Array:
+        """The vertices (n, 2) in m, counter-clockwise."""
         return self.vertices
 
     @property
     def defining_points(self) -> Array:
+        """The vertices (n, 2) in m, counter-clockwise."""
         return self.vertices
 
     @property
     def boundary(self) -> tuple[Line, ...]:
+        """The sides, end to end."""
         ends = np.roll(self.vertices, -1, axis=0)
-        return tuple(Line(a, b) for a, b in zip(self.vertices, ends, strict=True))
+        return tuple(Line(start, end) for start, end in zip(self.vertices, ends, strict=True))
 
     @cached_property
-    def shape(self) -> shapely.Polygon:
+    def inscribed_polygon(self) -> shapely.Polygon:
+        """The polygon itself."""
         return shapely.Polygon(self.vertices)
 
     @cached_property
-    def polygon(self) -> shapely.Polygon:
-        return self.shape
+    def equal_area_polygon(self) -> shapely.Polygon:
+        """The polygon itself."""
+        return self.inscribed_polygon
 
     def transform(self, frame: Array, shift: Array | float = 0.0) -> Polygon:
+        """Return the polygon after a rotation or reflection and a shift; see `Outline`."""
         return Polygon(self.vertices @ np.transpose(frame) + shift)
 
-    def signed_distance(self, points: Array) -> Array:
-        at = shapely.points(points)
-        distance = shapely.distance(self.shape.exterior, at)
-        return np.where(shapely.contains(self.shape, at), -distance, distance)
+    def compute_signed_distances(self, points: Array) -> Array:
+        """Compute distances (n,) in m of points (n, 2) from the boundary, negative inside."""
+        places = shapely.points(points)
+        polygon = self.inscribed_polygon
+        distance = shapely.distance(polygon.exterior, places)
+        return np.where(shapely.contains(polygon, places), -distance, distance)
 
     def compute_depth_in(self, other: Outline) -> float:
-        return -float(other.signed_distance(self.vertices).min())
+        """Compute how deep a vertex reaches into another outline, in m; negative outside."""
+        return -float(other.compute_signed_distances(self.vertices).min())
 
-    def boundary_rule(self, count: int) -> tuple[Array, Array]:
-        s, w = _make_gauss_rule(count)
-        begin = self.vertices[:, None]
-        sides = np.roll(self.vertices, -1, axis=0)[:, None] - begin
-        normals = np.stack([sides[..., 1], -sides[..., 0]], axis=-1) * 0.5 * w[:, None]
-        points = begin + 0.5 * (s[:, None] + 1.0) * sides
+    def make_boundary_rule(self, count: int) -> tuple[Array, Array]:
+        """Make a Gauss-Legendre rule on the boundary, `count` points per side.
+
+        Parameters
+        ----------
+        count : int
+
+        Returns
+        -------
+        points : array (sides count, 2)
+            In m.
+        normals : array (sides count, 2)
+            Outward unit normals times weights in m.
+        """
+        local, weights = _make_gauss_rule(count)
+        starts = self.vertices[:, None]
+        sides = np.roll(self.vertices, -1, axis=0)[:, None] - starts
+        normals = np.stack([sides[..., 1], -sides[..., 0]], axis=-1) * 0.5 * weights[:, None]
+        points = starts + 0.5 * (local[:, None] + 1.0) * sides
         return points.reshape(-1, 2), normals.reshape(-1, 2)
 
 
@@ -94,41 +133,57 @@ def _make_gauss_rule(count: int) -> tuple[Array, Array]:
 
 
 def make_rectangle_corners(width: float, height: float) -> Array:
-    """Corners, shape (4, 2), of a rectangle about the origin with its width along x."""
-    x, y = width / 2, height / 2
+    """Make the corners (4, 2) of a rectangle about the origin with its width along x."""
+    x = width / 2
+    y = height / 2
     return np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
 
 
 def make_triangle_corners(side: float) -> Array:
-    """Corners, shape (3, 2), of an equilateral triangle about the origin, one corner on +y."""
+    """Make the corners (3, 2) of an equilateral triangle about the origin, one of them on +y."""
     height = side * np.sqrt(3.0) / 2
     return np.array([[0.0, 2 * height / 3], [-side / 2, -height / 3], [side / 2, -height / 3]])
 
 
 def find_polygon_defect(vertices: Sequence[Sequence[float]]) -> str | None:
-    """Why vertices are no simple polygon for a mesh, or None; the unit is arbitrary."""
+    """Find the reason why vertices are not a simple polygon that can be meshed.
+
+    Parameters
+    ----------
+    vertices : sequence of pairs of float
+        In any unit.
+
+    Returns
+    -------
+    str or None
+        None for a simple polygon.
+    """
     points = np.asarray(vertices, dtype=float)
     extent = float(np.ptp(points, axis=0).max())
-    detail = 1e-6 * extent  # smaller details cannot be meshed
+    smallest_detail = 1e-6 * extent  # smaller details cannot be meshed
     gaps = np.linalg.norm(points - np.roll(points, -1, axis=0), axis=1)
-    repeats = np.flatnonzero(gaps <= detail)
+    repeats = np.flatnonzero(gaps <= smallest_detail)
     if repeats.size:
         first = int(repeats[0])
         return f"vertices {first} and {(first + 1) % len(points)} coincide"
-    if shapely.MultiPoint(points).convex_hull.area <= detail * extent:
+    if shapely.MultiPoint(points).convex_hull.area <= smallest_detail * extent:
         return "the vertices lie on a line"
     ring = shapely.Polygon(points)
     if not ring.is_valid:
         return f"the outline crosses or touches itself ({shapely.is_valid_reason(ring)})"
-    if shapely.minimum_clearance(ring) <= detail:
+    if shapely.minimum_clearance(ring) <= smallest_detail:
         return "the polygon is too thin somewhere"
     return None
 
 
-def _moments(vertices: Array) -> tuple[float, Array]:
-    """Signed area and centroid by Green's theorem, about the first vertex against cancellation."""
-    here = vertices - vertices[0]
-    there = np.roll(here, -1, axis=0)
-    cross = here[:, 0] * there[:, 1] - there[:, 0] * here[:, 1]
+def _compute_moments(vertices: Array) -> _Moments:
+    """Compute signed area and centroid by Green's theorem.
+
+    Vertices (n, 2) are taken relative to the first one, which avoids cancellation.
+    """
+    starts = vertices - vertices[0]
+    ends = np.concatenate([starts[1:], starts[:1]])
+    cross = starts[:, 0] * ends[:, 1] - ends[:, 0] * starts[:, 1]
     area = cross.sum() / 2
-    return float(area), vertices[0] + cross @ (here + there) / (6 * area)
+    centroid = vertices[0] + cross @ (starts + ends) / (6 * area)
+    return _Moments(float(area), centroid)

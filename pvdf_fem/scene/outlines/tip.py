@@ -1,9 +1,9 @@
-"""Rounded tips: the height over the film's plane for a rigid probe.
+"""Rounded tips: the height over the film's plane of a rigid probe.
 
-A tip is what a ball of one radius covers that rolls over a flat core: over a point it is a sphere,
-over a disc or a polygon a flat face with a rounded edge. Its height over its lowest point is
-z = rho - sqrt(rho^2 - d^2) at the distance d from the core; a tip of another kind is a class with
-its own distance.
+A tip is the region that a ball covers which rolls over a flat face: over a point it is a sphere,
+over a disc or a polygon it is a flat face with a rounded edge. The height over its lowest point is
+z = rho - sqrt(rho^2 - d^2) at the distance d from the face, where rho is the radius of the ball. A
+tip of another kind is a class with its own distances.
 """
 
 from __future__ import annotations
@@ -22,114 +22,161 @@ from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.polygon import Polygon
 
-#: Part of the edge's radius up to which the height follows the ball; farther out it goes on as
-#: a parabola keeps heights finite for iterates there.
+#: Share of the edge's radius up to which the height follows the ball. Farther out a parabola keeps
+#: the heights finite for iterates there.
 STEEPEST = 0.99
 
 
 class Distances(NamedTuple):
-    """Distances from a core (n,) in m, their gradients (n, 2) and the curvature of their lines."""
+    """Distances from a flat face at n points."""
 
-    value: Array
-    normal: Array
-    curvature: Array
+    value: Array  #: In m, (n,).
+    normal: Array  #: Gradient, (n, 2).
+    curvature: Array  #: Curvature of the lines of equal distance in 1/m, (n,).
 
 
 class Height(NamedTuple):
-    """Height over the lowest point in m (n,), its gradient (n, 2) and Hessian (n, 2, 2) in 1/m."""
+    """Height over the lowest point of a tip at n points."""
 
-    value: Array
-    slope: Array
-    hessian: Array
+    value: Array  #: In m, (n,).
+    slope: Array  #: Gradient, (n, 2).
+    hessian: Array  #: In 1/m, (n, 2, 2).
 
 
 class Tip(ABC):
     """A rigid tip above the film."""
 
-    radius: float  #: Of its rounding, m.
+    radius: float  #: Radius of the rounding in m.
 
     @abstractmethod
-    def distances(self, points: Array) -> Distances:
-        """Distances of points (n, 2) from the core; zero on it."""
+    def compute_distances(self, points: Array) -> Distances:
+        """Compute the distances of points (n, 2) in m from the face; zero on it."""
 
     @abstractmethod
     def make_offset_outline(self, distance: float) -> Outline:
-        """The outline around points nearer to the core than this distance."""
+        """Make the outline around the points nearer to the face than a distance in m."""
 
     @abstractmethod
     def fit_outline(self, points: Array) -> Outline:
-        """The outline through points (n, 2) about the core, ordered counter-clockwise."""
+        """Fit an outline to points (n, 2) in m about the face, ordered counter-clockwise."""
 
     @abstractmethod
-    def moved_by(self, motion: Array, stretch: float) -> Self:
-        """The tip moved by `motion` (2,) in m, its core larger by the factor 1 + `stretch`."""
+    def move(self, motion: Array, stretch: float) -> Self:
+        """Return the tip moved by `motion` (2,) in m, its face larger by the factor 1 + stretch."""
 
     @property
     @abstractmethod
     def face(self) -> Outline | None:
-        """The outline of the flat face, where the tip's curvature jumps."""
+        """The outline of the flat face, where the tip's curvature jumps; a sphere has none."""
 
     @property
     @abstractmethod
-    def core_perimeter(self) -> float:
-        """Length of the core's outline in m."""
+    def face_perimeter(self) -> float:
+        """Length of the face's outline in m; 0 for a sphere."""
 
-    def profile(self, d: Array) -> tuple[Array, Array, Array]:
-        """Height in m over the lowest point at distances from the core, its first and second
-        derivatives; 0 on the core."""
-        most = STEEPEST * self.radius
-        root = np.sqrt(self.radius**2 - np.clip(d, 0.0, most) ** 2)
-        beyond = np.maximum(d - most, 0.0)
+    def compute_profile(self, distances: Array) -> tuple[Array, Array, Array]:
+        """Compute the height over the lowest point as a function of the distance from the face.
+
+        Parameters
+        ----------
+        distances : array (n,)
+            In m; 0 on the face.
+
+        Returns
+        -------
+        value, first, second : array (n,)
+            Height in m with its first and second derivatives.
+        """
+        largest = STEEPEST * self.radius
+        on_ball = np.clip(distances, 0.0, largest)
+        root = np.sqrt(self.radius**2 - on_ball**2)
+        beyond = np.maximum(distances - largest, 0.0)
         second = self.radius**2 / root**3
-        first = np.clip(d, 0.0, most) / root + second * beyond
+        first = on_ball / root + second * beyond
         value = self.radius - root + (first - 0.5 * second * beyond) * beyond
         return value, first, second
 
-    def height(self, points: Array) -> Height:
-        """The tip's height at points (n, 2)."""
-        d, n, curvature = self.distances(points)
-        value, first, second = self.profile(d)
+    def compute_height(self, points: Array) -> Height:
+        """Compute the height of the tip at points (n, 2) in m."""
+        distances = self.compute_distances(points)
+        d = distances.value
+        n = distances.normal
+        value, first, second = self.compute_profile(d)
         normal = n[:, :, None] * n[:, None, :]
-        across = np.where(d > 0.0, first * curvature, 1.0 / self.radius)[:, None, None]
-        flat = ((d > 0.0) | (curvature > 0.0))[:, None, None]
-        hessian = second[:, None, None] * normal + flat * across * (np.eye(2) - normal)
-        return Height(value, first[:, None] * n, hessian)
+        across = np.where(d > 0.0, first * distances.curvature, 1.0 / self.radius)
+        is_curved = (d > 0.0) | (distances.curvature > 0.0)
+        transverse = is_curved[:, None, None] * across[:, None, None] * (np.eye(2) - normal)
+        hessian = second[:, None, None] * normal + transverse
+        return Height(value, first[:, None] * n, hessian=hessian)
 
 
 @dataclass(frozen=True, eq=False)
 class DiscTip(Tip):
-    """A disc with a rounded edge; a sphere where the core has no radius. Lengths are in m."""
+    """A disc with a rounded edge, or a sphere.
+
+    Parameters
+    ----------
+    centre : array (2,)
+        In m.
+    radius : float
+        Radius of the rounding in m.
+    face_radius : float
+        Radius of the flat face in m; 0 for a sphere.
+    """
 
     centre: Array
-    radius: float  #: Of the rounding.
-    core: float = 0.0  #: Radius of the flat face.
+    radius: float
+    face_radius: float = 0.0
 
-    def moved_by(self, motion: Array, stretch: float) -> DiscTip:
-        return replace(self, centre=self.centre + motion, core=(1.0 + stretch) * self.core)
+    def move(self, motion: Array, stretch: float) -> DiscTip:
+        """Return the tip moved by `motion` (2,) in m, its face larger by the factor 1 + stretch."""
+        face_radius = (1.0 + stretch) * self.face_radius
+        return replace(self, centre=self.centre + motion, face_radius=face_radius)
 
     @property
     def face(self) -> Circle | None:
-        return Circle(self.centre, self.core) if self.core else None
+        """The outline of the flat face; None for a sphere."""
+        return Circle(self.centre, self.face_radius) if self.face_radius else None
 
     @property
-    def core_perimeter(self) -> float:
-        return 2.0 * np.pi * self.core
+    def face_perimeter(self) -> float:
+        """Length of the face's outline in m; 0 for a sphere."""
+        return 2.0 * np.pi * self.face_radius
 
-    def distances(self, points: Array) -> Distances:
-        away = points - self.centre
-        r = np.linalg.norm(away, axis=1)
-        outside = (r > self.core) & (r > 0.0)
-        safe = np.where(outside, r, 1.0)
-        # a sphere's lowest point is curved like every point: its curvature is marked as finite
-        curvature = np.where(outside, 1.0 / safe, 1.0 if self.core == 0.0 else 0.0)
-        normal = np.where(outside[:, None], away / safe[:, None], 0.0)
-        return Distances(np.where(outside, r - self.core, 0.0), normal, curvature)
+    def compute_distances(self, points: Array) -> Distances:
+        """Compute the distances of points (n, 2) in m from the face; zero on it."""
+        offsets = points - self.centre
+        r = np.linalg.norm(offsets, axis=1)
+        is_outside = (r > self.face_radius) & (r > 0.0)
+        safe_r = np.where(is_outside, r, 1.0)
+        # a sphere is curved at its lowest point as everywhere: a finite curvature marks that
+        curvature_inside = 1.0 if self.face_radius == 0.0 else 0.0
+        curvature = np.where(is_outside, 1.0 / safe_r, curvature_inside)
+        normal = np.where(is_outside[:, None], offsets / safe_r[:, None], 0.0)
+        value = np.where(is_outside, r - self.face_radius, 0.0)
+        return Distances(value, normal, curvature=curvature)
 
     def make_offset_outline(self, distance: float) -> Circle:
-        return Circle(self.centre, self.core + distance)
+        """Make the circle around the points nearer to the face than a distance in m."""
+        return Circle(self.centre, self.face_radius + distance)
 
     def fit_outline(self, points: Array) -> Ellipse:
-        """The ellipse nearest to the points, by least squares of a conic's equation."""
+        """Fit an ellipse to points (n, 2) in m, by least squares of a conic's equation.
+
+        Parameters
+        ----------
+        points : array (n, 2)
+            In m.
+
+        Returns
+        -------
+        Ellipse
+
+        Notes
+        -----
+        In units of the mean distance from the centre the conic is
+        x² + y² + a (x² - y²) + 2 b x y + c x + d y + e = 0.
+        """
         scale = float(np.linalg.norm(points - self.centre, axis=1).mean())
         x, y = ((points - self.centre) / scale).T
         columns = np.stack([x * x - y * y, 2.0 * x * y, x, y, np.ones_like(x)], axis=-1)
@@ -140,63 +187,104 @@ class DiscTip(Tip):
         values, vectors = np.linalg.eigh(form)
         first, second = np.sqrt(level / values)
         centre = self.centre + scale * middle
-        return Ellipse(centre, scale * first * vectors[:, 0], float(scale * second))
+        return Ellipse(centre, scale * first * vectors[:, 0], second=float(scale * second))
+
+
+class _Sides(NamedTuple):
+    """The sides of a polygon."""
+
+    starts: Array  #: In m, (sides, 2).
+    vectors: Array  #: From start to end in m, (sides, 2).
 
 
 @dataclass(frozen=True, eq=False)
 class PolygonTip(Tip):
-    """A convex polygon with a rounded edge."""
+    """A convex polygon with a rounded edge.
 
-    core: Polygon  #: The flat face.
-    radius: float  #: Of the rounding, m.
+    Parameters
+    ----------
+    polygon : Polygon
+        The flat face.
+    radius : float
+        Radius of the rounding in m.
+    """
 
-    def moved_by(self, motion: Array, stretch: float) -> PolygonTip:
-        arms = self.core.vertices - self.core.centroid
-        return replace(self, core=Polygon(self.core.vertices + motion + stretch * arms))
+    polygon: Polygon
+    radius: float
+
+    def move(self, motion: Array, stretch: float) -> PolygonTip:
+        """Return the tip moved by `motion` (2,) in m, its face larger by the factor 1 + stretch."""
+        vertices = self.polygon.vertices
+        offsets = vertices - self.polygon.centroid
+        return replace(self, polygon=Polygon(vertices + motion + stretch * offsets))
 
     @property
     def face(self) -> Polygon:
-        return self.core
+        """The outline of the flat face."""
+        return self.polygon
 
     @property
-    def core_perimeter(self) -> float:
-        return self.core.perimeter
+    def face_perimeter(self) -> float:
+        """Length of the face's outline in m."""
+        return self.polygon.perimeter
 
     @cached_property
-    def _sides(self) -> tuple[Array, Array]:
-        start = self.core.vertices
-        return start, np.roll(start, -1, axis=0) - start
+    def _sides(self) -> _Sides:
+        starts = self.polygon.vertices
+        return _Sides(starts, np.roll(starts, -1, axis=0) - starts)
 
-    def distances(self, points: Array) -> Distances:
-        start, side = self._sides
-        along = ((points[:, None] - start) * side).sum(axis=-1) / (side**2).sum(axis=-1)
-        nearest = start + np.clip(along, 0.0, 1.0)[..., None] * side
-        d = np.linalg.norm(points[:, None] - nearest, axis=-1)
-        k, rows = d.argmin(axis=1), np.arange(len(points))
-        inside = (
-            side[:, 0] * (points[:, None, 1] - start[:, 1])
-            >= side[:, 1] * (points[:, None, 0] - start[:, 0])
-        ).all(axis=1)
-        outside = ~inside & (d[rows, k] > 0.0)
-        value = np.where(outside, d[rows, k], 0.0)
-        safe = np.where(outside, value, 1.0)
-        at_corner = outside & ((along[rows, k] <= 0.0) | (along[rows, k] >= 1.0))
-        normal = np.where(outside[:, None], (points - nearest[rows, k]) / safe[:, None], 0.0)
-        return Distances(value, normal, at_corner / safe)
+    def compute_distances(self, points: Array) -> Distances:
+        """Compute the distances of points (n, 2) in m from the face; zero on it."""
+        starts, vectors = self._sides
+        offsets = points[:, None] - starts
+        along = (offsets * vectors).sum(axis=-1) / (vectors**2).sum(axis=-1)
+        nearest = starts + np.clip(along, 0.0, 1.0)[..., None] * vectors
+        distances = np.linalg.norm(points[:, None] - nearest, axis=-1)
+        rows = np.arange(len(points))
+        side = distances.argmin(axis=1)
+        distance = distances[rows, side]
+        foot = nearest[rows, side]
+        position = along[rows, side]  # on the side, from 0 to 1
+
+        is_left_of_side = vectors[:, 0] * (points[:, None, 1] - starts[:, 1]) >= vectors[:, 1] * (
+            points[:, None, 0] - starts[:, 0]
+        )
+        is_outside = ~is_left_of_side.all(axis=1) & (distance > 0.0)
+        value = np.where(is_outside, distance, 0.0)
+        safe_value = np.where(is_outside, value, 1.0)
+        is_at_corner = is_outside & ((position <= 0.0) | (position >= 1.0))
+        normal = np.where(is_outside[:, None], (points - foot) / safe_value[:, None], 0.0)
+        return Distances(value, normal, curvature=is_at_corner / safe_value)
 
     def make_offset_outline(self, distance: float) -> Polygon:
-        return self._outline(self.core.shape.buffer(distance, quad_segs=4), distance)
+        """Make a polygon around the points nearer to the face than a distance in m."""
+        offset = self.polygon.inscribed_polygon.buffer(distance, quad_segs=4)
+        return _simplify(offset, distance)
 
     def fit_outline(self, points: Array) -> Polygon:
+        """Fit a polygon with few corners to points (n, 2) in m, ordered counter-clockwise."""
         shape = shapely.Polygon(points)
         if not shape.is_valid:  # gmsh does not end on sides that cross at a narrow corner
             shape = max(shapely.get_parts(shape.buffer(0.0)), key=shapely.area)
-        return self._outline(shape, float(self.distances(points).value.mean()))
+        return _simplify(shape, float(self.compute_distances(points).value.mean()))
 
-    @staticmethod
-    def _outline(shape: shapely.Polygon, width: float, detail: float = 0.03) -> Polygon:
-        """A polygon with few corners; sides move by at most `detail` times the width."""
-        return Polygon(np.array(shape.simplify(detail * width).exterior.coords)[:-1])
+
+def _simplify(shape: shapely.Polygon, width: float, detail: float = 0.03) -> Polygon:
+    """Make a polygon with few corners from a shape.
+
+    Parameters
+    ----------
+    shape : shapely.Polygon
+        In m.
+    width : float
+        Width of a strip in m, of which sides move by at most the share `detail`.
+    detail : float
+
+    Returns
+    -------
+    Polygon
+    """
+    return Polygon(np.array(shape.simplify(detail * width).exterior.coords)[:-1])
 
 
 def make_tip(outline: Outline, edge_radius_mm: float | None) -> Tip:
@@ -222,10 +310,11 @@ def make_tip(outline: Outline, edge_radius_mm: float | None) -> Tip:
     if not radius:
         raise ValueError("has a sharp edge")
     if isinstance(outline, Circle) and outline.radius >= radius:
-        return DiscTip(outline.centre, radius, outline.radius - radius)
+        return DiscTip(outline.centre, radius, face_radius=outline.radius - radius)
     if isinstance(outline, Polygon):
-        face = outline.shape.buffer(-radius, join_style="mitre")
-        if not np.isclose(outline.shape.convex_hull.area, outline.area, rtol=1e-9):
+        polygon = outline.inscribed_polygon
+        face = polygon.buffer(-radius, join_style="mitre")
+        if not np.isclose(polygon.convex_hull.area, outline.area, rtol=1e-9):
             raise ValueError("is not a tip, since it is not convex")
         if not face.is_empty:
             return PolygonTip(Polygon(np.array(face.exterior.coords)[:-1]), radius)

@@ -154,7 +154,7 @@ class StressModes:
         """
         side_mm = 1e3 * electrode.perimeter / max(4, len(electrode.boundary))
         count = max(least_points, int(np.ceil(side_mm / self.polar_grid.step_mm)))
-        points, normals = electrode.boundary_rule(count)
+        points, normals = electrode.make_boundary_rule(count)
         from_probe_mm = (1e3 * points - positions_mm[:, None]) @ to_film
         factors = 0.5e-3 * np.einsum("nqi,qi->nq", from_probe_mm, normals @ to_film)
         coordinates = self.polar_grid.compute_coordinates(from_probe_mm)

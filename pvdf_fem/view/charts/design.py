@@ -92,7 +92,9 @@ def draw_design_map(ax: Axes, chosen: Dataset, max_deviation_mm: float | None = 
     drawn = ax.pcolormesh(x, y, chosen.place_deviation_mm, vmax=max_deviation_mm, **look)
     scene = Scene.parse(str(chosen.scene.values))
     electrodes = scene.electrode_list
-    ends_mm = [1e3 * np.abs(electrode.outline.shape.bounds).max() for electrode in electrodes]
+    ends_mm = [
+        1e3 * np.abs(electrode.outline.inscribed_polygon.bounds).max() for electrode in electrodes
+    ]
     draw_film(ax, scene.film.radius_mm, electrodes, max(1.03 * x[-1], *ends_mm))
     grid_x, grid_y = np.meshgrid(x, y)
     is_ambiguous = chosen.ambiguous.values > 0.0

@@ -12,14 +12,14 @@ COLUMNS = ("touch", "x_mm", "y_mm", "force_N", "x_deviation_mm", "y_deviation_mm
 
 
 def main(response: str, name: str) -> None:
-    """Follow the stream `name`, and send a sample of `COLUMNS` for each of its samples."""
+    """Track the stream `name`, and send a sample of `COLUMNS` for each of its samples."""
     tracker = Tracker(Response.load(response))
-    (found,) = pylsl.resolve_byprop("name", name, timeout=10.0)
-    inlet = pylsl.StreamInlet(found)
-    told = pylsl.StreamInfo(
-        f"{name}-touches", "Touches", len(COLUMNS), found.nominal_srate(), "float32", name
+    (source,) = pylsl.resolve_byprop("name", name, timeout=10.0)
+    inlet = pylsl.StreamInlet(source)
+    info = pylsl.StreamInfo(
+        f"{name}-touches", "Touches", len(COLUMNS), source.nominal_srate(), "float32", name
     )
-    outlet = pylsl.StreamOutlet(told)
+    outlet = pylsl.StreamOutlet(info)
     while True:
         readings, t = inlet.pull_sample(timeout=2.0)
         if readings is None:

@@ -10,8 +10,8 @@ import serial
 from pvdf_fem import Response, Tracker
 
 
-def samples(port: serial.Serial) -> Iterator[tuple[float, list[float]]]:
-    """Times in s and readings in V of the lines that are whole."""
+def read_samples(port: serial.Serial) -> Iterator[tuple[float, list[float]]]:
+    """Read times in s and readings in V, without lines that are cut."""
     while line := port.readline():  # empty after the timeout
         cells = line.decode("ascii", "replace").split(",")
         try:
@@ -23,14 +23,15 @@ def samples(port: serial.Serial) -> Iterator[tuple[float, list[float]]]:
 
 
 def main(response: str, device: str, baud: int = 115_200) -> None:
-    """Print each touch as it ends."""
-    tracker, told = Tracker(Response.load(response)), 0
+    """Print each touch when it has ended."""
+    tracker = Tracker(Response.load(response))
+    printed = 0
     with serial.Serial(device, baud, timeout=2.0) as port:
-        for t, readings in samples(port):
+        for t, readings in read_samples(port):
             tracker.update(t, readings)
-            for touch in tracker.touches[told:]:
+            for touch in tracker.touches[printed:]:
                 print(touch, flush=True)
-            told = len(tracker.touches)
+            printed = len(tracker.touches)
 
 
 if __name__ == "__main__":
