@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import statistics
 import sys
 import time
 from collections import Counter
@@ -212,11 +211,10 @@ class TaskRunner:
         if not self.seconds.keys() >= waiting.keys():
             return
         done_s = 0.0
-        for durations in self.seconds.values():
-            done_s += sum(durations)
         remaining_s = 0.0
-        for name, count in waiting.items():
-            remaining_s += count * statistics.mean(self.seconds[name])
+        for name, durations in self.seconds.items():
+            done_s += sum(durations)
+            remaining_s += waiting[name] * sum(durations) / len(durations)
         self.progress(done_s, done_s + remaining_s)
 
 

@@ -85,7 +85,7 @@ def run(options: argparse.Namespace) -> int:
         except ValueError as error:
             raise InputError(f"--quantity: {error}") from error
     from pvdf_fem.solver.nonlinear.status import Status
-    from pvdf_fem.solver.sensitivity.uncertainty import solve
+    from pvdf_fem.solver.solve import solve
 
     solution = solve(scene, mesh=options.mesh)
     converged = solution.status is Status.CONVERGED

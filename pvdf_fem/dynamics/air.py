@@ -25,7 +25,7 @@ import scipy.sparse as sp
 from scipy.special import eval_jacobi, poch
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.scene.film import Air
 
 SOUND_SPEED = 343.2  #: Of air at 20 degrees Celsius, m/s.

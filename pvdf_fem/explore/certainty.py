@@ -1,7 +1,7 @@
-"""How well noisy readings tell the touch of a solution: its place and force, with ellipses.
+"""How well noisy readings determine a touch: standard deviations of place and force.
 
-The deviations follow from the derivatives of the charges at the touch, in a moment. Other touches
-with nearly equal charges are not searched for; `pvdf_fem.locate` finds them.
+They follow in a moment from the derivatives of the charges at the touch. Other touches with nearly
+equal charges are not searched for; `pvdf_fem.locate` finds them.
 """
 
 from __future__ import annotations
@@ -23,66 +23,120 @@ from pvdf_fem.solver.solution import Solution
 from pvdf_fem.summary import TextTable
 from pvdf_fem.view.touch_map import compute_deviation_ellipse
 
-#: Smaller ellipses, over the film's radius, are drawn this many times as large.
-LEAST_SIZE, MAGNIFIED = 0.02, 10
-SOUGHT = ("x_mm", "y_mm", "force_N", "depth_mm")
+#: An ellipse that is smaller than this share of the film's radius is magnified.
+SMALL_ELLIPSE = 0.02
+MAGNIFICATION = 10
+#: Names of unknown quantities of a touch.
+UNKNOWN = ("x_mm", "y_mm", "force_N", "depth_mm")
 
 
 def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
-    """Ellipses of one standard deviation and a table of the touch of a scene file, or the reason
-    why there are none. `noise` is the standard deviation of readings, relative to them, to which
-    the readout's is added."""
+    """Estimate how well readings determine the touch of a scene file.
+
+    Parameters
+    ----------
+    text : str
+        The scene file.
+    noise : float
+        Standard deviation of readings, relative to them; that of the readout is added.
+
+    Returns
+    -------
+    dict
+        `message` about the deviations, or the reason why there are none; `ellipses` of one standard
+        deviation of the place, each a list of points in mm, magnified where they are small;
+        `table` of the unknown quantities in HTML.
+    """
     solution = solve_text(text)
-    keys = [
-        key for key, ((_, _, name), *_) in map_probe_keys(solution.scene).items() if name in SOUGHT
-    ]
-    values = {key: get_number(solution.scene, key) for key in keys}
-    try:
-        covariance = _covariance(solution, values, noise)
-    except (NotConvergedError, ValueError) as error:
-        return {"told": str(error), "ellipses": [], "table": ""}
-    deviations = dict(zip(keys, np.sqrt(covariance.diagonal()).tolist(), strict=True))
-    touch = {**values, "standard_deviations": deviations, "covariance": covariance}
-    ellipses = [compute_deviation_ellipse(touch, key) for key in keys if key.endswith("x_mm")]
-    seen = max(float(np.ptp(ellipse, axis=0).max()) for ellipse in ellipses)
-    times = 1 if seen > LEAST_SIZE * solution.scene.film.radius_mm else MAGNIFIED
-    rows = [
-        (_title(solution.scene, key), f"{values[key]:.4g}", f"{deviations[key]:.2g}")
-        for key in keys
-    ]
-    told = f"Readings with {100.0 * noise:g} % noise tell the touch to these standard deviations."
-    told += f" The ellipse is drawn {times} times as large." if times > 1 else ""
-    centres = [ellipse[:-1].mean(axis=0) for ellipse in ellipses]
-    drawn = [to_point_list(at + times * (e - at)) for e, at in zip(ellipses, centres, strict=True)]
-    table = TextTable(("", "value", "standard deviation"), (*rows,)).to_html()
-    return {"told": told, "ellipses": drawn, "table": table}
-
-
-def _covariance(solution: Solution, values: dict[str, float], noise: float) -> Array:
-    """Covariance of a touch, (keys, keys); ValueError where the readings do not tell it."""
     scene = solution.scene
-    changes = scene.readout is not None and scene.readout.reading == "change"
-    read = solution.charge_changes_pC if changes else solution.charges_pC
-    if not np.isfinite([*read.values()]).all():
+    values: dict[str, float] = {}
+    for key, parameters in map_probe_keys(scene).items():
+        _, _, name = parameters[0]
+        if name in UNKNOWN:
+            values[key] = get_number(scene, key)
+    try:
+        covariance = _estimate_covariance(solution, values, noise)
+    except (NotConvergedError, ValueError) as error:
+        return {"message": str(error), "ellipses": [], "table": ""}
+    deviations = dict(zip(values, np.sqrt(covariance.diagonal()).tolist(), strict=True))
+    touch = {**values, "standard_deviations": deviations, "covariance": covariance}
+    ellipses = [compute_deviation_ellipse(touch, key) for key in values if key.endswith("x_mm")]
+    largest_mm = max(float(np.ptp(ellipse, axis=0).max()) for ellipse in ellipses)
+    is_small = largest_mm <= SMALL_ELLIPSE * scene.film.radius_mm
+    message = f"Standard deviations of the touch for readings with {100.0 * noise:g} % noise."
+    if is_small:
+        message += f" The ellipse is drawn {MAGNIFICATION} times as large."
+        ellipses = [_magnify(ellipse) for ellipse in ellipses]
+    rows = []
+    for key, value in values.items():
+        rows.append((_format_name(scene, key), f"{value:.4g}", f"{deviations[key]:.2g}"))
+    return {
+        "message": message,
+        "ellipses": [to_point_list(ellipse) for ellipse in ellipses],
+        "table": TextTable(("", "value", "standard deviation"), tuple(rows)).to_html(),
+    }
+
+
+def _magnify(ellipse: Array) -> Array:
+    """Return an ellipse, (points, 2) with the first point repeated, enlarged about its centre."""
+    centre = ellipse[:-1].mean(axis=0)
+    return np.asarray(centre + MAGNIFICATION * (ellipse - centre))
+
+
+def _estimate_covariance(solution: Solution, values: dict[str, float], noise: float) -> Array:
+    """Return the covariance of a touch by linearised least squares.
+
+    Parameters
+    ----------
+    solution : Solution
+        The solution at the touch.
+    values : dict
+        Unknown quantities of the touch, by key of the scene.
+    noise : float
+        Standard deviation of readings, relative to them.
+
+    Returns
+    -------
+    array, (keys, keys)
+        The inverse of JᵀJ, with the Jacobian J of the readings over their standard deviations.
+
+    Raises
+    ------
+    ValueError
+        If the readings do not determine the touch.
+    """
+    scene = solution.scene
+    reads_changes = scene.readout is not None and scene.readout.reading == "change"
+    charges_pC = solution.charge_changes_pC if reads_changes else solution.charges_pC
+    readings = np.array(list(charges_pC.values()))
+    if not np.isfinite(readings).all():
         raise ValueError("changes by the touch are not known; the warnings say why")
-    own = [1e12 * c.noise * c.capacitance / abs(c.gain) for c in make_channels(scene)]
-    spread = np.hypot(noise * np.array([*read.values()]), own)
-    if not spread.all():
-        raise ValueError("noise = 0: readings without noise tell everything; give some noise")
-    rates = gradients(solution, [*values])
-    slopes = np.array([[rates[key][name] for key in values] for name in read]) / spread[:, None]
-    # a touch is told if each of its deviations is less than the film's radius, or than its force
-    radius, places = scene.film.radius_mm, ("x_mm", "y_mm")
-    extents = [radius if key.endswith(places) else size for key, size in values.items()]
-    sizes = np.linalg.svd(slopes * extents, compute_uv=False)
-    if len(read) < len(values) or sizes[-1] < 1.0:
-        names = ", ".join(_title(scene, key) for key in values)
-        raise ValueError(f"{len(read)} electrodes do not tell {names}; give more, or move them")
-    return np.asarray(np.linalg.inv(slopes.T @ slopes))
+    noise_of_channels_pC = [
+        1e12 * channel.noise * channel.capacitance / abs(channel.gain)
+        for channel in make_channels(scene)
+    ]
+    deviations_pC = np.hypot(noise * readings, noise_of_channels_pC)
+    if not deviations_pC.all():
+        raise ValueError("noise = 0: readings without noise are exact; give some noise")
+    rates = gradients(solution, list(values))
+    columns = [[rates[key][name] for name in charges_pC] for key in values]
+    jacobian = np.array(columns).T / deviations_pC[:, None]
+    # the touch is determined if no deviation is above the film's radius, or the force itself
+    scales = [
+        scene.film.radius_mm if key.endswith(("x_mm", "y_mm")) else value
+        for key, value in values.items()
+    ]
+    singular_values = np.linalg.svd(jacobian * scales, compute_uv=False)
+    if len(readings) < len(values) or singular_values[-1] < 1.0:
+        names = ", ".join(_format_name(scene, key) for key in values)
+        raise ValueError(
+            f"{len(readings)} electrodes do not determine {names}; add electrodes, or move them"
+        )
+    return np.asarray(np.linalg.inv(jacobian.T @ jacobian))
 
 
-def _title(scene: Scene, key: str) -> str:
-    """The name of a key in words, of one of several probes with its number."""
+def _format_name(scene: Scene, key: str) -> str:
+    """Return the name of a key in words, for one of several probes with its number."""
     table, _, name = key.rpartition(".")
-    number = f"{table} " if "[" in table else ""
-    return f"{number}{format_title(find_section(scene, table), name)}"
+    title = format_title(find_section(scene, table), name)
+    return f"{table} {title}" if "[" in table else title

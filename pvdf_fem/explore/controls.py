@@ -1,4 +1,4 @@
-"""A view before its solve: outlines, and controls for its values."""
+"""The parts of a view that need no solve: outlines, and controls for its values."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.explore.state import WORDS, View, drop_probe_number, explain_key
+from pvdf_fem.explore.state import CHOICES, View, drop_probe_number, explain_key
 from pvdf_fem.scene.changes import parse_key, to_plain_value
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.keys import Key, Section
@@ -19,110 +19,128 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import format_toml_value
 from pvdf_fem.view.figures import COLOURS
 
-#: Numbers that have a slider: its limits and its step, by key.
+#: Limits and step of the slider of a number, by key; nothing for a list.
 SLIDERS = tomllib.loads(Path(__file__).with_name("controls.toml").read_text("utf-8"))
-#: Title and meaning of a view's values outside its scene.
-OWN = {
-    "quantity": ("colour of the film", "What the film is coloured by."),
+#: Title and meaning of the values of a view that are not in its scene.
+TEXTS_OF_VIEW = {
+    "quantity": ("colour of the film", "The quantity that colours the film."),
     "noise": ("noise of readings", "Standard deviation of a reading, relative to the reading."),
 }
-#: Words that make a table where a scene has no table.
-MAKERS = ("probe.shape", "electrodes.layout")
+#: Keys with a control even where the scene lacks their table, which a choice then adds.
+KEYS_THAT_ADD_TABLES = ("probe.shape", "electrodes.layout")
 
 
 def describe_outlines(scene: Scene) -> dict[str, Any]:
-    """Film, electrodes and probes in mm, for the page to draw."""
+    """Return the outlines of film, electrodes and probes in mm, for the page to draw."""
     electrodes = [
-        {"name": electrode.name, "colour": choose_colour(i), **_outline(electrode.outline)}
+        {"name": electrode.name, "colour": choose_colour(i), **_describe_outline(electrode.outline)}
         for i, electrode in enumerate(scene.electrode_list)
     ]
-    probes = [
-        {
-            "key": touch.key,
-            "turns": touch.probe.period_deg > 0.0,
-            "rotation": touch.probe.rotation_deg,
-            "reach": 1e3 * touch.outline.perimeter / 4.0,
-            **_outline(touch.outline),
-            "x": touch.probe.x_mm,
-            "y": touch.probe.y_mm,
+    probes = []
+    for loaded in scene.loaded_probes:
+        quarter_perimeter_mm = 1e3 * loaded.outline.perimeter / 4.0
+        probe = {
+            "key": loaded.key,
+            "can_turn": loaded.probe.period_deg > 0.0,
+            "rotation": loaded.probe.rotation_deg,
+            "handle_distance": quarter_perimeter_mm,
+            **_describe_outline(loaded.outline),
+            "x": loaded.probe.x_mm,
+            "y": loaded.probe.y_mm,
         }
-        for touch in scene.loaded_probes
-    ]
+        probes.append(probe)
     return {"radius": scene.film.radius_mm, "electrodes": electrodes, "probes": probes}
 
 
 def choose_colour(electrode: int) -> str:
-    """Colour for an electrode and its bars, by number."""
+    """Return the colour of an electrode and its bars, by its number."""
     return COLOURS[electrode % len(COLOURS)]
 
 
 def to_point_list(points_mm: Array) -> list[list[float]]:
-    """Points (n, 2) as the page takes them."""
+    """Return points, (n, 2) in mm, as a list for the page."""
     return np.round(points_mm, 4).tolist()
 
 
-def _outline(outline: Outline) -> dict[str, Any]:
+def _describe_outline(outline: Outline) -> dict[str, Any]:
+    """Return the centroid and the points of an outline in mm."""
     [[x, y]] = to_point_list(1e3 * outline.centroid[None])
-    return {
-        "x": x,
-        "y": y,
-        "points": to_point_list(1e3 * np.array(outline.inscribed_polygon.exterior.coords)),
-    }
+    points_mm = 1e3 * np.array(outline.inscribed_polygon.exterior.coords)
+    return {"x": x, "y": y, "points": to_point_list(points_mm)}
 
 
 def describe_controls(view: View) -> dict[str, list[dict[str, Any]]]:
-    """The controls of a view by table: key, title, meaning and value; choices for a word, a step
-    and enclosing limits for a number. Lists are TOML."""
-    found: dict[str, list[dict[str, Any]]] = {}
-    for key in _keys(view.scene):
-        name, (table, _, last) = drop_probe_number(key), key.rpartition(".")
+    """Return the controls of a view by table.
+
+    Parameters
+    ----------
+    view : View
+        The view.
+
+    Returns
+    -------
+    dict
+        Controls by table of the scene, or ``picture``. Each has `key`, `title`, `meaning` and
+        `value`; `choices` for a word; `min`, `max` and `step` for a number, so that the limits
+        enclose the value. The value of a list is TOML.
+    """
+    controls: dict[str, list[dict[str, Any]]] = {}
+    for key in _list_keys(view.scene):
+        table, _, name = key.rpartition(".")
         section = find_section(view.scene, table) if table else view
-        value = None if isinstance(section, tuple) else getattr(section, last, None)
+        value = None if isinstance(section, tuple) else getattr(section, name, None)
         if value is None and key == "film.pretension_N_m":
-            value = _tension(view.scene.film)
-        turns = name != "probe.rotation_deg" or getattr(section, "period_deg", 0.0) > 0.0
-        if not turns or (value is None and name not in MAKERS):
+            value = _compute_tension(view.scene.film)
+        plain_key = drop_probe_number(key)
+        is_missing = value is None and plain_key not in KEYS_THAT_ADD_TABLES
+        is_round = getattr(section, "period_deg", 0.0) == 0.0
+        if is_missing or (plain_key == "probe.rotation_deg" and is_round):
             continue
-        title, about = OWN.get(name) or (
-            format_title(section, last),
-            explain_key(drop_probe_number(table), last)[0],
-        )
-        control = {"key": key, "title": title, "about": about, "value": value}
-        if name in WORDS:
-            control["words"] = WORDS[name]
+        if plain_key in TEXTS_OF_VIEW:
+            title, meaning = TEXTS_OF_VIEW[plain_key]
+        else:
+            title = format_title(section, name)
+            meaning = explain_key(drop_probe_number(table), name).meaning
+        control = {"key": key, "title": title, "meaning": meaning, "value": value}
+        if plain_key in CHOICES:
+            control["choices"] = CHOICES[plain_key]
         elif isinstance(value, tuple):
             control["value"] = format_toml_value(to_plain_value(value))
         else:
-            low, high, step = SLIDERS[name]
+            low, high, step = SLIDERS[plain_key]
             control |= {"min": min(low, value), "max": max(high, value), "step": step}
-        found.setdefault(table or "picture", []).append(control)
-    return found
+        controls.setdefault(table or "picture", []).append(control)
+    return controls
 
 
-def _tension(film: Film) -> float | tuple[float, ...]:
-    """Tension at rest in N/m of a cooled film; along x and y where these differ."""
+def _list_keys(scene: Scene) -> Iterator[str]:
+    """Yield keys that may have controls, those with choices first."""
+    unused = set(scene.find_unused_load_keys(SLIDERS))
+    probes = [probe.key for probe in scene.loaded_probes]
+    for key in (*CHOICES, *SLIDERS):
+        if key.startswith("load.") and (key in unused or not probes):
+            continue
+        if key.startswith("probe.") and probes:
+            for probe in probes:
+                yield key.replace("probe", probe, 1)
+        else:
+            yield key
+
+
+def _compute_tension(film: Film) -> float | tuple[float, ...]:
+    """Return the tension of the unloaded film in N/m, along x and y where these differ."""
     x, y = np.round(film.thickness * film.prestress[:2], 4).tolist()
     return x if x == y else (x, y)
 
 
 def format_title(section: Any, name: str) -> str:
-    """The name of a key of a table in words, with its unit."""
-    return (section.table_keys[name] if isinstance(section, Section) else Key()).title(name)
-
-
-def _keys(scene: Scene) -> Iterator[str]:
-    """Keys that may have controls, words first."""
-    unused_keys = {*scene.find_unused_load_keys(SLIDERS)}
-    probes = [touch.key for touch in scene.loaded_probes] or ["probe"]
-    for key in (*WORDS, *SLIDERS):
-        if key.startswith("load.") and (key in unused_keys or not scene.loaded_probes):
-            continue
-        for probe in probes if key.startswith("probe.") else ["probe"]:
-            yield key.replace("probe", probe, 1)
+    """Return the name of a key of a table in words, with its unit."""
+    key = section.table_keys[name] if isinstance(section, Section) else Key()
+    return str(key.title(name))
 
 
 def find_section(scene: Scene, table: str) -> Any:
-    """A scene's table, or list of tables, by key; None where the scene has none."""
-    name, *number = parse_key(table)
+    """Return a table of a scene, or list of tables, by key; None where the scene has none."""
+    name, *index = parse_key(table)
     section = getattr(scene, name)
-    return section[number[0]] if number else section
+    return section[index[0]] if index else section

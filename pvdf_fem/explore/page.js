@@ -1,10 +1,10 @@
-// The page: draws what the server says of a view, and asks for other views. The address is the
-// view, and the browser's history undoes and redoes.
+// The page draws a view as the server describes it, and requests other views. The address is the
+// view, and the history of the browser undoes and redoes changes.
 "use strict"
 const PATIENCE_MS = 300  // after this time old results are dimmed
 const get = (id) => document.getElementById(id)
 const film = get("film")
-let view = null  // what the server says of the view
+let view = null  // the server's description of the view
 let picture = null  // the last one with an image
 let depth = 0, deepest = 0  // views before this one, and before the last one
 let zoomed = false
@@ -17,9 +17,9 @@ function add(parent, name, attributes = {}, text = "") {
   return node
 }
 
-async function ask(what, asked) {
+async function request(path, parameters) {
   try {
-    return await (await fetch(`${what}?${new URLSearchParams(asked)}`)).json()
+    return await (await fetch(`${path}?${new URLSearchParams(parameters)}`)).json()
   } catch {
     get("refused").textContent = "The server does not answer: start `pvdf-fem explore` again."
     throw new Error("no answer")
@@ -31,7 +31,7 @@ async function ask(what, asked) {
 let turn = Promise.resolve()
 function change(text) {
   turn = turn.then(async () => {
-    const next = await ask("view", {at: view.query, change: text})
+    const next = await request("view", {at: view.query, change: text})
     if (next.query !== view.query) {
       deepest = ++depth
       history.pushState(depth, "", next.query ? `?${next.query}` : location.pathname)
@@ -43,7 +43,7 @@ function change(text) {
 async function arrive() {
   depth = history.state ?? 0
   deepest = Math.max(depth, deepest)
-  show(await ask("view", {at: location.search.slice(1)}))
+  show(await request("view", {at: location.search.slice(1)}))
 }
 
 function show(next) {
@@ -71,14 +71,14 @@ async function solve() {
       const at = view.query
       const late = setTimeout(() => document.body.classList.add("stale"), PATIENCE_MS)
       get("ellipses").replaceChildren()
-      const results = await ask("picture", {at})
+      const results = await request("picture", {at})
       clearTimeout(late)
       solved = at
       if (at !== view.query) continue
       showResults(results)
       get("certainty").replaceChildren()
       if (!results.image || !view.probes.length) continue
-      const certainty = await ask("certainty", {at})
+      const certainty = await request("certainty", {at})
       if (at === view.query) showCertainty(certainty)
     }
   } finally {
@@ -149,13 +149,13 @@ function drawProbes(pixel) {
   layer.replaceChildren()
   for (const probe of view.probes) {
     const group = add(layer, "g", {"data-probe": probe.key})
-    const reach = {"stroke-width": 22, stroke: "transparent", fill: "transparent"}  // for fingers
-    const bodies = [reach, {"stroke-width": 2, stroke: "#111", fill: "#111", "fill-opacity": 0.12}]
+    const grip = {"stroke-width": 22, stroke: "transparent", fill: "transparent"}  // for fingers
+    const bodies = [grip, {"stroke-width": 2, stroke: "#111", fill: "#111", "fill-opacity": 0.12}]
     for (const look of bodies) {
       outline(group, probe.points, look).onpointerdown = (down) => drag(down, probe, group, false)
     }
-    if (!probe.turns) continue
-    const angle = (probe.rotation + 90) * Math.PI / 180, far = probe.reach + 8 * pixel
+    if (!probe.can_turn) continue
+    const angle = (probe.rotation + 90) * Math.PI / 180, far = probe.handle_distance + 8 * pixel
     const at = {cx: probe.x + far * Math.cos(angle), cy: -probe.y - far * Math.sin(angle)}
     const look = {fill: "#fff", stroke: "#111", "stroke-width": 2 * pixel}
     const knob = add(group, "circle", {...at, r: 7 * pixel, ...look, class: "knob"})
@@ -193,9 +193,9 @@ function drag(down, probe, group, turns) {
 // ---- results
 
 function showResults(results) {
-  const told = (id, texts) => { get(id).textContent = texts.join("\n") }
+  const setText = (id, texts) => { get(id).textContent = texts.join("\n") }
   if (results.failed) {
-    told("unsolved", [`No solution: ${results.failed}`])
+    setText("unsolved", [`No solution: ${results.failed}`])
     document.body.classList.add("stale")
     return
   }
@@ -208,8 +208,8 @@ function showResults(results) {
   }
   get("field").style.display = picture ? "" : "none"
   draw()
-  told("unsolved", results.reason ? [`No solution: ${results.reason}`] : [])
-  told("warnings", results.warnings)
+  setText("unsolved", results.reason ? [`No solution: ${results.reason}`] : [])
+  setText("warnings", results.warnings)
   get("numbers").innerHTML = results.numbers
   get("bars").replaceChildren()
   for (const {name, title, rows} of results.bars.filter((bars) => bars.rows.length)) {
@@ -225,11 +225,11 @@ function showResults(results) {
   }
 }
 
-function showCertainty({failed, told, table, ellipses}) {
+function showCertainty({failed, message, table, ellipses}) {
   const panel = get("certainty")
   panel.replaceChildren()
   add(panel, "h2", {}, "locating this touch")
-  add(panel, "p", {}, failed ?? told)
+  add(panel, "p", {}, failed ?? message)
   if (table) add(panel, "div").innerHTML = table
   for (const points of ellipses ?? []) {
     outline(get("ellipses"), points, {fill: "#c0f", "fill-opacity": 0.25, stroke: "#c0f", "stroke-width": 2})
@@ -259,17 +259,17 @@ function showControls() {
   }
 }
 
-function addControl(group, {key, title, about, words, min}) {
+function addControl(group, {key, title, meaning, choices, min}) {
   const box = add(group, "div", {class: "control"})
   const name = add(box, "label", {for: key}, title)
-  const meaning = add(group, "p", {class: "meaning", hidden: ""}, `${key}: ${about}`)
-  name.onclick = () => { meaning.hidden = !meaning.hidden }
+  const text = add(group, "p", {class: "meaning", hidden: ""}, `${key}: ${meaning}`)
+  name.onclick = () => { text.hidden = !text.hidden }
   const look = {id: key, "data-key": key}
   const send = (event) => change(`${key}=${event.target.value}`)
-  if (words) {
+  if (choices) {
     const select = add(box, "select", {...look, class: "wide"})
     add(select, "option", {value: "", disabled: ""}, "none of these")
-    for (const word of words) add(select, "option", {}, word)
+    for (const word of choices) add(select, "option", {}, word)
     select.onchange = send
   } else if (min === undefined) {
     add(box, "input", {...look, class: "wide"}).onchange = send

@@ -18,91 +18,138 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.point_values import evaluate_in_elements
 from pvdf_fem.film.space import evaluate_shape_functions
 from pvdf_fem.mesh.points import compute_local_coordinates
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.adaptive import solve
+from pvdf_fem.solver.adaptive import solve_problem
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.solution import Solution
 
-TOLERANCE = 1e-2  #: Least relative error of charges that pictures are solved to.
-MOST_SECONDS = 5.0  #: Work of one core for a picture, unless the scene says how much.
+TOLERANCE = 1e-2  #: Relative error of charges to which pictures are solved, or the scene's.
+MAX_SECONDS = 5.0  #: Work of one core for a picture, unless the scene limits it.
 ORDER = 2  #: Of the elements: to 1e-2, quadratic ones take a fifth less time than cubic ones.
 PIXELS = 160  #: Pixels along the film's diameter.
-#: A point between the rim and the straight sides there is taken to be in the triangle where this
-#: share of its distance from the centre leads.
+#: Elements have straight sides along the rim. A point between side and rim takes the element at
+#: this share of its distance from the centre.
 INWARD = 0.95
 
 
 class Quantity(NamedTuple):
-    """What the film may be coloured by."""
+    """A quantity that can colour the film."""
 
     label: str
-    palette: str  #: Of matplotlib, from light to dark.
+    palette: str  #: A colour map of matplotlib, from light to dark.
     at_dofs: Callable[[Solution], Array]  #: Values at the dofs of a solution's basis.
 
 
-def _stress(solution: Solution) -> Array:
-    """S11 + S22 in MPa, continuous."""
-    fields, basis = solution.discrete, solution.basis
-    stress = evaluate_in_elements(fields.equilibrium, fields.state, basis.X).stress_MPa
-    return np.asarray(basis.project(stress[..., 0] + stress[..., 1]))
+def _compute_deflection(solution: Solution) -> Array:
+    """Return the deflection in mm at the dofs of a solution's basis."""
+    return np.asarray(1e3 * solution.displacement[:, 2])
 
 
-#: A further one is its line here.
+def _compute_stress(solution: Solution) -> Array:
+    """Return S11 + S22 in MPa at the dofs of a solution's basis, made continuous."""
+    discrete = solution.discrete
+    points = solution.basis.X
+    stress = evaluate_in_elements(discrete.equilibrium, discrete.state, points).stress_MPa
+    return np.asarray(solution.basis.project(stress[..., 0] + stress[..., 1]))
+
+
+#: A new quantity needs an entry here, and nothing else.
 QUANTITIES = {
-    "deflection": Quantity("deflection (mm)", "Blues", lambda s: 1e3 * s.displacement[:, 2]),
-    "stress": Quantity("S11 + S22 (MPa)", "Purples", _stress),
+    "deflection": Quantity("deflection (mm)", "Blues", _compute_deflection),
+    "stress": Quantity("S11 + S22 (MPa)", "Purples", _compute_stress),
 }
 
 
 class Picture(NamedTuple):
-    """The JSON of `pvdf-fem solve --json` for a scene, and its film."""
+    """The JSON of ``pvdf-fem solve --json`` for a scene, and an image of its film."""
 
     result: dict[str, Any]
-    image: Array | None  #: Of `sample_image`; none without a result.
+    image: Array | None  #: Of `sample_image`; None without a solution.
 
 
 def solve_picture(text: str, quantity: str) -> Picture:
-    """The picture of a scene file."""
+    """Solve a scene file, and return its picture coloured by a quantity."""
     solution = solve_text(text)
-    converged = solution.status is Status.CONVERGED
-    image = sample_image(solution, QUANTITIES[quantity].at_dofs(solution)) if converged else None
+    image = None
+    if solution.status is Status.CONVERGED:
+        image = sample_image(solution, QUANTITIES[quantity].at_dofs(solution))
     return Picture(solution.to_json(), image)
 
 
 @lru_cache(maxsize=1)
 def solve_text(text: str) -> Solution:
-    """The solution of a scene file to `TOLERANCE`, or the scene's own where that is larger."""
+    """Solve a scene file to `TOLERANCE`, or to the scene's own tolerance where that is larger."""
     scene = Scene.parse(text)
-    limits = {"numerics.tolerance": max(TOLERANCE, scene.numerics.tolerance)}
-    limits["numerics.max_seconds"] = scene.numerics.max_seconds or MOST_SECONDS
-    return solve(scene.with_(**limits), order=ORDER)
+    limits = {
+        "numerics.tolerance": max(TOLERANCE, scene.numerics.tolerance),
+        "numerics.max_seconds": scene.numerics.max_seconds or MAX_SECONDS,
+    }
+    return solve_problem(Problem.from_scene(scene.with_(**limits)), order=ORDER)
 
 
 def encode_image(image: Array, quantity: str) -> dict[str, Any]:
-    """An image as a PNG in a URL, palest at zero and transparent where it is NaN, and its scale:
-    label, least and largest value, and colours between them."""
-    low, high = min(0.0, float(np.nanmin(image))), max(0.0, float(np.nanmax(image)))
+    """Return an image as a PNG with its colour scale.
+
+    Parameters
+    ----------
+    image : array, (pixels, pixels)
+        Values of the quantity, the lowest y first; NaN is transparent.
+    quantity : str
+        One of `QUANTITIES`.
+
+    Returns
+    -------
+    dict
+        `url` with the PNG, which is palest at zero; `label`, `low` and `high`, the least and the
+        largest value as texts, and `colours` between them.
+    """
+    low = min(0.0, float(np.nanmin(image)))
+    high = max(0.0, float(np.nanmax(image)))
     label, palette, _ = QUANTITIES[quantity]
-    palette = f"{palette}_r" if -low > high else palette
-    imsave(png := BytesIO(), image, vmin=low, vmax=high, cmap=palette, origin="lower", format="png")
-    colours = [to_hex(colour) for colour in colormaps[palette](np.linspace(0.0, 1.0, 9))]
-    scale = {"label": label, "low": f"{low:.3g}", "high": f"{high:.3g}", "colours": colours}
-    return {"url": f"data:image/png;base64,{b64encode(png.getvalue()).decode()}", **scale}
+    if -low > high:
+        palette = f"{palette}_r"
+    png = BytesIO()
+    imsave(png, image, vmin=low, vmax=high, cmap=palette, origin="lower", format="png")
+    colours = colormaps[palette](np.linspace(0.0, 1.0, 9))
+    return {
+        "url": f"data:image/png;base64,{b64encode(png.getvalue()).decode()}",
+        "label": label,
+        "low": f"{low:.3g}",
+        "high": f"{high:.3g}",
+        "colours": [to_hex(colour) for colour in colours],
+    }
 
 
 def sample_image(solution: Solution, values: Array, pixels: int = PIXELS) -> Array:
-    """The field with values at the dofs, at the pixels of the square about the film, the lowest y
-    first, (pixels, pixels). It is that at the rim for a pixel beyond, and NaN farther out."""
-    mesh, basis, radius = solution.mesh, solution.basis, solution.scene.film.radius
+    """Sample a field at the pixels of the square about the film.
+
+    Parameters
+    ----------
+    solution : Solution
+        The solution with mesh and basis.
+    values : array, (dofs,)
+        The field at the dofs of the basis.
+    pixels : int, optional
+        Number of pixels along a side of the square.
+
+    Returns
+    -------
+    array, (pixels, pixels), float32
+        The field, the lowest y first. A pixel just beyond the rim has the value at the rim, those
+        farther out have NaN.
+    """
+    mesh, basis = solution.mesh, solution.basis
+    radius = solution.scene.film.radius
     ticks = radius * ((np.arange(pixels) + 0.5) / pixels * 2.0 - 1.0)
     square = np.stack(np.meshgrid(ticks, ticks))
     near = np.hypot(*square) < (1.0 + 4.0 / pixels) * radius
     points = square[:, near]
     points /= np.maximum(np.hypot(*points) / radius, 1.0)
-    find = Triangulation(mesh.p[0], mesh.p[1], mesh.t.T).get_trifinder()
-    elements: Any = find(*points)
-    beyond = elements < 0
-    elements[beyond] = find(*(INWARD * points[:, beyond]))
+    find_elements = Triangulation(mesh.p[0], mesh.p[1], mesh.t.T).get_trifinder()
+    elements: Any = find_elements(*points)
+    outside = elements < 0
+    elements[outside] = find_elements(*(INWARD * points[:, outside]))
     local = compute_local_coordinates(mesh, elements, points.T[:, None])[:, :, 0]
     nodal = values[basis.element_dofs[:, elements]]
     field = np.einsum("pf,fp->p", evaluate_shape_functions(basis.elem, local), nodal)

@@ -1,5 +1,4 @@
-"""A solve's results for the page: bars of charges and readings, or the reason for their absence,
-and numbers."""
+"""The results of a solve for the page: bars of charges and readings, and numbers."""
 
 from __future__ import annotations
 
@@ -13,34 +12,74 @@ from pvdf_fem.summary import format_with_error
 
 
 def collect_results(text: str, quantity: str) -> dict[str, Any]:
-    """The results of a scene file; without an image where it has no solution."""
+    """Solve a scene file, and return its results for the page.
+
+    Parameters
+    ----------
+    text : str
+        The scene file.
+    quantity : str
+        The quantity that colours the film.
+
+    Returns
+    -------
+    dict
+        `status`; `reason` for the absence of a solution, or empty; `warnings`; `image` of
+        `encode_image`, or None; `bars` of charges and of readings; `numbers` in HTML.
+    """
     result, image = solve_picture(text, quantity)
-    reason = "" if image is not None else result.get("reason", result["stop"])
-    charges, errors = result.get("charges_pC") or {}, result.get("charge_errors_pC") or {}
-    readings = result.get("readings_V") or {}
+    reason = ""
+    if image is None:
+        reason = result.get("reason", result["stop"])
+    charges_pC = result.get("charges_pC") or {}
+    errors_pC = result.get("charge_errors_pC") or {}
+    readings_V = result.get("readings_V") or {}
     return {
         "status": result["status"],
         "reason": reason,
         "warnings": result["warnings"],
         "image": None if image is None else encode_image(image, quantity),
         "bars": [
-            _bars("charges", "total charge (pC)", charges, errors),
-            _bars("readings", "reading at once (V)", readings, {}),
+            _make_bars("charges", "total charge (pC)", charges_pC, errors_pC),
+            _make_bars("readings", "reading at once (V)", readings_V, {}),
         ],
         "numbers": summarize_solution(result).to_html(),
     }
 
 
-def _bars(
+def _make_bars(
     name: str, title: str, values: Mapping[str, float], errors: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Bars by electrode: text, and ends in percent of the width."""
-    low, high = min([0.0, *values.values()]), max([0.0, *values.values()])
-    share = 100.0 / ((high - low) or 1.0)
+    """Return a group of bars.
+
+    Parameters
+    ----------
+    name, title : str
+        Name of the group in the page, and its heading.
+    values, errors : mapping of str to float
+        Values by electrode with their errors, which may be missing.
+
+    Returns
+    -------
+    dict
+        `name`, `title` and `rows`. Each row has the `name` and `colour` of an electrode, its
+        `value` and `text`, and `from` and `width` in percent of the width for bars.
+    """
+    low = min([0.0, *values.values()])
+    high = max([0.0, *values.values()])
+    percent_per_unit = 100.0 / ((high - low) or 1.0)
     rows = []
     for i, (electrode, value) in enumerate(values.items()):
-        text = " ± ".join(format_with_error(value, errors[electrode])) if errors else f"{value:.4g}"
-        row = {"name": electrode, "colour": choose_colour(i), "value": value, "text": text}
-        ends = (min(value, 0.0) - low) * share, abs(value) * share
-        rows.append({**row, "from": ends[0], "width": ends[1]})
+        text = f"{value:.4g}"
+        if errors:
+            text = " ± ".join(format_with_error(value, errors[electrode]))
+        row = {
+            "name": electrode,
+            "colour": choose_colour(i),
+            "value": value,
+            "text": text,
+            "from": (min(value, 0.0) - low) * percent_per_unit,
+            "width": abs(value) * percent_per_unit,
+        }
+        rows.append(row)
     return {"name": name, "title": title, "rows": rows}

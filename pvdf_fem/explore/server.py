@@ -1,5 +1,7 @@
-"""The server of the page. It keeps nothing: the browser's address is the view, and the browser's
-history undoes and redoes.
+"""The server of the page.
+
+It keeps no state: the address in the browser is the view, and the history of the browser undoes and
+redoes changes.
 """
 
 from __future__ import annotations
@@ -25,13 +27,31 @@ from pvdf_fem.explore.state import View
 from pvdf_fem.scene.scene import Scene, SceneError
 
 ADDRESS = "127.0.0.1"  #: The page is served on this machine only.
-HOSTS = (ADDRESS, "localhost")  #: What the page may be called; another site's name may lead here.
+#: Names by which the page may be called. A name of another site may lead to this machine, too, so
+#: that scripts of that site could read the answers.
+HOSTS = (ADDRESS, "localhost")
 FILES = {"/": ("page.html", "text/html"), "/page.js": ("page.js", "text/javascript")}
 
 
 def serve(scene: Scene, file: Path, port: int, browser: bool) -> None:
-    """Serve a scene's page until interrupted. Port 0 is any free one; OSError where the
-    port is taken."""
+    """Serve the page of a scene until Ctrl-C.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    file : Path
+        Its file, whose name the page shows.
+    port : int
+        Port of the page; 0 stands for any free one.
+    browser : bool
+        Whether to open the page in a browser.
+
+    Raises
+    ------
+    OSError
+        If the port is in use.
+    """
     with Server((ADDRESS, port), partial(Handler, scene, file.name)) as server:
         address = f"http://{ADDRESS}:{server.server_port}/"
         print(f"{address} shows {file}; Ctrl-C ends it", flush=True)
@@ -41,32 +61,59 @@ def serve(scene: Scene, file: Path, port: int, browser: bool) -> None:
             with suppress(KeyboardInterrupt):
                 server.serve_forever()
         finally:
-            _process().shutdown(wait=False, kill_workers=True)
+            _get_solver().shutdown(wait=False, kill_workers=True)
 
 
-def describe_view(start: Scene, at: str, change: str) -> dict[str, Any]:
-    """Link, outlines and controls of the view with a link, after a change unless it is refused."""
-    view, refused = View(start), tuple[str, ...]()
+def describe_view(start: Scene, query: str, change: str) -> dict[str, Any]:
+    """Return what the page shows of a view before its solve.
+
+    Parameters
+    ----------
+    start : Scene
+        The scene of the scene file.
+    query : str
+        The query of the link to the view.
+    change : str
+        Values to change, ``KEY=VALUE KEY=VALUE``, or empty.
+
+    Returns
+    -------
+    dict
+        `query` of the changed view, `refused` with the errors of a change that is not made, and the
+        outlines and controls of the view.
+    """
+    view = View(start)
+    errors: tuple[str, ...] = ()
     try:
-        view = View.of_query(start, at)
-        view = view.typed(change) if change else view
+        view = View.from_query(start, query)
+        if change:
+            view = view.with_typed_changes(change)
     except SceneError as error:
-        refused = error.problems
-    link = {"query": view.query(start), "refused": refused}
-    return {**link, **describe_outlines(view.scene), "controls": describe_controls(view)}
+        errors = error.problems
+    return {
+        "query": view.format_query(start),
+        "refused": errors,
+        **describe_outlines(view.scene),
+        "controls": describe_controls(view),
+    }
 
 
-def _process() -> Any:
-    """The solver process, replaced if dead; it ends with this process."""
-    begin = {"initializer": exit_with_parent, "initargs": (os.getpid(),)}
-    return get_reusable_executor(max_workers=1, timeout=None, env=ONE_THREAD, **begin)
+def _get_solver() -> Any:
+    """Return the process that solves, a new one if it has died; it ends with this process."""
+    return get_reusable_executor(
+        max_workers=1,
+        timeout=None,
+        env=ONE_THREAD,
+        initializer=exit_with_parent,
+        initargs=(os.getpid(),),
+    )
 
 
-def _worked(function: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
-    """What a function gives in the process, or the reason why it gives nothing."""
+def _run_in_solver(function: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
+    """Return the result of a function in the process that solves, or `failed` with the reason."""
     try:
-        return dict(_process().submit(function, *arguments).result())
-    except (RuntimeError, ValueError) as error:  # the process died, among others
+        return dict(_get_solver().submit(function, *arguments).result())
+    except (RuntimeError, ValueError) as error:  # RuntimeError if the process died, among others
         return {"failed": str(error)}
 
 
@@ -78,55 +125,57 @@ class Server(ThreadingHTTPServer):
 
 
 class Handler(BaseHTTPRequestHandler):
-    """Answers a browser about a scene from a named file."""
+    """Answers requests of a browser about one scene file."""
 
     protocol_version = "HTTP/1.1"
-    disable_nagle_algorithm = True  # an answer would wait for the browser's acknowledgement
+    disable_nagle_algorithm = True  # or answers would wait for the browser's acknowledgement
 
     def __init__(self, start: Scene, name: str, *connection: Any) -> None:
         self.start, self.name = start, name
         super().__init__(*connection)
 
     def do_GET(self) -> None:
-        """Answer a browser that calls the page by this machine's name."""
+        """Answer a request that calls the page by a name of this machine."""
         url = urlsplit(self.path)
-        asked = {key: values[-1] for key, values in parse_qs(url.query).items()}
-        if self.headers.get("Host", "").partition(":")[0] not in HOSTS:
+        parameters = {name: values[-1] for name, values in parse_qs(url.query).items()}
+        host, _, _ = self.headers.get("Host", "").partition(":")
+        if host not in HOSTS:
             self.send_error(403)
         elif url.path in FILES:
-            name, kind = FILES[url.path]
-            self._send(Path(__file__).with_name(name).read_text("utf-8"), kind)
+            name, media_type = FILES[url.path]
+            self._send(Path(__file__).with_name(name).read_text("utf-8"), media_type)
         elif url.path == "/view":
-            answer = describe_view(self.start, asked.get("at", ""), asked.get("change", ""))
-            self._send(json.dumps({"name": self.name, **answer}))
+            query, change = parameters.get("at", ""), parameters.get("change", "")
+            view = describe_view(self.start, query, change)
+            self._send(json.dumps({"name": self.name, **view}))
         else:
-            self._send_of_view(url.path, asked.get("at", ""))
+            self._answer_about_view(url.path, parameters.get("at", ""))
 
-    def _send_of_view(self, path: str, at: str) -> None:
-        """Send what is at a path about the view with a link."""
+    def _answer_about_view(self, path: str, query: str) -> None:
+        """Answer a request about the view with a query."""
         try:
-            view = View.of_query(self.start, at)
+            view = View.from_query(self.start, query)
         except SceneError:
             return self.send_error(400)
         text = view.scene.to_toml()
         if path == "/picture":
-            self._send(json.dumps(_worked(collect_results, text, view.quantity)))
+            self._send(json.dumps(_run_in_solver(collect_results, text, view.quantity)))
         elif path == "/certainty":
-            self._send(json.dumps(_worked(estimate_certainty, text, view.noise)))
+            self._send(json.dumps(_run_in_solver(estimate_certainty, text, view.noise)))
         elif path == "/scene.toml":
             self._send(text, "application/toml")
         else:
             self.send_error(404)
 
-    def _send(self, text: str, kind: str = "application/json") -> None:
+    def _send(self, text: str, media_type: str = "application/json") -> None:
         """Send a text."""
         body = text.encode()
         self.send_response(200)
-        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.send_header("Content-Type", f"{media_type}; charset=utf-8")
         self.send_header("Content-Length", str(len(body)))
         self.send_header("Cache-Control", "no-store")
         self.end_headers()
         self.wfile.write(body)
 
     def log_message(self, format: str, *arguments: Any) -> None:
-        """Nothing: the page shows what happens."""
+        """Log nothing: the page shows what happens."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.electrodes.thickness import describe_thickness_effect
+from pvdf_fem.problem.problem import Problem
+from pvdf_fem.problem.thickness_effect import describe_thickness_effect
 from tests.helpers.discs import LOADS, RECTANGLE
 
 OVER_A = Scene.parse('[probe]\nshape = "triangle"\nx_mm = 10.0').with_(
@@ -44,8 +45,10 @@ def test_whole_load_over_one_electrode(load):
 def test_neglected_effects_within_a_third_and_thirty_times(load):
     scene = OVER_A.with_(**load, **{"probe.x_mm": 11.2, "probe.y_mm": 0.7})
     charges = added(scene)
-    ((included, text),) = describe_thickness_effect(scene.with_(**{"film.d33_pC_N": None}))
+    ((included, text),) = describe_thickness_effect(
+        Problem.from_scene(scene.with_(**{"film.d33_pC_N": None}))
+    )
     estimate = float(text.split("about ")[-1].split(" pC on A")[0])
     assert not included
     assert charges["A"] / 3.0 <= estimate <= 30.0 * charges["A"]
-    assert not list(describe_thickness_effect(RECTANGLE))
+    assert not list(describe_thickness_effect(Problem.from_scene(RECTANGLE)))

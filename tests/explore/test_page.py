@@ -14,7 +14,7 @@ import pytest
 from pvdf_fem.explore.picture import ORDER
 from pvdf_fem.explore.state import View
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.adaptive import solve
+from pvdf_fem.solver.solve import solve
 from tests.helpers.browsers import browser_or_skip
 
 SCENE = Scene.example("triangle").with_(readout={"feedback_capacitance_pF": 500.0})
@@ -82,7 +82,7 @@ class Visit:
 
     def scene(self):
         """The scene that the address stands for."""
-        return View.of_query(SCENE, urlparse(self.page.url).query).scene
+        return View.from_query(SCENE, urlparse(self.page.url).query).scene
 
     def reads(self, scene):
         """The bars come to show what `solve` says of a scene, and the address to stand for it."""

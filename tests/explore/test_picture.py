@@ -12,13 +12,13 @@ from matplotlib.image import imread
 from pvdf_fem.explore.certainty import estimate_certainty
 from pvdf_fem.explore.picture import PIXELS, QUANTITIES, encode_image, sample_image
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.adaptive import solve
+from pvdf_fem.solver.solve import solve
 
 SCENE = Scene.example("triangle").with_(**{"numerics.tolerance": 1e-2})
 
 
 @pytest.mark.parametrize(("quantity", "error"), [("deflection", 6e-3), ("stress", 0.3)])
-def test_image_is_the_field(quantity, error):
+def test_image_has_the_values_of_the_field(quantity, error):
     solution = solve(SCENE)
     image = sample_image(solution, QUANTITIES[quantity].at_dofs(solution))
     rows, columns = np.divmod(np.arange(37, PIXELS**2, 397), PIXELS)
@@ -31,7 +31,7 @@ def test_image_is_the_field(quantity, error):
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_film_is_palest_where_it_stays(sign):
+def test_the_image_is_palest_where_the_film_does_not_move(sign):
     shown = encode_image(sign * np.array([[0.0, 2.0], [1.0, np.nan]]), "deflection")
     assert sorted([float(shown["low"]), float(shown["high"])], key=abs) == [0.0, 2.0 * sign]
     pixels = imread(BytesIO(b64decode(shown["url"].partition(",")[2])))[::-1]  # the lowest y first
@@ -53,15 +53,15 @@ def test_deviations_are_those_of_noisy_readings_by_differences():
     scaled = np.array(slopes).T / (0.02 * charges("load.force_N", 0.0))[:, None]
     covariance = np.linalg.inv(scaled.T @ scaled)
     found = estimate_certainty(place.to_toml(), 0.02)
-    told = [float(row.split("</td>")[2][4:]) for row in found["table"].split("</tr>")[1:-1]]
-    assert told == pytest.approx(np.sqrt(covariance.diagonal()), rel=0.1)
+    deviations = [float(row.split("</td>")[2][4:]) for row in found["table"].split("</tr>")[1:-1]]
+    assert deviations == pytest.approx(np.sqrt(covariance.diagonal()), rel=0.1)
     points = np.array(found["ellipses"][0]) - [4.0, 3.0]
     sizes = np.einsum("ni,ij,nj->n", points, np.linalg.inv(covariance[:2, :2]), points)
-    assert sizes / sizes.mean() == pytest.approx(1.0, rel=0.2)  # magnified alike
+    assert sizes / sizes.mean() == pytest.approx(1.0, rel=0.2)  # all magnified equally
 
 
 @pytest.mark.parametrize(
-    ("changes", "noise", "told"),
+    ("changes", "noise", "reason"),
     [
         ({"electrodes": {"layout": "ring", "count": 2}}, 0.01, "2 electrodes"),
         ({"film.d33_pC_N": -15.0}, 0.01, "film.d33_pC_N"),
@@ -69,7 +69,7 @@ def test_deviations_are_those_of_noisy_readings_by_differences():
         ({"film.temperature_change_K": 1.0, "readout": {"reading": "change"}}, 0.01, "changes"),
     ],
 )
-def test_a_touch_that_readings_do_not_tell_has_no_ellipse(changes, noise, told):
+def test_a_touch_that_readings_do_not_determine_has_no_ellipse(changes, noise, reason):
     found = estimate_certainty(SCENE.with_(changes).to_toml(), noise)
     assert found["ellipses"] == []
-    assert told in found["told"]
+    assert reason in found["message"]

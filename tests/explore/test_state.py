@@ -1,4 +1,4 @@
-"""What the page shows as values: changes, links, controls, the scene file."""
+"""The state of the page: changes, links, controls, the scene file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from urllib.parse import parse_qs
 import pytest
 
 from pvdf_fem.explore.controls import describe_controls
-from pvdf_fem.explore.state import WORDS, View
+from pvdf_fem.explore.state import CHOICES, View
 from pvdf_fem.scene.scene import Scene, SceneError
 
 TRIANGLE = Scene.example("triangle")
@@ -20,6 +20,11 @@ TWO = Scene(
 )
 ORTHOTROPIC = TRIANGLE.with_(**{"film.youngs_modulus_GPa": [2.0, 3.0]})
 LISTED = TRIANGLE.with_(electrodes=[{"name": "A", "x_mm": 8.0, "y_mm": 0.0}])
+
+
+def list_controls(view):
+    """Return the controls of a view by key."""
+    return {c["key"]: c for group in describe_controls(view).values() for c in group}
 
 
 @pytest.mark.parametrize(
@@ -34,61 +39,61 @@ LISTED = TRIANGLE.with_(electrodes=[{"name": "A", "x_mm": 8.0, "y_mm": 0.0}])
     ],
 )
 def test_a_link_and_a_scene_file_give_the_view_again(start, changes):
-    view = View(start).changed(changes)
-    assert View.of_query(start, view.query(start)) == view
+    view = View(start).with_changes(changes)
+    assert View.from_query(start, view.format_query(start)) == view
     tables = {re.split(r"[.[]", key)[0] for key in changes}
-    assert {*parse_qs(view.query(start))} == tables  # only what was changed
+    assert {*parse_qs(view.format_query(start))} == tables  # only what was changed
     assert Scene.parse(view.scene.to_toml()) == view.scene
 
 
 @pytest.mark.parametrize(
     ("start", "key"), [(TRIANGLE, "load.profile"), (TWO, "probe[0].load.profile")]
 )
-def test_a_page_reads_no_file_that_the_scene_did_not_name(start, key):
+def test_the_page_opens_only_files_that_the_scene_names(start, key):
     with pytest.raises(SceneError, match=r"load\.profile"):
-        View(start).changed({key: "secret.csv"})
+        View(start).with_changes({key: "secret.csv"})
     given = View(TRIANGLE.with_(**{"load.profile": "mine.csv"}))
-    moved = given.changed({"probe.x_mm": 1.0})
-    assert View.of_query(given.scene, moved.query(given.scene)) == moved
+    moved = given.with_changes({"probe.x_mm": 1.0})
+    assert View.from_query(given.scene, moved.format_query(given.scene)) == moved
     with pytest.raises(SceneError, match=r"load\.profile"):
-        View.of_query(TRIANGLE, moved.query(TRIANGLE))
+        View.from_query(TRIANGLE, moved.format_query(TRIANGLE))
 
 
 @pytest.mark.parametrize("query", ["probe.x_mm=44", "quantity=red", "noise=nan", "no.key=1", "=3"])
-def test_what_is_refused_is_named(query):
+def test_errors_name_the_table(query):
     table = re.split(r"[.=]", query)[0] or "KEY=VALUE"
     with pytest.raises(SceneError, match=table):
-        View.of_query(TRIANGLE, query)
+        View.from_query(TRIANGLE, query)
     with pytest.raises(SceneError, match=table):
-        View(TRIANGLE).typed(query)
+        View(TRIANGLE).with_typed_changes(query)
 
 
 def test_several_values_are_changed_at_once():
     text = 'load.force_N = 2 electrodes = { layout = "ring", count = 6 } noise=0.02'
     expected = TRIANGLE.with_(load={"force_N": 2}, electrodes={"layout": "ring", "count": 6})
-    assert View(TRIANGLE).typed(text) == View(expected, noise=0.02)
-    with pytest.raises(SceneError, match="probe"):  # what was typed is not changed
-        View(TRIANGLE).typed("probe.shape=sphere load.kind=dead")
+    assert View(TRIANGLE).with_typed_changes(text) == View(expected, noise=0.02)
+    with pytest.raises(SceneError, match="probe"):  # typed values are not changed
+        View(TRIANGLE).with_typed_changes("probe.shape=sphere load.kind=dead")
 
 
 @pytest.mark.parametrize("start", [TRIANGLE, Scene(), LISTED, Scene.example("sphere"), TWO])
-def test_every_word_of_a_picker_gives_a_scene(start):
-    pickers = [
-        c for group in describe_controls(View(start)).values() for c in group if "words" in c
+def test_every_choice_gives_a_scene(start):
+    choices = [
+        (key, word)
+        for key, control in list_controls(View(start)).items()
+        for word in control.get("choices", ())
     ]
-    wanted = [(c["key"], word) for c in pickers for word in c["words"]]
-    assert {"probe.shape", "probe[1].shape"} & {key for key, _ in wanted}
-    for key, word in wanted:
+    assert {"probe.shape", "probe[1].shape"} & {key for key, _ in choices}
+    for key, word in choices:
         if start is TWO and word in ("sphere", "contact", "polygon"):
-            continue  # of all probes or of none; the polygon meets the other probe
-        after = describe_controls(View(start).typed(f"{key}={word}"))
-        assert word in [c["value"] for group in after.values() for c in group if c["key"] == key]
+            continue  # all probes or none are spheres; the polygon overlaps the other probe
+        view = View(start).with_typed_changes(f"{key}={word}")
+        assert list_controls(view)[key]["value"] == word
 
 
 def test_controls_are_those_of_the_scene_and_reach_its_values():
     def of(scene):
-        groups = describe_controls(View(scene)).values()
-        return {control["key"]: control for group in groups for control in group}
+        return list_controls(View(scene))
 
     found = of(TRIANGLE.with_(**{"film.thickness_um": 500.0}))
     assert found["film.thickness_um"]["max"] == found["film.thickness_um"]["value"] == 500.0
@@ -99,5 +104,5 @@ def test_controls_are_those_of_the_scene_and_reach_its_values():
     assert "load.force_N" not in of(TWO)  # each probe says its own
     assert of(ORTHOTROPIC)["film.youngs_modulus_GPa"]["value"] == "[2.0, 3.0]"
     assert {key for key in of(Scene()) if key.startswith("probe")} == {"probe.shape"}
-    assert WORDS.keys() <= found.keys()
-    assert all(control["about"] and "_" not in control["title"] for control in found.values())
+    assert CHOICES.keys() <= found.keys()
+    assert all(control["meaning"] and "_" not in control["title"] for control in found.values())

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from pvdf_fem.electrodes.channel import make_channels
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.adaptive import compute_unloaded_charges
 from tests.helpers.touch_models import Bumps, bumps
 
@@ -48,7 +49,7 @@ class MembraneCharges(Bumps):
 
     @cached_property
     def film_unloaded_pC(self):
-        return 1e12 * compute_unloaded_charges(self.scene)
+        return 1e12 * compute_unloaded_charges(Problem.from_scene(self.scene))
 
     def evaluate(self, touches):
         force = touches[:, 3, None]

@@ -11,6 +11,7 @@ import pytest
 
 from pvdf_fem import Scene
 from pvdf_fem.batch.store import Record
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.adaptive import compute_unloaded_charges
 from reports.__main__ import script
 from reports.locating import signals, touches
@@ -80,7 +81,9 @@ def test_touches_are_found_where_they_are(made_up):
 
 def test_a_tap_is_tracked_through_its_circuit(monkeypatch):
     def solved(scene):
-        changes = charges_of(scene, MembraneCharges) - 1e12 * compute_unloaded_charges(scene)
+        changes = charges_of(scene, MembraneCharges) - 1e12 * compute_unloaded_charges(
+            Problem.from_scene(scene)
+        )
         names = [electrode.name for electrode in scene.electrode_list]
         return SimpleNamespace(charge_changes_pC=dict(zip(names, changes.tolist(), strict=True)))
 

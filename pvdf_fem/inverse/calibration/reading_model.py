@@ -15,7 +15,6 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.electrodes.channel import Channel, make_channels
-from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.inverse.calibration.options import DEFAULTS, CalibrateOptions
 from pvdf_fem.inverse.calibration.parameters import (
     GAIN,
@@ -26,6 +25,7 @@ from pvdf_fem.inverse.calibration.parameters import (
     get_parameter,
 )
 from pvdf_fem.inverse.calibration.touch_table import TOUCH_KEYS, TouchTable, place_probe
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.progress import SolveCounter, ignore_progress
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive import compute_unloaded_integrals, solve_outputs
@@ -177,7 +177,7 @@ class ReadingModel:
                 self.failures[i] = "the touch is over the film's rim"
                 continue
             self.count_solve()
-            solution = solve_outputs(loaded, make_outputs(loaded))
+            solution = solve_outputs(Problem.from_scene(loaded))
             if solution.status is not Status.CONVERGED:
                 self.failures[i] = f"{solution.status}: {solution.reason}"
                 continue
@@ -199,10 +199,12 @@ class ReadingModel:
             Stress integrals in N, then their derivatives by `keys`. NaN where the unloaded film
             has none and readings are totals.
         """
-        is_needed = self.reading == "change"
+        is_required = self.reading == "change"
 
         def solve_unloaded(changed: Scene) -> Array:
-            return compute_unloaded_integrals(changed, needed=is_needed).values
+            return compute_unloaded_integrals(
+                Problem.from_scene(changed), required=is_required
+            ).values
 
         integrals = np.zeros((1 + len(self.keys), len(self.channels), 2))
         integrals[0] = solve_unloaded(scene)

@@ -8,6 +8,7 @@ import pytest
 
 from pvdf_fem.inverse.touch.locate import locate
 from pvdf_fem.inverse.touch.locate_many import locate_many
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.adaptive import compute_unloaded_charges
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES
 from tests.helpers.touch_models import bumps, read
@@ -35,7 +36,9 @@ def model_with(shape="rectangle", **sections):
     """A stand-in whose charges without a touch are the scene's."""
     model = bumps(shape)
     scene = model.scene.with_(**sections)
-    return replace(model, scene=scene, rest_pC=1e12 * compute_unloaded_charges(scene)[0])
+    return replace(
+        model, scene=scene, rest_pC=1e12 * compute_unloaded_charges(Problem.from_scene(scene))[0]
+    )
 
 
 def by_name(readings):
