@@ -44,8 +44,9 @@ if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Replaced, Scene, SceneError
     from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
     from pvdf_fem.solver.sensitivity.gradients import gradients
-    from pvdf_fem.solver.sensitivity.uncertainty import solve, uncertainty
+    from pvdf_fem.solver.sensitivity.uncertainty import uncertainty
     from pvdf_fem.solver.solution import Solution
+    from pvdf_fem.solver.solve import solve
     from pvdf_fem.studies.design import design
     from pvdf_fem.studies.sweep import sweep
     from pvdf_fem.studies.touch_dataset import dataset
@@ -101,7 +102,7 @@ _MODULES = {
     "locate_many": "inverse.touch.locate_many",
     "modes": "dynamics.modes",
     "respond": "dynamics.frequency_response",
-    "solve": "solver.sensitivity.uncertainty",
+    "solve": "solver.solve",
     "step": "dynamics.force_history",
     "sweep": "studies.sweep",
     "transient": "dynamics.transient",

@@ -1,129 +1,201 @@
-"""Many scenes: equally deforming scenes share a solve, on local cores or a cluster, kept in a
-file."""
+"""Solve many scenes: equivalent ones share a solve, on local cores or a cluster, kept in a file."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.batch.plan import SweepPlan, plan_solves
 from pvdf_fem.batch.records import add_unloaded_integrals, make_records
 from pvdf_fem.batch.store import Record, Store
 from pvdf_fem.batch.workers import WorkerDied, run_on_cluster, run_on_processes
-from pvdf_fem.electrodes.unloaded import find_uniform_integrals, unload
 from pvdf_fem.film.loads.profiles import pin_profile_files
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.progress import Progress, ignore_progress
 from pvdf_fem.scene.scene import Scene
 
-#: Status of a scene after an exception or a dead process in its solve. Such
-#: records are not stored: the next run tries the scenes again.
+#: Status of a scene after an exception or a dead process in its solve. Such records are not
+#: stored: the next run tries the scenes again.
 CRASHED = "crashed"
 
-Task = tuple[list[Scene], Array]
-Run = Callable[..., Iterator[tuple[int, Any]]]
-Films = dict[Scene, Record]  #: Records of untouched films.
+
+class SolveTask(NamedTuple):
+    """Scenes that one solve serves, as a worker takes them."""
+
+    scenes: list[Scene]
+    frames: Array  #: See `make_records`, (scenes, 2, 2).
 
 
-def solve_scenes(scenes: Sequence[Scene], store: Store | None = None, **how: Any) -> list[Record]:
-    """Records of scenes, in their order; `how` they are solved is as in `sweep`."""
-    todo = plan_scenes(scenes, store)
-    by_index = dict(solve_planned(todo, store, **how))
-    return [by_index[first] for first in todo.first.tolist()]
+#: Runs a function on numbered tasks, and yields numbers and results in order of completion.
+Runner = Callable[..., Iterator[tuple[int, Any]]]
+#: Records of unloaded films by their scenes.
+UnloadedRecords = dict[Scene, Record]
+
+
+def solve_scenes(
+    scenes: Sequence[Scene], store: Store | None = None, **options: Any
+) -> list[Record]:
+    """Solve scenes, and return their records in the order of the scenes.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+        The scenes; equal and equivalent ones are solved once.
+    store : Store, optional
+        Where records are kept.
+    **options
+        ``processes``, ``scheduler`` and ``progress`` of `solve_planned`.
+
+    Returns
+    -------
+    list of Record
+    """
+    plan = plan_scenes(scenes, store)
+    records = dict(solve_planned(plan, store, **options))
+    return [records[first] for first in plan.first.tolist()]
 
 
 def plan_scenes(scenes: Sequence[Scene], store: Store | None = None) -> SweepPlan:
-    """The plan for scenes; stored scenes need no solve."""
+    """Plan the solves of scenes; stored scenes need none."""
     scenes = pin_profile_files(scenes)
-    return plan_solves(scenes, None if store is None else [scene in store for scene in scenes])
+    is_stored = None if store is None else [scene in store for scene in scenes]
+    return plan_solves(scenes, is_stored)
 
 
 def solve_planned(
-    todo: SweepPlan,
+    plan: SweepPlan,
     store: Store | None = None,
     *,
-    processes: int = -1,
+    processes: int | None = None,
     scheduler: str | None = None,
     progress: Progress = ignore_progress,
 ) -> Iterator[tuple[int, Record]]:
-    """Indices of a plan's distinct scenes with their records, in order of completion; see
-    `sweep`."""
+    """Solve the scenes of a plan.
+
+    Parameters
+    ----------
+    plan : SweepPlan
+        The plan.
+    store : Store, optional
+        Where stored records are read and new ones are kept, but not those of crashed scenes.
+    processes : int, optional
+        Number of processes, by default one for every core; 1 solves in this one.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers solve instead of local processes.
+    progress : callable, optional
+        Called with the numbers of distinct scenes that are solved and that have to be.
+
+    Yields
+    ------
+    index : int
+        Index of a distinct scene of the plan, in order of completion.
+    record : Record
+    """
     if store is not None:
-        for index in todo.stored:
-            record = store.get(todo.scenes[index])
+        for index in plan.stored:
+            record = store.get(plan.scenes[index])
             assert record is not None  # rows are never removed
             yield index, record
-    run: Run = partial(run_on_processes, processes=processes)
+    options: dict[str, Any] = {"processes": processes, "scheduler": scheduler}
+    films = _list_unloaded_films(plan)
+    unloaded: UnloadedRecords = {}
+    if films:
+        records = solve_scenes(films, store, **options)
+        unloaded = dict(zip(films, records, strict=True))
+    run: Runner = partial(run_on_processes, processes=processes)
     if scheduler:
         run = partial(run_on_cluster, scheduler=scheduler)
-    films = _moving(todo)
-    at_rest = solve_scenes(films, store, processes=processes, scheduler=scheduler) if films else []
-    done, total = 0, todo.missing
-    progress(done, total)
-    for number, result in _solves(todo, store, run, dict(zip(films, at_rest, strict=True))):
-        indices = todo.blocks[number].indices
+    done = 0
+    progress(done, plan.missing)
+    for number, records in _solve_blocks(plan, store, run=run, unloaded=unloaded):
+        indices = plan.blocks[number].indices
         done += len(indices)
-        progress(done, total)
-        yield from zip(indices, result, strict=True)
+        progress(done, plan.missing)
+        yield from zip(indices, records, strict=True)
 
 
-def _solves(
-    todo: SweepPlan, store: Store | None, run: Run, films: Films
+def _solve_blocks(
+    plan: SweepPlan, store: Store | None, *, run: Runner, unloaded: UnloadedRecords
 ) -> Iterator[tuple[int, list[Record]]]:
-    """Block numbers with their records, in order of completion; records join the store."""
-    if store is not None and todo.blocks:
+    """Yield block numbers with their records, in order of completion; records join the store."""
+    if store is not None and plan.blocks:
         store.require_writable()
-    elsewhere: dict[int, list[Record]] = {}
-    for number, result in run(_solved, _tasks(todo, store, elsewhere)):
-        yield number, _kept(todo.scenes_of(number), result, store, films)
-    yield from elsewhere.items()
+    solved_elsewhere: dict[int, list[Record]] = {}
+    tasks = _list_tasks(plan, store, solved_elsewhere)
+    for number, result in run(_solve_task, tasks):
+        scenes = plan.scenes_of(number)
+        records = _finish_records(scenes, result, unloaded)
+        _store_records(scenes, records, store)
+        yield number, records
+    yield from solved_elsewhere.items()
 
 
-def _tasks(
-    todo: SweepPlan, store: Store | None, elsewhere: dict[int, list[Record]]
-) -> Iterator[tuple[int, Task]]:
-    """The tasks of blocks, but for blocks that another program has solved `elsewhere` by now."""
-    for number, block in enumerate(todo.blocks):
-        scenes = todo.scenes_of(number)
-        stored = [record for scene in scenes if (record := store and store.get(scene))]
+def _list_tasks(
+    plan: SweepPlan, store: Store | None, solved_elsewhere: dict[int, list[Record]]
+) -> Iterator[tuple[int, SolveTask]]:
+    """Yield the tasks of blocks, and collect the blocks that another program has solved by now."""
+    for number, block in enumerate(plan.blocks):
+        scenes = plan.scenes_of(number)
+        stored = []
+        if store is not None:
+            records = [store.get(scene) for scene in scenes]
+            stored = [record for record in records if record is not None]
         if len(stored) == len(scenes):
-            elsewhere[number] = stored
+            solved_elsewhere[number] = stored
         else:
-            yield number, (scenes, block.frames)
+            yield number, SolveTask(scenes, block.frames)
 
 
-def _kept(
-    scenes: list[Scene], result: list[Record] | WorkerDied, store: Store | None, films: Films
+def _finish_records(
+    scenes: list[Scene], result: list[Record] | WorkerDied, unloaded: UnloadedRecords
 ) -> list[Record]:
-    """The records of scenes with charges at rest, which join the store unless scenes crashed."""
-    records = _crashed(scenes, result.reason) if isinstance(result, WorkerDied) else result
-    at_rest = [films.get(unload(scene)) for scene in scenes]
-    records = [*map(add_unloaded_integrals, records, scenes, at_rest)]
-    if store is not None:
-        pairs = zip(scenes, records, strict=True)
-        store.put((scene, record) for scene, record in pairs if record.status != CRASHED)
-    return records
+    """Return the records of a task with the stress integrals of the unloaded films."""
+    records = result
+    if isinstance(records, WorkerDied):
+        records = _make_crashed_records(scenes, records.reason)
+    finished = []
+    for scene, record in zip(scenes, records, strict=True):
+        film = Problem.from_scene(scene).unloaded_scene
+        finished.append(add_unloaded_integrals(record, scene, unloaded.get(film)))
+    return finished
 
 
-def _moving(todo: SweepPlan) -> list[Scene]:
-    """A plan's distinct untouched films that need a solve for charges at rest and have no solve of
-    their own."""
-    missing = (scene for number in range(len(todo.blocks)) for scene in todo.scenes_of(number))
-    films = dict.fromkeys(film for scene in missing if (film := unload(scene)) != scene)
-    return [film for film in films if find_uniform_integrals(film) is None]
+def _store_records(scenes: list[Scene], records: list[Record], store: Store | None) -> None:
+    """Keep the records of scenes that have not crashed."""
+    if store is None:
+        return
+    pairs = zip(scenes, records, strict=True)
+    store.put((scene, record) for scene, record in pairs if record.status != CRASHED)
 
 
-def _solved(task: Task) -> list[Record]:
+def _list_unloaded_films(plan: SweepPlan) -> list[Scene]:
+    """List the distinct unloaded films that need a solve, and are not among the scenes."""
+    films: dict[Scene, None] = {}
+    for number in range(len(plan.blocks)):
+        for scene in plan.scenes_of(number):
+            problem = Problem.from_scene(scene)
+            if problem.unloaded is not None and problem.unloaded_scene != scene:
+                films[problem.unloaded_scene] = None
+    return list(films)
+
+
+def _solve_task(task: SolveTask) -> list[Record]:
+    """Solve the scenes of a task; an error becomes the status of its scenes."""
     try:
-        return make_records(*task)
+        return make_records(task.scenes, task.frames)
     except GmshMissingError:  # no scene can be solved
         raise
     except Exception as error:  # must not end the solves of the other scenes
-        return _crashed(task[0], f"{type(error).__name__}: {error}")
+        return _make_crashed_records(task.scenes, f"{type(error).__name__}: {error}")
 
 
-def _crashed(scenes: Sequence[Scene], reason: str) -> list[Record]:
-    names = [tuple(electrode.name for electrode in scene.electrode_list) for scene in scenes]
-    return [Record(CRASHED, reason, electrodes) for electrodes in names]
+def _make_crashed_records(scenes: Sequence[Scene], reason: str) -> list[Record]:
+    """Return the records of scenes whose solve has crashed."""
+    records = []
+    for scene in scenes:
+        electrodes = tuple(electrode.name for electrode in scene.electrode_list)
+        records.append(Record(CRASHED, reason, electrodes))
+    return records

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.batch.equivalence import compute_mechanical_key
 from pvdf_fem.film.loads.profiles import pin_profile_files
+from pvdf_fem.problem.equivalence import compute_mechanical_key
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.scene import Scene
 
 
@@ -63,7 +64,7 @@ def plan_solves(scenes: Sequence[Scene], stored: Sequence[bool] | None = None) -
     for scene, index in index_of.items():
         if index in known:
             continue
-        text, frame = compute_mechanical_key(scene)
+        text, frame = compute_mechanical_key(Problem.from_scene(scene))
         indices, frames = alike.setdefault(text, ([], []))
         indices.append(index)
         frames.append(frame)

@@ -8,158 +8,218 @@ from dataclasses import replace
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.batch.equivalence import DIGITS
 from pvdf_fem.batch.store import Record
 from pvdf_fem.electrodes.observables import OBSERVABLES, Observable
-from pvdf_fem.electrodes.outputs import Output, make_outputs
 from pvdf_fem.electrodes.stress_integrals import StressIntegrals
-from pvdf_fem.electrodes.unloaded import find_uniform_integrals, unload
-from pvdf_fem.film.models import resolve_film_model
+from pvdf_fem.electrodes.unloaded import compute_uniform_integrals
 from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
+from pvdf_fem.problem.equivalence import DIGITS
+from pvdf_fem.problem.outputs import Output
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.acceptance import warn_of_cancelled_charges
 from pvdf_fem.solver.adaptive import UnloadedFilmError, solve_outputs
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.solution import Solution
 
-# Ends of a solve perhaps due to further scenes' goals or a mesh without electrodes.
-_RETRIED = (Status.TOLERANCE, Status.SLACK, Status.MESH_FAILED)
+#: Statuses that may be due to the outputs of other scenes, or to a mesh without electrodes.
+RETRIED = (Status.TOLERANCE, Status.SLACK, Status.MESH_FAILED)
 
 
 def make_records(scenes: Sequence[Scene], frames: Array) -> list[Record]:
-    """Records of scenes whose films deform alike. `frames` (n, 2, 2) are the orthogonal matrices
-    from their axes to those of the first scene. The mesh follows the first scene's electrodes if
-    further scenes' electrodes lie on them, otherwise only the probe. Scenes that miss the tolerance
-    together are solved separately."""
-    scene = scenes[0]
-    outputs, indices = _distinct_goals(scenes, frames)
-    followed = _followed(outputs, scene)
+    """Solve scenes whose films deform equally, by one solve.
+
+    The mesh follows the first scene's electrodes if the electrodes of all scenes lie on them, and
+    otherwise only the probe. Scenes that miss the tolerance together are solved separately.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+        Scenes with the same mechanical key.
+    frames : ndarray, shape (scenes, 2, 2)
+        Orthogonal matrices from their axes to those of the first scene.
+
+    Returns
+    -------
+    list of Record
+    """
+    problems = [Problem.from_scene(scene) for scene in scenes]
+    outputs, indices = _collect_outputs(problems, frames)
+    followed = _follow_electrodes(outputs, problems[0])
     if followed is not None:
-        solution = solve_outputs(scene, followed)
+        outputs = followed
+        solution = solve_outputs(Problem.from_scene(scenes[0], outputs=outputs))
     else:
-        # Scenes with different electrodes share a solve only if electrodes just read the stress
-        # (`FilmModel.electrodes_only_read`): the film may be solved without them.
-        film = scene.film.model_copy(update={"bending": resolve_film_model(scene).bends})
-        solution = solve_outputs(scene.model_copy(update={"electrodes": (), "film": film}), outputs)
-    if len(scenes) > 1 and solution.status in _RETRIED:
-        return [make_records([scene], frames[:1])[0] for scene in scenes]
-    return _records(solution, followed or outputs, scenes, indices)
+        # Electrodes that differ share a solve only if they just read the stress
+        # (`Problem.has_passive_electrodes`): the film may be solved without them.
+        bare = _without_electrodes(problems[0])
+        solution = solve_outputs(Problem.from_scene(bare, outputs=outputs))
+    if len(scenes) > 1 and solution.status in RETRIED:
+        records = []
+        for scene in scenes:
+            records += make_records([scene], frames[:1])
+        return records
+    return _split_solution(solution, outputs, problems=problems, indices=indices)
 
 
-def add_unloaded_integrals(record: Record, scene: Scene, film: Record | None) -> Record:
-    """A scene's record with its forces at rest, or with a warning about their absence. `film`
-    is the record of the untouched film if that needs a solve and is another scene; if its solve
-    crashed, so has the scene."""
-    if (known := find_uniform_integrals(unload(scene))) is not None:
-        return _rested(record, known)
-    solved = film or record
+def _without_electrodes(problem: Problem) -> Scene:
+    """Return the scene without electrodes, which bends if it does with them."""
+    film = problem.scene.film.model_copy(update={"bending": problem.film.bends})
+    return problem.scene.model_copy(update={"electrodes": (), "film": film})
+
+
+def add_unloaded_integrals(record: Record, scene: Scene, unloaded: Record | None) -> Record:
+    """Add the stress integrals of the unloaded film to a scene's record.
+
+    Parameters
+    ----------
+    record : Record
+        The record of the scene.
+    scene : Scene
+        The scene.
+    unloaded : Record or None
+        The record of the unloaded film, if that needs a solve and is another scene.
+
+    Returns
+    -------
+    Record
+        With the integrals, or with a warning about their absence. If the solve of the unloaded film
+        has crashed, so has the scene.
+    """
+    problem = Problem.from_scene(scene)
+    uniform = compute_uniform_integrals(problem)
+    if uniform is not None:
+        return _with_unloaded(record, uniform)
+    solved = record if unloaded is None else unloaded
     if solved.status not in Status.__members__.values():
         return replace(record, status=solved.status, reason=solved.reason)
     if solved.converged:
-        return _rested(record, solved.forces_by(str(scene.numerics.observable)))
-    told = (
-        UnloadedFilmError.of(scene, solved.status, solved.reason).problems
-        if record.converged
-        else ()
+        integrals = solved.integrals_by(str(scene.numerics.observable))
+        return _with_unloaded(record, integrals)
+    if not record.converged:
+        return record
+    error = UnloadedFilmError.from_status(scene, solved.status, solved.reason)
+    return replace(record, warnings=(*record.warnings, *error.problems))
+
+
+def _with_unloaded(record: Record, integrals: StressIntegrals) -> Record:
+    """Return a record with the stress integrals of the unloaded film."""
+    return replace(
+        record,
+        unloaded_integrals=integrals.values.tolist(),
+        unloaded_integral_errors=integrals.errors.tolist(),
     )
-    return replace(record, warnings=(*record.warnings, *told))
 
 
-def _rested(record: Record, at_rest: StressIntegrals) -> Record:
-    values, errors = at_rest.values.tolist(), at_rest.errors.tolist()
-    return replace(record, rest_forces=values, rest_force_errors=errors)
-
-
-def _records(
+def _split_solution(
     solution: Solution,
     outputs: Sequence[Output],
-    scenes: Sequence[Scene],
+    *,
+    problems: Sequence[Problem],
     indices: Sequence[Sequence[int]],
 ) -> list[Record]:
-    """Records of scenes; `indices` are, by scene, the positions of its electrodes in `outputs`."""
-    names = [tuple(electrode.name for electrode in scene.electrode_list) for scene in scenes]
-    converged = solution.status is Status.CONVERGED
+    """Make the records of scenes from their common solution.
+
+    `indices` are, by scene, the positions of its electrodes among the outputs.
+    """
+    names = []
+    for problem in problems:
+        names.append(tuple(electrode.name for electrode in problem.scene.electrode_list))
+    has_converged = solution.status is Status.CONVERGED
     shared = Record(
         status=str(solution.status),
         reason=solution.reason,
         electrodes=(),
-        deflection_max_mm=solution.deflection_max_mm if converged else 0.0,
+        deflection_max_mm=solution.deflection_max_mm if has_converged else 0.0,
         warnings=solution.warnings,
-        seconds=solution.seconds["total"] / len(scenes),
+        seconds=solution.seconds["total"] / len(problems),
     )
-    if not converged:
+    if not has_converged:
         return [replace(shared, electrodes=electrodes) for electrodes in names]
-    # a thicker film under more force may share the solve, and not what bending would change
-    left_out = resolve_film_model(solution.scene).warnings
-    others = [text for text in solution.warnings if text not in left_out]
-    forces = {name: _forces(solution, outputs, known) for name, known in OBSERVABLES.items()}
+    # a thicker film under more force may share the solve, but not what bending would change
+    own_warnings = solution.problem.film.warnings
+    common_warnings = [text for text in solution.warnings if text not in own_warnings]
+    integrals = {}
+    for name, observable in OBSERVABLES.items():
+        integrals[name] = _evaluate_observable(solution, outputs, observable)
     records = []
-    for scene, electrodes, rows in zip(scenes, names, indices, strict=True):
-        defined = {
-            name: values[rows].tolist()
-            for name, values in forces.items()
-            if all(OBSERVABLES[name].defined_for(outputs[row]) for row in rows)
-        }
+    for problem, electrodes, rows in zip(problems, names, indices, strict=True):
+        scene = problem.scene
+        defined = {}
+        for name, values in integrals.items():
+            if all(OBSERVABLES[name].defined_for(outputs[row]) for row in rows):
+                defined[name] = values[rows].tolist()
         solved = solution.discrete.stress_integrals.of(rows)
-        records.append(
-            replace(
-                shared,
-                electrodes=electrodes,
-                forces=defined,
-                force_errors={str(scene.numerics.observable): solved.errors.tolist()},
-                warnings=(
-                    *resolve_film_model(scene).warnings,
-                    *others,
-                    *warn_of_cancelled_charges(scene, solved),
-                ),
-            )
+        warnings = [*problem.film.warnings, *common_warnings]
+        warnings += warn_of_cancelled_charges(scene, solved)
+        record = replace(
+            shared,
+            electrodes=electrodes,
+            integrals=defined,
+            integral_errors={str(scene.numerics.observable): solved.errors.tolist()},
+            warnings=tuple(warnings),
         )
+        records.append(record)
     return records
 
 
-def _distinct_goals(scenes: Sequence[Scene], frames: Array) -> tuple[list[Output], list[list[int]]]:
-    """Distinct goals over the scenes, and by scene the goal indices of its electrodes."""
+def _collect_outputs(
+    problems: Sequence[Problem], frames: Array
+) -> tuple[list[Output], list[list[int]]]:
+    """Collect the distinct outputs of problems, and by problem the positions of its electrodes."""
     outputs: list[Output] = []
     index_of: dict[tuple[object, ...], int] = {}
     indices: list[list[int]] = []
-    for scene, frame in zip(scenes, frames, strict=True):
-        indices.append([])
-        for output in (replace(output, patch=None, frame=frame) for output in make_outputs(scene)):
+    for problem, frame in zip(problems, frames, strict=True):
+        own = []
+        for electrode in problem.outputs:
+            output = replace(electrode, patch=None, frame=frame)
+            place = output.placed.make_signature(problem.scene.film.radius, DIGITS)
             directions = np.round(output.directions, DIGITS).tobytes()
-            place = output.placed.make_signature(scene.film.radius, DIGITS)
-            key = place, directions, output.observable, output.d
+            key = (place, directions, output.observable, output.d)
             if key not in index_of:
                 index_of[key] = len(outputs)
                 outputs.append(output)
-            indices[-1].append(index_of[key])
+            own.append(index_of[key])
+        indices.append(own)
     return outputs, indices
 
 
-def _followed(outputs: Sequence[Output], scene: Scene) -> list[Output] | None:
-    """The goals on a mesh that follows a scene's electrodes, or None if a goal is no electrode in
-    this scene with parallel axes."""
-    patches = {
-        electrode.outline.make_signature(scene.film.radius, DIGITS): make_subdomain_name(
-            electrode.name
-        )
-        for electrode in scene.electrode_list
-    }
+def _follow_electrodes(outputs: Sequence[Output], problem: Problem) -> list[Output] | None:
+    """Return the outputs on a mesh that follows a scene's electrodes.
+
+    None if an output is no electrode of this scene with parallel axes.
+    """
+    radius = problem.scene.film.radius
+    patches = {}
+    for electrode in problem.scene.electrode_list:
+        signature = electrode.outline.make_signature(radius, DIGITS)
+        patches[signature] = make_subdomain_name(electrode.name)
     followed = []
     for output in outputs:
-        patch = patches.get(output.placed.make_signature(scene.film.radius, DIGITS))
-        if patch is None or not np.isin(output.frame, (-1.0, 0.0, 1.0)).all():
+        patch = patches.get(output.placed.make_signature(radius, DIGITS))
+        is_parallel = np.isin(output.frame, (-1.0, 0.0, 1.0)).all()
+        if patch is None or not is_parallel:
             return None
         followed.append(replace(output, patch=patch))
     return followed
 
 
-def _forces(solution: Solution, outputs: Sequence[Output], observable: Observable) -> Array:
-    """The forces X, Y by an observable, (goals, 2); zero for electrodes it is not defined for."""
-    forces = np.zeros((len(outputs), 2))
-    solved = np.array([output.observable == observable.name for output in outputs], bool)
-    forces[solved] = solution.discrete.stress_integrals.values[solved]
-    others = [i for i in np.flatnonzero(~solved).tolist() if observable.defined_for(outputs[i])]
+def _evaluate_observable(
+    solution: Solution, outputs: Sequence[Output], observable: Observable
+) -> Array:
+    """Evaluate the stress integrals by an observable in N, (outputs, 2).
+
+    They are zero for electrodes that it is not defined for.
+    """
+    integrals = np.zeros((len(outputs), 2))
+    is_solved = np.array([output.observable == observable.name for output in outputs], bool)
+    integrals[is_solved] = solution.discrete.stress_integrals.values[is_solved]
+    others = []
+    for i in np.flatnonzero(~is_solved).tolist():
+        if observable.defined_for(outputs[i]):
+            others.append(i)
     if others:
-        asked = [replace(outputs[i], observable=observable.name) for i in others]
-        forces[others] = solution.discrete.integrals_of(asked)
-    return forces
+        requested = [replace(outputs[i], observable=observable.name) for i in others]
+        integrals[others] = solution.discrete.integrals_of(requested)
+    return integrals

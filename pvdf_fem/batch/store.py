@@ -34,7 +34,7 @@ APPLICATION_ID = 0x70766403
 # Longest wait in s for further programs that write to the file.
 LONGEST_WAIT = 60.0
 # Folders and packages with influence on a record's numbers.
-NUMERICAL_FOLDERS = ("scene", "mesh", "film", "electrodes", "solver", "batch")
+NUMERICAL_FOLDERS = ("scene", "mesh", "film", "problem", "electrodes", "solver", "batch")
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 
 _SIGN = f"PRAGMA application_id = {APPLICATION_ID}"
@@ -63,36 +63,38 @@ class Record:
     electrodes: tuple[str, ...]  #: Names of the electrodes.
     #: By observable the electrodes' forces X, Y in N; d31 X + d32 Y is its charge.
     #: Empty for a scene that has not converged.
-    forces: dict[str, list[list[float]]] = field(default_factory=dict)
+    integrals: dict[str, list[list[float]]] = field(default_factory=dict)
     #: Estimated errors of forces by the scene's observable.
-    force_errors: dict[str, list[list[float]]] = field(default_factory=dict)
+    integral_errors: dict[str, list[list[float]]] = field(default_factory=dict)
     deflection_max_mm: float = 0.0
     warnings: tuple[str, ...] = ()
     seconds: float = 0.0
     #: Forces by the scene's observable on the untouched film, and their errors; empty if not known.
-    rest_forces: list[list[float]] = field(default_factory=list)
-    rest_force_errors: list[list[float]] = field(default_factory=list)
+    unloaded_integrals: list[list[float]] = field(default_factory=list)
+    unloaded_integral_errors: list[list[float]] = field(default_factory=list)
 
     @property
-    def at_rest(self) -> StressIntegrals:
-        """`rest_forces` with their errors; NaN if not known."""
-        return self._forces(self.rest_forces, self.rest_force_errors)
+    def unloaded(self) -> StressIntegrals:
+        """`unloaded_integrals` with their errors; NaN if not known."""
+        return self._make_integrals(self.unloaded_integrals, self.unloaded_integral_errors)
 
     @property
     def converged(self) -> bool:
         """Whether there are charges."""
         return self.status == "converged"
 
-    def forces_by(self, observable: str) -> StressIntegrals:
+    def integrals_by(self, observable: str) -> StressIntegrals:
         """The electrodes' forces; NaN for a record without charges. Their errors are NaN for an
         observable different from the scene's, too."""
-        return self._forces(self.forces.get(observable), self.force_errors.get(observable))
+        return self._make_integrals(
+            self.integrals.get(observable), self.integral_errors.get(observable)
+        )
 
     def charges_pC(
         self, d31_pC_N: float, d32_pC_N: float, observable: str = "material"
     ) -> dict[str, float]:
         """Charges in pC by electrode; NaN for a record without charges."""
-        charges = self.forces_by(observable).charges((d31_pC_N, d32_pC_N))
+        charges = self.integrals_by(observable).charges((d31_pC_N, d32_pC_N))
         return dict(zip(self.electrodes, charges.tolist(), strict=True))
 
     def charge_errors_pC(
@@ -100,10 +102,10 @@ class Record:
     ) -> dict[str, float]:
         """Estimated errors of `charges_pC`; NaN for an observable different from the scene's,
         too."""
-        errors = self.forces_by(observable).charge_errors((d31_pC_N, d32_pC_N))
+        errors = self.integrals_by(observable).charge_errors((d31_pC_N, d32_pC_N))
         return dict(zip(self.electrodes, errors.tolist(), strict=True))
 
-    def _forces(self, values: Any, errors: Any) -> StressIntegrals:
+    def _make_integrals(self, values: Any, errors: Any) -> StressIntegrals:
         unknown = np.full((len(self.electrodes), 2), np.nan)
         return StressIntegrals(
             *(np.array(given) if given else unknown for given in (values, errors))

@@ -41,14 +41,16 @@ class WorkerDied:
 
 
 def run_on_processes(
-    function: Callable[[Task], Result], tasks: Iterable[tuple[int, Task]], processes: int
+    function: Callable[[Task], Result],
+    tasks: Iterable[tuple[int, Task]],
+    processes: int | None = None,
 ) -> Iterator[tuple[int, Result | WorkerDied]]:
     """Numbers and results of tasks in order of completion. When a process dies, the processes are
     replaced, and tasks without a result are done again separately. A task that kills its process
     again ends as `WorkerDied`. Of errors `GmshMissingError` alone is raised. Tasks are read when
-    processes are free. `processes` = -1: a process per core; 1: no new process. New processes run
+    processes are free. By default there is a process per core; `processes` = 1 starts none. New processes run
     linear algebra on a single thread, and end with the calling process."""
-    count = joblib.effective_n_jobs(processes)
+    count = joblib.effective_n_jobs(-1 if processes is None else processes)
     if count == 1:
         for number, task in tasks:
             yield number, function(task)

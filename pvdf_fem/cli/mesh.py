@@ -48,15 +48,16 @@ def run(options: argparse.Namespace) -> int:
     errors = find_output_errors(options.file, list(FORMATS), options.scene)
     scene = read_scene(options, *errors)
     from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
-    from pvdf_fem.film.models import resolve_film_model
     from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
+    from pvdf_fem.problem.problem import Problem
     from pvdf_fem.solver.first_sizes import ORDER, choose_first_sizes
 
+    problem = Problem.from_scene(scene)
     try:
         mesh = mesh_scene(
             scene,
-            choose_first_sizes(scene, ORDER),
-            least_jacobian=resolve_film_model(scene).least_jacobian,
+            choose_first_sizes(problem, ORDER),
+            least_jacobian=problem.film.least_jacobian,
             contacts=estimate_tip_outlines(scene),
         )
         write_mesh(mesh, options.file)

@@ -25,7 +25,7 @@ import scipy.sparse as sp
 from scipy.special import eval_jacobi, poch
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.scene.film import Air
 
 SOUND_SPEED = 343.2  #: Of air at 20 degrees Celsius, m/s.
@@ -67,7 +67,8 @@ class AirLoad:
 
         s = -0.5 if air.baffle else 0.5
         unit_places = places.reshape(-1, 2) / radius
-        # with a baffle the factor (1 - r^2)^s of the coefficients cancels
+        # The deflection is expanded in (1 - r^2)^s phi_mn with a baffle, with coefficients by
+        # integrals of w phi_mn, and in phi_mn without one, by integrals of w (1 - r^2)^s phi_mn.
         rim_weight = np.maximum(1.0 - (unit_places**2).sum(axis=1), 0.0) ** max(s, 0.0)
         columns = []
         for functions in _evaluate_functions(unit_places, degree, s):

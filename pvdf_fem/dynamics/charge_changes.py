@@ -14,9 +14,10 @@ import numpy as np
 from pvdf_fem.dynamics.air import SOUND_SPEED
 from pvdf_fem.dynamics.modes import describe_missing_air
 from pvdf_fem.electrodes.channel import Channel, make_channels
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.arguments import SceneLike, as_scene
 from pvdf_fem.scene.scene_file import SceneError
-from pvdf_fem.solver.adaptive import solve
+from pvdf_fem.solver.adaptive import solve_problem
 from pvdf_fem.solver.solution import Solution
 from pvdf_fem.summary import Summary, TabularResult, TextTable
 
@@ -63,7 +64,7 @@ def resolve_loaded_solution(solution: Solution | SceneLike) -> LoadedSolution:
     if scene.single_probe is None:
         raise SceneError(["probe = (nothing): is required; add the probe whose force changes"])
     if not isinstance(solution, Solution):
-        solution = solve(scene)
+        solution = solve_problem(Problem.from_scene(scene))
     return LoadedSolution(solution, make_channels(scene) if scene.readout is not None else ())
 
 

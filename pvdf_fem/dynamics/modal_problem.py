@@ -15,10 +15,10 @@ from skfem import MeshTri2
 
 from pvdf_fem.dynamics.spectrum import EquilibriumState, Spectrum, compute_spectra
 from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_effect
-from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive_loop import AdaptiveLoop
 from pvdf_fem.solver.estimate import correct_in_richer_space
@@ -73,8 +73,8 @@ class ModalLevel:
 class ModalProblem:
     """The modes of one film, to be solved on any mesh."""
 
-    #: With a resolved ``film.bending``, and without probes that have no effect.
-    scene: Scene
+    #: The film, with the probes that have an effect on its modes.
+    problem: Problem
     #: Number of modes.
     count: int
     #: Whether the film vibrates about its equilibrium under the load.
@@ -89,15 +89,15 @@ class ModalProblem:
     on_solve: Callable[[], None] = lambda: None
 
     @classmethod
-    def from_scene(
-        cls, scene: Scene, count: int, loaded: bool, bending_share: float
+    def with_default_budget(
+        cls, problem: Problem, count: int, loaded: bool, bending_share: float
     ) -> ModalProblem:
-        """Make the problem with the budget of a scene.
+        """Make the modal problem with the budget that follows from its numerics.
 
         Parameters
         ----------
-        scene : Scene
-            With a resolved ``film.bending``, and without probes that have no effect.
+        problem : Problem
+            The film, with the probes that have an effect on its modes.
         count : int
             Number of modes.
         loaded : bool
@@ -105,7 +105,7 @@ class ModalProblem:
         bending_share : float
             Relative increase of the highest frequency by bending, from `estimate_bending_share`.
         """
-        return cls(scene, count, loaded, bending_share, budget=_make_budget(scene))
+        return cls(problem, count, loaded, bending_share, budget=_make_budget(problem))
 
     def solve(self) -> tuple[ModalLevel, Stop]:
         """Solve on ever finer meshes, and return the best level with the reason to stop.
@@ -118,7 +118,7 @@ class ModalProblem:
             When the first mesh would be too large.
         """
         loop = AdaptiveLoop(
-            self.scene,
+            self.problem,
             self.choose_first_sizes,
             self.solve_on,
             self.choose_next_sizes,
@@ -130,7 +130,7 @@ class ModalProblem:
 
     def choose_first_sizes(self) -> GradedSizes:
         """Choose sizes that meet half the tolerance for the flat film."""
-        scene = self.scene
+        scene = self.problem.scene
         tolerance = scene.numerics.tolerance
         wavelengths = (0.5 * tolerance / FLAT_ERROR) ** (1.0 / ERROR_ORDER)
         size = scene.film.radius * min(wavelengths / estimate_wavenumber(self.count), 0.3)
@@ -138,7 +138,7 @@ class ModalProblem:
         for load in scene.loaded_probes:
             width = load.outline.area / load.outline.perimeter
             patch_sizes[load.patch] = min(size, width)
-        if resolve_film_model(scene).bends:
+        if self.problem.film.bends:
             layer = choose_layer_size(
                 estimate_bending_effect(scene).rim_length, self.bending_share, tolerance
             )
@@ -176,9 +176,9 @@ class ModalProblem:
         coarser : ModalLevel or None
             The solve on the mesh before, which is not used.
         """
-        order = max(2, resolve_film_model(self.scene).lowest_order + 1)
-        coarse = Equilibrium(self.scene, mesh, order)
-        rich = Equilibrium(self.scene, mesh, order + 1)
+        order = max(2, self.problem.film.lowest_order + 1)
+        coarse = Equilibrium(self.problem, mesh, order)
+        rich = Equilibrium(self.problem, mesh, order + 1)
         q = np.zeros(coarse.unknowns.count)
         rich_q = np.zeros(rich.unknowns.count)
         iterations = 0
@@ -192,7 +192,7 @@ class ModalProblem:
                 if not result.converged or result.factors is None:
                     return ModalLevel(coarse, result.status, iterations, failed)
                 correction = correct_in_richer_space(
-                    coarse, result.q, result.factors, rich, self.budget
+                    coarse, result.q, factors=result.factors, rich=rich, budget=self.budget
                 )
                 if isinstance(correction, NewtonResult):
                     return ModalLevel(coarse, correction.status, iterations, failed)
@@ -222,10 +222,10 @@ def _is_slack(equilibrium: Equilibrium) -> bool:
     return bool(least_stress == 0.0 or (equilibrium.model.wrinkles and least_stress < 0.0))
 
 
-def _make_budget(scene: Scene, default_unknowns: int = 180_000) -> Budget:
+def _make_budget(problem: Problem, default_unknowns: int = 180_000) -> Budget:
     """Return the budget of the modes; by default the same number of unknowns at any tolerance."""
-    max_unknowns = scene.numerics.max_unknowns or default_unknowns
-    return replace(Budget.of(scene), max_unknowns=max_unknowns, bounds_first_mesh=True)
+    max_unknowns = problem.scene.numerics.max_unknowns or default_unknowns
+    return replace(Budget.for_problem(problem), max_unknowns=max_unknowns, bounds_first_mesh=True)
 
 
 def estimate_bending_share(scene: Scene, count: int, loaded: bool) -> float:

@@ -27,12 +27,11 @@ from numpy.typing import NDArray
 from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.dynamics.spectrum import assemble_pencil
-from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.electrodes.stress_integrals import differentiate_charges
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.probe_load import UP
 from pvdf_fem.film.low_rank import LowRankUpdate
 from pvdf_fem.film.term import Load, State
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.progress import Progress, ignore_progress
 from pvdf_fem.solver.next_order import factorise_tangent, solve_next_order
 from pvdf_fem.solver.nonlinear.newton import factorise
@@ -73,7 +72,7 @@ class MotionEquations:
         air = AirLoad.from_equilibrium(equilibrium)
         pencil = assemble_pencil(equilibrium, q)
         force = equilibrium.loads[0].with_components(UP).forces(state)
-        outputs = make_outputs(equilibrium.scene)
+        outputs = equilibrium.problem.outputs
         rates = differentiate_charges(outputs, equilibrium.membrane, state.dofs)
         loss_tangent = equilibrium.film.loss_tangent or 0.0
         if loss_tangent:
@@ -233,10 +232,10 @@ def linearise_about(solution: Solution) -> LinearisedMotion:
     NotConvergedError
         When there is no solution of the next order.
     """
-    equilibrium, q, factors = factorise_tangent(solution.discrete)
-    correction = solve_next_order(equilibrium, q, factors)
+    factorised = factorise_tangent(solution.discrete)
+    correction = solve_next_order(factorised)
     return LinearisedMotion(
-        MotionEquations.linearise(equilibrium, q),
+        MotionEquations.linearise(factorised.equilibrium, factorised.q),
         MotionEquations.linearise(correction.rich, correction.q),
     )
 

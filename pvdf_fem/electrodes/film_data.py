@@ -9,9 +9,9 @@ from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.point_values import PointValues, evaluate_in_elements
-from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact_result import ContactResult
 from pvdf_fem.film.term import State
+from pvdf_fem.problem.contact_result import ContactResult
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.scene.scene import Scene
 
 

@@ -15,11 +15,11 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.outputs import Output
 from pvdf_fem.electrodes.sampling import Sampling, sample_areas, sample_edges
 from pvdf_fem.film.laws.laminate import Laminate
 from pvdf_fem.film.membrane import IDENTITY, compute_strain
 from pvdf_fem.film.space import Space
+from pvdf_fem.problem.outputs import Output
 from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
 
 

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import compute_strain
 from pvdf_fem.film.space import evaluate_shape_functions
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.points import locate_points
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.scene.arguments import coerce, coerce_array
 from pvdf_fem.scene.scene_file import format_error
 from pvdf_fem.summary import Summary, TabularResult, TextTable

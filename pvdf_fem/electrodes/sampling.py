@@ -20,10 +20,10 @@ from skfem import MeshTri2
 from skfem.quadrature import get_quadrature
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.electrodes.outputs import Output, output_areas
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.points import PlacedQuadrature, compute_local_coordinates
 from pvdf_fem.mesh.six_node import find_curved_elements
+from pvdf_fem.problem.outputs import Output, output_areas
 from pvdf_fem.scene.outlines.outline import Outline
 
 Geometries = NDArray[np.object_]
@@ -59,7 +59,7 @@ def sample_areas(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
     follows = np.array([output.patch is not None for output in outputs], dtype=bool)
     followed, others = np.flatnonzero(follows), np.flatnonzero(~follows)
     if len(followed):
-        patches = [outputs[i].elements(space.mesh) for i in followed.tolist()]
+        patches = [outputs[i].find_elements(space.mesh) for i in followed.tolist()]
         elements, owners = np.concatenate(patches), np.repeat(followed, list(map(len, patches)))
         gradients, weights = space.gradients[elements], space.weights[elements]
         points = space.basis.quadrature[0][:, None]
@@ -93,7 +93,7 @@ def sample_edges(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
 def _edge_lines(output: Output, axis: int) -> Array:
     """Left and right (axis 0), or lower and upper edges (2, 2, 2) in the mesh's axes."""
     lines = np.stack([output.corners, np.roll(output.corners, -1, axis=0)], axis=1)
-    return output.place(lines[lines[:, 0, axis] == lines[:, 1, axis]])
+    return output.to_mesh_axes(lines[lines[:, 0, axis] == lines[:, 1, axis]])
 
 
 def place_area_points(

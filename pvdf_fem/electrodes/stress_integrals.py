@@ -1,7 +1,7 @@
-"""From a displacement to the two forces of each electrode, and from forces to charges.
+"""Stress integrals of the electrodes, and the charges that follow from them.
 
-A charge is d31 X + d32 Y with the forces X, Y that the electrode's observable makes of the film's
-stress; see `pvdf_fem.electrodes.observables`.
+A charge is d31 X + d32 Y with the stress integrals X = ∫ S11 dA and Y = ∫ S22 dA over the
+electrode, or what its observable takes for them; see `pvdf_fem.electrodes.observables`.
 """
 
 from __future__ import annotations
@@ -15,189 +15,343 @@ from skfem import MeshTri2
 
 from pvdf_fem.arrays import COMPLEX_STEP, Array, Selection
 from pvdf_fem.electrodes.observables import OBSERVABLES, Observable
-from pvdf_fem.electrodes.outputs import Output, output_areas, piezo_coefficients, reflect_outputs
 from pvdf_fem.electrodes.sampling import Sampling, place_area_points
 from pvdf_fem.film.laws.laminate import Laminate
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
+from pvdf_fem.problem.outputs import Output, output_areas, piezo_coefficients, reflect_outputs
 
-#: The tolerance of a charge is relative to the charge, or to this share of its parts if larger
-#: |d31 X| + |d32 Y|, where they cancel.
+#: The tolerance of a charge is relative to the charge, or to this share of |d31 X| + |d32 Y| where
+#: the two cancel.
 CANCELLATION_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class StressIntegrals:
-    """Forces of a solution's electrodes, with their estimated errors."""
+    """Stress integrals of a solution's outputs, with their estimated errors."""
 
-    values: Array  #: X and Y of each electrode in N, (goals, 2).
-    errors: Array  #: Their estimated errors in N, with signs, (goals, 2).
+    values: Array  #: X and Y of each output in N, (outputs, 2).
+    errors: Array  #: Their estimated errors in N, with signs, (outputs, 2).
 
     @classmethod
     def unknown(cls, outputs: int) -> StressIntegrals:
-        """NaN for forces and errors at `outputs` electrodes."""
+        """Return NaN for values and errors of a number of outputs."""
         return cls(np.full((outputs, 2), np.nan), np.full((outputs, 2), np.nan))
 
     def of(self, rows: Selection | Sequence[int]) -> StressIntegrals:
-        """The forces of some electrodes."""
+        """Return the stress integrals of some outputs."""
         return StressIntegrals(self.values[rows], self.errors[rows])
 
     def charges(self, d: ArrayLike) -> Array:
-        """Charges d31 X + d32 Y, (goals,), in the units of `d` = d31, d32 times N."""
-        return _charges(self.values, d)
+        """Compute the charges d31 X + d32 Y.
 
-    def charge_errors(self, d: ArrayLike, chance: float = 0.5) -> Array:
-        """Estimated absolute errors of `charges`, (goals,). The charges share a displacement and
-        its error, and an estimate may vanish by chance. So a relative error is at least the part
-        `chance` of the mean relative error."""
-        errors, parts = np.abs(_charges(self.errors, d)), _charges(np.abs(self.values), np.abs(d))
-        total = parts.sum()
+        Parameters
+        ----------
+        d : array_like, shape (2,) or (outputs, 2)
+            d31 and d32.
+
+        Returns
+        -------
+        ndarray, shape (outputs,)
+            Charges in the units of `d` times N.
+        """
+        return _combine(self.values, d)
+
+    def charge_errors(self, d: ArrayLike, least_share: float = 0.5) -> Array:
+        """Compute the estimated absolute errors of `charges`.
+
+        All charges share a displacement and its error, and a single estimate may vanish by chance.
+        A relative error is therefore at least a share of the mean relative error.
+
+        Parameters
+        ----------
+        d : array_like, shape (2,) or (outputs, 2)
+            d31 and d32.
+        least_share : float, optional
+            Least relative error over the mean relative error.
+
+        Returns
+        -------
+        ndarray, shape (outputs,)
+            Errors in the units of `d` times N.
+        """
+        errors = np.abs(_combine(self.errors, d))
+        magnitudes = _combine(np.abs(self.values), np.abs(d))
+        total = magnitudes.sum()
         mean = errors.sum() / total if total > 0.0 else 0.0
-        return np.asarray(np.maximum(errors, chance * mean * parts))
+        return np.asarray(np.maximum(errors, least_share * mean * magnitudes))
 
 
 def compute_stress_integrals(
-    outputs: Sequence[Output], membrane: Membrane, x: Array, part: SymmetrySector = WHOLE_FILM
+    outputs: Sequence[Output],
+    membrane: Membrane,
+    x: Array,
+    *,
+    sector: SymmetrySector = WHOLE_FILM,
 ) -> Array:
-    """The forces X, Y for every electrode in N, (goals, 2), by a displacement `x` in m."""
-    forces = np.zeros((len(outputs), 2))
-    for observable, sampling, directions in _samplings(outputs, membrane.space, part):
-        film = _sampled(membrane, sampling, part)
+    """Compute the stress integrals X and Y of electrodes.
+
+    Parameters
+    ----------
+    outputs : sequence of Output
+        The electrodes.
+    membrane : Membrane
+        The membrane term, with its finite-element space.
+    x : ndarray, shape (dofs,)
+        Displacement in m.
+    sector : SymmetrySector, optional
+        The sector that the space covers.
+
+    Returns
+    -------
+    ndarray, shape (outputs, 2)
+        X and Y in N, with the stress by the electrodes' own voltages.
+    """
+    integrals = np.zeros((len(outputs), 2))
+    for observable, sampling, directions in _iterate_samplings(outputs, membrane.space, sector):
+        film = _restrict_film(membrane, sampling, sector)
         stress = observable.stress(film, sampling.gradient(membrane.space, x))
-        integrals = (sampling.weights[..., None] * stress).sum(axis=1)
+        by_row = (sampling.weights[..., None] * stress).sum(axis=1)
         for axis in sampling.axes:
-            along = (integrals * directions[:, axis]).sum(axis=1)
-            forces[:, axis] += np.bincount(sampling.outputs, along, len(outputs))
+            along = (by_row * directions[:, axis]).sum(axis=1)
+            integrals[:, axis] += np.bincount(sampling.outputs, along, len(outputs))
     if membrane.added is not None:
-        forces += integrate_over_outputs(outputs, membrane.added.stress, membrane.space.mesh, part)[
-            :, :2
-        ]
+        added = integrate_over_outputs(outputs, membrane.added.stress, membrane.space.mesh, sector)
+        integrals += added[:, :2]
     for i, output in enumerate(outputs):
         if output.floating is not None:
-            forces[i] = output.floating.with_voltage(forces[i])
-    return forces
+            integrals[i] = output.floating.with_voltage(integrals[i])
+    return integrals
 
 
 def integrate_over_outputs(
     outputs: Sequence[Output],
     field: Callable[[Array], Array],
     mesh: MeshTri2,
-    part: SymmetrySector = WHOLE_FILM,
+    sector: SymmetrySector = WHOLE_FILM,
+    *,
     degree: int = 19,
 ) -> Array:
-    """Integrals over electrodes, (goals, n), of a field (..., n) at places (..., 2) in the scene's
-    axes; exact for polynomials of this degree in every element."""
-    images, owners = reflect_outputs(outputs, part)
-    rows, _, points, weights = place_area_points(mesh, [image.placed for image in images], degree)
-    by_row = (weights[..., None] * field(points @ part.frame)).sum(axis=1)
-    total = np.zeros((len(outputs), by_row.shape[-1]))
-    np.add.at(total, owners[rows], by_row)
-    return total
+    """Integrate a field over electrodes.
+
+    Parameters
+    ----------
+    outputs : sequence of Output
+        The electrodes.
+    field : callable
+        Values (..., n) at places (..., 2) in m, in the scene's axes.
+    mesh : MeshTri2
+        Mesh of the sector.
+    sector : SymmetrySector, optional
+        The sector that is meshed.
+    degree : int, optional
+        The integral is exact for polynomials of this degree in every element.
+
+    Returns
+    -------
+    ndarray, shape (outputs, n)
+    """
+    reflections, owners = reflect_outputs(outputs, sector)
+    outlines = [reflection.placed for reflection in reflections]
+    rows, _, points, weights = place_area_points(mesh, outlines, degree)
+    values = field(points @ sector.frame)
+    by_row = (weights[..., None] * values).sum(axis=1)
+    integrals = np.zeros((len(outputs), by_row.shape[-1]))
+    np.add.at(integrals, owners[rows], by_row)
+    return integrals
 
 
 def differentiate_charges(
-    outputs: Sequence[Output], membrane: Membrane, x: Array, part: SymmetrySector = WHOLE_FILM
+    outputs: Sequence[Output],
+    membrane: Membrane,
+    x: Array,
+    *,
+    sector: SymmetrySector = WHOLE_FILM,
 ) -> Array:
-    """Derivatives of the electrode charges by the dofs in C/m, (dofs, goals). The parameters are
-    those of `compute_stress_integrals`."""
-    space, d = membrane.space, np.reshape([output.sensitivity for output in outputs], (-1, 2))
-    result = np.zeros((space.dof_count, len(outputs)))
-    for observable, sampling, directions in _samplings(outputs, space, part):
+    """Differentiate the charges of electrodes by the dofs of the displacement.
+
+    The stress of an observable is differentiated by a complex step.
+
+    Parameters
+    ----------
+    outputs, membrane, x, sector
+        As in `compute_stress_integrals`.
+
+    Returns
+    -------
+    ndarray, shape (dofs, outputs)
+        Derivatives in C/m.
+    """
+    space = membrane.space
+    coefficients = np.reshape([output.charge_coefficients for output in outputs], (-1, 2))
+    derivatives = np.zeros((space.dof_count, len(outputs)))
+    for observable, sampling, directions in _iterate_samplings(outputs, space, sector):
         axes = list(sampling.axes)
-        weights = (d[sampling.outputs][:, axes, None] * directions[:, axes]).sum(axis=1)
-        film = _sampled(membrane, sampling, part)
+        d = coefficients[sampling.outputs][:, axes, None]
+        weights = (d * directions[:, axes]).sum(axis=1)
+        film = _restrict_film(membrane, sampling, sector)
         gradient = sampling.gradient(space, x)
         slopes = np.empty_like(gradient)
         for entry in np.ndindex(3, 2):
-            moved = gradient.astype(complex)
-            moved[..., *entry] += 1j * COMPLEX_STEP
-            slope = observable.stress(film, moved).imag / COMPLEX_STEP
+            stepped = gradient.astype(complex)
+            stepped[..., *entry] += 1j * COMPLEX_STEP
+            slope = observable.stress(film, stepped).imag / COMPLEX_STEP
             slopes[..., *entry] = (slope * weights[:, None]).sum(axis=-1)
         slopes *= sampling.weights[..., None, None]
         local = np.matmul(sampling.gradients, slopes.swapaxes(2, 3)).sum(axis=1)
         dofs = space.element_dofs[sampling.elements]
-        np.add.at(result, (dofs, sampling.outputs[:, None]), local.reshape(dofs.shape))
-    return result
+        np.add.at(derivatives, (dofs, sampling.outputs[:, None]), local.reshape(dofs.shape))
+    return derivatives
 
 
-def combine_charges(outputs: Sequence[Output], forces: Array) -> Array:
-    """Charge of each electrode in C, (goals,), from its forces in N, (goals, 2)."""
-    return _charges(forces, piezo_coefficients(outputs))
+def combine_charges(outputs: Sequence[Output], integrals: Array) -> Array:
+    """Combine stress integrals in N, (outputs, 2), to charges in C, (outputs,)."""
+    return _combine(integrals, piezo_coefficients(outputs))
 
 
 def select_larger_errors(errors: Array, others: Array, outputs: Sequence[Output]) -> Array:
-    """The estimate of the force errors (goals, 2) that makes the larger charge error, by goal."""
-    first, second = (np.abs(combine_charges(outputs, estimate)) for estimate in (errors, others))
-    return np.where((first >= second)[:, None], errors, others)
+    """Select, for each output, the error estimate that makes the larger charge error.
+
+    Parameters
+    ----------
+    errors, others : ndarray, shape (outputs, 2)
+        Two estimates of the errors of the stress integrals in N.
+    outputs : sequence of Output
+        The electrodes.
+
+    Returns
+    -------
+    ndarray, shape (outputs, 2)
+    """
+    charge_errors = np.abs(combine_charges(outputs, errors))
+    other_charge_errors = np.abs(combine_charges(outputs, others))
+    is_larger = charge_errors >= other_charge_errors
+    return np.where(is_larger[:, None], errors, others)
 
 
-def distribute_charge_errors(errors: Array, forces: Array, outputs: Sequence[Output]) -> Array:
-    """Errors of forces (goals, 2) that add up to the charge errors in C, (goals,)."""
+def distribute_charge_errors(errors: Array, integrals: Array, outputs: Sequence[Output]) -> Array:
+    """Distribute charge errors over X and Y, in proportion to their parts in the charge.
+
+    Parameters
+    ----------
+    errors : ndarray, shape (outputs,)
+        Absolute charge errors in C.
+    integrals : ndarray, shape (outputs, 2)
+        Stress integrals in N.
+    outputs : sequence of Output
+        The electrodes.
+
+    Returns
+    -------
+    ndarray, shape (outputs, 2)
+        Errors of the stress integrals in N, whose charges are the charge errors.
+    """
     d = piezo_coefficients(outputs)
-    parts = np.abs(d * forces)
-    total = parts.sum(axis=1, keepdims=True)
+    total = np.abs(d * integrals).sum(axis=1, keepdims=True)
     relative = errors[:, None] / np.where(total > 0.0, total, np.inf)
-    return np.asarray(relative * np.abs(forces) * np.sign(d))
+    return np.asarray(relative * np.abs(integrals) * np.sign(d))
 
 
 def compute_charge_scales(
-    outputs: Sequence[Output], state: State, forces: Array, space: Space, negligible: float = 1e-6
+    outputs: Sequence[Output],
+    state: State,
+    integrals: Array,
+    space: Space,
+    *,
+    negligible: float = 1e-6,
 ) -> Array:
-    """Reference sizes in C for relative charge errors, (goals,), from the `forces` X, Y in N. This
-    is the charge itself, but at least the part `CANCELLATION_SHARE` of |d31 X| + |d32 Y|. An
-    electrode on slack film, or held under a probe, has next to no charge, and a relative error has
-    no meaning there. A size is therefore at least the part `negligible` of the charge by the film's
-    mean stress."""
+    """Compute the charges that relative charge errors refer to.
+
+    A scale is the charge itself, but at least the share `CANCELLATION_SHARE` of |d31 X| + |d32 Y|.
+    An electrode on slack film, or under a rigid probe, has next to no charge, and a relative error
+    has no meaning there: a scale is at least a negligible share of the charge by the film's mean
+    stress.
+
+    Parameters
+    ----------
+    outputs : sequence of Output
+        The electrodes.
+    state : State
+        The solution, for the mean stress.
+    integrals : ndarray, shape (outputs, 2)
+        Stress integrals in N.
+    space : Space
+        The finite-element space.
+    negligible : float, optional
+        Least scale over the charge by the mean stress.
+
+    Returns
+    -------
+    ndarray, shape (outputs,)
+        Charges in C, positive.
+    """
     stress = np.abs(state.stress[..., :2]) * space.weights[..., None]
-    mean = stress.sum(axis=(0, 1)) / space.weights.sum()
-    charges, d = combine_charges(outputs, forces), np.abs(piezo_coefficients(outputs))
-    least = np.maximum(
-        CANCELLATION_SHARE * _charges(np.abs(forces), d),
-        negligible * output_areas(outputs) * (d @ mean),
-    )
-    sizes = np.maximum(np.abs(charges), least)
-    return np.where(sizes > 0.0, sizes, 1.0)
+    mean_stress = stress.sum(axis=(0, 1)) / space.weights.sum()
+    d = np.abs(piezo_coefficients(outputs))
+    by_parts = CANCELLATION_SHARE * _combine(np.abs(integrals), d)
+    by_mean_stress = negligible * output_areas(outputs) * (d @ mean_stress)
+    charges = np.abs(combine_charges(outputs, integrals))
+    scales = np.maximum(charges, np.maximum(by_parts, by_mean_stress))
+    return np.where(scales > 0.0, scales, 1.0)
 
 
 def measure_area_defects(
-    outputs: Sequence[Output], space: Space, part: SymmetrySector = WHOLE_FILM
+    outputs: Sequence[Output], space: Space, *, sector: SymmetrySector = WHOLE_FILM
 ) -> Array:
-    """Missing or excess area of the electrodes' curved elements over the electrode areas,
-    (goals,)."""
+    """Measure the missing or excess area of the electrodes' curved elements.
+
+    Parameters
+    ----------
+    outputs : sequence of Output
+        The electrodes.
+    space : Space
+        The finite-element space.
+    sector : SymmetrySector, optional
+        The sector that is meshed.
+
+    Returns
+    -------
+    ndarray, shape (outputs,)
+        |meshed area / area - 1|; zero for outputs that the mesh does not follow.
+    """
     areas = output_areas(outputs)
     meshed = areas.copy()
     for i, output in enumerate(outputs):
-        if output.patch is not None:
-            images = output.images(part)
-            meshed[i] = sum(space.weights[image.elements(space.mesh)].sum() for image in images)
+        if output.patch is None:
+            continue
+        meshed[i] = 0.0
+        for reflection in output.reflect(sector):
+            elements = reflection.find_elements(space.mesh)
+            meshed[i] += space.weights[elements].sum()
     return np.abs(meshed / areas - 1.0)
 
 
-def _charges(forces: Array, d: ArrayLike) -> Array:
-    """d31 X + d32 Y for forces (goals, 2), with `d` (2,) for every goal or (goals, 2)."""
-    return np.asarray((forces * np.asarray(d)).sum(axis=1))
+def _combine(integrals: Array, d: ArrayLike) -> Array:
+    """Compute d31 X + d32 Y of integrals (outputs, 2), with `d` (2,) or (outputs, 2)."""
+    return np.asarray((integrals * np.asarray(d)).sum(axis=1))
 
 
-def _sampled(membrane: Membrane, sampling: Sampling, part: SymmetrySector) -> Laminate:
-    """The film at the points; a linear law has one `stress` everywhere."""
+def _restrict_film(membrane: Membrane, sampling: Sampling, sector: SymmetrySector) -> Laminate:
+    """Return the film at the sampling points; a linear law has the same stress everywhere."""
     if membrane.added is None or membrane.law.is_linear:
         return membrane
-    return membrane.at(sampling.places(membrane.space.mesh) @ part.frame)
+    return membrane.at(sampling.places(membrane.space.mesh) @ sector.frame)
 
 
-def _samplings(
-    outputs: Sequence[Output], space: Space, part: SymmetrySector
+def _iterate_samplings(
+    outputs: Sequence[Output], space: Space, sector: SymmetrySector
 ) -> Iterator[tuple[Observable, Sampling, Array]]:
-    """Observables, their sampling points for the stress, and `directions` of their goals."""
-    images, owners = reflect_outputs(outputs, part)
+    """Iterate over the observables, their sampling points, and the `directions` of the outputs."""
+    reflections, owners = reflect_outputs(outputs, sector)
     for name, observable in OBSERVABLES.items():
-        indices = np.array([i for i, image in enumerate(images) if image.observable == name], int)
+        numbers = [i for i, output in enumerate(reflections) if output.observable == name]
+        indices = np.array(numbers, dtype=int)
         if not len(indices):
             continue
-        chosen = [images[i] for i in indices]
-        directions = np.stack([image.directions for image in chosen])
+        chosen = [reflections[i] for i in indices]
+        directions = np.stack([reflection.directions for reflection in chosen])
         for sampling in observable.samplings(chosen, space):
-            of_goals = replace(sampling, outputs=owners[indices[sampling.outputs]])
-            yield observable, of_goals, directions[sampling.outputs]
+            by_output = replace(sampling, outputs=owners[indices[sampling.outputs]])
+            yield observable, by_output, directions[sampling.outputs]

@@ -18,8 +18,9 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.point_values import evaluate_in_elements
 from pvdf_fem.film.space import evaluate_shape_functions
 from pvdf_fem.mesh.points import compute_local_coordinates
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.adaptive import solve
+from pvdf_fem.solver.adaptive import solve_problem
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.solution import Solution
 
@@ -84,7 +85,7 @@ def solve_text(text: str) -> Solution:
         "numerics.tolerance": max(TOLERANCE, scene.numerics.tolerance),
         "numerics.max_seconds": scene.numerics.max_seconds or MAX_SECONDS,
     }
-    return solve(scene.with_(**limits), order=ORDER)
+    return solve_problem(Problem.from_scene(scene.with_(**limits)), order=ORDER)
 
 
 def encode_image(image: Array, quantity: str) -> dict[str, Any]:

@@ -7,7 +7,7 @@ only place that decides.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,12 +17,10 @@ from pvdf_fem.film.bending.effect import BendingEffect, estimate_bending_effect
 from pvdf_fem.film.bending.layers import BendingLayers
 from pvdf_fem.film.bending.plate import Plate
 from pvdf_fem.film.effects import format_two_digits
-from pvdf_fem.film.electric.coupling import Coupling, FloatingElectrode, find_coupled_electrodes
 from pvdf_fem.film.laws.laminate import LAWS
 from pvdf_fem.film.laws.law import Law
 from pvdf_fem.film.laws.tension_field import TensionField
-from pvdf_fem.film.loads.load_classes import find_rigid_elements, has_rigid_probe, make_loads
-from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, SolveOptions
+from pvdf_fem.film.loads.load_classes import find_rigid_elements, has_rigid_probe
 from pvdf_fem.film.loads.uneven_strain import UnevenStrain
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
@@ -71,16 +69,6 @@ class FilmModel:
         """What bending would change in the scene."""
         return estimate_bending_effect(self.scene)
 
-    @cached_property
-    def floating(self) -> tuple[FloatingElectrode, ...]:
-        """Electrodes whose voltages act on the film."""
-        return find_coupled_electrodes(self.scene)
-
-    @property
-    def electrodes_only_read(self) -> bool:
-        """Whether electrodes, d31 and d32 only read the stress, and do not change it."""
-        return not self.floating
-
     @property
     def film_law(self) -> Law:
         """The law of the film."""
@@ -91,15 +79,9 @@ class FilmModel:
         added = UnevenStrain.from_scene(self.scene)
         return Membrane(space, self.scene.film, self.film_law, added, part.frame)
 
-    def others(
-        self,
-        space: Space,
-        part: SymmetrySector = WHOLE_FILM,
-        options: SolveOptions = DEFAULT_OPTIONS,
-    ) -> list[Term]:
-        """Loads and electrode coupling: the terms beside the membrane, on the space of `part`."""
-        loads = make_loads(self.scene, space, part, options)
-        return [*loads, *(Coupling(electrode, space) for electrode in self.floating)]
+    def bending_terms(self, space: Space, terms: list[Term]) -> list[Term]:
+        """Make the terms that bending adds to the film's other terms."""
+        return []
 
     @property
     def saturation(self) -> float:
@@ -164,22 +146,12 @@ class PlateModel(FilmModel):
     force_over_thickness = False
     film_is_differentiable = False
 
-    def others(
-        self,
-        space: Space,
-        part: SymmetrySector = WHOLE_FILM,
-        options: SolveOptions = DEFAULT_OPTIONS,
-    ) -> list[Term]:
-        """The loads and the plate."""
-        terms, effect, film = super().others(space, part, options), self.effect, self.scene.film
-        plate = Plate(
-            space,
-            film,
-            find_rigid_elements(terms, horizontal_only=True),
-            effect.rim_tension,
-            effect.probe_tension,
-        )
-        return [*terms, plate]
+    def bending_terms(self, space: Space, terms: list[Term]) -> list[Term]:
+        """Make the plate."""
+        effect = self.effect
+        flat = find_rigid_elements(terms, horizontal_only=True)
+        film = self.scene.film
+        return [Plate(space, film, flat, effect.rim_tension, effect.probe_tension)]
 
     @property
     def saturation(self) -> float:

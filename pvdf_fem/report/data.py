@@ -19,6 +19,7 @@ from pydantic import BeforeValidator, Field
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.files import FileError, read_text
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.changes import normalize_key, to_plain_value
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Scene
@@ -334,7 +335,7 @@ def _compute_unloaded_charges(scenes: Sequence[Scene], names: Sequence[str]) -> 
     """Return the charges (scenes, names) of the unloaded films in pC."""
     charges = np.full((len(scenes), len(names)), np.nan)
     for i, scene in enumerate(scenes):
-        integrals = compute_unloaded_integrals(scene, needed=False)
+        integrals = compute_unloaded_integrals(Problem.from_scene(scene), required=False)
         values = integrals.charges((scene.film.d31_pC_N, scene.film.d32_pC_N))
         by_name = {}
         for electrode, value in zip(scene.electrode_list, values.tolist(), strict=True):

@@ -172,18 +172,18 @@ def _get_coefficients(scene: Scene) -> tuple[float, float]:
 
 def _read_charges(record: Record, scene: Scene) -> Array:
     """Return the charges (electrodes,) of a record in pC by the scene's observable."""
-    integrals = record.forces_by(str(scene.numerics.observable))
+    integrals = record.integrals_by(str(scene.numerics.observable))
     return integrals.charges(_get_coefficients(scene))
 
 
 def _read_unloaded_charges(record: Record, scene: Scene) -> Array:
     """Return the charges (electrodes,) of a record's unloaded film in pC."""
-    return record.at_rest.charges(_get_coefficients(scene))
+    return record.unloaded.charges(_get_coefficients(scene))
 
 
 def _read_charge_errors(record: Record, scene: Scene) -> Array:
     """Return the errors (electrodes,) of a record's charges in pC."""
-    integrals = record.forces_by(str(scene.numerics.observable))
+    integrals = record.integrals_by(str(scene.numerics.observable))
     return integrals.charge_errors(_get_coefficients(scene))
 
 

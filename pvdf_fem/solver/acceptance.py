@@ -18,10 +18,10 @@ from pvdf_fem.electrodes.stress_integrals import (
     StressIntegrals,
     compute_stress_integrals,
 )
-from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact_result import select_tips
 from pvdf_fem.film.membrane import compute_principal_values
 from pvdf_fem.film.term import State
+from pvdf_fem.problem.contact_result import select_tips
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.discrete_solution import DiscreteSolution
 from pvdf_fem.solver.mesh_level import MeshLevel
@@ -78,31 +78,47 @@ def is_tip_at_rim(fields: DiscreteSolution) -> bool:
     return reach > NEAR_RIM * solved.film.radius
 
 
-def estimate_wrinkling_changes(attempt: MeshLevel) -> Array | None:
-    """Forces X, Y in a wrinkling film minus forces in the membrane, in N, (goals, 2).
+def estimate_wrinkling_changes(level: MeshLevel) -> Array | None:
+    """Estimate what wrinkles would change in the stress integrals of a membrane.
 
     A membrane in compression is a saddle point of its energy: on a fine enough mesh it folds,
-    however small the compressed part is. The signs of its tangent depend on the mesh. The change by
-    a tension field therefore decides whether the solution is a result. The change comes from a
+    however small the compressed part is, and the signs of its tangent depend on the mesh. The
+    change by a tension field therefore decides whether the solution is a result. It comes from a
     single Newton step in the tension field's equations from the membrane's solution; on 12 scenes
-    this step made 0.4 to 0.9 of the full change. None for a film without compression, a film that
-    may carry compression, or a law without tension field.
+    this step made 0.4 to 0.9 of the full change.
+
+    Parameters
+    ----------
+    level : MeshLevel
+        The solve on the last mesh.
+
+    Returns
+    -------
+    ndarray, shape (outputs, 2), or None
+        Stress integrals of the wrinkling film less those of the membrane in N. None for a film
+        without compression, a film that may carry it, and a law without a tension field.
     """
-    solved, q, outputs = attempt.equilibrium, attempt.discrete.q, attempt.problem.outputs
-    carries = solved.model.bends or solved.model.wrinkles or not solved.membrane.law.is_linear
-    if carries or not attempt.result.converged or not is_compressed(attempt.discrete.solved_state):
+    solved = level.equilibrium
+    discrete = level.discrete
+    carries_compression = solved.model.bends or solved.model.wrinkles
+    if carries_compression or not solved.membrane.law.is_linear:
+        return None
+    if not level.result.converged or not is_compressed(discrete.solved_state):
         return None
     # a scene in a sweep may have no electrodes; `Scene.with_` refuses such a scene
-    film = solved.film.model_copy(update={"bending": False, "compression": "tension-field"})
+    choices = {"bending": False, "compression": "tension-field"}
+    film = solved.film.model_copy(update=choices)
     scene = solved.scene.model_copy(update={"film": film})
-    wrinkling = solved.with_(scene=scene)
-    state = wrinkling.state(q)
+    wrinkling = solved.of_problem(level.problem.with_scene(scene))
+    state = wrinkling.state(discrete.q)
     step = factorise(wrinkling.tangent(state)).solve(wrinkling.residual(state))
-    x = wrinkling.dofs(q - step)
-    return (
-        compute_stress_integrals(outputs, wrinkling.membrane, x, solved.part)
-        - attempt.discrete.stress_integrals.values
+    integrals = compute_stress_integrals(
+        level.problem.outputs,
+        wrinkling.membrane,
+        wrinkling.dofs(discrete.q - step),
+        sector=solved.sector,
     )
+    return integrals - discrete.stress_integrals.values
 
 
 def list_warnings(equilibrium: Equilibrium, state: State, change: float | None) -> Iterator[str]:
@@ -149,7 +165,7 @@ def warn_of_cancelled_charges(scene: Scene, forces: StressIntegrals) -> Iterator
 
 
 def _area(equilibrium: Equilibrium, where: Array) -> str:
-    weights = equilibrium.space.weights * len(equilibrium.part.signs)
+    weights = equilibrium.space.weights * len(equilibrium.sector.signs)
     area = float((weights * where).sum())
     return f"{1e6 * area:.3g} mm2 ({area / weights.sum():.2%} of the film)"
 
@@ -158,5 +174,5 @@ def _place(equilibrium: Equilibrium, values: Array) -> str:
     """Where values (elements, points) are largest, as text."""
     element, point = np.unravel_index(values.argmax(), values.shape)
     places = np.asarray(equilibrium.space.basis.global_coordinates())
-    x, y = 1e3 * equilibrium.part.frame.T @ places[:, element, point]
+    x, y = 1e3 * equilibrium.sector.frame.T @ places[:, element, point]
     return f"({x:.4g}, {y:.4g}) mm"

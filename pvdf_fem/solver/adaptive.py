@@ -1,54 +1,53 @@
-"""Scene to solution: mesh, solve, estimate, and refine until every charge is within the tolerance.
+"""Solve a problem: mesh, solve, estimate, and refine until every charge is within the tolerance.
 
-A first mesh comes from sizes that the tolerance sets a priori (`choose_first_sizes`); while an
-estimated charge error exceeds the tolerance, the next mesh follows its error indicators. Of a
-symmetric scene only a part is meshed; the whole film is put together when it is asked for.
+The first mesh has sizes that the tolerance sets a priori (`choose_first_sizes`). While an estimated
+charge error exceeds the tolerance, the next mesh follows the error indicators of the one before. Of
+a symmetric problem only a sector is meshed; the whole film is put together when it is asked for.
 """
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import lru_cache, partial
-from pathlib import Path
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.outputs import Output, make_outputs
 from pvdf_fem.electrodes.stress_integrals import (
     StressIntegrals,
     combine_charges,
     select_larger_errors,
 )
-from pvdf_fem.electrodes.thickness import describe_thickness_effect
-from pvdf_fem.electrodes.unloaded import find_uniform_integrals, unload
-from pvdf_fem.film.electric.coupling import describe_coupling
+from pvdf_fem.electrodes.unloaded import compute_uniform_integrals
 from pvdf_fem.film.loads.contact_edge import measure_contact_outlines
 from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
-from pvdf_fem.film.loads.contact_result import select_tips
-from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, Pressure, SolveOptions
-from pvdf_fem.film.loads.profiles import make_profile, pin_profile_files
-from pvdf_fem.film.loads.uneven_strain import describe_heat_effects
-from pvdf_fem.film.loads.weight import describe_weight
-from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError
-from pvdf_fem.mesh.mesh_file import as_mesh
-from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector, find_symmetry_sector
-from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
+from pvdf_fem.mesh.symmetry import WHOLE_FILM
+from pvdf_fem.problem.contact_result import select_tips
+from pvdf_fem.problem.outputs import piezo_coefficients
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, format_error
-from pvdf_fem.solver import acceptance as admissible
+from pvdf_fem.solver.acceptance import (
+    estimate_wrinkling_changes,
+    find_rejection_status,
+    is_tip_at_rim,
+    list_warnings,
+    warn_of_cancelled_charges,
+)
 from pvdf_fem.solver.adaptive_loop import AdaptiveLoop, TooManyUnknownsError
+from pvdf_fem.solver.discrete_solution import DiscreteSolution
 from pvdf_fem.solver.first_sizes import ORDER, choose_first_sizes
 from pvdf_fem.solver.history import MeshRecord, StageTimer, Stop
 from pvdf_fem.solver.mesh_level import (
     UNKNOWNS_PER_ELEMENT,
     MeshLevel,
-    Problem,
+    SolveRun,
     choose_next_sizes,
     solve_on_mesh,
 )
@@ -57,214 +56,315 @@ from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.nonlinear.wrinkling import is_barely_loaded
 from pvdf_fem.solver.solution import Solution
 
+logger = logging.getLogger(__name__)
+
 #: Relative charge error above which a barely loaded film is called slack.
 UNKNOWN_CHARGE = 0.1
+#: A tolerance that can be reached is named this much larger than the bound, which is rounded to
+#: two digits.
+ROUNDING_MARGIN = 1.05
 
 
 class UnloadedFilmError(SceneError):
-    """The untouched film has no charges at rest; the line names the key and the reason."""
+    """The unloaded film has no charges; the line names the key and the reason."""
 
     @classmethod
-    def of(cls, scene: Scene, status: str, reason: str) -> UnloadedFilmError:
-        """The error of a scene, by how the solve of its untouched film ended."""
+    def from_status(cls, scene: Scene, status: str, reason: str) -> UnloadedFilmError:
+        """Make the error of a scene from the way in which the solve of its unloaded film ended.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene.
+        status : str
+            The status of the unloaded film.
+        reason : str
+            The reason for it.
+        """
         film = scene.film
-        moved = ["rim_displacement_um", "patches"] if film.has_unbalanced_prestress else []
-        keys = [*moved, "gravity_m_s2", "pretension_N_m", "temperature_change_K"]
+        keys = ["gravity_m_s2", "pretension_N_m", "temperature_change_K"]
+        if film.has_unbalanced_prestress:
+            keys = ["rim_displacement_um", "patches", *keys]
         key = next(key for key in keys if getattr(film, key) is not None)
         if status == Status.UNSTABLE:
             reason = "it is in compression; stretch it more"
-            wrinkles = ', or let it wrinkle (film.compression = "tension-field")'
-            reason += "" if film.has_unbalanced_prestress else wrinkles
-        told = f"leaves the untouched film without charges at rest ({status}): {reason}"
-        return cls([format_error(f"film.{key}", getattr(film, key), told)])
+            if not film.has_unbalanced_prestress:
+                reason += ', or let it wrinkle (film.compression = "tension-field")'
+        text = f"leaves the untouched film without charges at rest ({status}): {reason}"
+        return cls([format_error(f"film.{key}", getattr(film, key), text)])
 
 
-def solve(
-    scene: SceneLike,
-    *,
-    mesh: MeshTri2 | str | Path | None = None,
-    order: int = ORDER,
-    budget: Budget | None = None,
-    pressure: Pressure | None = None,
-) -> Solution:
-    """`pvdf_fem.solve`, without deviations by the scene's uncertain numbers."""
-    scene = as_scene(scene)
-    options = SolveOptions.for_pressure(scene, pressure)
-    order = coerce("order", order, int, (1, max(UNKNOWNS_PER_ELEMENT)))
-    budget = coerce("budget", budget or Budget.of(scene), Budget)
-    if mesh is not None:
-        mesh = as_mesh(mesh, scene)
-    start, outputs = time.perf_counter(), make_outputs(scene)
-    solution = solve_outputs(scene, outputs, mesh=mesh, order=order, budget=budget, options=options)
-    warnings, at_rest = [*scene.warnings, *solution.warnings], None
-    if solution.status is Status.CONVERGED:
-        warnings += admissible.warn_of_cancelled_charges(scene, solution.discrete.stress_integrals)
-        at_rest = _at_rest(unload(scene), budget)
-    if isinstance(at_rest, UnloadedFilmError):
-        warnings, at_rest = [*warnings, *at_rest.problems], None
-    seconds = solution.seconds | {"total": time.perf_counter() - start}
-    return replace(solution, warnings=tuple(warnings), at_rest=at_rest, seconds=seconds)
-
-
-def compute_unloaded_integrals(scene: Scene, needed: bool = True) -> StressIntegrals:
-    """Forces X, Y by electrode on the untouched film, with their errors. Without a result the
-    forces are NaN, or raise `UnloadedFilmError` if `needed`."""
-    found = _kept_at_rest(unload(scene))
-    if not isinstance(found, UnloadedFilmError):
-        return found
-    if needed:
-        raise found
-    return StressIntegrals.unknown(len(scene.electrode_list))
-
-
-def compute_unloaded_charges(scene: Scene) -> Array:
-    """Charges in C of `compute_unloaded_integrals`, (electrodes,)."""
-    return compute_unloaded_integrals(scene).charges((scene.film.d31, scene.film.d32))
-
-
-def _at_rest(film: Scene, budget: Budget) -> StressIntegrals | UnloadedFilmError:
-    """Electrode forces on an untouched film, or the reason for their absence."""
-    if (known := find_uniform_integrals(film)) is not None:
-        return known
-    solution = solve_outputs(film, make_outputs(film), budget=budget)
-    if solution.status is not Status.CONVERGED:
-        return UnloadedFilmError.of(film, solution.status, solution.reason)
-    return solution.discrete.stress_integrals
-
-
-@lru_cache(maxsize=64)
-def _kept_at_rest(film: Scene) -> StressIntegrals | UnloadedFilmError:
-    return _at_rest(film, Budget.of(film))
-
-
-def solve_outputs(
-    scene: Scene,
-    outputs: Sequence[Output],
+def solve_problem(
+    problem: Problem,
     *,
     mesh: MeshTri2 | None = None,
     order: int = ORDER,
     budget: Budget | None = None,
-    options: SolveOptions = DEFAULT_OPTIONS,
 ) -> Solution:
-    """`solve` for the charges in `outputs` instead of the scene's electrodes.
+    """Solve a problem, and its unloaded film where that needs a solve.
 
-    The goals' charges meet the tolerance, and `forces` in the solution's `fields` are the goals'
-    forces; a solution's charges by electrode have no meaning here.
+    Parameters
+    ----------
+    problem : Problem
+        The problem, whose outputs are the scene's electrodes.
+    mesh : MeshTri2, optional
+        Solve on this mesh, whatever the error.
+    order : int, optional
+        Polynomial order of the displacement.
+    budget : Budget, optional
+        What both solves together may cost, by default what the scene's numerics allow.
+
+    Returns
+    -------
+    Solution
+        Its status tells whether there is a result.
     """
-    for touch in options.load_specs(scene):  # before any mesh, files and functions are refused
-        make_profile(touch).mean(touch.outline.equal_area_polygon)
-    (scene,) = pin_profile_files([scene])
-    if mesh is not None:
-        scene.require_no_tips("a mesh that is given")
-    budget = Budget.of(scene) if budget is None else budget
+    start = time.perf_counter()
+    if budget is None:
+        budget = Budget.for_problem(problem)
+    solution = solve_outputs(problem, mesh=mesh, order=order, budget=budget)
+    warnings = [*problem.scene.warnings, *solution.warnings]
+    unloaded = None
+    if solution.status is Status.CONVERGED:
+        integrals = solution.discrete.stress_integrals
+        warnings += warn_of_cancelled_charges(problem.scene, integrals)
+        try:
+            unloaded = solve_unloaded(problem, budget=budget)
+        except UnloadedFilmError as error:
+            warnings += error.problems
+    seconds = solution.seconds | {"total": time.perf_counter() - start}
+    return replace(solution, warnings=tuple(warnings), unloaded_integrals=unloaded, seconds=seconds)
 
-    solution = _solved(Problem(scene, outputs, order, budget, StageTimer(), options), mesh)
-    included = (*options.notes, *solution.included)
-    return replace(solution, scene=scene, pressure=options.pressure, included=included)
+
+def solve_unloaded(problem: Problem, *, budget: Budget | None = None) -> StressIntegrals:
+    """Compute the stress integrals of a problem's unloaded film, by a solve where one is needed.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    budget : Budget, optional
+        What the solve may cost, by default what the scene's numerics allow.
+
+    Returns
+    -------
+    StressIntegrals
+        In N, with errors, by output.
+
+    Raises
+    ------
+    UnloadedFilmError
+        If the unloaded film has no equilibrium.
+    """
+    integrals = compute_uniform_integrals(problem)
+    if integrals is not None:
+        return integrals
+    assert problem.unloaded is not None
+    solution = solve_outputs(problem.unloaded, budget=budget)
+    if solution.status is not Status.CONVERGED:
+        scene = problem.unloaded.scene
+        raise UnloadedFilmError.from_status(scene, solution.status, solution.reason)
+    return solution.discrete.stress_integrals
 
 
-def _solved(problem: Problem, mesh: MeshTri2 | None) -> Solution:
-    """The solution of a problem on a given mesh, or on meshes for its tolerance."""
-    scene = problem.scene
-    loop = _mesh_loop(problem, WHOLE_FILM if mesh is not None else _part(problem))
-    if mesh is not None:
-        attempt = loop.attempt_on(mesh, None, time.perf_counter())
-        return _solution(attempt, Stop.GIVEN_MESH, loop.history)
+def compute_unloaded_integrals(problem: Problem, *, required: bool = True) -> StressIntegrals:
+    """Compute the stress integrals of the unloaded film, or NaN where they may be missing.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    required : bool, optional
+        Whether a film without unloaded equilibrium is an error.
+
+    Raises
+    ------
+    UnloadedFilmError
+        If the unloaded film has no equilibrium, and its charges are required.
+    """
     try:
-        attempt, stop = loop.run()
+        return solve_unloaded(problem)
+    except UnloadedFilmError:
+        if required:
+            raise
+        return StressIntegrals.unknown(len(problem.unloaded_outputs))
+
+
+def compute_unloaded_charges(problem: Problem) -> Array:
+    """Compute the charges of the unloaded film in C, (outputs,); see `solve_unloaded`."""
+    return solve_unloaded(problem).charges(piezo_coefficients(problem.unloaded_outputs))
+
+
+def solve_outputs(
+    problem: Problem,
+    *,
+    mesh: MeshTri2 | None = None,
+    order: int = ORDER,
+    budget: Budget | None = None,
+) -> Solution:
+    """Solve for the outputs of a problem alone, without its unloaded film.
+
+    Parameters
+    ----------
+    problem, mesh, order, budget
+        As in `solve_problem`; the outputs need not be the scene's electrodes, and then the
+        solution's charges by electrode have no meaning.
+
+    Returns
+    -------
+    Solution
+        The charges of all outputs meet the tolerance if it has converged.
+    """
+    problem.check_profiles()
+    if mesh is not None:
+        problem.scene.require_no_tips("a mesh that is given")
+    if budget is None:
+        budget = Budget.for_problem(problem)
+    logger.info("solve a %s with %d outputs", type(problem.film).__name__, len(problem.outputs))
+    run = SolveRun(problem, order, budget=budget, timer=StageTimer())
+    loop = _make_adaptive_loop(run, is_mesh_given=mesh is not None)
+    if mesh is not None:
+        level = loop.solve_on_given_mesh(mesh, coarser=None, start=time.perf_counter())
+        return _make_solution(level, Stop.GIVEN_MESH, loop.history)
+    try:
+        level, stop = loop.run()
     except MeshError as error:
-        reason = f"{Status.MESH_FAILED.advice} ({error})"
-        seconds = problem.clock.seconds()
-        return Solution(scene, Status.MESH_FAILED, reason, Stop.NO_MESH, seconds=seconds)
+        return Solution(
+            problem,
+            Status.MESH_FAILED,
+            reason=f"{Status.MESH_FAILED.advice} ({error})",
+            stop=Stop.NO_MESH,
+            seconds=run.timer.seconds(),
+        )
     except TooManyUnknownsError as error:
-        seconds = problem.clock.seconds()
-        return Solution(scene, Status.TOLERANCE, str(error), error.stop, seconds=seconds)
-    return _solution(attempt, stop, loop.history)
+        return Solution(
+            problem,
+            Status.TOLERANCE,
+            reason=str(error),
+            stop=error.stop,
+            seconds=run.timer.seconds(),
+        )
+    return _make_solution(level, stop, loop.history)
 
 
-def _part(problem: Problem) -> SymmetrySector:
-    """The part of a symmetric film to unfold; else the whole film."""
-    scene, model = problem.scene, resolve_film_model(problem.scene)
-    leaning = scene.tips or any(touch.load.tilt == "free" for touch in scene.loaded_probes)
-    whole = leaning or problem.options.pressure
-    if whole or not (model.solved_on_parts and model.electrodes_only_read):
-        return WHOLE_FILM
-    return find_symmetry_sector(scene)
+def _make_adaptive_loop(run: SolveRun, *, is_mesh_given: bool) -> AdaptiveLoop[MeshLevel]:
+    """Make the loop over the meshes of a solve; a given mesh is of the whole film."""
+    problem = run.problem
+    sector = WHOLE_FILM if is_mesh_given else problem.sector
 
+    def solve_on(mesh: MeshTri2, coarser: MeshLevel | None) -> MeshLevel:
+        return solve_on_mesh(run, mesh, sector=sector, coarser=coarser)
 
-def _mesh_loop(problem: Problem, part: SymmetrySector) -> AdaptiveLoop[MeshLevel]:
     return AdaptiveLoop(
-        problem.scene,
-        partial(choose_first_sizes, problem.scene, problem.order),
-        partial(solve_on_mesh, problem, part),
-        choose_next_sizes,
-        problem.budget,
-        problem.clock,
-        UNKNOWNS_PER_ELEMENT[problem.order],
-        part,
-        partial(_contacts, problem.scene),
+        problem,
+        first_sizes=partial(choose_first_sizes, problem, run.order),
+        solve_on=solve_on,
+        next_sizes=choose_next_sizes,
+        budget=run.budget,
+        timer=run.timer,
+        unknowns_per_element=UNKNOWNS_PER_ELEMENT[run.order],
+        sector=sector,
+        find_contacts=partial(_find_contact_outlines, problem),
     )
 
 
-def _contacts(scene: Scene, attempt: MeshLevel | None) -> dict[str, Outline]:
-    """Contact outlines for a mesh: guessed, or found by an attempt."""
-    if attempt is None:
-        return estimate_tip_outlines(scene)
-    state = attempt.discrete.solved_state
-    found = (measure_contact_outlines(tip, state) for tip in select_tips(attempt.equilibrium))
-    return {name: outline for outlines in found for name, outline in outlines.items()}
+def _find_contact_outlines(problem: Problem, level: MeshLevel | None) -> dict[str, Outline]:
+    """Return the outlines of contacts that a mesh follows: estimated, or those of a level."""
+    if level is None:
+        return estimate_tip_outlines(problem.scene)
+    outlines = {}
+    for tip in select_tips(level.equilibrium):
+        outlines.update(measure_contact_outlines(tip, level.discrete.solved_state))
+    return outlines
 
 
-def _solution(attempt: MeshLevel, stop: Stop, history: Sequence[MeshRecord]) -> Solution:
-    """The attempt as a solution, with its status."""
-    problem, fields, change = attempt.problem, attempt.discrete, None
-    if (changes := admissible.estimate_wrinkling_changes(attempt)) is not None:
-        by_charge = np.abs(combine_charges(problem.outputs, changes)) / attempt.charge_sizes
-        change = float(by_charge.max(initial=0.0))
-        errors = select_larger_errors(fields.stress_integrals.errors, changes, problem.outputs)
-        fields = replace(fields, stress_integrals=replace(fields.stress_integrals, errors=errors))
-    scene, status = problem.scene, _status(attempt, stop, change)
-    model = resolve_film_model(scene)
-    by_stress = fields.stress_integrals.charges((scene.film.d31_pC_N, scene.film.d32_pC_N)).tolist()
-    names = [electrode.name for electrode in scene.electrode_list]
-    # scenes solved together in a sweep share a list of goals, longer than the electrodes
-    charges_pC = dict(zip(names, by_stress, strict=True)) if len(names) == len(by_stress) else None
-    remarks = [model.remark, *describe_coupling(scene)]
-    remarks += describe_thickness_effect(scene, charges_pC, problem.options)
-    remarks += [*describe_heat_effects(scene, charges_pC), *describe_weight(scene)]
-    reason = status.advice
-    if status is Status.TOLERANCE:
-        enough = 1.05 * attempt.bound  # no smaller in two digits
-        reason = f"{reason}, to at least {enough:.1e}, which can be reached ({stop.value})"
-    elif status is Status.CONVERGED and (change or 0.0) > problem.scene.numerics.tolerance:
-        reason = f"{reason}, but for {change:.1e} of a charge that wrinkles would change"
+@dataclass(frozen=True, eq=False)
+class WrinklingEffect:
+    """What wrinkles would change in a membrane in compression."""
+
+    changes: Array  #: Changes of the stress integrals in N, (outputs, 2).
+    relative: float  #: Largest change of a charge, relative to its scale.
+
+    @classmethod
+    def of(cls, level: MeshLevel) -> WrinklingEffect | None:
+        """Estimate the effect at a level; None where wrinkles change nothing."""
+        changes = estimate_wrinkling_changes(level)
+        if changes is None:
+            return None
+        by_charge = np.abs(combine_charges(level.problem.outputs, changes))
+        relative = (by_charge / level.charge_scales).max(initial=0.0)
+        return cls(changes, float(relative))
+
+
+def _make_solution(level: MeshLevel, stop: Stop, history: Sequence[MeshRecord]) -> Solution:
+    """Make the solution of the last level, with its status, effects and warnings."""
+    problem = level.problem
+    discrete = level.discrete
+    wrinkling = WrinklingEffect.of(level)
+    if wrinkling is not None:
+        integrals = discrete.stress_integrals
+        errors = select_larger_errors(integrals.errors, wrinkling.changes, problem.outputs)
+        discrete = replace(discrete, stress_integrals=replace(integrals, errors=errors))
+    change = None if wrinkling is None else wrinkling.relative
+    status = _decide_status(level, discrete, stop=stop, change=change)
+    charges_pC = _charges_by_stress_pC(problem, discrete.stress_integrals)
+    effects = problem.describe_effects(charges_pC)
+    warnings = [*problem.film.warnings]
+    warnings += list_warnings(discrete.solved, discrete.solved_state, change)
     return Solution(
-        problem.scene,
+        problem,
         status,
-        reason,
-        stop,
-        tuple(history),
-        attempt.result.iterations,
-        tuple(text for included, text in remarks if not included),
-        tuple(text for included, text in remarks if included),
-        (*model.warnings, *admissible.list_warnings(fields.solved, fields.solved_state, change)),
-        problem.clock.seconds(),
-        _discrete=fields,
+        reason=_explain_status(level, status, stop=stop, change=change),
+        stop=stop,
+        history=tuple(history),
+        iterations=level.result.iterations,
+        neglected=effects.neglected,
+        included=effects.included,
+        warnings=tuple(warnings),
+        seconds=level.run.timer.seconds(),
+        _discrete=discrete,
     )
 
 
-def _status(attempt: MeshLevel, stop: Stop, change: float | None) -> Status:
-    """How the solve ended; `change` is the relative change of a charge by wrinkles."""
-    scene, fields, status = attempt.problem.scene, attempt.discrete, attempt.result.status
+def _charges_by_stress_pC(problem: Problem, integrals: StressIntegrals) -> dict[str, float] | None:
+    """Return the charges by electrode; None if the outputs are not the scene's electrodes."""
+    names = [electrode.name for electrode in problem.scene.electrode_list]
+    if len(names) != len(integrals.values):
+        return None  # scenes that are solved together in a sweep share a list of outputs
+    film = problem.scene.film
+    charges = integrals.charges((film.d31_pC_N, film.d32_pC_N))
+    return dict(zip(names, charges.tolist(), strict=True))
+
+
+def _decide_status(
+    level: MeshLevel, discrete: DiscreteSolution, *, stop: Stop, change: float | None
+) -> Status:
+    """Decide how the solve ended; `change` is the relative change of a charge by wrinkles."""
+    scene = level.problem.scene
+    status = level.result.status
     if status is Status.CONVERGED:
-        status = admissible.find_rejection_status(fields, attempt.result.factors, change) or status
+        rejection = find_rejection_status(discrete, level.result.factors, change)
+        status = rejection or status
     if stop is Stop.GIVEN_MESH:
         return status
-    if status is Status.CONVERGED and attempt.bound > scene.numerics.tolerance:
+    if status is Status.CONVERGED and level.bound > scene.numerics.tolerance:
         status = Status.TOLERANCE
-    missed = status in (Status.MAX_ITERATIONS, Status.UNBALANCED)
-    if missed and admissible.is_tip_at_rim(fields):
+    has_no_equilibrium = status in (Status.MAX_ITERATIONS, Status.UNBALANCED)
+    if has_no_equilibrium and is_tip_at_rim(discrete):
         return Status.RIM
-    unknown = status is Status.TOLERANCE and attempt.worst > UNKNOWN_CHARGE
-    slack = resolve_film_model(scene).wrinkles and is_barely_loaded(scene)
-    return Status.SLACK if slack and (missed or unknown) else status
+    is_unknown = status is Status.TOLERANCE and level.worst > UNKNOWN_CHARGE
+    is_slack = level.problem.film.wrinkles and is_barely_loaded(scene)
+    if is_slack and (has_no_equilibrium or is_unknown):
+        return Status.SLACK
+    return status
+
+
+def _explain_status(level: MeshLevel, status: Status, *, stop: Stop, change: float | None) -> str:
+    """Return the status in words, with the tolerance that can be reached if it was missed."""
+    tolerance = level.problem.scene.numerics.tolerance
+    if status is Status.TOLERANCE:
+        reachable = ROUNDING_MARGIN * level.bound
+        return f"{status.advice}, to at least {reachable:.1e}, which can be reached ({stop.value})"
+    if status is Status.CONVERGED and change is not None and change > tolerance:
+        return f"{status.advice}, but for {change:.1e} of a charge that wrinkles would change"
+    return status.advice

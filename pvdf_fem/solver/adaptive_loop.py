@@ -1,7 +1,8 @@
-"""The mesh loop: solve on ever better meshes until the errors are small enough."""
+"""The adaptive loop: solve on ever better meshes until the errors are small enough."""
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -10,40 +11,48 @@ from typing import Generic, Protocol, TypeVar
 
 from skfem import MeshTri2
 
-from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
 from pvdf_fem.mesh.size_field import GradedSizes, SizeField
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.history import MeshRecord, StageTimer, Stop
 from pvdf_fem.solver.nonlinear.budget import Budget, estimate_iteration_seconds
 from pvdf_fem.solver.nonlinear.newton import FailedAttempt
 from pvdf_fem.solver.nonlinear.status import Status
 
+logger = logging.getLogger(__name__)
 
-class Attempted(Protocol):
-    """Data of a solve on a mesh for the loop."""
+
+class Level(Protocol):
+    """What the loop has to know of a solve on a mesh."""
 
     @property
-    def status(self) -> Status: ...
+    def status(self) -> Status:
+        """How the solve ended."""
+
     @property
     def worst(self) -> float:
         """Largest relative error; 0 without a result."""
 
     @property
     def bound(self) -> float:
-        """Largest likely error, to compare with the tolerance."""
+        """Largest likely error, which is compared with the tolerance."""
 
     @property
-    def unknowns(self) -> int: ...
+    def unknowns(self) -> int:
+        """Number of equations."""
+
     @property
-    def iterations(self) -> int: ...
+    def iterations(self) -> int:
+        """Newton iterations that led to the result."""
+
     @property
-    def failed_attempts(self) -> tuple[FailedAttempt, ...]: ...
+    def failed_attempts(self) -> tuple[FailedAttempt, ...]:
+        """Solvers that failed before."""
 
 
-T = TypeVar("T", bound=Attempted)
+T = TypeVar("T", bound=Level)
 
 
 class TooManyUnknownsError(RuntimeError):
@@ -82,114 +91,155 @@ class AdaptiveRules:
 
 @dataclass
 class AdaptiveLoop(Generic[T]):
-    """Solves on a sequence of meshes."""
+    """Solves of a problem on a sequence of meshes."""
 
-    scene: Scene
+    problem: Problem
     #: Element sizes of the first mesh.
     first_sizes: Callable[[], GradedSizes | SizeField]
     #: Solves on a mesh, from the solution on the coarser one if there is.
     solve_on: Callable[[MeshTri2, T | None], T]
-    #: Element sizes for an attempt, the error aimed at, and the largest number of unknowns.
+    #: Element sizes for a level, the error aimed at, and the largest number of unknowns.
     next_sizes: Callable[[T, float, float], GradedSizes | SizeField]
     budget: Budget
-    clock: StageTimer
+    timer: StageTimer
     unknowns_per_element: float
-    #: The part of the film that is meshed.
-    part: SymmetrySector = WHOLE_FILM
-    #: Outlines of contacts with tips by patch name, after the attempt before or None.
-    contacts_of: Callable[[T | None], Mapping[str, Outline]] = lambda attempt: {}
+    #: The sector of the film that is meshed.
+    sector: SymmetrySector = WHOLE_FILM
+    #: Outlines of contacts with tips by patch name, after the level before or None.
+    find_contacts: Callable[[T | None], Mapping[str, Outline]] = lambda level: {}
     rules: AdaptiveRules = field(default_factory=AdaptiveRules)
     history: list[MeshRecord] = field(default_factory=list)
 
     def run(self) -> tuple[T, Stop]:
-        """The best of the solves on ever better meshes, or the first that has no result.
+        """Solve on ever better meshes until the error bound is within the tolerance.
+
+        Returns
+        -------
+        level : Level
+            The best of the solves, or the first one without a result.
+        stop : Stop
+            Why no further mesh was made.
 
         Raises
         ------
         MeshError
             When gmsh cannot make the first mesh.
         TooManyUnknownsError
+            When the first mesh needs more unknowns or work than allowed.
         """
-        rules, tolerance = self.rules, self.scene.numerics.tolerance
-        aim, spent = rules.safety * tolerance, self.budget.spent_seconds
-        attempt = best = self.attempt(self.first_sizes(), None)
-        while attempt.bound > tolerance:
+        rules = self.rules
+        tolerance = self.problem.scene.numerics.tolerance
+        aim = rules.safety * tolerance
+        spent = self.budget.spent_seconds
+        level = best = self.solve_level(self.first_sizes(), None)
+        while level.bound > tolerance:
             if len(self.history) == rules.most_meshes:
                 return best, Stop.MESHES
-            most, limit = self._affordable(attempt, self.budget.spent_seconds - spent)
-            if most < rules.least * attempt.unknowns:
+            most, limit = self._find_affordable_unknowns(level, self.budget.spent_seconds - spent)
+            if most < rules.least * level.unknowns:
                 return best, limit
             spent = self.budget.spent_seconds
-            with self.clock("refine"):
-                sizes = self.next_sizes(attempt, aim, most)
+            with self.timer("refine"):
+                sizes = self.next_sizes(level, aim, most)
             try:
-                finer = self.attempt(sizes, attempt)
+                finer = self.solve_level(sizes, level)
             except MeshError:
                 return best, Stop.MESH_FAILED
             except TooManyUnknownsError as error:
                 return best, error.stop
             if finer.status is Status.MAX_ITERATIONS:
                 return best, Stop.FINER_FAILED
-            slow = finer.worst > rules.slow * attempt.worst
-            aim *= rules.safety if slow else 1.0
-            large = attempt.unknowns > rules.least * self.budget.max_unknowns
-            attempt = finer
+            is_slow = finer.worst > rules.slow * level.worst
+            if is_slow:
+                aim *= rules.safety
+            was_large = level.unknowns > rules.least * self.budget.max_unknowns
+            level = finer
             if finer.status is Status.CONVERGED and finer.worst < best.worst:
                 best = finer
-            if slow and large and attempt.bound > tolerance:
+            if is_slow and was_large and level.bound > tolerance:
                 return best, Stop.UNKNOWNS
-        converged = attempt.status is Status.CONVERGED
-        return attempt, Stop.ACCURATE if converged else Stop.NO_EQUILIBRIUM
+        has_converged = level.status is Status.CONVERGED
+        return level, Stop.ACCURATE if has_converged else Stop.NO_EQUILIBRIUM
 
-    def _affordable(self, attempt: T, seconds: float) -> tuple[float, Stop]:
-        """Most unknowns of the next mesh after `attempt` took `seconds` of work, and the limit."""
+    def _find_affordable_unknowns(self, level: T, seconds: float) -> tuple[float, Stop]:
+        """Find the most unknowns of the next mesh after `level` took `seconds` of work.
+
+        Returns also what limits them.
+        """
         work = self.budget.left_seconds / seconds
-        by_work = work**self.rules.work_exponent * attempt.unknowns
-        most = min(self.rules.growth * attempt.unknowns, self.budget.max_unknowns, by_work)
+        by_work = work**self.rules.work_exponent * level.unknowns
+        by_growth = self.rules.growth * level.unknowns
+        most = min(by_growth, self.budget.max_unknowns, by_work)
         return most, Stop.SECONDS if most == by_work else Stop.UNKNOWNS
 
-    def attempt(self, sizes: GradedSizes | SizeField, coarser: T | None) -> T:
-        """Mesh and solve."""
+    def solve_level(self, sizes: GradedSizes | SizeField, coarser: T | None) -> T:
+        """Make a mesh and solve on it.
+
+        Parameters
+        ----------
+        sizes : GradedSizes or SizeField
+            Element sizes of the mesh.
+        coarser : Level or None
+            The solve on the mesh before.
+        """
         start = time.perf_counter()
-        require = partial(self._require_affordable, overestimate=self.rules.overestimate)
-        with self.clock("mesh"):
-            jacobian, contacts = (
-                resolve_film_model(self.scene).least_jacobian,
-                self.contacts_of(coarser),
-            )
+        with self.timer("mesh"):
             mesh = mesh_scene(
-                self.scene, sizes, self.part, jacobian, contacts=contacts, require=require
+                self.problem.scene,
+                sizes,
+                self.sector,
+                self.problem.film.least_jacobian,
+                contacts=self.find_contacts(coarser),
+                require=partial(self._require_affordable, overestimate=self.rules.overestimate),
             )
         if coarser is None:
             self._require_affordable(mesh.nelements)
-        return self.attempt_on(mesh, coarser, start)
+        return self.solve_on_given_mesh(mesh, coarser=coarser, start=start)
 
     def _require_affordable(self, elements: float, overestimate: float = 1.0) -> None:
         """Refuse a mesh whose number of elements is at most `overestimate` times too large."""
-        budget, unknowns = self.budget, elements * self.unknowns_per_element
+        budget = self.budget
+        unknowns = elements * self.unknowns_per_element
         least = unknowns / overestimate
         if budget.bounds_first_mesh and least > budget.max_unknowns:
             allowed = f"numerics.max_unknowns allows {budget.max_unknowns}"
             raise TooManyUnknownsError(unknowns, allowed, Stop.UNKNOWNS)
-        work = self.rules.least_iterations * estimate_iteration_seconds(
-            least, resolve_film_model(self.scene)
-        )
-        if work > budget.max_seconds:
+        iteration = estimate_iteration_seconds(least, self.problem.film)
+        if self.rules.least_iterations * iteration > budget.max_seconds:
             allowed = f"numerics.max_seconds allows {budget.max_seconds:g} s of work"
             raise TooManyUnknownsError(unknowns, allowed, Stop.SECONDS)
 
-    def attempt_on(self, mesh: MeshTri2, coarser: T | None, start: float) -> T:
-        """Solve on a mesh and note it in the history, with the seconds since `start`."""
-        attempt = self.solve_on(mesh, coarser)
-        self.history.append(
-            MeshRecord(
-                mesh.nelements,
-                attempt.unknowns,
-                attempt.iterations,
-                attempt.worst if attempt.status is Status.CONVERGED else None,
-                time.perf_counter() - start,
-                str(attempt.status),
-                tuple((t.solver, str(t.status), t.iterations) for t in attempt.failed_attempts),
-            )
+    def solve_on_given_mesh(self, mesh: MeshTri2, *, coarser: T | None, start: float) -> T:
+        """Solve on a mesh and add a row to the history.
+
+        Parameters
+        ----------
+        mesh : MeshTri2
+            The mesh.
+        coarser : Level or None
+            The solve on the mesh before.
+        start : float
+            When the work on this level began, by `time.perf_counter`.
+        """
+        level = self.solve_on(mesh, coarser)
+        failed = [(a.solver, str(a.status), a.iterations) for a in level.failed_attempts]
+        record = MeshRecord(
+            elements=mesh.nelements,
+            unknowns=level.unknowns,
+            iterations=level.iterations,
+            worst_error=level.worst if level.status is Status.CONVERGED else None,
+            seconds=time.perf_counter() - start,
+            status=str(level.status),
+            failed_attempts=tuple(failed),
         )
-        return attempt
+        self.history.append(record)
+        logger.info(
+            "mesh %d: %d elements, %d unknowns, %d iterations, worst error %.1e, %s",
+            len(self.history),
+            record.elements,
+            record.unknowns,
+            record.iterations,
+            level.worst,
+            record.status,
+        )
+        return level

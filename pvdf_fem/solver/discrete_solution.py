@@ -1,4 +1,4 @@
-"""A discrete solution: its fields, also on the whole film where a part was solved."""
+"""A discrete solution: its fields, also on the whole film where a sector was solved."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ import numpy as np
 from skfem import Basis, MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.electrodes.outputs import Output
 from pvdf_fem.electrodes.stress_integrals import StressIntegrals, compute_stress_integrals
-from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.contact_result import ContactResult, compute_contact_results
 from pvdf_fem.film.space import evaluate_shape_functions
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name, name_mesh_parts
 from pvdf_fem.mesh.six_node import sort_vertices
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
+from pvdf_fem.problem.contact_result import ContactResult, compute_contact_results
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.outputs import Output
 
 
 @dataclass(frozen=True, eq=False)
 class DiscreteSolution:
-    """A discrete solution: equations, unknowns, and the electrodes' forces with their errors."""
+    """Equations, their unknowns, and the outputs' stress integrals with errors."""
 
-    #: The solved equilibrium equations, for the film or a mirrored part of the film.
+    #: The solved equilibrium equations, of the film or of a sector.
     solved: Equilibrium
     #: Their unknowns, (unknowns,).
     q: Array
-    #: Of the goals, with their errors.
+    #: Of the problem's outputs.
     stress_integrals: StressIntegrals
 
     @cached_property
@@ -43,23 +43,25 @@ class DiscreteSolution:
         return self.solved.state(self.q)
 
     def integrals_of(self, outputs: Sequence[Output]) -> Array:
-        """The forces of other goals, (goals, 2)."""
+        """Compute the stress integrals of other outputs in N, (outputs, 2)."""
+        solved = self.solved
         return compute_stress_integrals(
-            outputs, self.solved.membrane, self.solved_dofs, self.solved.part
+            outputs, solved.membrane, self.solved_dofs, sector=solved.sector
         )
 
     @cached_property
-    def contact_results(self) -> dict[str, ContactResult]:
+    def contacts(self) -> dict[str, ContactResult]:
         """Contacts by the names of the tips' patches."""
         return compute_contact_results(self.solved, self.solved_state)
 
     @cached_property
     def equilibrium(self) -> Equilibrium:
         """The equations on the whole film, in the scene's axes."""
-        solved, part = self.solved, self.solved.part
-        if not part.mirror_axes:
+        solved = self.solved
+        if not solved.sector.mirror_axes:
             return solved
-        return solved.with_(mesh=unfold_mesh(solved.space.mesh, part), part=WHOLE_FILM)
+        mesh = unfold_mesh(solved.space.mesh, solved.sector)
+        return solved.on_whole_film(mesh)
 
     @cached_property
     def displacement(self) -> Array:
@@ -77,60 +79,112 @@ class DiscreteSolution:
 
 
 def find_largest_value(
-    basis: Basis, values: Array, elements: int = 8, intervals: int = 50
+    basis: Basis, values: Array, *, elements: int = 8, intervals: int = 50
 ) -> float:
-    """Largest absolute value of a field with the nodal `values`, on a raster in the `elements` with
-    the largest nodal values. The field is flat where it is largest: a raster misses less than a
-    millionth."""
+    """Find the largest absolute value of a field.
+
+    A raster of points is evaluated in the elements with the largest nodal values. The field is flat
+    where it is largest, so that the raster misses less than a millionth of it.
+
+    Parameters
+    ----------
+    basis : Basis
+        Scalar basis of the field.
+    values : ndarray, shape (dofs,)
+        Nodal values.
+    elements : int
+        Number of elements that are searched.
+    intervals : int
+        Number of intervals of the raster along an edge.
+
+    Returns
+    -------
+    float
+    """
     s = np.arange(intervals + 1) / intervals
     points = np.stack(np.meshgrid(s, s)).reshape(2, -1)
     points = points[:, points.sum(axis=0) <= 1.0 + 1e-9]
     dofs = basis.element_dofs
-    highest = np.abs(values)[dofs].max(axis=0).argsort()[-elements:]
+    largest_in_element = np.abs(values)[dofs].max(axis=0)
+    searched = largest_in_element.argsort()[-elements:]
     functions = evaluate_shape_functions(basis.elem, points)
-    return float(np.abs(functions @ values[dofs[:, highest]]).max())
+    return float(np.abs(functions @ values[dofs[:, searched]]).max())
 
 
-def unfold_mesh(mesh: MeshTri2, part: SymmetrySector) -> MeshTri2:
-    """The mesh of a part with its mirror images, in the axes of the scene."""
-    nodes, triangles = mesh.doflocs, mesh.dofs.element_dofs.T
-    # an image shares the nodes for which its change of signs makes no difference
-    flips = np.array([np.where(nodes == 0.0, 1.0, signs[:, None]) for signs in part.signs])
-    keys = 2 * (flips[:, 0] < 0.0) + (flips[:, 1] < 0.0) + 4 * np.arange(nodes.shape[1])
+def unfold_mesh(mesh: MeshTri2, sector: SymmetrySector) -> MeshTri2:
+    """Join the mesh of a sector and its reflections.
+
+    Parameters
+    ----------
+    mesh : MeshTri2
+        Mesh of the sector in the sector's axes, in m.
+    sector : SymmetrySector
+        The sector.
+
+    Returns
+    -------
+    MeshTri2
+        Mesh of the whole film in the scene's axes, with the patches as subdomains.
+    """
+    nodes = mesh.doflocs
+    triangles = mesh.dofs.element_dofs.T
+    # a reflection shares the nodes for which its change of signs makes no difference
+    flips = np.array([np.where(nodes == 0.0, 1.0, signs[:, None]) for signs in sector.signs])
+    flips_x = flips[:, 0] < 0.0
+    flips_y = flips[:, 1] < 0.0
+    keys = 2 * flips_x + flips_y + 4 * np.arange(nodes.shape[1])
     _, first, number = np.unique(keys, return_index=True, return_inverse=True)
-    points = part.frame.T @ (flips * nodes).transpose(1, 0, 2).reshape(2, -1)[:, first]
+    reflected = (flips * nodes).transpose(1, 0, 2).reshape(2, -1)
+    points = sector.frame.T @ reflected[:, first]
     numbers = number.reshape(keys.shape)
-    elements = np.concatenate([image[triangles] for image in numbers])
+    elements = np.concatenate([of_reflection[triangles] for of_reflection in numbers])
     whole = MeshTri2(points, sort_vertices(elements).T)
-    return name_mesh_parts(whole, _subdomains(mesh, part), WHOLE_FILM)
+    return name_mesh_parts(whole, _unfold_subdomains(mesh, sector), WHOLE_FILM)
 
 
-def _subdomains(mesh: MeshTri2, part: SymmetrySector) -> dict[str, Indices]:
-    """The patches on the whole film: an electrode's image lies where the part's image lies."""
-    unfolded_patches, added = (
-        {},
-        {make_subdomain_name(image) for image in part.reflected_electrodes},
-    )
-    for name in (name for name in mesh.subdomains if name not in added):
-        places = []
-        for image, swap in enumerate(part.electrode_reflections):
-            patches = {make_subdomain_name(a): make_subdomain_name(b) for a, b in swap.items()}
-            patches |= part.patch_reflections[image]
-            places.append(mesh.subdomains[patches.get(name, name)] + image * mesh.nelements)
-        unfolded_patches[name] = np.concatenate(places)
-    return unfolded_patches
+def _unfold_subdomains(mesh: MeshTri2, sector: SymmetrySector) -> dict[str, Indices]:
+    """Return the patches on the whole film, each in the sector and in all its reflections."""
+    added = {make_subdomain_name(reflection) for reflection in sector.reflected_electrodes}
+    unfolded = {}
+    for name in mesh.subdomains:
+        if name in added:
+            continue
+        elements = []
+        for number, names in enumerate(sector.electrode_reflections):
+            patches = dict(sector.patch_reflections[number])
+            for electrode, reflected in names.items():
+                patches[make_subdomain_name(electrode)] = make_subdomain_name(reflected)
+            reflected_patch = patches.get(name, name)
+            elements.append(mesh.subdomains[reflected_patch] + number * mesh.nelements)
+        unfolded[name] = np.concatenate(elements)
+    return unfolded
 
 
 def unfold_dofs(solved: Equilibrium, x: Array, whole: Equilibrium) -> Array:
-    """A part's displacement `x` at the dofs on the whole film."""
+    """Transfer the displacement of a sector to the whole film.
+
+    Parameters
+    ----------
+    solved : Equilibrium
+        Equations of the sector.
+    x : ndarray, shape (dofs,)
+        Their displacement in m.
+    whole : Equilibrium
+        Equations of the whole film.
+
+    Returns
+    -------
+    ndarray, shape (dofs of the whole film,)
+        Displacement in the scene's axes, in m.
+    """
     from scipy.spatial import cKDTree  # many scenes are solved without
 
-    part = solved.part
-    places = part.frame @ whole.space.basis.doflocs
-    mirrored = np.array([[axis in part.mirror_axes] for axis in (0, 1)])
-    folded = np.where(mirrored, np.abs(places), places)
+    sector = solved.sector
+    places = sector.frame @ whole.space.basis.doflocs
+    is_mirrored = np.array([[axis in sector.mirror_axes] for axis in (0, 1)])
+    folded = np.where(is_mirrored, np.abs(places), places)
     _, source = cKDTree(solved.space.basis.doflocs.T).query(folded.T)
     displacement = x.reshape(-1, 3)[source]
-    signs = np.where((places < 0.0) & mirrored, -1.0, 1.0).T
-    displacement[:, :2] = (signs * displacement[:, :2]) @ part.frame
+    signs = np.where((places < 0.0) & is_mirrored, -1.0, 1.0).T
+    displacement[:, :2] = (signs * displacement[:, :2]) @ sector.frame
     return np.append(displacement, x[solved.space.auxiliary_dofs])

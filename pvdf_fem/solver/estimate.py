@@ -24,9 +24,9 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.term import State
 from pvdf_fem.film.unknowns import make_prolongation
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
 from pvdf_fem.solver.nonlinear.newton import NewtonResult

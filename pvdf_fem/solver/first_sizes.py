@@ -10,9 +10,9 @@ from pvdf_fem.electrodes.observables import OBSERVABLES
 from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_effect
 from pvdf_fem.film.loads.contact_estimate import estimate_contact_outlines
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
-from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.gmsh_mesh import FILM, collect_outlines
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.scene import Scene
 
 #: Default order of the displacement.
@@ -26,7 +26,7 @@ PUNCH_SHARE = 0.5
 EDGE_FACETS = 22
 
 
-def choose_first_sizes(scene: Scene, order: int) -> GradedSizes:
+def choose_first_sizes(problem: Problem, order: int) -> GradedSizes:
     """Element sizes that meet the tolerance in most scenes.
 
     The size at an outline is a share of its area over its perimeter, which for a slender shape is
@@ -34,7 +34,9 @@ def choose_first_sizes(scene: Scene, order: int) -> GradedSizes:
     mesh for a scene without electrodes serves charges anywhere on the film (`solve_goals`).
     Electrodes that cut elements see more error: the mesh is finer at the probe, and farther away.
     """
-    observable, model = OBSERVABLES[scene.numerics.observable], resolve_film_model(scene)
+    scene = problem.scene
+    model = problem.film
+    observable = OBSERVABLES[scene.numerics.observable]
     at_electrode, at_probe = observable.element_shares
     has_electrodes = len(scene.electrode_list) > 0
     growth, largest = (0.5, 0.55) if has_electrodes else (0.2, 0.4)

@@ -1,9 +1,9 @@
-"""A solve on a mesh: equilibrium, charges, their errors, and sizes for the next mesh."""
+"""A solve on one mesh: equilibrium, charges, their errors, and sizes for the next mesh."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,6 @@ from scipy.sparse.linalg import SuperLU
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.outputs import Output, piezo_coefficients
 from pvdf_fem.electrodes.stress_integrals import (
     StressIntegrals,
     combine_charges,
@@ -23,14 +22,14 @@ from pvdf_fem.electrodes.stress_integrals import (
     select_larger_errors,
 )
 from pvdf_fem.film.bending.layers import BendingLayers, estimate_missing_fraction
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.load_classes import find_rigid_elements
-from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, SolveOptions
 from pvdf_fem.film.space import transfer_dofs
 from pvdf_fem.film.unknowns import make_prolongation
 from pvdf_fem.mesh.size_field import SizeField, compute_refined_sizes
-from pvdf_fem.mesh.symmetry import SymmetrySector
-from pvdf_fem.scene.scene import Scene
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.outputs import Output, piezo_coefficients
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.discrete_solution import DiscreteSolution
 from pvdf_fem.solver.estimate import (
     Correction,
@@ -53,27 +52,31 @@ UNKNOWNS_PER_ELEMENT = {1: 1.5, 2: 6.0, 3: 13.5}
 UNCANCELLED = 0.3
 #: A charge is accepted if this factor times its estimated error is within the tolerance. Measured
 #: on 36 pressures at 1e-3 and at 1e-4, errors beyond 0.4 of the tolerance are up to 1.5 times the
-#: estimate, one in ten beyond 1.4 times. What rigid scenes have by `UNCANCELLED` is large enough.
+#: estimate, one in ten beyond 1.4 times. Rigid scenes are covered by `UNCANCELLED`.
 SAFETY = 1.4
+#: Cost of an estimate without a solve in the richer space, in Newton iterations.
+ESTIMATE_ITERATIONS = 4
+#: Relative size of Newton's last step at lower orders, less than the error by the mesh there.
+LOWER_ORDER_TOLERANCE = 3e-2
+#: Largest number of charges that the sizes of the next mesh follow.
+MAX_DUALS = 32
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
-    """The problem on every mesh: scene, goals, order, budget, and posed loads."""
+class SolveRun:
+    """What the solves on all meshes of a problem share."""
 
-    scene: Scene
-    outputs: Sequence[Output]
-    order: int
+    problem: Problem
+    order: int  #: Polynomial order of the displacement.
     budget: Budget
-    clock: StageTimer
-    options: SolveOptions = DEFAULT_OPTIONS
+    timer: StageTimer
 
 
 @dataclass(frozen=True, eq=False)
 class MeshLevel:
-    """A solve on one mesh."""
+    """The solve on one mesh."""
 
-    problem: Problem
+    run: SolveRun
     equilibrium: Equilibrium
     result: NewtonResult
     discrete: DiscreteSolution
@@ -81,6 +84,13 @@ class MeshLevel:
     correction: Correction | None = None
     #: Bending layers that the elements do not resolve.
     layers: BendingLayers | None = None
+    #: What the errors of `discrete` are made of: errors of X and Y in N by name, (outputs, 2).
+    error_contributions: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def problem(self) -> Problem:
+        """The problem that is solved."""
+        return self.run.problem
 
     @property
     def status(self) -> Status:
@@ -110,173 +120,281 @@ class MeshLevel:
     @property
     def bound(self) -> float:
         """Largest likely error: `worst` times a safety factor."""
-        rigid = len(find_rigid_elements(self.equilibrium.terms)) > 0
-        return self.worst * (1.0 if rigid else SAFETY)
+        is_rigid = len(find_rigid_elements(self.equilibrium.terms)) > 0
+        return self.worst * (1.0 if is_rigid else SAFETY)
 
     @property
     def charge_errors(self) -> Array:
-        """Estimated charge errors, relative to `compute_charge_scales`, (goals,)."""
-        errors = self.discrete.stress_integrals.charge_errors(
-            piezo_coefficients(self.problem.outputs)
-        )
-        return errors / self.charge_sizes
+        """Estimated charge errors, relative to `charge_scales`, (outputs,)."""
+        coefficients = piezo_coefficients(self.problem.outputs)
+        return self.discrete.stress_integrals.charge_errors(coefficients) / self.charge_scales
 
     @cached_property
-    def charge_sizes(self) -> Array:
-        """`compute_charge_scales` of the goals, (goals,)."""
-        fields, space = self.discrete, self.equilibrium.space
+    def charge_scales(self) -> Array:
+        """Charges in C that relative errors refer to, (outputs,)."""
+        discrete = self.discrete
         return compute_charge_scales(
-            self.problem.outputs, fields.solved_state, fields.stress_integrals.values, space
+            self.problem.outputs,
+            discrete.solved_state,
+            integrals=discrete.stress_integrals.values,
+            space=self.equilibrium.space,
         )
 
 
 def solve_on_mesh(
-    problem: Problem, part: SymmetrySector, mesh: MeshTri2, coarser: MeshLevel | None = None
+    run: SolveRun,
+    mesh: MeshTri2,
+    *,
+    sector: SymmetrySector = WHOLE_FILM,
+    coarser: MeshLevel | None = None,
 ) -> MeshLevel:
-    """Solve on the mesh of a part of the film, from the solution on a coarser mesh if present."""
-    with problem.clock("solve"):
-        equilibrium = Equilibrium(problem.scene, mesh, problem.order, part, problem.options)
-        result = _equilibrated(problem, equilibrium, coarser)
-        problem.budget.spend(equilibrium, result.fresh_count)
-        forces = _forces(problem, equilibrium, result.q)
-    attempt = MeshLevel(
-        problem,
-        equilibrium,
-        result,
-        DiscreteSolution(equilibrium, result.q, StressIntegrals(forces, np.zeros_like(forces))),
-    )
+    """Solve on a mesh, and estimate the errors of the charges.
+
+    Parameters
+    ----------
+    run : SolveRun
+        Problem, order, budget and timer.
+    mesh : MeshTri2
+        Mesh of the sector in m.
+    sector : SymmetrySector, optional
+        The sector that is meshed.
+    coarser : MeshLevel, optional
+        The solve on a coarser mesh, which gives the initial guess.
+
+    Returns
+    -------
+    MeshLevel
+        Its status tells whether there is a result.
+    """
+    problem = run.problem
+    with run.timer("solve"):
+        equilibrium = Equilibrium(problem, mesh, run.order, sector=sector)
+        result = _equilibrate(run, equilibrium, coarser)
+        run.budget.spend(equilibrium, result.fresh_count)
+        values = _integrate(problem.outputs, equilibrium, result.q)
+    integrals = StressIntegrals(values, np.zeros_like(values))
+    discrete = DiscreteSolution(equilibrium, result.q, integrals)
+    level = MeshLevel(run, equilibrium, result=result, discrete=discrete)
     if not result.converged or result.factors is None:
-        return attempt
-    with problem.clock("estimate"):
-        return _with_errors(attempt)
+        return level
+    with run.timer("estimate"):
+        return _estimate_errors(level)
 
 
-def _forces(problem: Problem, equilibrium: Equilibrium, q: Array) -> Array:
+def _integrate(outputs: Sequence[Output], equilibrium: Equilibrium, q: Array) -> Array:
+    """Compute the stress integrals of outputs at unknowns `q` in N, (outputs, 2)."""
     x = equilibrium.dofs(q)
-    return compute_stress_integrals(problem.outputs, equilibrium.membrane, x, equilibrium.part)
+    return compute_stress_integrals(outputs, equilibrium.membrane, x, sector=equilibrium.sector)
 
 
-def _with_errors(attempt: MeshLevel, iterations: int = 4) -> MeshLevel:
-    """The attempt with estimated errors, or with the status of a failed solve in the richer space.
-    Cost of an estimate without a solve in the richer space, in Newton `iterations`."""
-    problem, equilibrium, result = attempt.problem, attempt.equilibrium, attempt.result
+def _estimate_errors(level: MeshLevel) -> MeshLevel:
+    """Estimate the errors of a converged level by a solve in the order above.
+
+    Returns the level with its errors, or with the status of a failed solve in the richer space.
+    """
+    budget = level.run.budget
+    equilibrium = level.equilibrium
+    result = level.result
     assert result.factors is not None
-    rich = equilibrium.with_(order=equilibrium.space.order + 1)
+    rich = equilibrium.at_order(equilibrium.space.order + 1)
     correction = correct_in_richer_space(
-        equilibrium, result.q, result.factors, rich, problem.budget
+        equilibrium, result.q, factors=result.factors, rich=rich, budget=budget
     )
     if isinstance(correction, NewtonResult):
-        problem.budget.spend(rich, correction.fresh_count)
-        tried = (*result.failed_attempts, *correction.as_failed_attempts("order above"))
-        return replace(
-            attempt, result=replace(result, status=correction.status, failed_attempts=tried)
-        )
+        budget.spend(rich, correction.fresh_count)
+        failed = (*result.failed_attempts, *correction.as_failed_attempts("order above"))
+        failure = replace(result, status=correction.status, failed_attempts=failed)
+        return replace(level, result=failure)
     if correction.result is None:
-        problem.budget.spend(equilibrium, iterations)
+        budget.spend(equilibrium, ESTIMATE_ITERATIONS)
     else:
-        problem.budget.spend(rich, correction.result.fresh_count)
+        budget.spend(rich, correction.result.fresh_count)
 
-    forces, model = attempt.discrete.stress_integrals.values, equilibrium.model
-    errors = model.saturation * (_forces(problem, rich, correction.q) - forces)
-    state = attempt.discrete.solved_state
-    layers = model.layers(equilibrium.terms, equilibrium.unknowns.expansion, state)
-    if layers is not None:
-        changed = result.q + layers.change(result.factors)
-        # the next order sees a part of the layers only: both errors may have one sign
-        by_layers = np.abs(_forces(problem, equilibrium, changed) - forces)
-        errors += np.where(errors < 0.0, -by_layers, by_layers)
+    layers = equilibrium.model.layers(
+        equilibrium.terms, equilibrium.unknowns.expansion, level.discrete.solved_state
+    )
+    level = replace(level, correction=correction, layers=layers)
+    contributions = _compute_error_contributions(level, correction, result.factors)
+    errors = combine_error_contributions(contributions, level.problem.outputs)
+    integrals = StressIntegrals(level.discrete.stress_integrals.values, errors)
+    discrete = replace(level.discrete, stress_integrals=integrals)
+    return replace(level, discrete=discrete, error_contributions=contributions)
+
+
+def _compute_error_contributions(
+    level: MeshLevel, correction: Correction, factors: SuperLU
+) -> dict[str, Array]:
+    """Compute the errors of the stress integrals by their sources, in N, (outputs, 2) each."""
+    outputs = level.problem.outputs
+    equilibrium = level.equilibrium
+    values = level.discrete.stress_integrals.values
+
+    corrected = _integrate(outputs, correction.rich, correction.q)
+    contributions = {"order_enrichment": equilibrium.model.saturation * (corrected - values)}
+    if level.layers is not None:
+        changed = level.result.q + level.layers.change(factors)
+        unresolved = _integrate(outputs, equilibrium, changed) - values
+        contributions["bending_layers"] = np.abs(unresolved)
     if len(find_rigid_elements(equilibrium.terms)):
-        _, shares = compute_error_indicators(correction, result.factors, problem.outputs)
-        least = distribute_charge_errors(UNCANCELLED * shares.sum(axis=0), forces, problem.outputs)
-        errors = select_larger_errors(errors, least, problem.outputs)
+        _, shares = compute_error_indicators(correction, factors, outputs)
+        least_errors = UNCANCELLED * shares.sum(axis=0)
+        contributions["edge_singularity"] = distribute_charge_errors(least_errors, values, outputs)
+    defects = measure_area_defects(outputs, equilibrium.space, sector=equilibrium.sector)
+    contributions["area_defect"] = defects[:, None] * values
+    return contributions
+
+
+def combine_error_contributions(
+    contributions: Mapping[str, Array], outputs: Sequence[Output]
+) -> Array:
+    """Combine the contributions to the errors of stress integrals.
+
+    Parameters
+    ----------
+    contributions : mapping of str to ndarray, shape (outputs, 2)
+        Errors of X and Y in N: ``order_enrichment`` by elements of the order above;
+        ``bending_layers`` that the elements do not resolve; ``edge_singularity``, a lower bound at
+        the edge of a rigid probe; ``area_defect`` by the area that curved elements lack.
+    outputs : sequence of Output
+        The electrodes.
+
+    Returns
+    -------
+    ndarray, shape (outputs, 2)
+        Errors of X and Y in N, with signs.
+    """
+    errors = contributions["order_enrichment"]
+    if "bending_layers" in contributions:
+        # the order above sees a part of the layers only: both errors may have one sign
+        by_layers = contributions["bending_layers"]
+        errors = errors + np.where(errors < 0.0, -by_layers, by_layers)
+    if "edge_singularity" in contributions:
+        errors = select_larger_errors(errors, contributions["edge_singularity"], outputs)
     # both orders share the elements, and the elements' missing area in a round electrode
-    lacking = measure_area_defects(problem.outputs, equilibrium.space, equilibrium.part)
-    defects = lacking[:, None] * forces
-    charges, lost = (combine_charges(problem.outputs, some) for some in (errors, defects))
-    errors += np.where(charges * lost < 0.0, -1.0, 1.0)[:, None] * defects
-    fields = replace(attempt.discrete, stress_integrals=StressIntegrals(forces, errors))
-    return replace(attempt, discrete=fields, correction=correction, layers=layers)
+    defects = contributions["area_defect"]
+    charge_errors = combine_charges(outputs, errors)
+    lost_charges = combine_charges(outputs, defects)
+    signs = np.where(charge_errors * lost_charges < 0.0, -1.0, 1.0)
+    return errors + signs[:, None] * defects
 
 
 def compute_error_indicators(
-    correction: Correction, factors: SuperLU, outputs: Sequence[Output], sizes: Array | float = 1.0
+    correction: Correction,
+    factors: SuperLU,
+    outputs: Sequence[Output],
+    scales: Array | float = 1.0,
 ) -> tuple[Array, Array]:
-    """Duals (unknowns, goals) and elements' shares (elements, goals) in the errors over `sizes`."""
+    """Compute dual solutions and the shares of the elements in the errors of charges.
+
+    Parameters
+    ----------
+    correction : Correction
+        The solution in the richer space.
+    factors : SuperLU
+        Factors of the coarse tangent.
+    outputs : sequence of Output
+        The charges.
+    scales : ndarray, shape (outputs,), or float
+        Charges in C that the errors are divided by.
+
+    Returns
+    -------
+    duals : ndarray, shape (unknowns, outputs)
+        Dual solutions in the coarse space.
+    shares : ndarray, shape (elements, outputs)
+        Absolute contributions of the elements.
+    """
     rich = correction.rich
     x = rich.dofs(correction.start)
-    gradients = differentiate_charges(outputs, rich.membrane, x, rich.part) / sizes
-    dual = solve_duals(correction, factors, gradients)
-    return dual, compute_indicators(correction, dual, gradients)
+    gradients = differentiate_charges(outputs, rich.membrane, x, sector=rich.sector) / scales
+    duals = solve_duals(correction, factors, gradients)
+    return duals, compute_indicators(correction, duals, gradients)
 
 
-def _equilibrated(
-    problem: Problem, equilibrium: Equilibrium, coarser: MeshLevel | None
+def _equilibrate(
+    run: SolveRun, equilibrium: Equilibrium, coarser: MeshLevel | None
 ) -> NewtonResult:
-    """The equilibrium, from the coarser mesh's solution or from solutions with lower orders."""
-    budget = problem.budget
+    """Find the equilibrium, from the coarser mesh's solution or from solutions of lower orders."""
     # stress from the coarser mesh leads nowhere in compressed film, and in film that
     # wrinkles takes longer than a start on the same mesh
-    slack = equilibrium.film.prestress[:2].min() < 0.0 or equilibrium.model.wrinkles
-    if coarser is not None and not slack:
+    is_compressed = equilibrium.film.prestress[:2].min() < 0.0
+    if coarser is not None and not (is_compressed or equilibrium.model.wrinkles):
         x = transfer_dofs(
             coarser.equilibrium.space, coarser.discrete.solved_dofs, equilibrium.space
         )
-        return find_equilibrium(equilibrium, equilibrium.restrict(x), budget=budget)
-    start = _from_below(equilibrium, budget)
+        return find_equilibrium(equilibrium, equilibrium.restrict(x), budget=run.budget)
+    start = _solve_lower_orders(equilibrium, run.budget)
     if isinstance(start, Status):
         return NewtonResult(np.zeros(equilibrium.unknowns.count), start, (), None)
-    return find_equilibrium(equilibrium, start, budget=budget)
+    return find_equilibrium(equilibrium, start, budget=run.budget)
 
 
-def _from_below(
-    equilibrium: Equilibrium, budget: Budget, tolerance: float = 3e-2
-) -> Array | Status | None:
-    """The solution at the order below: a start cheaper than the saved iterations.
-    Newton's last step there has the relative size `tolerance`, less than the error by the mesh.
+def _solve_lower_orders(equilibrium: Equilibrium, budget: Budget) -> Array | Status | None:
+    """Solve at the order below for an initial guess, which costs less than it saves.
 
-    None where a start would not help or was not found. A status where the order below is unstable
-    in a bending film: this order's displacements contain them and are unstable, too.
+    Returns
+    -------
+    ndarray, shape (unknowns,)
+        The initial guess.
+    None
+        Where a guess would not help or was not found.
+    Status
+        Where the order below is unstable in a bending film: this order's displacements contain
+        those, and are unstable, too.
     """
     order = equilibrium.space.order
     if order == equilibrium.model.lowest_order:
         return None
     if equilibrium.model.wrinkles and is_barely_loaded(equilibrium.scene):
         return None  # the solution of another order is far away
-    lower = equilibrium.with_(order=order - 1).map_terms(lambda term: term.relaxed())
-    start = _from_below(lower, budget)
+    lower = equilibrium.at_order(order - 1).map_terms(lambda term: term.relaxed())
+    start = _solve_lower_orders(lower, budget)
     if isinstance(start, Status):
         return start
-    result = find_equilibrium(lower, start, tolerance, budget=budget)
+    result = find_equilibrium(lower, start, LOWER_ORDER_TOLERANCE, budget=budget)
     budget.spend(lower, result.fresh_count)
     if result.status is Status.UNSTABLE and lower.model.bends:
         return result.status
     if not result.converged:
         return None
-    return equilibrium.complete_initial_guess(
-        equilibrium.dofs(make_prolongation(lower, equilibrium) @ result.q)
-    )
+    q = make_prolongation(lower, equilibrium) @ result.q
+    return equilibrium.complete_initial_guess(equilibrium.dofs(q))
 
 
-def choose_next_sizes(
-    attempt: MeshLevel, tolerance: float, most_unknowns: float, most_duals: int = 32
-) -> SizeField:
-    """Element sizes at which the worst error would be `tolerance`, or coarser sizes. They follow
-    the `most_duals` charges with the largest errors."""
-    correction, factors = attempt.correction, attempt.result.factors
+def choose_next_sizes(level: MeshLevel, tolerance: float, most_unknowns: float) -> SizeField:
+    """Choose the element sizes of the next mesh from the errors on this one.
+
+    Parameters
+    ----------
+    level : MeshLevel
+        A converged solve.
+    tolerance : float
+        The worst relative charge error that the sizes aim at.
+    most_unknowns : float
+        Largest number of unknowns; it makes the sizes larger where necessary.
+
+    Returns
+    -------
+    SizeField
+    """
+    correction = level.correction
+    factors = level.result.factors
     if correction is None or factors is None:
-        raise ValueError("only a converged attempt can be refined")
-    mesh, flat = attempt.equilibrium.space.mesh, find_rigid_elements(attempt.equilibrium.terms)
-    worst = np.argsort(attempt.charge_errors)[-most_duals:]
-    outputs = [attempt.problem.outputs[i] for i in worst]
-    dual, by_goal = compute_error_indicators(
-        correction, factors, outputs, attempt.charge_sizes[worst]
+        raise ValueError("only a converged solve can be refined")
+    worst = np.argsort(level.charge_errors)[-MAX_DUALS:]
+    outputs = [level.problem.outputs[i] for i in worst]
+    duals, by_output = compute_error_indicators(
+        correction, factors, outputs, scales=level.charge_scales[worst]
     )
-    shares = by_goal.max(axis=1)
-    reduction = tolerance / attempt.worst
-    most: Array | float = np.inf
-    if layers := attempt.layers:
-        effects = layers.effects(dual).max(axis=1)
+    shares = by_output.max(axis=1)
+    reduction = tolerance / level.worst
+    largest: Array | float = np.inf
+    if level.layers is not None:
+        layers = level.layers
+        effects = layers.effects(duals).max(axis=1)
         total = float((effects * estimate_missing_fraction(layers.widths)).sum())
-        most = layers.sizes(effects, max(reduction * total, tolerance))
-    sizes = compute_refined_sizes(mesh, shares, reduction, most, flat)
-    return sizes.coarsened(most_unknowns / UNKNOWNS_PER_ELEMENT[attempt.problem.order])
+        largest = layers.sizes(effects, max(reduction * total, tolerance))
+    mesh = level.equilibrium.space.mesh
+    rigid = find_rigid_elements(level.equilibrium.terms)
+    sizes = compute_refined_sizes(mesh, shares, reduction, largest, rigid)
+    return sizes.coarsened(most_unknowns / UNKNOWNS_PER_ELEMENT[level.run.order])

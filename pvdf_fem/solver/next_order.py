@@ -1,15 +1,15 @@
-"""A solution in elements of the next order on the same mesh, and every element's share in the
-error."""
+"""A solution in elements of the next order on the same mesh, and the elements' error shares."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.outputs import Output
-from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.outputs import Output
 from pvdf_fem.solver.discrete_solution import DiscreteSolution
 from pvdf_fem.solver.estimate import Correction, correct_in_richer_space
 from pvdf_fem.solver.mesh_level import compute_error_indicators
@@ -18,26 +18,57 @@ from pvdf_fem.solver.nonlinear.newton import NewtonResult, factorise
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 
 
-def factorise_tangent(fields: DiscreteSolution) -> tuple[Equilibrium, Array, SuperLU]:
-    """The whole film's equations with their unknowns and the tangent's factors."""
-    solved = fields.equilibrium
-    q = solved.restrict(fields.displacement)
-    try:  # anew, since Newton's last factors may be of an earlier state
-        return solved, q, factorise(solved.tangent(fields.state))
-    except RuntimeError:  # SuperLU: exactly singular, as for a slack film without a load
+class FactorisedSolution(NamedTuple):
+    """The equations of a whole film with their solution and the factors of their tangent."""
+
+    equilibrium: Equilibrium
+    q: Array  #: (unknowns,)
+    factors: SuperLU
+
+
+def factorise_tangent(discrete: DiscreteSolution) -> FactorisedSolution:
+    """Factorise the tangent of a solution on the whole film.
+
+    Newton's last factors may be of an earlier state, so they are not used.
+
+    Raises
+    ------
+    NotConvergedError
+        If the tangent is exactly singular, as that of a slack film without a load.
+    """
+    equilibrium = discrete.equilibrium
+    q = equilibrium.restrict(discrete.displacement)
+    try:
+        factors = factorise(equilibrium.tangent(discrete.state))
+    except RuntimeError:  # SuperLU: exactly singular
         raise NotConvergedError(f"{Status.SINGULAR}: {Status.SINGULAR.advice}") from None
+    return FactorisedSolution(equilibrium, q, factors)
 
 
-def solve_next_order(solved: Equilibrium, q: Array, factors: SuperLU) -> Correction:
-    """The solution in the order above on the same mesh; raises `NotConvergedError`."""
-    rich = solved.with_(order=solved.space.order + 1)
-    correction = correct_in_richer_space(solved, q, factors, rich, Budget.of(solved.scene))
+def solve_next_order(solution: FactorisedSolution) -> Correction:
+    """Solve in the order above on the same mesh.
+
+    Raises
+    ------
+    NotConvergedError
+        If the richer equations have no solution.
+    """
+    coarse = solution.equilibrium
+    correction = correct_in_richer_space(
+        coarse,
+        solution.q,
+        factors=solution.factors,
+        rich=coarse.at_order(coarse.space.order + 1),
+        budget=Budget.for_problem(coarse.problem),
+    )
     if isinstance(correction, NewtonResult):
         raise NotConvergedError(f"{correction.status}: {correction.status.advice}")
     return correction
 
 
-def compute_error_shares(fields: DiscreteSolution, outputs: Sequence[Output]) -> Array:
-    """Shares of the elements in the errors of charges by the mesh, in C, (elements, goals)."""
-    solved, q, factors = factorise_tangent(fields)
-    return compute_error_indicators(solve_next_order(solved, q, factors), factors, outputs)[1]
+def compute_error_shares(discrete: DiscreteSolution, outputs: Sequence[Output]) -> Array:
+    """Compute the shares of the elements in the errors of charges, in C, (elements, outputs)."""
+    solution = factorise_tangent(discrete)
+    correction = solve_next_order(solution)
+    _, shares = compute_error_indicators(correction, solution.factors, outputs)
+    return shares

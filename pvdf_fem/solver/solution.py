@@ -15,15 +15,15 @@ from skfem import Basis, MeshTri2
 from pvdf_fem.arrays import Array, finite_or_none
 from pvdf_fem.electrodes.channel import compute_readings_V, make_channels
 from pvdf_fem.electrodes.film_data import FilmData
-from pvdf_fem.electrodes.outputs import make_outputs
+from pvdf_fem.electrodes.heat import compute_heat_charges
 from pvdf_fem.electrodes.point_values import PointValues, evaluate_along, evaluate_at
 from pvdf_fem.electrodes.stress_integrals import StressIntegrals
 from pvdf_fem.electrodes.thickness import compute_thickness_charges
-from pvdf_fem.electrodes.unloaded import compute_heat_charges
 from pvdf_fem.film.electric.coupling import find_floating_electrodes
-from pvdf_fem.film.loads.contact_result import ContactResult
 from pvdf_fem.film.loads.load_spec import Pressure
 from pvdf_fem.film.loads.punch import Punch, PunchTilt
+from pvdf_fem.problem.contact_result import ContactResult
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.arguments import ValuesByName, coerce, coerce_array
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.solver.discrete_solution import DiscreteSolution, find_largest_value
@@ -56,7 +56,7 @@ class Solution(Result):
     >>> solution.to_xarray(step_mm=1.0).deflection_mm.plot()
     """
 
-    scene: Scene
+    problem: Problem
     status: Status  #: `Status.CONVERGED`, or why there is no result.
     reason: str  #: The status in words, with what to change.
     stop: Stop = Stop.NO_EQUILIBRIUM  #: Why no further mesh was made.
@@ -69,14 +69,21 @@ class Solution(Result):
     warnings: tuple[str, ...] = ()
     #: ``mesh``, ``solve``, ``estimate``, ``refine`` and ``total``.
     seconds: dict[str, float] = field(default_factory=dict)
-    #: Pressure given to `solve` in place of the scene's ``load.profile``.
-    pressure: Pressure | None = None
     _discrete: DiscreteSolution | None = None
-    at_rest: StressIntegrals | None = (
-        None  #: Forces of the electrodes on the untouched film, if known.
-    )
+    #: Stress integrals of the electrodes on the unloaded film, if they are known.
+    unloaded_integrals: StressIntegrals | None = None
     #: Deviations by the scene's uncertain numbers, from `pvdf_fem.uncertainty`.
     uncertainty: Result | None = None
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that was solved."""
+        return self.problem.scene
+
+    @property
+    def pressure(self) -> Pressure | None:
+        """Pressure in Python in place of the scene's ``load.profile``."""
+        return self.problem.pressure
 
     @property
     def discrete(self) -> DiscreteSolution:
@@ -107,7 +114,7 @@ class Solution(Result):
         film, fields = self.scene.film, self.discrete
         charges = fields.stress_integrals.charges(self._coefficients)
         if film.pyroelectric_uC_m2K is not None:
-            charges += 1e12 * compute_heat_charges(self.scene, fields.solved)
+            charges += 1e12 * compute_heat_charges(self.problem, fields.solved)
         if film.d33_pC_N is not None:
             charges += 1e12 * compute_thickness_charges(fields.equilibrium, fields.state)
         return self._by_electrode(charges)
@@ -145,7 +152,7 @@ class Solution(Result):
 
     @property
     def _rest(self) -> StressIntegrals:
-        return self.at_rest or StressIntegrals.unknown(len(self.scene.electrode_list))
+        return self.unloaded_integrals or StressIntegrals.unknown(len(self.scene.electrode_list))
 
     @property
     def _coefficients(self) -> tuple[float, float]:
@@ -244,7 +251,7 @@ class Solution(Result):
     @property
     def contacts(self) -> dict[str, ContactResult]:
         """Contacts by the tip's patch: ``probe``, or ``probe 1``, ..."""
-        return self.discrete.contact_results
+        return self.discrete.contacts
 
     @property
     def force_balance(self) -> float:
@@ -351,7 +358,7 @@ class Solution(Result):
         from pvdf_fem.solver.next_order import compute_error_shares  # it imports the solvers
 
         fields, charges = self.discrete, (self.charges_pC, self.charge_errors_pC)
-        shares = partial(compute_error_shares, fields, make_outputs(self.scene))
+        shares = partial(compute_error_shares, fields, self.problem.outputs)
         film = fields.equilibrium, fields.state, self.unknowns
         return FilmData(*film, *charges, self.contacts, self.included, shares)
 

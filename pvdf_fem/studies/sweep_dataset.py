@@ -64,10 +64,10 @@ class SweepColumns:
         scene = self.scenes[index]
         columns = [self.column_of[electrode.name] for electrode in scene.electrode_list]
         coefficients = (scene.film.d31_pC_N, scene.film.d32_pC_N)
-        loaded = record.forces_by(scene.numerics.observable)
+        loaded = record.integrals_by(scene.numerics.observable)
         self.charges_pC[index, columns] = loaded.charges(coefficients)
         self.charge_errors_pC[index, columns] = loaded.charge_errors(coefficients)
-        unloaded = record.at_rest
+        unloaded = record.unloaded
         self.unloaded_pC[index, columns] = unloaded.charges(coefficients)
         self.unloaded_errors_pC[index, columns] = unloaded.charge_errors(coefficients)
         self.statuses[index] = record.status

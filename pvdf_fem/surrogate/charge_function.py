@@ -117,11 +117,12 @@ def compute_unloaded_charges_pC(scene: Scene, reading: str = "total") -> Array:
 
     Raises
     ------
-    RestError
+    UnloadedFilmError
         If the film has no unloaded equilibrium and `reading` is ``"change"``.
     """
+    from pvdf_fem.problem.problem import Problem
     from pvdf_fem.solver.adaptive import compute_unloaded_integrals  # imports gmsh
 
-    integrals = compute_unloaded_integrals(scene, needed=reading == "change")
+    integrals = compute_unloaded_integrals(Problem.from_scene(scene), required=reading == "change")
     d_pC_N = (scene.film.d31_pC_N, scene.film.d32_pC_N)
     return np.stack([integrals.charges(d_pC_N), integrals.charge_errors(d_pC_N)])

@@ -24,8 +24,8 @@ def make_mechanical_key(scene: Scene) -> str:
     ValueError
         For a scene without a probe, and for a depth in place of a force.
     """
-    from pvdf_fem.batch.equivalence import MECHANICAL_EFFECTS
-    from pvdf_fem.film.models import resolve_film_model  # imports scikit-fem
+    from pvdf_fem.problem.equivalence import describe_mechanics  # imports scikit-fem
+    from pvdf_fem.problem.problem import Problem
 
     if scene.single_probe is None:
         raise ValueError("scene: has no probe, which a response needs; add [probe]")
@@ -38,9 +38,7 @@ def make_mechanical_key(scene: Scene) -> str:
     scene.require_plain_charges("a response")
     observable = scene.numerics.observable
     pressed = centre_probe(scene).model_copy(update={"numerics": Numerics(observable=observable)})
-    mechanics = select_by_effect(pressed, *MECHANICAL_EFFECTS)
-    bends = resolve_film_model(pressed).bends
-    return f"{mechanics} {scene.film.weight} {bends} {observable}"
+    return f"{describe_mechanics(Problem.from_scene(pressed))} {observable}"
 
 
 def make_response_key(scene: Scene, domain: Domain, tolerance: float) -> str:
@@ -102,7 +100,7 @@ def require_same_mechanics(response_scene: Scene, scene: Scene) -> None:
 
 def _collect_mechanical_values(scene: Scene) -> dict[str, Any]:
     """Return the values by key on which charges of a centred probe depend, without electrodes."""
-    from pvdf_fem.batch.equivalence import MECHANICAL_EFFECTS  # imports scikit-fem
+    from pvdf_fem.problem.equivalence import MECHANICAL_EFFECTS  # imports scikit-fem
 
     values: dict[str, Any] = {}
     tables_by_name = select_by_effect(centre_probe(scene), *MECHANICAL_EFFECTS, Affects.READING)

@@ -62,11 +62,11 @@ def solve_stress_integrals(scene: Scene, touch: Array, tolerance: float) -> Stre
     StressIntegrals or str
         The reason if there is no solution.
     """
-    from pvdf_fem.electrodes.outputs import make_outputs  # imports gmsh
+    from pvdf_fem.problem.problem import Problem  # imports gmsh
     from pvdf_fem.solver.adaptive import solve_outputs
 
     touched = apply_touch(scene, touch, tolerance)
-    solution = solve_outputs(touched, make_outputs(touched))
+    solution = solve_outputs(Problem.from_scene(touched))
     if solution.status is not Status.CONVERGED:
         return solution.reason
     return solution.discrete.stress_integrals

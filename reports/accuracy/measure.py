@@ -13,6 +13,7 @@ from typing import Any
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.batch.batch import plan_scenes, solve_planned
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.solver.first_sizes import choose_first_sizes
 from pvdf_fem.solver.nonlinear.status import Status
@@ -87,7 +88,9 @@ class ByNGSolve(Task):
 
     def run(self) -> Rows:
         """A row for each order, factor and electrode."""
-        sizes = choose_first_sizes(self.scene.with_(**{"numerics.tolerance": 1e-3}), 2)
+        sizes = choose_first_sizes(
+            Problem.from_scene(self.scene.with_(**{"numerics.tolerance": 1e-3})), 2
+        )
         job = {
             "scene": self.scene.to_toml(),
             "orders": self.orders,

@@ -25,7 +25,7 @@ from reports.guide.scene_keys import clean_docstring, make_key_table, make_scene
 RESULTS: Mapping[str, tuple[str, ...]] = {
     "What results hold": (
         "pvdf_fem.electrodes.point_values.PointValues",
-        "pvdf_fem.film.loads.contact_result.ContactResult",
+        "pvdf_fem.problem.contact_result.ContactResult",
         "pvdf_fem.film.loads.punch.PunchTilt",
         "pvdf_fem.solver.nonlinear.status.Status",
         "pvdf_fem.solver.history.MeshRecord",

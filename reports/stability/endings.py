@@ -10,7 +10,7 @@ import numpy as np
 
 from pvdf_fem import Scene, SceneError, Solution, solve
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.models import resolve_film_model
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.nonlinear.wrinkling import estimate_load_strain
@@ -139,7 +139,9 @@ def _finer(solution: Solution) -> Row:
     """The difference from a finer solve, in which bending is decided as in the first."""
     scene = solution.scene
     changes = {"numerics.tolerance": scene.numerics.tolerance / FINER}
-    row, better = ended(scene.with_(**changes, **{"film.bending": resolve_film_model(scene).bends}))
+    row, better = ended(
+        scene.with_(**changes, **{"film.bending": Problem.from_scene(scene).film.bends})
+    )
     if better is None:
         return {"finer": row["status"]}
     doubts = np.array([*better.charge_errors_pC.values()])

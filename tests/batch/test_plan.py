@@ -114,11 +114,11 @@ def test_images_of_a_scene_share_its_mesh():
 def test_scenes_that_miss_the_tolerance_together_are_solved_alone(monkeypatch):
     counts = []
 
-    def solved(scene, outputs):
-        counts.append(len(scene.electrode_list))
-        if not scene.electrode_list:
-            return Solution(scene, Status.TOLERANCE, "", seconds={"total": 0.0})
-        return solve_outputs(scene, outputs)
+    def solved(problem):
+        counts.append(len(problem.scene.electrode_list))
+        if not problem.scene.electrode_list:
+            return Solution(problem, Status.TOLERANCE, "", seconds={"total": 0.0})
+        return solve_outputs(problem)
 
     monkeypatch.setattr("pvdf_fem.batch.records.solve_outputs", solved)
     scene = TRIANGLE.with_(**{"numerics.tolerance": 0.05})

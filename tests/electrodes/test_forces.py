@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.electrodes.outputs import Output, make_outputs
 from pvdf_fem.electrodes.stress_integrals import (
     CANCELLATION_SHARE,
     StressIntegrals,
@@ -22,6 +21,8 @@ from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import collect_outlines, mesh_scene
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.problem.outputs import Output
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.circle import Circle
 from tests.helpers.discs import RECTANGLE, graded_mesh
 
@@ -68,7 +69,7 @@ def test_sizes_do_not_sink_below_what_the_mean_stress_makes_negligible():
     for change_K in (-20.0, 0.0):
         scene = RECTANGLE.with_(**{"film.temperature_change_K": change_K, "film.d32_pC_N": -8.0})
         membrane = Membrane(Space(graded_mesh(scene, 4.0, 12.0), 2), scene.film)
-        outputs, x = make_outputs(scene), np.zeros(membrane.space.dof_count)
+        outputs, x = Problem.from_scene(scene).outputs, np.zeros(membrane.space.dof_count)
         forces, state = compute_stress_integrals(outputs, membrane, x), membrane.state(x)
         parts = np.abs(forces).sum(axis=1) * 8e-12  # which cancel: the charges are zero
         sizes, least = (

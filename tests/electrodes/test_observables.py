@@ -9,11 +9,11 @@ import pytest
 
 from pvdf_fem import Scene
 from pvdf_fem.electrodes.observables import OBSERVABLES
-from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.electrodes.sampling import place_area_points
 from pvdf_fem.electrodes.stress_integrals import compute_stress_integrals, differentiate_charges
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.polygon import Polygon
 from tests.helpers.discs import RECTANGLE, graded_mesh
@@ -63,7 +63,10 @@ def test_charges_integrate_the_stress_and_average_that_of_opposite_edges(membran
     scenes = (COLD.with_(**{"numerics.observable": name}) for name in OBSERVABLES)
     x = dofs(membrane.space, curved)
     found = zip(
-        *(compute_stress_integrals(make_outputs(scene), membrane, x) for scene in scenes),
+        *(
+            compute_stress_integrals(Problem.from_scene(scene).outputs, membrane, x)
+            for scene in scenes
+        ),
         strict=True,
     )
     for (x0, x1, y0, y1), area, (inside, edges) in zip(BOXES, AREAS, found, strict=True):
@@ -79,7 +82,7 @@ def test_charges_integrate_the_stress_and_average_that_of_opposite_edges(membran
 @pytest.mark.parametrize("observable", OBSERVABLES)
 def test_charge_gradients_are_the_derivatives_of_the_charges(membrane, observable):
     scene = COLD.with_(**{"numerics.observable": observable, "film.d32_pC_N": -3.0})
-    x, outputs = dofs(membrane.space, curved), make_outputs(scene)
+    x, outputs = dofs(membrane.space, curved), Problem.from_scene(scene).outputs
     step = 1e-8 * np.random.default_rng(2).uniform(-1, 1, len(x))
     ahead, behind = (compute_stress_integrals(outputs, membrane, x + s * step) for s in (1.0, -1.0))
     expected = 0.5 * (ahead - behind) @ [scene.film.d31, scene.film.d32]
@@ -124,7 +127,7 @@ def test_cut_electrodes_have_the_charges_of_followed_ones(crossed, observable, c
         return [1e-3 * field for field in fields]
 
     x = dofs(crossed.space, waves)
-    followed = make_outputs(SCENE.with_(**{"numerics.observable": observable}))
+    followed = Problem.from_scene(SCENE.with_(**{"numerics.observable": observable})).outputs
     cut = [replace(output, patch=None) for output in followed]
     forces = compute_stress_integrals(followed, crossed, x)
     assert compute_stress_integrals(cut, crossed, x) == pytest.approx(
@@ -143,7 +146,7 @@ def test_axes_of_an_electrode_turn_with_its_frame(crossed, observable):
         return 0.02 * x + 0.01 * y, 0.03 * x - 0.01 * y, 0.1 * x - 0.2 * y
 
     frame = np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]])
-    outputs = make_outputs(SCENE.with_(**{"numerics.observable": observable}))
+    outputs = Problem.from_scene(SCENE.with_(**{"numerics.observable": observable})).outputs
     turned = [replace(output, frame=frame, patch=None) for output in outputs]
     found = compute_stress_integrals(turned, crossed, dofs(crossed.space, sheared))
     stress = stresses(crossed, sheared, np.array(0.0), np.array(0.0))[observable != "material"]

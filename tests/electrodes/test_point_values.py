@@ -36,7 +36,7 @@ def test_values_at_quadrature_points_add_up_to_the_charges(scene, most):
 
 def test_values_are_those_of_the_fields():
     halved = solve(HALVED)
-    assert len(halved.discrete.solved.part.signs) == 2
+    assert len(halved.discrete.solved.sector.signs) == 2
     places, displacement = 1e3 * halved.basis.doflocs, 1e3 * halved.displacement
     inside = np.hypot(*places) <= halved.scene.film.radius_mm
     values = halved.at(*places[:, inside])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, SceneError, solve
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.adaptive import compute_unloaded_charges
 from tests.helpers.discs import RECTANGLE, values
 
@@ -77,10 +78,10 @@ def test_a_plate_bears_compression_below_its_buckling_load():
         Scene().with_(**plate, **{"film.pretension_N_m": -part * critical}) for part in (0.95, 1.05)
     )
     expected = -16.0 * 9.0 * 0.95 * critical / 1000.0
-    assert 1e12 * compute_unloaded_charges(bears) == pytest.approx(expected)
+    assert 1e12 * compute_unloaded_charges(Problem.from_scene(bears)) == pytest.approx(expected)
     assert [solve(scene).status for scene in (bears, buckles)] == ["converged", "unstable"]
     with pytest.raises(SceneError, match=r"film\.pretension_N_m"):
-        compute_unloaded_charges(buckles)
+        compute_unloaded_charges(Problem.from_scene(buckles))
 
 
 def test_a_warmed_film_counts_from_before_it_warmed():

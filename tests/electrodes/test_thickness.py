@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.electrodes.thickness import describe_thickness_effect
+from pvdf_fem.problem.problem import Problem
+from pvdf_fem.problem.thickness_effect import describe_thickness_effect
 from tests.helpers.discs import LOADS, RECTANGLE
 
 OVER_A = Scene.parse('[probe]\nshape = "triangle"\nx_mm = 10.0').with_(
@@ -21,6 +22,12 @@ def added(scene):
     plain = solution.charges_by(film.d31_pC_N, film.d32_pC_N)
     assert any("film.d33_pC_N" in text for text in solution.included)
     return {name: charge - plain[name] for name, charge in solution.charges_pC.items()}
+
+
+def describe(scene):
+    """Describe the charge by d33 of a scene."""
+    problem = Problem.from_scene(scene)
+    return list(describe_thickness_effect(scene, problem.loads, problem.floating_electrodes))
 
 
 @pytest.mark.parametrize(
@@ -44,8 +51,8 @@ def test_whole_load_over_one_electrode(load):
 def test_neglected_effects_within_a_third_and_thirty_times(load):
     scene = OVER_A.with_(**load, **{"probe.x_mm": 11.2, "probe.y_mm": 0.7})
     charges = added(scene)
-    ((included, text),) = describe_thickness_effect(scene.with_(**{"film.d33_pC_N": None}))
+    ((included, text),) = describe(scene.with_(**{"film.d33_pC_N": None}))
     estimate = float(text.split("about ")[-1].split(" pC on A")[0])
     assert not included
     assert charges["A"] / 3.0 <= estimate <= 30.0 * charges["A"]
-    assert not list(describe_thickness_effect(RECTANGLE))
+    assert not describe(RECTANGLE)

@@ -14,7 +14,7 @@ import pytest
 from pvdf_fem.explore.picture import ORDER
 from pvdf_fem.explore.state import View
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.adaptive import solve
+from pvdf_fem.solver.solve import solve
 from tests.helpers.browsers import browser_or_skip
 
 SCENE = Scene.example("triangle").with_(readout={"feedback_capacitance_pF": 500.0})

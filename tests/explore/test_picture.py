@@ -12,7 +12,7 @@ from matplotlib.image import imread
 from pvdf_fem.explore.certainty import estimate_certainty
 from pvdf_fem.explore.picture import PIXELS, QUANTITIES, encode_image, sample_image
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.adaptive import solve
+from pvdf_fem.solver.solve import solve
 
 SCENE = Scene.example("triangle").with_(**{"numerics.tolerance": 1e-2})
 

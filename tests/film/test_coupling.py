@@ -8,7 +8,8 @@ from scipy.constants import epsilon_0
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.film.electric.coupling import Coupling
-from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.problem import Problem
 from tests.helpers.discs import TRIANGLE, uniform_mesh
 
 CABLES = {"kind": {"A": "voltage", "B": "voltage"}, "cable_capacitance_pF": {"B": 20.0}}
@@ -24,7 +25,7 @@ def test_covered_film_under_uniform_tension_is_stiffer_by_k_squared(cable_pF):
     readout = {"kind": "voltage", "cable_capacitance_pF": cable_pF}
     changes = {"film.d31_pC_N": 23.0, "film.d32_pC_N": 23.0, "readout": readout}
     scene = Scene().with_(**changes, electrodes=[COVERED], **{"film.coupling": True})
-    equilibrium = Equilibrium(scene, uniform_mesh(scene, 12.0), 2)
+    equilibrium = Equilibrium(Problem.from_scene(scene), uniform_mesh(scene, 12.0), 2)
     film, space, (_, coupling) = scene.film, equilibrium.space, equilibrium.terms
     places, covered = space.basis.doflocs.T, coupling.elements
     state = equilibrium.membrane.state((1e-6 * np.insert(places, 2, 0.0, axis=1)).ravel())

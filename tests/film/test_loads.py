@@ -5,8 +5,8 @@ import pytest
 import xarray
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.loads.load_spec import SolveOptions
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.solver.nonlinear.status import Status
 from tests.helpers.discs import graded_mesh
@@ -22,7 +22,7 @@ SCENE = Scene().with_(probe=DISC)
 def compute_moments(scene, pressure=None):
     """Return the total force in N, its centre and mean square distance from there in mm, mm²."""
     mesh = graded_mesh(scene, 0.5, 10.0)
-    equilibrium = Equilibrium(scene, mesh, 2, options=SolveOptions.for_pressure(scene, pressure))
+    equilibrium = Equilibrium(Problem.from_scene(scene, pressure=pressure), mesh, 2)
     (load,) = equilibrium.loads
     x = equilibrium.space.basis.doflocs * 1e3
     forces = load.forces(equilibrium.state(np.zeros(equilibrium.unknowns.count)))[2::3]

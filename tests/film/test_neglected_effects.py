@@ -10,8 +10,8 @@ from pvdf_fem.film.bending.effect import estimate_bending_effect
 from pvdf_fem.film.effects import format_two_digits
 from pvdf_fem.film.electric.coupling import estimate_coupling_effect
 from pvdf_fem.film.loads.weight import estimate_weight_effect
-from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.film.point_load import estimate_load_share, estimate_tension
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.film import Film
 from reports.accuracy.drawn import random_scene
 from tests.helpers.discs import LOADS, RECTANGLE, values
@@ -134,4 +134,4 @@ def test_a_thick_film_bends_or_has_a_warning_and_tips_neglect_bending():
     sphere = {"probe": {"shape": "sphere", "radius_mm": 5.0}, "load.kind": "contact"}
     tip = thick.with_(**sphere, **{"film.bending": "auto"})
     assert estimate_bending_effect(tip).change > tip.numerics.tolerance
-    assert not resolve_film_model(tip).bends
+    assert not Problem.from_scene(tip).film.bends

@@ -9,7 +9,6 @@ from scipy.special import iv, jv, kv
 
 from pvdf_fem import solve
 from pvdf_fem.dynamics.modes import modes
-from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.electrodes.stress_integrals import combine_charges, compute_stress_integrals
 from pvdf_fem.film.bending.layers import (
     BendingLayers,
@@ -21,6 +20,7 @@ from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.gmsh_mesh import FILM, PROBE, RIM
 from pvdf_fem.mesh.six_node import compute_jacobian_ratios
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.first_sizes import choose_first_sizes
 from pvdf_fem.solver.nonlinear.newton import count_negative_pivots, factorise
 from reports.reference.circular_plate import stretched_plate_deflection
@@ -135,7 +135,11 @@ def test_a_part_of_the_bending_forces_is_uncertain():
 def test_the_stated_error_covers_the_uncertain_forces():
     scene = RECTANGLE.with_(**{"film.thickness_um": 9.0}, **PLATE)
     solution = solve(scene, mesh=graded_mesh(scene, 2.0, 8.0))
-    outputs, solved, q = make_outputs(scene), solution.discrete.solved, solution.discrete.q
+    outputs, solved, q = (
+        Problem.from_scene(scene).outputs,
+        solution.discrete.solved,
+        solution.discrete.q,
+    )
     without, with_layers = (
         1e12
         * combine_charges(
@@ -157,7 +161,7 @@ ORTHOTROPIC = {"film.youngs_modulus_GPa": [50.0, 1.0], "film.poisson_ratio": 0.3
 def test_clamped_film_resists_any_bending(order, material):
     """Elements from 1 to 40 mm, and beside a cusp where the probe's circle touches electrodes."""
     cusp = plate(20.0, 0.2, 100.0)
-    beside = model_mesh(cusp, choose_first_sizes(cusp, 3))
+    beside = model_mesh(cusp, choose_first_sizes(Problem.from_scene(cusp), 3))
     assert compute_jacobian_ratios(beside).min() > 0.2
     film = TRIANGLE.with_(**material).film
     for mesh in (graded_mesh(TRIANGLE, 1.0, 40.0, 1.5), *([] if material else [beside])):

@@ -15,11 +15,12 @@ from skfem import BilinearForm
 
 from pvdf_fem import Scene
 from pvdf_fem.arrays import ALL, Array
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import compute_tensile_part
 from pvdf_fem.film.term import ElementMatrices, State, Term
 from pvdf_fem.film.unknowns import Assembly, Unknowns
 from pvdf_fem.film.weak_form import make_residual_form, make_tangent_form, make_vector_basis
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.nonlinear.newton import factorise
 from tests.helpers.discs import LOADS, graded_mesh
 
@@ -122,7 +123,7 @@ def close(found, expected, exact):
 def sample(request):
     case = CASES[request.param]
     scene = SCENE.with_(**case.changes)
-    equations = Equilibrium(scene, graded_mesh(scene, 8.0, 20.0), case.order)
+    equations = Equilibrium(Problem.from_scene(scene), graded_mesh(scene, 8.0, 20.0), case.order)
     size = 0.3 * np.sqrt(np.median(equations.space.weights.sum(axis=1))) / case.order
     q, d = size * np.random.default_rng(7).uniform(-1.0, 1.0, (2, equations.unknowns.count))
     return Sample(case, equations, q, d)
@@ -160,7 +161,7 @@ def test_action_and_diagonal_are_those_of_the_symmetric_tangent(sample):
     equations, state = sample.equations, sample.at(0.0)
     symmetric = equations.with_terms(term for term in equations.terms if term.conservative)
     assert sample.close(equations.action(state, sample.d), symmetric.tangent(state) @ sample.d)
-    if not equations.model.floating:  # no diagonal is needed with coupling
+    if not equations.problem.floating_electrodes:  # no diagonal is needed with coupling
         diagonal = sample.of_every_dof(symmetric).sparse_tangent(state).diagonal()
         expected = equations.unknowns.fold_diagonal(diagonal)
         assert sample.close(equations.diagonal(state), expected)

@@ -7,13 +7,14 @@ import pytest
 from scipy.linalg import expm
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.uneven_strain import (
     UnevenStrain,
     compute_mean_warming,
     describe_heat_effects,
 )
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, find_symmetry_sector
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.scene import Replaced
 from pvdf_fem.solver import adaptive as solving
@@ -109,7 +110,7 @@ def test_an_uneven_rim_strains_the_film_as_plane_elasticity_says(coefficients, n
     places = 30e-3 * np.exp(1j * np.pi / 2 * np.arange(4))
     turned = places * np.exp(-1j * phase)
     stresses = 4.0 * (n + 1) * A * (turned**n).real  # S11 + S22; harmonic, as squares' means are
-    changes = compute_unloaded_charges(scene) - 48e-12
+    changes = compute_unloaded_charges(Problem.from_scene(scene)) - 48e-12
     assert changes == pytest.approx(9e-6 * 8e-12 * stresses, rel=5e-3, abs=1e-14)
 
 
@@ -136,7 +137,7 @@ def test_a_stiff_disc_at_the_centre_agrees_with_an_axisymmetric_film(bonded, dis
 def test_a_patch_may_end_beyond_the_rim():
     strip = {"shape": "rectangle", "x_mm": 30.0, "y_mm": 0.0, "width_mm": 37.0, "height_mm": 5.0}
     scene = Scene().with_(**{"film.patches": [{**strip, "thickness_um": 50.0}]})
-    space = Equilibrium(scene, graded_mesh(scene, 2.0, 10.0)).space
+    space = Equilibrium(Problem.from_scene(scene), graded_mesh(scene, 2.0, 10.0)).space
     covered = space.weights[space.mesh.subdomains["film patch 1"]].sum()
     assert covered == pytest.approx(5e-3 * (45e-3 - 11.5e-3), rel=1e-3)
 

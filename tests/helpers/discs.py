@@ -10,9 +10,9 @@ from skfem import MeshTri2
 
 from pvdf_fem import Scene, Solution, solve
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.mesh.gmsh_mesh import collect_outlines, mesh_scene
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.problem.problem import Problem
 
 LOADS = {
     "dead": {"load.kind": "dead"},
@@ -38,7 +38,7 @@ def graded_mesh(scene: Scene, patch_mm: float, film_mm: float, growth: float = 0
 
 def model_mesh(scene: Scene, sizes: GradedSizes) -> MeshTri2:
     """A mesh whose elements are as regular as the scene's film model needs them."""
-    return mesh_scene(scene, sizes, least_jacobian=resolve_film_model(scene).least_jacobian)
+    return mesh_scene(scene, sizes, least_jacobian=Problem.from_scene(scene).film.least_jacobian)
 
 
 def values(by_name: Mapping[str, float]) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.solver.nonlinear.initial_guess import compute_initial_guess
 from pvdf_fem.solver.nonlinear.newton import DeferredNewton, NewtonOptions, NewtonResult, run_newton
 

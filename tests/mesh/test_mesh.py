@@ -20,6 +20,7 @@ from pvdf_fem.mesh.size_field import (
     compute_element_sizes,
     compute_refined_sizes,
 )
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.solver.first_sizes import choose_first_sizes
 from tests.helpers.discs import RECTANGLE, graded_mesh
@@ -161,7 +162,7 @@ FAR = math.sqrt(268.5**2 - 0.0514**2 / 4) - 0.0514 / 2
 )
 def test_no_element_folds_beside_an_arc(changes):
     scene = Scene().with_(**changes)
-    mesh = mesh_scene(scene, choose_first_sizes(scene, 3))
+    mesh = mesh_scene(scene, choose_first_sizes(Problem.from_scene(scene), 3))
     assert compute_jacobian_ratios(mesh).min() > 0.1
     assert mesh.nelements < 3000
 
@@ -200,7 +201,7 @@ def test_a_thin_gap_takes_no_more_elements_than_a_wide_one(pair):
     counts = []
     for gap_mm in (1.0, 1e-2, 1e-4, 1e-6):
         scene = Scene.parse(NEARLY[pair](gap_mm))
-        mesh = mesh_scene(scene, choose_first_sizes(scene, 3))
+        mesh = mesh_scene(scene, choose_first_sizes(Problem.from_scene(scene), 3))
         assert compute_jacobian_ratios(mesh).min() > 0.1
         counts.append(mesh.nelements)
         weights = Space(mesh, 3).weights
@@ -213,7 +214,7 @@ def test_a_thin_gap_takes_no_more_elements_than_a_wide_one(pair):
 def test_the_number_of_elements_is_known_before_gmsh_runs(text):
     told = []
     scene = Scene.parse(text)
-    sizes = choose_first_sizes(scene, 3)
+    sizes = choose_first_sizes(Problem.from_scene(scene), 3)
     mesh = mesh_scene(scene, sizes, require=told.append)
     assert 0.6 * mesh.nelements < told[0] < 1.6 * mesh.nelements
     finer = SizeField.from_element_sizes(mesh, 0.5 * compute_element_sizes(mesh))

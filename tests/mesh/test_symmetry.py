@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.electrodes.outputs import Output, make_outputs
 from pvdf_fem.electrodes.stress_integrals import compute_stress_integrals, differentiate_charges
 from pvdf_fem.mesh.gmsh_mesh import RIM, mesh_scene
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, find_symmetry_sector
+from pvdf_fem.problem.outputs import Output
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.polygon import Polygon
 from pvdf_fem.solver.first_sizes import choose_first_sizes
 from pvdf_fem.solver.history import StageTimer
-from pvdf_fem.solver.mesh_level import Problem, solve_on_mesh
+from pvdf_fem.solver.mesh_level import SolveRun, solve_on_mesh
 from pvdf_fem.solver.nonlinear.budget import Budget
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE
 
@@ -76,9 +77,10 @@ OTHERS = {
 def on_part(scene):
     """The solution on the first mesh of a part of the film."""
     part, order = find_symmetry_sector(scene), 3
-    mesh = mesh_scene(scene, choose_first_sizes(scene, order), part)
-    problem = Problem(scene, make_outputs(scene), order, Budget.of(scene), StageTimer())
-    return solve_on_mesh(problem, part, mesh).discrete
+    mesh = mesh_scene(scene, choose_first_sizes(Problem.from_scene(scene), order), part)
+    problem = Problem.from_scene(scene)
+    run = SolveRun(problem, order, budget=Budget.for_problem(problem), timer=StageTimer())
+    return solve_on_mesh(run, mesh, sector=part).discrete
 
 
 @pytest.mark.parametrize("name", OTHERS)
@@ -89,7 +91,7 @@ def test_no_symmetry_is_found_where_there_is_none(name):
 def test_films_that_bend_are_solved_on_the_whole():
     scene = RECTANGLE.with_(**{"film.bending": True})
     assert find_symmetry_sector(scene).mirror_axes
-    assert solve(scene).discrete.solved.part is WHOLE_FILM
+    assert solve(scene).discrete.solved.sector is WHOLE_FILM
 
 
 @pytest.mark.parametrize("name", SYMMETRIC)
@@ -99,7 +101,7 @@ def test_unfolded_solution_solves_the_whole_film(name):
     assert part.frame @ part.frame.T == pytest.approx(np.eye(2), abs=1e-15)
     fields = on_part(scene)
     whole, mesh = fields.equilibrium, fields.equilibrium.space.mesh
-    assert mesh.nelements == len(fields.solved.part.signs) * fields.solved.space.mesh.nelements
+    assert mesh.nelements == len(fields.solved.sector.signs) * fields.solved.space.mesh.nelements
     areas = whole.membrane.space.weights
     assert areas.sum() == pytest.approx(np.pi * scene.film.radius**2, rel=1e-12)
     for electrode in scene.electrode_list:
@@ -111,7 +113,9 @@ def test_unfolded_solution_solves_the_whole_film(name):
     held = whole.unknowns.expand(whole.unknowns.restrict(fields.displacement))
     assert held == pytest.approx(fields.displacement, abs=1e-15)
     assert np.abs(whole.residual(fields.state)).max() < 1e-9 * scene.load.force
-    forces = compute_stress_integrals(make_outputs(scene), whole.membrane, fields.displacement)
+    forces = compute_stress_integrals(
+        Problem.from_scene(scene).outputs, whole.membrane, fields.displacement
+    )
     limit = 1e-11 * np.abs(forces).max()
     assert fields.stress_integrals.values == pytest.approx(forces, rel=1e-11, abs=limit)
     for name in ("rim_reaction", "applied_force"):
@@ -137,15 +141,15 @@ def test_electrodes_anywhere_have_what_they_have_on_the_whole_film(name, observa
 @pytest.mark.parametrize("name", ["means along them", "rectangle at 45 degrees"])
 def test_gradients_of_charges_on_a_part(name):
     scene = SYMMETRIC[name]
-    fields, outputs = on_part(scene), make_outputs(scene)
-    membrane, part, x = fields.solved.membrane, fields.solved.part, fields.solved_dofs
+    fields, outputs = on_part(scene), Problem.from_scene(scene).outputs
+    membrane, part, x = fields.solved.membrane, fields.solved.sector, fields.solved_dofs
     step = 1e-7 * np.random.default_rng(1).standard_normal(len(x))
 
     def values(x):
-        return compute_stress_integrals(outputs, membrane, x, part) @ [
+        return compute_stress_integrals(outputs, membrane, x, sector=part) @ [
             scene.film.d31,
             scene.film.d32,
         ]
 
-    slopes = differentiate_charges(outputs, membrane, x, part).T @ step
+    slopes = differentiate_charges(outputs, membrane, x, sector=part).T @ step
     assert 0.5 * (values(x + step) - values(x - step)) == pytest.approx(slopes, rel=1e-6)

@@ -8,6 +8,7 @@ import pytest
 from pvdf_fem import Scene, solve
 from pvdf_fem.batch.batch import solve_scenes
 from pvdf_fem.electrodes.channel import make_channels
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.report.data import DataSource, read_data
 from pvdf_fem.report.results import ReportResults
 from pvdf_fem.solver.adaptive import compute_unloaded_charges
@@ -46,7 +47,7 @@ def test_a_file_is_read_beside_the_script(tmp_path, row):
 
 def test_voltages_are_charges_through_the_channels(tmp_path):
     charges = np.array([[600.0, 500.0, 400.0, 300.0]])
-    rest = 1e12 * compute_unloaded_charges(SCENE)
+    rest = 1e12 * compute_unloaded_charges(Problem.from_scene(SCENE))
     change = 1e-12 * (charges - rest)[0]
     volts = [c.reading(q) for c, q in zip(make_channels(SCENE), change, strict=True)]
     table = "x_mm,A,B,C,D\n1," + ",".join(f"{float(v)!r}" for v in volts)

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pvdf_fem.batch.equivalence import MECHANICAL_EFFECTS
 from pvdf_fem.batch.store import make_record_key
+from pvdf_fem.problem.equivalence import MECHANICAL_EFFECTS
 from pvdf_fem.scene.keys import select_by_effect
 from pvdf_fem.scene.scene import Film, Scene
 from pvdf_fem.scene.stage import Stage

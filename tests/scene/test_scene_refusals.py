@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from pvdf_fem import build_response, gradients, respond
-from pvdf_fem.batch.equivalence import compute_mechanical_key
 from pvdf_fem.batch.plan import plan_solves
+from pvdf_fem.problem.equivalence import compute_mechanical_key
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.surrogate.response_key import make_mechanical_key
 from tests.helpers.refusals import keys, refused, refused_text

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pvdf_fem import solve
-from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.electrodes.stress_integrals import StressIntegrals
-from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver import acceptance as admissible
 from pvdf_fem.solver.adaptive import solve_outputs
 from pvdf_fem.solver.discrete_solution import DiscreteSolution
@@ -33,7 +33,7 @@ NEAR_RIM = {
 
 @pytest.fixture(scope="module")
 def solved():
-    problem = Equilibrium(TRIANGLE, graded_mesh(TRIANGLE, 2.5, 12.0))
+    problem = Equilibrium(Problem.from_scene(TRIANGLE), graded_mesh(TRIANGLE, 2.5, 12.0))
     return problem, newton_result(problem)
 
 
@@ -56,7 +56,7 @@ def test_forces_must_balance_and_wrinkles_change_little(solved, factor, change, 
 def test_a_pressure_that_follows_beyond_its_limit_is_refused():
     """An odd number of negative pivots is beyond a limit of the load, although forces balance."""
     scene = TRIANGLE.with_(**LOADS["follower"])
-    problem = Equilibrium(scene, graded_mesh(scene, 6.0, 14.0))
+    problem = Equilibrium(Problem.from_scene(scene), graded_mesh(scene, 6.0, 14.0))
     result = newton_result(problem)
     fields = DiscreteSolution(problem, result.q, NO_FORCES)
     assert admissible.find_rejection_status(fields, result.factors, None) is None
@@ -72,7 +72,7 @@ def test_a_buckled_plate_is_refused():
     for change_K, status in ((2.2e-3, None), (3e-3, Status.UNSTABLE)):
         changes = {"film.temperature_change_K": change_K, "load.force_N": 0.0}
         scene = TRIANGLE.with_(**changes, **{"film.bending": True})
-        film = Equilibrium(scene, graded_mesh(scene, 6.0, 12.0))
+        film = Equilibrium(Problem.from_scene(scene), graded_mesh(scene, 6.0, 12.0))
         flat = DiscreteSolution(film, np.zeros(film.unknowns.count), NO_FORCES)
         factors = factorise(film.tangent(flat.solved_state))
         assert (count_negative_pivots(factors) > 0) == (status is not None)
@@ -151,8 +151,9 @@ def test_a_scene_of_a_sweep_may_be_in_compression():
     """It has no electrodes of its own, since its mesh follows none."""
     near_rim = RECTANGLE.with_(**NEAR_RIM)
     without = near_rim.model_copy(update={"electrodes": ()})
-    outputs = [replace(output, patch=None) for output in make_outputs(near_rim)]
-    errors = solve_outputs(without, outputs).discrete.stress_integrals.charge_errors([8.0, 8.0])
+    outputs = [replace(output, patch=None) for output in Problem.from_scene(near_rim).outputs]
+    solution = solve_outputs(Problem.from_scene(without, outputs=outputs))
+    errors = solution.discrete.stress_integrals.charge_errors([8.0, 8.0])
     assert errors == pytest.approx(values(solve(near_rim).charge_errors_pC), rel=0.1)
 
 

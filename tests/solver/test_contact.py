@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, modes, solve
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.first_sizes import choose_first_sizes
 from tests.helpers.discs import values
 from tests.helpers.refusals import keys, refused
@@ -92,8 +93,12 @@ def test_two_tips_have_depths_of_their_own():
 
 def test_the_tangent_is_the_residuals_derivative():
     scene = sphere(5.0, 1.0, 4.0, 3.0)
-    mesh = mesh_scene(scene, choose_first_sizes(scene, 2), contacts=estimate_tip_outlines(scene))
-    equilibrium = Equilibrium(scene, mesh, 2)
+    mesh = mesh_scene(
+        scene,
+        choose_first_sizes(Problem.from_scene(scene), 2),
+        contacts=estimate_tip_outlines(scene),
+    )
+    equilibrium = Equilibrium(Problem.from_scene(scene), mesh, 2)
     rng = np.random.default_rng(1)
     q, step = 1e-5 * rng.standard_normal((2, equilibrium.unknowns.count))
     q[-1] = 2e-3
@@ -110,7 +115,7 @@ def test_a_tip_at_the_rim_is_told():
 
 def test_what_does_not_find_contacts_refuses_them():
     scene = sphere(5.0, 1.0)
-    mesh = mesh_scene(scene, choose_first_sizes(scene, 3))
+    mesh = mesh_scene(scene, choose_first_sizes(Problem.from_scene(scene), 3))
     assert keys(refused(modes, scene, loaded=True)) == ["load.kind"]
     assert keys(refused(solve, scene, mesh=mesh)) == ["load.kind"]
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.estimate import correct_in_richer_space
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
@@ -16,10 +17,12 @@ from tests.helpers.discs import LOADS, TRIANGLE, graded_mesh
 def corrected_and_exact(kind, stiffness):
     """A correction by a tangent times `stiffness`, the solution of the next order, and the norm."""
     scene = TRIANGLE.with_(**LOADS[kind])
-    coarse = Equilibrium(scene, graded_mesh(scene, 6.0, 14.0), 2)
-    rich, q = coarse.with_(order=3), find_equilibrium(coarse).q
+    coarse = Equilibrium(Problem.from_scene(scene), graded_mesh(scene, 6.0, 14.0), 2)
+    rich, q = coarse.at_order(3), find_equilibrium(coarse).q
     factors = factorise(stiffness * coarse.tangent(coarse.state(q)))
-    correction = correct_in_richer_space(coarse, q, factors, rich, Budget.of(scene))
+    correction = correct_in_richer_space(
+        coarse, q, factors=factors, rich=rich, budget=Budget.for_problem(coarse.problem)
+    )
     exact = find_equilibrium(rich, correction.start).q
 
     def size(q):

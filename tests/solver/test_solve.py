@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, solve
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver import adaptive as solving
 from pvdf_fem.solver import adaptive_loop, history
 from pvdf_fem.solver import mesh_level as attempt_module
@@ -48,13 +49,13 @@ def test_errors_at_a_rigid_probe_are_stated_even_where_their_signs_cancel(monkey
     scene = TRIANGLE.with_(**sliding, **{"numerics.tolerance": 1e-2})
     exact, mesh = charges(scene.with_(**{"numerics.tolerance": 1e-4})), solve(scene).mesh
     kept: list[np.ndarray] = []
-    forces = attempt_module._forces
+    forces = attempt_module._integrate
 
     def same_forces(*of):
         kept.append(forces(*of))
         return kept[0].copy()
 
-    monkeypatch.setattr(attempt_module, "_forces", same_forces)
+    monkeypatch.setattr(attempt_module, "_integrate", same_forces)
     solution = solve(scene, mesh=mesh)
     assert len(kept) == 2
     errors = np.abs(values(solution.charges_pC) - exact)
@@ -122,10 +123,10 @@ def test_a_solve_ends_for_its_accuracy_or_names_the_key_to_change(changes, budge
 
 
 def test_newton_that_fails_on_a_finer_mesh_is_why_the_solve_ends(monkeypatch):
-    solve_on = solving.solve_on
+    solve_on = solving.solve_on_mesh
 
-    def failing(problem, part, mesh, coarser=None):
-        attempt = solve_on(problem, part, mesh, coarser)
+    def failing(run, mesh, sector, coarser=None):
+        attempt = solve_on(run, mesh, sector=sector, coarser=coarser)
         if coarser is None:
             return attempt
         return replace(attempt, result=replace(attempt.result, status=Status.MAX_ITERATIONS))
@@ -140,8 +141,8 @@ def test_newton_that_fails_on_a_finer_mesh_is_why_the_solve_ends(monkeypatch):
 @pytest.mark.parametrize("excess", [0.95, 1.05])
 def test_no_charge_is_accepted_whose_likely_error_exceeds_the_tolerance(monkeypatch, excess):
     """On one mesh whose error is known; the likely error of a pressure has a factor of safety."""
-    sizes = solving.first_sizes(RECTANGLE, 2)
-    monkeypatch.setattr(solving, "choose_first_sizes", lambda scene, order: sizes)
+    sizes = solving.choose_first_sizes(Problem.from_scene(RECTANGLE), 2)
+    monkeypatch.setattr(solving, "choose_first_sizes", lambda problem, order: sizes)
     monkeypatch.setattr(
         solving, "AdaptiveLoop", partial(AdaptiveLoop, rules=AdaptiveRules(most_meshes=1))
     )
@@ -186,7 +187,7 @@ def test_a_small_budget_is_enough_for_a_plain_scene(allowed):
 def test_narrow_bending_layers_take_a_limited_number_of_elements():
     stiff = {"film.bending": True, "film.thickness_um": 2.0, "numerics.tolerance": 1e-5}
     scene = RECTANGLE.with_(**LOADS["sliding"], **stiff)
-    sizes = solving.first_sizes(scene, 3).patches
+    sizes = solving.choose_first_sizes(Problem.from_scene(scene), 3).patches
     assert sizes["film"] == pytest.approx(2.0 * np.pi * scene.film.radius / 80)
     assert sizes["probe"] == pytest.approx(scene.probe.outline.perimeter / 250)
 

@@ -11,9 +11,10 @@ import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem import Scene, Solution, solve
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.nonlinear.status import Status
 from tests.helpers.discs import free_disc, uniform_mesh
 from tests.helpers.solvers import newton_result
@@ -32,7 +33,7 @@ def solved(scene: Scene, mesh: MeshTri2) -> SimpleNamespace:
     The tension at the rim is the mean of the clamp's reaction in the plane, by the first
     Piola-Kirchhoff stress, which is the radial tension for small slopes.
     """
-    equilibrium = Equilibrium(scene, mesh)
+    equilibrium = Equilibrium(Problem.from_scene(scene), mesh)
     result = newton_result(equilibrium)
     assert result.status is Status.CONVERGED
     dofs, film, membrane = equilibrium.dofs(result.q), scene.film, equilibrium.membrane

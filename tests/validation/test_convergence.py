@@ -7,9 +7,10 @@ import pytest
 from skfem import Basis, ElementVector, LinearForm
 
 from pvdf_fem import Scene
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import IDENTITY, compute_strain, compute_strain_rate
 from pvdf_fem.film.space import ELEMENTS
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.nonlinear.newton import factorise
 from tests.helpers.discs import uniform_mesh
 
@@ -52,7 +53,7 @@ def solved(problem, forces):
 
 def errors(size_mm, order):
     """Mean element size; error in L2 and in the energy norm (of the exact tangent)."""
-    problem = Equilibrium(SCENE, uniform_mesh(SCENE, size_mm), order)
+    problem = Equilibrium(Problem.from_scene(SCENE), uniform_mesh(SCENE, size_mm), order)
     membrane, h = problem.membrane, problem.film.thickness
     basis = Basis(problem.space.mesh, ElementVector(ELEMENTS[order](), 3), intorder=10)
     places = np.asarray(basis.global_coordinates())

@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
 from pvdf_fem import NotConvergedError, Scene, Solution, solve
-from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.solver.next_order import compute_error_shares
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.view.figures import make_figure, render_figure, use_style
@@ -96,7 +95,7 @@ def test_mesh_and_error_shares_are_of_all_elements(solution):
     solution.plot("error", ax=errors)
     count, shares = (
         solution.mesh.nelements,
-        compute_error_shares(solution.discrete, make_outputs(solution.scene)),
+        compute_error_shares(solution.discrete, solution.problem.outputs),
     )
     assert f"{count} triangles" in mesh.get_title()
     lines, drawn = mesh.collections[-1], errors.collections[-1]

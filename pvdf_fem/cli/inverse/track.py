@@ -91,7 +91,8 @@ def run(options: argparse.Namespace) -> int:
     """Run the command, and return its exit code."""
     scene = read_scene(options)
     from pvdf_fem.inverse.tracking.tracker import Tracker
-    from pvdf_fem.solver.adaptive import compute_unloaded_charges
+    from pvdf_fem.problem.problem import Problem
+    from pvdf_fem.solver.adaptive import compute_unloaded_integrals
 
     errors: list[str] = []
     unknown = parse_unknowns(options.unknown, errors)
@@ -104,7 +105,9 @@ def run(options: argparse.Namespace) -> int:
         errors.append(f"--unit V: {options.scene} has no [readout]; add one, or give pC")
     if errors:
         raise InputError(*errors)
-    compute_unloaded_charges(scene)  # raises for a scene without them, before a response is built
+    compute_unloaded_integrals(
+        Problem.from_scene(scene)
+    )  # raises for a scene without them, before a response is built
     electrodes = [electrode.name for electrode in scene.electrode_list]
     source = None if options.signals == "-" else Path(options.signals)
     name = str(source or "standard input")

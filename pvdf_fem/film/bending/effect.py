@@ -38,7 +38,7 @@ class BendingFit:
 
     #: Change over l/a by the rim, for an electrode at the film's centre.
     rim_at_centre: float = 0.4
-    #: Added to `rim_at_centre`, times the square of the electrode's distance over the film's radius.
+    #: Added to `rim_at_centre` per square of the electrode's distance over the film's radius.
     rim_outside: float = 4.0
     probe: float = 0.4  #: Change over l/b, or (l/b)^2, by the probe.
     #: Least difference between the effects of strain along x and y, beside a layer.

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pkgutil import resolve_name
 
 import numpy as np
 
 from pvdf_fem.arrays import Indices
 from pvdf_fem.film.loads.film_load import FilmLoad
-from pvdf_fem.film.loads.load_spec import SolveOptions
+from pvdf_fem.film.loads.load_spec import LoadSpec
 from pvdf_fem.film.loads.probe_load import ProbeLoad
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import Load, Term
 from pvdf_fem.mesh.symmetry import SymmetrySector
+from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.registry import FILM_LOAD_CLASSES, LOAD_CLASSES
 from pvdf_fem.scene.scene import Scene
 
@@ -28,31 +29,31 @@ FILM_LOADS: dict[str, type[FilmLoad]] = {
 
 
 def make_loads(
-    scene: Scene, space: Space, sector: SymmetrySector, options: SolveOptions
-) -> Iterator[Load]:
-    """Make the loads of a scene: by its probes, and on the whole film.
+    film: Film, specs: Iterable[LoadSpec], space: Space, sector: SymmetrySector
+) -> list[Load]:
+    """Make the load terms of a film: those of its probes, and those on the whole film.
 
     Parameters
     ----------
-    scene : Scene
-        The scene.
+    film : Film
+        The film, whose keys give the loads on the whole film.
+    specs : iterable of LoadSpec
+        The loaded probes.
     space : Space
-        The finite-element space of the solved sector.
+        The finite-element space.
     sector : SymmetrySector
-        The solved sector.
-    options : SolveOptions
-        A pressure in Python, where there is one.
+        The sector of the film that is meshed.
 
-    Yields
-    ------
-    Load
-        The load of each probe, then the loads on the whole film.
+    Returns
+    -------
+    list of Load
+        Probe loads first, in the order of the probes.
     """
-    for spec in options.load_specs(scene):
-        yield PROBE_LOADS[spec.load.kind](spec, space, sector)
+    loads: list[Load] = [PROBE_LOADS[spec.load.kind](spec, space, sector) for spec in specs]
     for key, load_class in FILM_LOADS.items():
-        if getattr(scene.film, key):
-            yield load_class(scene.film, space)
+        if getattr(film, key):
+            loads.append(load_class(film, space))
+    return loads
 
 
 def select_probe_loads(terms: Iterable[Term]) -> list[ProbeLoad]:

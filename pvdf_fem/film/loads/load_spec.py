@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Self, TypeAlias
+from typing import TypeAlias
 
 from numpy.typing import ArrayLike
 
@@ -28,84 +28,65 @@ class LoadSpec(LoadedProbe):
     auxiliary_node: int | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class SolveOptions:
-    """Inputs of a solve that no scene file holds."""
+def require_usable_pressure(scene: Scene, pressure: Pressure | None) -> None:
+    """Refuse a pressure in Python that the scene has no single dead load for.
 
-    pressure: Pressure | None = None  #: On the scene's single probe.
+    Parameters
+    ----------
+    scene : Scene
+        The scene whose probe presses.
+    pressure : callable or None
+        ``p(x_mm, y_mm)`` on the single probe; None is always usable.
 
-    @classmethod
-    def for_pressure(cls, scene: Scene, pressure: Pressure | None) -> Self:
-        """Return the options for a pressure in Python on a scene's probe.
-
-        Parameters
-        ----------
-        scene : Scene
-            The scene.
-        pressure : callable, optional
-            The pressure.
-
-        Raises
-        ------
-        SceneError
-            If the pressure is no function, or the scene has no single probe with a dead, uniform
-            load.
-        """
-        if pressure is None:
-            return cls()
-        problems = []
-        if not callable(pressure):
-            problems.append(
-                format_error("pressure", pressure, "is no function; give p(x_mm, y_mm)")
-            )
-        if scene.single_probe is None:
-            problems.append("probe = (nothing): is required by a pressure; add [probe]")
-        for key, needed in (("kind", "dead"), ("profile", "uniform")):
-            value = getattr(scene.load, key)
-            if value != needed:
-                reason = f'is incompatible with a pressure in Python; give "{needed}"'
-                problems.append(format_error(f"load.{key}", value, reason))
-        if problems:
-            raise SceneError(problems)
-        return cls(pressure)
-
-    def load_specs(self, scene: Scene) -> list[LoadSpec]:
-        """Return the specification of every probe's load."""
-        specs = []
-        auxiliary_nodes = 0
-        for probe in scene.loaded_probes:
-            contact, node = None, None
-            if probe.load.kind == "contact":
-                contact = ContactEstimate.from_scene(scene, probe)
-            if _has_unknown_depth(probe):
-                node = auxiliary_nodes
-                auxiliary_nodes += 1
-            spec = LoadSpec(
-                **vars(probe), pressure=self.pressure, contact=contact, auxiliary_node=node
-            )
-            specs.append(spec)
-        return specs
-
-    @staticmethod
-    def count_auxiliary_nodes(scene: Scene) -> int:
-        """Count the nodes beside the film, one for each tip whose depth is an unknown."""
-        return sum(_has_unknown_depth(probe) for probe in scene.loaded_probes)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes in a result about the pressure."""
-        if not self.pressure:
-            return ()
-        name = format_function_name(self.pressure)
-        return (f"pressure: the function {name} in place of load.profile",)
+    Raises
+    ------
+    SceneError
+        With a line for each reason.
+    """
+    if pressure is None:
+        return
+    errors = []
+    if not callable(pressure):
+        errors.append(format_error("pressure", pressure, "is no function; give p(x_mm, y_mm)"))
+    if scene.single_probe is None:
+        errors.append("probe: is required by a pressure in Python; add [probe]")
+    for key, needed in (("kind", "dead"), ("profile", "uniform")):
+        value = getattr(scene.load, key)
+        if value != needed:
+            reason = f'is incompatible with a pressure in Python; give "{needed}"'
+            errors.append(format_error(f"load.{key}", value, reason))
+    if errors:
+        raise SceneError(errors)
 
 
-def _has_unknown_depth(probe: LoadedProbe) -> bool:
-    """Return whether a tip presses with a force, so that its depth is an unknown."""
+def make_load_specs(scene: Scene, pressure: Pressure | None = None) -> tuple[LoadSpec, ...]:
+    """Resolve the loaded probes of a scene."""
+    specs = []
+    auxiliary_nodes = 0
+    for probe in scene.loaded_probes:
+        is_tip = probe.load.kind == "contact"
+        contact = ContactEstimate.from_scene(scene, probe) if is_tip else None
+        node = None
+        if _moves_under_force(probe):
+            node = auxiliary_nodes
+            auxiliary_nodes += 1
+        spec = LoadSpec(
+            **vars(probe),
+            pressure=pressure,
+            contact=contact,
+            auxiliary_node=node,
+        )
+        specs.append(spec)
+    return tuple(specs)
+
+
+def count_auxiliary_nodes(scene: Scene) -> int:
+    """Count the nodes beside the film: one for each tip that moves under a force."""
+    return sum(_moves_under_force(probe) for probe in scene.loaded_probes)
+
+
+def _moves_under_force(probe: LoadedProbe) -> bool:
     return probe.load.kind == "contact" and probe.load.depth is None
-
-
-DEFAULT_OPTIONS = SolveOptions()
 
 
 def format_function_name(pressure: object) -> str:

@@ -135,6 +135,17 @@ class DeadPressure(PatchLoad):
 
     def forces(self, state: State) -> Array:
         """Return the forces of the traction with its profile in N, (dofs,)."""
+        return self._dead_forces
+
+    def with_components(self, components: Array) -> Self:
+        """Return the same load with another total force in N, (3,)."""
+        other = super().with_components(components)
+        other.__dict__.pop("_dead_forces", None)  # it is kept for one force
+        return other
+
+    @cached_property
+    def _dead_forces(self) -> Array:
+        """The forces in N, (dofs,)."""
         return np.outer(self._nodal_shares, self.components).ravel()
 
     @cached_property

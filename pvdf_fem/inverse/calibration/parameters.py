@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene import Scene
@@ -144,10 +145,9 @@ def select_parameters(
     for word, deviation in priors.items():
         deviations |= dict.fromkeys(groups[word], deviation)
     initial = [get_parameter(scene, name) for name in names]
-    prior_deviations = [
-        _compute_prior_deviation(name, value, deviations)
-        for name, value in zip(names, initial, strict=True)
-    ]
+    prior_deviations = []
+    for name, value in zip(names, initial, strict=True):
+        prior_deviations.append(_compute_prior_deviation(name, value, deviations))
     return CalibrationParameters(
         scene, tuple(names), initial=np.array(initial), prior_deviations=np.array(prior_deviations)
     )
@@ -156,7 +156,7 @@ def select_parameters(
 def _list_groups(scene: Scene) -> dict[str, list[str]]:
     """Return the parameters that each word names; a parameter's name stands for itself."""
     electrodes = [electrode.name for electrode in scene.electrode_list]
-    film = [key for key in list_parameters(scene) if key.startswith("film.")]
+    film = [key for key in list_parameters(Problem.from_scene(scene)) if key.startswith("film.")]
     groups = {
         "gains": [f"{GAIN}{name}" for name in electrodes],
         "offsets": [f"{OFFSET}{name}" for name in electrodes],

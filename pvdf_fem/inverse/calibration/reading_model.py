@@ -15,7 +15,6 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.electrodes.channel import Channel, make_channels
-from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.inverse.calibration.options import DEFAULTS, CalibrateOptions
 from pvdf_fem.inverse.calibration.parameters import (
     GAIN,
@@ -26,6 +25,7 @@ from pvdf_fem.inverse.calibration.parameters import (
     get_parameter,
 )
 from pvdf_fem.inverse.calibration.touch_table import TOUCH_KEYS, TouchTable, place_probe
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.progress import SolveCounter, ignore_progress
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive import compute_unloaded_integrals, solve_outputs
@@ -115,15 +115,15 @@ class ReadingModel:
         """Which touches have a solution, (touches,)."""
         return np.isfinite(self.solved_at).all(axis=1)
 
-    def correct_places(self, corrections_mm: Array) -> Array:
+    def correct_places(self, place_corrections_mm: Array) -> Array:
         """Return the probe loads on the stage, (touches, 4), with corrected places.
 
         Parameters
         ----------
-        corrections_mm : array, (touches, 2)
+        place_corrections_mm : array, (touches, 2)
             Corrections of x and y in mm.
         """
-        return self.table.probe_loads + np.pad(corrections_mm, ((0, 0), (0, 2)))
+        return self.table.probe_loads + np.pad(place_corrections_mm, ((0, 0), (0, 2)))
 
     def compute_arguments(self, values: Array, probe_loads: Array) -> Array:
         """Compute the values of `keys`, (..., touches, keys), with places on the film.
@@ -149,7 +149,11 @@ class ReadingModel:
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
     def solve_touches(
-        self, values: Array, corrections_mm: Array, which: Mask, tolerance: float | None = None
+        self,
+        values: Array,
+        place_corrections_mm: Array,
+        which: Mask,
+        tolerance: float | None = None,
     ) -> None:
         """Solve some touches anew; those that cannot be solved join `failures`.
 
@@ -157,7 +161,7 @@ class ReadingModel:
         ----------
         values : array, (parameters,)
             Values of the parameters.
-        corrections_mm : array, (touches, 2)
+        place_corrections_mm : array, (touches, 2)
             Corrections of the places.
         which : array of bool, (touches,)
             The touches to solve.
@@ -166,7 +170,7 @@ class ReadingModel:
         """
         scene = self.parameters.apply(values)
         unloaded = self._solve_unloaded(scene)
-        arguments = self.compute_arguments(values, self.correct_places(corrections_mm))
+        arguments = self.compute_arguments(values, self.correct_places(place_corrections_mm))
         if tolerance is None:
             tolerance = self.tolerance
         scene = scene.with_(**{"numerics.tolerance": tolerance})
@@ -177,7 +181,7 @@ class ReadingModel:
                 self.failures[i] = "the touch is over the film's rim"
                 continue
             self.count_solve()
-            solution = solve_outputs(loaded, make_outputs(loaded))
+            solution = solve_outputs(Problem.from_scene(loaded))
             if solution.status is not Status.CONVERGED:
                 self.failures[i] = f"{solution.status}: {solution.reason}"
                 continue
@@ -199,10 +203,12 @@ class ReadingModel:
             Stress integrals in N, then their derivatives by `keys`. NaN where the unloaded film
             has none and readings are totals.
         """
-        is_needed = self.reading == "change"
+        is_required = self.reading == "change"
 
         def solve_unloaded(changed: Scene) -> Array:
-            return compute_unloaded_integrals(changed, needed=is_needed).values
+            return compute_unloaded_integrals(
+                Problem.from_scene(changed), required=is_required
+            ).values
 
         integrals = np.zeros((1 + len(self.keys), len(self.channels), 2))
         integrals[0] = solve_unloaded(scene)
@@ -246,19 +252,19 @@ class ReadingModel:
         columns = [self.parameters.extract(key, values) for key in keys]
         return np.stack(columns, axis=-1)[..., None, :]
 
-    def predict(self, values: Array, corrections_mm: Array) -> Prediction:
+    def predict(self, values: Array, place_corrections_mm: Array) -> Prediction:
         """Predict readings, with derivatives by complex steps.
 
         Parameters
         ----------
         values : array, (parameters,)
             Values of the parameters.
-        corrections_mm : array, (touches, 2)
+        place_corrections_mm : array, (touches, 2)
             Corrections of the places.
         """
         count = len(values)
         step = COMPLEX_STEP
-        probe_loads = self.correct_places(corrections_mm)
+        probe_loads = self.correct_places(place_corrections_mm)
         # One evaluation for each parameter, then for x, y and force.
         stepped_values = values + 1j * step * np.eye(count + 3, count)
         stepped_loads = np.tile(probe_loads.astype(complex), (count + 3, 1, 1))

@@ -14,8 +14,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.electrodes.outputs import make_outputs
 from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, get_base_quantity
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.changes import get_number, parse_key, to_plain_value
 from pvdf_fem.scene.placed.probe import HEAT_KEYS, ListedProbe
 from pvdf_fem.scene.scene import Numerics, Scene, SceneError
@@ -95,7 +95,9 @@ class SolvedResponse:
             is_disc_rotation = base == "rotation_deg" and not periods_deg[_get_probe_index(name)]
             if base in unknown and not is_disc_rotation:
                 free.append(name)
-        without_derivative = {_make_key(name) for name in free} - set(list_parameters(listed))
+        without_derivative = {_make_key(name) for name in free} - set(
+            list_parameters(Problem.from_scene(listed))
+        )
         if without_derivative:
             keys = ", ".join(sorted(without_derivative))
             raise ValueError(f"unknown: charges have no derivative by {keys}; leave it out")
@@ -168,7 +170,7 @@ class SolvedResponse:
             self.before_solve()
             try:
                 scene = self._make_scene(touch)
-                solution = solve_outputs(scene, make_outputs(scene))
+                solution = solve_outputs(Problem.from_scene(scene))
                 rates = compute_charge_rates(solution, keys)
             except (SceneError, NotConvergedError):
                 continue

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from pydantic import Field
 
 from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.report.data import SHORT_KEYS, Readings, format_cell
 from pvdf_fem.report.kind import ElectrodeKind, Inputs, prefix_errors
 from pvdf_fem.report.results import NothingToShowError, ReportResults
@@ -105,7 +106,7 @@ class Comparison(ElectrodeKind):
         scenes = list(dict.fromkeys(self.list_scenes(inputs)))
         with prefix_errors("scene"):
             for scene in scenes:
-                require_differentiable(scene)
+                require_differentiable(Problem.from_scene(scene))
         return [Spread(scene) for scene in scenes if scene.uncertain]
 
     def collect_data(self, inputs: Inputs, results: ReportResults) -> ComparisonData:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pvdf_fem.film.equilibrium import Equilibrium
-from pvdf_fem.film.models import FilmModel, resolve_film_model
-from pvdf_fem.scene.scene import Scene
+from pvdf_fem.film.models import FilmModel
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.problem import Problem
 
 
 def estimate_iteration_seconds(
@@ -44,14 +44,16 @@ class Budget:
     equilibrium_share: float = 0.4
 
     @classmethod
-    def of(cls, scene: Scene, seconds: float = 20.0, usual_tolerance: float = 1e-3) -> Budget:
+    def for_problem(
+        cls, problem: Problem, seconds: float = 20.0, usual_tolerance: float = 1e-3
+    ) -> Budget:
         """What a scene's numerics allow. By default the work takes `seconds` at tolerances from
         `usual_tolerance` on; a finer tolerance multiplies defaults by the root of its ratio."""
-        numerics = scene.numerics
+        numerics = problem.scene.numerics
         patience = max(1.0, usual_tolerance / numerics.tolerance) ** 0.5
         unknowns, given = numerics.max_unknowns, numerics.max_seconds
         if unknowns is None:
-            unknowns = int(resolve_film_model(scene).most_unknowns * patience)
+            unknowns = int(problem.film.most_unknowns * patience)
         work = seconds * patience if given is None else given
         return cls(unknowns, work, numerics.max_unknowns is not None)
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import compute_principal_values
 from pvdf_fem.film.models import ROUNDING
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.initial_guess import compute_initial_guess
 from pvdf_fem.solver.nonlinear.newton import (
@@ -166,8 +166,8 @@ def find_equilibrium(
     *,
     budget: Budget | None = None,
 ) -> NewtonResult:
-    """The equilibrium of a scene, whatever its film and load are; see `EquilibriumTask`."""
-    budget = Budget.of(equilibrium.scene) if budget is None else budget
+    """The equilibrium of a scene, whatever its film and load are; see `EquilibriumTask` for the parameters."""
+    budget = Budget.for_problem(equilibrium.problem) if budget is None else budget
     task = EquilibriumTask(equilibrium, budget, start, tolerance)
     return run_fallback_chain(task)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.solver.nonlinear.newton import factorise
 
 

@@ -19,10 +19,10 @@ from numpy.polynomial import polynomial
 from scipy.sparse.linalg import SuperLU, splu
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.low_rank import LowRankFactors, LowRankUpdate
 from pvdf_fem.film.membrane import compute_tensile_part
 from pvdf_fem.film.term import State
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.solver.nonlinear.status import Status
 
 #: Relative size, in the energy norm, of the last Newton step that is made with a fresh tangent. The

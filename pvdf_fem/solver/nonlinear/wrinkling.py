@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.membrane import compute_strain_rate
 from pvdf_fem.film.term import State
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.initial_guess import compute_initial_guess
 from pvdf_fem.solver.nonlinear.newton import (

@@ -17,65 +17,104 @@ import numpy as np
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.outputs import Output, make_outputs
 from pvdf_fem.electrodes.stress_integrals import (
     combine_charges,
     compute_stress_integrals,
     differentiate_charges,
 )
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.term import State
-from pvdf_fem.solver.next_order import factorise_tangent, solve_next_order
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.outputs import Output
+from pvdf_fem.solver.next_order import FactorisedSolution, factorise_tangent, solve_next_order
 from pvdf_fem.solver.nonlinear.newton import factorise
 from pvdf_fem.solver.solution import Solution
 
 
 @dataclass(frozen=True, eq=False)
 class Adjoint:
-    """A displacement with the adjoint solutions of its charges."""
+    """A displacement of the whole film with the adjoint solutions of its charges."""
 
     equilibrium: Equilibrium
     outputs: Sequence[Output]
-    #: q, state: Unknowns of the displacement, and its fields.
-    q: Array
-    state: State
-    #: X and Y in N, (electrodes, 2).
-    forces: Array
-    #: λ of the charges, (unknowns, electrodes).
-    unknowns: Array
+    q: Array  #: Unknowns of the displacement, (unknowns,).
+    state: State  #: Fields of the displacement.
+    stress_integrals: Array  #: X and Y in N, (outputs, 2).
+    unknowns: Array  #: λ of the charges, (unknowns, outputs).
 
     @classmethod
-    def of(
-        cls, equilibrium: Equilibrium, outputs: Sequence[Output], q: Array, factors: SuperLU
+    def solve(
+        cls,
+        equilibrium: Equilibrium,
+        outputs: Sequence[Output],
+        q: Array,
+        factors: SuperLU,
     ) -> Adjoint:
-        """One solve per electrode with the tangent's `factors` at the unknowns `q`."""
-        membrane, state = equilibrium.membrane, equilibrium.state(q)
-        rates = differentiate_charges(outputs, membrane, state.dofs)
-        unknowns = factors.solve(equilibrium.unknowns.fold(rates), "T")
-        forces = compute_stress_integrals(outputs, membrane, state.dofs)
-        return cls(equilibrium, outputs, q, state, forces, unknowns)
+        """Solve the adjoint equations, once per output.
+
+        Parameters
+        ----------
+        equilibrium : Equilibrium
+            Equations on the whole film.
+        outputs : sequence of Output
+            The charges.
+        q : ndarray, shape (unknowns,)
+            The solution of the equations.
+        factors : SuperLU
+            Factors of the tangent there.
+        """
+        membrane = equilibrium.membrane
+        state = equilibrium.state(q)
+        derivatives = differentiate_charges(outputs, membrane, state.dofs)
+        unknowns = factors.solve(equilibrium.unknowns.fold(derivatives), "T")
+        integrals = compute_stress_integrals(outputs, membrane, state.dofs)
+        return cls(
+            equilibrium,
+            outputs,
+            q=q,
+            state=state,
+            stress_integrals=integrals,
+            unknowns=unknowns,
+        )
+
+    @classmethod
+    def of_solution(cls, solution: FactorisedSolution, outputs: Sequence[Output]) -> Adjoint:
+        """Solve the adjoint equations of a factorised solution."""
+        equilibrium, q, factors = solution
+        return cls.solve(equilibrium, outputs, q=q, factors=factors)
 
     @cached_property
     def dofs(self) -> Array:
-        """λ at the dofs, (dofs, electrodes)."""
-        columns = (self.equilibrium.dofs(column) for column in self.unknowns.T)
-        return np.stack(list(columns), axis=-1)
+        """λ at the dofs, (dofs, outputs)."""
+        columns = [self.equilibrium.dofs(column) for column in self.unknowns.T]
+        return np.stack(columns, axis=-1)
 
-    def in_other(self, other: Equilibrium) -> Array:
-        """Q - λ · R of other equations on the mesh, (electrodes,), at the unknowns."""
-        x = other.dofs(self.q)
-        explicit = combine_charges(
-            self.outputs, compute_stress_integrals(self.outputs, other.membrane, x)
-        )
-        return explicit - other.residual(other.state(self.q)) @ self.unknowns
+    def evaluate_lagrangian(self, other: Equilibrium) -> Array:
+        """Evaluate Q - λ · R by other equations on the mesh, at the same unknowns.
+
+        Its difference by a parameter is the derivative of the charge.
+
+        Parameters
+        ----------
+        other : Equilibrium
+            Equations of a problem with a changed parameter.
+
+        Returns
+        -------
+        ndarray, shape (outputs,)
+            In C.
+        """
+        integrals = compute_stress_integrals(self.outputs, other.membrane, other.dofs(self.q))
+        charges = combine_charges(self.outputs, integrals)
+        return charges - other.residual(other.state(self.q)) @ self.unknowns
 
 
 def solve_adjoints(solution: Solution) -> tuple[Adjoint, Adjoint]:
-    """Adjoint solutions for a solution, and for the order above on the same mesh."""
-    solved, q, factors = factorise_tangent(solution.discrete)
-    outputs = make_outputs(solution.scene)
-    correction = solve_next_order(solved, q, factors)
-    rich, rich_q = correction.rich, correction.q
-    rich_factors = factorise(rich.tangent(rich.state(rich_q)))
-    coarse = Adjoint.of(solved, outputs, q, factors)
-    return coarse, Adjoint.of(rich, outputs, rich_q, rich_factors)
+    """Solve the adjoint equations of a solution, and those of the order above on the same mesh."""
+    outputs = solution.problem.outputs
+    factorised = factorise_tangent(solution.discrete)
+    correction = solve_next_order(factorised)
+    rich = correction.rich
+    rich_factors = factorise(rich.tangent(rich.state(correction.q)))
+    coarse_adjoint = Adjoint.of_solution(factorised, outputs)
+    rich_adjoint = Adjoint.solve(rich, outputs, q=correction.q, factors=rich_factors)
+    return coarse_adjoint, rich_adjoint

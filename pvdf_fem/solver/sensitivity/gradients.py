@@ -1,6 +1,4 @@
-"""Derivatives of every charge with respect to the probe's place, the force and the film,
-with their errors.
-"""
+"""Derivatives of every charge by the probe's place, the force and the film, with their errors."""
 
 from __future__ import annotations
 
@@ -9,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from pvdf_fem.film.models import resolve_film_model
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.arguments import Names, SceneLike, ValuesByName, as_scene, coerce
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import format_error, suggest
-from pvdf_fem.solver.adaptive import solve
+from pvdf_fem.solver.adaptive import solve_problem
 from pvdf_fem.solver.history import Stop
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 from pvdf_fem.solver.sensitivity.adjoint import solve_adjoints
@@ -111,37 +109,53 @@ def gradients(
     >>> rates = gradients(solve(Scene.example("triangle")))
     >>> rates["probe.x_mm"]["A"], rates.errors["probe.x_mm"]["A"]
     """
-    scene = as_scene(solution)
-    pressure = solution.pressure if isinstance(solution, Solution) else None
-    known = list_parameters(scene, pressure)
-    wanted = known if parameters is None else coerce("parameters", parameters, Names)
-    for key in wanted:
+    problem = _resolve_problem(solution)
+    known = list_parameters(problem)
+    requested = known if parameters is None else coerce("parameters", parameters, Names)
+    for key in requested:
         if key not in known:
-            reason = explain_missing_derivative(scene, key, pressure)
-            reason = f"{reason}; {suggest(key, known)}"
+            reason = f"{explain_missing_derivative(problem, key)}; {suggest(key, known)}"
             raise ValueError(format_error("parameters", key, reason))
     if tolerance is not None:
         tolerance = coerce("tolerance", tolerance, float, (1e-9, 1.0))
-    if tolerance and isinstance(solution, Solution) and solution.stop is Stop.GIVEN_MESH:
-        reason = "would leave the mesh that was given; give the scene instead, or no tolerance"
-        raise ValueError(f"tolerance = {tolerance:g}: {reason}")
-    found = _gradients_of(solution if isinstance(solution, Solution) else solve(scene), wanted)
-    while tolerance and max(found.relative_errors.values(), default=0.0) > tolerance:
-        found = _gradients_of(_finer(found, tolerance), wanted)
-    return found
+        if isinstance(solution, Solution) and solution.stop is Stop.GIVEN_MESH:
+            reason = "would leave the mesh that was given; give the scene instead, or no tolerance"
+            raise ValueError(f"tolerance = {tolerance:g}: {reason}")
+    if not isinstance(solution, Solution):
+        solution = solve_problem(problem)
+    derivatives = _differentiate(solution, requested)
+    if tolerance is None:
+        return derivatives
+    while max(derivatives.relative_errors.values(), default=0.0) > tolerance:
+        finer = _solve_finer(derivatives, tolerance)
+        derivatives = _differentiate(finer, requested)
+    return derivatives
 
 
-def _finer(found: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
-    """The solution to finer charges, not below `least`; errors of derivatives fall as theirs do."""
-    worst, key = max((error, key) for key, error in found.relative_errors.items())
-    scene, reason = found.solution.scene, "rounding allows no better mesh"
+def _resolve_problem(solution: Solution | SceneLike) -> Problem:
+    """Return the problem of a solution, or resolve a scene."""
+    if isinstance(solution, Solution):
+        return solution.problem
+    return Problem.from_scene(as_scene(solution))
+
+
+def _solve_finer(derivatives: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
+    """Solve to finer charges, not below `least`; errors of derivatives fall as theirs do."""
+    errors = derivatives.relative_errors
+    worst, key = max((error, key) for key, error in errors.items())
+    problem = derivatives.solution.problem
+    scene = problem.scene
     aim = 0.5 * tolerance / worst * scene.numerics.tolerance
+    reason = "rounding allows no better mesh"
     if aim > least:
         # the tolerance must not choose anew whether the film bends or feels voltages
-        model = resolve_film_model(scene)
-        chosen = {"film.bending": model.bends, "film.coupling": bool(model.floating)}
-        finer_scene = scene.with_(**chosen, **{"numerics.tolerance": aim})
-        finer = solve(finer_scene, pressure=found.solution.pressure)
+        choices = {
+            "film.bending": problem.film.bends,
+            "film.coupling": not problem.has_passive_electrodes,
+            "numerics.tolerance": aim,
+        }
+        finer_problem = Problem.from_scene(scene.with_(choices), pressure=problem.pressure)
+        finer = solve_problem(finer_problem)
         if finer.status is Status.CONVERGED:
             return finer
         reason = f"with charges to {aim:.1e}: {finer.reason}"
@@ -151,50 +165,62 @@ def _finer(found: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
     )
 
 
-def _gradients_of(
+def _differentiate(
     solution: Solution,
-    wanted: Sequence[str],
-    chance: float = 0.5,
+    requested: Sequence[str],
+    *,
+    least_share: float = 0.5,
     saturation: float = 1.5,
     negligible: float = 1e-3,
 ) -> Gradients:
-    """Derivatives of the solution's charges, with changes at the next order as errors.
+    """Differentiate the solution's charges, with the changes at the next order as errors.
 
-    The derivatives share the displacement's error, so a tiny error is chance: an error over its
-    `unit` counts as at least `chance` times the mean of its electrode, and times the overall mean.
-    The true error is up to `saturation` times the change at the next order, least effective at
-    corners. A derivative counts at least as the part `negligible` of its unit.
+    All derivatives share the displacement's error, and a single error may vanish by chance. An
+    error over its `unit` counts as at least `least_share` times the mean of its electrode, and
+    times the overall mean. The true error is up to `saturation` times the change at the next
+    order, which is least effective at corners. A derivative counts at least as the part
+    `negligible` of its unit.
     """
-    scene, keys = solution.scene, list_parameters(solution.scene, solution.pressure)
-    adjoint, rich = solve_adjoints(solution)
-    rates, better = (np.array([compute_rate(of, key) for key in keys]) for of in (adjoint, rich))
-    errors = np.abs(better - rates)
-    sizes = np.abs(adjoint.forces) @ np.abs([scene.film.d31, scene.film.d32])
-    unit = sizes / np.array([[_scale(scene, key)] for key in keys])
+    problem = solution.problem
+    scene = problem.scene
+    keys = list_parameters(problem)
+    adjoint, rich_adjoint = solve_adjoints(solution)
+    rates = np.array([compute_rate(adjoint, key) for key in keys])
+    better_rates = np.array([compute_rate(rich_adjoint, key) for key in keys])
+    errors = np.abs(better_rates - rates)
+
+    d = np.abs([scene.film.d31, scene.film.d32])
+    magnitudes = np.abs(adjoint.stress_integrals) @ d
+    scales = np.array([[_find_scale(scene, key)] for key in keys])
+    unit = magnitudes / scales
     relative = np.divide(errors, unit, out=np.zeros_like(errors), where=unit > 0.0)
     means = relative.sum(axis=0) / max(len(keys), 1)
-    floors = chance * np.maximum(means, means @ sizes / max(sizes.sum(), TINY))
-    errors = saturation * resolve_film_model(scene).saturation * np.maximum(errors, floors * unit)
+    overall_mean = means @ magnitudes / max(magnitudes.sum(), TINY)
+    floors = least_share * np.maximum(means, overall_mean)
+    errors = saturation * problem.film.saturation * np.maximum(errors, floors * unit)
     largest = np.maximum(np.abs(rates), negligible * unit).max(axis=1, initial=TINY)
+
     names = [electrode.name for electrode in scene.electrode_list]
-    found = Gradients()
-    found.errors, found.relative_errors, found.solution = {}, {}, solution
-    for key in wanted:
+    derivatives = Gradients()
+    derivatives.errors = {}
+    derivatives.relative_errors = {}
+    derivatives.solution = solution
+    for key in requested:
         row = keys.index(key)
-        for values, table in ((rates, found), (errors, found.errors)):
-            table[key] = dict(zip(names, (1e12 * values[row]).tolist(), strict=True))
-        found.relative_errors[key] = float(errors[row].max() / largest[row])
-    return found
+        derivatives[key] = dict(zip(names, (1e12 * rates[row]).tolist(), strict=True))
+        derivatives.errors[key] = dict(zip(names, (1e12 * errors[row]).tolist(), strict=True))
+        derivatives.relative_errors[key] = float(errors[row].max() / largest[row])
+    return derivatives
 
 
-def _scale(scene: Scene, key: str) -> float:
-    """A relevant change of a parameter, in the key's unit."""
-    touches = map_probe_keys(scene).get(key)
-    if touches and key.endswith(PLACE_NAMES):
-        probe = touches[0][0].probe
+def _find_scale(scene: Scene, key: str) -> float:
+    """Return a relevant change of a parameter, in the key's unit."""
+    numbers = map_probe_keys(scene).get(key)
+    if numbers and key.endswith(PLACE_NAMES):
+        probe = numbers[0].probe.probe
         if key.endswith("rotation_deg"):
             return float(np.degrees(1.0)) if probe.period_deg else np.inf
         return 1e3 * probe.outline.perimeter / (2.0 * np.pi)
-    if touches and "_N" in key:
-        return float(np.linalg.norm(touches[0][0].load.components)) or 1.0
+    if numbers and "_N" in key:
+        return float(np.linalg.norm(numbers[0].probe.load.components)) or 1.0
     return abs(get_number(scene, key)) or 1.0

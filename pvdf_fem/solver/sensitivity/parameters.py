@@ -1,97 +1,162 @@
-"""Keys with charge derivatives, and reasons for keys without."""
+"""Keys that charges can be differentiated by, and the reasons why other keys have no derivative."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
-from pvdf_fem.film.loads.load_spec import Pressure
-from pvdf_fem.film.models import resolve_film_model
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.placed.probe import find_load_key
 from pvdf_fem.scene.registry import FILM_LOAD_CLASSES
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
-#: Names of what places a probe.
+#: Names of the keys that place a probe.
 PLACE_NAMES = ("x_mm", "y_mm", "rotation_deg")
 PLACE = tuple(f"probe.{name}" for name in PLACE_NAMES)
+#: Names of the components of a force in the plane of the film.
 IN_PLANE = ("tangential_N[0]", "tangential_N[1]")
 HEAT = "temperature_K"
 COEFFICIENTS = ("film.d31_pC_N", "film.d32_pC_N")
 PRETENSION = "film.pretension_N_m"
 
 
-def list_parameters(scene: Scene, pressure: Pressure | None = None) -> tuple[str, ...]:
-    """Keys by which `gradients` differentiates, also for a solve under a pressure.
+class ProbeNumber(NamedTuple):
+    """A number of a probe or of its load."""
+
+    probe: LoadedProbe
+    position: int  #: Position of the probe among the loaded probes.
+    name: str  #: Name of the number in its table.
+
+
+def list_parameters(problem: Problem) -> tuple[str, ...]:
+    """List the keys by which `gradients` differentiates the charges of a problem.
 
     A film with two moduli has ``film.youngs_modulus_GPa.0`` and ``.1``. A film with given
     ``film.pretension_N_m`` has this key, or ``.0`` and ``.1``, in place of
-    ``film.temperature_change_K``, and further keys at this pretension; loads on the whole film add
-    their keys. A rigid probe has no derivative by its place, as the tractions along its edge are
-    singular. A bending or wrinkling film has no derivatives by stiffness keys; a film that feels
-    electrode voltages has no derivatives by d31 and d32 either.
+    ``film.temperature_change_K``, and its other keys are at this pretension; loads on the whole
+    film add their keys. A rigid probe has no derivative by its place, as the tractions along its
+    edge are singular. A film that bends or wrinkles has no derivatives by its stiffness; a film
+    that feels electrode voltages has none by d31 and d32 either.
+
+    Parameters
+    ----------
+    problem : Problem
+        A problem whose charges are by stress and heat.
+
+    Returns
+    -------
+    tuple of str
+
+    Raises
+    ------
+    SceneError
+        For charges across the film (d33), which have no derivatives.
     """
+    scene = problem.scene
     scene.require_plain_charges("derivatives", "coupling", "warming_K", HEAT)
-    probes = tuple(key for key in map_probe_keys(scene) if not _hindrance(scene, key, pressure))
-    model = resolve_film_model(scene)
-    differentiable = model.film_is_differentiable and model.electrodes_only_read
-    film = _film_keys(scene.film) if differentiable else ()
-    return (*probes, *film, *(COEFFICIENTS if model.electrodes_only_read else ()))
+    keys = []
+    for key in map_probe_keys(scene):
+        if not _find_hindrance(problem, key):
+            keys.append(key)
+    if problem.has_passive_electrodes:
+        if problem.film.film_is_differentiable:
+            keys += _list_film_keys(scene.film)
+        keys += COEFFICIENTS
+    return tuple(keys)
 
 
-def map_probe_keys(scene: Scene) -> dict[str, list[tuple[LoadedProbe, int, str]]]:
-    """By key of a probe or load: the probes, their numbers and the key's name."""
-    found: dict[str, list[tuple[LoadedProbe, int, str]]] = {}
-    for i, touch in enumerate(scene.loaded_probes):
-        heat = () if touch.probe.temperature_K is None else (HEAT,)
-        for name in (*PLACE_NAMES, *heat):
-            found[f"{touch.key}.{name}"] = [(touch, i, name)]
-        force = "force_N" if touch.load.depth_mm is None else "depth_mm"
-        pushed = IN_PLANE if touch.load.tangential_N is not None else ()
-        for name in (force, *pushed):
-            key, bracket, component = name.partition("[")
-            where = find_load_key(touch.key, touch.probe, key)
-            found.setdefault(f"{where}{bracket}{component}", []).append((touch, i, name))
-    return found
+def map_probe_keys(scene: Scene) -> dict[str, list[ProbeNumber]]:
+    """Map the keys of probes and loads to the numbers that they are.
+
+    A key of the scene's load may be a number of several probes.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    """
+    numbers: dict[str, list[ProbeNumber]] = {}
+    for position, probe in enumerate(scene.loaded_probes):
+        names = list(PLACE_NAMES)
+        if probe.probe.temperature_K is not None:
+            names.append(HEAT)
+        for name in names:
+            numbers[f"{probe.key}.{name}"] = [ProbeNumber(probe, position, name)]
+        load_names = ["force_N" if probe.load.depth_mm is None else "depth_mm"]
+        if probe.load.tangential_N is not None:
+            load_names += IN_PLANE
+        for name in load_names:
+            plain_name, bracket, component = name.partition("[")
+            table_key = find_load_key(probe.key, probe.probe, plain_name)
+            key = f"{table_key}{bracket}{component}"
+            numbers.setdefault(key, []).append(ProbeNumber(probe, position, name))
+    return numbers
 
 
-def _hindrance(scene: Scene, key: str, pressure: Pressure | None) -> str:
-    """Why the charges have no derivative by a key of `map_probe_keys`; empty if they have."""
-    for touch, _, name in map_probe_keys(scene)[key]:
-        if name in PLACE_NAMES and (touch.load.profile != "uniform" or pressure):
+def _find_hindrance(problem: Problem, key: str) -> str:
+    """Return why the charges have no derivative by a probe's key; empty if they have one."""
+    for number in map_probe_keys(problem.scene)[key]:
+        if number.name not in PLACE_NAMES:
+            continue
+        load = number.probe.load
+        if load.profile != "uniform" or problem.pressure is not None:
             return 'of a pressure profile has no derivative here; press with "uniform"'
-        if name in PLACE_NAMES and PROBE_LOADS[touch.load.kind].is_rigid:
+        if PROBE_LOADS[load.kind].is_rigid:
             return "of a rigid probe has no derivative here: the tractions at its edge are singular"
     return ""
 
 
-def _film_keys(film: Film) -> tuple[str, ...]:
-    stretched = "temperature_change_K" if film.pretension_N_m is None else "pretension_N_m"
-    given = (key for key in FILM_LOAD_CLASSES if getattr(film, key))
-    names = ("thickness_um", stretched, "youngs_modulus_GPa", "poisson_ratio", *given)
-    ends = {tuple: (".0", ".1")}
-    return tuple(f"film.{n}{end}" for n in names for end in ends.get(type(getattr(film, n)), ("",)))
+def _list_film_keys(film: Film) -> list[str]:
+    """List the keys of stiffness, pretension and loads of a film."""
+    stretching = "temperature_change_K" if film.pretension_N_m is None else "pretension_N_m"
+    names = ["thickness_um", stretching, "youngs_modulus_GPa", "poisson_ratio"]
+    names += [name for name in FILM_LOAD_CLASSES if getattr(film, name)]
+    keys = []
+    for name in names:
+        if isinstance(getattr(film, name), tuple):
+            keys += [f"film.{name}.0", f"film.{name}.1"]
+        else:
+            keys.append(f"film.{name}")
+    return keys
 
 
 def prescribe_pretension(scene: Scene) -> Scene:
-    """The scene with its pretension in N/m where the film is given as cooled."""
+    """Return the scene with its pretension in N/m where its film is given as cooled."""
     film = scene.film
     if film.pretension_N_m is not None:
         return scene
     x, y = (film.prestress[:2] * film.thickness).tolist()
-    return scene.with_({PRETENSION: x if np.isclose(x, y, rtol=1e-9) else [x, y]})
+    tension = x if np.isclose(x, y, rtol=1e-9) else [x, y]
+    return scene.with_({PRETENSION: tension})
 
 
 def expand_pair_key(key: str, known: Iterable[str]) -> list[str]:
-    """Known keys that a key means: itself, or both numbers in a pair."""
+    """Return the known keys that a key means: itself, or both numbers of a pair."""
     return [name for name in known if name in (key, f"{key}.0", f"{key}.1")]
 
 
-def explain_missing_derivative(scene: Scene, key: str, pressure: Pressure | None = None) -> str:
+def explain_missing_derivative(problem: Problem, key: str) -> str:
+    """Explain why the charges of a problem have no derivative by a key.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    key : str
+        A key that is not among `list_parameters`.
+
+    Returns
+    -------
+    str
+        The end of a sentence that begins with the key.
+    """
+    scene = problem.scene
     if key in map_probe_keys(scene):
-        return _hindrance(scene, key, pressure)
-    if key in (*_film_keys(scene.film), *COEFFICIENTS):
+        return _find_hindrance(problem, key)
+    if key in (*_list_film_keys(scene.film), *COEFFICIENTS):
         return "of a film that bends, wrinkles or feels voltages has no derivative"
     return "is not a parameter of this scene that charges are differentiated by"

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
 from pvdf_fem.solver.nonlinear.newton import NewtonOptions, Step
@@ -25,7 +26,7 @@ def mesh():
 @pytest.mark.parametrize("kind", LOADS)
 def test_a_film_that_nothing_presses_is_flat(mesh, changes, kind):
     scene = TRIANGLE.with_(**changes, **LOADS[kind], **{"load.force_N": 0.0})
-    result = find_equilibrium(Equilibrium(scene, mesh))
+    result = find_equilibrium(Equilibrium(Problem.from_scene(scene), mesh))
     assert result.status is Status.CONVERGED
     assert not result.q.any()
     assert result.iterations == result.failed_attempts == ()
@@ -33,7 +34,7 @@ def test_a_film_that_nothing_presses_is_flat(mesh, changes, kind):
 
 def test_a_pressure_that_follows_a_film_that_wrinkles_is_reached_from_a_dead_one(mesh):
     scene = TRIANGLE.with_(**WRINKLING, **LOADS["follower"])
-    equilibrium = Equilibrium(scene, mesh)
+    equilibrium = Equilibrium(Problem.from_scene(scene), mesh)
     result = find_equilibrium(equilibrium)
     assert result.status is Status.CONVERGED
     residual = equilibrium.residual(equilibrium.state(result.q))
@@ -46,7 +47,7 @@ def test_a_pressure_that_follows_a_film_that_wrinkles_is_reached_from_a_dead_one
 
 
 def test_a_film_that_wrinkles_is_found_from_afar(mesh):
-    equilibrium = Equilibrium(TRIANGLE.with_(**WRINKLING), mesh)
+    equilibrium = Equilibrium(Problem.from_scene(TRIANGLE.with_(**WRINKLING)), mesh)
     near = find_equilibrium(equilibrium)
     result = find_equilibrium(equilibrium, 1e3 * near.q)
     assert near.status is result.status is Status.CONVERGED
@@ -67,7 +68,7 @@ def test_a_load_is_small_against_a_films_excess(mesh, factor):
 
 @pytest.mark.parametrize(("stretch", "length"), [(0.5, 1.0), (1.6, 0.625), (4.0, 0.25)])
 def test_a_step_ends_where_the_energy_has_nearly_stopped_falling(mesh, stretch, length):
-    equilibrium = Equilibrium(TRIANGLE.with_(**WRINKLING), mesh)
+    equilibrium = Equilibrium(Problem.from_scene(TRIANGLE.with_(**WRINKLING)), mesh)
     solution = find_equilibrium(equilibrium).q
     q, change = 0.8 * solution, 0.2 * stretch * solution
     state = equilibrium.state(q)
@@ -81,7 +82,7 @@ def test_a_step_ends_where_the_energy_has_nearly_stopped_falling(mesh, stretch, 
 
 def test_a_finer_tolerance_may_cost_more():
     usual, fine, rough = (
-        Budget.of(TRIANGLE.with_(**{"numerics.tolerance": tolerance}))
+        Budget.for_problem(Problem.from_scene(TRIANGLE.with_(**{"numerics.tolerance": tolerance})))
         for tolerance in (1e-3, 1e-5, 1e-1)
     )
     assert fine.max_unknowns == pytest.approx(10 * usual.max_unknowns, abs=1)
@@ -91,7 +92,7 @@ def test_a_finer_tolerance_may_cost_more():
 
 def test_work_counts_iterations_with_a_new_tangent(mesh):
     budget = Budget(max_unknowns=10_000, max_seconds=1.0)
-    coarse, fine = (Equilibrium(TRIANGLE, mesh, order) for order in (2, 3))
+    coarse, fine = (Equilibrium(Problem.from_scene(TRIANGLE), mesh, order) for order in (2, 3))
     budget.spend(coarse, 3)
     once = budget.spent_seconds
     budget.spend(coarse, 3)
@@ -107,6 +108,6 @@ def test_work_counts_iterations_with_a_new_tangent(mesh):
 def test_a_film_in_compression_is_given_up(mesh):
     """The search for a minimum that is not there ends before the most iterations."""
     scene = TRIANGLE.with_(**{"film.temperature_change_K": 10.0, "load.force_N": 1e-2})
-    result = find_equilibrium(Equilibrium(scene, mesh, 3))
+    result = find_equilibrium(Equilibrium(Problem.from_scene(scene), mesh, 3))
     assert result.status is Status.UNSTABLE
     assert len(result.iterations) <= NewtonOptions().patience < NewtonOptions().max_iterations

@@ -7,7 +7,8 @@ import pytest
 import scipy.sparse as sp
 
 from pvdf_fem import NotConvergedError, solve
-from pvdf_fem.film.equilibrium import Equilibrium
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.nonlinear.newton import (
     NewtonOptions,
     Tangent,
@@ -38,7 +39,7 @@ def scene_of(force_N, temperature_change_K, kind="dead"):
 @pytest.mark.parametrize("temperature_change_K", [-100.0, -1e-9, 0.0])
 @pytest.mark.parametrize("force_N", [1e-4, 1.0, 100.0])
 def test_few_iterations_for_any_load(mesh, force_N, temperature_change_K, kind):
-    problem = Equilibrium(scene_of(force_N, temperature_change_K, kind), mesh)
+    problem = Equilibrium(Problem.from_scene(scene_of(force_N, temperature_change_K, kind)), mesh)
     result = newton_result(problem)
     assert result.status is Status.CONVERGED
     assert len(result.iterations) <= 40
@@ -47,7 +48,7 @@ def test_few_iterations_for_any_load(mesh, force_N, temperature_change_K, kind):
 
 
 def test_steps_end_quadratically_or_an_older_tangent_serves_as_long_as_they_shrink(mesh):
-    problem, usual = Equilibrium(scene_of(1.0, -1.0), mesh), NewtonOptions()
+    problem, usual = Equilibrium(Problem.from_scene(scene_of(1.0, -1.0)), mesh), NewtonOptions()
     fresh = newton_result(problem, options=NewtonOptions(defer_size=0.0)).iterations
     assert fresh[-1].step < min(1e-7, 100 * fresh[-2].step ** 2)
     table = newton_result(problem).iterations
@@ -70,7 +71,7 @@ def test_the_line_search_takes_the_lowest_of_two_minima():
 def test_balance_is_lacking_by_energy_or_by_the_rims_reaction(mesh):
     """A displacement d lacks d·K d = 2 ΔE; a part e of a deflection that goes with the third root
     of the force lacks 3 e of the force at the rim."""
-    problem = Equilibrium(scene_of(3.0, 0.0), mesh)
+    problem = Equilibrium(Problem.from_scene(scene_of(3.0, 0.0)), mesh)
     result = newton_result(problem)
 
     def energy(q):
@@ -130,6 +131,6 @@ def test_a_film_that_is_pulled_taut_has_a_result_and_a_slack_one_a_reason(mesh):
 
 
 def test_film_without_tension_is_singular_when_flat(mesh):
-    problem = Equilibrium(scene_of(1.0, 0.0), mesh)
+    problem = Equilibrium(Problem.from_scene(scene_of(1.0, 0.0)), mesh)
     result = newton_result(problem, np.zeros(problem.unknowns.count))
     assert result.status is Status.SINGULAR

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import NotConvergedError, Scene, solve
-from pvdf_fem.film.models import resolve_film_model
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.solver.sensitivity.gradients import gradients
 from pvdf_fem.solver.sensitivity.parameters import PLACE_NAMES, list_parameters
@@ -74,7 +74,9 @@ def test_each_but_the_place_on_one_mesh(changes, keys):
     """There the adjoint gives the derivative of the discrete charges: rounding is left."""
     scene = TURNED.with_(**changes)
     mesh, signs = graded_mesh(scene, 3.0, 15.0), np.random.default_rng(5)
-    known = [key for key in list_parameters(scene) if not key.endswith(PLACE_NAMES)]
+    known = [
+        key for key in list_parameters(Problem.from_scene(scene)) if not key.endswith(PLACE_NAMES)
+    ]
     assert keys <= set(known)
     direction = {k: signs.choice([-1.0, 1.0]) * (get_number(scene, k) or 0.1) for k in known}
     found = gradients(solve(scene, mesh=mesh, order=2), known)
@@ -225,7 +227,7 @@ def test_a_finer_tolerance_keeps_the_model():
     found = gradients(auto, ["film.thickness_um"], tolerance=2e-4)
     assert found.relative_errors["film.thickness_um"] <= 2e-4
     assert not found.solution.included
-    assert resolve_film_model(found.solution.scene.with_(**{"film.bending": "auto"})).bends
+    assert Problem.from_scene(found.solution.scene.with_(**{"film.bending": "auto"})).film.bends
 
 
 def test_unreachable_tolerance_names_what_to_change():

@@ -85,5 +85,5 @@ def test_charges_at_rest_that_a_solve_tells_have_deviations_too():
     ],
 )
 def test_what_has_no_deviation_is_refused_before_a_solve(uncertain, key, monkeypatch):
-    monkeypatch.setattr("pvdf_fem.solver.sensitivity.uncertainty.solve_certain", None)
+    monkeypatch.setattr("pvdf_fem.solver.sensitivity.uncertainty.solve_problem", None)
     assert keys(refused(uncertainty, SCENE, uncertain)) == [key]

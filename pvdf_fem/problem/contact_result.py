@@ -8,10 +8,10 @@ from typing import Any, Self
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.equilibrium import Equilibrium
 from pvdf_fem.film.loads.contact_edge import POORER_DEGREE, locate_contact_edge
 from pvdf_fem.film.loads.rigid_tip import RigidTip
 from pvdf_fem.film.term import State
+from pvdf_fem.problem.equilibrium import Equilibrium
 
 
 @dataclass(frozen=True, eq=False)

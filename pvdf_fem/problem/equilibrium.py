@@ -11,57 +11,93 @@ from copy import copy
 from dataclasses import replace
 from functools import cached_property, reduce
 from operator import add
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from skfem import MeshTri2
 
-from pvdf_fem.arrays import Array
-from pvdf_fem.film.loads.load_classes import select_probe_loads
-from pvdf_fem.film.loads.load_spec import DEFAULT_OPTIONS, SolveOptions
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.film.electric.coupling import Coupling
+from pvdf_fem.film.loads.load_classes import make_loads, select_probe_loads
+from pvdf_fem.film.loads.load_spec import count_auxiliary_nodes
 from pvdf_fem.film.loads.probe_load import ProbeLoad
 from pvdf_fem.film.low_rank import LowRankUpdate
-from pvdf_fem.film.models import resolve_film_model
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import Load, State, Term
 from pvdf_fem.film.unknowns import FIXED, Assembly, Unknowns
 from pvdf_fem.mesh.gmsh_mesh import MIRRORS, RIM
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
-from pvdf_fem.scene.scene import Scene
+from pvdf_fem.problem.problem import Problem
 
 
 class Equilibrium:
-    """The nonlinear equations (stationary energy) of a scene on a mesh of the film or of a part."""
+    """The nonlinear equations (stationary energy) of a problem on a mesh of the film or a sector.
+
+    Parameters
+    ----------
+    problem : Problem
+        Film model, loads and floating electrodes.
+    mesh : MeshTri2
+        Curved triangles in m, with the patches as subdomains.
+    order : int, optional
+        Polynomial order of the displacement.
+    sector : SymmetrySector, optional
+        The sector of the film that is meshed.
+    space : Space, optional
+        The finite-element space on the mesh, where it exists already.
+    """
 
     def __init__(
         self,
-        scene: Scene,
+        problem: Problem,
         mesh: MeshTri2,
         order: int = 2,
-        part: SymmetrySector = WHOLE_FILM,
-        options: SolveOptions = DEFAULT_OPTIONS,
+        *,
+        sector: SymmetrySector = WHOLE_FILM,
         space: Space | None = None,
     ) -> None:
-        self.scene, self.film, self.part, self.options = scene, scene.film, part, options
-        self.model = resolve_film_model(scene)
-        self.space = space or Space(mesh, order, options.count_auxiliary_nodes(scene))
-        self.membrane = self.model.membrane(self.space, part)
+        self.problem = problem
+        self.scene = problem.scene
+        self.film = problem.scene.film
+        self.model = problem.film
+        self.sector = sector
+        if space is None:
+            space = Space(mesh, order, count_auxiliary_nodes(problem.scene))
+        self.space = space
+        self.membrane = self.model.membrane(space, sector)
         #: The membrane, first, the loads, coupling and, where the film bends, the plate.
-        self.terms: list[Term] = [self.membrane, *self.model.others(self.space, part, options)]
+        self.terms = self._make_terms()
+        #: Dofs that the rim and mirror lines hold, (n,).
+        self.clamped = self._find_clamped_dofs()
+
+    def _make_terms(self) -> list[Term]:
+        terms: list[Term] = [self.membrane]
+        terms += make_loads(self.film, self.problem.loads, self.space, self.sector)
+        for electrode in self.problem.floating_electrodes:
+            terms.append(Coupling(electrode, self.space))
+        terms += self.model.bending_terms(self.space, terms)
+        return terms
+
+    def _find_clamped_dofs(self) -> Indices:
         rim = self.space.basis.get_dofs(RIM).all()
         clamped = [(3 * rim[:, None] + np.arange(3)).ravel()]
-        for axis in part.mirror_axes:
-            clamped.append(3 * self.space.basis.get_dofs(MIRRORS[axis]).all() + axis)
-        #: Dofs that the rim and mirror lines hold, (n,).
-        self.clamped = np.concatenate(clamped)
+        for axis in self.sector.mirror_axes:
+            on_mirror = self.space.basis.get_dofs(MIRRORS[axis]).all()
+            clamped.append(3 * on_mirror + axis)
+        return np.concatenate(clamped)
 
-    def with_(self, **changes: Any) -> Equilibrium:
-        """The equations of another `scene`, `mesh`, `order`, `part` or `options`, set up anew."""
-        own = {"scene": self.scene, "mesh": self.space.mesh, "order": self.space.order}
-        space = None if changes.keys() & {"mesh", "order"} else self.space
-        own |= {"part": self.part, "options": self.options, "space": space}
-        return Equilibrium(**(own | changes))
+    def at_order(self, order: int) -> Equilibrium:
+        """Return the equations in elements of another order on the same mesh."""
+        return Equilibrium(self.problem, self.space.mesh, order, sector=self.sector)
+
+    def on_whole_film(self, mesh: MeshTri2) -> Equilibrium:
+        """Return the equations on a mesh of the whole film."""
+        return Equilibrium(self.problem, mesh, self.space.order)
+
+    def of_problem(self, problem: Problem) -> Equilibrium:
+        """Return the equations of another problem in the same finite-element space."""
+        space = self.space
+        return Equilibrium(problem, space.mesh, space.order, sector=self.sector, space=space)
 
     def with_terms(self, terms: Iterable[Term]) -> Equilibrium:
         """The equilibrium equations of other terms; the membrane term must stay first."""
@@ -119,7 +155,7 @@ class Equilibrium:
     def state(self, q: Array) -> State:
         """Fields of the unknowns `q`."""
         state = self.membrane.state(self.dofs(q))
-        if not self.model.floating or self.model.wrinkles:
+        if not self.problem.floating_electrodes or self.model.wrinkles:
             return state  # the residual of wrinkles is of the whole stress, which has no voltage
         added = np.zeros((len(state.stress), 1, 3))
         for elements, stress in filter(None, (term.added_stress(state) for term in self.terms)):
@@ -238,5 +274,5 @@ class Equilibrium:
     def _of_all_images(self, forces: Array) -> Array:
         """Sum in N, (3,), of forces (dofs,) and their mirror images, in the scene's axes."""
         total = forces.reshape(-1, 3).sum(axis=0)
-        total *= [*self.part.signs.sum(axis=0), len(self.part.signs)]
-        return np.append(total[:2] @ self.part.frame, total[2])
+        total *= [*self.sector.signs.sum(axis=0), len(self.sector.signs)]
+        return np.append(total[:2] @ self.sector.frame, total[2])

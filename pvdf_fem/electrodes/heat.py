@@ -1,0 +1,39 @@
+"""Pyroelectric charges: by warming of the whole film, and by warm probes."""
+
+from __future__ import annotations
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.electrodes.stress_integrals import integrate_over_outputs
+from pvdf_fem.film.loads.uneven_strain import UnevenStrain
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.outputs import output_areas
+from pvdf_fem.problem.problem import Problem
+
+
+def compute_heat_charges(problem: Problem, equilibrium: Equilibrium) -> Array:
+    """Compute the pyroelectric charges of a problem's outputs.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem with film and warm probes; it need not be that of the equations.
+    equilibrium : Equilibrium
+        Equations whose mesh the temperature is integrated on.
+
+    Returns
+    -------
+    ndarray, shape (outputs,)
+        Charges in C: pyroelectric coefficient times the integral of the warming.
+    """
+    film = problem.scene.film
+    warming = (film.warming_K or 0.0) * output_areas(problem.outputs)
+    uneven = UnevenStrain.from_scene(problem.scene)
+    if uneven is not None:
+        by_probes = integrate_over_outputs(
+            problem.outputs,
+            lambda places: uneven.temperature(places)[..., None],
+            equilibrium.space.mesh,
+            equilibrium.sector,
+        )
+        warming = warming + by_probes[:, 0]
+    return 1e-6 * (film.pyroelectric_uC_m2K or 0.0) * warming

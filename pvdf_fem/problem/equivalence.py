@@ -1,0 +1,147 @@
+"""Equivalence of problems: problems whose films deform equally share a solve.
+
+- Electrodes and piezoelectric coefficients that only read the stress do not change it.
+- A clamped round film that is equally stiff and equally stretched in all directions may be turned
+  and reflected together with its probe and electrodes. A film with two moduli, or with different
+  pretensions along x and y, may be reflected at its axes only.
+- The stress of a membrane depends on force and thickness by their ratio only: energy and tension
+  grow with the thickness, so a film twice as thick under twice the force has the same displacement.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.mesh.symmetry import classify_isotropy
+from pvdf_fem.problem.problem import Problem
+from pvdf_fem.scene.keys import Affects, select_by_effect
+from pvdf_fem.scene.placed.probe import Probe
+from pvdf_fem.scene.scene import Scene
+
+#: Lengths over the film's radius are equal if they agree to this many decimals, and forces over
+#: the thickness if they agree to this many digits.
+DIGITS = 9
+#: Effects of keys that change the film's deformation.
+MECHANICAL_EFFECTS = (Affects.MECHANICS, Affects.OUTLINE, Affects.PRESTRAIN, Affects.SCALE)
+
+
+class MechanicalKey(NamedTuple):
+    """What the deformation of a film depends on."""
+
+    #: Equal for problems that share a solve; it has the tolerance and the limits of the numerics.
+    text: str
+    #: Orthogonal matrix from the scene's axes to axes in which the probes of all problems with
+    #: this text have the same place, (2, 2).
+    frame: Array
+
+
+def compute_mechanical_key(problem: Problem) -> MechanicalKey:
+    """Compute what the deformation of a problem's film depends on.
+
+    Parameters
+    ----------
+    problem : Problem
+        A problem whose charges are d31 and d32 times the stress.
+
+    Returns
+    -------
+    MechanicalKey
+
+    Raises
+    ------
+    SceneError
+        For a scene with charges by other effects, such as heat.
+    """
+    scene = problem.scene
+    scene.require_plain_charges("a sweep", "coupling")
+    if not problem.has_passive_electrodes:
+        return MechanicalKey(scene.to_toml(), np.eye(2))
+    if not _may_be_turned(scene):
+        return MechanicalKey(describe_mechanics(problem), np.eye(2))
+    # with film.bending = "auto" the electrodes have a part in whether the film bends
+    film = scene.film
+    common = f"{select_by_effect(scene, Affects.MECHANICS)} {problem.film.bends}"
+    for strain in film.prestrain[:2]:
+        common += f" {strain:.{DIGITS}e}"
+    probe = scene.probe
+    if probe is None or isinstance(probe, tuple):
+        return MechanicalKey(common, np.eye(2))
+    place, frame = _find_canonical_place(probe, film.radius, classify_isotropy(film))
+    force = scene.load.force_N
+    size = f"{film.thickness_um} {force}"
+    if problem.film.force_over_thickness:
+        size = f"{force / film.thickness_um:.{DIGITS}e}"
+    return MechanicalKey(f"{common} {size} {place}", frame)
+
+
+def describe_mechanics(problem: Problem, scene: Scene | None = None) -> str:
+    """Return a text of all that the deformation depends on, without use of any symmetry.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    scene : Scene, optional
+        A scene in place of the problem's own, such as one with its probe moved to the centre.
+    """
+    tables = select_by_effect(problem.scene if scene is None else scene, *MECHANICAL_EFFECTS)
+    return f"{tables} {problem.scene.film.weight} {problem.film.bends}"
+
+
+def _may_be_turned(scene: Scene) -> bool:
+    """Whether a turned or scaled scene can be equivalent: one even film under one uniform load."""
+    film = scene.film
+    if film.is_inhomogeneous or film.distributed_force:
+        return False
+    if scene.probe is None:
+        return True
+    load = scene.load
+    return not (load.tangential_N or load.profile != "uniform" or isinstance(scene.probe, tuple))
+
+
+@lru_cache(maxsize=4096)
+def _find_canonical_place(probe: Probe, radius: float, isotropy: str) -> tuple[str, Array]:
+    """Find the first of a probe's equivalent places, as text, and the frame that brings it there.
+
+    Several frames bring a symmetric probe to its first place; the one that turns least is taken.
+    """
+    outline = probe.outline
+    points = outline.defining_points / radius
+    centre = outline.centroid / radius
+    places = []
+    for frame in _list_frames(points, centre, isotropy):
+        signature = outline.transform(frame).make_signature(radius, DIGITS)
+        turn = -round(float(np.trace(frame)), DIGITS)
+        places.append((signature, turn, tuple(frame.ravel())))
+    signature, _, entries = min(places)
+    return f"{signature}", np.reshape(entries, (2, 2))
+
+
+def _list_frames(points: Array, centre: Array, isotropy: str) -> list[Array]:
+    """List the turns and reflections that keep the film and bring a probe to a canonical place."""
+    if isotropy != "isotropic":
+        flips = [np.diag(signs) for signs in product((1.0, -1.0), repeat=2)]
+        if isotropy == "axes":
+            return flips
+        swap = np.array([[0.0, 1.0], [1.0, 0.0]])
+        return [*flips, *(flip @ swap for flip in flips)]
+    # the probe's centroid goes to the x axis; a corner does if the centroid is the film's centre
+    is_central = np.linalg.norm(centre) < 10.0**-DIGITS
+    targets = points if is_central else centre[None]
+    turns = [_turn_to_x_axis(point) for point in targets]
+    mirror = np.diag([1.0, -1.0])
+    return [*turns, *(mirror @ turn for turn in turns)]
+
+
+def _turn_to_x_axis(point: Array) -> Array:
+    """Return the rotation that brings a point to the positive x axis."""
+    distance = np.linalg.norm(point)
+    if distance < 10.0**-DIGITS:
+        return np.eye(2)
+    x, y = point / distance
+    return np.array([[x, y], [-y, x]])

@@ -1,0 +1,154 @@
+"""Outputs of a solve (quantities of interest): electrodes whose charges are wanted.
+
+They need not be the electrodes that the mesh follows: an output may lie anywhere on the mesh, and
+may belong to a film that was turned or reflected together with its probe and electrodes. On a
+sector of a symmetric film an output sums over its reflections there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from skfem import MeshTri2
+
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.film.electric.coupling import FloatingElectrode
+from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
+from pvdf_fem.mesh.symmetry import SymmetrySector
+from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """An electrode whose charge is wanted."""
+
+    outline: Outline  #: In m, in the axes of the electrode's own scene.
+    observable: str  #: A name of `pvdf_fem.electrodes.observables.OBSERVABLES`.
+    d: tuple[float, float]  #: d31 and d32 in C/N.
+    #: The mesh's subdomain of the electrode; None if the mesh does not follow the electrode.
+    patch: str | None = None
+    #: Orthogonal matrix from the axes of the electrode's scene to those of the mesh, (2, 2).
+    frame: Array = field(default_factory=lambda: np.eye(2))
+    #: The electrode's capacitances, where its voltage acts on the film.
+    floating: FloatingElectrode | None = None
+
+    @property
+    def charge_coefficients(self) -> Array:
+        """Derivatives of the charge by the stress integrals of the strain alone, in C/N, (2,).
+
+        They differ from d31 and d32 where the electrode's voltage adds stress.
+        """
+        d = np.array(self.d)
+        if self.floating is None:
+            return d
+        return d + d @ self.floating.share
+
+    def to_mesh_axes(self, points: Array) -> Array:
+        """Transform points (..., 2) from the axes of the electrode's scene to those of the mesh."""
+        return points @ self.frame.T
+
+    @cached_property
+    def placed(self) -> Outline:
+        """The outline in the axes of the mesh."""
+        return self.outline.transform(self.frame)
+
+    @cached_property
+    def directions(self) -> Array:
+        """Weights of S11, S22, S12 in the normal stress along the scene's x and y, (2, 3)."""
+        along_x, along_y = self.frame
+        weights = [along_x * along_x, along_y * along_y, 2.0 * along_x * along_y]
+        return np.stack(weights, axis=-1)
+
+    @property
+    def has_edges(self) -> bool:
+        """Whether the electrode is a rectangle along the axes of its scene."""
+        edges = self.outline.corners - np.roll(self.outline.corners, 1, axis=0)
+        is_along_axis = (edges == 0.0).any(axis=1)
+        return len(edges) == 4 and bool(is_along_axis.all())
+
+    @property
+    def corners(self) -> Array:
+        """Corners of an electrode with edges in m, (4, 2)."""
+        return self.outline.corners
+
+    def find_elements(self, mesh: MeshTri2) -> Indices:
+        """Return the electrode's elements in a mesh that follows it."""
+        return mesh.subdomains[self.patch]
+
+    def reflect(self, sector: SymmetrySector) -> list[Output]:
+        """Return the electrodes on a sector whose stress integrals add up to this electrode's."""
+        if not sector.mirror_axes:
+            return [self]
+        reflections = []
+        for signs, names in zip(sector.signs, sector.electrode_reflections, strict=True):
+            patch = self.patch
+            for name, reflected in names.items():
+                if self.patch == make_subdomain_name(name):
+                    patch = make_subdomain_name(reflected)
+            frame = signs[:, None] * sector.frame @ self.frame
+            reflections.append(replace(self, patch=patch, frame=frame))
+        return reflections
+
+
+def make_outputs(
+    scene: Scene, floating_electrodes: Sequence[FloatingElectrode] = ()
+) -> tuple[Output, ...]:
+    """Make the outputs of a scene: its electrodes, on a mesh that follows their outlines.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    floating_electrodes : sequence of FloatingElectrode, optional
+        Electrodes whose voltages act on the film.
+
+    Returns
+    -------
+    tuple of Output
+    """
+    film = scene.film
+    floating = {electrode.name: electrode for electrode in floating_electrodes}
+    outputs = []
+    for electrode in scene.electrode_list:
+        output = Output(
+            outline=electrode.outline,
+            observable=scene.numerics.observable,
+            d=(film.d31, film.d32),
+            patch=make_subdomain_name(electrode.name),
+            floating=floating.get(electrode.name),
+        )
+        outputs.append(output)
+    return tuple(outputs)
+
+
+def reflect_outputs(
+    outputs: Sequence[Output], sector: SymmetrySector
+) -> tuple[list[Output], Indices]:
+    """Reflect outputs onto a sector of the film.
+
+    Returns
+    -------
+    reflections : list of Output
+        All reflections of all outputs.
+    owners : ndarray of int, shape (reflections,)
+        The number of the output that each reflection belongs to.
+    """
+    reflections: list[Output] = []
+    for output in outputs:
+        reflections += output.reflect(sector)
+    owners = np.repeat(np.arange(len(outputs)), len(sector.signs))
+    return reflections, owners
+
+
+def output_areas(outputs: Sequence[Output]) -> Array:
+    """Return the areas of the outlines in m^2, (outputs,)."""
+    return np.array([output.outline.area for output in outputs])
+
+
+def piezo_coefficients(outputs: Sequence[Output]) -> Array:
+    """Return d31 and d32 of each output in C/N, (outputs, 2)."""
+    return np.reshape([output.d for output in outputs], (-1, 2))

@@ -1,0 +1,100 @@
+"""The thickness direction: the size of the charges that a probe's pressure adds by d33.
+
+Under a pressure p on one face the stress across the film runs from -p to zero, -p/2 in the mean. An
+electrode gains -d33/2 times the pressing force, without feedback on the film.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.film.effects import Charges, describe_charge_effect
+from pvdf_fem.film.electric.coupling import FloatingElectrode
+from pvdf_fem.film.loads.contact_estimate import estimate_load_force, estimate_pressed_area
+from pvdf_fem.film.loads.load_classes import PROBE_LOADS
+from pvdf_fem.film.loads.load_spec import LoadSpec
+from pvdf_fem.film.loads.profiles import make_profile
+from pvdf_fem.scene.scene import Scene
+
+#: A typical d33 of PVDF in pC/N.
+TYPICAL_D33_PC_N = -15.0
+
+
+def describe_thickness_effect(
+    scene: Scene,
+    loads: Sequence[LoadSpec],
+    floating_electrodes: Sequence[FloatingElectrode],
+    charges_pC: Charges = None,
+) -> Iterator[tuple[bool, str]]:
+    """Describe the charge by d33: whether it is included, and its size.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    loads : sequence of LoadSpec
+        Its loaded probes.
+    floating_electrodes : sequence of FloatingElectrode
+        Electrodes whose voltages act on the film.
+    charges_pC : mapping, optional
+        Charges by electrode, which the size is compared with.
+
+    Yields
+    ------
+    is_included : bool
+        Whether the film has a d33; otherwise a typical one of PVDF estimates the missing charge.
+    text : str
+        The effect and its size; nothing is yielded where no electrode is pressed.
+    """
+    film = scene.film
+    electrodes = scene.electrode_list
+    polygons = np.array([electrode.outline.equal_area_polygon for electrode in electrodes])
+    forces = (film.pressure_Pa or 0.0) * shapely.area(polygons)
+    for load in loads:
+        forces = forces + _estimate_forces_on_electrodes(scene, load, polygons)
+    if not forces.any():
+        return
+    most = int(forces.argmax())
+    name = electrodes[most].name
+    yield describe_charge_effect(
+        ("thickness direction, pressed by a probe", "film.d33_pC_N"),
+        film.d33_pC_N,
+        typical=TYPICAL_D33_PC_N,
+        per_unit=-0.5 * forces[most],
+        name=name,
+        charges_pC=charges_pC,
+    )
+    if film.d33_pC_N and floating_electrodes:
+        shares = [float(np.trace(electrode.share)) for electrode in floating_electrodes]
+        charge_pC = abs(0.5 * max(shares) * film.d33_pC_N * forces[most])
+        text = f"coupling by the charge of film.d33_pC_N: about {charge_pC:.1e} pC on {name}"
+        yield False, f"{text}; no key includes it"
+
+
+def _estimate_forces_on_electrodes(
+    scene: Scene, load: LoadSpec, polygons: NDArray[np.object_]
+) -> Array:
+    """Estimate the force of a probe on every electrode in N, (electrodes,).
+
+    A dead pressure presses by its profile; a rigid probe presses mainly along its edge.
+    """
+    outline, _ = estimate_pressed_area(scene, load)
+    force = estimate_load_force(load.load, scene.film)
+    probe = outline.equal_area_polygon
+    at_edge = PROBE_LOADS[load.load.kind].edge_share
+    inside = shapely.intersection(polygons, probe)
+    edge = shapely.intersection(polygons, probe.exterior)
+    share_along_edge = shapely.length(edge) / probe.length
+    share_over_area = shapely.area(inside) / probe.area
+    profile = make_profile(load)
+    pressed = np.flatnonzero(share_over_area)
+    if profile.order and pressed.size:
+        means = np.array([profile.mean(shape) for shape in inside[pressed]])
+        share_over_area[pressed] *= means / max(profile.mean(probe), np.finfo(float).tiny)
+    shares = at_edge * share_along_edge + (1.0 - at_edge) * share_over_area
+    return np.asarray(force * shares)
