@@ -36,7 +36,7 @@ def describe_effects(problem: Problem, charges_pC: Charges = None) -> Effects:
     Effects
     """
     scene = problem.scene
-    descriptions = [problem.film.remark]
+    descriptions = [problem.film.bending_note]
     descriptions += describe_coupling(scene)
     descriptions += describe_thickness_effect(problem, charges_pC)
     descriptions += describe_heat_effects(scene, charges_pC)

@@ -120,7 +120,7 @@ class Problem:
         leaning = any(load.load.tilt == "free" for load in self.scene.loaded_probes)
         if self.scene.tips or leaning or self.pressure is not None:
             return WHOLE_FILM
-        if not (self.film.solved_on_parts and self.has_passive_electrodes):
+        if not (self.film.capabilities.uses_symmetry and self.has_passive_electrodes):
             return WHOLE_FILM
         return find_symmetry_sector(self.scene)
 
@@ -150,7 +150,7 @@ class Problem:
         """
         unloaded = self._unloaded
         film, model = unloaded.scene.film, unloaded.film
-        law = model.film_law
+        law = model.law
         stress = law.stress(np.zeros((1, 3)), law.compute_prestrain(film))[0, :2]
         carried = model.wrinkles or bool(stress.min() >= 0.0)
         return stress if film.is_flat_unloaded and carried else None
