@@ -154,10 +154,11 @@ def _drop_readout_values(
 
     Nothing is replaced where every design has the scene's electrode names.
     """
-    keys = [key for table in tables for key in table]
-    varies_electrodes = any(parse_key(key)[0] == "electrodes" for key in keys)
+    tables_of_keys = set()
+    for table in tables:
+        tables_of_keys |= {parse_key(key)[0] for key in table}
     readout = scene.readout
-    if readout is None or not varies_electrodes:
+    if readout is None or "electrodes" not in tables_of_keys:
         return scene, ()
     defaults = {}
     for name, field in type(readout).model_fields.items():

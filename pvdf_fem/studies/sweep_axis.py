@@ -165,7 +165,9 @@ def _parse_axis(
         for key, value in _flatten(varied):
             reason = "cannot vary together with a mapping; give it an axis of its own"
             errors.append(format_error(f"{where}.{key}", value, reason))
-        return _parse_mapping_axis(f"{where}.mapping", lines, scene, name or "place", errors)
+        if name is None:
+            name = "place"
+        return _parse_mapping_axis(f"{where}.mapping", lines, scene, name, errors)
     values: dict[str, Any] = {}
     for key, value in _flatten(varied):
         normal_key = normalize_key(key)
@@ -182,8 +184,10 @@ def _parse_axis(
             errors.append(f"{where}: {text} values; give keys that vary together equally many")
     if len(errors) > count_before:
         return None
-    first_key = next(iter(values))
-    return SweepAxis(name or first_key.split(".")[-1], values)
+    if name is None:
+        first_key = next(iter(values))
+        name = first_key.split(".")[-1]
+    return SweepAxis(name, values)
 
 
 def _is_netcdf_name(name: Any) -> bool:

@@ -213,7 +213,17 @@ class Deviations(StudyKind):
         return np.arange(len(values)) if self.names else values.values
 
     def _draw_panel(self, ax: Axes, panel: Panel, data: xarray.Dataset) -> None:
-        """Draw the curves of a panel."""
+        """Draw the curves of a panel.
+
+        Parameters
+        ----------
+        ax : Axes
+            Where to draw.
+        panel : Panel
+            Variable to draw.
+        data : xarray.Dataset
+            The designs.
+        """
         x = self._get_positions(data)
         values = panel.factor * data[panel.variable]
         curves: dict[str | None, Any] = {None: values}
@@ -230,7 +240,17 @@ class Deviations(StudyKind):
         ax.set_ylim(0.0, 1.08 * largest if largest else 1.0)
 
     def _label_designs(self, ax: Axes, data: xarray.Dataset, stride: int) -> None:
-        """Label the axis of the designs, of whose names every `stride`-th is drawn."""
+        """Label the axis of the designs.
+
+        Parameters
+        ----------
+        ax : Axes
+            The lowest panel.
+        data : xarray.Dataset
+            The designs.
+        stride : int
+            Every `stride`-th of the names belongs to a design.
+        """
         x = self._get_positions(data)
         if self.names:
             ax.set_xticks(x, self.names[::stride], rotation=25, ha="right")

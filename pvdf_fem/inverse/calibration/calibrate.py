@@ -169,7 +169,17 @@ def _find_scene_errors(scene: Scene) -> Iterator[str]:
 
 
 def _find_choice_errors(name: str, value: str, allowed: Sequence[str]) -> Iterator[str]:
-    """Find a value that is not among the allowed ones."""
+    """Find a value that is not allowed.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument.
+    value : str
+        Its value.
+    allowed : sequence of str
+        All allowed values.
+    """
     if value not in allowed:
         yield f"{name} = {value!r}: choose from {', '.join(allowed)}"
 

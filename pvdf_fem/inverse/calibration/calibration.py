@@ -73,7 +73,7 @@ class Calibration(Result):
     @property
     def places_mm(self) -> Array:
         """Corrected places of the touches on the stage, (touches, 2)."""
-        return self.fit.model.table.probe_loads[:, :2] + self.fit.corrections_mm
+        return self.fit.model.table.probe_loads[:, :2] + self.fit.place_corrections_mm
 
     @cached_property
     def leave_one_out(self) -> dict[str, float]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from operator import itemgetter
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +55,13 @@ class Correction:
     reading: str
 
 
+class ScoredCorrection(NamedTuple):
+    """A correction with its score, which is lower for a better fit."""
+
+    score: float
+    correction: Correction
+
+
 class FittedCorrection(NamedTuple):
     """A correction with which a sensor like the scene's explains the touches."""
 
@@ -72,8 +79,8 @@ class Diagnosis(NamedTuple):
 def fit_and_diagnose(model: ReadingModel, noise: ReadingNoise) -> Diagnosis:
     """Fit the parameters, and find corrections where the fit is suspect.
 
-    Touches that are far from the first fit are fitted to the end only if no correction explains
-    them.
+    A fit whose first solves leave a hopeless scatter is given up, since the cause is likely a
+    mistake in the file. It is made to the end only if no correction explains the touches.
 
     Parameters
     ----------
@@ -106,9 +113,12 @@ def _find_corrections(fit: CalibrationFit) -> list[FittedCorrection]:
         fitted += _fit_corrections(fit, _propose_touch_corrections(fit))
     # Without one of the channels the fit is always better, so that others come first.
     others = [each for each in fitted if each.correction.status is not CalibrationStatus.CHANNEL]
-    fitted = others or fitted
-    best = min((each.fit.chi_square for each in fitted), default=0.0)
-    limit = best + fit.model.options.chi_square_margin
+    if others:
+        fitted = others
+    if not fitted:
+        return []
+    least_chi_square = min(each.fit.chi_square for each in fitted)
+    limit = least_chi_square + fit.model.options.chi_square_margin
     return [each for each in fitted if each.fit.chi_square < limit]
 
 
@@ -119,12 +129,12 @@ def _fit_corrections(
     options = fit.model.options
     scored = []
     for correction in corrections:
-        scored.append((_score_correction(fit, correction), correction))
-    scored.sort(key=itemgetter(0))
+        scored.append(ScoredCorrection(_score_correction(fit, correction), correction))
+    scored.sort(key=attrgetter("score"))
     fitted = []
     for score, correction in scored[: options.max_fits]:
-        best_score, _ = scored[0]
-        if not score < options.score_margin + SCORE_FACTOR * best_score:
+        # The score is infinite where no touch is solved.
+        if not score < options.score_margin + SCORE_FACTOR * scored[0].score:
             break
         corrected = fit.model.with_table(correction.table, correction.reading)
         better = fit_parameters(corrected, fit.noise, options.hopeless_scatter)
@@ -147,8 +157,13 @@ def _is_explanation(fit: CalibrationFit, corrected: CalibrationFit) -> bool:
 def _score_correction(fit: CalibrationFit, correction: Correction) -> float:
     """Score how badly corrected touches fit a sensor; infinite if none is solved.
 
-    The score is by the solves at hand, or by those of a few touches where places or forces are
+    The score is by the solves at hand, or by solves of a few touches where places or forces are
     corrected.
+
+    Notes
+    -----
+    The score is the sum of log(1 + χ²/n) over touches with n readings, and of log(1 + p²) over
+    parameters with the pull p. By the logarithm a few outliers hardly count.
     """
     initial = fit.model.parameters.initial
     model = fit.model.with_table(correction.table, correction.reading)
@@ -157,11 +172,11 @@ def _score_correction(fit: CalibrationFit, correction: Correction) -> float:
         few = np.linspace(0, len(correction.table) - 1, count).astype(int)
         table = correction.table.select(np.unique(few).tolist())
         model = model.with_table(table, correction.reading)
-        no_corrections = np.zeros((len(table), 2))
+        uncorrected_places = np.zeros((len(table), 2))
         every = np.ones(len(table), dtype=bool)
-        model.solve_touches(initial, no_corrections, every, model.options.first_tolerance)
-    no_corrections = np.zeros((len(model.table), 2))
-    start = CalibrationFit(model, fit.noise, initial, no_corrections, model.is_solved)
+        model.solve_touches(initial, uncorrected_places, every, model.options.first_tolerance)
+    uncorrected_places = np.zeros((len(model.table), 2))
+    start = CalibrationFit(model, fit.noise, initial, uncorrected_places, model.is_solved)
     robust_fit = start.refit(model.is_solved, is_robust=True)
     if not robust_fit.is_used.any():
         return np.inf

@@ -78,7 +78,7 @@ class CalibrationFit(LeastSquaresProblem):
     model: ReadingModel
     noise: ReadingNoise
     values: Array  #: Of the parameters, (parameters,).
-    corrections_mm: Array  #: Of the touches' places on the stage, (touches, 2).
+    place_corrections_mm: Array  #: Of the touches' places on the stage, (touches, 2).
     is_used: Mask  #: Which touches count, (touches,).
     is_converged: bool = True
     #: Whether touches count the less the farther they are from the fit.
@@ -87,7 +87,7 @@ class CalibrationFit(LeastSquaresProblem):
     @cached_property
     def prediction(self) -> Prediction:
         """Readings with these values, and their derivatives."""
-        return self.model.predict(self.values, self.corrections_mm)
+        return self.model.predict(self.values, self.place_corrections_mm)
 
     @cached_property
     def deviations(self) -> Array:
@@ -107,7 +107,7 @@ class CalibrationFit(LeastSquaresProblem):
         covariance = self.noise.place_mm**2 * by_place @ by_place.swapaxes(1, 2)
         covariance += self.deviations[:, :, None] ** 2 * np.eye(covariance.shape[1])
         residuals = np.nan_to_num(self.model.table.readings - self.prediction.readings)
-        residuals += (by_place @ self.corrections_mm[:, :, None])[..., 0]
+        residuals += (by_place @ self.place_corrections_mm[:, :, None])[..., 0]
         roots = np.asarray(np.linalg.cholesky(covariance))
         columns = np.concatenate([residuals[..., None], self.prediction.by_parameter], axis=-1)
         columns = np.asarray(np.linalg.solve(roots, columns))
@@ -259,7 +259,7 @@ class CalibrationFit(LeastSquaresProblem):
         # The correction of an outlier would lead far away.
         longest = self.model.options.longest_correction * self.noise.place_mm
         lengths = np.maximum(np.linalg.norm(corrections, axis=1, keepdims=True), 1e-12)
-        return replace(fit, corrections_mm=corrections * np.minimum(1.0, longest / lengths))
+        return replace(fit, place_corrections_mm=corrections * np.minimum(1.0, longest / lengths))
 
     def reject_outliers(self) -> CalibrationFit:
         """Fit anew without the touches that are too far from a fit to the other touches.
@@ -323,20 +323,20 @@ def fit_parameters(
     """
     options = model.options
     values = model.parameters.initial.copy()
-    corrections_mm = np.zeros((len(model.table), 2))
+    place_corrections_mm = np.zeros((len(model.table), 2))
     is_pending = ~model.is_solved
     first_tolerance = max(model.tolerance, options.first_tolerance)
     for number in range(options.max_rounds):
         tolerance = first_tolerance if number == 0 else None
-        model.solve_touches(values, corrections_mm, is_pending, tolerance)
-        fit = CalibrationFit(model, noise, values, corrections_mm, model.is_solved)
+        model.solve_touches(values, place_corrections_mm, is_pending, tolerance)
+        fit = CalibrationFit(model, noise, values, place_corrections_mm, model.is_solved)
         if 2 * model.is_solved.sum() < len(model.table):
             return replace(fit, is_converged=False)
         fit = fit.reject_outliers()
         if number == 0 and fit.scatter > max_scatter:
             return replace(fit, is_converged=False)
         values = fit.values
-        corrections_mm = fit.corrections_mm
+        place_corrections_mm = fit.place_corrections_mm
         # The relative error of a linear step is about its square.
         step_error = np.square(_compute_relative_change(fit))
         step_error = step_error / max(noise.sigma, 10.0 * options.min_tolerance)
@@ -351,7 +351,7 @@ def fit_parameters(
 def _compute_relative_change(fit: CalibrationFit) -> Array:
     """Compute the relative change of the stress integrals since the solves, (touches,)."""
     model = fit.model
-    arguments = model.compute_arguments(fit.values, model.correct_places(fit.corrections_mm))
+    arguments = model.compute_arguments(fit.values, model.correct_places(fit.place_corrections_mm))
     steps = np.nan_to_num(arguments - model.solved_at)
     change = np.einsum("tk,tkex->tex", steps, model.integrals[:, 1:])
     size = np.abs(model.integrals[:, 0])

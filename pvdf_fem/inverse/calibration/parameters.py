@@ -145,10 +145,9 @@ def select_parameters(
     for word, deviation in priors.items():
         deviations |= dict.fromkeys(groups[word], deviation)
     initial = [get_parameter(scene, name) for name in names]
-    prior_deviations = [
-        _compute_prior_deviation(name, value, deviations)
-        for name, value in zip(names, initial, strict=True)
-    ]
+    prior_deviations = []
+    for name, value in zip(names, initial, strict=True):
+        prior_deviations.append(_compute_prior_deviation(name, value, deviations))
     return CalibrationParameters(
         scene, tuple(names), initial=np.array(initial), prior_deviations=np.array(prior_deviations)
     )

@@ -115,15 +115,15 @@ class ReadingModel:
         """Which touches have a solution, (touches,)."""
         return np.isfinite(self.solved_at).all(axis=1)
 
-    def correct_places(self, corrections_mm: Array) -> Array:
+    def correct_places(self, place_corrections_mm: Array) -> Array:
         """Return the probe loads on the stage, (touches, 4), with corrected places.
 
         Parameters
         ----------
-        corrections_mm : array, (touches, 2)
+        place_corrections_mm : array, (touches, 2)
             Corrections of x and y in mm.
         """
-        return self.table.probe_loads + np.pad(corrections_mm, ((0, 0), (0, 2)))
+        return self.table.probe_loads + np.pad(place_corrections_mm, ((0, 0), (0, 2)))
 
     def compute_arguments(self, values: Array, probe_loads: Array) -> Array:
         """Compute the values of `keys`, (..., touches, keys), with places on the film.
@@ -149,7 +149,11 @@ class ReadingModel:
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
     def solve_touches(
-        self, values: Array, corrections_mm: Array, which: Mask, tolerance: float | None = None
+        self,
+        values: Array,
+        place_corrections_mm: Array,
+        which: Mask,
+        tolerance: float | None = None,
     ) -> None:
         """Solve some touches anew; those that cannot be solved join `failures`.
 
@@ -157,7 +161,7 @@ class ReadingModel:
         ----------
         values : array, (parameters,)
             Values of the parameters.
-        corrections_mm : array, (touches, 2)
+        place_corrections_mm : array, (touches, 2)
             Corrections of the places.
         which : array of bool, (touches,)
             The touches to solve.
@@ -166,7 +170,7 @@ class ReadingModel:
         """
         scene = self.parameters.apply(values)
         unloaded = self._solve_unloaded(scene)
-        arguments = self.compute_arguments(values, self.correct_places(corrections_mm))
+        arguments = self.compute_arguments(values, self.correct_places(place_corrections_mm))
         if tolerance is None:
             tolerance = self.tolerance
         scene = scene.with_(**{"numerics.tolerance": tolerance})
@@ -248,19 +252,19 @@ class ReadingModel:
         columns = [self.parameters.extract(key, values) for key in keys]
         return np.stack(columns, axis=-1)[..., None, :]
 
-    def predict(self, values: Array, corrections_mm: Array) -> Prediction:
+    def predict(self, values: Array, place_corrections_mm: Array) -> Prediction:
         """Predict readings, with derivatives by complex steps.
 
         Parameters
         ----------
         values : array, (parameters,)
             Values of the parameters.
-        corrections_mm : array, (touches, 2)
+        place_corrections_mm : array, (touches, 2)
             Corrections of the places.
         """
         count = len(values)
         step = COMPLEX_STEP
-        probe_loads = self.correct_places(corrections_mm)
+        probe_loads = self.correct_places(place_corrections_mm)
         # One evaluation for each parameter, then for x, y and force.
         stepped_values = values + 1j * step * np.eye(count + 3, count)
         stepped_loads = np.tile(probe_loads.astype(complex), (count + 3, 1, 1))

@@ -134,28 +134,43 @@ def _read_csv_columns(path: Path) -> dict[str, Sequence[Any]]:
                 lines.append(stripped)
     except csv.Error as error:
         raise TouchesError(f"{path}: is no CSV file ({error}); save it as one") from None
-    heading, *rows = lines or [[]]
+    heading = lines[0] if lines else []
+    rows = lines[1:]
     if len(set(heading)) < len(heading):
         raise TouchesError(f"{path}: two columns have the same name; rename or remove one")
     for number, row in enumerate(rows, 1):
         if len(row) != len(heading):
             reason = f"{len(row)} cells below {len(heading)} names; correct the row"
             raise TouchesError(f"{path}: row {number} has {reason}")
-    return {name: [row[i] for row in rows] for i, name in enumerate(heading)}
+    columns: dict[str, Sequence[Any]] = {}
+    for index, name in enumerate(heading):
+        columns[name] = [row[index] for row in rows]
+    return columns
 
 
 def _find_heading_errors(columns: Sequence[str], needed: Sequence[str]) -> Iterator[str]:
     """Find columns that are missing or unknown."""
     missing = [name for name in needed if name not in columns]
+    candidates = missing if missing else needed
     for name in missing:
         yield f"column {name}: missing; give {', '.join(needed)}"
     for name in columns:
         if name not in needed:
-            yield f"column {name[:40]}: unknown; remove it, or {suggest(name, missing or needed)}"
+            yield f"column {name[:40]}: unknown; remove it, or {suggest(name, candidates)}"
 
 
 def _parse_numbers(name: str, cells: Sequence[Any], errors: list[str]) -> list[float]:
-    """Return the numbers of a column, NaN for empty cells; append errors to a list."""
+    """Return the numbers of a column, NaN for empty cells.
+
+    Parameters
+    ----------
+    name : str
+        Name of the column.
+    cells : sequence
+        Texts or numbers.
+    errors : list of str
+        Errors are appended.
+    """
     values = []
     for row, cell in enumerate(cells, 1):
         value = np.nan

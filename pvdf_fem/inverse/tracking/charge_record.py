@@ -212,10 +212,10 @@ class ChargeRecord:
         pressed = self.samples[: -self.still_count]
         charges = np.array([sample.charges_pC for sample in pressed])
         sizes = (charges - residual) @ direction
-        variances = [
-            self._compute_variance_since(sample) + sample.noise_variance + noise_variance
-            for sample in pressed
-        ]
+        variances = []
+        for sample in pressed:
+            since_variance = self._compute_variance_since(sample)
+            variances.append(since_variance + sample.noise_variance + noise_variance)
         limits = 4.0 * np.sqrt(np.array(variances) @ np.square(direction))
         is_changed = np.flatnonzero(sizes > limits)
         self.end_s = pressed[max(is_changed, default=0)].time_s

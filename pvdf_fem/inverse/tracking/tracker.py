@@ -223,7 +223,17 @@ class Tracker:
         return self._make_contact_row(samples[-1].time_s, contact)
 
     def _add_to_contact(self, contact: Contact, t: float, voltages: Array) -> None:
-        """Add a sample to a contact, with the drift that the error of the baseline adds."""
+        """Add a sample to a contact, with the drift that the error of the baseline adds.
+
+        Parameters
+        ----------
+        contact : Contact
+            The contact in progress.
+        t : float
+            Time of the sample in s.
+        voltages : array, (electrodes,)
+            Voltages of the channels in V.
+        """
         baseline = self._baseline
         elapsed_s = t - contact.record.onset_s
         extrapolated = elapsed_s / self._clock.interval_s
@@ -233,7 +243,17 @@ class Tracker:
         contact.add(t, over_line, baseline.noise_V, drift_pC)
 
     def _continue_contact(self, t: float, voltages: Array, contact: Contact) -> TrackRow:
-        """Process a sample during a contact, which may end it."""
+        """Process a sample during a contact, which may end with it.
+
+        Parameters
+        ----------
+        t : float
+            Time of the sample in s.
+        voltages : array, (electrodes,)
+            Voltages of the channels in V.
+        contact : Contact
+            The contact in progress.
+        """
         self._add_to_contact(contact, t, voltages)
         if contact.record.detect_end():
             contact.close()

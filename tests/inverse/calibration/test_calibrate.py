@@ -66,7 +66,7 @@ def test_derivatives_of_readings_agree_with_differences_of_solves():
     parameters = select_parameters(SCENE, (PRETENSION, "gain.B", "shift", "turn"), {})
     count = len(parameters)
     columns = {name: column[:2] for name, column in make_columns().items()}
-    corrections_mm = np.array([[0.1, -0.2], [0.0, 0.0]])
+    place_corrections_mm = np.array([[0.1, -0.2], [0.0, 0.0]])
     values = parameters.initial + 0.1
 
     def predict(step):
@@ -75,8 +75,8 @@ def test_derivatives_of_readings_agree_with_differences_of_solves():
             changed[name] = columns[name] + change
         model = ReadingModel(parameters, read_touches(changed, SCENE), "change", "V", 1e-5)
         stepped = values + step[:count]
-        model.solve_touches(stepped, corrections_mm, np.array([True, True]))
-        return model.predict(stepped, corrections_mm)
+        model.solve_touches(stepped, place_corrections_mm, np.array([True, True]))
+        return model.predict(stepped, place_corrections_mm)
 
     h = 1e-4
     prediction = predict(np.zeros(count + 3))
