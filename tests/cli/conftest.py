@@ -7,8 +7,8 @@ from importlib import import_module
 
 import pytest
 
+from tests.helpers.bump_response import make_bump_response
 from tests.helpers.streams import make_sensor
-from tests.helpers.touch_models import bumps
 
 TOLERANCE = "[numerics]\ntolerance = 0.05\n"
 READOUT = "[readout]\nfeedback_capacitance_pF = 500\n"
@@ -55,7 +55,7 @@ def models(monkeypatch):
 
     def make_response(scene, *_, **__):
         scenes.append(scene)
-        return bumps(scene.single_probe.shape).for_scene(scene)
+        return make_bump_response(scene.single_probe.shape).for_scene(scene)
 
     def make_tracked_response(scene, *_):
         return replace(unloaded, scene=scene)

@@ -21,7 +21,7 @@ from pvdf_fem import Scene, __version__, calibrate, dataset, modes, respond, sol
 from pvdf_fem.cli.options import read_scene
 from pvdf_fem.scene.scene_file import read_examples, read_key_texts
 from pvdf_fem.solver.nonlinear.newton import NewtonOptions
-from tests.helpers.touch_models import bumps
+from tests.helpers.bump_response import make_bump_response
 from tests.helpers.touched_sensor import SCENE as TOUCHED
 from tests.helpers.touched_sensor import TRUE, make_columns, patch_solver
 
@@ -107,7 +107,7 @@ def test_touches_for_estimators_are_those_of_python(folder, models, command):
     asked = "--touches 30 --seed 5 --sigma 0.03 --noise 2 --set film.thickness_um=20"
     assert command("dataset", "disc.toml", *asked.split(), "--output", "touches.nc").code == 0
     sensor = Scene.from_file("disc.toml").with_(**{"film.thickness_um": 20.0})
-    expected = dataset(sensor, 30, 5, 0.03, noise_pC=2.0, response=bumps("circle"))
+    expected = dataset(sensor, 30, 5, 0.03, noise_pC=2.0, response=make_bump_response("circle"))
     assert models == [sensor]
     with xarray.open_dataset("touches.nc") as kept:
         np.testing.assert_array_equal(kept.reading_pC, expected.reading_pC)

@@ -16,19 +16,19 @@ from pvdf_fem import Scene
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
 from pvdf_fem.surrogate import response_builder as build
 from pvdf_fem.surrogate.touch_domain import Domain
-from tests.helpers.touch_models import bumps, random_touches
+from tests.helpers.bump_response import draw_uniform_touches, make_bump_response
 from tests.surrogate import random_response
 
 NAMES = ("x_mm", "y_mm", "rotation_deg", "force_N")
-TOUCHES = random_touches(6, seed=2, reach_mm=9.0)
-CHARGES = bumps("rectangle").evaluate(TOUCHES)[0]
+TOUCHES = draw_uniform_touches(6, seed=2, reach_mm=9.0)
+CHARGES = make_bump_response("rectangle").evaluate(TOUCHES)[0]
 TOUCH = np.array([[3.0, -4.0, 0.0, 0.7]])
 READOUT = '[readout]\nkind = "charge"\nfeedback_capacitance_pF = 500\n'
 
 
 def options(reading=lambda charge: charge):
     """What each electrode reads of a touch, as an option takes it."""
-    charges = bumps("rectangle").evaluate(TOUCH)[0][0]
+    charges = make_bump_response("rectangle").evaluate(TOUCH)[0][0]
     return ",".join(f"{n}={reading(q):.9f}" for n, q in zip("ABCD", charges, strict=True))
 
 

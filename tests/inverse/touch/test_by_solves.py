@@ -14,7 +14,7 @@ from pvdf_fem.inverse.touch.search import LocateOptions, make_location
 from pvdf_fem.inverse.touch.solved_charges import SolvedResponse
 from pvdf_fem.inverse.touch.superposition import search_along_weak_direction
 from pvdf_fem.surrogate.touch_domain import Domain
-from tests.helpers.touch_models import bumps
+from tests.helpers.bump_response import make_bump_response
 
 DISC = {"shape": "circle", "radius_mm": 2.0}
 EIGHT = Scene().with_(
@@ -87,7 +87,10 @@ def test_two_touches_are_found_and_told_as_one_is():
 def test_both_sides_of_a_fold_are_searched():
     """Places mirror each other at a line of electrodes, near which charges hardly change across."""
     line = np.column_stack([[10.0, 5.0, -5.0, -10.0], np.zeros(4)])
-    model, touch = replace(bumps("circle"), electrodes_mm=line), np.array([[3.0, 0.4, 0.0, 1.0]])
+    model, touch = (
+        replace(make_bump_response("circle"), electrodes_mm=line),
+        np.array([[3.0, 0.4, 0.0, 1.0]]),
+    )
     charges = model.evaluate(touch)[0]
     problem = LocationProblem(model, np.arange(4), charges, 1e-4 * charges, np.array([0, 1, 3]))
     ends = run_levenberg_marquardt(

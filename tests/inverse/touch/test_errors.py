@@ -11,7 +11,7 @@ from pvdf_fem.inverse.touch.locate import locate
 from pvdf_fem.inverse.touch.locate_many import locate_many
 from pvdf_fem.inverse.touch.search import LocateOptions
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES
-from tests.helpers.touch_models import bumps, random_touches, read
+from tests.helpers.bump_response import draw_uniform_touches, make_bump_response, read_charges
 
 PLACE_MM = np.array([3.0, 4.0, 0.0, 1.0])
 ONE_SIGMA = 0.6827
@@ -26,8 +26,8 @@ def slopes_of(model, touch):
 
 def test_the_covariance_is_the_inverse_information_where_charges_are_linear():
     """Against the Fisher information with slopes by differences; the posterior is normal."""
-    model, touch = bumps("rectangle", 6), np.array([3.0, -4.0, 25.0, 0.7])
-    charges = read(model, touch)
+    model, touch = make_bump_response("rectangle", 6), np.array([3.0, -4.0, 25.0, 0.7])
+    charges = read_charges(model, touch)
     # slopes are those before the last step
     options = LocateOptions(search=SearchOptions(chi_square_tolerance=1e-8))
     asked = {"unknown": TOUCH_QUANTITIES, "noise_pC": 0.3, "options": options}
@@ -45,7 +45,10 @@ def test_the_covariance_is_the_inverse_information_where_charges_are_linear():
 def test_errors_deviations_and_p_values_are_those_of_the_noise():
     """68.3 % within one standard deviation, of 4000 ±2.5 % are more than three of its own; places
     as good as the bound of Cramér and Rao; p-values evenly distributed."""
-    model, touches = bumps("rectangle"), random_touches(4000, seed=3, reach_mm=11.0)
+    model, touches = (
+        make_bump_response("rectangle"),
+        draw_uniform_touches(4000, seed=3, reach_mm=11.0),
+    )
     touches[:, 3] = np.clip(touches[:, 3], 0.13, 4.0)
     errors = 0.01 * np.random.default_rng(4).standard_normal((4000, 4))
     charges = model.evaluate(touches)[0] * (1.0 + errors)
@@ -64,9 +67,9 @@ def test_errors_deviations_and_p_values_are_those_of_the_noise():
 
 def test_charges_that_undo_each_other_name_the_free_direction():
     """Four electrodes at one place tell a distance and nothing else."""
-    model = bumps("circle", 4)
+    model = make_bump_response("circle", 4)
     model = replace(model, electrodes_mm=np.tile(model.electrodes_mm[:1], (4, 1)))
-    best = locate(model, read(model, PLACE_MM), unknown=("x_mm", "y_mm")).best
+    best = locate(model, read_charges(model, PLACE_MM), unknown=("x_mm", "y_mm")).best
     assert not best.determined
     [free] = best.null_directions
     slopes = slopes_of(model, best.values)[:, :2]
@@ -75,8 +78,8 @@ def test_charges_that_undo_each_other_name_the_free_direction():
 
 
 def test_a_disc_has_no_rotation():
-    model = bumps("circle")
-    found = locate(model, read(model, PLACE_MM), unknown=TOUCH_QUANTITIES)
+    model = make_bump_response("circle")
+    found = locate(model, read_charges(model, PLACE_MM), unknown=TOUCH_QUANTITIES)
     best = found.best
     assert best.values[[0, 1, 3]] == pytest.approx(PLACE_MM[[0, 1, 3]], abs=1e-5)
     assert not best.determined
@@ -93,7 +96,7 @@ def test_errors_that_are_told_are_calibrated_along_folds():
     r, a = np.sqrt(81.0 + 63.0 * draw.random(count)), 2.0 * np.pi * draw.random(count)
     forces = 0.1 * 50.0 ** draw.random(count)
     touches = np.stack([r * np.cos(a), r * np.sin(a), np.zeros(count), forces], axis=1)
-    model = bumps("circle", width_mm=4.0)
+    model = make_bump_response("circle", width_mm=4.0)
     charges = model.evaluate(touches)[0] * (1.0 + 0.01 * draw.standard_normal((count, 4)))
     rows = (dict(zip("ABCD", row, strict=True)) for row in charges.tolist())
     locations = [locate(model, row) for row in rows]
@@ -106,7 +109,7 @@ def test_errors_that_are_told_are_calibrated_along_folds():
 
 
 def test_rows_have_what_a_location_has():
-    model, touches = bumps("circle", width_mm=4.0), random_touches(12, seed=5)
+    model, touches = make_bump_response("circle", width_mm=4.0), draw_uniform_touches(12, seed=5)
     errors = 0.01 * np.random.default_rng(6).standard_normal((12, 4))
     charges, known = model.evaluate(touches)[0] * (1.0 + errors), {"rotations_deg": np.zeros(12)}
     found = locate_many(model, charges, **known, calibrated=True)

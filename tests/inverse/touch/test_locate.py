@@ -10,7 +10,13 @@ import pytest
 from pvdf_fem.inverse.touch.locate import locate, rank_probes
 from pvdf_fem.inverse.touch.locate_many import locate_many
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain
-from tests.helpers.touch_models import POINTS, Bumps, bumps, random_touches, read
+from tests.helpers.bump_response import (
+    PROBE_POINTS_MM,
+    BumpResponse,
+    draw_uniform_touches,
+    make_bump_response,
+    read_charges,
+)
 
 PERIODS_DEG = {"triangle": 120.0, "rectangle": 180.0}
 #: Rows of random touches, and how near to these one of the listed touches is.
@@ -20,7 +26,7 @@ PLACE_MM = np.array([3.0, 4.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Watched(Bumps):
+class Watched(BumpResponse):
     """A model that keeps the touches of each evaluation."""
 
     asked: list[np.ndarray] = field(default_factory=list)
@@ -34,9 +40,9 @@ class Watched(Bumps):
 @pytest.mark.parametrize("electrodes", [3, 4, 6])
 def test_the_touch_is_found_from_exact_charges_by_few_evaluations(shape, electrodes):
     """Starts are so close, and searches end so soon, that a call takes a millisecond."""
-    model, calls = Watched(**vars(bumps(shape, electrodes))), []
-    for touch in random_touches(20, seed=electrodes):
-        charges = read(model, touch)
+    model, calls = Watched(**vars(make_bump_response(shape, electrodes))), []
+    for touch in draw_uniform_touches(20, seed=electrodes):
+        charges = read_charges(model, touch)
         model.asked.clear()
         found = locate(model, charges, 1e-3, known={"rotation_deg": touch[2]})
         calls.append([len(touches) for touches in model.asked])
@@ -55,16 +61,21 @@ def test_all_touches_with_an_unknown_rotation_are_listed(shape):
     """As many charges as unknown quantities: several touches may give them exactly. Some are at
     the end of winding valleys: long steps of the rotation, and searches that go on as one too
     early, miss these. Two touches about to become one are listed as one."""
-    model, period, several = bumps(shape), PERIODS_DEG[shape], 0
-    plain, winding = random_touches(30, seed=5), random_touches(600, seed=1)[WINDING[shape]]
+    model, period, several = make_bump_response(shape), PERIODS_DEG[shape], 0
+    plain, winding = (
+        draw_uniform_touches(30, seed=5),
+        draw_uniform_touches(600, seed=1)[WINDING[shape]],
+    )
     for touch, near in ((t, n) for of, n in ((plain, ROUGH), (winding, FINE)) for t in of):
-        charges = read(model, touch)
+        charges = read_charges(model, touch)
         found = locate(model, charges, 1e-3, unknown=TOUCH_QUANTITIES)
         several += found.ambiguous
         inside = [one for one in found.touches if not one.at_edge]
         assert all(0.0 <= one.rotation_deg < period for one in inside)
         fits = [one for one in inside if one.chi_square < 1e-6]
-        assert all(read(model, one.values) == pytest.approx(charges, rel=1e-4) for one in fits)
+        assert all(
+            read_charges(model, one.values) == pytest.approx(charges, rel=1e-4) for one in fits
+        )
         apart = np.array([one.values for one in found.touches]) - touch
         apart[:, 2] -= period * np.round(apart[:, 2] / period)
         assert (np.abs(apart) < near).all(axis=1).any()
@@ -80,8 +91,8 @@ def test_all_touches_with_an_unknown_rotation_are_listed(shape):
 
 def test_mirror_images_are_both_listed():
     """Two electrodes on a line, the force known: places mirror each other at it."""
-    model = bumps("circle", 2)
-    found = locate(model, read(model, PLACE_MM), unknown=("x_mm", "y_mm"))
+    model = make_bump_response("circle", 2)
+    found = locate(model, read_charges(model, PLACE_MM), unknown=("x_mm", "y_mm"))
     assert (found.status, found.alternatives) == ("ambiguous", 1)
     assert [one.weight for one in found.touches] == pytest.approx([0.5, 0.5], abs=1e-6)
     assert sorted(one.y_mm for one in found.touches) == pytest.approx([-4.0, 4.0], abs=1e-4)
@@ -98,7 +109,7 @@ def test_probes_weigh_as_the_evidence_for_them():
     assert [one.weight for one in found] == pytest.approx([0.75, 0.25, 0.0])
 
 
-EXACT = read(bumps("circle"), PLACE_MM)
+EXACT = read_charges(make_bump_response("circle"), PLACE_MM)
 
 
 @pytest.mark.parametrize(
@@ -113,7 +124,7 @@ EXACT = read(bumps("circle"), PLACE_MM)
 )
 def test_too_few_charges_and_charges_that_no_touch_gives_are_flagged(charges, freedom, status):
     """Without a degree of freedom there is no p-value; the edge of the domain tells no fit."""
-    model = bumps("circle")
+    model = make_bump_response("circle")
     found = locate(model, charges)
     columns = {name: [charge] for name, charge in charges.items()}
     many = locate_many(model, columns, rotations_deg=[0.0])
@@ -141,11 +152,13 @@ def test_too_few_charges_and_charges_that_no_touch_gives_are_flagged(charges, fr
 def test_a_touch_beyond_the_domain_is_at_its_edge_and_no_model_is_asked_there(
     touch, limits, status
 ):
-    model = Watched(**vars(bumps("circle")))
-    found = locate(model, read(bumps("circle"), touch))
+    model = Watched(**vars(make_bump_response("circle")))
+    found = locate(model, read_charges(make_bump_response("circle"), touch))
     assert (found.best.at_edge, found.status) == (limits, status)
     locate(
-        replace(model, points_mm=POINTS["triangle"]), read(bumps(), touch), unknown=TOUCH_QUANTITIES
+        replace(model, points_mm=PROBE_POINTS_MM["triangle"]),
+        read_charges(make_bump_response(), touch),
+        unknown=TOUCH_QUANTITIES,
     )
     x, y, _, force = np.concatenate(model.asked).T
     assert np.hypot(x, y).max() <= 12.0 * (1.0 + 1e-9)
@@ -156,8 +169,10 @@ def test_a_touch_beyond_the_domain_is_at_its_edge_and_no_model_is_asked_there(
 @pytest.mark.parametrize(("axis", "other"), [("x_mm", "y_mm"), ("y_mm", "x_mm")])
 def test_a_place_on_a_line_is_sought_as_far_as_the_reach(axis, other):
     """Of a touch beyond a reach of 10 mm, 6 mm off the centre; searches go 5 % beyond the reach."""
-    wide, narrow = (bumps("circle", domain=Domain(reach, (0.1, 5.0))) for reach in (14.0, 10.0))
-    charges = read(wide, [9.5, 6.0, 0.0, 1.0] if axis == "x_mm" else [6.0, 9.5, 0.0, 1.0])
+    wide, narrow = (
+        make_bump_response("circle", domain=Domain(reach, (0.1, 5.0))) for reach in (14.0, 10.0)
+    )
+    charges = read_charges(wide, [9.5, 6.0, 0.0, 1.0] if axis == "x_mm" else [6.0, 9.5, 0.0, 1.0])
     asked = {"unknown": (axis, "force_N"), "known": {other: 6.0, "rotation_deg": 0.0}}
     found = locate(narrow, charges, 0.01, **asked)
     assert getattr(found.best, axis) == pytest.approx((10.5**2 - 6.0**2) ** 0.5, rel=1e-6)

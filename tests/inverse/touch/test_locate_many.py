@@ -7,7 +7,7 @@ import pytest
 
 from pvdf_fem.inverse.touch import locate_many as module
 from pvdf_fem.inverse.touch.locate_many import locate_many
-from tests.helpers.touch_models import bumps, random_touches
+from tests.helpers.bump_response import draw_uniform_touches, make_bump_response
 
 BAD = {
     "not_finite": [[np.nan, 1.0, 1.0, 1.0], [1.0, np.inf, 1.0, 1.0], [1.0, 1.0, None, 1.0]],
@@ -18,7 +18,10 @@ BAD = {
 
 def rows(count=12):
     """A model, touches, and their charges with errors of 1 %."""
-    model, touches = bumps("rectangle"), random_touches(count, seed=2, reach_mm=10.0)
+    model, touches = (
+        make_bump_response("rectangle"),
+        draw_uniform_touches(count, seed=2, reach_mm=10.0),
+    )
     factors = 1.0 + 0.01 * np.random.default_rng(4).standard_normal((count, 4))
     return model, touches, model.evaluate(touches)[0] * factors
 
@@ -92,7 +95,7 @@ def test_columns_in_any_order_are_as_good_as_rows():
 )
 def test_a_table_that_cannot_be_used_is_refused(charges, options, key):
     with pytest.raises(ValueError, match=f"^{key}"):
-        locate_many(bumps(), charges, **options)
+        locate_many(make_bump_response(), charges, **options)
 
 
 def test_chunks_change_no_row_and_memory_does_not_grow_with_rows(monkeypatch):

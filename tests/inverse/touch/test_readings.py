@@ -11,7 +11,7 @@ from pvdf_fem.inverse.touch.locate_many import locate_many
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.adaptive import compute_unloaded_charges
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES
-from tests.helpers.touch_models import bumps, read
+from tests.helpers.bump_response import make_bump_response, read_charges
 
 TOUCH = np.array([3.0, -4.0, 25.0, 0.7])
 KNOWN = {"rotation_deg": 25.0}
@@ -34,7 +34,7 @@ REST_PC = 48.0
 
 def model_with(shape="rectangle", **sections):
     """A stand-in whose charges without a touch are the scene's."""
-    model = bumps(shape)
+    model = make_bump_response(shape)
     scene = model.scene.with_(**sections)
     return replace(
         model, scene=scene, rest_pC=1e12 * compute_unloaded_charges(Problem.from_scene(scene))[0]
@@ -46,7 +46,7 @@ def by_name(readings):
 
 
 def charges_of(model):
-    return np.array([*read(model, TOUCH).values()])
+    return np.array([*read_charges(model, TOUCH).values()])
 
 
 @pytest.mark.parametrize("reading", ["total", "change"])
@@ -112,7 +112,9 @@ def test_what_is_not_sought_is_given_on_the_stage_or_is_the_scenes_touch(unknown
     sections = {"probe": {"shape": "rectangle", **place}, "load": {"force_N": 0.7}}
     model, touch = model_with(stage=STAGE, **({} if given else sections)), ON_STAGE
     known = {n: v for n, v in zip(TOUCH_QUANTITIES, touch, strict=True) if n not in unknown}
-    found = locate(model, read(model, TOUCH), 1e-3, unknown=unknown, known=known if given else {})
+    found = locate(
+        model, read_charges(model, TOUCH), 1e-3, unknown=unknown, known=known if given else {}
+    )
     assert found.unknown == unknown
     fits = found.touches if unknown == TOUCH_QUANTITIES else [found.best]
     assert any(one.values == pytest.approx(touch, abs=1e-4) for one in fits)
@@ -153,7 +155,7 @@ def test_all_mistakes_are_told_by_their_keys(charges, options, keys):
 
 
 def test_without_any_error_there_is_no_likelihood():
-    model = bumps(error_bound=0.0)
+    model = make_bump_response(error_bound=0.0)
     with pytest.raises(ValueError, match=r"^sigma = 0"):
         locate(model, TWO, 0.0)
     with pytest.raises(ValueError, match=r"^sigma = 0"):

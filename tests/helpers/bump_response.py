@@ -16,7 +16,7 @@ DOMAIN = Domain(12.0, (0.1, 5.0))
 
 
 @dataclass(frozen=True, eq=False)
-class Bumps:
+class BumpResponse:
     """Charges rest + 700 F^0.65 mean of 1/(1 + |p - e|²/s²) over points p of the probe.
 
     They fall off about the electrodes' centres e (n, 2), and have the probe's symmetries.
@@ -58,14 +58,14 @@ class Bumps:
         return self.rest_pC + power * mean, power[:, :, None] * np.stack(parts, axis=2)
 
 
-POINTS = {
+PROBE_POINTS_MM = {
     "triangle": make_triangle_corners(7.0),
     "rectangle": make_rectangle_corners(14.0, 7.0),
     "circle": np.zeros((1, 2)),
 }
 
 
-def bumps(shape: str = "triangle", electrodes: int = 4, **changes) -> Bumps:
+def make_bump_response(shape: str = "triangle", electrodes: int = 4, **changes) -> BumpResponse:
     """Electrodes on the ring of 10 mm, the first at +x."""
     angles = 360.0 * np.arange(electrodes) / electrodes
     places = np.array([rotate([10.0, 0.0], angle) for angle in angles])
@@ -75,10 +75,10 @@ def bumps(shape: str = "triangle", electrodes: int = 4, **changes) -> Bumps:
         for name, (x, y) in zip(names, places.tolist(), strict=True)
     ]
     scene = Scene().with_(probe={"shape": shape}, electrodes=list_of)
-    return Bumps(scene, POINTS[shape], places, names, **changes)
+    return BumpResponse(scene, PROBE_POINTS_MM[shape], places, names, **changes)
 
 
-def random_touches(count: int, seed: int, reach_mm: float = 12.0) -> np.ndarray:
+def draw_uniform_touches(count: int, seed: int, reach_mm: float = 12.0) -> np.ndarray:
     """Touches (count, 4) evenly over a disc, all rotations, and magnitudes of 0.1 to 5 N."""
     draw = np.random.default_rng(seed)
     r, a = reach_mm * np.sqrt(draw.random(count)), 2.0 * np.pi * draw.random(count)
@@ -86,7 +86,7 @@ def random_touches(count: int, seed: int, reach_mm: float = 12.0) -> np.ndarray:
     return np.stack([r * np.cos(a), r * np.sin(a), turns, forces], axis=1)
 
 
-def read(model, touch, factors=1.0) -> dict[str, float]:
+def read_charges(model, touch, factors=1.0) -> dict[str, float]:
     """Charges of a touch (4,), times some factors, by electrode."""
     charges = factors * model.evaluate(np.atleast_2d(touch))[0][0]
     return dict(zip(model.names, charges.tolist(), strict=True))
