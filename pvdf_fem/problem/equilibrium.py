@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.film.electric.coupling import Coupling
+from pvdf_fem.film.coupling import Coupling
 from pvdf_fem.film.loads.load_classes import make_loads, select_probe_loads
 from pvdf_fem.film.loads.load_spec import count_auxiliary_nodes
 from pvdf_fem.film.loads.probe_load import ProbeLoad

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.effects import Charges, EffectNote
-from pvdf_fem.film.electric.coupling import (
+from pvdf_fem.film.coupling import (
     FloatingElectrode,
     describe_coupling,
     find_coupled_electrodes,
 )
+from pvdf_fem.film.effects import Charges, EffectNote
 from pvdf_fem.film.loads.load_spec import (
     LoadSpec,
     Pressure,

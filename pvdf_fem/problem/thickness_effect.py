@@ -13,8 +13,8 @@ import shapely
 from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.film.coupling import FloatingElectrode
 from pvdf_fem.film.effects import Charges, EffectNote, describe_charge_effect
-from pvdf_fem.film.electric.coupling import FloatingElectrode
 from pvdf_fem.film.loads.contact_estimate import estimate_load_force, estimate_pressed_area
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.film.loads.load_spec import LoadSpec
