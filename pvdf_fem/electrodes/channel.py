@@ -80,15 +80,17 @@ def make_channels(scene: Scene) -> tuple[Channel, ...]:
     readout, film, found = scene.readout or Readout(), scene.film, []
     for electrode in scene.electrode_list:
         name = electrode.name
-        if readout.of("kind", name) == "charge":
-            capacitance = readout.of("feedback_capacitance_pF", name) / 1e12
-            resistance = readout.of("feedback_resistance_MOhm", name)
+        if readout.get_value("kind", name) == "charge":
+            capacitance = readout.get_value("feedback_capacitance_pF", name) / 1e12
+            resistance = readout.get_value("feedback_resistance_MOhm", name)
         else:
             area = electrode.outline.area
             capacitance = compute_capacitance(area, film.thickness, film.permittivity)
-            capacitance += readout.of("cable_capacitance_pF", name) / 1e12
-            resistance = readout.of("input_resistance_MOhm", name)
-        gain, offset, noise = (readout.of(key, name) for key in ("gain", "offset_V", "noise_V"))
+            capacitance += readout.get_value("cable_capacitance_pF", name) / 1e12
+            resistance = readout.get_value("input_resistance_MOhm", name)
+        gain, offset, noise = (
+            readout.get_value(key, name) for key in ("gain", "offset_V", "noise_V")
+        )
         resistance = math.inf if resistance is None else 1e6 * resistance
         found.append(Channel(name, capacitance, resistance, gain, offset, noise))
     return tuple(found)

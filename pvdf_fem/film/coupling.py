@@ -155,8 +155,8 @@ def find_floating_electrodes(scene: Scene) -> tuple[FloatingElectrode, ...]:
     readout = scene.readout or Readout()
     floating = []
     for electrode in scene.electrode_list:
-        if readout.of("kind", electrode.name) == "voltage":
-            cable_pF = readout.of("cable_capacitance_pF", electrode.name)
+        if readout.get_value("kind", electrode.name) == "voltage":
+            cable_pF = readout.get_value("cable_capacitance_pF", electrode.name)
             floating.append(
                 FloatingElectrode(
                     electrode.name, electrode.outline, film=scene.film, load=cable_pF / 1e12

@@ -108,5 +108,5 @@ def test_sizes_are_attributes_of_the_table_and_changed_in_its_shape():
     assert np.ptp(wider.outline.corners[:, 0]) == pytest.approx(5e-3)
     with pytest.raises(AttributeError, match="did you mean height_mm"):
         _ = scene.probe.heigth_mm
-    with pytest.raises(SceneError, match="electrodes.shape"):
+    with pytest.raises(SceneError, match=r"electrodes\.shape"):
         Scene(electrodes={"shape": "circle", "radius_mm": 1.0})
