@@ -176,7 +176,7 @@ class ModalProblem:
         coarser : ModalLevel or None
             The solve on the mesh before, which is not used.
         """
-        order = max(2, self.problem.film.lowest_order + 1)
+        order = max(2, self.problem.film.kinematics.lowest_order + 1)
         coarse = Equilibrium(self.problem, mesh, order)
         rich = Equilibrium(self.problem, mesh, order + 1)
         q = np.zeros(coarse.unknowns.count)

@@ -18,7 +18,7 @@ from skfem import Basis
 from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.modal_problem import ModalProblem, estimate_bending_share
 from pvdf_fem.dynamics.spectrum import AIR, VACUUM, Spectrum
-from pvdf_fem.film.electric.coupling import describe_coupling
+from pvdf_fem.film.coupling import describe_coupling
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.problem.problem import Problem

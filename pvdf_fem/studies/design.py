@@ -177,8 +177,8 @@ def design(
     Examples
     --------
     >>> vary = {"electrodes.ring_radius_mm": [8.0, 10.0]}
-    >>> found = design("sensor.toml", vary, sigma=0.01, reach_mm=4.0, step_mm=2.0, tolerance=3e-2)
-    >>> found.place_deviation_median_mm.to_pandas()
+    >>> data = design("sensor.toml", vary, sigma=0.01, reach_mm=4.0, step_mm=2.0, tolerance=3e-2)
+    >>> data.place_deviation_median_mm.to_pandas()
     """
     vary = coerce("vary", vary, dict[str, Any])
     study = DesignStudy.from_scene(as_scene(scene), vary)
@@ -242,7 +242,7 @@ def _get_response(
     processes: int | None,
     progress: Progress | bool | None,
 ) -> Response:
-    """Return the response of a scene: the given one if it serves, or a new one.
+    """Return the response of a scene: that of the caller if it serves, or a new one.
 
     Parameters
     ----------

@@ -73,7 +73,7 @@ class Calibration(Result):
     @property
     def places_mm(self) -> Array:
         """Corrected places of the touches on the stage, (touches, 2)."""
-        return self.fit.model.table.probe_loads[:, :2] + self.fit.place_corrections_mm
+        return self.fit.model.table.places_mm + self.fit.place_corrections_mm
 
     @cached_property
     def leave_one_out(self) -> dict[str, float]:
@@ -162,7 +162,7 @@ class Calibration(Result):
             np.isin(table.rows, list(self.outliers)),
             table.readings,
             self.fit.prediction.readings,
-            table.probe_loads[:, :2],
+            table.places_mm,
             self.places_mm,
         )
         write_calibration_page(data, self.status, self._repr_html_(), about or {}, path)

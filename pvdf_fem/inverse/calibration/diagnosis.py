@@ -47,7 +47,7 @@ class CalibrationStatus(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """A mistake that may have been made, and touches and reading without it."""
+    """Touches as they would be without a mistake that may be in the file."""
 
     status: CalibrationStatus
     text: str  #: The mistake in words.

@@ -152,7 +152,7 @@ class CalibrationFit(LeastSquaresProblem):
     def information(self) -> Information:
         """Precision of directions in the parameters' space by the readings, over the priors'.
 
-        Where a singular value is below 1, the priors tell more of the direction than the readings.
+        Where a singular value is below 1, priors determine the direction better than readings do.
         """
         slopes = self.whitened.slopes[self.is_used].reshape(-1, len(self.values))
         slopes = slopes * self.model.parameters.prior_deviations
