@@ -97,7 +97,7 @@ class DesignColumns:
         sigma : float
             Relative standard deviation of a reading.
         noise_pC : float, optional
-            Standard deviation of a reading besides, in pC.
+            Absolute standard deviation of a reading in pC.
         """
         bounds = compute_bounds(response, self.grid.places_mm, sigma, noise_pC)
         for name, values in self.maps.items():
@@ -133,7 +133,7 @@ def design(
         Standard deviation of a reading, relative to the total charge or its change by the touch,
         whichever the scene's readout reads.
     noise_pC : float, optional
-        Standard deviation of a reading besides, in pC, by default the noise of the readout.
+        Absolute standard deviation of a reading in pC; by default the noise of the readout.
     reach_mm : float, optional
         Largest distance of touches from the centre; by default that of the response, or of the
         smallest film.
@@ -157,7 +157,7 @@ def design(
     xarray.Dataset
         With a dimension for each key: ``place_deviation_median_mm`` and ``_worst_mm``,
         ``force_deviation_median`` and ``_worst`` over the force, ``ambiguous_share`` of the places,
-        and ``scene``, the design as TOML. With ``y_mm`` and ``x_mm`` besides, NaN beyond the reach:
+        and ``scene``, the design as TOML. In addition by ``y_mm`` and ``x_mm``, NaN beyond the reach:
         ``place_deviation_mm``, ``force_deviation``, ``ambiguous``.
 
     Raises
@@ -286,7 +286,7 @@ def compute_bounds(
     sigma : float
         Relative standard deviation of a reading.
     noise_pC : float, optional
-        Standard deviation of a reading besides, in pC.
+        Absolute standard deviation of a reading in pC.
     """
     exact = replace(response, error_bound=0.0)
     touch = list(extract_touch(response.scene).values())

@@ -67,8 +67,8 @@ def calibrate(
     sigma : float
         Standard deviation of a reading, relative to it.
     noise_pC : float or mapping of str to float, optional
-        Standard deviation of a reading besides, in nominal pC, also by electrode; by default the
-        ``noise_V`` of the scene's ``[readout]``.
+        Absolute standard deviation of a reading in nominal pC, one for all electrodes or one for
+        each; by default the ``noise_V`` of the scene's ``[readout]``.
     place_sd : float
         Standard deviation in mm of each coordinate of the touches' places.
     priors : mapping of str to float, optional

@@ -221,6 +221,7 @@ def _propose_touch_corrections(fit: CalibrationFit) -> Iterator[Correction]:
     if is_of_size:
         yield from _propose_frame_corrections(fit.model)
         return
+    # Readings that are too small come from forces in a smaller unit than newton.
     for unit, newtons in FORCE_UNITS_N.items():
         if (newtons < 1.0) == (size < 1.0):
             probe_loads = table.probe_loads * [1.0, 1.0, 1.0, newtons]

@@ -38,8 +38,8 @@ MISSING = 1e6
 class ReadingNoise:
     """Standard deviations of readings and places."""
 
-    sigma: float  #: Of a reading, relative to it.
-    absolute: Array  #: Of a reading besides, in its unit, (electrodes,).
+    sigma: float  #: Relative, of a reading.
+    absolute: Array  #: Absolute, of a reading in its unit, (electrodes,).
     place_mm: float  #: Of each coordinate of a touch's place.
 
 
