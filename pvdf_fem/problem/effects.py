@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from pvdf_fem.film.effects import EffectNote
+
 
 @dataclass(frozen=True)
 class Effects:
@@ -14,13 +16,13 @@ class Effects:
     neglected: tuple[str, ...]
 
     @classmethod
-    def sort(cls, descriptions: Iterable[tuple[bool, str]]) -> Effects:
-        """Sort descriptions, each a pair of whether the effect is included and a sentence."""
+    def sort(cls, notes: Iterable[EffectNote]) -> Effects:
+        """Sort notes about effects."""
         included = []
         neglected = []
-        for is_included, text in descriptions:
-            if is_included:
-                included.append(text)
+        for note in notes:
+            if note.is_included:
+                included.append(note.text)
             else:
-                neglected.append(text)
+                neglected.append(note.text)
         return cls(tuple(included), tuple(neglected))

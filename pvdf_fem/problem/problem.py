@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.effects import Charges
-from pvdf_fem.film.electric.coupling import (
+from pvdf_fem.film.coupling import (
     FloatingElectrode,
     describe_coupling,
     find_coupled_electrodes,
 )
+from pvdf_fem.film.effects import Charges, EffectNote
 from pvdf_fem.film.loads.load_spec import (
     LoadSpec,
     Pressure,
@@ -132,7 +132,7 @@ class Problem(Result):
         leaning = any(load.load.tilt == "free" for load in self.scene.loaded_probes)
         if self.scene.tips or leaning or self.pressure is not None:
             return WHOLE_FILM
-        if not (self.film.solved_on_parts and self.has_passive_electrodes):
+        if not (self.film.capabilities.uses_symmetry and self.has_passive_electrodes):
             return WHOLE_FILM
         return find_symmetry_sector(self.scene)
 
@@ -162,7 +162,7 @@ class Problem(Result):
         """
         unloaded = self._unloaded
         film, model = unloaded.scene.film, unloaded.film
-        law = model.film_law
+        law = model.law
         stress = law.stress(np.zeros((1, 3)), law.compute_prestrain(film))[0, :2]
         carried = model.wrinkles or bool(stress.min() >= 0.0)
         return stress if film.is_flat_unloaded and carried else None
@@ -200,19 +200,19 @@ class Problem(Result):
         -------
         Effects
         """
-        descriptions = []
+        notes: list[EffectNote] = []
         if self.pressure is not None:
             name = format_function_name(self.pressure)
             text = f"pressure: the function {name} in place of load.profile"
-            descriptions.append((True, text))
-        descriptions.append(self.film.remark)
-        descriptions += describe_coupling(self.scene)
-        descriptions += describe_thickness_effect(
+            notes.append(EffectNote(True, text))
+        notes.append(self.film.bending_note)
+        notes += describe_coupling(self.scene)
+        notes += describe_thickness_effect(
             self.scene, self.loads, self.floating_electrodes, charges_pC=charges_pC
         )
-        descriptions += describe_heat_effects(self.scene, charges_pC)
-        descriptions += describe_weight(self.scene)
-        return Effects.sort(descriptions)
+        notes += describe_heat_effects(self.scene, charges_pC)
+        notes += describe_weight(self.scene)
+        return Effects.sort(notes)
 
     def summary(self) -> Summary:
         """Summarize what is going to be solved, and why; nothing is meshed or solved for it."""

@@ -13,8 +13,8 @@ import shapely
 from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.effects import Charges, describe_charge_effect
-from pvdf_fem.film.electric.coupling import FloatingElectrode
+from pvdf_fem.film.coupling import FloatingElectrode
+from pvdf_fem.film.effects import Charges, EffectNote, describe_charge_effect
 from pvdf_fem.film.loads.contact_estimate import estimate_load_force, estimate_pressed_area
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.film.loads.load_spec import LoadSpec
@@ -30,7 +30,7 @@ def describe_thickness_effect(
     loads: Sequence[LoadSpec],
     floating_electrodes: Sequence[FloatingElectrode],
     charges_pC: Charges = None,
-) -> Iterator[tuple[bool, str]]:
+) -> Iterator[EffectNote]:
     """Describe the charge by d33: whether it is included, and its size.
 
     Parameters
@@ -73,7 +73,7 @@ def describe_thickness_effect(
         shares = [float(np.trace(electrode.share)) for electrode in floating_electrodes]
         charge_pC = abs(0.5 * max(shares) * film.d33_pC_N * forces[most])
         text = f"coupling by the charge of film.d33_pC_N: about {charge_pC:.1e} pC on {name}"
-        yield False, f"{text}; no key includes it"
+        yield EffectNote(False, f"{text}; no key includes it")
 
 
 def _estimate_forces_on_electrodes(
