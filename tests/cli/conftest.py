@@ -73,10 +73,10 @@ class WorkBegun(BaseException):
 
 #: Functions that begin the work of commands.
 WORK = (
-    "pvdf_fem.solver.sensitivity.uncertainty.solve",
+    "pvdf_fem.solver.solve.solve",
     "pvdf_fem.mesh.gmsh_mesh.mesh_scene",
     "pvdf_fem.dynamics.modes.modes",
-    "pvdf_fem.dynamics.charge_changes.solve",
+    "pvdf_fem.dynamics.charge_changes.solve_problem",
     "pvdf_fem.batch.batch.plan_scenes",
     "pvdf_fem.inverse.calibration.calibrate.ReadingModel",
     "pvdf_fem.surrogate.response_builder.build_response",

@@ -77,11 +77,12 @@ class Calibration(Result):
 
     @cached_property
     def leave_one_out(self) -> dict[str, float]:
-        """Errors of each touch by a calibration with the others.
+        """Errors of the calibration at touches that it does not use.
 
-        ``charge`` is their root mean square over that of the readings. ``place_mm`` and ``force``
-        (relative) are medians of the distances at which touches would be located from their places
-        and forces in the file, by linear steps.
+        Each touch is compared with a fit to the other touches. ``charge`` is the root mean square
+        of the differences of readings, over that of the readings. ``place_mm`` and ``force`` are
+        the medians of the errors with which such a touch would be located, in mm and relative to
+        the force, by a linear step.
         """
         fit = self.fit
         is_used = fit.is_used

@@ -75,8 +75,8 @@ def test_errors_name_row_and_column(source, text, tmp_path):
 
 
 def test_a_disc_needs_no_rotation():
-    given = make_columns()
-    del given["rotation_deg"]
-    np.testing.assert_array_equal(read_touches(given, DISC).probe_loads[:, 2], 0.0)
+    columns = make_columns()
+    del columns["rotation_deg"]
+    np.testing.assert_array_equal(read_touches(columns, DISC).probe_loads[:, 2], 0.0)
     with pytest.raises(TouchesError, match="column rotation_deg: "):
-        read_touches(given, SCENE)
+        read_touches(columns, SCENE)
