@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.film.electric.coupling import Coupling
+from pvdf_fem.film.coupling import Coupling
 from pvdf_fem.film.loads.load_classes import make_loads, select_probe_loads
 from pvdf_fem.film.loads.load_spec import count_auxiliary_nodes
 from pvdf_fem.film.loads.probe_load import ProbeLoad
@@ -64,7 +64,7 @@ class Equilibrium:
         if space is None:
             space = Space(mesh, order, count_auxiliary_nodes(problem.scene))
         self.space = space
-        self.membrane = self.model.membrane(space, sector)
+        self.membrane = self.model.make_membrane(space, sector)
         #: The membrane, first, the loads, coupling and, where the film bends, the plate.
         self.terms = self._make_terms()
         #: Dofs that the rim and mirror lines hold, (n,).
@@ -75,7 +75,7 @@ class Equilibrium:
         terms += make_loads(self.film, self.problem.loads, self.space, self.sector)
         for electrode in self.problem.floating_electrodes:
             terms.append(Coupling(electrode, self.space))
-        terms += self.model.bending_terms(self.space, terms)
+        terms += self.model.make_bending_terms(self.space, terms)
         return terms
 
     def _find_clamped_dofs(self) -> Indices:

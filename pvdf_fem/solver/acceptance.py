@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.sparse.linalg import SuperLU
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.electrodes.stress_integrals import (
     CANCELLATION_SHARE,
     StressIntegrals,
@@ -59,7 +59,7 @@ def find_rejection_status(
     if factors is None:  # the flat film
         return None
     equilibrium, state = fields.solved, fields.solved_state
-    if not is_balanced(equilibrium, state, factors, equilibrium.model.imbalance):
+    if not is_balanced(equilibrium, state, factors, equilibrium.model.mesh_policy.imbalance):
         return Status.UNBALANCED
     if is_tip_at_rim(fields):
         return Status.RIM
@@ -128,7 +128,7 @@ def list_warnings(equilibrium: Equilibrium, state: State, change: float | None) 
     """
     told = "" if change is None else f"; this would change a charge by up to {change:.1e} of it"
     least, largest = compute_principal_values(state.stress)
-    for remark, where in equilibrium.model.compression_remarks(least, largest):
+    for remark, where in equilibrium.model.find_compression(least, largest):
         yield remark.format(_area(equilibrium, where)) + told
     if (stress := largest.max()) > STRENGTH:
         yield (
@@ -164,7 +164,7 @@ def warn_of_cancelled_charges(scene: Scene, forces: StressIntegrals) -> Iterator
         )
 
 
-def _area(equilibrium: Equilibrium, where: Array) -> str:
+def _area(equilibrium: Equilibrium, where: Mask) -> str:
     weights = equilibrium.space.weights * len(equilibrium.sector.signs)
     area = float((weights * where).sum())
     return f"{1e6 * area:.3g} mm2 ({area / weights.sum():.2%} of the film)"

@@ -132,7 +132,11 @@ def _solve(
     def precondition(residual: Array) -> Array:
         return prolong @ factors.solve(prolong.T @ residual) + residual / diagonal
 
-    enough = options.energy_part if rich.model.smooth else options.energy_part_rough
+    enough = (
+        options.energy_part
+        if rich.model.mesh_policy.has_smooth_correction
+        else options.energy_part_rough
+    )
     x, residual, energy = np.zeros_like(right), right.copy(), 0.0
     direction = precondition(residual)
     product = residual @ direction

@@ -53,7 +53,7 @@ def choose_first_sizes(problem: Problem, order: int) -> GradedSizes:
     reached = scene.numerics.tolerance / REACHED[order]
     factor = float(np.clip(reached ** (1.0 / (order + 1.0)), 0.4, 2.2))
     sizes = GradedSizes(patches, growth, largest * scene.film.radius)
-    sizes = sizes.scaled(model.size_factor * factor)
+    sizes = sizes.scaled(model.mesh_policy.size_factor * factor)
     edges = {n: min(c.perimeter / EDGE_FACETS, sizes.patches[n]) for n, c in contacts.items()}
     sizes = replace(sizes, patches=sizes.patches | edges)
     return _with_layers(scene, sizes) if model.bends else sizes

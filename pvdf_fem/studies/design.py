@@ -97,7 +97,7 @@ class DesignColumns:
         sigma : float
             Relative standard deviation of a reading.
         noise_pC : float, optional
-            Standard deviation of a reading besides, in pC.
+            Absolute standard deviation of a reading in pC.
         """
         bounds = compute_bounds(response, self.grid.places_mm, sigma, noise_pC)
         for name, values in self.maps.items():
@@ -133,7 +133,7 @@ def design(
         Standard deviation of a reading, relative to the total charge or its change by the touch,
         whichever the scene's readout reads.
     noise_pC : float, optional
-        Standard deviation of a reading besides, in pC, by default the noise of the readout.
+        Absolute standard deviation of a reading in pC; by default the noise of the readout.
     reach_mm : float, optional
         Largest distance of touches from the centre; by default that of the response, or of the
         smallest film.
@@ -157,7 +157,7 @@ def design(
     xarray.Dataset
         With a dimension for each key: ``place_deviation_median_mm`` and ``_worst_mm``,
         ``force_deviation_median`` and ``_worst`` over the force, ``ambiguous_share`` of the places,
-        and ``scene``, the design as TOML. With ``y_mm`` and ``x_mm`` besides, NaN beyond the reach:
+        and ``scene``, the design as TOML. In addition by ``y_mm`` and ``x_mm``, NaN beyond the reach:
         ``place_deviation_mm``, ``force_deviation``, ``ambiguous``.
 
     Raises
@@ -177,8 +177,8 @@ def design(
     Examples
     --------
     >>> vary = {"electrodes.ring_radius_mm": [8.0, 10.0]}
-    >>> found = design("sensor.toml", vary, sigma=0.01, reach_mm=4.0, step_mm=2.0, tolerance=3e-2)
-    >>> found.place_deviation_median_mm.to_pandas()
+    >>> data = design("sensor.toml", vary, sigma=0.01, reach_mm=4.0, step_mm=2.0, tolerance=3e-2)
+    >>> data.place_deviation_median_mm.to_pandas()
     """
     vary = coerce("vary", vary, dict[str, Any])
     study = DesignStudy.from_scene(as_scene(scene), vary)
@@ -242,7 +242,7 @@ def _get_response(
     processes: int | None,
     progress: Progress | bool | None,
 ) -> Response:
-    """Return the response of a scene: the given one if it serves, or a new one.
+    """Return the response of a scene: that of the caller if it serves, or a new one.
 
     Parameters
     ----------
@@ -286,7 +286,7 @@ def compute_bounds(
     sigma : float
         Relative standard deviation of a reading.
     noise_pC : float, optional
-        Standard deviation of a reading besides, in pC.
+        Absolute standard deviation of a reading in pC.
     """
     exact = replace(response, error_bound=0.0)
     touch = list(extract_touch(response.scene).values())

@@ -231,10 +231,10 @@ def test_the_command_prints_its_plan_and_writes_the_dataset(
     failed = Record("unstable", "no", tuple("ABCD"))
     monkeypatch.setattr(batch, "make_records", lambda scenes, frames: [failed] * len(scenes))
     done = command(*line, "--store", "other.db")
-    assert (done.code, done.told) == (3, ["no charges in 4 scenes"])
+    assert (done.code, done.stderr_keys) == (3, ["no charges in 4 scenes"])
     (tmp_path / "s.toml").write_text(
         f"{text}[[axes]]\nfilm.radius_mm = [40, 45]\n[[axes]]\nfilm.thickness_um = [9, 25]\n"
     )
-    assert command(*line, "--plot", "s.png").mistakes == ["--plot"]
+    assert command(*line, "--plot", "s.png").error_keys == ["--plot"]
     nowhere = ["--scheduler", "nonsense://x"]
-    assert command(*line[:2], "--quiet", *nowhere).mistakes == [" ".join(nowhere)]
+    assert command(*line[:2], "--quiet", *nowhere).error_keys == [" ".join(nowhere)]

@@ -7,8 +7,8 @@ import pytest
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.film.bending.effect import estimate_bending_effect
+from pvdf_fem.film.coupling import estimate_coupling_effect
 from pvdf_fem.film.effects import format_two_digits
-from pvdf_fem.film.electric.coupling import estimate_coupling_effect
 from pvdf_fem.film.loads.weight import estimate_weight_effect
 from pvdf_fem.film.point_load import estimate_load_share, estimate_tension
 from pvdf_fem.problem.problem import Problem

@@ -47,10 +47,10 @@ def test_located_touches_scatter_by_the_bound():
         deviations_pC = np.hypot(0.003 * changes_pC, 2.0)
         readings = changes_pC + deviations_pC * rng.standard_normal((count, changes_pC.size))
         rotations = np.zeros(count)
-        found = locate_many(response, readings, 0.003, noise_pC=2.0, rotations_deg=rotations)
-        squared_distances = np.square(found.values[:, :2] - (x_mm, y_mm)).sum(axis=1)
+        result = locate_many(response, readings, 0.003, noise_pC=2.0, rotations_deg=rotations)
+        squared_distances = np.square(result.values[:, :2] - (x_mm, y_mm)).sum(axis=1)
         scatter_mm = math.sqrt(squared_distances.mean())
-        force_scatter = math.sqrt(np.square(found.values[:, 3] - 1.0).mean())
+        force_scatter = math.sqrt(np.square(result.values[:, 3] - 1.0).mean())
         place = data.sel(x_mm=x_mm, y_mm=y_mm)
         assert scatter_mm == pytest.approx(float(place.place_deviation_mm), rel=0.05)
         assert force_scatter == pytest.approx(float(place.force_deviation), rel=0.05)
@@ -109,10 +109,10 @@ def test_gains_by_electrode_are_dropped_only_if_electrodes_change():
     plain = RING.with_(**total)
     calibrated = RING.with_(**total, **{"readout.gain": {"F": 0.9}})
     vary = {"electrodes.count": [6, 4], "load.force_N": [1.0]}
-    found = run_study(vary, scene=calibrated)
+    result = run_study(vary, scene=calibrated)
     expected = run_study(vary, scene=plain)
-    assert found.attrs["dropped"] == "readout.gain"
-    np.testing.assert_array_equal(found.place_deviation_mm, expected.place_deviation_mm)
+    assert result.attrs["dropped"] == "readout.gain"
+    np.testing.assert_array_equal(result.place_deviation_mm, expected.place_deviation_mm)
     moved = run_study({"electrodes.ring_radius_mm": [9.0, 11.0]}, scene=calibrated)
     assert "dropped" not in moved.attrs
     assert Scene.parse(moved.scene.values[1]).readout.gain == {"F": 0.9}

@@ -27,7 +27,7 @@ def estimate_iteration_seconds(
     `factorising` unknowns; both numbers are fitted to the times of 38 solves with wrinkled films.
     """
     unknowns = fixed + count * (1.0 + (count / factorising) ** 0.5)
-    return model.iteration_cost * unknowns / per_second
+    return model.mesh_policy.iteration_cost * unknowns / per_second
 
 
 @dataclass
@@ -53,7 +53,7 @@ class Budget:
         patience = max(1.0, usual_tolerance / numerics.tolerance) ** 0.5
         unknowns, given = numerics.max_unknowns, numerics.max_seconds
         if unknowns is None:
-            unknowns = int(problem.film.most_unknowns * patience)
+            unknowns = int(problem.film.mesh_policy.max_unknowns * patience)
         work = seconds * patience if given is None else given
         return cls(unknowns, work, numerics.max_unknowns is not None)
 

@@ -197,7 +197,7 @@ def _differentiate(
     means = relative.sum(axis=0) / max(len(keys), 1)
     overall_mean = means @ magnitudes / max(magnitudes.sum(), TINY)
     floors = least_share * np.maximum(means, overall_mean)
-    errors = saturation * problem.film.saturation * np.maximum(errors, floors * unit)
+    errors = saturation * problem.film.mesh_policy.saturation * np.maximum(errors, floors * unit)
     largest = np.maximum(np.abs(rates), negligible * unit).max(axis=1, initial=TINY)
 
     names = [electrode.name for electrode in scene.electrode_list]
