@@ -48,8 +48,8 @@ def run_on_processes(
     """Numbers and results of tasks in order of completion. When a process dies, the processes are
     replaced, and tasks without a result are done again separately. A task that kills its process
     again ends as `WorkerDied`. Of errors `GmshMissingError` alone is raised. Tasks are read when
-    processes are free. By default there is a process per core; `processes` = 1 starts none. New processes run
-    linear algebra on a single thread, and end with the calling process."""
+    processes are free. By default there is a process per core; `processes` = 1 starts none.
+    New processes run linear algebra on a single thread, and end with the calling process."""
     count = joblib.effective_n_jobs(-1 if processes is None else processes)
     if count == 1:
         for number, task in tasks:

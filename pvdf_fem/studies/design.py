@@ -157,8 +157,8 @@ def design(
     xarray.Dataset
         With a dimension for each key: ``place_deviation_median_mm`` and ``_worst_mm``,
         ``force_deviation_median`` and ``_worst`` over the force, ``ambiguous_share`` of the places,
-        and ``scene``, the design as TOML. In addition by ``y_mm`` and ``x_mm``, NaN beyond the reach:
-        ``place_deviation_mm``, ``force_deviation``, ``ambiguous``.
+        and ``scene``, the design as TOML. In addition by ``y_mm`` and ``x_mm``, NaN beyond the
+        reach: ``place_deviation_mm``, ``force_deviation``, ``ambiguous``.
 
     Raises
     ------
