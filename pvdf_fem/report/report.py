@@ -139,7 +139,7 @@ class Report:
         with Store(out / STORE) as store, show_progress("scenes and tasks", progress) as show:
             new_tasks = {}
             for key, task in tasks.items():
-                rows = store.kept(key)
+                rows = store.get_value(key)
                 if rows is None:
                     new_tasks[key] = task
                 else:

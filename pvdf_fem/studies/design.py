@@ -357,25 +357,31 @@ def _make_dataset(
         description, unit = MAPS[name]
         arranged = values.reshape(*grid.shape, *values.shape[1:])
         data[name] = ([*dims, *PLACE_DIMS], arranged, make_attributes(description, unit))
-        if name == "ambiguous":
-            share = data[name].mean(PLACE_DIMS)
-            about = make_attributes("share of ambiguous places", unit)
-            data["ambiguous_share"] = share.assign_attrs(about)
-            continue
-        median = data[name].median(PLACE_DIMS)
-        worst = data[name].max(PLACE_DIMS)
-        stem = name.removesuffix("_mm")
-        ending = name.removeprefix(stem)
-        about_median = make_attributes(f"median {description}", unit)
-        about_worst = make_attributes(f"largest {description}", unit)
-        data[f"{stem}_median{ending}"] = median.assign_attrs(about_median)
-        data[f"{stem}_worst{ending}"] = worst.assign_attrs(about_worst)
+    _add_place_statistics(data)
     error_bounds = columns.response_error_bounds.reshape(grid.shape)
     about = make_attributes("error bound of the model over the charge", "1")
     data["model_error_bound"] = (dims, error_bounds, about)
     texts = np.reshape([scene.to_toml() for scene in study.scenes], grid.shape)
     data["scene"] = (dims, texts, make_attributes("the design as a scene file"))
     return data
+
+
+def _add_place_statistics(data: xarray.Dataset) -> None:
+    """Add medians and largest values of the deviations, and the share of ambiguous places."""
+    from pvdf_fem.studies.sweep_dataset import make_attributes
+
+    share = data.ambiguous.mean(PLACE_DIMS)
+    about_share = make_attributes("share of ambiguous places", "1")
+    for stem, ending in (("place_deviation", "_mm"), ("force_deviation", "")):
+        name = f"{stem}{ending}"
+        description, unit = MAPS[name]
+        about_median = make_attributes(f"median {description}", unit)
+        about_worst = make_attributes(f"largest {description}", unit)
+        median = data[name].median(PLACE_DIMS)
+        worst = data[name].max(PLACE_DIMS)
+        data[f"{stem}_median{ending}"] = median.assign_attrs(about_median)
+        data[f"{stem}_worst{ending}"] = worst.assign_attrs(about_worst)
+    data["ambiguous_share"] = share.assign_attrs(about_share)
 
 
 def find_best_design(data: xarray.Dataset, max_ambiguous_share: float = 0.05) -> xarray.Dataset:

@@ -17,7 +17,8 @@ import xarray
 
 from pvdf_fem import solve
 from pvdf_fem.batch import batch
-from pvdf_fem.batch.store import Record, Store, make_record_key
+from pvdf_fem.batch.keys import make_record_key
+from pvdf_fem.batch.store import Record, Store
 from pvdf_fem.batch.workers import ClusterLostError, WorkerDied, run_on_processes
 from pvdf_fem.studies.scene_grid import SceneGrid
 from pvdf_fem.studies.sweep import sweep

@@ -1,4 +1,4 @@
-"""Made-up models of charges with the symmetries of a sensor, quick to evaluate."""
+"""A made-up response with the symmetries of a sensor that is quick to evaluate."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ DOMAIN = Domain(12.0, (0.1, 5.0))
 
 @dataclass(frozen=True, eq=False)
 class BumpResponse:
-    """Charges rest + 700 F^0.65 mean of 1/(1 + |p - e|²/s²) over points p of the probe.
+    """A response whose charges fall off about the electrodes' centres.
 
-    They fall off about the electrodes' centres e (n, 2), and have the probe's symmetries.
+    A charge is Q = Q0 + 700 F^0.65 · mean of 1/(1 + |p - e|²/s²) over points p of the probe, with
+    the electrode's centre e, the width s and the charge Q0 without a touch.
     """
 
     quantities: ClassVar = TOUCH_QUANTITIES
@@ -32,30 +33,37 @@ class BumpResponse:
     width_mm: float = 9.0
     error_bound: float = 1e-4
     domain: Domain = DOMAIN
-    #: By default not those of the scene, which are 48 pC.
+    #: Charges without a touch, by default not those of the scene, which are 48 pC.
     rest_pC: float = 40.0
 
     def for_scene(self, scene, processes=None, *, check=True, progress=None):
-        """The charges of other electrodes."""
+        """Return the response of other electrodes."""
         places = 1e3 * np.array([electrode.outline.centroid for electrode in scene.electrode_list])
         names = tuple(electrode.name for electrode in scene.electrode_list)
         return replace(self, scene=scene, names=names, electrodes_mm=places)
 
     def evaluate(self, touches):
+        """Return charges (n, electrodes) and their derivatives (n, electrodes, 4)."""
         x, y, rotation, force = touches.T
-        c, s = np.cos(np.radians(rotation)), np.sin(np.radians(rotation))
+        c = np.cos(np.radians(rotation))[:, None]
+        s = np.sin(np.radians(rotation))[:, None]
         px, py = self.points_mm.T
-        ox, oy = c[:, None] * px - s[:, None] * py, s[:, None] * px + c[:, None] * py
-        dx = (x[:, None] + ox)[:, None] - self.electrodes_mm[:, 0, None]
-        dy = (y[:, None] + oy)[:, None] - self.electrodes_mm[:, 1, None]
+        offset_x = c * px - s * py
+        offset_y = s * px + c * py
+        dx = (x[:, None] + offset_x)[:, None] - self.electrodes_mm[:, 0, None]
+        dy = (y[:, None] + offset_y)[:, None] - self.electrodes_mm[:, 1, None]
         value = 1.0 / (1.0 + (dx**2 + dy**2) / self.width_mm**2)
         slope = -2.0 * value**2 / self.width_mm**2
-        turned = slope * (dy * ox[:, None] - dx * oy[:, None]) * np.pi / 180.0
+        by_rotation = slope * (dy * offset_x[:, None] - dx * offset_y[:, None]) * np.pi / 180.0
         power = 700.0 * force[:, None] ** 0.65
         mean = value.mean(axis=2)
-        parts = [(slope * dx).mean(axis=2), (slope * dy).mean(axis=2), turned.mean(axis=2)]
-        parts.append(0.65 * mean / force[:, None])
-        return self.rest_pC + power * mean, power[:, :, None] * np.stack(parts, axis=2)
+        derivatives = [
+            (slope * dx).mean(axis=2),
+            (slope * dy).mean(axis=2),
+            by_rotation.mean(axis=2),
+            0.65 * mean / force[:, None],
+        ]
+        return self.rest_pC + power * mean, power[:, :, None] * np.stack(derivatives, axis=2)
 
 
 PROBE_POINTS_MM = {
@@ -66,27 +74,28 @@ PROBE_POINTS_MM = {
 
 
 def make_bump_response(shape: str = "triangle", electrodes: int = 4, **changes) -> BumpResponse:
-    """Electrodes on the ring of 10 mm, the first at +x."""
+    """Make a response with electrodes on the ring of 10 mm, the first at +x."""
     angles = 360.0 * np.arange(electrodes) / electrodes
     places = np.array([rotate([10.0, 0.0], angle) for angle in angles])
     names = tuple("ABCDEFGH"[:electrodes])
-    list_of = [
-        {"name": name, "x_mm": x, "y_mm": y, "shape": "square", "side_mm": 3.0}
-        for name, (x, y) in zip(names, places.tolist(), strict=True)
-    ]
-    scene = Scene().with_(probe={"shape": shape}, electrodes=list_of)
+    tables = []
+    for name, (x, y) in zip(names, places.tolist(), strict=True):
+        tables.append({"name": name, "x_mm": x, "y_mm": y, "shape": "square", "side_mm": 3.0})
+    scene = Scene().with_(probe={"shape": shape}, electrodes=tables)
     return BumpResponse(scene, PROBE_POINTS_MM[shape], places, names, **changes)
 
 
 def draw_uniform_touches(count: int, seed: int, reach_mm: float = 12.0) -> np.ndarray:
-    """Touches (count, 4) evenly over a disc, all rotations, and magnitudes of 0.1 to 5 N."""
-    draw = np.random.default_rng(seed)
-    r, a = reach_mm * np.sqrt(draw.random(count)), 2.0 * np.pi * draw.random(count)
-    turns, forces = 360.0 * draw.random(count), 0.1 * 50.0 ** draw.random(count)
-    return np.stack([r * np.cos(a), r * np.sin(a), turns, forces], axis=1)
+    """Draw touches (count, 4): uniform over a disc and all rotations, forces of 0.1 to 5 N."""
+    random = np.random.default_rng(seed)
+    radii = reach_mm * np.sqrt(random.random(count))
+    angles = 2.0 * np.pi * random.random(count)
+    rotations = 360.0 * random.random(count)
+    forces = 0.1 * 50.0 ** random.random(count)
+    return np.stack([radii * np.cos(angles), radii * np.sin(angles), rotations, forces], axis=1)
 
 
-def read_charges(model, touch, factors=1.0) -> dict[str, float]:
-    """Charges of a touch (4,), times some factors, by electrode."""
-    charges = factors * model.evaluate(np.atleast_2d(touch))[0][0]
-    return dict(zip(model.names, charges.tolist(), strict=True))
+def read_charges(response, touch, factors=1.0) -> dict[str, float]:
+    """Return the charges of a touch (4,) times some factors, by electrode."""
+    charges = factors * response.evaluate(np.atleast_2d(touch))[0][0]
+    return dict(zip(response.names, charges.tolist(), strict=True))

@@ -190,7 +190,7 @@ def _propose_reading_corrections(model: ReadingModel) -> Iterator[Correction]:
     table = model.table
     for misreading in list_misreadings(model.channels, model.unit):
         status = CalibrationStatus(misreading.kind)
-        corrected = replace(table, readings=misreading.undone(table.readings))
+        corrected = replace(table, readings=misreading.correct(table.readings))
         yield Correction(status, misreading.text, corrected, model.reading)
     if np.isfinite(model.unloaded_integrals).all():
         other = "total" if model.reading == "change" else "change"

@@ -54,7 +54,8 @@ class WhitenedSystem(NamedTuple):
 class Information(NamedTuple):
     """Singular value decomposition of the slopes by parameters over their priors' deviations."""
 
-    #: Precision of a direction by the readings, over its precision by the prior, (parameters,).
+    #: Standard deviations of the directions by the priors over those by the readings,
+    #: (parameters,).
     singular_values: Array
     directions: Array  #: (parameters, parameters), one in each row.
 
@@ -150,7 +151,7 @@ class CalibrationFit(LeastSquaresProblem):
 
     @cached_property
     def information(self) -> Information:
-        """Precision of directions in the parameters' space by the readings, over the priors'.
+        """Information of the readings on directions in the parameters' space.
 
         Where a singular value is below 1, priors determine the direction better than readings do.
         """

@@ -82,7 +82,15 @@ class Tracker:
         unknown = coerce("unknown", unknown, Names)
         scene_values = get_scene_quantities(scene)
         origin = (*get_centre_mm(scene), 0.0, 0.0)
-        errors = [*find_quantity_errors(response.domain, unknown, {}, scene_values, origin[:2])]
+        errors = list(
+            find_quantity_errors(
+                response.domain,
+                unknown,
+                known={},
+                default=scene_values,
+                centre_mm=origin[: TouchColumn.ROTATION],
+            )
+        )
         if "force_N" not in unknown:
             errors.append("unknown: force_N is missing; add it, it is always unknown")
         if unit not in UNITS:
