@@ -62,8 +62,13 @@ class FloatingElectrode:
         return factor * np.outer(self.e[:2], [self.film.d31, self.film.d32])
 
     def with_voltage(self, integrals: Array) -> Array:
-        """Return stress integrals X, Y of the whole stress in N, (2,), from those of the strain's
-        stress."""
+        """Return stress integrals X, Y of the whole stress in N, (2,).
+
+        Parameters
+        ----------
+        integrals : (2,) array
+            Integrals of the strain's stress in N.
+        """
         unloaded = self.film.prestress[:2] * self.outline.area
         return np.asarray(integrals + self.share @ (integrals - unloaded))
 
