@@ -136,7 +136,7 @@ def _hash_code(module: str, path: str) -> str:
 
 
 def run_tasks(
-    tasks: Mapping[str, Task], store: Store, processes: int
+    tasks: Mapping[str, Task], store: Store, processes: int | None = None
 ) -> Iterator[tuple[str, Rows | WorkerDied]]:
     """Run tasks and keep their rows.
 
@@ -146,8 +146,8 @@ def run_tasks(
         Tasks by key (`compute_key`).
     store : Store
         Keeps the rows.
-    processes : int
-        Number of processes.
+    processes : int, optional
+        Number of processes, by default one per core.
 
     Yields
     ------

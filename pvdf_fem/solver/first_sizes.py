@@ -10,8 +10,8 @@ from pvdf_fem.electrodes.observables import OBSERVABLES
 from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_effect
 from pvdf_fem.film.loads.contact_estimate import estimate_contact_outlines
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
-from pvdf_fem.mesh.gmsh_mesh import FILM, collect_outlines
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.mesh.subdomains import FILM, collect_outlines
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.scene import Scene
 
@@ -53,7 +53,7 @@ def choose_first_sizes(problem: Problem, order: int) -> GradedSizes:
     reached = scene.numerics.tolerance / REACHED[order]
     factor = float(np.clip(reached ** (1.0 / (order + 1.0)), 0.4, 2.2))
     sizes = GradedSizes(patches, growth, largest * scene.film.radius)
-    sizes = sizes.scaled(model.mesh_policy.size_factor * factor)
+    sizes = sizes.scale(model.mesh_policy.size_factor * factor)
     edges = {n: min(c.perimeter / EDGE_FACETS, sizes.patches[n]) for n, c in contacts.items()}
     sizes = replace(sizes, patches=sizes.patches | edges)
     return _with_layers(scene, sizes) if model.bends else sizes

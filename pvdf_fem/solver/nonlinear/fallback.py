@@ -166,7 +166,7 @@ def find_equilibrium(
     *,
     budget: Budget | None = None,
 ) -> NewtonResult:
-    """The equilibrium of a scene, whatever its film and load are; see `EquilibriumTask` for the parameters."""
+    """The equilibrium of a scene, whatever its film and load are; see `EquilibriumTask`."""
     budget = Budget.for_problem(equilibrium.problem) if budget is None else budget
     task = EquilibriumTask(equilibrium, budget, start, tolerance)
     return run_fallback_chain(task)
