@@ -190,7 +190,7 @@ class ModalProblem:
                 result = find_equilibrium(coarse, budget=self.budget)
                 iterations = len(result.iterations)
                 failed = result.failed_attempts
-                self.budget.spend(coarse, result.fresh_count)
+                self.budget.spend(coarse, result.tangent_count)
                 if not result.converged or result.factors is None:
                     return ModalLevel(coarse, result.status, iterations, failed)
                 correction = correct_in_richer_space(

@@ -1,18 +1,18 @@
 """Discretisation error: the solution corrected in a richer space.
 
-The displacement of order p is corrected by Newton steps in the space of order p + 1 on the same
-mesh (hierarchical error estimate: Bank and Smith, SIAM J. Numer. Anal. 30, 1993, 921-935; for
-quantities of interest, Becker and Rannacher, Acta Numerica 10, 2001, section 3). The observable at
-the corrected solution minus the observable at the solution is the estimate, for every charge at
-once.
+Newton steps correct the displacement of order p in the space of order p + 1 on the same mesh. The
+estimate of the error of an observable is its value at the corrected solution less its value at the
+solution, for every charge at once. Such estimates are hierarchical (Bank and Smith, SIAM J. Numer.
+Anal. 30, 1993, 921-935); for quantities of interest see Becker and Rannacher, Acta Numerica 10,
+2001, section 3.
 
 The linear correction needs no factorisation of its own: conjugate gradients with a two-level
-preconditioner (the factorised tangent of order p, plus the diagonal) take 5 to 10 iterations.
+preconditioner, the factorised tangent of order p plus the diagonal, take 5 to 10 iterations.
 
-A linear correction is not enough: the strain also has the square of the error's slope. A film
-resists stretching far more than turning, and this square changes the tension equally to the error
-itself. The change in tension is smooth: two more steps with order p bring it in. The estimate is
-then mostly within a tenth, at worst a third, of the fully converged correction.
+A linear correction is not enough, since the strain also has the square of the error's slope. A film
+resists stretching far more than turning, so that this square changes the tension as much as the
+error itself does. The change in tension is smooth: two more steps with order p include it. The
+estimate is then mostly within a tenth, at worst a third, of the fully converged correction.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ from pvdf_fem.solver.nonlinear.newton import NewtonResult
 class CorrectionOptions:
     """How far the solution is corrected in the richer space."""
 
-    #: Conjugate gradients end when an iteration lowers the energy by less than this part of the
-    #: decrease all have done.
-    energy_part: float = 0.02
-    #: The same part for bending and wrinkles, which the diagonal meets less well.
-    energy_part_rough: float = 1e-3
+    #: Conjugate gradients end when an iteration lowers the energy by less than this share of the
+    #: decrease so far.
+    energy_share: float = 0.02
+    #: The same for bending and wrinkles, for which the diagonal is a worse preconditioner.
+    energy_share_rough: float = 1e-3
     max_iterations: int = 40  #: Of conjugate gradients.
     smooth_steps: int = 2  #: Newton steps in the space of order p after the linear correction.
-    #: Residual over the initial residual that suffices for corrections in a wrinkling film.
-    remainder: float = 0.2
+    #: Residual over the initial residual that is small enough in a film that wrinkles.
+    largest_remainder: float = 0.2
     #: Size of Newton's last step where the richer equations are solved, over the tolerance of the
     #: charges.
     last_step: float = 0.1
@@ -52,129 +52,222 @@ class CorrectionOptions:
 
 @dataclass(frozen=True)
 class Correction:
-    """A solution corrected in a richer space, and what the error is made of."""
+    """A solution and its correction in a richer space."""
 
     #: The richer equations.
     rich: Equilibrium
-    #: start, q: The given solution written in the richer space, and the corrected one, (rich
-    #: unknowns,).
+    #: The solution of the coarse equations as an element of the richer space, (rich unknowns,).
     start: Array
+    #: The corrected solution, (rich unknowns,).
     q: Array
-    #: Fields of `start`, where the correction took its tangent.
+    #: State of `start`, where the correction took its tangent.
     state: State
-    #: (rich unknowns, coarse unknowns)
-    prolong: sp.csr_matrix
-    #: The solve in the richer space, if a linear correction was not enough.
+    #: Matrix from coarse to rich unknowns, (rich unknowns, coarse unknowns).
+    prolongation: sp.csr_matrix
+    #: The solve of the richer equations, where a linear correction was not enough.
     result: NewtonResult | None = None
 
 
 def correct_in_richer_space(
     coarse: Equilibrium,
     q: Array,
+    *,
     factors: SuperLU,
     rich: Equilibrium,
     budget: Budget,
     options: CorrectionOptions = CorrectionOptions(),
 ) -> Correction | NewtonResult:
-    """The solution `q` of `coarse` in the space of `rich`, or the failed solve there.
+    """Correct a solution in a richer space.
 
-    Usually a few conjugate gradients and two smooth steps give it. Where the film is too far from
-    linear for them, or too stiff as it wrinkles, the richer equations are solved.
-    `rich` has the scene and mesh of `coarse` in a space that contains the coarse space; `factors`
-    is the factorised tangent of `coarse` near `q`.
+    Usually some conjugate gradients and two smooth steps are enough. The richer equations are
+    solved where these steps do not converge: in a film that is too far from linear, or that is too
+    stiff where it wrinkles.
+
+    Parameters
+    ----------
+    coarse : Equilibrium
+        The solved equations.
+    q : ndarray, shape (coarse unknowns,)
+        Their solution.
+    factors : SuperLU
+        Factors of the tangent of `coarse` near `q`.
+    rich : Equilibrium
+        The equations of the same problem and mesh in a space that contains that of `coarse`.
+    budget : Budget
+        What the solve of the richer equations may cost.
+    options : CorrectionOptions, optional
+        How far the solution is corrected.
+
+    Returns
+    -------
+    Correction or NewtonResult
+        The correction, or the failed solve of the richer equations.
     """
-    prolong = make_prolongation(coarse, rich)
-    start = prolong @ q
+    prolongation = make_prolongation(coarse, rich)
+    start = prolongation @ q
     state = rich.state(start)
-    correction = Correction(rich, start, start, state, prolong)
-    better = _few_steps(correction, factors, options)
-    if better is not None:
-        return replace(correction, q=better)
+    correction = Correction(rich, start, q=start, state=state, prolongation=prolongation)
+    corrected = _correct_by_few_steps(correction, factors, options)
+    if corrected is not None:
+        return replace(correction, q=corrected)
     tolerance = options.last_step * rich.scene.numerics.tolerance
-    result = find_equilibrium(rich, start, tolerance, budget=budget)
+    result = find_equilibrium(rich, start, tolerance=tolerance, budget=budget)
     if not result.converged:
         return result
     return replace(correction, q=result.q, result=result)
 
 
-def _few_steps(
+def _correct_by_few_steps(
     correction: Correction, factors: SuperLU, options: CorrectionOptions
 ) -> Array | None:
-    """A Newton step in the richer space, and smooth steps in the space below.
+    """Correct by a Newton step in the richer space, and smooth steps in the coarse space.
 
-    None where the smooth steps grow: between the two spaces the equations are not linear enough, or
-    not stable. None, too, where a wrinkling film is still far from balance.
+    Parameters
+    ----------
+    correction : Correction
+        The solution that is to be corrected.
+    factors : SuperLU
+        Factors of the coarse tangent.
+    options : CorrectionOptions
+        How far the solution is corrected.
+
+    Returns
+    -------
+    ndarray, shape (rich unknowns,), or None
+        None where smooth steps grow, since the equations are not linear enough between the two
+        spaces, or not stable. None, too, where a film that wrinkles is still far from balance.
     """
-    rich, prolong, residual = correction.rich, correction.prolong, correction.rich.residual
-    unbalanced = residual(correction.state)
-    better = correction.start - _solve(correction, unbalanced, factors, options)
-    last = np.inf
+    rich = correction.rich
+    prolongation = correction.prolongation
+    initial_residual = rich.residual(correction.state)
+    q = correction.start - _solve_linearised(correction, initial_residual, factors, options=options)
+    last_size = np.inf
     for _ in range(options.smooth_steps):
-        smooth = prolong.T @ residual(rich.state(better))
-        step = factors.solve(smooth)
-        size = abs(float(step @ smooth))
-        if not size <= last:
+        coarse_residual = prolongation.T @ rich.residual(rich.state(q))
+        step = factors.solve(coarse_residual)
+        size = abs(float(step @ coarse_residual))
+        if not size <= last_size:
             return None
-        better, last = better - prolong @ step, size
+        q = q - prolongation @ step
+        last_size = size
     if rich.model.wrinkles:
-        left = np.linalg.norm(residual(rich.state(better)))
-        return better if left <= options.remainder * np.linalg.norm(unbalanced) else None
-    return better
+        remainder = np.linalg.norm(rich.residual(rich.state(q)))
+        if not remainder <= options.largest_remainder * np.linalg.norm(initial_residual):
+            return None
+    return q
 
 
-def _solve(
-    correction: Correction, right: Array, factors: SuperLU, options: CorrectionOptions
+def _solve_linearised(
+    correction: Correction, b: Array, factors: SuperLU, *, options: CorrectionOptions
 ) -> Array:
-    """Preconditioned conjugate gradients with the tangent of the richer space."""
-    rich, state, prolong = correction.rich, correction.state, correction.prolong
+    """Solve A x = b with the tangent A of the richer space by preconditioned conjugate gradients.
+
+    Parameters
+    ----------
+    correction : Correction
+        The richer equations, and the state of their tangent.
+    b : ndarray, shape (rich unknowns,)
+        Right-hand side in N.
+    factors : SuperLU
+        Factors of the coarse tangent, for the preconditioner.
+    options : CorrectionOptions
+        When the iteration ends.
+
+    Returns
+    -------
+    ndarray, shape (rich unknowns,)
+        The approximate solution. Where the curvature along a direction is not positive it is the
+        last iterate, since there is no minimum along that direction; smooth steps do the rest.
+    """
+    rich = correction.rich
+    state = correction.state
+    prolongation = correction.prolongation
     diagonal = rich.diagonal(state)
+    small_share = options.energy_share if rich.model.smooth else options.energy_share_rough
 
     def precondition(residual: Array) -> Array:
-        return prolong @ factors.solve(prolong.T @ residual) + residual / diagonal
+        coarse = factors.solve(prolongation.T @ residual)
+        return prolongation @ coarse + residual / diagonal
 
-    enough = options.energy_part if rich.model.smooth else options.energy_part_rough
-    x, residual, energy = np.zeros_like(right), right.copy(), 0.0
-    direction = precondition(residual)
-    product = residual @ direction
+    x = np.zeros_like(b)
+    r = b.copy()
+    z = precondition(r)
+    p = z
+    rz = r @ z
+    total_decrease = 0.0
     for _ in range(options.max_iterations):
-        force = rich.action(state, direction)
-        curvature = float(direction @ force)
-        if curvature <= 0.0:  # no minimum along it: the smooth steps take the remainder
+        Ap = rich.action(state, p)
+        curvature = float(p @ Ap)
+        if curvature <= 0.0:
             break
-        length = product / curvature
-        x, residual = x + length * direction, residual - length * force
-        energy += float(length * product)
-        if length * product <= enough * energy:
+        alpha = rz / curvature
+        x = x + alpha * p
+        r = r - alpha * Ap
+        decrease = float(alpha * rz)  # twice that of the energy
+        total_decrease += decrease
+        if decrease <= small_share * total_decrease:
             break
-        preconditioned = precondition(residual)
-        product, last = residual @ preconditioned, product
-        direction = preconditioned + product / last * direction
+        z = precondition(r)
+        last_rz = rz
+        rz = r @ z
+        beta = rz / last_rz
+        p = z + beta * p
     return x
 
 
-def solve_duals(correction: Correction, factors: SuperLU, outputs: Array) -> Array:
-    """Dual solutions in the coarse space, (coarse unknowns, goals).
+def solve_duals(correction: Correction, factors: SuperLU, gradients: Array) -> Array:
+    """Solve for the dual solutions of outputs in the coarse space.
 
-    `outputs` (rich dofs, goals) are the derivatives of the goals; `factors` is the coarse tangent.
+    Parameters
+    ----------
+    correction : Correction
+        The richer equations, and the prolongation to them.
+    factors : SuperLU
+        Factors of the coarse tangent K.
+    gradients : ndarray, shape (rich dofs, outputs)
+        Derivatives of the outputs J by the dofs of the richer space.
+
+    Returns
+    -------
+    ndarray, shape (coarse unknowns, outputs)
+        Solutions λ of Kᵀ λ = ∂J/∂q.
     """
-    rich = correction.rich.unknowns.fold(outputs)
-    return factors.solve(correction.prolong.T @ rich, "T")
+    rich_gradients = correction.rich.unknowns.fold(gradients)
+    return factors.solve(correction.prolongation.T @ rich_gradients, "T")
 
 
-def compute_indicators(correction: Correction, dual: Array, outputs: Array) -> Array:
-    """Absolute contributions by elements to the goals' errors, (elements, goals).
+def compute_indicators(correction: Correction, duals: Array, gradients: Array) -> Array:
+    """Compute how much each element contributes to the errors of outputs.
 
-    Dual-weighted: the error's element energy against the part of the dual solution that the
-    coarse space lacks, the latter from one Jacobi step on the dual residual.
-    `dual` (coarse unknowns, goals) is from `solve_duals`, and `outputs` (rich dofs, goals) are the
-    derivatives of the goals by the dofs of ``correction.rich``.
+    Parameters
+    ----------
+    correction : Correction
+        The solution, and its correction in the richer space.
+    duals : ndarray, shape (coarse unknowns, outputs)
+        Dual solutions from `solve_duals`.
+    gradients : ndarray, shape (rich dofs, outputs)
+        Derivatives of the outputs by the dofs of the richer space.
+
+    Returns
+    -------
+    ndarray, shape (elements, outputs)
+        Absolute contributions, in the units of the outputs.
+
+    Notes
+    -----
+    They are dual-weighted: the forces of an element by the error of the solution, times the part of
+    the dual solution that the coarse space lacks. One Jacobi step on the dual residual estimates
+    that part.
     """
-    rich, state = correction.rich, correction.state
-    error = rich.element_action(state, correction.q - correction.start)
+    rich = correction.rich
+    state = correction.state
+    error_forces = rich.element_action(state, correction.q - correction.start)
     diagonal = rich.diagonal(state)
-    shares = []
-    for output, solution in zip(rich.unknowns.fold(outputs).T, dual.T, strict=True):
-        missing = (output - rich.action(state, correction.prolong @ solution)) / diagonal
-        local = rich.unknowns.expand(missing)[rich.space.element_dofs]
-        shares.append(np.abs((error * local).sum(axis=1)))
-    return np.stack(shares, axis=-1)
+    rich_gradients = rich.unknowns.fold(gradients)
+    indicators = []
+    for gradient, dual in zip(rich_gradients.T, duals.T, strict=True):
+        dual_residual = gradient - rich.action(state, correction.prolongation @ dual)
+        missing_dual = rich.unknowns.expand(dual_residual / diagonal)
+        in_elements = missing_dual[rich.space.element_dofs]
+        indicators.append(np.abs((error_forces * in_elements).sum(axis=1)))
+    return np.stack(indicators, axis=-1)

@@ -14,7 +14,8 @@ from pvdf_fem.solver.discrete_solution import DiscreteSolution
 from pvdf_fem.solver.estimate import Correction, correct_in_richer_space
 from pvdf_fem.solver.mesh_level import compute_error_indicators
 from pvdf_fem.solver.nonlinear.budget import Budget
-from pvdf_fem.solver.nonlinear.newton import NewtonResult, factorise
+from pvdf_fem.solver.nonlinear.factors import factorise
+from pvdf_fem.solver.nonlinear.newton import NewtonResult
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 
 

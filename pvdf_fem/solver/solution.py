@@ -1,4 +1,4 @@
-"""What a solve returns: its status, its charges with errors, and how it went."""
+"""The solution of a scene: status, charges with errors, and the history of the solve."""
 
 from __future__ import annotations
 
@@ -41,13 +41,46 @@ if TYPE_CHECKING:
     from pyvista import Plotter
 
 
-KINDS = "charge", "rest_charge", "charge_change"
-CHARGES = tuple(f"{kind}{end}" for kind in KINDS for end in ("s_pC", "_errors_pC"))
+#: Properties of a solution with charges or their errors, by electrode.
+CHARGE_PROPERTIES = (
+    "charges_pC",
+    "charge_errors_pC",
+    "rest_charges_pC",
+    "rest_charge_errors_pC",
+    "charge_changes_pC",
+    "charge_change_errors_pC",
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(Result):
     """How a solve ended and, if it converged, its fields and charges.
+
+    Attributes
+    ----------
+    problem : Problem
+        The problem that was solved.
+    status : Status
+        `Status.CONVERGED`, or why there is no result.
+    reason : str
+        The status in words, with what to change.
+    stop : Stop
+        Why no further mesh was made.
+    history : tuple of MeshRecord
+        Every mesh with its unknowns, iterations, worst error and seconds.
+    iterations : tuple of Iteration
+        Newton's iterations on the last mesh.
+    neglected, included : tuple of str
+        Effects that the model neglects in this scene, and those that it includes beyond the
+        membrane.
+    warnings : tuple of str
+        Where the solution is beyond the limits of the model.
+    seconds : dict
+        Wall-clock time in s of ``mesh``, ``solve``, ``estimate`` and ``refine``, and ``total``.
+    unloaded_integrals : StressIntegrals or None
+        Stress integrals of the electrodes on the unloaded film; None where it has no result.
+    uncertainty : Uncertainty or None
+        Standard deviations by the scene's uncertain numbers, see `pvdf_fem.uncertainty`.
 
     Examples
     --------
@@ -57,22 +90,17 @@ class Solution(Result):
     """
 
     problem: Problem
-    status: Status  #: `Status.CONVERGED`, or why there is no result.
-    reason: str  #: The status in words, with what to change.
-    stop: Stop = Stop.NO_EQUILIBRIUM  #: Why no further mesh was made.
-    #: Every mesh with its unknowns, iterations, worst error and seconds.
+    status: Status
+    reason: str
+    stop: Stop = Stop.NO_EQUILIBRIUM
     history: tuple[MeshRecord, ...] = ()
-    iterations: tuple[Iteration, ...] = ()  #: Newton's table on the last mesh.
-    #: What the model neglects in this scene; what it has beyond the membrane; what to look at.
+    iterations: tuple[Iteration, ...] = ()
     neglected: tuple[str, ...] = ()
     included: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
-    #: ``mesh``, ``solve``, ``estimate``, ``refine`` and ``total``.
     seconds: dict[str, float] = field(default_factory=dict)
     _discrete: DiscreteSolution | None = None
-    #: Stress integrals of the electrodes on the unloaded film, if they are known.
     unloaded_integrals: StressIntegrals | None = None
-    #: Deviations by the scene's uncertain numbers, from `pvdf_fem.uncertainty`.
     uncertainty: Result | None = None
 
     @property
@@ -82,19 +110,19 @@ class Solution(Result):
 
     @property
     def pressure(self) -> Pressure | None:
-        """Pressure in Python in place of the scene's ``load.profile``."""
+        """The pressure in Python in place of the scene's ``load.profile``, if there is one."""
         return self.problem.pressure
 
     @property
     def discrete(self) -> DiscreteSolution:
-        """The converged solution on its mesh; raises `NotConvergedError`."""
+        """The converged solution on its mesh; `NotConvergedError` without one."""
         if self._discrete is None or self.status is not Status.CONVERGED:
             raise NotConvergedError(f"{self.status}: {self.reason}")
         return self._discrete
 
     @property
     def mesh(self) -> MeshTri2:
-        """Mesh in metres, with the patches as subdomains."""
+        """Mesh in m, with the patches as subdomains."""
         return self.discrete.equilibrium.space.mesh
 
     @property
@@ -104,132 +132,216 @@ class Solution(Result):
 
     @property
     def displacement(self) -> Array:
-        """u, v, w in m at the dofs of `basis`, (dofs, 3)."""
+        """Displacement u, v, w in m at the dofs of `basis`, (dofs, 3)."""
         return self.discrete.displacement.reshape(-1, 3)
 
     @property
     def charges_pC(self) -> dict[str, float]:
-        """Total charge by electrode: by the pretension, by the touch and, where the film has values
-        for them, by the probe's pressure and heat."""
-        film, fields = self.scene.film, self.discrete
-        charges = fields.stress_integrals.charges(self._coefficients)
+        """Total charge in pC by electrode.
+
+        It is the charge by the stress of pretension and load and, where the film has coefficients
+        for them, by the heat and the pressure of the probe.
+        """
+        film = self.scene.film
+        discrete = self.discrete
+        charges = discrete.stress_integrals.charges(self._coefficients_pC_N)
         if film.pyroelectric_uC_m2K is not None:
-            charges += 1e12 * compute_heat_charges(self.problem, fields.solved)
+            charges += 1e12 * compute_heat_charges(self.problem, discrete.solved)
         if film.d33_pC_N is not None:
-            charges += 1e12 * compute_thickness_charges(fields.equilibrium, fields.state)
-        return self._by_electrode(charges)
+            charges += 1e12 * compute_thickness_charges(discrete.equilibrium, discrete.state)
+        return self._label_by_electrode(charges)
 
     @property
     def charge_errors_pC(self) -> dict[str, float]:
-        """Estimated charge errors, absolute: by the mesh or by wrinkles, whichever is larger.
+        """Estimated absolute error of each of `charges_pC`, in pC.
 
-        Wrinkles would occur in a real film where the computed film is in compression.
+        It is the error by the mesh, or the change by wrinkles if that is larger. Wrinkles would
+        occur in a real film where the computed film is in compression.
         """
-        return self.charge_errors_by(*self._coefficients)
+        return self.charge_errors_by(*self._coefficients_pC_N)
 
     @property
     def rest_charges_pC(self) -> dict[str, float]:
-        """Electrode charges of the untouched film before warming; NaN, like the changes, where the
-        untouched film has no result (a warning reports the failure)."""
-        return self._by_electrode(self._rest.charges(self._coefficients))
+        """Charge in pC of the unloaded film before it warms, by electrode.
+
+        NaN where the unloaded film has no result, which a warning reports. The changes are NaN,
+        too.
+        """
+        return self._label_by_electrode(self._unloaded.charges(self._coefficients_pC_N))
 
     @property
     def rest_charge_errors_pC(self) -> dict[str, float]:
-        """Estimated error of each charge at rest; 0 where the untouched film is flat."""
-        return self._by_electrode(self._rest.charge_errors(self._coefficients))
+        """Estimated absolute error of each of `rest_charges_pC`; 0 where the film is flat."""
+        return self._label_by_electrode(self._unloaded.charge_errors(self._coefficients_pC_N))
 
     @property
     def charge_changes_pC(self) -> dict[str, float]:
-        """Charge added by the touch, by electrode: a zeroed charge amplifier sees this change."""
-        rest = self.rest_charges_pC
-        return {name: charge - rest[name] for name, charge in self.charges_pC.items()}
+        """Charge in pC that the load adds, by electrode: what a zeroed charge amplifier reads."""
+        unloaded = self.rest_charges_pC
+        return {name: charge - unloaded[name] for name, charge in self.charges_pC.items()}
 
     @property
     def charge_change_errors_pC(self) -> dict[str, float]:
-        """Estimated errors of the changes: the errors of both charges, added up."""
-        rest = self.rest_charge_errors_pC
-        return {name: error + rest[name] for name, error in self.charge_errors_pC.items()}
+        """Estimated absolute error of each of `charge_changes_pC`: the sum of both errors."""
+        unloaded = self.rest_charge_errors_pC
+        return {name: error + unloaded[name] for name, error in self.charge_errors_pC.items()}
 
     @property
-    def _rest(self) -> StressIntegrals:
-        return self.unloaded_integrals or StressIntegrals.unknown(len(self.scene.electrode_list))
+    def _unloaded(self) -> StressIntegrals:
+        """Stress integrals of the unloaded film; NaN without a result."""
+        if self.unloaded_integrals is None:
+            return StressIntegrals.unknown(len(self.scene.electrode_list))
+        return self.unloaded_integrals
 
     @property
-    def _coefficients(self) -> tuple[float, float]:
+    def _coefficients_pC_N(self) -> tuple[float, float]:
+        """The film's d31 and d32."""
         return self.scene.film.d31_pC_N, self.scene.film.d32_pC_N
 
     @property
     def readings_V(self) -> dict[str, float]:
-        """Readings in V by channel in ``[readout]``, just after a sudden touch.
+        """Reading in V of each channel of ``[readout]`` just after a sudden load.
 
-        The reading decays with the channel's time constant, see
-        `pvdf_fem.electrodes.channel.Channel`.
+        It decays with the channel's time constant, see `pvdf_fem.electrodes.channel.Channel`.
         """
         if self.scene.readout is None:
-            raise SceneError(["readout = (nothing): is required by readings; add [readout]"])
-        both = ([*charges.values()] for charges in (self.charges_pC, self.charge_changes_pC))
-        return self._by_electrode(compute_readings_V(self.scene, *both))
+            raise SceneError(["readout: is required for readings; add [readout]"])
+        charges = list(self.charges_pC.values())
+        changes = list(self.charge_changes_pC.values())
+        return self._label_by_electrode(compute_readings_V(self.scene, charges, changes))
 
     @property
     def electrode_voltages_V(self) -> dict[str, float]:
-        """Voltage by electrode after a sudden touch, before the amplifier (no reading): zero under
-        a charge amplifier, else the charge over the capacitance of electrode and cable, with the
-        charge's sign."""
+        """Voltage in V of each electrode just after a sudden load, before any amplifier.
+
+        It is zero under a charge amplifier, otherwise the change of the charge over the capacitance
+        of electrode and cable, with the sign of the charge.
+        """
         capacitances = {channel.name: channel.capacitance for channel in make_channels(self.scene)}
-        wired = {electrode.name for electrode in find_floating_electrodes(self.scene)}
-        changes = self.charge_changes_pC.items()
-        return {n: 1e-12 * q / capacitances[n] if n in wired else 0.0 for n, q in changes}
+        floating = {electrode.name for electrode in find_floating_electrodes(self.scene)}
+        voltages = dict.fromkeys(capacitances, 0.0)
+        for name, change_pC in self.charge_changes_pC.items():
+            if name in floating:
+                voltages[name] = 1e-12 * change_pC / capacitances[name]
+        return voltages
 
     def charges_by(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
-        """Charges in pC by the stress with other coefficients, without heat's and d33's charges."""
+        """Compute the charges by the stress with other coefficients.
+
+        Parameters
+        ----------
+        d31_pC_N, d32_pC_N : float
+            Piezoelectric coefficients in pC/N.
+
+        Returns
+        -------
+        dict
+            Charge in pC by electrode, without those by heat and by d33.
+        """
         coefficients = coerce_array("d31_pC_N, d32_pC_N", [d31_pC_N, d32_pC_N])
-        return self._by_electrode(self.discrete.stress_integrals.charges(coefficients))
+        return self._label_by_electrode(self.discrete.stress_integrals.charges(coefficients))
 
     def charge_errors_by(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
-        """Estimated errors in pC of `charges_by`."""
-        return self._by_electrode(
-            self.discrete.stress_integrals.charge_errors((d31_pC_N, d32_pC_N))
-        )
+        """Compute the estimated absolute errors in pC of `charges_by`, by electrode."""
+        coefficients = (d31_pC_N, d32_pC_N)
+        return self._label_by_electrode(self.discrete.stress_integrals.charge_errors(coefficients))
 
-    def _by_electrode(self, values: Array) -> dict[str, float]:
+    def _label_by_electrode(self, values: Array) -> dict[str, float]:
+        """Return values (electrodes,) by the names of the electrodes."""
         names = [electrode.name for electrode in self.scene.electrode_list]
         return ValuesByName(zip(names, values.tolist(), strict=True))
 
     @property
     def deflection_max_mm(self) -> float:
-        """Largest deflection."""
-        fields = self.discrete
-        return 1e3 * find_largest_value(fields.solved.space.basis, fields.solved_dofs[2::3])
+        """Largest deflection in mm."""
+        discrete = self.discrete
+        deflection = discrete.solved_dofs[2::3]
+        return 1e3 * find_largest_value(discrete.solved.space.basis, deflection)
 
     @property
     def punches(self) -> dict[str, PunchTilt]:
-        """How rigid punches lean and are held, by patch: ``probe``, or ``probe 1``, ``probe 2``."""
-        film, state = self.discrete.equilibrium, self.discrete.state
-        forces = film.film_forces(state)
-        told = {
-            load.spec.patch: load.compute_tilt(state, forces)
-            for load in film.loads
-            if isinstance(load, Punch)
-        }
-        return {patch: leaning for patch, leaning in told.items() if leaning}
+        """Tilts and moments of rigid punches, by patch: ``probe``, or ``probe 1``, ``probe 2``."""
+        equilibrium = self.discrete.equilibrium
+        state = self.discrete.state
+        forces = equilibrium.film_forces(state)
+        tilts = {}
+        for load in equilibrium.loads:
+            if not isinstance(load, Punch):
+                continue
+            tilt = load.compute_tilt(state, forces)
+            if tilt is not None:
+                tilts[load.spec.patch] = tilt
+        return tilts
+
+    @property
+    def contacts(self) -> dict[str, ContactResult]:
+        """Contacts of tips, by patch: ``probe``, or ``probe 1``, ``probe 2``."""
+        return self.discrete.contacts
+
+    @property
+    def force_balance(self) -> float:
+        """Imbalance of rim reaction and applied force, along the applied force and relative to it.
+
+        It is 0 without an applied force.
+        """
+        equilibrium = self.discrete.solved
+        state = self.discrete.solved_state
+        applied = float(np.linalg.norm(equilibrium.applied_force(state)))
+        return equilibrium.imbalance(state) / applied if applied else 0.0
+
+    @property
+    def unknowns(self) -> int:
+        """Number of equations on the last mesh, which may cover a sector of the film only."""
+        return self._discrete.solved.unknowns.count if self._discrete else 0
 
     def at(
         self, x_mm: ArrayLike, y_mm: ArrayLike, outside: Literal["refuse", "nan"] = "refuse"
     ) -> PointValues:
-        """Values at points on the film: coordinates are numbers or arrays.
+        """Evaluate the fields at points on the film.
 
-        Raises ValueError, which names the first one, for points that are not on the film, unless
-        values `outside` shall be ``"nan"``.
+        Parameters
+        ----------
+        x_mm, y_mm : float or array_like
+            Coordinates in mm, whose shapes broadcast.
+        outside : str, optional
+            ``"nan"`` gives NaN at points that are not on the film.
+
+        Returns
+        -------
+        PointValues
+
+        Raises
+        ------
+        ValueError
+            For a point that is not on the film, unless `outside` is ``"nan"``.
         """
-        return evaluate_at(self.discrete.equilibrium, self.discrete.state, x_mm, y_mm, outside)
+        discrete = self.discrete
+        return evaluate_at(discrete.equilibrium, discrete.state, x_mm, y_mm, outside=outside)
+
+    def along(self, line_mm: ArrayLike, points: int = 200) -> PointValues:
+        """Evaluate the fields at equally spaced points on a line.
+
+        Parameters
+        ----------
+        line_mm : array_like, shape (corners, 2)
+            Two or more corners ``((x0, y0), (x1, y1), ...)`` in mm.
+        points : int, optional
+            Number of points, ends included.
+
+        Returns
+        -------
+        PointValues
+        """
+        discrete = self.discrete
+        return evaluate_along(discrete.equilibrium, discrete.state, line_mm, points=points)
 
     def to_xarray(self, step_mm: float = 0.5) -> xarray.Dataset:
-        """The fields on a square grid about the film's centre, NaN off the film.
+        """Evaluate the fields on a square grid about the film's centre, NaN off the film.
 
         Parameters
         ----------
         step_mm : float
-            Distance of the grid's points.
+            Distance of the grid's points in mm.
 
         Returns
         -------
@@ -243,50 +355,11 @@ class Solution(Result):
         values = self.at(x_mm[None], x_mm[:, None], outside="nan")
         return make_field_dataset(values, self.scene.to_toml())
 
-    def along(self, line_mm: ArrayLike, points: int = 200) -> PointValues:
-        """Values at equally spaced points, ends included, on a line in mm through two or more
-        corners ``((x0, y0), (x1, y1), ...)``."""
-        return evaluate_along(self.discrete.equilibrium, self.discrete.state, line_mm, points)
-
-    @property
-    def contacts(self) -> dict[str, ContactResult]:
-        """Contacts by the tip's patch: ``probe``, or ``probe 1``, ..."""
-        return self.discrete.contacts
-
-    @property
-    def force_balance(self) -> float:
-        """|rim reaction + applied force|, along the applied force, over it."""
-        equilibrium, state = self.discrete.solved, self.discrete.solved_state
-        applied = float(np.linalg.norm(equilibrium.applied_force(state)))
-        return equilibrium.imbalance(state) / applied if applied else 0.0
-
-    @property
-    def unknowns(self) -> int:
-        """Number of equations on the last mesh, perhaps on a part of the film."""
-        return self._discrete.solved.unknowns.count if self._discrete else 0
-
     def to_json(self) -> dict[str, Any]:
-        """What `pvdf-fem solve --json` prints; without results unless converged."""
+        """Return what ``pvdf-fem solve --json`` prints; without results unless converged."""
         results: dict[str, Any] = {"reason": self.reason}
         if self.status is Status.CONVERGED:
-            results = {
-                **{name: _known(getattr(self, name)) for name in CHARGES},
-                "deflection_max_mm": self.deflection_max_mm,
-                "force_balance": self.force_balance,
-            }
-            if self.contacts:
-                results["contacts"] = {name: c.to_json() for name, c in self.contacts.items()}
-            if punches := self.punches:
-                results["punches"] = {name: asdict(punch) for name, punch in punches.items()}
-            if find_floating_electrodes(self.scene):
-                results["electrode_voltages_V"] = _known(self.electrode_voltages_V)
-            if self.scene.readout is not None:
-                results["readings_V"] = _known(self.readings_V)
-                results["time_constants_s"] = {
-                    channel.name: finite_or_none(channel.time_constant)
-                    for channel in make_channels(self.scene)
-                }
-            results |= {"uncertainty": self.uncertainty.to_json()} if self.uncertainty else {}
+            results = self._results_to_json()
         return {
             "status": str(self.status),
             **results,
@@ -301,27 +374,71 @@ class Solution(Result):
             "history": [record.to_json() for record in self.history],
         }
 
+    def _results_to_json(self) -> dict[str, Any]:
+        """Return the results of a converged solve for JSON."""
+        results: dict[str, Any] = {}
+        for name in CHARGE_PROPERTIES:
+            results[name] = _none_if_unknown(getattr(self, name))
+        results["deflection_max_mm"] = self.deflection_max_mm
+        results["force_balance"] = self.force_balance
+        if self.contacts:
+            results["contacts"] = {
+                patch: contact.to_json() for patch, contact in self.contacts.items()
+            }
+        punches = self.punches
+        if punches:
+            results["punches"] = {patch: asdict(tilt) for patch, tilt in punches.items()}
+        if find_floating_electrodes(self.scene):
+            results["electrode_voltages_V"] = _none_if_unknown(self.electrode_voltages_V)
+        if self.scene.readout is not None:
+            results["readings_V"] = _none_if_unknown(self.readings_V)
+            results["time_constants_s"] = {
+                channel.name: finite_or_none(channel.time_constant)
+                for channel in make_channels(self.scene)
+            }
+        if self.uncertainty:
+            results["uncertainty"] = self.uncertainty.to_json()
+        return results
+
     def _headline(self) -> str:
-        found = format_charges(self.charges_pC) if self.status is Status.CONVERGED else self.reason
-        return f"{self.status}, {self.unknowns} unknowns, {len(self.history)} meshes: {found}"
+        outcome = self.reason
+        if self.status is Status.CONVERGED:
+            outcome = format_charges(self.charges_pC)
+        return f"{self.status}, {self.unknowns} unknowns, {len(self.history)} meshes: {outcome}"
 
     def summary(self) -> Summary:
+        """Return the content that `print` and notebooks show."""
         return summarize_solution(self.to_json(), self.uncertainty)
 
-    # What draws and writes is slow to import.
+    # The methods below import their modules, which are slow to import, when they are called.
     def plot(
         self, quantity: str = "deflection", ax: Axes | None = None, reach_mm: float | None = None
     ) -> Figure:
-        """Draw a map of the film with electrodes, charges and probes, on `ax` or a new figure.
+        """Draw a map of the film with electrodes, charges and probes.
 
-        `quantity` is ``deflection``, ``stress`` (S11 + S22), ``charge density``, ``principal
-        directions``, ``mesh``, ``error`` (elements' shares in errors of charges) or ``contact``
-        (pressure of tips); ValueError for another, or none in this scene. `reach_mm` is half the
-        width of the map, by default the whole film. Fields of both signs are white at zero.
+        Parameters
+        ----------
+        quantity : str, optional
+            ``deflection``, ``stress`` (S11 + S22), ``charge density``, ``principal directions``,
+            ``mesh``, ``error`` (shares of the elements in errors of charges) or ``contact``
+            (pressure of tips). Fields of both signs are white at zero.
+        ax : Axes, optional
+            Axes to draw on, by default those of a new figure.
+        reach_mm : float, optional
+            Half the width of the map in mm, by default the whole film.
+
+        Returns
+        -------
+        Figure
+
+        Raises
+        ------
+        ValueError
+            For another quantity, or one that this scene does not have.
         """
         from pvdf_fem.view.film_map import draw_film_map
 
-        return draw_film_map(self.film_data(), quantity, ax, reach_mm)
+        return draw_film_map(self.film_data(), quantity, ax, reach_mm=reach_mm)
 
     def view(
         self,
@@ -329,23 +446,41 @@ class Solution(Result):
         scale: float | None = None,
         html: str | Path | None = None,
     ) -> Plotter:
-        """The deflected film in 3-D, coloured by a field of `plot`; ``pip install pvdf-fem[view]``.
+        """Draw the deflected film in 3-D; it needs ``pip install pvdf-fem[view]``.
 
-        `scale` multiplies the displacements; by default the film is then a quarter of its radius
-        deep. `html` is where a page is written that any browser shows without a server. ``show()``
-        of what is returned opens a window, or shows the film in a notebook. `ImportError` says what
-        to install where nothing can be rendered.
+        Parameters
+        ----------
+        quantity : str, optional
+            Colour of the film, a field of `plot`.
+        scale : float, optional
+            Factor on the displacements, by default one that makes the film a quarter of its radius
+            deep.
+        html : path, optional
+            Where to write a page that any browser shows without a server.
+
+        Returns
+        -------
+        Plotter
+            Its ``show()`` opens a window, or shows the film in a notebook.
+
+        Raises
+        ------
+        ImportError
+            Where nothing can be rendered; the text has what to install.
         """
         from pvdf_fem.view.film_view import make_film_view
 
-        return make_film_view(self.film_data(), quantity, scale, html)
+        return make_film_view(self.film_data(), quantity, scale=scale, html=html)
 
     def to_dataframe(self) -> DataFrame:
-        """Charges in pC and, with ``[readout]``, readings in V, by electrode."""
+        """Return charges in pC and, with ``[readout]``, readings in V, by electrode."""
         from pandas import DataFrame
 
-        names = [*CHARGES, *(["readings_V"] if self.scene.readout else [])]
-        return DataFrame({name: getattr(self, name) for name in names}).rename_axis("electrode")
+        names = list(CHARGE_PROPERTIES)
+        if self.scene.readout:
+            names.append("readings_V")
+        columns = {name: getattr(self, name) for name in names}
+        return DataFrame(columns).rename_axis("electrode")
 
     def to_vtu(self, path: str | Path) -> None:
         """Write displacement, stresses, patches, charges and the scene to a VTU file."""
@@ -354,14 +489,24 @@ class Solution(Result):
         write_vtu(self.film_data(), coerce("path", path, Path))
 
     def film_data(self) -> FilmData:
-        """Fields and charges for `plot`, `view` and `to_vtu`."""
-        from pvdf_fem.solver.next_order import compute_error_shares  # it imports the solvers
+        """Return the fields and charges for `plot`, `view` and `to_vtu`."""
+        # it imports the solvers, which nothing else here needs
+        from pvdf_fem.solver.next_order import compute_error_shares
 
-        fields, charges = self.discrete, (self.charges_pC, self.charge_errors_pC)
-        shares = partial(compute_error_shares, fields, self.problem.outputs)
-        film = fields.equilibrium, fields.state, self.unknowns
-        return FilmData(*film, *charges, self.contacts, self.included, shares)
+        discrete = self.discrete
+        return FilmData(
+            discrete.equilibrium,
+            discrete.state,
+            unknowns=self.unknowns,
+            charges_pC=self.charges_pC,
+            charge_errors_pC=self.charge_errors_pC,
+            contacts=self.contacts,
+            included=self.included,
+            error_shares=partial(compute_error_shares, discrete, self.problem.outputs),
+        )
 
 
-def _known(values: dict[str, float]) -> dict[str, float] | None:
-    return None if any(map(math.isnan, values.values())) else values
+def _none_if_unknown(values: dict[str, float]) -> dict[str, float] | None:
+    """Return values for JSON, which has no NaN: None where one is unknown."""
+    is_unknown = any(math.isnan(value) for value in values.values())
+    return None if is_unknown else values
