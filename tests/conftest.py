@@ -1,5 +1,8 @@
-"""What the whole suite shares: slow tests wait for `./run test --all`, the variable CPU_TIMES names
-a file for CPU times of tests, and a fixture runs commands in this process."""
+"""Options and fixtures of the whole suite.
+
+Slow tests run by `./run test --all` only, the variable CPU_TIMES names a file for CPU times of
+tests, and a fixture runs commands in this process.
+"""
 
 from __future__ import annotations
 
@@ -61,6 +64,7 @@ class Run:
 
     @classmethod
     def of(cls, arguments: tuple[object, ...], capsys: Any) -> Run:
+        """Run a command."""
         try:
             code = cli.main([str(argument) for argument in arguments])
         except SystemExit as exit_:  # of argparse
@@ -72,19 +76,19 @@ class Run:
         return json.loads(self.out)
 
     @property
-    def told(self) -> list[str]:
-        """Keys with values, options or files that standard error names, one in each line."""
-        lines = (line.removeprefix("warning: ") for line in self.err.splitlines())
+    def stderr_keys(self) -> list[str]:
+        """Keys with values, options or files at the beginning of each line of standard error."""
+        lines = [line.removeprefix("warning: ") for line in self.err.splitlines()]
         return [line.partition(": ")[0] for line in lines]
 
     @property
-    def mistakes(self) -> list[str]:
-        """What is told by a run that refuses its input."""
+    def error_keys(self) -> list[str]:
+        """The same of a run that rejected its input."""
         assert (self.code, self.out) == (2, "")
-        return self.told
+        return self.stderr_keys
 
 
 @pytest.fixture
 def command(capsys):
-    """Runs a command of the program, and returns what it told."""
+    """Runs a command of the program in this process, and returns exit code and output."""
     return lambda *arguments: Run.of(arguments, capsys)

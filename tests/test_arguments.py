@@ -12,8 +12,8 @@ import pytest
 import pvdf_fem
 from pvdf_fem import Scene, gradients, modes, respond, solve, sweep
 from pvdf_fem.scene.arguments import as_scene
+from tests.helpers.bump_response import make_bump_response
 from tests.helpers.refusals import refused
-from tests.helpers.touch_models import bumps
 
 TABLES = {
     "film": {"radius_mm": 12.0, "density_kg_m3": 1780.0},
@@ -96,7 +96,13 @@ def parameters():
         yield from ((name, key) for key in taken if key not in UNCHECKED)
 
 
-GIVEN = {"pf": pvdf_fem, "math": math, "TABLES": TABLES, "S": SCENE, "m": bumps("circle")}
+GIVEN = {
+    "pf": pvdf_fem,
+    "math": math,
+    "TABLES": TABLES,
+    "S": SCENE,
+    "m": make_bump_response("circle"),
+}
 
 
 @pytest.mark.parametrize(("name", "argument"), [*parameters()])

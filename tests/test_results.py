@@ -10,7 +10,7 @@ import pvdf_fem as pf
 from pvdf_fem.inverse.touch.touches import Touches
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow
 from pvdf_fem.summary import Result
-from tests.helpers.touch_models import bumps, random_touches
+from tests.helpers.bump_response import draw_uniform_touches, make_bump_response
 from tests.surrogate import random_response
 
 SCENE = pf.Scene().with_(
@@ -32,7 +32,7 @@ def solution():
 
 
 def located(_):
-    model = bumps()
+    model = make_bump_response()
     charges, _ = model.evaluate(np.array([[2.0, 1.0, 20.0, 1.5]]))
     return pf.locate(
         model, dict(zip(model.names, charges[0], strict=True)), known={"rotation_deg": 20.0}
@@ -55,7 +55,9 @@ OBJECTS = {
     "model": (lambda _: random_response.make_response(), "A, B, C, D 8"),
     "location": (located, "touch x_mm known"),
     "rows": (
-        lambda _: pf.locate_many(bumps(), bumps().evaluate(random_touches(40, 1))[0]),
+        lambda _: pf.locate_many(
+            make_bump_response(), make_bump_response().evaluate(draw_uniform_touches(40, 1))[0]
+        ),
         "x_mm force_N ...",
     ),
     "row": (lambda _: TrackRow(0.5, "touch", 3, **SEEN, alternatives=1), "0.5 1.250 ± 0.01"),

@@ -1,4 +1,4 @@
-"""Plan of solves for scenes: scenes with equally deforming films share a solve."""
+"""The plan of many solves: scenes whose films deform equally share a solve."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pvdf_fem.scene.scene import Scene
 class Block:
     """Scenes that one solve serves."""
 
-    compute_mechanical_key: str  #: What the solve depends on.
+    mechanical_key: str  #: What the deformation depends on.
     indices: tuple[int, ...]  #: The scenes' indices in the plan.
     #: Orthogonal matrices from the scenes' axes to the first scene's axes, (n, 2, 2).
     frames: Array
@@ -27,7 +27,7 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class SweepPlan:
-    """The solves that scenes need; ``print`` shows it."""
+    """The solves that scenes need; ``print`` shows their numbers."""
 
     scenes: Sequence[Scene]
     first: NDArray[np.int64]  #: For each scene the index of the first one that equals it, (n,).
@@ -40,44 +40,62 @@ class SweepPlan:
         return sum(len(block.indices) for block in self.blocks)
 
     def scenes_of(self, block: int) -> list[Scene]:
-        """The scenes of a block."""
+        """Return the scenes of a block."""
         return [self.scenes[i] for i in self.blocks[block].indices]
 
     def __str__(self) -> str:
         distinct = self.missing + len(self.stored)
-        rows = [
-            (True, len(self.scenes), "scenes"),
-            (distinct < len(self.scenes), distinct, "different ones"),
-            (self.stored, self.missing, "not in the store"),
-            (True, len(self.blocks), "solves: one for all scenes whose films deform alike"),
-        ]
-        return "\n".join(f"{count:>8} {text}" for shown, count, text in rows if shown)
+        rows = [(len(self.scenes), "scenes")]
+        if distinct < len(self.scenes):
+            rows.append((distinct, "different ones"))
+        if self.stored:
+            rows.append((self.missing, "not in the store"))
+        rows.append((len(self.blocks), "solves: one for all scenes whose films deform alike"))
+        return "\n".join(f"{count:>8} {text}" for count, text in rows)
 
 
-def plan_solves(scenes: Sequence[Scene], stored: Sequence[bool] | None = None) -> SweepPlan:
-    """The plan for scenes, its blocks in the order of their first scenes. Scenes need no solve
-    where `stored` says that their records are known."""
-    scenes, index_of = pin_profile_files(scenes), dict[Scene, int]()
-    first = np.array([index_of.setdefault(scene, i) for i, scene in enumerate(scenes)], int)
-    known = frozenset(i for i in index_of.values() if stored is not None and stored[i])
-    alike: dict[str, tuple[list[int], list[Array]]] = {}
-    for scene, index in index_of.items():
-        if index in known:
+def plan_solves(scenes: Sequence[Scene], is_stored: Sequence[bool] | None = None) -> SweepPlan:
+    """Plan the solves of scenes.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+        The scenes.
+    is_stored : sequence of bool, optional
+        For each scene whether its record is known, so that it needs no solve.
+
+    Returns
+    -------
+    SweepPlan
+        Its blocks are in the order of their first scenes.
+    """
+    scenes = pin_profile_files(scenes)
+    first_index: dict[Scene, int] = {}
+    first = [first_index.setdefault(scene, i) for i, scene in enumerate(scenes)]
+    stored: set[int] = set()
+    if is_stored is not None:
+        stored = {index for index in first_index.values() if is_stored[index]}
+    indices: dict[str, list[int]] = {}
+    frames: dict[str, list[Array]] = {}
+    for scene, index in first_index.items():
+        if index in stored:
             continue
-        text, frame = compute_mechanical_key(Problem.from_scene(scene))
-        indices, frames = alike.setdefault(text, ([], []))
-        indices.append(index)
-        frames.append(frame)
-    blocks = tuple(
-        Block(text, tuple(indices), _relative(np.array(frames)))
-        for text, (indices, frames) in alike.items()
+        key = compute_mechanical_key(Problem.from_scene(scene))
+        indices.setdefault(key.text, []).append(index)
+        frames.setdefault(key.text, []).append(key.frame)
+    blocks = []
+    for text, members in indices.items():
+        relative = _compute_relative_frames(np.array(frames[text]))
+        blocks.append(Block(text, tuple(members), frames=relative))
+    return SweepPlan(
+        scenes, np.array(first, dtype=int), stored=frozenset(stored), blocks=tuple(blocks)
     )
-    return SweepPlan(scenes, first, known, blocks)
 
 
-def _relative(frames: Array) -> Array:
-    """Frames with respect to the first, quarter turns and mirror images exact."""
+def _compute_relative_frames(frames: Array) -> Array:
+    """Return frames (n, 2, 2) relative to the first, quarter turns and reflections exact."""
     relative = frames[0].T @ frames
     exact = np.round(relative)
-    near = np.isclose(relative, exact, rtol=0.0, atol=1e-12).all(axis=(1, 2), keepdims=True)
-    return np.where(near, exact + 0.0, relative)
+    is_close = np.isclose(relative, exact, rtol=0.0, atol=1e-12)
+    is_exact = is_close.all(axis=(1, 2), keepdims=True)
+    return np.where(is_exact, exact + 0.0, relative)

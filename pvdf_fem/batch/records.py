@@ -147,7 +147,7 @@ def _split_solution(
         scene = problem.scene
         defined = {}
         for name, values in integrals.items():
-            if all(OBSERVABLES[name].defined_for(outputs[row]) for row in rows):
+            if all(OBSERVABLES[name].is_defined_for(outputs[row]) for row in rows):
                 defined[name] = values[rows].tolist()
         solved = solution.discrete.stress_integrals.of(rows)
         warnings = [*problem.film.warnings, *common_warnings]
@@ -217,7 +217,7 @@ def _evaluate_observable(
     integrals[is_solved] = solution.discrete.stress_integrals.values[is_solved]
     others = []
     for i in np.flatnonzero(~is_solved).tolist():
-        if observable.defined_for(outputs[i]):
+        if observable.is_defined_for(outputs[i]):
             others.append(i)
     if others:
         requested = [replace(outputs[i], observable=observable.name) for i in others]

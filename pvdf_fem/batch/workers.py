@@ -1,4 +1,4 @@
-"""Tasks on processes that may die, local or on a Dask cluster."""
+"""Run tasks on processes that may die, local ones or those of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -25,6 +25,10 @@ _LIBRARIES = ("OMP", "OPENBLAS", "MKL", "BLIS")
 ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in _LIBRARIES}
 
 
+#: Seconds after which idle processes end.
+IDLE_SECONDS = 300
+
+
 class ClusterError(RuntimeError):
     """A cluster cannot be used; the text says why and what to do."""
 
@@ -35,7 +39,7 @@ class ClusterLostError(ClusterError):
 
 @dataclass(frozen=True)
 class WorkerDied:
-    """Replaces a missing result, with the reason."""
+    """Takes the place of a missing result."""
 
     reason: str
 
@@ -45,32 +49,63 @@ def run_on_processes(
     tasks: Iterable[tuple[int, Task]],
     processes: int | None = None,
 ) -> Iterator[tuple[int, Result | WorkerDied]]:
-    """Numbers and results of tasks in order of completion. When a process dies, the processes are
-    replaced, and tasks without a result are done again separately. A task that kills its process
-    again ends as `WorkerDied`. Of errors `GmshMissingError` alone is raised. Tasks are read when
-    processes are free. By default there is a process per core; `processes` = 1 starts none. New processes run
-    linear algebra on a single thread, and end with the calling process."""
+    """Run a function on tasks in local processes.
+
+    New processes run linear algebra on a single thread, and end with the calling process. When a
+    process dies, the processes are replaced, and tasks without a result are run again one by one.
+
+    Parameters
+    ----------
+    function : callable
+        Runs one task.
+    tasks : iterable of (int, task)
+        Numbered tasks, read when processes are free.
+    processes : int, optional
+        Number of processes, by default one for every core; 1 starts none.
+
+    Yields
+    ------
+    number : int
+        The number of a task, in order of completion.
+    result : Result or WorkerDied
+        `WorkerDied` for a task that kills its process twice, or raises an error.
+
+    Raises
+    ------
+    GmshMissingError
+        The only error of a task that is raised, since no task can be run then.
+    """
     count = joblib.effective_n_jobs(-1 if processes is None else processes)
     if count == 1:
         for number, task in tasks:
             yield number, function(task)
         return
     # the processes stay for later calls, and joblib's own `Parallel` of a caller takes them over
-    keep: Any = {"timeout": 300, "env": ONE_THREAD}
-    keep |= {"initializer": exit_with_parent, "initargs": (os.getpid(),)}
+    options: dict[str, Any] = {
+        "timeout": IDLE_SECONDS,
+        "env": ONE_THREAD,
+        "initializer": exit_with_parent,
+        "initargs": (os.getpid(),),
+    }
 
-    def executor() -> Any:
-        return get_memmapping_executor(count, **keep)
+    def get_executor() -> Any:
+        return get_memmapping_executor(count, **options)
 
     try:
-        yield from _results(function, tasks, executor, lambda: count)
-    except BaseException:  # nobody waits for what still runs
-        executor().shutdown(kill_workers=True)
+        yield from _run(function, tasks, get_executor=get_executor, count_workers=lambda: count)
+    except BaseException:  # nobody waits for tasks that still run
+        get_executor().shutdown(kill_workers=True)
         raise
 
 
 def exit_with_parent(parent: int) -> None:
-    """End this process soon after its parent, perhaps after a kill."""
+    """End this process soon after its parent, even if that is killed.
+
+    Parameters
+    ----------
+    parent : int
+        Process id of the parent.
+    """
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -83,30 +118,41 @@ def exit_with_parent(parent: int) -> None:
 def run_on_cluster(
     function: Callable[[Task], Result], tasks: Iterable[tuple[int, Task]], scheduler: str
 ) -> Iterator[tuple[int, Result | WorkerDied]]:
-    """Task numbers and results from a Dask cluster's workers, in order of completion. The scheduler
-    at an address like ``tcp://127.0.0.1:8786`` gives a dead worker's tasks to further workers, at
-    most a few times. Tasks are read when workers are free. Raises `ClusterError` when dask is not
-    installed or no scheduler answers, and `ClusterLostError` when it stops."""
-    try:
-        # otherwise a scheduler that stops is logged with its traceback
-        quiet = dict.fromkeys(
-            ("distributed", "distributed.client", "tornado", "asyncio"), "critical"
-        )
-        import_module("dask.config").set(logging=quiet)
-        distributed: Any = import_module("distributed")
-    except ImportError as error:
-        advice = 'run: pip install "pvdf-fem[cluster]"'
-        raise ClusterError(f"--scheduler {scheduler}: dask is missing; {advice}") from error
-    try:
-        client = distributed.Client(scheduler, timeout=20, set_as_default=False)
-    except (OSError, ValueError) as error:
-        advice = "start `dask scheduler` there, or correct the address"
-        raise ClusterError(f"--scheduler {scheduler}: {error}; {advice}") from error
+    """Run a function on tasks by the workers of a Dask cluster.
+
+    The scheduler gives the tasks of a dead worker to others, at most a few times.
+
+    Parameters
+    ----------
+    function : callable
+        Runs one task.
+    tasks : iterable of (int, task)
+        Numbered tasks, read when workers are free.
+    scheduler : str
+        Address of the scheduler, like ``tcp://127.0.0.1:8786``.
+
+    Yields
+    ------
+    number : int
+        The number of a task, in order of completion.
+    result : Result or WorkerDied
+
+    Raises
+    ------
+    ClusterError
+        If dask is not installed, or no scheduler answers.
+    ClusterLostError
+        If the scheduler stops answering.
+    """
+    client = _connect(scheduler)
     with client:
         executor = client.get_executor(pure=False)
         try:
-            yield from _results(
-                function, tasks, lambda: executor, lambda: sum(client.nthreads().values())
+            yield from _run(
+                function,
+                tasks,
+                get_executor=lambda: executor,
+                count_workers=lambda: sum(client.nthreads().values()),
             )
         except (OSError, CancelledError) as error:
             advice = "start it again, then repeat the command: what is solved is in the store"
@@ -114,40 +160,76 @@ def run_on_cluster(
             raise ClusterLostError(text) from error
 
 
-def _results(
+def _connect(scheduler: str) -> Any:
+    """Return a client of a Dask scheduler; raise `ClusterError` if there is none."""
+    try:
+        # otherwise a scheduler that stops is logged with its traceback
+        loggers = ("distributed", "distributed.client", "tornado", "asyncio")
+        import_module("dask.config").set(logging=dict.fromkeys(loggers, "critical"))
+        distributed: Any = import_module("distributed")
+    except ImportError as error:
+        advice = 'run: pip install "pvdf-fem[cluster]"'
+        raise ClusterError(f"--scheduler {scheduler}: dask is missing; {advice}") from error
+    try:
+        return distributed.Client(scheduler, timeout=20, set_as_default=False)
+    except (OSError, ValueError) as error:
+        advice = "start `dask scheduler` there, or correct the address"
+        raise ClusterError(f"--scheduler {scheduler}: {error}; {advice}") from error
+
+
+def _run(
     function: Callable[[Task], Result],
     tasks: Iterable[tuple[int, Task]],
-    executor: Callable[[], Executor],
-    workers: Callable[[], int],
+    *,
+    get_executor: Callable[[], Executor],
+    count_workers: Callable[[], int],
 ) -> Iterator[tuple[int, Result | WorkerDied]]:
-    """Numbers of tasks and their results. Twice `workers` tasks are under way. An `executor` with a
-    dead process has lost its tasks and is replaced."""
-    tasks, running = iter(tasks), dict[Future[Result], tuple[int, Task]]()
+    """Yield the numbers of tasks with their results, in order of completion.
+
+    Twice as many tasks as workers are submitted at a time. An executor with a dead process has lost
+    its tasks; `get_executor` replaces it, and the lost tasks are submitted again one by one.
+    """
+    remaining = iter(tasks)
+    running: dict[Future[Result], tuple[int, Task]] = {}
     lost: list[tuple[int, Task]] = []
     while True:
-        alone = bool(lost) and not running
-        room = 0 if lost else max(1, 2 * workers()) - len(running)
-        for task in [lost.pop()] if alone else islice(tasks, max(room, 0)):
+        is_single = bool(lost) and not running
+        if is_single:
+            submitted = [lost.pop()]
+        else:
+            room = 0 if lost else max(1, 2 * count_workers()) - len(running)
+            submitted = list(islice(remaining, max(room, 0)))
+        for numbered in submitted:
             try:
-                running[executor().submit(function, task[1])] = task
+                future = get_executor().submit(function, numbered[1])
             except TerminatedWorkerError:  # of a process that died a moment ago
-                lost.append(task)
+                lost.append(numbered)
+            else:
+                running[future] = numbered
         if not running and not lost:
             return
         done, _ = wait(running, return_when=FIRST_COMPLETED)
-        if any(map(_lost, done)):
+        if any(_is_lost(future) for future in done):
             done, _ = wait(running)
-        for future in sorted(done, key=_lost):
-            number, _ = task = running.pop(future)
-            if _lost(future) and not alone:
-                lost.append(task)
-            elif isinstance(error := future.exception(), GmshMissingError):
-                raise error  # no task can be done
-            elif error:
-                yield number, WorkerDied(f"{type(error).__name__}: {error}")
+        for future in sorted(done, key=_is_lost):
+            numbered = running.pop(future)
+            if _is_lost(future) and not is_single:
+                lost.append(numbered)
             else:
-                yield number, future.result()
+                result: Result | WorkerDied = _get_result(future)
+                yield numbered[0], result
 
 
-def _lost(future: Future[Any]) -> bool:
+def _get_result(future: Future[Result]) -> Result | WorkerDied:
+    """Return the result of a task, or its error as `WorkerDied`."""
+    error = future.exception()
+    if isinstance(error, GmshMissingError):
+        raise error
+    if error:
+        return WorkerDied(f"{type(error).__name__}: {error}")
+    return future.result()
+
+
+def _is_lost(future: Future[Any]) -> bool:
+    """Return whether the process of a task has died."""
     return isinstance(future.exception(), TerminatedWorkerError)

@@ -273,6 +273,7 @@ def load_or_build_response(
     NotConvergedError
         If a solve of the build fails.
     """
+    from pvdf_fem.log import logger
     from pvdf_fem.surrogate.response import Response
     from pvdf_fem.surrogate.response_key import has_same_readout, require_same_mechanics
     from pvdf_fem.surrogate.touch_domain import centre_probe
@@ -280,6 +281,7 @@ def load_or_build_response(
     path = choice.find_path(scene, scene_file)
     if not path.exists():
         return _build_response(scene, scene_file, choice, path)
+    logger.info("using the response %s", path)
     stored = Response.load(path)
     try:
         require_same_mechanics(stored.scene, scene)

@@ -30,6 +30,7 @@ examples:
   pvdf-fem solve scene.toml --vtu scene.vtu --plot scene.png
   pvdf-fem solve scene.toml --plot stress.svg --quantity stress
   pvdf-fem solve scene.toml --mesh scene.msh
+  pvdf-fem solve scene.toml --plan
   pvdf-fem -v solve scene.toml
 
 exit codes: 0 converged, 2 bad input, 3 not converged (there are no charges
@@ -60,6 +61,11 @@ def add_parser(commands: Any) -> None:
         type=Path,
         help="write deflection, stresses and patches for ParaView",
     )
+    parser.add_argument(
+        "--plan",
+        action="store_true",
+        help="print what would be solved, and why, without making a mesh",
+    )
     add_plot(parser, "a map of the film")
     parser.add_argument(
         "--quantity",
@@ -77,6 +83,11 @@ def run(options: argparse.Namespace) -> int:
         errors.append("--quantity: is the quantity of --plot; add --plot FILE, or remove it")
     scene = read_scene(options, *errors)
     quantity = options.quantity or _DEFAULT_QUANTITY
+    if options.plan:
+        from pvdf_fem.problem.problem import Problem
+
+        print_result(Problem.from_scene(scene), options.json)
+        return ExitCode.CONVERGED
     if options.plot:
         from pvdf_fem.view.film_quantities import resolve_map
 

@@ -67,7 +67,8 @@ class AirLoad:
 
         s = -0.5 if air.baffle else 0.5
         unit_places = places.reshape(-1, 2) / radius
-        # with a baffle the factor (1 - r^2)^s of the coefficients cancels
+        # The deflection is expanded in (1 - r^2)^s phi_mn with a baffle, with coefficients by
+        # integrals of w phi_mn, and in phi_mn without one, by integrals of w (1 - r^2)^s phi_mn.
         rim_weight = np.maximum(1.0 - (unit_places**2).sum(axis=1), 0.0) ** max(s, 0.0)
         columns = []
         for functions in _evaluate_functions(unit_places, degree, s):

@@ -73,7 +73,7 @@ class ModalLevel:
 class ModalProblem:
     """The modes of one film, to be solved on any mesh."""
 
-    #: With a resolved ``film.bending``, and without probes that have no effect.
+    #: The film, with the probes that have an effect on its modes.
     problem: Problem
     #: Number of modes.
     count: int
@@ -89,15 +89,15 @@ class ModalProblem:
     on_solve: Callable[[], None] = lambda: None
 
     @classmethod
-    def from_scene(
-        cls, scene: Scene, count: int, loaded: bool, bending_share: float
+    def with_default_budget(
+        cls, problem: Problem, count: int, loaded: bool, bending_share: float
     ) -> ModalProblem:
-        """Make the problem with the budget of a scene.
+        """Make the modal problem with the budget that follows from its numerics.
 
         Parameters
         ----------
-        scene : Scene
-            With a resolved ``film.bending``, and without probes that have no effect.
+        problem : Problem
+            The film, with the probes that have an effect on its modes.
         count : int
             Number of modes.
         loaded : bool
@@ -105,9 +105,7 @@ class ModalProblem:
         bending_share : float
             Relative increase of the highest frequency by bending, from `estimate_bending_share`.
         """
-        problem = Problem.from_scene(scene)
-        budget = _make_budget(problem)
-        return cls(problem, count, loaded, bending_share, budget=budget)
+        return cls(problem, count, loaded, bending_share, budget=_make_budget(problem))
 
     def solve(self) -> tuple[ModalLevel, Stop]:
         """Solve on ever finer meshes, and return the best level with the reason to stop.
@@ -178,7 +176,7 @@ class ModalProblem:
         coarser : ModalLevel or None
             The solve on the mesh before, which is not used.
         """
-        order = max(2, self.problem.film.lowest_order + 1)
+        order = max(2, self.problem.film.kinematics.lowest_order + 1)
         coarse = Equilibrium(self.problem, mesh, order)
         rich = Equilibrium(self.problem, mesh, order + 1)
         q = np.zeros(coarse.unknowns.count)

@@ -18,9 +18,10 @@ from skfem import Basis
 from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.modal_problem import ModalProblem, estimate_bending_share
 from pvdf_fem.dynamics.spectrum import AIR, VACUUM, Spectrum
-from pvdf_fem.film.electric.coupling import describe_coupling
+from pvdf_fem.film.coupling import describe_coupling
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.mesh.gmsh_mesh import MeshError
+from pvdf_fem.problem.problem import Problem
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
 from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
 from pvdf_fem.scene.film import Air
@@ -190,13 +191,13 @@ def modes(
     bending = scene.film.bending
     if bending == "auto":
         bending = bending_share > scene.numerics.tolerance
-    film_scene = film_scene.with_(**{"film.bending": bending})
-    problem = ModalProblem.from_scene(film_scene, count, loaded, bending_share)
+    problem = Problem.from_scene(film_scene.with_(**{"film.bending": bending}))
+    modal = ModalProblem.with_default_budget(problem, count, loaded, bending_share)
     pencils = 2 if scene.air else 1
     try:
         with show_progress("solves", progress) as show:
-            problem.on_solve = SolveCounter(show, SOLVES_PER_MODE * count * pencils)
-            level, stop = problem.solve()
+            modal.on_solve = SolveCounter(show, SOLVES_PER_MODE * count * pencils)
+            level, stop = modal.solve()
     except MeshError as error:
         reason = f"{Status.MESH_FAILED.advice} ({error})"
         return Modes(scene, loaded, status=Status.MESH_FAILED, reason=reason)
@@ -209,7 +210,7 @@ def modes(
         reason = f"{status.advice}, to at least {level.worst:.1e}, which was reached ({stop})"
     neglected = list(_describe_neglected_effects(scene, bending_share, includes_bending=bending))
     if loaded:
-        for is_included, text in describe_coupling(film_scene):
+        for is_included, text in describe_coupling(problem.scene):
             if not is_included:
                 neglected.append(text)
     return Modes(
@@ -218,7 +219,7 @@ def modes(
         status=status,
         reason=reason,
         neglected=tuple(neglected),
-        seconds=problem.timer.seconds(),
+        seconds=modal.timer.seconds(),
         _spectra=level.spectra,
     )
 

@@ -1,8 +1,8 @@
-"""A channel's reading from an electrode's charge.
+"""A channel of the readout: the reading that an electrode's charge makes.
 
 The charge Q sits on a capacitance C, which a resistance R discharges: C dV/dt + V/R = dQ/dt. In
-front of a voltage amplifier, C includes electrode and cable (Mirbagheri's thesis, App. 5, where the
-cable is left out). A charge amplifier moves the charge to its feedback capacitance, whatever
+front of a voltage amplifier, C is that of electrode and cable (Mirbagheri's thesis, App. 5, where
+the cable is left out). A charge amplifier moves the charge to its feedback capacitance, whatever
 electrode and cable have. A reading is an offset plus a gain times V.
 """
 
@@ -19,16 +19,18 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene import Scene
 
-#: Meanings of a reading, and their names.
+#: What a reading may be of, and how texts call it.
 READINGS = {"total": "total charges", "change": "changes by the touch"}
+#: pC in a unit of charge.
+CHARGE_UNITS_PC = {"pC": 1.0, "fC": 1e-3, "nC": 1e3, "µC": 1e6, "C": 1e12}
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One electrode's channel; all quantities are SI."""
+    """The channel of one electrode; all quantities are in SI units."""
 
     name: str
-    capacitance: float  #: In F, that of the feedback or of electrode and cable.
+    capacitance: float  #: In F, of the feedback or of electrode and cable.
     resistance: float = math.inf  #: In Ω; infinite where nothing discharges the capacitance.
     gain: float = 1.0
     offset: float = 0.0  #: In V.
@@ -36,69 +38,151 @@ class Channel:
 
     @property
     def time_constant(self) -> float:
-        """R C in s, in which the voltage of a charge at rest falls to 1/e."""
+        """R C in s, in which the voltage of a constant charge falls to 1/e."""
         return self.resistance * self.capacitance
 
     def reading(self, charge: ArrayLike) -> Array:
-        """Readings in V for charges in C that have just arrived."""
-        return self.offset + self.gain * np.asarray(charge, dtype=float) / self.capacitance
+        """Return the readings in V of charges in C that have just arrived."""
+        charge = np.asarray(charge, dtype=float)
+        return self.offset + self.gain * charge / self.capacitance
 
     def step(self, charge: float, time: ArrayLike) -> Array:
-        """Readings in V at times in s after a charge in C has come at once and stayed."""
+        """Return the readings in V after a charge has come at once and stayed.
+
+        Parameters
+        ----------
+        charge : float
+            The charge in C, which comes at the time 0.
+        time : array_like
+            Times in s.
+
+        Returns
+        -------
+        ndarray
+            Readings at these times; before the charge they are the offset.
+        """
         time = np.asarray(time, dtype=float)
-        decay = np.where(time < 0.0, 0.0, np.exp(-np.maximum(time, 0.0) / self.time_constant))
-        return self.offset + self.gain * charge / self.capacitance * decay
+        decay = np.exp(-np.maximum(time, 0.0) / self.time_constant)
+        voltage = charge / self.capacitance * np.where(time < 0.0, 0.0, decay)
+        return self.offset + self.gain * voltage
 
     def harmonic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """Complex amplitudes of the reading over the charge in V/C, by frequency in Hz.
-        i ω R/(1 + i ω R C): a high-pass filter, whose phase leads."""
-        turn = 2j * np.pi * np.asarray(frequency, dtype=float)
+        """Return the complex amplitudes of the reading over the charge, by frequency.
+
+        i ω R/(1 + i ω R C) is a high-pass filter, whose phase leads.
+
+        Parameters
+        ----------
+        frequency : array_like
+            Frequencies in Hz.
+
+        Returns
+        -------
+        ndarray of complex
+            In V/C.
+        """
+        i_omega = 2j * np.pi * np.asarray(frequency, dtype=float)
         if math.isinf(self.resistance):
-            return np.where(turn == 0.0, 0.0, self.gain / self.capacitance + 0j)
-        return self.gain * turn * self.resistance / (1.0 + turn * self.time_constant)
+            return np.where(i_omega == 0.0, 0.0, self.gain / self.capacitance + 0j)
+        return self.gain * i_omega * self.resistance / (1.0 + i_omega * self.time_constant)
 
 
 def list_units_pC(channels: Sequence[Channel]) -> dict[str, Array]:
-    """Nominal pC per unit of readings, by unit, (channels,)."""
-    volt = 1e12 * np.array([channel.capacitance for channel in channels])
-    charges = {"pC": 1.0, "fC": 1e-3, "nC": 1e3, "µC": 1e6, "C": 1e12}
-    units = {unit: np.full(len(channels), factor) for unit, factor in charges.items()}
-    return units | {"V": volt, "mV": 1e-3 * volt, "µV": 1e-6 * volt}
+    """List the units that readings may have, with their nominal sizes.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+        The channels.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (channels,)
+        pC per unit.
+    """
+    units = {}
+    for unit, size_pC in CHARGE_UNITS_PC.items():
+        units[unit] = np.full(len(channels), size_pC)
+    volt_pC = 1e12 * np.array([channel.capacitance for channel in channels])
+    units["V"] = volt_pC
+    units["mV"] = 1e-3 * volt_pC
+    units["µV"] = 1e-6 * volt_pC
+    return units
 
 
 def compute_capacitance(area: float, thickness: float, permittivity: float) -> float:
-    """Capacitance in F of an electrode of an area in m² on a film of a thickness in m: ε0 εr A/h.
+    """Compute the capacitance of an electrode, ε0 εr A/h.
+
     Stray fields at the edges are neglected: the thesis's electrode is 120 times as wide as the film
-    is thick."""
+    is thick.
+
+    Parameters
+    ----------
+    area : float
+        Area of the electrode in m².
+    thickness : float
+        Thickness of the film in m.
+    permittivity : float
+        Relative permittivity εr.
+
+    Returns
+    -------
+    float
+        In F.
+    """
     from scipy.constants import epsilon_0  # most scenes have no readout
 
     return epsilon_0 * permittivity * area / thickness
 
 
 def make_channels(scene: Scene) -> tuple[Channel, ...]:
-    """The channels of a scene's electrodes; ideal ones where it has no ``[readout]``."""
-    readout, film, found = scene.readout or Readout(), scene.film, []
+    """Make the channels of a scene's electrodes; ideal ones if it has no ``[readout]``."""
+    readout = scene.readout or Readout()
+    film = scene.film
+    channels = []
     for electrode in scene.electrode_list:
         name = electrode.name
         if readout.of("kind", name) == "charge":
             capacitance = readout.of("feedback_capacitance_pF", name) / 1e12
-            resistance = readout.of("feedback_resistance_MOhm", name)
+            resistance_MOhm = readout.of("feedback_resistance_MOhm", name)
         else:
             area = electrode.outline.area
             capacitance = compute_capacitance(area, film.thickness, film.permittivity)
             capacitance += readout.of("cable_capacitance_pF", name) / 1e12
-            resistance = readout.of("input_resistance_MOhm", name)
-        gain, offset, noise = (readout.of(key, name) for key in ("gain", "offset_V", "noise_V"))
-        resistance = math.inf if resistance is None else 1e6 * resistance
-        found.append(Channel(name, capacitance, resistance, gain, offset, noise))
-    return tuple(found)
+            resistance_MOhm = readout.of("input_resistance_MOhm", name)
+        channel = Channel(
+            name,
+            capacitance,
+            resistance=math.inf if resistance_MOhm is None else 1e6 * resistance_MOhm,
+            gain=readout.of("gain", name),
+            offset=readout.of("offset_V", name),
+            noise=readout.of("noise_V", name),
+        )
+        channels.append(channel)
+    return tuple(channels)
 
 
 def compute_readings_V(scene: Scene, charges_pC: ArrayLike, changes_pC: ArrayLike) -> Array:
-    """Readings in V just after a sudden touch, (electrodes,), of total charges or of their changes
-    by the touch, (electrodes,) both, whichever the scene's readout reads."""
-    total = scene.readout is not None and scene.readout.reading == "total"
-    read = np.asarray(charges_pC if total else changes_pC, dtype=float) / 1e12
-    return np.array(
-        [c.reading(charge) for c, charge in zip(make_channels(scene), read, strict=True)]
-    )
+    """Compute the readings just after a sudden touch.
+
+    Parameters
+    ----------
+    scene : Scene
+        A scene, whose readout reads total charges or their changes.
+    charges_pC : array_like, shape (electrodes,)
+        Total charges.
+    changes_pC : array_like, shape (electrodes,)
+        Changes of the charges by the touch.
+
+    Returns
+    -------
+    ndarray, shape (electrodes,)
+        In V.
+    """
+    reads_total = scene.readout is not None and scene.readout.reading == "total"
+    read_pC = charges_pC if reads_total else changes_pC
+    charges = np.asarray(read_pC, dtype=float) / 1e12
+    readings = []
+    for channel, charge in zip(make_channels(scene), charges, strict=True):
+        readings.append(channel.reading(charge))
+    return np.array(readings)

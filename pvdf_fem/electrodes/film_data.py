@@ -1,4 +1,4 @@
-"""A solved film for maps, views in 3-D and files."""
+"""What maps, views in 3-D and files draw of a solution."""
 
 from __future__ import annotations
 
@@ -17,29 +17,28 @@ from pvdf_fem.scene.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class FilmData:
-    """Fields of a solved film and its electrodes' charges."""
+    """Fields of a solved film and the charges of its electrodes."""
 
     equilibrium: Equilibrium  #: Equations of the whole film.
     state: State  #: Their solution.
-    unknowns: int  #: Number of equations, of a part of the film where only a part was solved.
-    #: charges_pC, charge_errors_pC: By electrode.
-    charges_pC: dict[str, float]
-    charge_errors_pC: dict[str, float]
-    contacts: dict[str, ContactResult]  #: What tips do, by patch.
-    included: Sequence[str]  #: What the model has beyond the membrane.
-    #: Element shares in charge errors in C, (elements, electrodes).
+    unknowns: int  #: Number of equations that were solved, perhaps of a sector of the film.
+    charges_pC: dict[str, float]  #: Charges by electrode.
+    charge_errors_pC: dict[str, float]  #: Their estimated errors.
+    contacts: dict[str, ContactResult]  #: Contacts of indenter tips, by patch.
+    included: Sequence[str]  #: Included effects beyond the membrane.
+    #: Computes the elements' shares in the charge errors in C, (elements, electrodes).
     error_shares: Callable[[], Array]
 
     @property
     def scene(self) -> Scene:
-        """The film's scene."""
+        """The scene that was solved."""
         return self.equilibrium.scene
 
     @property
     def mesh(self) -> MeshTri2:
-        """Mesh in m."""
+        """The mesh in m."""
         return self.equilibrium.space.mesh
 
     def in_elements(self, local: Array) -> PointValues:
-        """Values at local points (2, points) in the elements, (elements, points)."""
+        """Evaluate the fields at local points (2, points) of all elements, (elements, points)."""
         return evaluate_in_elements(self.equilibrium, self.state, local)

@@ -11,60 +11,94 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import Channel, list_units_pC
 
+#: Largest number of channels of which all permutations are tried.
+MAX_PERMUTED = 4
+
 
 @dataclass(frozen=True, eq=False)
 class Misreading:
     """A mistake: readings in wrong columns, in a wrong unit, or with a wrong sign."""
 
-    kind: str  #: ``swapped_channels``, ``wrong_unit``, ``wrong_sign``.
-    text: str
+    kind: str  #: ``swapped_channels``, ``wrong_unit`` or ``wrong_sign``.
+    text: str  #: The mistake in words.
     order: tuple[int, ...]  #: The column of each channel.
-    factors: Array  #: Of the right readings over those given, (channels,).
+    factors: Array  #: Right readings over those that were given, (channels,).
 
     @property
-    def exchanged(self) -> int:
+    def swapped_count(self) -> int:
         """Number of channels in a wrong column."""
-        return sum(i != j for i, j in enumerate(self.order))
+        return sum(channel != column for channel, column in enumerate(self.order))
 
-    def undone(self, readings: Array) -> Array:
-        """The right readings (..., channels)."""
+    def correct(self, readings: Array) -> Array:
+        """Return the right readings (..., channels) for those that were given."""
         return np.asarray(readings[..., self.order] * self.factors)
 
 
 def list_misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misreading]:
-    """Possible mistakes in readings from channels in a unit from `list_units_pC`."""
-    names, straight, ones = (
-        [c.name for c in channels],
-        tuple(range(len(channels))),
-        np.ones(len(channels)),
-    )
-    for order in _orders(len(names)):
-        moved = [(names[i], names[j]) for i, j in enumerate(order) if i != j]
-        text = f"channels {' and '.join(name for name, _ in moved)} are swapped"
-        if len(moved) > 2:
-            text += f": they are in columns {', '.join(column for _, column in moved)}"
-        yield Misreading("swapped_channels", text, order, ones)
-    units = list_units_pC(channels)
-    ratios = {other: factor / units[unit] for other, factor in units.items()}
-    for other, ratio in ratios.items():
-        alike = [name for name, of in ratios.items() if np.allclose(of, ratio, atol=0.0)]
-        if other == alike[0] and unit not in alike:  # 1 V on 1000 pF is 1 nC
-            text = f"readings are in {' or '.join(alike)}, not in {unit}"
-            yield Misreading("wrong_unit", text, straight, ratio)
-    yield Misreading("wrong_sign", "readings have the wrong sign", straight, -ones)
-    for j, name in enumerate(names):
+    """List the mistakes that readings may have: columns first, then units, then signs.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+        The channels.
+    unit : str
+        The unit of the readings, one of `list_units_pC`.
+
+    Yields
+    ------
+    Misreading
+    """
+    names = [channel.name for channel in channels]
+    same_order = tuple(range(len(channels)))
+    ones = np.ones(len(channels))
+    for order in _list_orders(len(channels)):
+        text = _describe_order(names, order)
+        yield Misreading("swapped_channels", text, order=order, factors=ones)
+    for units, ratio in _list_unit_ratios(channels, unit):
+        text = f"readings are in {' or '.join(units)}, not in {unit}"
+        yield Misreading("wrong_unit", text, order=same_order, factors=ratio)
+    yield Misreading("wrong_sign", "readings have the wrong sign", order=same_order, factors=-ones)
+    for number, name in enumerate(names):
         text = f"channel {name} has the wrong sign"
-        yield Misreading(
-            "wrong_sign", text, straight, np.where(np.arange(len(names)) == j, -1.0, 1.0)
-        )
+        is_inverted = np.arange(len(names)) == number
+        signs = np.where(is_inverted, -1.0, 1.0)
+        yield Misreading("wrong_sign", text, order=same_order, factors=signs)
 
 
-def _orders(count: int, most_permuted: int = 4) -> Iterator[tuple[int, ...]]:
-    """Permutations for up to `most_permuted` channels, and exchanges of two for more channels."""
-    if count <= most_permuted:
-        yield from list(permutations(range(count)))[1:]
+def _describe_order(names: Sequence[str], order: Sequence[int]) -> str:
+    """Describe in words which channels are in which columns."""
+    swapped = []
+    columns = []
+    for channel, column in enumerate(order):
+        if channel != column:
+            swapped.append(names[channel])
+            columns.append(names[column])
+    text = f"channels {' and '.join(swapped)} are swapped"
+    if len(swapped) > 2:
+        text += f": they are in columns {', '.join(columns)}"
+    return text
+
+
+def _list_unit_ratios(channels: Sequence[Channel], unit: str) -> Iterator[tuple[list[str], Array]]:
+    """Yield the other units with their sizes over the given one; equal ones are named together."""
+    units = list_units_pC(channels)
+    ratios = {other: size / units[unit] for other, size in units.items()}
+    for other, ratio in ratios.items():
+        # 1 V on 1000 pF is 1 nC
+        equal = [name for name, size in ratios.items() if np.allclose(size, ratio, atol=0.0)]
+        if other == equal[0] and unit not in equal:
+            yield equal, ratio
+
+
+def _list_orders(count: int) -> Iterator[tuple[int, ...]]:
+    """Yield all permutations of few channels, and all swaps of two among many."""
+    if count <= MAX_PERMUTED:
+        orders = permutations(range(count))
+        next(orders)  # the right order
+        yield from orders
         return
-    for a, b in combinations(range(count), 2):
+    for first, second in combinations(range(count), 2):
         order = list(range(count))
-        order[a], order[b] = b, a
+        order[first] = second
+        order[second] = first
         yield tuple(order)

@@ -1,8 +1,9 @@
 """Observables: how the charge of an electrode follows from the film's stress.
 
-A charge is d31 X + d32 Y with two forces X, Y by electrode: a single solution serves every pair of
-piezoelectric coefficients. An observable chooses the stress for the forces and the places where an
-electrode samples the stress. A further one is a class and its line in `pvdf_fem.scene.registry`.
+A charge is d31 X + d32 Y with two stress integrals X and Y, so that a single solution serves every
+pair of piezoelectric coefficients. An observable chooses the stress that is integrated, and the
+points where an electrode samples it. To add one, write a class and its line in
+`pvdf_fem.scene.registry`.
 """
 
 from __future__ import annotations
@@ -24,14 +25,14 @@ from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
 
 
 class ElementShares(NamedTuple):
-    """Size of the first mesh's elements at an electrode and at the probe, over area/perimeter."""
+    """Element sizes of the first mesh at an electrode and at the probe, over area/perimeter."""
 
     electrode: float
     probe: float
 
 
 class Observable(ABC):
-    """An electrode's forces from the film's stress."""
+    """The stress integrals of an electrode, by the film's stress."""
 
     name: ClassVar[str]  #: Value of the scene's key ``numerics.observable``.
     #: Whether electrodes have to be rectangles along the axes of their scene.
@@ -41,23 +42,40 @@ class Observable(ABC):
 
     @abstractmethod
     def stress(self, film: Laminate, gradient: Array) -> Array:
-        """Stress in Pa, (..., 3): 11, 22, 12. `gradient` (..., 3, 2) is the displacement gradient.
-        Of a complex gradient, whose imaginary part is a step, the imaginary part of the stress is
-        its derivative times the step."""
+        """Return the stress that is integrated.
+
+        Parameters
+        ----------
+        film : Laminate
+            The film's law.
+        gradient : ndarray, shape (..., 3, 2)
+            Displacement gradient. It may be complex, with a small step as its imaginary part: the
+            imaginary part of the stress is then its derivative times the step.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+            Components 11, 22, 12 in Pa.
+        """
 
     @abstractmethod
     def samplings(self, outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
-        """Points at which the electrodes sample the stress. Raises `ValueError` for an electrode
-        that the observable is not defined for."""
+        """Yield the points at which electrodes sample the stress.
 
-    def defined_for(self, output: Output) -> bool:
-        """Whether the electrode has a charge by this observable."""
+        Raises
+        ------
+        ValueError
+            For an electrode that the observable is not defined for.
+        """
+
+    def is_defined_for(self, output: Output) -> bool:
+        """Return whether an electrode has a charge by this observable."""
         # an edge has the voltage's stress on one side
         return not self.needs_edges or (output.has_edges and output.floating is None)
 
-    def require(self, outputs: Sequence[Output]) -> None:
+    def require_defined(self, outputs: Sequence[Output]) -> None:
         """Raise ValueError for an electrode that the observable is not defined for."""
-        if not all(self.defined_for(output) for output in outputs):
+        if not all(self.is_defined_for(output) for output in outputs):
             reason = (
                 "needs electrodes that are rectangles along x and y at no voltage; use material"
             )
@@ -65,38 +83,43 @@ class Observable(ABC):
 
 
 class Material(Observable):
-    """X, Y = integrals of S11, S22 over the electrode's reference area."""
+    """Integrals of S11 and S22 over the electrode's reference area."""
 
     name = "material"
     element_shares = ElementShares(electrode=5.0, probe=2.0)
 
     def stress(self, film: Laminate, gradient: Array) -> Array:
-        """Second Piola-Kirchhoff stress S in Pa, film axes."""
+        """Return the second Piola-Kirchhoff stress in film axes."""
         return film.stress(compute_strain(gradient))
 
     def samplings(self, outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
+        """Yield points over the electrodes' areas."""
         return sample_areas(outputs, space)
 
 
 class ThesisEdge(Observable):
-    """Observable in the post-processor of Mirbagheri's thesis (sections 2.1.6, App. 3) computes. X
-    = A mean of sigma_xx over the left and the right edge, Y = A mean of sigma_yy over the upper and
-    the lower edge, with the Cauchy stress sigma = F S F^T / J in global axes and A the electrode's
-    area. The stress on an edge is the mean of its traces from both sides."""
+    """The charge that the post-processor of Mirbagheri's thesis computes (section 2.1.6, App. 3).
+
+    X = A times the mean of σxx over the left and the right edge, Y = A times the mean of σyy over
+    the upper and the lower edge, with the Cauchy stress σ = F S F^T / J in global axes and the
+    electrode's area A. The stress on an edge is the mean of its traces from both sides.
+    """
 
     name = "thesis-edge"
     needs_edges = True
-    #: Edge means of a stress need smaller elements; integrals over areas are content with larger
-    #: elements.
+    #: Means along edges need smaller elements than integrals over areas.
     element_shares = ElementShares(electrode=1.7, probe=1.4)
 
     def stress(self, film: Laminate, gradient: Array) -> Array:
-        """Cauchy stress F S F^T / J in Pa, global axes. J is the ratio of deformed to reference
-        area, J^2 = det F^T F = det (1 + 2 E)."""
+        """Return the Cauchy stress F S F^T / J in global axes.
+
+        J is the ratio of deformed to reference area: J² = det FᵀF = det(1 + 2 E).
+        """
         strain = compute_strain(gradient)
         e11, e22, e12 = np.moveaxis(strain, -1, 0)
         s11, s22, s12 = np.moveaxis(film.stress(strain), -1, 0)
-        (x1, x2), (y1, y2), _ = np.moveaxis(gradient + IDENTITY, (-2, -1), (0, 1))
+        F = gradient + IDENTITY
+        (x1, x2), (y1, y2), _ = np.moveaxis(F, (-2, -1), (0, 1))
         xx = s11 * x1 * x1 + s22 * x2 * x2 + 2.0 * s12 * x1 * x2
         yy = s11 * y1 * y1 + s22 * y2 * y2 + 2.0 * s12 * y1 * y2
         xy = s11 * x1 * y1 + s22 * x2 * y2 + s12 * (x1 * y2 + x2 * y1)
@@ -104,7 +127,8 @@ class ThesisEdge(Observable):
         return np.stack([xx, yy, xy], axis=-1) / J[..., None]
 
     def samplings(self, outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
-        self.require(outputs)
+        """Yield points along the electrodes' edges."""
+        self.require_defined(outputs)
         return sample_edges(outputs, space)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,12 +19,18 @@ from pvdf_fem.scene.scene_file import format_error
 from pvdf_fem.summary import Summary, TabularResult, TextTable
 
 #: Names of components, of vectors and of symmetric tensors.
-COMPONENTS = {
+COMPONENT_NAMES = {
     "displacement_mm": ("u", "v", "w"),
     "slopes": ("dw/dx", "dw/dy"),
     "strain": ("E11", "E22", "2 E12"),
     "stress_MPa": ("S11", "S22", "S12"),
 }
+
+
+#: Points that are located together; a limit keeps memory small beyond the results.
+POINTS_AT_ONCE = 20_000
+#: Rounding may put a point of the rim outside by this part of the radius.
+RIM_SLACK = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,23 +55,37 @@ class PointValues(TabularResult):
         return np.asarray(self.displacement_mm[..., 2])
 
     def columns(self) -> dict[str, Array]:
-        """A column for each coordinate, component and density, (points,)."""
-        found = {"x_mm": self.x_mm, "y_mm": self.y_mm}
+        """Return a column for each coordinate, component and density, (points,)."""
+        columns = {"x_mm": self.x_mm, "y_mm": self.y_mm}
         if self.distance_mm is not None:
-            found["distance_mm"] = self.distance_mm
-        for name, components in COMPONENTS.items():
+            columns["distance_mm"] = self.distance_mm
+        for name, components in COMPONENT_NAMES.items():
             unit = name.removeprefix(name.partition("_")[0])
+            values = getattr(self, name)
             for i, component in enumerate(components):
-                found[f"{component}{unit}"] = getattr(self, name)[..., i]
-        return found | {"charge_density_pC_mm2": self.charge_density_pC_mm2}
+                columns[f"{component}{unit}"] = values[..., i]
+        columns["charge_density_pC_mm2"] = self.charge_density_pC_mm2
+        return columns
 
     def summary(self) -> Summary:
-        """The range of the deflections, and the first and the last points."""
-        w, count = self.deflection_mm, self.x_mm.size
-        known = w[np.isfinite(w)]
-        span = f"deflections {known.min():.4g} to {known.max():.4g} mm" if known.size else "none"
+        """Return the range of the deflections, and the first and the last points."""
+        deflections = self.deflection_mm
+        known = deflections[np.isfinite(deflections)]
+        span = "none"
+        if known.size:
+            span = f"deflections {known.min():.4g} to {known.max():.4g} mm"
         table = TextTable.from_columns(self.columns())
-        return Summary(f"{count} points of the film", [span], tables=[table])
+        return Summary(f"{self.x_mm.size} points of the film", [span], tables=[table])
+
+
+class ElementValues(NamedTuple):
+    """Values at points in elements, (n, points, 3) each."""
+
+    places_mm: Array  #: x, y and 0.
+    displacement_mm: Array  #: u, v, w.
+    slopes: Array  #: dw/dx, dw/dy and 0.
+    strain: Array  #: E11, E22, 2 E12.
+    stress_MPa: Array  #: S11, S22, S12.
 
 
 def evaluate_at(
@@ -74,77 +94,167 @@ def evaluate_at(
     x_mm: ArrayLike,
     y_mm: ArrayLike,
     outside: Literal["refuse", "nan"] = "refuse",
-    together: int = 20_000,
 ) -> PointValues:
-    """Values at points with coordinates (numbers or arrays) that broadcast together; NaN
-    `outside` the film, if asked for. Few points are computed `together` to keep memory small beyond
-    the results. Raises ValueError for coordinates that are no numbers on the film."""
+    """Evaluate a solution at points.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+        Equations of the whole film.
+    state : State
+        Their solution.
+    x_mm, y_mm : array_like
+        Coordinates, numbers or arrays that broadcast together.
+    outside : {"refuse", "nan"}, optional
+        What happens to points that are not on the film.
+
+    Returns
+    -------
+    PointValues
+
+    Raises
+    ------
+    ValueError
+        For coordinates that are not numbers, and for points that are not on the film.
+    """
     outside = coerce("outside", outside, Literal["refuse", "nan"])
-    x, y = coerce_array("x_mm", x_mm), coerce_array("y_mm", y_mm)
-    try:
-        x, y = np.broadcast_arrays(x, y)
-    except ValueError:
-        told = f"x_mm has the shape {x.shape}, and y_mm {y.shape}"
-        raise ValueError(f"{told}; give a y for each x, or one number for all") from None
+    x, y = _broadcast(coerce_array("x_mm", x_mm), coerce_array("y_mm", y_mm))
     radius_mm = 1e3 * equilibrium.film.radius
-    # rounding may put a point of the rim outside
-    beyond = ~(np.hypot(x, y) <= radius_mm * (1.0 + 1e-9))
-    if beyond.any() and outside == "refuse":
-        first = f"({x[beyond][0]:.9g}, {y[beyond][0]:.9g}) mm"
+    is_outside = ~(np.hypot(x, y) <= radius_mm * (1.0 + RIM_SLACK))
+    if is_outside.any() and outside == "refuse":
+        first = f"({x[is_outside][0]:.9g}, {y[is_outside][0]:.9g}) mm"
         raise ValueError(
             f"{first} is not on the film; give points up to {radius_mm:g} mm from (0, 0)"
         )
-    points = 1e-3 * np.stack([x[~beyond], y[~beyond]])
-    chunks = (points[:, i : i + together] for i in range(0, points.shape[1], together))
-    found = (locate_points(equilibrium.space.mesh, chunk) for chunk in chunks)
-    parts = [_values(equilibrium, state, elements, p[:, :, None])[:, :, 0] for elements, p in found]
-    values = np.full((5, *x.shape, 3), np.nan)
-    values[:, ~beyond] = np.concatenate([np.empty((5, 0, 3)), *parts], axis=1)
-    return _point_values(equilibrium, values, x, y)
+    points = 1e-3 * np.stack([x[~is_outside], y[~is_outside]])
+    values = np.full((len(ElementValues._fields), *x.shape, 3), np.nan)
+    values[:, ~is_outside] = _evaluate_points(equilibrium, state, points)
+    return _make_point_values(equilibrium, ElementValues(*values), x=x, y=y)
+
+
+def _broadcast(x: Array, y: Array) -> tuple[Array, Array]:
+    """Broadcast coordinates together; raise ValueError if their shapes do not fit."""
+    try:
+        x, y = np.broadcast_arrays(x, y)
+    except ValueError:
+        shapes = f"x_mm has the shape {x.shape}, and y_mm {y.shape}"
+        raise ValueError(f"{shapes}; give a y for each x, or one number for all") from None
+    return x, y
+
+
+def _evaluate_points(equilibrium: Equilibrium, state: State, points: Array) -> Array:
+    """Evaluate `ElementValues` at points (2, n) in m on the film, (5, n, 3)."""
+    parts = [np.empty((len(ElementValues._fields), 0, 3))]
+    for first in range(0, points.shape[1], POINTS_AT_ONCE):
+        chunk = points[:, first : first + POINTS_AT_ONCE]
+        elements, local = locate_points(equilibrium.space.mesh, chunk)
+        values = _evaluate(equilibrium, state, elements=elements, local=local[:, :, None])
+        parts.append(np.stack(values)[:, :, 0])
+    return np.concatenate(parts, axis=1)
 
 
 def evaluate_in_elements(equilibrium: Equilibrium, state: State, local: Array) -> PointValues:
-    """Values at the same local points (2, points) of all elements, in arrays (elements, points)."""
+    """Evaluate a solution at the same local points of all elements.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+        Equations of the whole film.
+    state : State
+        Their solution.
+    local : ndarray, shape (2, points)
+        Local coordinates.
+
+    Returns
+    -------
+    PointValues
+        Arrays (elements, points).
+    """
     elements = np.arange(equilibrium.space.mesh.nelements)
     points = np.repeat(local[:, None], len(elements), axis=1)
-    values = _values(equilibrium, state, elements, points)
-    return _point_values(equilibrium, values, *np.moveaxis(values[0, ..., :2], -1, 0))
+    values = _evaluate(equilibrium, state, elements=elements, local=points)
+    x, y = np.moveaxis(values.places_mm[..., :2], -1, 0)
+    return _make_point_values(equilibrium, values, x=x, y=y)
 
 
-def _point_values(equilibrium: Equilibrium, values: Array, x: Array, y: Array) -> PointValues:
-    film, (_, displacement, slopes, strain, stress) = equilibrium.film, values
+def _make_point_values(
+    equilibrium: Equilibrium, values: ElementValues, *, x: Array, y: Array
+) -> PointValues:
+    """Make point values with their charge density; coordinates are in mm."""
+    film = equilibrium.film
+    stress = values.stress_MPa
     density = film.d31_pC_N * stress[..., 0] + film.d32_pC_N * stress[..., 1]
-    return PointValues(x, y, displacement, slopes[..., :2], strain, stress, density)
+    return PointValues(
+        x,
+        y,
+        displacement_mm=values.displacement_mm,
+        slopes=values.slopes[..., :2],
+        strain=values.strain,
+        stress_MPa=stress,
+        charge_density_pC_mm2=density,
+    )
 
 
-def _values(equilibrium: Equilibrium, state: State, elements: Indices, local: Array) -> Array:
-    """Places and displacement in mm, slopes, strain, stress in MPa, (5, n, points, 3), in elements
-    (n,) at local points (2, n, points)."""
-    space, membrane = equilibrium.space, equilibrium.membrane
+def _evaluate(
+    equilibrium: Equilibrium, state: State, *, elements: Indices, local: Array
+) -> ElementValues:
+    """Evaluate a solution in elements (n,) at local points (2, n, points)."""
+    space = equilibrium.space
     nodal = state.dofs.reshape(-1, 3)[space.nodes[elements]]
     displacement = np.matmul(evaluate_shape_functions(space.basis.elem, local), nodal)
-    gradients = space.gradients_at(elements, local)
-    gradients = np.matmul(nodal[:, None].swapaxes(2, 3), gradients)
-    strain, places, slopes = compute_strain(gradients), *np.zeros((2, *displacement.shape))
+    shape_gradients = space.gradients_at(elements, local)
+    gradients = np.matmul(nodal[:, None].swapaxes(2, 3), shape_gradients)
+    strain = compute_strain(gradients)
+    slopes = np.zeros_like(displacement)
     slopes[..., :2] = gradients[..., 2, :]
+    places = np.zeros_like(displacement)
     places[..., :2] = np.moveaxis(space.mesh.mapping().F(local, elements), 0, -1)
-    stress = membrane.film_stress(strain, places[..., :2])
+    stress = equilibrium.membrane.film_stress(strain, places[..., :2])
     if state.added is not None:
         stress = stress + state.added[elements]
-    return np.stack([1e3 * places, 1e3 * displacement, slopes, strain, 1e-6 * stress])
+    return ElementValues(
+        places_mm=1e3 * places,
+        displacement_mm=1e3 * displacement,
+        slopes=slopes,
+        strain=strain,
+        stress_MPa=1e-6 * stress,
+    )
 
 
 def evaluate_along(
     equilibrium: Equilibrium, state: State, line_mm: ArrayLike, points: int = 200
 ) -> PointValues:
-    """Values at this number of points at equal distances along a polyline, its ends included."""
+    """Evaluate a solution at equal distances along a polyline.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+        Equations of the whole film.
+    state : State
+        Their solution.
+    line_mm : array_like, shape (n, 2)
+        Corners of the polyline.
+    points : int, optional
+        Number of points, ends included.
+
+    Returns
+    -------
+    PointValues
+        With distances from the start.
+
+    Raises
+    ------
+    ValueError
+        For a line that is not one, or leaves the film.
+    """
     corners = coerce_array("line_mm", line_mm)
     if corners.shape[1:] != (2,) or len(corners) < 2:
-        raise ValueError(
-            format_error("line_mm", line_mm, "is no line; give corners [(0, 0), (10, 5)]")
-        )
+        reason = "is no line; give corners [(0, 0), (10, 5)]"
+        raise ValueError(format_error("line_mm", line_mm, reason))
     points = coerce("points", points, int, (2, 1e6))
-    ends = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1)))
-    distance = np.linspace(0.0, ends[-1], points)
-    x, y = (np.interp(distance, ends, along) for along in corners.T)
-    return replace(evaluate_at(equilibrium, state, x, y), distance_mm=distance)
+    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    corner_distances = np.append(0.0, np.cumsum(lengths))
+    distances = np.linspace(0.0, corner_distances[-1], points)
+    x = np.interp(distances, corner_distances, corners[:, 0])
+    y = np.interp(distances, corner_distances, corners[:, 1])
+    return replace(evaluate_at(equilibrium, state, x, y), distance_mm=distances)

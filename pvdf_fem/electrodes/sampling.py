@@ -1,17 +1,18 @@
 """Points at which electrodes sample the stress: over their areas, or along their edges.
 
-On a mesh that follows an electrode points over its area are the quadrature points of its elements.
-On further meshes the electrode is cut from the elements; edges are always cut. The stress is smooth
-inside elements, and an integral is exact over the pieces into which elements cut an outline. A
-piece is a polygon. Triangles from the first corner to the edges, counted with the sign of their
-orientation, add up to a piece: no triangulation is needed. Chords replace curved element edges,
-equal for both neighbours: no part of an outline counts twice.
+On a mesh that follows an electrode, the points over its area are the quadrature points of its
+elements. On other meshes the electrode's outline is intersected with the elements; edges always
+are. The stress is smooth inside elements, so an integral is exact over the pieces into which
+elements cut an outline. A piece is a polygon: triangles from its first corner to its edges, counted
+with the sign of their orientation, add up to it, so that no triangulation is needed. Chords replace
+curved element edges, the same ones for both neighbours, so that no part of an outline counts twice.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -29,140 +30,255 @@ from pvdf_fem.scene.outlines.outline import Outline
 Geometries = NDArray[np.object_]
 
 
+#: Degree of polynomials that are integrated exactly over the pieces of an outline: the stress of
+#: St. Venant and Kirchhoff has degree 2 (order - 1), 6 for the highest order with its estimate.
+AREA_DEGREE = 6
+#: Chords in place of a curved element edge.
+CHORDS = 32
+
+
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """Sampling points of electrodes for the stress, in rows with a single element."""
+    """Sampling points of electrodes for the stress, in rows that lie in one element each."""
 
-    outputs: Indices  #: Index of the electrode that a row of points belongs to, (n,).
-    #: The forces that the points add to: 0 is X (component 11 or xx), 1 is Y.
+    outputs: Indices  #: Number of the electrode that a row belongs to, (n,).
+    #: The stress integrals that the points add to: 0 is X (component 11 or xx), 1 is Y.
     axes: tuple[int, ...]
     elements: Indices  #: (n,)
     gradients: Array  #: Gradients of the space's functions, 1/m, (n, points, functions, 2).
-    #: Factors of the stress in m^2. They add up to an electrode's area for either force, (n,
-    #: points).
+    #: Weights of the stress in m²; they add up to the area of an electrode, (n, points).
     weights: Array
     #: Local coordinates of the points in their elements, (2, n, points).
     local: Array
 
     def places(self, mesh: MeshTri2) -> Array:
-        """The points in m, (n, points, 2)."""
-        return np.moveaxis(np.asarray(mesh.mapping().F(self.local, self.elements)), 0, -1)
+        """Return the points in m, (n, points, 2)."""
+        points = mesh.mapping().F(self.local, self.elements)
+        return np.moveaxis(np.asarray(points), 0, -1)
 
     def gradient(self, space: Space, x: Array) -> Array:
-        """Displacement gradient (n, points, 3, 2) of the dofs `x`."""
+        """Return the displacement gradient (n, points, 3, 2) of the dofs `x`."""
         nodal = x[space.element_dofs[self.elements]].reshape(len(self.elements), 1, -1, 3)
         return np.matmul(nodal.swapaxes(2, 3), self.gradients)
 
 
+class AreaPoints(NamedTuple):
+    """Quadrature points over outlines, in rows that lie in one element each."""
+
+    owners: Indices  #: Number of the outline of a row, (n,).
+    elements: Indices  #: Element of a row, (n,).
+    points: Array  #: In m, (n, points, 2).
+    weights: Array  #: In m², (n, points).
+
+
+class Pieces(NamedTuple):
+    """The pieces into which elements cut polygons or lines."""
+
+    owners: Indices  #: Number of the shape that a piece is of, (n,).
+    elements: Indices  #: Element that it lies in, (n,).
+    shapes: Geometries  #: The pieces, (n,).
+
+
 def sample_areas(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
-    """Points over the areas of electrodes, for both forces."""
-    follows = np.array([output.patch is not None for output in outputs], dtype=bool)
-    followed, others = np.flatnonzero(follows), np.flatnonzero(~follows)
+    """Yield points over the areas of electrodes, for both stress integrals.
+
+    Parameters
+    ----------
+    outputs : sequence of Output
+        The electrodes: those that the mesh follows are sampled by their elements.
+    space : Space
+        The finite-element space.
+
+    Yields
+    ------
+    Sampling
+    """
+    has_patch = np.array([output.patch is not None for output in outputs], dtype=bool)
+    followed = np.flatnonzero(has_patch)
+    others = np.flatnonzero(~has_patch)
     if len(followed):
         patches = [outputs[i].find_elements(space.mesh) for i in followed.tolist()]
-        elements, owners = np.concatenate(patches), np.repeat(followed, list(map(len, patches)))
-        gradients, weights = space.gradients[elements], space.weights[elements]
+        elements = np.concatenate(patches)
         points = space.basis.quadrature[0][:, None]
-        local = np.broadcast_to(points, (2, len(elements), points.shape[-1]))
-        yield Sampling(owners, (0, 1), elements, gradients, weights, local)
+        yield Sampling(
+            outputs=np.repeat(followed, [len(patch) for patch in patches]),
+            axes=(0, 1),
+            elements=elements,
+            gradients=space.gradients[elements],
+            weights=space.weights[elements],
+            local=np.broadcast_to(points, (2, len(elements), points.shape[-1])),
+        )
     if len(others):
-        # a stress of St. Venant and Kirchhoff has degree 2 (order - 1), 6 for the highest order
         outlines = [outputs[i].placed for i in others.tolist()]
-        owners, elements, points, weights = place_area_points(space.mesh, outlines, degree=6)
-        local = compute_local_coordinates(space.mesh, elements, points)
-        gradients = space.gradients_at(elements, local)
-        yield Sampling(others[owners], (0, 1), elements, gradients, weights, local)
+        area = place_area_points(space.mesh, outlines, AREA_DEGREE)
+        local = compute_local_coordinates(space.mesh, area.elements, area.points)
+        yield Sampling(
+            outputs=others[area.owners],
+            axes=(0, 1),
+            elements=area.elements,
+            gradients=space.gradients_at(area.elements, local),
+            weights=area.weights,
+            local=local,
+        )
 
 
 def sample_edges(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
-    """Points along the edges of rectangles: left and right edges for X, lower and upper edges for
-    Y. Left and lower are meant in the electrode's own scene. The stress on an edge is the mean of
-    its traces from both sides. Beyond a mirror line the stress is taken before the line."""
-    lines = np.concatenate([_edge_lines(output, axis) for output in outputs for axis in (0, 1)])
-    cut = line_quadrature(space.mesh, lines)
+    """Yield points along the edges of rectangles.
+
+    Left and right edges are for X, lower and upper edges for Y, as seen in the electrode's own
+    scene. The stress on an edge is the mean of its traces from both sides; beyond a mirror line the
+    stress is taken before the line.
+
+    Parameters
+    ----------
+    outputs : sequence of Output
+        Electrodes with edges.
+    space : Space
+        The finite-element space.
+
+    Yields
+    ------
+    Sampling
+        For X, then for Y.
+    """
+    lines = []
+    lengths = []
+    for output in outputs:
+        lines += [_find_edges(output, axis=0), _find_edges(output, axis=1)]
+        width, height = np.ptp(output.corners, axis=0)
+        lengths.append([2.0 * height, 2.0 * width])
+    cut = make_line_quadrature(space.mesh, np.concatenate(lines))
+    # each output has two lines for X and two for Y
     owners, axes = np.divmod(cut.owners // 2, 2)
-    lengths = np.array([2.0 * np.ptp(output.corners, axis=0)[::-1] for output in outputs])
-    weights = (output_areas(outputs)[owners] / lengths[owners, axes])[:, None] * cut.weights
+    per_length = output_areas(outputs)[owners] / np.array(lengths)[owners, axes]
+    weights = per_length[:, None] * cut.weights
     gradients = space.gradients_at(cut.elements, cut.points)
     for axis in (0, 1):
         rows = np.flatnonzero(axes == axis)
-        elements, local = cut.elements[rows], cut.points[:, rows]
-        yield Sampling(owners[rows], (axis,), elements, gradients[rows], weights[rows], local)
+        yield Sampling(
+            outputs=owners[rows],
+            axes=(axis,),
+            elements=cut.elements[rows],
+            gradients=gradients[rows],
+            weights=weights[rows],
+            local=cut.points[:, rows],
+        )
 
 
-def _edge_lines(output: Output, axis: int) -> Array:
-    """Left and right (axis 0), or lower and upper edges (2, 2, 2) in the mesh's axes."""
-    lines = np.stack([output.corners, np.roll(output.corners, -1, axis=0)], axis=1)
-    return output.to_mesh_axes(lines[lines[:, 0, axis] == lines[:, 1, axis]])
+def _find_edges(output: Output, axis: int) -> Array:
+    """Return the left and right (axis 0), or lower and upper edges in the mesh's axes, (2, 2, 2)."""
+    edges = np.stack([output.corners, np.roll(output.corners, -1, axis=0)], axis=1)
+    is_across = edges[:, 0, axis] == edges[:, 1, axis]
+    return output.to_mesh_axes(edges[is_across])
 
 
-def place_area_points(
-    mesh: MeshTri2, outlines: Sequence[Outline], degree: int
-) -> tuple[Indices, Indices, Array, Array]:
-    """Quadrature over outline areas, exact for polynomials of a `degree` in every element: outline
-    and element of each row of points, (n,), points in m, (n, points, 2), and weights in m^2."""
-    owners, elements, pieces = _pieces(mesh, [outline.equal_area_polygon for outline in outlines])
-    rings = shapely.get_exterior_ring(shapely.orient_polygons(pieces))
+def place_area_points(mesh: MeshTri2, outlines: Sequence[Outline], degree: int) -> AreaPoints:
+    """Place quadrature points over the areas of outlines.
+
+    Parameters
+    ----------
+    mesh : MeshTri2
+        The mesh.
+    outlines : sequence of Outline
+        Outlines in m, anywhere on the mesh.
+    degree : int
+        The quadrature is exact for polynomials of this degree in every element.
+
+    Returns
+    -------
+    AreaPoints
+    """
+    pieces = _cut(mesh, [outline.equal_area_polygon for outline in outlines])
+    rings = shapely.get_exterior_ring(shapely.orient_polygons(pieces.shapes))
     corners, ring = shapely.get_coordinates(rings, return_index=True)
     first = corners[np.searchsorted(ring, ring[:-1])]
-    a, b = corners[:-1] - first, corners[1:] - first
+    a = corners[:-1] - first
+    b = corners[1:] - first
     areas = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     areas *= ring[1:] == ring[:-1]  # no triangle joins the last corner of a ring to the next ring
     used = np.flatnonzero(areas)
     (s, t), weights = get_quadrature(mesh.elem.refdom, degree)
     points = first[used, None] + a[used, None] * s[:, None] + b[used, None] * t[:, None]
     piece = ring[used]
-    return owners[piece], elements[piece], points, 2.0 * np.outer(areas[used], weights)
+    return AreaPoints(
+        owners=pieces.owners[piece],
+        elements=pieces.elements[piece],
+        points=points,
+        weights=2.0 * np.outer(areas[used], weights),
+    )
 
 
-def line_quadrature(
-    mesh: MeshTri2, lines: Array, count: int = 4, aside: float = 1e-7
+def make_line_quadrature(
+    mesh: MeshTri2, lines: Array, *, gauss_points: int = 4, offset: float = 1e-7
 ) -> PlacedQuadrature:
-    """Quadrature along straight lines (n, 2, 2) from start to end in m, half on either side: the
-    stress jumps at element edges, and a line may run along an edge. A piece of a line in an element
-    has `count` Gauss points, `aside` times its length beside the line."""
+    """Make a quadrature along straight lines, half on either side of them.
+
+    The stress jumps at element edges, and a line may run along an edge.
+
+    Parameters
+    ----------
+    mesh : MeshTri2
+        The mesh.
+    lines : ndarray, shape (n, 2, 2)
+        Start and end of each line in m.
+    gauss_points : int, optional
+        Gauss points of a piece of a line in an element.
+    offset : float, optional
+        Distance of the points from the line, over its length.
+
+    Returns
+    -------
+    PlacedQuadrature
+        With the numbers of the lines as owners.
+    """
     along = lines[:, 1] - lines[:, 0]
     normal = np.stack([-along[:, 1], along[:, 0]], axis=-1)[:, None]
-    both_sides = np.concatenate([lines + aside * normal, lines - aside * normal])
-    owners, elements, pieces = _pieces(mesh, shapely.linestrings(both_sides))
-    ends = shapely.get_coordinates(pieces).reshape(-1, 2, 2)
-    middle, half = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
-    s, weights = np.polynomial.legendre.leggauss(count)
+    both_sides = np.concatenate([lines + offset * normal, lines - offset * normal])
+    pieces = _cut(mesh, shapely.linestrings(both_sides))
+    ends = shapely.get_coordinates(pieces.shapes).reshape(-1, 2, 2)
+    middle = ends.mean(axis=1)
+    half = 0.5 * (ends[:, 1] - ends[:, 0])
+    s, weights = np.polynomial.legendre.leggauss(gauss_points)
     points = middle[:, None] + half[:, None] * s[:, None]
     return PlacedQuadrature(
-        owners % len(lines),
-        elements,
-        compute_local_coordinates(mesh, elements, points),
+        pieces.owners % len(lines),
+        pieces.elements,
+        compute_local_coordinates(mesh, pieces.elements, points),
         0.5 * np.outer(np.linalg.norm(half, axis=1), weights),
     )
 
 
-def _pieces(
+def _cut(
     mesh: MeshTri2, shapes: Sequence[shapely.Geometry] | Geometries, negligible: float = 1e-12
-) -> tuple[Indices, Indices, Geometries]:
-    """Pieces into which elements cut polygons, or lines: index of the shape, element, and piece. An
-    element that only touches a shape has a piece without size, or below the `negligible` part of
-    the shape by rounding."""
-    polygons, cut = _element_polygons(mesh), np.asarray(shapes)
+) -> Pieces:
+    """Cut polygons, or lines, into pieces by the elements of a mesh.
+
+    An element that only touches a shape has a piece without size, or by rounding one below the
+    `negligible` part of the shape; these are left out.
+    """
+    polygons = _make_element_polygons(mesh)
+    cut = np.asarray(shapes)
     owners, elements = shapely.STRtree(polygons).query(cut)
-    pieces, pair = shapely.get_parts(
-        shapely.intersection(polygons[elements], cut[owners]), return_index=True
-    )
-    size = shapely.area if shapely.get_dimensions(cut[0]) == 2 else shapely.length
-    owners, elements = owners[pair], elements[pair]
-    proper = size(pieces) > negligible * size(cut)[owners]
-    return owners[proper], elements[proper], pieces[proper]
+    intersections = shapely.intersection(polygons[elements], cut[owners])
+    pieces, pair = shapely.get_parts(intersections, return_index=True)
+    owners = owners[pair]
+    elements = elements[pair]
+    measure = shapely.area if shapely.get_dimensions(cut[0]) == 2 else shapely.length
+    is_proper = measure(pieces) > negligible * measure(cut)[owners]
+    return Pieces(owners[is_proper], elements[is_proper], shapes=pieces[is_proper])
 
 
-def _element_polygons(mesh: MeshTri2, chords: int = 32) -> Geometries:
-    """The elements as polygons with this number of chords along curved edges."""
+def _make_element_polygons(mesh: MeshTri2) -> Geometries:
+    """Return the elements as polygons, with chords along curved edges."""
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
     polygons = shapely.polygons(nodes[:, :3].transpose(2, 1, 0))
     curved = np.flatnonzero(find_curved_elements(nodes))
-    t = np.arange(chords) / chords
+    t = np.arange(CHORDS) / CHORDS
     edges = []
     for start, middle, end in ((0, 3, 1), (1, 4, 2), (2, 5, 0)):
-        a, m, b = (nodes[:, i, curved, None] for i in (start, middle, end))
+        a = nodes[:, start, curved, None]
+        m = nodes[:, middle, curved, None]
+        b = nodes[:, end, curved, None]
         edges.append(a * (1 - t) * (1 - 2 * t) + 4 * m * t * (1 - t) + b * t * (2 * t - 1))
     rings = np.concatenate(edges, axis=-1).transpose(1, 2, 0)
     polygons[curved] = shapely.polygons(rings)

@@ -155,11 +155,11 @@ def integrate_over_outputs(
     """
     reflections, owners = reflect_outputs(outputs, sector)
     outlines = [reflection.placed for reflection in reflections]
-    rows, _, points, weights = place_area_points(mesh, outlines, degree)
-    values = field(points @ sector.frame)
-    by_row = (weights[..., None] * values).sum(axis=1)
+    area = place_area_points(mesh, outlines, degree)
+    values = field(area.points @ sector.frame)
+    by_row = (area.weights[..., None] * values).sum(axis=1)
     integrals = np.zeros((len(outputs), by_row.shape[-1]))
-    np.add.at(integrals, owners[rows], by_row)
+    np.add.at(integrals, owners[area.owners], by_row)
     return integrals
 
 

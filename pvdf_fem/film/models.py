@@ -1,22 +1,24 @@
-"""Membrane, plate or tension field: what a film is taken for, chosen once per scene.
+"""Membrane, plate or tension field: the model of a scene's film.
 
-Everything that depends on this choice asks the scene's `FilmModel`; `resolve_film_model` is the
-only place that decides.
+`resolve_film_model` is the only place that decides; everything that depends on the decision is in
+the `FilmModel` that it returns.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.film.bending.effect import BendingEffect, estimate_bending_effect
 from pvdf_fem.film.bending.layers import BendingLayers
 from pvdf_fem.film.bending.plate import Plate
-from pvdf_fem.film.effects import format_two_digits
+from pvdf_fem.film.effects import EffectNote, format_two_digits
 from pvdf_fem.film.laws.laminate import LAWS
 from pvdf_fem.film.laws.law import Law
 from pvdf_fem.film.laws.tension_field import TensionField
@@ -29,192 +31,261 @@ from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import quote
 
+#: Stresses below this part of the largest stress are rounding.
+ROUNDING = 1e-9
+#: Relative change of a charge from which neglected bending deserves a warning.
+CONSIDERABLE_CHANGE = 1e-2
 
-class FilmModel:
-    """What a scene's film is taken for; by default a membrane that carries compression where
-    necessary."""
 
-    #: Lowest polynomial order of a displacement.
-    lowest_order = 1
-    #: Elements of a mesh are compressed to no less than this part of their mean Jacobian.
-    least_jacobian = 0.14
-    #: Whether a part of a symmetric film may be solved for the whole.
-    solved_on_parts = True
-    #: Whether the film wrinkles instead of carrying compression.
-    wrinkles = False
-    #: Whether bending is part of the model, and meshes resolve its layers.
-    bends = False
-    #: Whether the next order's correction is nearly diagonal in the nodal basis.
-    smooth = True
-    #: Default number of unknowns for the finest mesh, at the usual tolerance.
-    most_unknowns = 60_000
-    #: Time of a Newton iteration over the time for a membrane with equally many unknowns.
-    iteration_cost = 1.0
+@dataclass(frozen=True)
+class Kinematics:
+    """How a film carries its load."""
+
+    name: str
+    bends: bool = False  #: Whether the film has bending stiffness, and meshes resolve its layers.
+    #: Whether the film wrinkles or goes slack instead of carrying compression.
+    wrinkles: bool = False
+    lowest_order: int = 1  #: Lowest polynomial order of a displacement.
+
+
+#: A film that carries compression where the equilibrium needs it.
+MEMBRANE = Kinematics("membrane")
+PLATE = Kinematics("plate", bends=True, lowest_order=2)
+TENSION_FIELD = Kinematics("tension field", wrinkles=True)
+
+
+@dataclass(frozen=True)
+class MeshPolicy:
+    """Numbers for meshes, and for solves and errors on them."""
+
+    #: Least Jacobian in an element over the element's mean.
+    least_jacobian: float = 0.14
     #: Factor on the element sizes of the first mesh.
-    size_factor = 1.0
-    #: Whether the deformation depends on force and thickness by their ratio only.
-    force_over_thickness = True
-    #: Whether charges can be differentiated by thickness, pretension or cooling, and moduli.
-    film_is_differentiable = True
-    #: Relative change of a charge by bending from which leaving bending out deserves a warning.
-    considerable = 1e-2
-    #: What a solution may lack of balance, in the energy norm: rounding and Newton's last step.
+    size_factor: float = 1.0
+    #: Default number of unknowns of the finest mesh, at the usual tolerance.
+    max_unknowns: int = 60_000
+    #: Time of a Newton iteration over that of a membrane with equally many unknowns.
+    iteration_cost: float = 1.0
+    #: Whether the correction in the next order is nearly diagonal in the nodal basis.
+    has_smooth_correction: bool = True
+    #: Error over the change from this order to the next on the same mesh.
+    saturation: float = 1.0
+    #: Largest imbalance of a solution in the energy norm: rounding and Newton's last step.
     imbalance: float = 1e-6
 
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
+
+@dataclass(frozen=True)
+class Capabilities:
+    """Properties of the solution that other methods rely on."""
+
+    #: Whether a sector of a symmetric film may be solved for the whole.
+    uses_symmetry: bool = True
+    #: Whether the deformation depends on force and thickness by their ratio only.
+    scales_with_force_over_thickness: bool = True
+    #: Whether charges have derivatives by thickness, pretension or cooling, and moduli.
+    has_film_derivatives: bool = True
+
+
+class CompressedArea(NamedTuple):
+    """A part of the film with compression, wrinkles or no tension."""
+
+    text: str  #: A note with a place ``{}`` for the part's area.
+    where: Mask  #: At the quadrature points, (elements, points).
+
+
+@dataclass(frozen=True, eq=False)
+class FilmModel:
+    """The model of a scene's film.
+
+    Attributes
+    ----------
+    scene : Scene
+        The scene.
+    kinematics : Kinematics
+        Membrane, plate or tension field.
+    mesh_policy : MeshPolicy
+        Numbers for meshes, and for solves and errors on them.
+    capabilities : Capabilities
+        Properties of the solution that other methods rely on.
+    """
+
+    scene: Scene
+    kinematics: Kinematics
+    mesh_policy: MeshPolicy
+    capabilities: Capabilities
 
     @property
-    def effect(self) -> BendingEffect:
-        """What bending would change in the scene."""
+    def bends(self) -> bool:
+        """Whether the film has bending stiffness."""
+        return self.kinematics.bends
+
+    @property
+    def wrinkles(self) -> bool:
+        """Whether the film wrinkles or goes slack instead of carrying compression."""
+        return self.kinematics.wrinkles
+
+    @cached_property
+    def bending_effect(self) -> BendingEffect:
+        """Estimate of the effect of bending, included or not."""
         return estimate_bending_effect(self.scene)
 
     @property
-    def film_law(self) -> Law:
-        """The law of the film."""
-        return LAWS[self.scene.film.law](self.scene.film.stiffness)
+    def law(self) -> Law:
+        """The material law of the film."""
+        film = self.scene.film
+        return TensionField(film.stiffness) if self.wrinkles else LAWS[film.law](film.stiffness)
 
-    def membrane(self, space: Space, part: SymmetrySector = WHOLE_FILM) -> Membrane:
-        """The membrane term."""
+    def make_membrane(self, space: Space, sector: SymmetrySector = WHOLE_FILM) -> Membrane:
+        """Make the membrane term on the space of a sector."""
         added = UnevenStrain.from_scene(self.scene)
-        return Membrane(space, self.scene.film, self.film_law, added, part.frame)
+        return Membrane(space, self.scene.film, self.law, added, sector.frame)
 
-    def bending_terms(self, space: Space, terms: list[Term]) -> list[Term]:
-        """Make the terms that bending adds to the film's other terms."""
-        return []
+    def make_bending_terms(self, space: Space, terms: list[Term]) -> list[Term]:
+        """Make the terms of bending: the plate, if the film bends.
 
-    @property
-    def saturation(self) -> float:
-        """The error over what a space of the next order on the same mesh takes away.
-
-        Half the error from the singular edge of a rigid probe remains.
+        Parameters
+        ----------
+        space : Space
+            The finite-element space.
+        terms : list of Term
+            All other terms, whose rigid patches do not bend.
         """
-        return 2.0 if has_rigid_probe(self.scene) else 1.0
+        if not self.bends:
+            return []
+        plate = Plate(
+            space,
+            self.scene.film,
+            rigid_elements=find_rigid_elements(terms, horizontal_only=True),
+            rim_tension=self.bending_effect.rim_tension,
+            punch_tension=self.bending_effect.probe_tension,
+        )
+        return [plate]
 
-    def layers(
+    def make_bending_layers(
         self, terms: list[Term], expansion: sp.csr_matrix, state: State
     ) -> BendingLayers | None:
-        """Bending layers that the elements do not resolve, where the film bends."""
-        return None
+        """Make the bending layers that the elements of a solution do not resolve.
+
+        Parameters
+        ----------
+        terms : list of Term
+            The terms of the solution's equations.
+        expansion : (dofs, unknowns) sparse matrix
+            The map from unknowns to dofs.
+        state : State
+            The solution's state.
+
+        Returns
+        -------
+        BendingLayers or None
+            None if the film does not bend.
+        """
+        plates = [term for term in terms if isinstance(term, Plate)]
+        return BendingLayers.from_state(plates[0], expansion, state) if plates else None
 
     @property
-    def remark(self) -> tuple[bool, str]:
-        """Whether bending is included, and a text with the estimate of its effect."""
-        text = f"bending (film.bending = {quote(self.scene.film.bending)}): {self.effect}"
-        return self.bends, text if self.bends else f"{text}; to include it give {self._remedy}"
+    def bending_note(self) -> EffectNote:
+        """Whether bending is included, with an estimate of its effect."""
+        text = f"bending (film.bending = {quote(self.scene.film.bending)}): {self.bending_effect}"
+        if not self.bends:
+            text += f"; to include it give {self._bending_advice}"
+        return EffectNote(self.bends, text)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings before any solve."""
-        change = self.effect.change
-        if change <= max(self.scene.numerics.tolerance, self.considerable):
+        """Warnings before any solve, about neglected bending."""
+        change = self.bending_effect.change
+        if self.bends or change <= max(self.scene.numerics.tolerance, CONSIDERABLE_CHANGE):
             return ()
         percent = format_two_digits(100.0 * change)
-        text = f"bending: left out, it could change a charge by up to {percent} %"
-        return (f"{text}; give {self._remedy}",)
+        text = f"bending: neglected; it could change a charge by up to {percent} %"
+        return (f"{text}; give {self._bending_advice}",)
 
     @property
-    def _remedy(self) -> str:
+    def _bending_advice(self) -> str:
+        """The change of the scene that includes bending."""
+        if self.wrinkles:
+            return 'film.compression = "refuse" with film.bending = "auto" or true'
         if self.scene.film.patches:
             return "thinner film.patches, or both_sides = true"
-        return 'another load.kind than "contact"' if self.scene.tips else "film.bending = true"
+        if self.scene.tips:
+            return 'another load.kind than "contact"'
+        return "film.bending = true"
 
-    def compression_remarks(self, smallest: Array, largest: Array) -> Iterator[tuple[str, Array]]:
-        """Texts with a place for an area, and where that is, from the principal stresses."""
-        compressed = smallest < -ROUNDING * np.abs(largest).max()
-        if compressed.any():
-            yield (
-                f"compression: down to {1e-6 * smallest.min():.3g} MPa on {{}},"
-                " where a real film wrinkles",
-                compressed,
-            )
+    def find_compression(self, smallest: Array, largest: Array) -> Iterator[CompressedArea]:
+        """Find where the film is compressed, or where it has wrinkled or gone slack.
 
+        Parameters
+        ----------
+        smallest, largest : (elements, points) arrays
+            Principal stresses in Pa.
 
-#: Stresses below this part of the largest stress are rounding.
-ROUNDING = 1e-9
-
-
-class PlateModel(FilmModel):
-    """A film that bends: membrane and plate."""
-
-    lowest_order = 2
-    iteration_cost = 1.6
-    least_jacobian = 0.2
-    solved_on_parts = False
-    bends = True
-    smooth = False
-    force_over_thickness = False
-    film_is_differentiable = False
-
-    def bending_terms(self, space: Space, terms: list[Term]) -> list[Term]:
-        """Make the plate."""
-        effect = self.effect
-        flat = find_rigid_elements(terms, horizontal_only=True)
-        film = self.scene.film
-        return [Plate(space, film, flat, effect.rim_tension, effect.probe_tension)]
-
-    @property
-    def saturation(self) -> float:
-        """The error over what the next order takes away, measured: 0.85 to 1.1."""
-        return 1.2
-
-    def layers(self, terms: list[Term], expansion: sp.csr_matrix, state: State) -> BendingLayers:
-        """Bending layers that the elements do not resolve."""
-        plate = next(term for term in terms if isinstance(term, Plate))
-        return BendingLayers.from_state(plate, expansion, state)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """None before a solve."""
-        return ()
-
-
-class TensionFieldModel(FilmModel):
-    """A film wrinkles or goes slack instead of carrying compression."""
-
-    wrinkles = True
-    smooth = False
-    most_unknowns = 30_000
-    iteration_cost = 1.5
-    # only the next mesh can follow kinks in the stress, and the first mesh is coarser
-    size_factor = 1.7
-    film_is_differentiable = False
-
-    def __init__(self, scene: Scene) -> None:
-        super().__init__(scene)
-        # steps shrink only linearly, and rounding in a stiff film ends them early
-        self.imbalance = max(self.imbalance, 0.1 * scene.numerics.tolerance)
-
-    @property
-    def film_law(self) -> Law:
-        """The tension field's."""
-        return TensionField(self.scene.film.stiffness)
-
-    @property
-    def saturation(self) -> float:
-        """The next order takes away 0.55 to 0.8 of the error of kinks (measured)."""
-        return max(1.6, super().saturation)
-
-    @property
-    def _remedy(self) -> str:
-        return 'film.compression = "refuse" with film.bending = "auto" or true'
-
-    def compression_remarks(self, smallest: Array, largest: Array) -> Iterator[tuple[str, Array]]:
-        """Where the film has wrinkled or gone slack."""
+        Yields
+        ------
+        CompressedArea
+            A part of the film; nothing if the film is in tension everywhere.
+        """
         limit = ROUNDING * np.abs(largest).max()
-        wrinkled, slack = (smallest <= limit) & (largest > limit), largest <= limit
-        for word, where in (("wrinkled", wrinkled), ("slack", slack)):
-            if where.any():
-                yield f"tension field: {word} on {{}}", where
+        if self.wrinkles:
+            is_slack = largest <= limit
+            is_wrinkled = (smallest <= limit) & ~is_slack
+            areas = [
+                CompressedArea("tension field: wrinkled on {}", is_wrinkled),
+                CompressedArea("tension field: slack on {}", is_slack),
+            ]
+        else:
+            stress = f"down to {1e-6 * smallest.min():.3g} MPa on {{}}"
+            text = f"compression: {stress}, where a real film wrinkles"
+            areas = [CompressedArea(text, smallest < -limit)]
+        for area in areas:
+            if area.where.any():
+                yield area
 
 
 @lru_cache(maxsize=64)
 def resolve_film_model(scene: Scene) -> FilmModel:
-    """The film model of a scene; ``film.bending = "auto"`` is resolved here."""
+    """Decide the model of a scene's film; ``film.bending = "auto"`` is resolved here."""
+    kinematics = _choose_kinematics(scene)
+    # half the error from the singular edge of a rigid probe remains in the next order
+    edge_saturation = 2.0 if has_rigid_probe(scene) else 1.0
+    if kinematics is PLATE:
+        policy = MeshPolicy(
+            least_jacobian=0.2,
+            iteration_cost=1.6,
+            has_smooth_correction=False,
+            saturation=1.2,  # measured: 0.85 to 1.1
+        )
+        capabilities = Capabilities(
+            uses_symmetry=False,
+            scales_with_force_over_thickness=False,
+            has_film_derivatives=False,
+        )
+    elif kinematics is TENSION_FIELD:
+        policy = MeshPolicy(
+            size_factor=1.7,  # only later meshes can follow kinks in the stress
+            max_unknowns=30_000,
+            iteration_cost=1.5,
+            has_smooth_correction=False,
+            # the next order takes away 0.55 to 0.8 of the error of kinks (measured)
+            saturation=max(1.6, edge_saturation),
+            # steps shrink only linearly, and rounding in a stiff film ends them early
+            imbalance=max(1e-6, 0.1 * scene.numerics.tolerance),
+        )
+        capabilities = Capabilities(has_film_derivatives=False)
+    else:
+        policy = MeshPolicy(saturation=edge_saturation)
+        capabilities = Capabilities()
+    return FilmModel(scene, kinematics, mesh_policy=policy, capabilities=capabilities)
+
+
+def _choose_kinematics(scene: Scene) -> Kinematics:
+    """Choose between membrane, plate and tension field."""
     film = scene.film
     if film.compression == "tension-field":
-        return TensionFieldModel(scene)
-    bends = film.bending
-    if bends == "auto":
-        bends = not scene.tips and estimate_bending_effect(scene).change > scene.numerics.tolerance
-    return PlateModel(scene) if bends else FilmModel(scene)
+        return TENSION_FIELD
+    if film.bending == "auto":
+        if scene.tips:
+            return MEMBRANE
+        change = estimate_bending_effect(scene).change
+        return PLATE if change > scene.numerics.tolerance else MEMBRANE
+    return PLATE if film.bending else MEMBRANE

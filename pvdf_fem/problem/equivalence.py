@@ -74,7 +74,7 @@ def compute_mechanical_key(problem: Problem) -> MechanicalKey:
     place, frame = _find_canonical_place(probe, film.radius, classify_isotropy(film))
     force = scene.load.force_N
     size = f"{film.thickness_um} {force}"
-    if problem.film.force_over_thickness:
+    if problem.film.capabilities.scales_with_force_over_thickness:
         size = f"{force / film.thickness_um:.{DIGITS}e}"
     return MechanicalKey(f"{common} {size} {place}", frame)
 

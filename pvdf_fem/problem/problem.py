@@ -5,30 +5,42 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.electric.coupling import FloatingElectrode, find_coupled_electrodes
+from pvdf_fem.film.coupling import (
+    FloatingElectrode,
+    describe_coupling,
+    find_coupled_electrodes,
+)
+from pvdf_fem.film.effects import Charges, EffectNote
 from pvdf_fem.film.loads.load_spec import (
     LoadSpec,
     Pressure,
+    format_function_name,
     make_load_specs,
     require_usable_pressure,
 )
 from pvdf_fem.film.loads.profiles import make_profile, pin_profile_files
+from pvdf_fem.film.loads.uneven_strain import describe_heat_effects
+from pvdf_fem.film.loads.weight import describe_weight
 from pvdf_fem.film.models import FilmModel, resolve_film_model
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector, find_symmetry_sector
+from pvdf_fem.problem.effects import Effects
 from pvdf_fem.problem.outputs import Output, make_outputs
+from pvdf_fem.problem.thickness_effect import describe_thickness_effect
 from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.summary import Result, Summary
 
 #: Tables of a scene that the unloaded film does not have.
 LOADED_TABLES = ("probe", "readout", "stage", "air", "model", "uncertain")
 
 
-@dataclass(frozen=True, eq=False)
-class Problem:
+@dataclass(frozen=True, eq=False, repr=False)
+class Problem(Result):
     """A scene resolved to what is solved.
 
     Every choice that a scene leaves open is made here and nowhere else: whether the film is a
@@ -120,7 +132,7 @@ class Problem:
         leaning = any(load.load.tilt == "free" for load in self.scene.loaded_probes)
         if self.scene.tips or leaning or self.pressure is not None:
             return WHOLE_FILM
-        if not (self.film.solved_on_parts and self.has_passive_electrodes):
+        if not (self.film.capabilities.uses_symmetry and self.has_passive_electrodes):
             return WHOLE_FILM
         return find_symmetry_sector(self.scene)
 
@@ -150,7 +162,7 @@ class Problem:
         """
         unloaded = self._unloaded
         film, model = unloaded.scene.film, unloaded.film
-        law = model.film_law
+        law = model.law
         stress = law.stress(np.zeros((1, 3)), law.compute_prestrain(film))[0, :2]
         carried = model.wrinkles or bool(stress.min() >= 0.0)
         return stress if film.is_flat_unloaded and carried else None
@@ -175,3 +187,114 @@ class Problem:
         """
         for load in self.loads:
             make_profile(load).mean(load.outline.equal_area_polygon)
+
+    def describe_effects(self, charges_pC: Charges = None) -> Effects:
+        """Describe the effects beyond the plain membrane, with their sizes.
+
+        Parameters
+        ----------
+        charges_pC : mapping, optional
+            Charges by electrode, which sizes are compared with where they are known.
+
+        Returns
+        -------
+        Effects
+        """
+        notes: list[EffectNote] = []
+        if self.pressure is not None:
+            name = format_function_name(self.pressure)
+            text = f"pressure: the function {name} in place of load.profile"
+            notes.append(EffectNote(True, text))
+        notes.append(self.film.bending_note)
+        notes += describe_coupling(self.scene)
+        notes += describe_thickness_effect(
+            self.scene, self.loads, self.floating_electrodes, charges_pC=charges_pC
+        )
+        notes += describe_heat_effects(self.scene, charges_pC)
+        notes += describe_weight(self.scene)
+        return Effects.sort(notes)
+
+    def summary(self) -> Summary:
+        """Summarize what is going to be solved, and why; nothing is meshed or solved for it."""
+        film = self.scene.film
+        choices = {
+            "film": f"{film.radius_mm:g} mm radius, {film.thickness_um:g} µm thick",
+            "film model": self.film_model_name,
+            "solved on": self._describe_sector(),
+            "loads": self._describe_loads(),
+            "outputs": self._describe_outputs(),
+            "voltages on the film": self._describe_voltages(),
+            "unloaded film": self._describe_unloaded_film(),
+            "tolerance": f"{self.scene.numerics.tolerance:g} of every charge",
+        }
+        sentences = ["what is solved, and why"]
+        sentences += [f"{name + ':':<22}{text}" for name, text in choices.items()]
+        effects = self.describe_effects()
+        notes = [f"included: {text}" for text in effects.included]
+        notes += [f"neglected: {text}" for text in effects.neglected]
+        notes += [f"warning: {text}" for text in (*self.scene.warnings, *self.film.warnings)]
+        return Summary("problem", sentences, notes=notes)
+
+    def _headline(self) -> str:
+        return f"{self.film_model_name}, {self._describe_loads()}, {self._describe_outputs()}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the choices as plain values."""
+        effects = self.describe_effects()
+        return {
+            "film_model": self.film_model_name,
+            "mirror_lines": len(self.sector.mirror_axes),
+            "loads": [load.load.kind for load in self.loads],
+            "outputs": [electrode.name for electrode in self.scene.electrode_list],
+            "observable": self.scene.numerics.observable,
+            "floating_electrodes": [electrode.name for electrode in self.floating_electrodes],
+            "solves_unloaded_film": self.unloaded is not None,
+            "tolerance": self.scene.numerics.tolerance,
+            "included": list(effects.included),
+            "neglected": list(effects.neglected),
+            "warnings": [*self.scene.warnings, *self.film.warnings],
+        }
+
+    @property
+    def film_model_name(self) -> str:
+        """What the film is taken for: ``membrane``, ``plate`` or ``tension field``."""
+        if self.film.wrinkles:
+            return "tension field"
+        return "plate" if self.film.bends else "membrane"
+
+    def _describe_sector(self) -> str:
+        lines = len(self.sector.mirror_axes)
+        if lines == 0:
+            return "the whole film"
+        share = {1: "half", 2: "a quarter"}[lines]
+        return f"{share} of the film: {lines} mirror line{'s' if lines > 1 else ''}"
+
+    def _describe_loads(self) -> str:
+        texts = []
+        for load in self.loads:
+            table = load.load
+            size = f"{table.force_N:g} N"
+            if table.depth_mm is not None:
+                size = f"{table.depth_mm:g} mm deep"
+            place = f"({load.probe.x_mm:g}, {load.probe.y_mm:g}) mm"
+            texts.append(f"{load.probe.shape} at {place}, {table.kind}, {size}")
+        if self.scene.film.distributed_force:
+            texts.append("loads on the whole film")
+        return "; ".join(texts) or "none"
+
+    def _describe_outputs(self) -> str:
+        observable = self.scene.numerics.observable
+        if self.requested_outputs is not None:
+            return f"{len(self.outputs)} requested charges by {observable}"
+        names = ", ".join(electrode.name for electrode in self.scene.electrode_list)
+        return f"charges of {names} by {observable}"
+
+    def _describe_voltages(self) -> str:
+        if self.has_passive_electrodes:
+            return "none: electrodes only read the stress"
+        return ", ".join(electrode.name for electrode in self.floating_electrodes)
+
+    def _describe_unloaded_film(self) -> str:
+        if self.unloaded is None:
+            return "uniform stress, which needs no solve"
+        return "a solve of its own, since it is not flat or its stress is not uniform"

@@ -6,33 +6,41 @@ electrode gains -d33/2 times the pressing force, without feedback on the film.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.effects import Charges, describe_charge_effect
+from pvdf_fem.film.coupling import FloatingElectrode
+from pvdf_fem.film.effects import Charges, EffectNote, describe_charge_effect
 from pvdf_fem.film.loads.contact_estimate import estimate_load_force, estimate_pressed_area
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.film.loads.load_spec import LoadSpec
 from pvdf_fem.film.loads.profiles import make_profile
-from pvdf_fem.problem.problem import Problem
+from pvdf_fem.scene.scene import Scene
 
 #: A typical d33 of PVDF in pC/N.
 TYPICAL_D33_PC_N = -15.0
 
 
 def describe_thickness_effect(
-    problem: Problem, charges_pC: Charges = None
-) -> Iterator[tuple[bool, str]]:
+    scene: Scene,
+    loads: Sequence[LoadSpec],
+    floating_electrodes: Sequence[FloatingElectrode],
+    charges_pC: Charges = None,
+) -> Iterator[EffectNote]:
     """Describe the charge by d33: whether it is included, and its size.
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
+    scene : Scene
+        The scene.
+    loads : sequence of LoadSpec
+        Its loaded probes.
+    floating_electrodes : sequence of FloatingElectrode
+        Electrodes whose voltages act on the film.
     charges_pC : mapping, optional
         Charges by electrode, which the size is compared with.
 
@@ -43,12 +51,12 @@ def describe_thickness_effect(
     text : str
         The effect and its size; nothing is yielded where no electrode is pressed.
     """
-    film = problem.scene.film
-    electrodes = problem.scene.electrode_list
+    film = scene.film
+    electrodes = scene.electrode_list
     polygons = np.array([electrode.outline.equal_area_polygon for electrode in electrodes])
     forces = (film.pressure_Pa or 0.0) * shapely.area(polygons)
-    for load in problem.loads:
-        forces = forces + _estimate_forces_on_electrodes(problem, load, polygons)
+    for load in loads:
+        forces = forces + _estimate_forces_on_electrodes(scene, load, polygons)
     if not forces.any():
         return
     most = int(forces.argmax())
@@ -61,21 +69,20 @@ def describe_thickness_effect(
         name=name,
         charges_pC=charges_pC,
     )
-    if film.d33_pC_N and problem.floating_electrodes:
-        shares = [float(np.trace(electrode.share)) for electrode in problem.floating_electrodes]
+    if film.d33_pC_N and floating_electrodes:
+        shares = [float(np.trace(electrode.share)) for electrode in floating_electrodes]
         charge_pC = abs(0.5 * max(shares) * film.d33_pC_N * forces[most])
         text = f"coupling by the charge of film.d33_pC_N: about {charge_pC:.1e} pC on {name}"
-        yield False, f"{text}; no key includes it"
+        yield EffectNote(False, f"{text}; no key includes it")
 
 
 def _estimate_forces_on_electrodes(
-    problem: Problem, load: LoadSpec, polygons: NDArray[np.object_]
+    scene: Scene, load: LoadSpec, polygons: NDArray[np.object_]
 ) -> Array:
     """Estimate the force of a probe on every electrode in N, (electrodes,).
 
     A dead pressure presses by its profile; a rigid probe presses mainly along its edge.
     """
-    scene = problem.scene
     outline, _ = estimate_pressed_area(scene, load)
     force = estimate_load_force(load.load, scene.film)
     probe = outline.equal_area_polygon

@@ -97,7 +97,7 @@ class Report:
         *,
         quick: bool = False,
         full: bool = False,
-        processes: int = -1,
+        processes: int | None = None,
         progress: Progress | bool | None = None,
     ) -> MadeReport:
         """Solve the scenes, run the tasks and write the page ``index.html``.
@@ -114,8 +114,8 @@ class Report:
             Make a preview, of few scenes to a coarse tolerance.
         full : bool
             Use the values of `full` in each figure and table.
-        processes : int
-            Number of processes, -1 for one per core. With 1 everything is computed one after
+        processes : int, optional
+            Number of processes, by default one per core. With 1 everything is computed one after
             the other, for timings.
         progress : callable or bool, optional
             Called with the number of finished scenes and tasks and their total, or whether to show
@@ -139,7 +139,7 @@ class Report:
         with Store(out / STORE) as store, show_progress("scenes and tasks", progress) as show:
             new_tasks = {}
             for key, task in tasks.items():
-                rows = store.kept(key)
+                rows = store.get_value(key)
                 if rows is None:
                     new_tasks[key] = task
                 else:

@@ -27,7 +27,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from pvdf_fem.batch.store import Store, hash_code
+from pvdf_fem.batch.keys import hash_code
+from pvdf_fem.batch.store import Store
 from pvdf_fem.batch.workers import WorkerDied, run_on_processes
 from pvdf_fem.film.loads.profiles import pin_profile_files
 from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
@@ -135,7 +136,7 @@ def _hash_code(module: str, path: str) -> str:
 
 
 def run_tasks(
-    tasks: Mapping[str, Task], store: Store, processes: int
+    tasks: Mapping[str, Task], store: Store, processes: int | None = None
 ) -> Iterator[tuple[str, Rows | WorkerDied]]:
     """Run tasks and keep their rows.
 
@@ -145,8 +146,8 @@ def run_tasks(
         Tasks by key (`compute_key`).
     store : Store
         Keeps the rows.
-    processes : int
-        Number of processes.
+    processes : int, optional
+        Number of processes, by default one per core.
 
     Yields
     ------
@@ -158,7 +159,7 @@ def run_tasks(
     keys = list(tasks)
     for number, rows in run_on_processes(_run_task, enumerate(tasks.values()), processes):
         if not isinstance(rows, WorkerDied):
-            store.keep({keys[number]: rows})
+            store.put_values({keys[number]: rows})
         yield keys[number], rows
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse.linalg import SuperLU
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.electrodes.stress_integrals import (
     CANCELLATION_SHARE,
     StressIntegrals,
@@ -58,7 +58,7 @@ def find_rejection_status(
         return None
     equilibrium = discrete.solved
     state = discrete.solved_state
-    if not is_balanced(equilibrium, state, factors, allowed=equilibrium.model.imbalance):
+    if not is_balanced(equilibrium, state, factors, allowed=equilibrium.model.mesh_policy.imbalance):
         return Status.UNBALANCED
     if is_tip_at_rim(discrete):
         return Status.RIM
@@ -144,7 +144,7 @@ def list_warnings(equilibrium: Equilibrium, state: State, change: float | None) 
     if change is not None:
         effect = f"; this would change a charge by up to {change:.1e} of it"
     warnings = []
-    for text, is_affected in equilibrium.model.compression_remarks(smallest_stress, largest_stress):
+    for text, is_affected in equilibrium.model.find_compression(smallest_stress, largest_stress):
         warnings.append(text.format(_format_area(equilibrium, is_affected)) + effect)
     stress = largest_stress.max()
     if stress > STRENGTH:
@@ -200,7 +200,7 @@ def warn_of_cancelled_charges(scene: Scene, integrals: StressIntegrals) -> list[
     return warnings
 
 
-def _format_area(equilibrium: Equilibrium, is_inside: Array) -> str:
+def _format_area(equilibrium: Equilibrium, is_inside: Mask) -> str:
     """Format the area of quadrature points (elements, points), and its share of the film."""
     weights = equilibrium.space.weights * len(equilibrium.sector.signs)
     area = float((weights * is_inside).sum())

@@ -28,7 +28,6 @@ from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
 from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.mesh.symmetry import WHOLE_FILM
 from pvdf_fem.problem.contact_result import select_tips
-from pvdf_fem.problem.effects import describe_effects
 from pvdf_fem.problem.outputs import piezo_coefficients
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import Outline
@@ -308,7 +307,8 @@ def _make_solution(level: MeshLevel, stop: Stop, history: Sequence[MeshRecord]) 
         discrete = replace(discrete, stress_integrals=replace(integrals, errors=errors))
     change = None if wrinkling is None else wrinkling.relative
     status = _decide_status(level, discrete, stop=stop, change=change)
-    effects = describe_effects(problem, _charges_by_stress_pC(problem, discrete.stress_integrals))
+    charges_pC = _charges_by_stress_pC(problem, discrete.stress_integrals)
+    effects = problem.describe_effects(charges_pC)
     warnings = [*problem.film.warnings]
     warnings += list_warnings(discrete.solved, discrete.solved_state, change)
     return Solution(

@@ -183,7 +183,9 @@ def _solve_linearised(
     state = correction.state
     prolongation = correction.prolongation
     diagonal = rich.diagonal(state)
-    small_share = options.energy_share if rich.model.smooth else options.energy_share_rough
+    small_share = options.energy_share_rough
+    if rich.model.mesh_policy.has_smooth_correction:
+        small_share = options.energy_share
 
     def precondition(residual: Array) -> Array:
         coarse = factors.solve(prolongation.T @ residual)

@@ -73,7 +73,7 @@ def choose_first_sizes(problem: Problem, order: int) -> GradedSizes:
     factor = excess ** (1.0 / (order + 1.0))
     factor = float(np.clip(factor, SMALLEST_FACTOR, LARGEST_FACTOR))
     sizes = GradedSizes(patches, growth, film=largest * scene.film.radius)
-    sizes = sizes.scaled(problem.film.size_factor * factor)
+    sizes = sizes.scaled(problem.film.mesh_policy.size_factor * factor)
 
     at_contacts = {}
     for name, outline in contacts.items():

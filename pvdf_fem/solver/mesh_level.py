@@ -210,7 +210,7 @@ def _estimate_errors(level: MeshLevel) -> MeshLevel:
     else:
         budget.spend(rich, correction.result.tangent_count)
 
-    layers = equilibrium.model.layers(
+    layers = equilibrium.model.make_bending_layers(
         equilibrium.terms, equilibrium.unknowns.expansion, level.discrete.solved_state
     )
     level = replace(level, correction=correction, layers=layers)
@@ -230,7 +230,9 @@ def _compute_error_contributions(
     values = level.discrete.stress_integrals.values
 
     corrected = _integrate(outputs, correction.rich, correction.q)
-    contributions = {"order_enrichment": equilibrium.model.saturation * (corrected - values)}
+    contributions = {
+        "order_enrichment": equilibrium.model.mesh_policy.saturation * (corrected - values)
+    }
     if level.layers is not None:
         changed = level.result.q + level.layers.change(factors)
         unresolved = _integrate(outputs, equilibrium, changed) - values
@@ -343,7 +345,7 @@ def _solve_lower_orders(equilibrium: Equilibrium, budget: Budget) -> Array | Sta
         those, and are unstable, too.
     """
     order = equilibrium.space.order
-    if order == equilibrium.model.lowest_order:
+    if order == equilibrium.model.kinematics.lowest_order:
         return None
     if equilibrium.model.wrinkles and is_barely_loaded(equilibrium.scene):
         return None  # the solution of another order is far away

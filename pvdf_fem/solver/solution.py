@@ -19,7 +19,7 @@ from pvdf_fem.electrodes.heat import compute_heat_charges
 from pvdf_fem.electrodes.point_values import PointValues, evaluate_along, evaluate_at
 from pvdf_fem.electrodes.stress_integrals import StressIntegrals
 from pvdf_fem.electrodes.thickness import compute_thickness_charges
-from pvdf_fem.film.electric.coupling import find_floating_electrodes
+from pvdf_fem.film.coupling import find_floating_electrodes
 from pvdf_fem.film.loads.load_spec import Pressure
 from pvdf_fem.film.loads.punch import Punch, PunchTilt
 from pvdf_fem.problem.contact_result import ContactResult

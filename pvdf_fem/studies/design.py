@@ -97,7 +97,7 @@ class DesignColumns:
         sigma : float
             Relative standard deviation of a reading.
         noise_pC : float, optional
-            Standard deviation of a reading besides, in pC.
+            Absolute standard deviation of a reading in pC.
         """
         bounds = compute_bounds(response, self.grid.places_mm, sigma, noise_pC)
         for name, values in self.maps.items():
@@ -133,7 +133,7 @@ def design(
         Standard deviation of a reading, relative to the total charge or its change by the touch,
         whichever the scene's readout reads.
     noise_pC : float, optional
-        Standard deviation of a reading besides, in pC, by default the noise of the readout.
+        Absolute standard deviation of a reading in pC; by default the noise of the readout.
     reach_mm : float, optional
         Largest distance of touches from the centre; by default that of the response, or of the
         smallest film.
@@ -157,8 +157,8 @@ def design(
     xarray.Dataset
         With a dimension for each key: ``place_deviation_median_mm`` and ``_worst_mm``,
         ``force_deviation_median`` and ``_worst`` over the force, ``ambiguous_share`` of the places,
-        and ``scene``, the design as TOML. With ``y_mm`` and ``x_mm`` besides, NaN beyond the reach:
-        ``place_deviation_mm``, ``force_deviation``, ``ambiguous``.
+        and ``scene``, the design as TOML. In addition by ``y_mm`` and ``x_mm``, NaN beyond the
+        reach: ``place_deviation_mm``, ``force_deviation``, ``ambiguous``.
 
     Raises
     ------
@@ -177,8 +177,8 @@ def design(
     Examples
     --------
     >>> vary = {"electrodes.ring_radius_mm": [8.0, 10.0]}
-    >>> found = design("sensor.toml", vary, sigma=0.01, reach_mm=4.0, step_mm=2.0, tolerance=3e-2)
-    >>> found.place_deviation_median_mm.to_pandas()
+    >>> data = design("sensor.toml", vary, sigma=0.01, reach_mm=4.0, step_mm=2.0, tolerance=3e-2)
+    >>> data.place_deviation_median_mm.to_pandas()
     """
     vary = coerce("vary", vary, dict[str, Any])
     study = DesignStudy.from_scene(as_scene(scene), vary)
@@ -242,7 +242,7 @@ def _get_response(
     processes: int | None,
     progress: Progress | bool | None,
 ) -> Response:
-    """Return the response of a scene: the given one if it serves, or a new one.
+    """Return the response of a scene: that of the caller if it serves, or a new one.
 
     Parameters
     ----------
@@ -286,7 +286,7 @@ def compute_bounds(
     sigma : float
         Relative standard deviation of a reading.
     noise_pC : float, optional
-        Standard deviation of a reading besides, in pC.
+        Absolute standard deviation of a reading in pC.
     """
     exact = replace(response, error_bound=0.0)
     touch = list(extract_touch(response.scene).values())
@@ -357,25 +357,31 @@ def _make_dataset(
         description, unit = MAPS[name]
         arranged = values.reshape(*grid.shape, *values.shape[1:])
         data[name] = ([*dims, *PLACE_DIMS], arranged, make_attributes(description, unit))
-        if name == "ambiguous":
-            share = data[name].mean(PLACE_DIMS)
-            about = make_attributes("share of ambiguous places", unit)
-            data["ambiguous_share"] = share.assign_attrs(about)
-            continue
-        median = data[name].median(PLACE_DIMS)
-        worst = data[name].max(PLACE_DIMS)
-        stem = name.removesuffix("_mm")
-        ending = name.removeprefix(stem)
-        about_median = make_attributes(f"median {description}", unit)
-        about_worst = make_attributes(f"largest {description}", unit)
-        data[f"{stem}_median{ending}"] = median.assign_attrs(about_median)
-        data[f"{stem}_worst{ending}"] = worst.assign_attrs(about_worst)
+    _add_place_statistics(data)
     error_bounds = columns.response_error_bounds.reshape(grid.shape)
     about = make_attributes("error bound of the model over the charge", "1")
     data["model_error_bound"] = (dims, error_bounds, about)
     texts = np.reshape([scene.to_toml() for scene in study.scenes], grid.shape)
     data["scene"] = (dims, texts, make_attributes("the design as a scene file"))
     return data
+
+
+def _add_place_statistics(data: xarray.Dataset) -> None:
+    """Add medians and largest values of the deviations, and the share of ambiguous places."""
+    from pvdf_fem.studies.sweep_dataset import make_attributes
+
+    share = data.ambiguous.mean(PLACE_DIMS)
+    about_share = make_attributes("share of ambiguous places", "1")
+    for stem, ending in (("place_deviation", "_mm"), ("force_deviation", "")):
+        name = f"{stem}{ending}"
+        description, unit = MAPS[name]
+        about_median = make_attributes(f"median {description}", unit)
+        about_worst = make_attributes(f"largest {description}", unit)
+        median = data[name].median(PLACE_DIMS)
+        worst = data[name].max(PLACE_DIMS)
+        data[f"{stem}_median{ending}"] = median.assign_attrs(about_median)
+        data[f"{stem}_worst{ending}"] = worst.assign_attrs(about_worst)
+    data["ambiguous_share"] = share.assign_attrs(about_share)
 
 
 def find_best_design(data: xarray.Dataset, max_ambiguous_share: float = 0.05) -> xarray.Dataset:

@@ -98,7 +98,7 @@ class DesignStudy:
         sigma : float
             Relative standard deviation of a reading.
         noise_pC : float, optional
-            Standard deviation of a reading besides, in pC.
+            Absolute standard deviation of a reading in pC.
         """
         lowest_N, highest_N = domain.force_N
         if not 0.0 < as_float(step_mm) <= domain.reach_mm:

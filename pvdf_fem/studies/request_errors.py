@@ -33,7 +33,7 @@ def find_noise_and_response_errors(
     sigma : float
         Standard deviation of a reading, relative to it.
     noise_pC : float, optional
-        Standard deviation of a reading besides, in pC.
+        Absolute standard deviation of a reading in pC.
     reading : {"change", "total"}, optional
         Meaning of the readings.
     """

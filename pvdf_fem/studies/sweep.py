@@ -86,7 +86,7 @@ def sweep(
         records = solve_planned(
             plan,
             store,
-            processes=-1 if processes is None else processes,
+            processes=processes,
             scheduler=scheduler,
             progress=show,
         )

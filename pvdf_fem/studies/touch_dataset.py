@@ -75,7 +75,7 @@ def dataset(
         Standard deviation of a reading, relative to the total charge or its change, whichever is
         read.
     noise_pC : float, optional
-        Standard deviation of a reading besides, in nominal pC; by default the ``noise_V`` of the
+        Absolute standard deviation of a reading in nominal pC; by default the ``noise_V`` of the
         scene's ``[readout]``.
     reading : {"change", "total"}, optional
         Whether readings are changes of the charge by the touch or total charges; by default as the
@@ -168,7 +168,7 @@ def find_request_errors(
     sigma : float
         Relative standard deviation of a reading.
     noise_pC : float, optional
-        Standard deviation of a reading besides, in pC.
+        Absolute standard deviation of a reading in pC.
     reading : {"change", "total"}, optional
         Meaning of the readings.
     """

@@ -61,7 +61,7 @@ def make_response_key(scene: Scene, domain: Domain, tolerance: float) -> str:
     str
         64 hexadecimal digits.
     """
-    from pvdf_fem.batch.store import NUMERICAL_FOLDERS, hash_code  # imports scikit-fem
+    from pvdf_fem.batch.keys import NUMERICAL_FOLDERS, hash_code  # imports scikit-fem
 
     code = hash_code((*NUMERICAL_FOLDERS, "surrogate"))
     key = make_mechanical_key(scene)

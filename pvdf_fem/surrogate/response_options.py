@@ -39,15 +39,15 @@ class ResponseOptions:
     #: Largest number of builds, each with finer options, until the tolerance is met.
     max_builds: int = 3
     #: Cell of the spline's grid over the root of the probe's area.
-    cell: float = 1 / 9
+    cell_share: float = 1 / 9
     #: The same over the root of the area of a tip's least contact, at whose edge the pressure is
     #: zero.
-    tip_cell: float = 1 / 5
+    tip_cell_share: float = 1 / 5
     #: Largest cell of the spline's grid.
     largest_cell_mm: float = 0.6
     #: Over the cell: the movement of the probe's corners from one rotation to the next, the step of
     #: the polar grid of the stress, and twice the distance of its rays at the probe's corners.
-    step: float = 0.8
+    step_share: float = 0.8
 
     @property
     def decades(self) -> float:
@@ -63,7 +63,7 @@ class ResponseOptions:
         """Return the cell of the spline's grid over the places of the probe."""
         pressed = estimate_pressed_outline(scene, domain.force_N[0])
         pressed_size_mm = 1e3 * float(np.sqrt(pressed.area))
-        share = self.tip_cell if scene.tips else self.cell
+        share = self.tip_cell_share if scene.tips else self.cell_share
         return self.size_factor * min(share * pressed_size_mm, self.largest_cell_mm)
 
     def compute_forces_N(self, domain: Domain) -> Array:
@@ -77,7 +77,7 @@ class ResponseOptions:
         return compute_force_nodes_N(domain, max(4, 1 + math.ceil(by_log_range)))
 
     def make_centre_grid(
-        self, scene: Scene, domain: Domain, error_without: float = 80.0, rotations: int = 6
+        self, scene: Scene, domain: Domain, error_without: float = 80.0, rotation_count: int = 6
     ) -> CentreGrid:
         """Make the grid of film centres about the probe for which the stress is solved.
 
@@ -89,8 +89,8 @@ class ResponseOptions:
             Touches for which the response is valid.
         error_without : float, optional
             Error of the interpolation extrapolated to no distances at all.
-        rotations : int, optional
-            Rotations of the probe in half a turn for an orthotropic film, at an error of 1e-3.
+        rotation_count : int, optional
+            Number of rotations in half a turn for an orthotropic film, at an error of 1e-3.
 
         Notes
         -----
@@ -102,11 +102,13 @@ class ResponseOptions:
         assert scene.single_probe is not None
         reach_mm = domain.reach_mm + 2.0 * self.compute_cell_mm(scene, domain)
         log_gain = 2.0 * math.acosh(scene.film.radius_mm / reach_mm)
-        radii = max(2, math.ceil(math.log(error_without / self.error) / log_gain))
-        film_rotations = 0
+        distance_count = max(2, math.ceil(math.log(error_without / self.error) / log_gain))
+        film_rotation_count = 0
         if classify_isotropy(scene.film) != "isotropic":
-            film_rotations = rotations + max(0, math.ceil(2.0 * self.decades - 0.2))
-        return CentreGrid.for_probe(scene.single_probe, reach_mm, radii, film_rotations)
+            film_rotation_count = rotation_count + max(0, math.ceil(2.0 * self.decades - 0.2))
+        return CentreGrid.for_probe(
+            scene.single_probe, reach_mm, distance_count, film_rotation_count
+        )
 
     def make_polar_grid(self, scene: Scene, domain: Domain, centre_grid: CentreGrid) -> PolarGrid:
         """Make the grid about the probe on which the stress is sampled.
@@ -122,12 +124,17 @@ class ResponseOptions:
         """
         cell_mm = self.compute_cell_mm(scene, domain)
         corners_mm = 1e3 * float(estimate_pressed_outline(scene, domain.force_N[0]).reach)
-        rays = 4.0 * np.pi * corners_mm / (self.step * cell_mm)
-        angles = centre_grid.angles * math.ceil(rays / centre_grid.angles)
+        rays = 4.0 * np.pi * corners_mm / (self.step_share * cell_mm)
+        angle_count = centre_grid.angle_count * math.ceil(rays / centre_grid.angle_count)
         # from the corner of the spline's square grid to the rim on the other side
         reach_mm = math.sqrt(2.0) * (domain.reach_mm + (PADDING_STEPS + 1) * cell_mm)
         reach_mm += scene.film.radius_mm
-        return PolarGrid(reach_mm, self.step * cell_mm, angles=angles, stretch_mm=2.5 * corners_mm)
+        return PolarGrid(
+            reach_mm,
+            self.step_share * cell_mm,
+            angle_count=angle_count,
+            stretch_mm=2.5 * corners_mm,
+        )
 
 
 def choose_options(scene: Scene, tolerance: float, share_of_tip: float = 0.5) -> ResponseOptions:

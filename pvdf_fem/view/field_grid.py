@@ -9,7 +9,7 @@ import numpy as np
 import xarray
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.point_values import COMPONENTS, PointValues
+from pvdf_fem.electrodes.point_values import COMPONENT_NAMES, PointValues
 from pvdf_fem.scene.arguments import coerce
 
 #: Largest number of coordinates of a grid.
@@ -75,7 +75,7 @@ def make_field_dataset(values: PointValues, scene: str) -> xarray.Dataset:
     }
     coordinates: dict[str, Any] = {"x_mm": values.x_mm[0], "y_mm": values.y_mm[:, 0]}
     dimensions = ("direction", "slope_component", "strain_component", "stress_component")
-    for dimension, (name, components) in zip(dimensions, COMPONENTS.items(), strict=True):
+    for dimension, (name, components) in zip(dimensions, COMPONENT_NAMES.items(), strict=True):
         variables[name] = ((*grid, dimension), getattr(values, name))
         coordinates[dimension] = list(components)
     return xarray.Dataset(variables, coordinates, {"scene": scene})

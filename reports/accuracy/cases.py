@@ -1,7 +1,7 @@
-"""Scenes whose charges are known by other means than the package's finite elements.
+"""Cases: scenes whose charges are known by other means than the package's finite elements.
 
-A case is a table of `cases.toml`. Its truth is a closed form or a problem in one dimension of
-`reports.reference`, the digits of other codes, or else a much finer solve.
+A case is a table of `cases.toml`. Its charges are known from a closed form or a one-dimensional
+problem of `reports.reference`, from other codes, or else from a much finer solve.
 """
 
 from __future__ import annotations
@@ -32,19 +32,20 @@ from reports.reference.closed_form import campbell
 from reports.reference.sphere_contact import Sphere
 
 HERE = Path(__file__).parent
-POINTS = 24  #: Of Gauss rules along a radius, or along a side of an electrode.
-FINER = 30.0  #: Least tolerance of a case over the tolerance of the finer solve.
-EDGES = (0.1, 0.4)  #: Radii of the contact between which the force of a sphere is found, in radii.
-#: What the page calls each kind of truth.
+GAUSS_POINTS = 24  #: Of rules along a radius, or along a side of an electrode.
+FINER = 30.0  #: Finest tolerance of a case over the tolerance of the finer solve.
+#: Radii between which that of a sphere's contact is searched, over the radius of the sphere.
+CONTACT_RANGE = (0.1, 0.4)
+#: Words of the page for how charges are known.
 SOURCES = {"exact": "in one dimension", "codes": "by other codes", "finer": "by a finer solve"}
 
-#: N_r + N_t in N/m at radii in m.
-Sum = Callable[[Array], Array]
+#: Returns N_r + N_t in N/m at radii in m.
+TensionSum = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
 class RoundFilm:
-    """A film under a centred round probe in the scale-free terms of `reports.reference`."""
+    """A film under a centred round probe in the dimensionless terms of `reports.reference`."""
 
     scene: Scene
 
@@ -76,20 +77,34 @@ class RoundFilm:
         radius = math.sqrt(probe.outline.area / math.pi)
         return min(radius / self.scene.film.radius, 1.0)  # the probe may be the film, to rounding
 
-    def charges(self, total: Sum) -> dict[str, float]:
-        """Charges in pC of electrodes, from N_r + N_t; d31 and d32 are equal."""
+    def charges(self, total: TensionSum) -> dict[str, float]:
+        """Return the charges of electrodes in pC from N_r + N_t, for equal d31 and d32."""
         film = self.scene.film
         factor, edge = 1e12 * film.d31 / film.thickness, self.patch * film.radius
         return {
-            electrode.name: factor * _integral(electrode.outline, total, edge)
+            electrode.name: factor * _integrate(electrode.outline, total, edge)
             for electrode in self.scene.electrode_list
         }
 
 
-def _integral(outline: Outline, total: Sum, edge: float) -> float:
-    """Integral in N m over a disc about the film's centre, or over an upright rectangle beside the
-    probe, whose edge has a radius in m."""
-    x, weight = legendre.leggauss(POINTS)
+def _integrate(outline: Outline, total: TensionSum, edge: float) -> float:
+    """Integrate N_r + N_t over an electrode.
+
+    Parameters
+    ----------
+    outline : Outline
+        A disc about the film's centre, or an upright rectangle beside the probe.
+    total : callable
+        Returns N_r + N_t in N/m at radii in m.
+    edge : float
+        Radius of the probe in m.
+
+    Returns
+    -------
+    float
+        In N m.
+    """
+    x, weight = legendre.leggauss(GAUSS_POINTS)
     x, weight = 0.5 * (1.0 + x), 0.5 * weight
     if isinstance(outline, Circle) and not np.any(outline.centre):
         ends = sorted({0.0, min(edge, outline.radius), outline.radius})
@@ -102,8 +117,8 @@ def _integral(outline: Outline, total: Sum, edge: float) -> float:
     return float(outline.inscribed_polygon.area * (weight @ values @ weight))
 
 
-def pressurised(film: RoundFilm) -> Sum:
-    """Hencky's and Campbell's series: a dead pressure on the whole film, at vanishing slopes."""
+def sum_pressurised(film: RoundFilm) -> TensionSum:
+    """Return N_r + N_t of a dead pressure on the whole film at small slopes (Campbell)."""
     radius, size = film.scene.film.radius, (film.force / math.pi) ** (2.0 / 3.0)
     series = campbell(film.pretension / size, film.scene.film.poisson_ratio)
     step = 1e-30
@@ -116,8 +131,8 @@ def pressurised(film: RoundFilm) -> Sum:
     return total
 
 
-def one_dimensional(film: RoundFilm) -> Sum:
-    """Green-Lagrange film under a dead pressure, a follower or a flat punch."""
+def sum_one_dimensional(film: RoundFilm) -> TensionSum:
+    """Return N_r + N_t at any slopes under a dead pressure, a follower or a flat punch."""
     load, radius = film.scene.load, film.scene.film.radius
     found = axisymmetric_membrane(
         film.force,
@@ -132,8 +147,8 @@ def one_dimensional(film: RoundFilm) -> Sum:
     )
 
 
-def wrinkled(film: RoundFilm) -> Sum:
-    """A film that wrinkles around a dead pressure."""
+def sum_wrinkled(film: RoundFilm) -> TensionSum:
+    """Return N_r + N_t of a film that wrinkles around a dead pressure."""
     material, radius = film.scene.film, film.scene.film.radius
     found = wrinkled_membrane(
         film.force,
@@ -146,8 +161,8 @@ def wrinkled(film: RoundFilm) -> Sum:
     )
 
 
-def plate(film: RoundFilm) -> Sum:
-    """Von Karman's clamped plate under a dead pressure on all of it, at vanishing slopes."""
+def sum_plate(film: RoundFilm) -> TensionSum:
+    """Return N_r + N_t of a clamped plate under a dead pressure on all of it (von Karman)."""
     material = film.scene.film
     h, a = material.thickness, material.radius
     stiffness = float(material.stiffness[0, 0]) * h**3 / 12.0
@@ -157,11 +172,11 @@ def plate(film: RoundFilm) -> Sum:
     return lambda r: stiffness / a**2 * np.sum(found.tensions(r / a), axis=0)
 
 
-def sphere_charges(scene: Scene) -> dict[str, float]:
-    """Charges in pC of discs about the centre of the film, on which a sphere slides."""
+def compute_sphere_charges(scene: Scene) -> dict[str, float]:
+    """Return the charges in pC of discs about the centre of the film, on which a sphere slides."""
     (touch,) = scene.loaded_probes
     sphere = Sphere(scene.film, 1e-3 * float(getattr(touch.probe, "radius_mm", math.nan)))
-    ends = [share * sphere.radius for share in EDGES]
+    ends = [share * sphere.radius for share in CONTACT_RANGE]
     edge = brentq(lambda edge: sphere.sliding(edge).force - scene.load.force, *ends, rtol=1e-10)
     contact = sphere.sliding(edge)
     return {
@@ -172,24 +187,28 @@ def sphere_charges(scene: Scene) -> dict[str, float]:
     }
 
 
-SUMS: dict[str, Callable[[RoundFilm], Sum]] = {
-    of.__name__: of for of in (pressurised, one_dimensional, wrinkled, plate)
+#: Solutions by the name of a case's truth.
+TENSION_SUMS: dict[str, Callable[[RoundFilm], TensionSum]] = {
+    "pressurised": sum_pressurised,
+    "one_dimensional": sum_one_dimensional,
+    "wrinkled": sum_wrinkled,
+    "plate": sum_plate,
 }
 
 
-def known_charges(truth: str, scene: Scene) -> dict[str, float]:
-    """Charges in pC by one of `SUMS`, or by `sphere_charges`."""
+def compute_known_charges(truth: str, scene: Scene) -> dict[str, float]:
+    """Return charges in pC by one of `TENSION_SUMS`, or by `compute_sphere_charges`."""
     if truth == "sphere":
-        return sphere_charges(scene)
+        return compute_sphere_charges(scene)
     film = RoundFilm(scene)
-    return film.charges(SUMS[truth](film))
+    return film.charges(TENSION_SUMS[truth](film))
 
 
 class Case(Section):
-    """A scene, and what tells its charges.
+    """A scene, and how its charges are known.
 
-    `truth` is one of `SUMS` or ``sphere``; ``codes`` with the `charges_pC` that other codes gave;
-    or ``finer`` for a solve to `FINER` times less than `finest`, the least tolerance that is asked
+    `truth` is one of `TENSION_SUMS`, or ``sphere``; ``codes`` for the `charges_pC` of other codes;
+    or ``finer`` for a solve to a tolerance `FINER` times finer than `finest`, the finest tolerance
     of the case. NGSolve solves the case if it is a `peer` case.
     """
 
@@ -198,7 +217,7 @@ class Case(Section):
         "pressurised", "one_dimensional", "wrinkled", "plate", "sphere", "codes", "finer"
     ]
     charges_pC: dict[str, float] = Field(default_factory=dict)
-    doubt: float = 1e-7  #: Relative error of the charges that are known.
+    doubt: float = 1e-7  #: Relative error of the known charges.
     finest: float = 1e-5
     peer: bool = False
     preview: bool = False  #: Whether it is in a preview of the report.
@@ -220,7 +239,7 @@ class Case(Section):
         return self.scene.with_(**{"numerics.tolerance": self.finest / FINER})
 
 
-def cases(file: str) -> list[Case]:
-    """The cases of a file beside this one."""
+def read_cases(file: str) -> list[Case]:
+    """Return the cases of a file in this folder."""
     table = tomllib.loads((HERE / file).read_text("utf-8"))
     return [Case.model_validate(case) for case in table["case"]]

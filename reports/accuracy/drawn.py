@@ -1,4 +1,4 @@
-"""Scenes of the sensor's proportions, drawn at random, for the errors that solves state."""
+"""Random scenes with the proportions of the sensor, to test the stated errors of solves."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from pvdf_fem import Scene, SceneError
 
-#: Changes that make a kind of scene of a drawn one: each kind with the choices that it has.
+#: Changes of a random scene by the kind of scene; the scenes of a kind take them in turn.
 KINDS: dict[str, tuple[dict[str, Any], ...]] = {
     "pressure": ({"load.kind": "dead"}, {"load.kind": "follower"}),
     "punch": ({"load.kind": "rigid"}, {"load.kind": "rigid", "load.contact": "stuck"}),
@@ -20,60 +20,83 @@ KINDS: dict[str, tuple[dict[str, Any], ...]] = {
     ),
 }
 TOLERANCES = (1e-2, 3e-3, 1e-3)
-COMPARED = 10.0  #: Tolerance of a drawn scene over the tolerance of the finer one.
+REFINEMENT = 10.0  #: Tolerance of a random scene over the tolerance of its finer solve.
 SEED = 11
-MOST_DRAWS = 100  #: Until a scene without overlaps is found.
-
-
-def drawn_scenes(kind: str, count: int, seed: int = SEED) -> Iterator[Scene]:
-    """Scenes of a kind of `KINDS`; the number of a scene decides what is drawn for it."""
-    choices = KINDS[kind]
-    for number in range(count):
-        random = np.random.default_rng([seed, list(KINDS).index(kind), number])
-        changes = dict(choices[number % len(choices)])
-        if kind == "sphere":
-            changes |= {"probe.shape": "sphere", "probe.radius_mm": random.uniform(2.0, 20.0)}
-        if kind != "pressure":
-            changes["numerics.observable"] = "material"
-        yield random_scene(random, **changes, **{"numerics.tolerance": _any(random, TOLERANCES)})
-
-
-def finer(scene: Scene) -> Scene:
-    """The scene that a drawn one is compared with."""
-    return scene.with_(**{"numerics.tolerance": scene.numerics.tolerance / COMPARED})
-
-
-def random_scene(rng: np.random.Generator, **changes: object) -> Scene:
-    """Any probe, place, rotation, force, dead or follower, orthotropy, electrodes and observable.
-
-    With `changes` by key.
-    """
-    for attempt in range(MOST_DRAWS):
-        drawn = _random_changes(rng)
-        if "probe.shape" in changes:  # with the sizes of another shape
-            drawn = {key: value for key, value in drawn.items() if key not in SIZES}
-        try:
-            return Scene().with_(**(drawn | changes))
-        except SceneError:  # outlines that overlap, or leave the film
-            if attempt == MOST_DRAWS - 1:
-                raise
-    raise AssertionError
-
-
+MAX_ATTEMPTS = 100  #: Largest number of attempts to find a scene without overlaps.
+#: Keys of the sizes of all shapes of probes.
 SIZES = {
     f"probe.{key}_mm" for key in ("side", "width", "height", "radius", "semi_axes", "vertices")
 }
 
 
-def _any(rng: np.random.Generator, values: tuple[float, ...]) -> float:
-    return values[int(rng.integers(len(values)))]
+def draw_scenes(kind: str, count: int, seed: int = SEED) -> Iterator[Scene]:
+    """Draw random scenes of a kind.
+
+    Parameters
+    ----------
+    kind : str
+        A key of `KINDS`.
+    count : int
+        Number of scenes.
+    seed : int
+        Seed. A scene depends on the seed, the kind and its number only.
+
+    Yields
+    ------
+    Scene
+    """
+    kind_changes = KINDS[kind]
+    kind_number = list(KINDS).index(kind)
+    for number in range(count):
+        rng = np.random.default_rng([seed, kind_number, number])
+        changes = dict(kind_changes[number % len(kind_changes)])
+        if kind == "sphere":
+            changes |= {"probe.shape": "sphere", "probe.radius_mm": rng.uniform(2.0, 20.0)}
+        if kind != "pressure":
+            changes["numerics.observable"] = "material"
+        changes["numerics.tolerance"] = TOLERANCES[int(rng.integers(len(TOLERANCES)))]
+        yield make_random_scene(rng, **changes)
 
 
-def _random_changes(rng: np.random.Generator) -> dict[str, object]:
-    distance, angle = 25.0 * np.sqrt(rng.uniform()), rng.uniform(0.0, 2.0 * np.pi)
-    edges = rng.uniform() < 0.3
+def refine(scene: Scene) -> Scene:
+    """Return the scene of the finer solve that a random scene is compared with."""
+    return scene.with_(**{"numerics.tolerance": scene.numerics.tolerance / REFINEMENT})
+
+
+def make_random_scene(rng: np.random.Generator, **changes: object) -> Scene:
+    """Draw a scene with any probe, place, force, material, electrodes and observable.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of random numbers.
+    **changes
+        Values by dotted key that are not random.
+
+    Returns
+    -------
+    Scene
+        Under a dead pressure or a follower.
+    """
+    for attempt in range(MAX_ATTEMPTS):
+        drawn = _draw_changes(rng)
+        if "probe.shape" in changes:  # the sizes belong to another shape
+            drawn = {key: value for key, value in drawn.items() if key not in SIZES}
+        try:
+            return Scene().with_(**(drawn | changes))
+        except SceneError:  # outlines overlap, or leave the film
+            if attempt == MAX_ATTEMPTS - 1:
+                raise
+    raise AssertionError
+
+
+def _draw_changes(rng: np.random.Generator) -> dict[str, object]:
+    """Draw the values of a scene by dotted key."""
+    distance = 25.0 * np.sqrt(rng.uniform())
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    along_edges = rng.uniform() < 0.3
     changes = {
-        **_random_probe(rng),
+        **_draw_probe(rng),
         "probe.x_mm": distance * np.cos(angle),
         "probe.y_mm": distance * np.sin(angle),
         "probe.rotation_deg": rng.uniform(0.0, 360.0),
@@ -82,18 +105,18 @@ def _random_changes(rng: np.random.Generator) -> dict[str, object]:
         "film.poisson_ratio": rng.uniform(0.1, 0.4),
         "film.temperature_change_K": -rng.uniform(0.2, 5.0),
         "film.d32_pC_N": rng.uniform(0.0, 12.0),
-        "numerics.observable": "thesis-edge" if edges else "material",
+        "numerics.observable": "thesis-edge" if along_edges else "material",
     }
     if rng.uniform() < 0.4:
         changes["film.youngs_modulus_GPa"] = rng.uniform(1.5, 4.0, 2).tolist()
     if rng.uniform() < 0.5:
-        changes["electrodes"] = [
-            _random_electrode(rng, i, edges) for i in range(rng.integers(1, 5))
-        ]
+        count = rng.integers(1, 5)
+        changes["electrodes"] = [_draw_electrode(rng, i, along_edges) for i in range(count)]
     return changes
 
 
-def _random_probe(rng: np.random.Generator) -> dict[str, object]:
+def _draw_probe(rng: np.random.Generator) -> dict[str, object]:
+    """Draw the shape of a probe with its sizes."""
     a, b = rng.uniform(3.0, 10.0, 2).tolist()
     angles = np.linspace(0.0, 2.0 * np.pi, 6)[:5] + rng.uniform(0.0, 0.6, 5)
     corners = rng.uniform(3.0, 5.0, (5, 1)) * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
@@ -108,7 +131,8 @@ def _random_probe(rng: np.random.Generator) -> dict[str, object]:
     return {"probe.shape": shape, **sizes[shape]}
 
 
-def _random_electrode(rng: np.random.Generator, index: int, edges: bool) -> dict[str, object]:
+def _draw_electrode(rng: np.random.Generator, number: int, along_edges: bool) -> dict[str, object]:
+    """Draw an electrode, a rectangle where its charge is averaged along its edges."""
     x, y = rng.uniform(-25.0, 25.0, 2).tolist()
     a, b = rng.uniform(1.0, 6.0, 2).tolist()
     sizes = {
@@ -116,5 +140,5 @@ def _random_electrode(rng: np.random.Generator, index: int, edges: bool) -> dict
         "square": {"side_mm": a, "rotation_deg": rng.uniform(0.0, 90.0)},
         "circle": {"radius_mm": a / 2.0},
     }
-    shape = "rectangle" if edges else str(rng.choice(list(sizes)))
-    return {"name": "ABCD"[index], "x_mm": x, "y_mm": y, "shape": shape, **sizes[shape]}
+    shape = "rectangle" if along_edges else str(rng.choice(list(sizes)))
+    return {"name": "ABCD"[number], "x_mm": x, "y_mm": y, "shape": shape, **sizes[shape]}

@@ -1,4 +1,4 @@
-"""What the report measures: solves with their processor seconds, and what a sweep costs."""
+"""Measurements of the report: solves with their processor seconds, and the cost of a sweep."""
 
 from __future__ import annotations
 
@@ -18,68 +18,74 @@ from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.solver.first_sizes import choose_first_sizes
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.studies.scene_grid import SceneGrid
-from reports.accuracy.cases import known_charges
+from reports.accuracy.cases import compute_known_charges
 
-LONGEST = 2.0  #: Processor seconds after which a solve is not repeated.
+MAX_SECONDS = 2.0  #: Processor seconds after which a solve is not repeated.
 STAGES = ("mesh", "solve", "estimate")
 
 
 @dataclass(frozen=True)
-class Timed(Task):
-    """A scene solved up to `rounds` times: a row for each electrode, with the medians of processor
-    seconds, in total and by stage. A solve without charges is one row."""
+class TimedSolve(Task):
+    """A scene solved up to `rounds` times.
+
+    A row for each electrode has the medians of the processor seconds, in total and by stage. A
+    solve without charges has one row.
+    """
 
     scene: Scene
     rounds: int = 1
 
     def run(self) -> Rows:
-        """Solve until the rounds or `LONGEST` are over. The first solve of a process would have
-        imports in its time, so another scene is solved before."""
-        solve(WARM)
+        """Solve until the rounds or `MAX_SECONDS` are over."""
+        solve(WARM_UP_SCENE)  # the first solve of a process takes the time of imports
         seconds: list[float] = []
         stages: list[dict[str, float]] = []
-        while len(seconds) < self.rounds and sum(seconds) <= LONGEST:
+        while len(seconds) < self.rounds and sum(seconds) <= MAX_SECONDS:
             start = time.process_time()
             solution = solve(self.scene)
             seconds.append(time.process_time() - start)
-            busy = seconds[-1] / solution.seconds["total"]  # of the wall time, which has waits
-            stages.append({name: busy * of for name, of in solution.seconds.items()})
-        about: dict[str, Any] = {
+            # the stages are in wall time, which includes waiting
+            busy_share = seconds[-1] / solution.seconds["total"]
+            stages.append({name: busy_share * value for name, value in solution.seconds.items()})
+        run: dict[str, Any] = {
             "status": str(solution.status),
             "seconds": statistics.median(seconds),
             "unknowns": solution.unknowns,
-            **{name: statistics.median(of.get(name, 0.0) for of in stages) for name in STAGES},
         }
+        for name in STAGES:
+            run[name] = statistics.median([values.get(name, 0.0) for values in stages])
         if solution.status is not Status.CONVERGED:
-            return [about]
-        charges, errors = solution.charges_pC, solution.charge_errors_pC
-        return [
-            {**about, "electrode": name, "charge_pC": charge, "stated_pC": errors[name]}
-            for name, charge in charges.items()
-        ]
+            return [run]
+        rows = []
+        for name, charge in solution.charges_pC.items():
+            stated = solution.charge_errors_pC[name]
+            rows.append({**run, "electrode": name, "charge_pC": charge, "stated_pC": stated})
+        return rows
 
 
-#: What imports and caches are filled by.
-WARM = Scene().with_(**{"probe.shape": "circle", "numerics.tolerance": 1e-2})
+#: The scene that is solved first, for imports and caches.
+WARM_UP_SCENE = Scene().with_(**{"probe.shape": "circle", "numerics.tolerance": 1e-2})
 
 
 @dataclass(frozen=True)
-class Known(Task):
-    """Charges of a scene that are known by a closed form or in one dimension."""
+class KnownCharges(Task):
+    """Charges of a scene from a closed form or a one-dimensional problem."""
 
     scene: Scene
     truth: str
 
     def run(self) -> Rows:
-        """A row for each electrode."""
-        charges = known_charges(self.truth, self.scene)
+        """Return a row for each electrode."""
+        charges = compute_known_charges(self.truth, self.scene)
         return [{"electrode": name, "charge_pC": charge} for name, charge in charges.items()]
 
 
 @dataclass(frozen=True)
-class ByNGSolve(Task):
-    """A scene solved by NGSolve in orders and on meshes of this package's first sizes times
-    factors, in a process of its own: gmsh and NGSolve each bring their own OpenCASCADE."""
+class NGSolveRuns(Task):
+    """A scene solved by NGSolve in `orders`, on meshes with this package's sizes times `factors`.
+
+    NGSolve runs in a process of its own: gmsh and NGSolve each bring their own OpenCASCADE.
+    """
 
     scene: Scene
     orders: tuple[int, ...]
@@ -87,7 +93,7 @@ class ByNGSolve(Task):
     rounds: int = 1
 
     def run(self) -> Rows:
-        """A row for each order, factor and electrode."""
+        """Return a row for each order, factor and electrode."""
         sizes = choose_first_sizes(
             Problem.from_scene(self.scene.with_(**{"numerics.tolerance": 1e-3})), 2
         )
@@ -114,32 +120,46 @@ class ByNGSolve(Task):
 
 
 @dataclass(frozen=True)
-class Swept(Task):
-    """25 scenes for each place of a probe on a line: forces, and rings of electrodes. Places that
-    are mirror images, and all rings, share solves."""
+class SweepTimes(Task):
+    """The times of a sweep over places of the probe on a line, forces, and rings of electrodes.
+
+    There are 25 scenes for each place. Mirrored places share solves, and so do all rings.
+    """
 
     scene: Scene
     places: int
-    alone: int = 10  #: About the number of scenes that are solved one by one.
+    alone: int = 10  #: Approximate number of scenes that are solved one by one.
 
     def run(self) -> Rows:
-        """One row: numbers of scenes and solves, and processor seconds of a scene in the sweep, and
-        in the median alone."""
+        """Return one row.
+
+        It has the numbers of scenes and solves, the processor seconds of a scene in the sweep, and
+        their median alone.
+        """
         axes: list[dict[str, Any]] = [
             {"probe.x_mm": {"start": -12.0, "stop": 12.0, "count": self.places}},
             {"load.force_N": [0.25, 0.5, 1.0, 2.0, 5.0]},
             {"electrodes.ring_radius_mm": [6.0, 8.0, 10.0, 12.0, 14.0]},
         ]
         scenes = list(SceneGrid.from_tables(self.scene, axes).scenes())
-        plan, start = plan_scenes(scenes), time.process_time()
-        failed = sum(not record.converged for _, record in solve_planned(plan, processes=1))
+        start = time.process_time()
+        plan = plan_scenes(scenes)
+        records = [record for _, record in solve_planned(plan, processes=1)]
         seconds = (time.process_time() - start) / len(scenes)
-        singly = [_seconds(scene) for scene in scenes[:: max(len(scenes) // self.alone, 1)]]
-        counts = {"scenes": len(scenes), "solves": len(plan.blocks), "failed": failed}
-        return [{**counts, "seconds": seconds, "alone": statistics.median(singly)}]
+        step = max(len(scenes) // self.alone, 1)
+        alone = [_measure_solve(scene) for scene in scenes[::step]]
+        row = {
+            "scenes": len(scenes),
+            "solves": len(plan.blocks),
+            "failed": sum(not record.converged for record in records),
+            "seconds": seconds,
+            "alone": statistics.median(alone),
+        }
+        return [row]
 
 
-def _seconds(scene: Scene) -> float:
+def _measure_solve(scene: Scene) -> float:
+    """Return the processor seconds of a solve."""
     start = time.process_time()
     solve(scene)
     return time.process_time() - start

@@ -6,197 +6,287 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import ClassVar, Literal
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 
-from pvdf_fem.report.kind import Content, Inputs, Kind
+from pvdf_fem.report.kind import FigureKind, Inputs, Kind
 from pvdf_fem.report.results import ReportResults
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.view.figures import WIDTH_MM
 from reports.accuracy.cases import FINER, SOURCES, Case
-from reports.accuracy.drawn import KINDS, drawn_scenes, finer
+from reports.accuracy.drawn import KINDS, draw_scenes, refine
 from reports.accuracy.figures import (
-    HIGH,
-    LOW,
-    beside_peer,
-    errors_against_time,
-    group_row,
-    percent,
-    seconds,
-    share,
-    stage_bars,
-    stated_against_true,
+    GOOD_HIGH,
+    GOOD_LOW,
+    draw_beside_peer,
+    draw_errors_against_time,
+    draw_stages,
+    draw_stated_against_true,
+    format_percent,
+    format_seconds,
+    format_share,
+    make_bar_axes,
+    make_case_panels,
+    summarize_group,
 )
-from reports.accuracy.measure import STAGES, Swept
-from reports.accuracy.results import OURS, PEER, TELLING, OfCases, of_drawn, worst
+from reports.accuracy.measure import STAGES, SweepTimes
+from reports.accuracy.results import (
+    OURS,
+    PEER,
+    RESOLVED_RATIO,
+    CaseKind,
+    collect_drawn_scene,
+    select_worst,
+)
 
-ASKED = 1e-3  #: The tolerance of the verdict.
+VERDICT_TOLERANCE = 1e-3  #: The tolerance of the verdict.
 
 
-class ErrorVsTime(OfCases):
+class ErrorVsTime(CaseKind, FigureKind):
     """The true error of the worst charge against processor seconds, a curve for each case."""
 
     kind: Literal["error-vs-time"]
 
     stem: ClassVar[str] = "error-vs-time"
     rank: ClassVar[int] = 0
+    size_mm: ClassVar[tuple[float, float]] = (WIDTH_MM, 92.0)
 
-    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
-        """Curves, the medians of all cases, and a table by tolerance."""
-        frame = self.frame(inputs, results)
-        runs = worst(frame)
-        caption = (
-            "Every curve is a case solved to tolerances from 1 % down; seconds are of one thread, "
-            "with mesh and error estimate. True errors are against charges that are known by other "
-            f"means, or by a solve that is {FINER:g} times finer."
-        )
-        groups = [rows for _, rows in frame.groupby("tolerance")][::-1]
-        shown = pd.DataFrame([self._row(rows, runs) for rows in groups])
-        return Content(caption, frame, errors_against_time(runs), shown, self._claim(runs))
+    def draw(self, data: pd.DataFrame, axes: Axes) -> None:
+        """Draw the cases and the medians."""
+        draw_errors_against_time(axes, select_worst(data))
 
-    def _row(self, rows: pd.DataFrame, runs: pd.DataFrame) -> dict[str, str]:
-        tolerance = float(rows.tolerance.iloc[0])
-        found = runs[runs.tolerance == tolerance]
-        return {
-            "tolerance": percent(tolerance),
-            "within it": f"{(found.true <= tolerance).sum()} of {rows.case.nunique()}",
-            "worst error": percent(found.true.max()),
-            "median s": seconds(found.seconds.median()),
-            "longest s": seconds(found.seconds.max()),
-        }
-
-    def _claim(self, runs: pd.DataFrame) -> str:
-        found = runs[runs.tolerance == ASKED]
-        if found.empty:
-            return ""
-        met = "all" if (found.true <= ASKED).all() else (found.true <= ASKED).sum()
+    def make_caption(self, data: pd.DataFrame) -> str:
+        """Return what curves, seconds and errors are."""
         return (
-            f"a charge to {percent(ASKED)} takes {seconds(found.seconds.median())} s of one core "
-            f"in the median of {len(found)} cases and {seconds(found.seconds.max())} s at most, "
-            f"and {met} of them are as exact as that"
+            "Every curve is a case solved to tolerances from 1 % down; seconds are of one thread, "
+            "with mesh and error estimate. True errors are differences from charges that are known "
+            f"by other means, or from a solve that is {FINER:g} times finer."
+        )
+
+    def make_table(self, data: pd.DataFrame) -> pd.DataFrame:
+        """Return errors and seconds by tolerance."""
+        runs = select_worst(data)
+        rows = []
+        for tolerance, charges in reversed(list(data.groupby("tolerance"))):
+            solves = runs[runs.tolerance == tolerance]
+            row = {
+                "tolerance": format_percent(tolerance),
+                "within it": f"{(solves.true <= tolerance).sum()} of {charges.case.nunique()}",
+                "worst error": format_percent(solves.true.max()),
+                "median s": format_seconds(solves.seconds.median()),
+                "longest s": format_seconds(solves.seconds.max()),
+            }
+            rows.append(row)
+        return pd.DataFrame(rows)
+
+    def make_claim(self, data: pd.DataFrame) -> str:
+        """Return seconds and errors at the tolerance of the verdict."""
+        runs = select_worst(data)
+        solves = runs[runs.tolerance == VERDICT_TOLERANCE]
+        if solves.empty:
+            return ""
+        is_within = solves.true <= VERDICT_TOLERANCE
+        accurate = "all" if is_within.all() else is_within.sum()
+        return (
+            f"a charge to {format_percent(VERDICT_TOLERANCE)} takes "
+            f"{format_seconds(solves.seconds.median())} s of one core in the median of "
+            f"{len(solves)} cases and {format_seconds(solves.seconds.max())} s at most, and "
+            f"{accurate} of them are within this tolerance"
         )
 
 
-class StatedErrors(OfCases):
-    """Stated errors against true ones: of all cases, and of `count` drawn scenes of each kind."""
+@dataclass(frozen=True, eq=False)
+class StatedErrorData:
+    """Charges with their errors: all of them, and those whose true error is known."""
+
+    frame: pd.DataFrame
+    resolved: pd.DataFrame
+
+
+class StatedErrors(CaseKind, FigureKind):
+    """Stated errors against true ones: of all cases, and of `count` random scenes of each kind."""
 
     kind: Literal["stated-errors"]
     count: int = 8
 
     stem: ClassVar[str] = "stated-errors"
     rank: ClassVar[int] = 1
+    size_mm: ClassVar[tuple[float, float]] = (WIDTH_MM, 100.0)
 
-    def drawn(self, inputs: Inputs) -> dict[str, list[Scene]]:
-        """Drawn scenes by their kinds."""
-        kinds, count = (list(KINDS)[:2], 1) if inputs.quick else (list(KINDS), self.count)
-        return {kind: list(drawn_scenes(kind, count)) for kind in kinds}
+    def draw_random_scenes(self, inputs: Inputs) -> dict[str, list[Scene]]:
+        """Return random scenes by kind, few of them in a preview."""
+        kinds = list(KINDS)
+        count = self.count
+        if inputs.quick:
+            kinds = kinds[:2]
+            count = 1
+        return {kind: list(draw_scenes(kind, count)) for kind in kinds}
 
     def list_scenes(self, inputs: Inputs) -> list[Scene]:
-        """All drawn scenes, each with a finer one."""
-        drawn = [scene for scenes in self.drawn(inputs).values() for scene in scenes]
-        return drawn + [finer(scene) for scene in drawn]
+        """Return all random scenes, and a finer one for each."""
+        scenes = []
+        for drawn in self.draw_random_scenes(inputs).values():
+            scenes += drawn
+        return scenes + [refine(scene) for scene in scenes]
 
-    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
-        """A dot for each charge, and a table by groups."""
-        known = self.frame(inputs, results)
-        pieces = [known[known.code == OURS].assign(group="cases")]
-        for kind, scenes in self.drawn(inputs).items():
-            pieces += [of_drawn(scene, results).assign(group=kind) for scene in scenes]
+    def collect_data(self, inputs: Inputs, results: ReportResults) -> StatedErrorData:
+        """Return a row for each charge of the cases and of the random scenes."""
+        cases = super().collect_data(inputs, results)
+        frames = [cases[cases.code == OURS].assign(group="cases")]
+        for kind, scenes in self.draw_random_scenes(inputs).items():
+            for scene in scenes:
+                frames.append(collect_drawn_scene(scene, results).assign(group=kind))
         columns = ["group", "tolerance", "electrode", "true", "stated", "telling"]
-        frame = pd.concat([piece[columns] for piece in pieces], ignore_index=True)
-        told = frame[frame.telling].assign(ratio=frame.stated / frame.true)
-        caption = (
+        frame = pd.concat([frame[columns] for frame in frames], ignore_index=True)
+        resolved = frame[frame.telling]
+        return StatedErrorData(frame, resolved.assign(ratio=resolved.stated / resolved.true))
+
+    def draw(self, data: StatedErrorData, axes: Axes) -> None:
+        """Draw a dot for each charge."""
+        draw_stated_against_true(axes, data.resolved)
+
+    def make_caption(self, data: StatedErrorData) -> str:
+        """Return what dots and lines are."""
+        return (
             "A dot for each charge, both errors over the tolerance. Charges whose true error is "
-            f"below {TELLING:g} times the doubt about it are left out. Lines: stated errors of "
-            f"{LOW:g}, 1 and {HIGH:g} times the true ones."
+            f"below {RESOLVED_RATIO:g} times the doubt about it are left out. Lines: stated errors "
+            f"of {GOOD_LOW:g}, 1 and {GOOD_HIGH:g} times the true ones."
         )
-        groups = [of for _, of in told.groupby("group", sort=False)]
-        shown = pd.DataFrame([group_row(of) for of in [*groups, told.assign(group="all")]])
-        claim = (
-            f"stated errors are {LOW:g} to {HIGH:g} times the true ones in "
-            f"{share(told.ratio, LOW, HIGH)} of {len(told)} charges, and smaller in "
-            f"{share(told.ratio, 0.0, LOW)}"
+
+    def make_table(self, data: StatedErrorData) -> pd.DataFrame:
+        """Return a row for each group, and one for all."""
+        groups = [charges for _, charges in data.resolved.groupby("group", sort=False)]
+        groups.append(data.resolved.assign(group="all"))
+        return pd.DataFrame([summarize_group(charges) for charges in groups])
+
+    def make_claim(self, data: StatedErrorData) -> str:
+        """Return the shares of good and of too small stated errors."""
+        ratios = data.resolved.ratio
+        return (
+            f"stated errors are {GOOD_LOW:g} to {GOOD_HIGH:g} times the true ones in "
+            f"{format_share(ratios, GOOD_LOW, GOOD_HIGH)} of {len(ratios)} charges, and smaller in "
+            f"{format_share(ratios, 0.0, GOOD_LOW)}"
         )
-        return Content(caption, frame, stated_against_true(told), shown, claim)
 
 
-class CaseTable(OfCases):
-    """What is known of each case, and by how much, beside the errors at the tolerances."""
+class CaseTable(CaseKind):
+    """How the charges of each case are known, and how well, beside the errors of solves."""
 
     kind: Literal["cases"]
 
     stem: ClassVar[str] = "cases"
 
-    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
-        """A row for each case."""
-        frame = self.frame(inputs, results)
-        rows, runs = [], worst(frame)
-        for name, of in frame.groupby("case", sort=False):
-            doubt = (of.doubt_pC / of.known_pC).abs().max()
-            row = {"case": name, "known": SOURCES[of.source.iloc[0]], "to": percent(doubt)}
-            found = runs[runs.case == name].set_index("tolerance")
-            for tolerance in sorted(frame.tolerance.unique(), reverse=True):
-                row[percent(tolerance)] = "–"
-                if tolerance in found.index:
-                    true, spent = found.true[tolerance], found.seconds[tolerance]
-                    row[percent(tolerance)] = f"{percent(true)} in {seconds(spent)} s"
+    def make_caption(self, data: pd.DataFrame) -> str:
+        """Return what the errors are."""
+        return "The worst charge at each tolerance."
+
+    def make_table(self, data: pd.DataFrame) -> pd.DataFrame:
+        """Return a row for each case."""
+        runs = select_worst(data)
+        tolerances = sorted(data.tolerance.unique(), reverse=True)
+        rows = []
+        for name, charges in data.groupby("case", sort=False):
+            doubt = (charges.doubt_pC / charges.known_pC).abs().max()
+            source = SOURCES[charges.source.iloc[0]]
+            row = {"case": name, "known": source, "to": format_percent(doubt)}
+            solves = runs[runs.case == name].set_index("tolerance")
+            for tolerance in tolerances:
+                text = "–"
+                if tolerance in solves.index:
+                    error = format_percent(solves.true[tolerance])
+                    text = f"{error} in {format_seconds(solves.seconds[tolerance])} s"
+                row[format_percent(tolerance)] = text
             rows.append(row)
-        return Content("The worst charge at each tolerance.", frame, table=pd.DataFrame(rows))
+        return pd.DataFrame(rows)
 
 
-class BesideNGSolve(OfCases):
-    """True errors against seconds of this package and of NGSolve, a panel for each case, and the
-    seconds of each to be within `errors`."""
+@dataclass(frozen=True, eq=False)
+class PeerData:
+    """Charges of the cases that NGSolve solves, and the names of the cases."""
+
+    frame: pd.DataFrame
+    names: list[str]
+
+
+class BesideNGSolve(CaseKind, FigureKind):
+    """True errors against seconds of this package and of NGSolve, a panel for each case.
+
+    The table has the seconds of each code to be within `errors`.
+    """
 
     kind: Literal["beside-ngsolve"]
     errors: tuple[float, ...] = (1e-3, 1e-4)
 
     stem: ClassVar[str] = "beside-ngsolve"
 
-    def chosen(self, inputs: Inputs) -> list[Case]:
-        """The cases that NGSolve solves."""
-        return [case for case in super().chosen(inputs) if case.peer]
+    def list_cases(self, inputs: Inputs) -> list[Case]:
+        """Return the cases that NGSolve solves."""
+        return [case for case in super().list_cases(inputs) if case.peer]
 
-    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
-        """Panels of the cases, and the seconds to be within `errors`."""
-        names = [case.name for case in self.chosen(inputs)]
-        frame = self.frame(inputs, results)
-        runs = worst(frame)
-        table, told = self._table(runs, names)
-        caption = (
-            "NGSolve's orders on Netgen's curved meshes, of which the best are drawn, chosen "
-            "afterwards and without error estimates; this package finds its mesh and its error "
-            f"itself. One thread, no imports. {told}"
-        )
+    def collect_data(self, inputs: Inputs, results: ReportResults) -> PeerData:
+        """Return a row for each charge of each solve."""
+        names = [case.name for case in self.list_cases(inputs)]
+        return PeerData(super().collect_data(inputs, results), names)
+
+    def make_axes(self, data: PeerData) -> list[Axes]:
+        """Return a panel for each case."""
+        return make_case_panels(len(data.names))
+
+    def draw(self, data: PeerData, axes: Sequence[Axes]) -> None:
+        """Draw the best runs of both codes."""
+        draw_beside_peer(axes, select_worst(data.frame), data.names)
+
+    def make_caption(self, data: PeerData) -> str:
+        """Return what is compared, and the median ratios of the times."""
         if find_spec("ngsolve") is None:
-            caption = "NGSolve is not installed, and left out: pip install 'pvdf-fem[peers]'."
-        return Content(caption, frame, beside_peer(runs, names), table)
-
-    def _table(self, runs: pd.DataFrame, names: Sequence[str]) -> tuple[pd.DataFrame | None, str]:
-        """Seconds of the fastest runs that are within `errors`, and the median ratios in words."""
-        rows, ratios = [], dict[float, list[float]]()
-        for name in names:
-            row = {"case": name}
-            for error in self.errors:
-                within = runs[(runs.case == name) & (runs.true <= error)]
-                ours, theirs = (within[within.code == code].seconds.min() for code in (OURS, PEER))
-                row[f"s to {percent(error)}"] = seconds(ours)
-                row[f"{PEER}, {percent(error)}"] = seconds(theirs)
-                if np.isfinite([ours, theirs]).all():
-                    ratios.setdefault(error, []).append(theirs / ours)
-            rows.append(row)
-        if not ratios:
-            return None, ""
-        told = " and ".join(
-            f"{np.median(of):.1f} times the time to {percent(error)} ({len(of)} cases)"
-            for error, of in ratios.items()
+            return "NGSolve is not installed, and left out: pip install 'pvdf-fem[peers]'."
+        caption = (
+            "Of NGSolve's orders on Netgen's curved meshes the best are drawn, chosen afterwards "
+            "and without error estimates; this package finds its mesh and its error itself. One "
+            "thread, no imports. "
         )
-        return pd.DataFrame(rows), f"In the median {PEER} takes {told}."
+        ratios = []
+        for error in self.errors:
+            times = self._find_times(data, error)
+            both = [ours_theirs for ours_theirs in times if np.isfinite(ours_theirs).all()]
+            if both:
+                ratio = np.median([theirs / ours for ours, theirs in both])
+                percent = format_percent(error)
+                ratios.append(f"{ratio:.1f} times the time to {percent} ({len(both)} cases)")
+        if ratios:
+            caption += f"In the median {PEER} takes {' and '.join(ratios)}."
+        return caption
+
+    def make_table(self, data: PeerData) -> pd.DataFrame | None:
+        """Return the seconds of both codes to be within the errors."""
+        columns: dict[str, list[str]] = {"case": data.names}
+        is_compared = False
+        for error in self.errors:
+            times = self._find_times(data, error)
+            is_compared = is_compared or any(np.isfinite(pair).all() for pair in times)
+            percent = format_percent(error)
+            columns[f"s to {percent}"] = [format_seconds(ours) for ours, _ in times]
+            columns[f"{PEER}, {percent}"] = [format_seconds(theirs) for _, theirs in times]
+        return pd.DataFrame(columns) if is_compared else None
+
+    def _find_times(self, data: PeerData, error: float) -> list[tuple[float, float]]:
+        """Return the seconds of both codes' fastest runs within an error, for each case."""
+        runs = select_worst(data.frame)
+        times = []
+        for name in data.names:
+            within = runs[(runs.case == name) & (runs.true <= error)]
+            ours = within[within.code == OURS].seconds.min()
+            theirs = within[within.code == PEER].seconds.min()
+            times.append((ours, theirs))
+        return times
 
 
-class Stages(OfCases):
+class Stages(CaseKind, FigureKind):
     """Seconds of mesh, solve and estimate of some cases."""
 
     kind: Literal["stages"]
@@ -204,12 +294,24 @@ class Stages(OfCases):
     stem: ClassVar[str] = "stages"
     rank: ClassVar[int] = 2
 
-    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
-        """A bar for each case and tolerance."""
-        frame = self.frame(inputs, results).drop_duplicates(["case", "tolerance"])
-        total = frame[list(STAGES)].sum()
-        parts = ", ".join(f"{name} {total[name] / total.sum():.0%}" for name in STAGES)
-        return Content(f"Of all these seconds: {parts}.", frame, stage_bars(frame))
+    def collect_data(self, inputs: Inputs, results: ReportResults) -> pd.DataFrame:
+        """Return a row for each solve."""
+        charges = super().collect_data(inputs, results)
+        return charges.drop_duplicates(["case", "tolerance"])
+
+    def make_axes(self, data: pd.DataFrame) -> Axes:
+        """Return axes with room for the bars."""
+        return make_bar_axes(len(data))
+
+    def draw(self, data: pd.DataFrame, axes: Axes) -> None:
+        """Draw a bar for each case and tolerance."""
+        draw_stages(axes, data)
+
+    def make_caption(self, data: pd.DataFrame) -> str:
+        """Return the shares of the stages in all seconds."""
+        total = data[list(STAGES)].sum()
+        shares = [f"{stage} {total[stage] / total.sum():.0%}" for stage in STAGES]
+        return f"Of all these seconds: {', '.join(shares)}."
 
 
 class SweepCost(Kind):
@@ -221,28 +323,37 @@ class SweepCost(Kind):
 
     stem: ClassVar[str] = "sweep-cost"
 
-    def list_scenes(self, inputs: Inputs) -> list[Scene]:
-        """None: a sweep whose time is measured is a task."""
-        return []
-
-    def list_tasks(self, inputs: Inputs) -> list[Swept]:
-        """A sweep for each tolerance."""
+    def list_tasks(self, inputs: Inputs) -> list[SweepTimes]:
+        """Return a sweep for each tolerance."""
         scene = self.resolve_scene(inputs)
-        asked, places = (self.tolerances[:1], 2) if inputs.quick else (self.tolerances, self.places)
-        return [Swept(scene.with_(**{"numerics.tolerance": of}), places) for of in asked]
+        tolerances = self.tolerances[:1] if inputs.quick else self.tolerances
+        places = 2 if inputs.quick else self.places
+        tasks = []
+        for tolerance in tolerances:
+            changed = scene.with_(**{"numerics.tolerance": tolerance})
+            tasks.append(SweepTimes(changed, places))
+        return tasks
 
-    def compose(self, inputs: Inputs, results: ReportResults) -> Content:
-        """A row for each tolerance."""
-        frame = pd.DataFrame(
-            {"tolerance": task.scene.numerics.tolerance, **row}
-            for task in self.list_tasks(inputs)
-            for row in results.get_rows(task)
+    def collect_data(self, inputs: Inputs, results: ReportResults) -> pd.DataFrame:
+        """Return a row for each tolerance."""
+        rows = []
+        for task in self.list_tasks(inputs):
+            for row in results.get_rows(task):
+                rows.append({"tolerance": task.scene.numerics.tolerance, **row})
+        return pd.DataFrame(rows)
+
+    def make_caption(self, data: pd.DataFrame) -> str:
+        """Return what the times are."""
+        return "Processor time of a scene."
+
+    def make_table(self, data: pd.DataFrame) -> pd.DataFrame:
+        """Return the times in milliseconds."""
+        return pd.DataFrame(
+            {
+                "tolerance": data.tolerance.map(format_percent),
+                "solves": [f"{row.solves} for {row.scenes} scenes" for row in data.itertuples()],
+                "ms in the sweep": (1e3 * data.seconds).map("{:.1f}".format),
+                "ms alone": (1e3 * data.alone).map("{:.0f}".format),
+                "ratio": (data.alone / data.seconds).map("{:.1f}".format),
+            }
         )
-        shown = {
-            "tolerance": frame.tolerance.map(percent),
-            "solves": [f"{row.solves} for {row.scenes} scenes" for row in frame.itertuples()],
-            "ms in the sweep": (1e3 * frame.seconds).map("{:.1f}".format),
-            "ms alone": (1e3 * frame.alone).map("{:.0f}".format),
-            "ratio": (frame.alone / frame.seconds).map("{:.1f}".format),
-        }
-        return Content("Processor time of a scene.", frame, table=pd.DataFrame(shown))

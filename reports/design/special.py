@@ -158,9 +158,9 @@ class StudyKind(Kind):
             errors = study.find_errors(
                 domain, self.step_mm, self.tolerance, self.sigma, self.noise_pC
             )
-            found = list(errors)
-            if found:
-                raise SceneError(found)
+            messages = list(errors)
+            if messages:
+                raise SceneError(messages)
 
     def join_datasets(self, inputs: Inputs, results: ReportResults) -> xarray.Dataset:
         """Return the datasets of the tasks as one, along the first key."""

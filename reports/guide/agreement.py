@@ -18,7 +18,7 @@ from pvdf_fem.report.registry import load_kinds
 from pvdf_fem.report.report import STORE, Report
 from pvdf_fem.report.results import ReportResults
 from pvdf_fem.solver.nonlinear.status import Status
-from reports.accuracy.drawn import drawn_scenes
+from reports.accuracy.drawn import draw_scenes
 
 ROOT = Path(__file__).parents[2]
 OUT = ROOT / "reports" / "out"
@@ -66,7 +66,7 @@ def proofs() -> Markdown:
 def stated_and_true(seed: int = 1, count: int = 3) -> Markdown:
     """Stated errors of random scenes beside the differences from solves that are finer."""
     rows = []
-    for scene in (scene for kind in QUICK for scene in drawn_scenes(kind, count, seed)):
+    for scene in (scene for kind in QUICK for scene in draw_scenes(kind, count, seed)):
         probe = scene.single_probe
         kind = f"{scene.load.kind}, {probe.shape if probe else ''}"
         found = solve(scene)

@@ -58,7 +58,8 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
 INTERNAL = (
     *("model_config", "model_post_init", "summary", "film_data", "fields", "at_rest", "table"),
     *("loaded", "loaded_probes", "single_probe", "tips", "unheeded", "warm_probes"),
-    *("require_no_tips", "require_plain_charges", "measured", "plan", "is_fast", "quantities"),
+    *("require_no_tips", "require_plain_charges", "plan", "is_fast", "quantities"),
+    *("with_measured_error", "stress_modes", "validation"),
 )
 
 

@@ -46,48 +46,65 @@ LOADS: tuple[Tables, ...] = (
 TRIES = 200  #: Draws of sizes, after which another kind of electrodes is taken.
 
 
-def extreme_scene(number: int, seed: int) -> Scene:
+def draw_extreme_scene(number: int, seed: int) -> Scene:
     """Draw the scene of a number."""
     random = np.random.default_rng([seed, number])
-    film, shape = _film(random), str(random.choice(SHAPES))
+    film, shape = _draw_film(random), str(random.choice(SHAPES))
     load = LOADS[int(random.integers(2 if shape == "whole" else 4))]
     radius = film["film.radius_mm"]
-    probe = _probe(random, shape, radius)
-    changes = {**film, **load, "load.force_N": _drawn(random, "load.force_N"), "probe": probe}
+    probe = _draw_probe(random, shape, radius)
+    changes = {
+        **film,
+        **load,
+        "load.force_N": _draw_in_range(random, "load.force_N"),
+        "probe": probe,
+    }
     for kind in random.permutation(ELECTRODES):
         for _ in range(TRIES):
             try:
-                electrodes = _electrodes(random, str(kind), radius, probe)
+                electrodes = _draw_electrodes(random, str(kind), radius, probe)
                 return Scene().with_(**changes, electrodes=electrodes)
             except SceneError:
                 continue
     raise RuntimeError(f"no electrodes fit on scene {number} of seed {seed}")
 
 
-def enlarged(scene: Scene, length: float, modulus: float) -> Scene:
-    """The scene with all lengths and moduli times factors, and forces that leave the strains as
-    they are: charges grow with the modulus and the square of the lengths."""
+def enlarge(scene: Scene, length: float, modulus: float) -> Scene:
+    """Return a scene with all lengths and moduli times factors, and with the same strains.
 
-    def grown(table: Any, key: str = "") -> Any:
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    length, modulus : float
+        Factors of lengths and moduli. Forces and charges grow with the modulus and the square of
+        the lengths.
+
+    Returns
+    -------
+    Scene
+    """
+
+    def scale(table: Any, key: str = "") -> Any:
         if isinstance(table, dict):
-            return {name: grown(value, name) for name, value in table.items()}
+            return {name: scale(value, name) for name, value in table.items()}
         if isinstance(table, list):
-            return [grown(value, key) for value in table]
+            return [scale(value, key) for value in table]
         factor = length if key.endswith(("_mm", "_um")) else 1.0
         factor *= modulus if key.endswith("_modulus_GPa") else 1.0
         factor *= modulus * length**2 if key == "force_N" else 1.0
         return table if factor == 1.0 else factor * table
 
-    return Scene.model_validate(grown(scene.model_dump(mode="json", exclude_none=True)))
+    return Scene.model_validate(scale(scene.model_dump(mode="json", exclude_none=True)))
 
 
-def _film(random: Random) -> Tables:
+def _draw_film(random: Random) -> Tables:
     keys = ("film.radius_mm", "film.thickness_um", "film.youngs_modulus_GPa")
-    film: Tables = {key: _drawn(random, key) for key in keys}
+    film: Tables = {key: _draw_in_range(random, key) for key in keys}
     modulus, ratio = film[keys[2]], float(random.uniform(0.0, 0.499))
-    film |= {"film.poisson_ratio": ratio, "film.temperature_change_K": _temperature(random)}
+    film |= {"film.poisson_ratio": ratio, "film.temperature_change_K": _draw_temperature(random)}
     if random.random() < 0.25:
-        softer = max(modulus / _drawn(random, "orthotropy"), RANGES[keys[2]][0])
+        softer = max(modulus / _draw_in_range(random, "orthotropy"), RANGES[keys[2]][0])
         film[keys[2]] = [modulus, softer]
         if random.random() < 0.5:
             film |= {keys[2]: [softer, modulus], "film.poisson_ratio": ratio * softer / modulus}
@@ -99,21 +116,27 @@ def _film(random: Random) -> Tables:
     return film
 
 
-def _temperature(random: Random) -> float:
+def _draw_temperature(random: Random) -> float:
     kind = random.choice(["cold", "cold", "none", "rounding", "hot"])
     if kind in ("cold", "hot"):
-        return -_drawn(random, "cooling_K") if kind == "cold" else _drawn(random, "heating_K")
+        return (
+            -_draw_in_range(random, "cooling_K")
+            if kind == "cold"
+            else _draw_in_range(random, "heating_K")
+        )
     return 0.0 if kind == "none" else -1e-12
 
 
-def _probe(random: Random, shape: str, radius: float) -> Tables:
-    """A probe at the film's centre, anywhere, or with a small gap to the rim."""
+def _draw_probe(random: Random, shape: str, radius: float) -> Tables:
+    """Draw a probe at the film's centre, anywhere, or with a small gap to the rim."""
     if shape == "whole":
         return {"shape": "circle", "radius_mm": radius}
-    probe = _sized(random, shape, _log(random, LEAST_MM["probe"], LARGEST["probe"] * radius))
+    probe = _draw_size(
+        random, shape, _draw_log_uniform(random, LEAST_MM["probe"], LARGEST["probe"] * radius)
+    )
     probe["rotation_deg"] = float(random.choice([0.0, 30.0, 90.0, random.uniform(0.0, 360.0)]))
     where, angle = random.choice(["centre", "anywhere", "rim"]), random.uniform(0.0, 2.0 * np.pi)
-    gap = min(_drawn(random, "gap_mm"), 0.01 * radius)
+    gap = min(_draw_in_range(random, "gap_mm"), 0.01 * radius)
 
     def at(distance: float) -> Tables:
         place = distance * np.array([np.cos(angle), np.sin(angle)])
@@ -125,12 +148,12 @@ def _probe(random: Random, shape: str, radius: float) -> Tables:
     low, high = 0.0, radius
     while high - low > 1e-3 * gap:
         middle = 0.5 * (low + high)
-        fits = 1e3 * _outline(at(middle)).reach <= radius - gap
+        fits = 1e3 * _make_outline(at(middle)).reach <= radius - gap
         low, high = (middle, high) if fits else (low, middle)
     return at(low * (float(np.sqrt(random.random())) if where == "anywhere" else 1.0))
 
 
-def _sized(random: Random, shape: str, size: float) -> Tables:
+def _draw_size(random: Random, shape: str, size: float) -> Tables:
     if shape == "circle":
         return {"shape": "circle", "radius_mm": size / 2}
     if shape == "triangle":
@@ -141,35 +164,38 @@ def _sized(random: Random, shape: str, size: float) -> Tables:
         corners = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         radii = size / 2 * random.uniform(0.4, 1.0, (count, 1))
         return {"shape": "polygon", "vertices_mm": (radii * corners).tolist()}
-    slender = _drawn(random, "aspect") if shape == "needle" else random.uniform(1.0, 5.0)
+    slender = _draw_in_range(random, "aspect") if shape == "needle" else random.uniform(1.0, 5.0)
     height = max(size / slender, LEAST_MM["needle"])
     return {"shape": "rectangle", "width_mm": size, "height_mm": float(height)}
 
 
-def _outline(probe: Tables) -> Outline:
+def _make_outline(probe: Tables) -> Outline:
     return Probe.model_validate(probe).outline
 
 
-def _electrodes(random: Random, kind: str, radius: float, probe: Tables) -> list[Tables]:
-    side = _log(random, LEAST_MM["electrode"], LARGEST["electrode"] * radius)
+def _draw_electrodes(random: Random, kind: str, radius: float, probe: Tables) -> list[Tables]:
+    side = _draw_log_uniform(random, LEAST_MM["electrode"], LARGEST["electrode"] * radius)
     farthest = float(np.sqrt(radius**2 - side**2 / 4) - side / 2)
     if kind == "rim":  # each has two corners on the rim
-        return [_square("A", farthest, 0.0, side), _square("B", 0.0, farthest, side)]
+        return [_make_square("A", farthest, 0.0, side), _make_square("B", 0.0, farthest, side)]
     if kind == "corner":  # a corner of each touches one of the other
-        return [_square("A", side / 2, side / 2, side), _square("B", -side / 2, -side / 2, side)]
+        return [
+            _make_square("A", side / 2, side / 2, side),
+            _make_square("B", -side / 2, -side / 2, side),
+        ]
     if kind == "disc":  # it touches the rim, or is close to it
-        x = radius - side / 2 - float(random.choice([0.0, _drawn(random, "gap_mm")]))
+        x = radius - side / 2 - float(random.choice([0.0, _draw_in_range(random, "gap_mm")]))
         return [{"name": "A", "shape": "circle", "radius_mm": side / 2, "x_mm": x, "y_mm": 0.0}]
     if kind == "edge":
-        return [_beside(random, probe, side)]
+        return [_draw_electrode_beside(random, probe, side)]
     ring = random.uniform(side, farthest)
     places = {"A": (ring, 0.0), "B": (0.0, ring), "C": (-ring, 0.0), "D": (0.0, -ring)}
-    return [_square(name, x, y, side) for name, (x, y) in places.items()]
+    return [_make_square(name, x, y, side) for name, (x, y) in places.items()]
 
 
-def _beside(random: Random, probe: Tables, side: float) -> Tables:
-    """An electrode whose edge is a hair's breadth from the edge of the probe, on either side."""
-    outline, hair = _outline(probe), HAIR_MM * float(random.choice([-1.0, 1.0]))
+def _draw_electrode_beside(random: Random, probe: Tables, side: float) -> Tables:
+    """Draw an electrode whose edge is very close to that of the probe, on either side."""
+    outline, hair = _make_outline(probe), HAIR_MM * float(random.choice([-1.0, 1.0]))
     if isinstance(outline, Circle):
         place = dict(zip(("x_mm", "y_mm"), (1e3 * outline.centre).tolist(), strict=True))
         return {"name": "A", "shape": "circle", "radius_mm": 1e3 * outline.radius + hair, **place}
@@ -180,18 +206,18 @@ def _beside(random: Random, probe: Tables, side: float) -> Tables:
     outward = np.array([along[1], -along[0]]) * random.choice([-1.0, 1.0])
     x, y = (a + b) / 2 + outward * (side / 2 + hair)
     turned = float(np.degrees(np.arctan2(along[1], along[0])))
-    return _square("A", float(x), float(y), side) | {"rotation_deg": turned}
+    return _make_square("A", float(x), float(y), side) | {"rotation_deg": turned}
 
 
-def _square(name: str, x: float, y: float, side: float) -> Tables:
+def _make_square(name: str, x: float, y: float, side: float) -> Tables:
     place = {"x_mm": float(x), "y_mm": float(y)}
     return {"name": name, "shape": "square", "side_mm": float(side), **place}
 
 
-def _drawn(random: Random, name: str) -> float:
-    """A number between the ends of a range of `RANGES`."""
-    return _log(random, *RANGES[name])
+def _draw_in_range(random: Random, name: str) -> float:
+    """Draw a number of a range of `RANGES`, uniformly in its logarithm."""
+    return _draw_log_uniform(random, *RANGES[name])
 
 
-def _log(random: Random, low: float, high: float) -> float:
+def _draw_log_uniform(random: Random, low: float, high: float) -> float:
     return float(np.exp(random.uniform(np.log(low), np.log(high))))

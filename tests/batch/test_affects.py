@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, SceneError, Solution, solve
+from pvdf_fem.batch.keys import make_record_key
 from pvdf_fem.batch.plan import plan_solves
-from pvdf_fem.batch.store import make_record_key
 from pvdf_fem.scene.changes import parse_key
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.registry import PROBE_SHAPES, PROFILE_ENTRIES

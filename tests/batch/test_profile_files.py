@@ -8,8 +8,9 @@ import pytest
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.batch.batch import plan_scenes, solve_planned, solve_scenes
+from pvdf_fem.batch.keys import make_record_key
 from pvdf_fem.batch.plan import plan_solves
-from pvdf_fem.batch.store import Store, make_record_key
+from pvdf_fem.batch.store import Store
 from tests.helpers.refusals import keys, refused
 
 PROFILE = "p.csv"

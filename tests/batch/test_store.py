@@ -46,7 +46,7 @@ def test_every_module_that_solves_changes_the_hash():
     """But for those that no charge depends on."""
     script = (
         "import sys, pvdf_fem.batch.records\n"
-        "from pvdf_fem.batch.store import list_modules\n"
+        "from pvdf_fem.batch.keys import list_modules\n"
         "modules = {n: m.__file__ for n, m in sys.modules.items() if n.startswith('pvdf_fem')}\n"
         "hashed = set(map(str, list_modules()))\n"
         "print(*sorted(name for name, path in modules.items() if path not in hashed))\n"

@@ -17,7 +17,8 @@ import xarray
 
 from pvdf_fem import solve
 from pvdf_fem.batch import batch
-from pvdf_fem.batch.store import Record, Store, make_record_key
+from pvdf_fem.batch.keys import make_record_key
+from pvdf_fem.batch.store import Record, Store
 from pvdf_fem.batch.workers import ClusterLostError, WorkerDied, run_on_processes
 from pvdf_fem.studies.scene_grid import SceneGrid
 from pvdf_fem.studies.sweep import sweep
@@ -231,10 +232,10 @@ def test_the_command_prints_its_plan_and_writes_the_dataset(
     failed = Record("unstable", "no", tuple("ABCD"))
     monkeypatch.setattr(batch, "make_records", lambda scenes, frames: [failed] * len(scenes))
     done = command(*line, "--store", "other.db")
-    assert (done.code, done.told) == (3, ["no charges in 4 scenes"])
+    assert (done.code, done.stderr_keys) == (3, ["no charges in 4 scenes"])
     (tmp_path / "s.toml").write_text(
         f"{text}[[axes]]\nfilm.radius_mm = [40, 45]\n[[axes]]\nfilm.thickness_um = [9, 25]\n"
     )
-    assert command(*line, "--plot", "s.png").mistakes == ["--plot"]
+    assert command(*line, "--plot", "s.png").error_keys == ["--plot"]
     nowhere = ["--scheduler", "nonsense://x"]
-    assert command(*line[:2], "--quiet", *nowhere).mistakes == [" ".join(nowhere)]
+    assert command(*line[:2], "--quiet", *nowhere).error_keys == [" ".join(nowhere)]

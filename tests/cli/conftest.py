@@ -1,4 +1,4 @@
-"""A folder with scenes and tables in which commands run, and what stands in place of long work."""
+"""A folder with scenes and tables in which commands run, and replacements for long work."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from importlib import import_module
 
 import pytest
 
+from tests.helpers.bump_response import make_bump_response
 from tests.helpers.streams import make_sensor
-from tests.helpers.touch_models import bumps
 
 TOLERANCE = "[numerics]\ntolerance = 0.05\n"
 READOUT = "[readout]\nfeedback_capacitance_pF = 500\n"
@@ -48,14 +48,14 @@ RESPONSE_USERS = (
 
 
 @pytest.fixture
-def models(monkeypatch):
+def made_up_responses(monkeypatch):
     """Replace built responses by made-up ones; the list receives the scene of each."""
     scenes = []
     unloaded = make_sensor()
 
     def make_response(scene, *_, **__):
         scenes.append(scene)
-        return bumps(scene.single_probe.shape).for_scene(scene)
+        return make_bump_response(scene.single_probe.shape).for_scene(scene)
 
     def make_tracked_response(scene, *_):
         return replace(unloaded, scene=scene)
@@ -67,16 +67,16 @@ def models(monkeypatch):
     return scenes
 
 
-class Begun(BaseException):
-    """Raised where the work on accepted input begins, with what the work is given."""
+class WorkBegun(BaseException):
+    """Raised in place of the work on accepted input, with the arguments of the work."""
 
 
-#: Functions with which work begins.
+#: Functions that begin the work of commands.
 WORK = (
-    "pvdf_fem.solver.sensitivity.uncertainty.solve",
+    "pvdf_fem.solver.solve.solve",
     "pvdf_fem.mesh.gmsh_mesh.mesh_scene",
     "pvdf_fem.dynamics.modes.modes",
-    "pvdf_fem.dynamics.charge_changes.solve",
+    "pvdf_fem.dynamics.charge_changes.solve_problem",
     "pvdf_fem.batch.batch.plan_scenes",
     "pvdf_fem.inverse.calibration.calibrate.ReadingModel",
     "pvdf_fem.surrogate.response_builder.build_response",
@@ -95,14 +95,14 @@ HOLDERS = (
 
 
 @pytest.fixture
-def begun(monkeypatch):
-    """The exception that all work raises."""
+def work_begun(monkeypatch):
+    """Replace all work by an exception, which is returned."""
     for name in HOLDERS:
         import_module(name)
 
-    def begin(*given, **_):
-        raise Begun(*given)
+    def begin(*arguments, **_):
+        raise WorkBegun(*arguments)
 
     for place in WORK:
         monkeypatch.setattr(place, begin)
-    return Begun
+    return WorkBegun

@@ -1,4 +1,4 @@
-"""Damaged input of each kind is refused in lines, or accepted with every value that is left."""
+"""Damaged input of each kind gives error messages, or is accepted with its remaining values."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import MOST_BYTES
 from tests.helpers.damage import damages, drawn
 
-MOST_TABLE = 500  #: Bytes of a damaged table, whose rows are all answered.
+MAX_TABLE_BYTES = 500  #: Bytes of a damaged table, whose rows are all answered.
 
 LIST = '[[electrodes]]\nname = "β 2"\nx_mm = 9.0\ny_mm = 0.0\n[probe]\n'
 ROOT = Path(__file__).parents[2]
@@ -49,8 +49,8 @@ def has_a_status_in_each_row(table):
     return all(row["status"] for row in csv.DictReader(io.StringIO(table, newline="")))
 
 
-#: Command lines with the file or the word ``{}``, texts that are damaged, and what holds for what
-#: work is given, or for the rows that come out.
+#: Command lines with the file or the word ``{}``, texts to be damaged, and a check of the arguments
+#: of the work, or of the rows of the output.
 INPUTS = {
     "scene": ("solve {}", [*SCENES, LIST], are_scenes),
     "change": ("solve list.toml --set={}", ["electrodes[0].x_mm=9.5"], are_scenes),
@@ -73,11 +73,13 @@ INPUTS = {
 @pytest.mark.parametrize("name", INPUTS)
 @given(data=st.data())
 @settings(drawn(0.6), suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_damaged_input_is_refused_or_held(name, data, folder, models, begun, command):
-    line, texts, holds = INPUTS[name]
+def test_damaged_input_is_an_error_or_a_valid_input(
+    name, data, folder, made_up_responses, work_begun, command
+):
+    line, texts, is_valid = INPUTS[name]
     damaged = data.draw(st.sampled_from(texts).flatmap(lambda text: damages(text.encode())))
-    if holds is has_a_status_in_each_row:
-        damaged = damaged[:MOST_TABLE]
+    if is_valid is has_a_status_in_each_row:
+        damaged = damaged[:MAX_TABLE_BYTES]
     if "={}" in line:  # a word, as long as a system takes
         word = damaged[:100_000].replace(b"\0", b"").decode("utf-8", "surrogateescape")
     else:
@@ -86,35 +88,35 @@ def test_damaged_input_is_refused_or_held(name, data, folder, models, begun, com
     before = {*folder.iterdir()}
     try:
         run = command(*(part.replace("{}", word) for part in line.split()))
-    except begun as accepted:
-        held = holds(*accepted.args)
+    except work_begun as accepted:
+        valid = is_valid(*accepted.args)
     else:
-        held = run.out and holds(run.out)  # rows are answered as they come
-        if not held:
-            lines = run.told
+        valid = run.out and is_valid(run.out)  # rows are answered one by one
+        if not valid:
+            lines = run.stderr_keys
             assert (run.code, run.out, bool(lines)) == (2, "", True)
             assert len(lines) <= MAX_LINES + 1 or lines[0] == "usage"
             lines = run.err.splitlines()
             assert all(line.isprintable() and len(line) < MAX_LINE_LENGTH + 100 for line in lines)
             return
-    assert held
+    assert valid
     assert {*folder.iterdir()} == before
 
 
-# ----------------------------------------------------------------------------- files of all kinds
+# ------------------------------------------------------------------------ paths that are no files
 
 
-STRANGE = {
+NOT_TEXT_FILES = {
     "directory": Path.mkdir,
     "pipe": os.mkfifo,
     "endless": lambda path: path.symlink_to("/dev/zero"),
 }
 
 
-@pytest.mark.parametrize("name", STRANGE)
-def test_what_is_no_text_file_is_refused_at_once(tmp_path, name):
+@pytest.mark.parametrize("name", NOT_TEXT_FILES)
+def test_a_path_that_is_not_a_text_file_is_an_error_at_once(tmp_path, name):
     path = tmp_path / name
-    STRANGE[name](path)
+    NOT_TEXT_FILES[name](path)
     tracemalloc.start()
     with pytest.raises(SceneError) as caught:
         Scene.from_file(path)

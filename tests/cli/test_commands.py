@@ -1,4 +1,4 @@
-"""What each command gives: exit code, the keys and values of Python's results, and files."""
+"""The output of each command: exit code, the values of Python's results, and files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pvdf_fem import Scene, __version__, calibrate, dataset, modes, respond, sol
 from pvdf_fem.cli.options import read_scene
 from pvdf_fem.scene.scene_file import read_examples, read_key_texts
 from pvdf_fem.solver.nonlinear.deferred_newton import NewtonOptions
-from tests.helpers.touch_models import bumps
+from tests.helpers.bump_response import make_bump_response
 from tests.helpers.touched_sensor import SCENE as TOUCHED
 from tests.helpers.touched_sensor import TRUE, make_columns, patch_solver
 
@@ -32,8 +32,8 @@ def is_svg(name):
     return "<svg" in Path(name).read_text()[:1000]
 
 
-def untimed(result):
-    """A result without its times."""
+def without_times(result):
+    """Return a result without its times."""
     meshes = [{**mesh, "seconds": 0} for mesh in result.get("history", [])]
     return {**result, "seconds": 0, "history": meshes}
 
@@ -49,7 +49,7 @@ def untimed(result):
 def test_json_and_text_are_the_result_of_python(folder, command, line, found):
     run, expected = command(*line.split(), "--json"), found(Scene.from_file("scene.toml"))
     assert (run.code, run.err, run.out.count("\n")) == (0, "", 1)
-    assert untimed(run.json) == untimed(json.loads(json.dumps(expected.to_json())))
+    assert without_times(run.json) == without_times(json.loads(json.dumps(expected.to_json())))
     run = command(*line.split(), "--plot", "a.svg")
     tables = [text.splitlines()[:6] for text in (run.out, str(expected))]  # times follow
     assert (run.code, tables[0]) == (0, tables[1])
@@ -61,7 +61,7 @@ def test_a_response_is_csv_by_frequency(folder, command):
     expected = respond("disc.toml", [2.0, 600.0])
     found = pd.read_csv(io.StringIO(run.out))
     pd.testing.assert_frame_equal(found, expected.to_dataframe(), rtol=1e-9)
-    assert (run.code, len(run.told)) == (0, len(expected.neglected))
+    assert (run.code, len(run.stderr_keys)) == (0, len(expected.neglected))
 
 
 @pytest.mark.parametrize(
@@ -72,14 +72,14 @@ def test_a_response_is_csv_by_frequency(folder, command):
         ("respond disc.toml --plot a.svg", "max_iterations"),
     ],
 )
-def test_what_has_not_converged_has_a_status_and_no_result(
+def test_without_convergence_there_is_a_status_and_no_result(
     folder, command, monkeypatch, line, status
 ):
     few = partial(NewtonOptions, max_iterations=2)
     monkeypatch.setattr("pvdf_fem.solver.nonlinear.fallback.NewtonOptions", few)
     run = command(*line.split())
     assert (run.code, run.out, status in run.err) == (3, "", True)
-    assert ("film.d31_pC_N = 2.3e-11" in run.told) == ("solve" in line)  # a doubt
+    assert ("film.d31_pC_N = 2.3e-11" in run.stderr_keys) == ("solve" in line)  # a warning
     run = command(*line.split(), "--json")
     assert (run.code, list(folder.glob("a.*"))) == (3, [])
     if "respond" not in line:
@@ -87,44 +87,44 @@ def test_what_has_not_converged_has_a_status_and_no_result(
         assert not {"charges_pC", "frequencies_Hz"} & run.json.keys()
 
 
-def test_patches_of_a_mesh_file_are_solved_on(folder, command):
+def test_a_mesh_file_is_solved_with_its_patches(folder, command):
     run = command("mesh", "scene.toml", "a.msh")
     assert (run.code, run.err) == (0, "")
-    asked = "--mesh a.msh --json --vtu a.vtu --plot a.svg --quantity stress"
-    given = command("solve", "scene.toml", *asked.split()).json
-    assert len(given["history"]) == 1
-    assert given["charges_pC"] == pytest.approx(solve("scene.toml").charges_pC, rel=5e-2)
+    options = "--mesh a.msh --json --vtu a.vtu --plot a.svg --quantity stress"
+    result = command("solve", "scene.toml", *options.split()).json
+    assert len(result["history"]) == 1
+    assert result["charges_pC"] == pytest.approx(solve("scene.toml").charges_pC, rel=5e-2)
     assert is_svg("a.svg")
     assert Path("a.vtu").exists()
     other = command("solve", "scene.toml", "--set", "probe.x_mm=4", "--mesh", "a.msh")
-    assert set(other.mistakes) == {"a.msh"}
+    assert set(other.error_keys) == {"a.msh"}
 
 
-# ---------------------------------------------------------------------- studies with made-up models
+# ------------------------------------------------------------------- studies with made-up responses
 
 
-def test_touches_for_estimators_are_those_of_python(folder, models, command):
-    asked = "--touches 30 --seed 5 --sigma 0.03 --noise 2 --set film.thickness_um=20"
-    assert command("dataset", "disc.toml", *asked.split(), "--output", "touches.nc").code == 0
+def test_a_dataset_is_that_of_python(folder, made_up_responses, command):
+    options = "--touches 30 --seed 5 --sigma 0.03 --noise 2 --set film.thickness_um=20"
+    assert command("dataset", "disc.toml", *options.split(), "--output", "touches.nc").code == 0
     sensor = Scene.from_file("disc.toml").with_(**{"film.thickness_um": 20.0})
-    expected = dataset(sensor, 30, 5, 0.03, noise_pC=2.0, response=bumps("circle"))
-    assert models == [sensor]
-    with xarray.open_dataset("touches.nc") as kept:
-        np.testing.assert_array_equal(kept.reading_pC, expected.reading_pC)
-        assert kept.attrs["scene"] == expected.attrs["scene"]
+    expected = dataset(sensor, 30, 5, 0.03, noise_pC=2.0, response=make_bump_response("circle"))
+    assert made_up_responses == [sensor]
+    with xarray.open_dataset("touches.nc") as dataset_file:
+        np.testing.assert_array_equal(dataset_file.reading_pC, expected.reading_pC)
+        assert dataset_file.attrs["scene"] == expected.attrs["scene"]
 
 
-def test_designs_are_printed_drawn_and_written(folder, models, command):
+def test_designs_are_printed_drawn_and_written(folder, made_up_responses, command):
     thick = "film.thickness_um={start=10, stop=20, count=2}"
-    asked = "design disc.toml --set electrodes.layout=ring --sigma 0.02 --step 6 --vary"
-    asked = [*asked.split(), "electrodes.count=4,6", "--vary", thick]
-    told = command(*asked, "--json", "--output", "a.csv", "--plot", "a.svg").json
-    assert (told["noise"], told["step_mm"], len(models)) == (0.02, 6.0, 2)
-    keys = [(of["count"], of["thickness_um"]) for of in told["designs"]]
+    options = "design disc.toml --set electrodes.layout=ring --sigma 0.02 --step 6 --vary"
+    line = [*options.split(), "electrodes.count=4,6", "--vary", thick]
+    result = command(*line, "--json", "--output", "a.csv", "--plot", "a.svg").json
+    assert (result["noise"], result["step_mm"], len(made_up_responses)) == (0.02, 6.0, 2)
+    keys = [(of["count"], of["thickness_um"]) for of in result["designs"]]
     assert keys == [(4, 10.0), (4, 20.0), (6, 10.0), (6, 20.0)]
-    pd.testing.assert_frame_equal(pd.read_csv("a.csv"), pd.DataFrame(told["designs"]))
+    pd.testing.assert_frame_equal(pd.read_csv("a.csv"), pd.DataFrame(result["designs"]))
     assert is_svg("a.svg")
-    run = command(*asked)
+    run = command(*line)
     assert (run.code, len(run.out.splitlines())) == (0, 5)
 
 
@@ -140,27 +140,27 @@ def test_a_sensor_is_calibrated_or_has_a_status(folder, command, monkeypatch, co
     with open("touches.csv", "w", newline="") as file:
         csv.writer(file).writerows([columns, *zip(*columns.values(), strict=True)])
     unknown, priors = "film.pretension_N_m,gains", {"gains": 0.2}
-    asked = ["calibrate", "sensor.toml", "touches.csv", "--unknown", unknown, "--place-sd", "0.3"]
-    asked += ["--prior", "gains=0.2"]
-    run = command(*asked, "--output", "found.toml", "--page", "page.html", "--json")
+    line = ["calibrate", "sensor.toml", "touches.csv", "--unknown", unknown, "--place-sd", "0.3"]
+    line += ["--prior", "gains=0.2"]
+    run = command(*line, "--output", "found.toml", "--page", "page.html", "--json")
     expected = calibrate(scene, "touches.csv", unknown.split(","), place_sd=0.3, priors=priors)
     assert (run.code, run.json) == ((0 if count == 6 else 3), expected.to_json())
     assert "<svg" in Path("page.html").read_text()
     assert Path("found.toml").exists() == (count == 6)
-    told = command(*asked)
+    text = command(*line)
     if count == 6:
         gain = Scene.from_file("found.toml").readout.gain["A"]
         assert gain == run.json["parameters"]["gain.A"]["value"]
-        assert (told.code, told.err, told.out) == (0, "", f"{expected}\n")
+        assert (text.code, text.err, text.out) == (0, "", f"{expected}\n")
     else:
-        assert (told.code, told.out, told.told[0]) == (3, "", run.json["status"])
+        assert (text.code, text.out, text.stderr_keys[0]) == (3, "", run.json["status"])
 
 
 # ------------------------------------------------------------------------------- changes by options
 
 
-def test_the_last_change_counts_and_lost_keys_are_told(folder, capsys):
-    """Keys of the file, not defaults, and none that a change names."""
+def test_the_last_change_counts_and_lost_keys_are_reported(folder, capsys):
+    """Lost are keys of the file, not defaults, and none that a change names."""
     Path("set.toml").write_text(
         "[probe]\nside_mm = 7.5\nx_mm = 2\n[film]\ntemperature_change_K = -2.0\n"
         '[load]\nkind = "rigid"\ncontact = "stuck"\n'
@@ -172,8 +172,8 @@ def test_the_last_change_counts_and_lost_keys_are_told(folder, capsys):
     assert (changed.film.thickness_um, changed.film.density_kg_m3) == (10.0, 900.0)
     assert changed.load.force_N == 3.0
     lost = ["film.temperature_change_K = -2.0", "probe.side_mm = 7.5", 'load.contact = "stuck"']
-    told = capsys.readouterr().err.splitlines()
-    assert [[key for key in lost if key in line] for line in told] == [[key] for key in lost]
+    lines = capsys.readouterr().err.splitlines()
+    assert [[key for key in lost if key in line] for line in lines] == [[key] for key in lost]
 
 
 # ----------------------------------------------------------------------------- names and processes
@@ -181,12 +181,12 @@ def test_the_last_change_counts_and_lost_keys_are_told(folder, capsys):
 
 def test_keys_and_examples_are_printed_by_name(command):
     assert command("--version").out == f"pvdf-fem {__version__}\n"
-    told = command("--help").out
-    assert not {key.name for key in read_key_texts() if not re.search(rf"\b{key.name}\b", told)}
+    text = command("--help").out
+    assert not {key.name for key in read_key_texts() if not re.search(rf"\b{key.name}\b", text)}
     assert Scene.parse(command("keys").out) == Scene()
-    told = command("keys", "side_mm", "tension-field").out
-    assert re.findall(r"^#?(\w+) = ", told, re.M) == ["compression", "side_mm", "side_mm"]
-    assert re.findall(r"^\[.*\]$", told, re.M) == ["[film]", "[electrodes]", "[probe]"]
+    text = command("keys", "ring_radius", "tension-field", "tilt").out
+    assert re.findall(r"^#?(\w+) = ", text, re.M) == ["compression", "ring_radius_mm", "tilt"]
+    assert re.findall(r"^\[.*\]$", text, re.M) == ["[film]", "[electrodes]", "[load]"]
     listed = command("example").out.splitlines()
     assert [line.split()[0] for line in listed] == sorted(read_examples())
     assert Scene.parse(command("example", "triangle").out) == Scene.example("triangle")

@@ -1,4 +1,4 @@
-"""The command `locate`: which model it uses, touches from options, and tables row by row."""
+"""The command `locate`: the response that it uses, touches from options, and tables by rows."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from pvdf_fem import Scene
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
 from pvdf_fem.surrogate import response_builder as build
 from pvdf_fem.surrogate.touch_domain import Domain
-from tests.helpers.touch_models import bumps, random_touches
+from tests.helpers.bump_response import draw_uniform_touches, make_bump_response
 from tests.surrogate import random_response
 
 NAMES = ("x_mm", "y_mm", "rotation_deg", "force_N")
-TOUCHES = random_touches(6, seed=2, reach_mm=9.0)
-CHARGES = bumps("rectangle").evaluate(TOUCHES)[0]
+TOUCHES = draw_uniform_touches(6, seed=2, reach_mm=9.0)
+CHARGES = make_bump_response("rectangle").evaluate(TOUCHES)[0]
 TOUCH = np.array([[3.0, -4.0, 0.0, 0.7]])
 READOUT = '[readout]\nkind = "charge"\nfeedback_capacitance_pF = 500\n'
 
 
 def options(reading=lambda charge: charge):
     """What each electrode reads of a touch, as an option takes it."""
-    charges = bumps("rectangle").evaluate(TOUCH)[0][0]
+    charges = make_bump_response("rectangle").evaluate(TOUCH)[0][0]
     return ",".join(f"{n}={reading(q):.9f}" for n, q in zip("ABCD", charges, strict=True))
 
 
@@ -41,7 +41,7 @@ def table(charges=CHARGES, touches=TOUCHES, also=("rotation_deg",)):
 
 
 @pytest.fixture
-def run(folder, models, command):
+def run(folder, made_up_responses, command):
     """Locates the rows of a text, with a rectangle."""
 
     def locate(text, *arguments, name="readings.csv"):
@@ -90,22 +90,25 @@ def built(folder, monkeypatch):
 LOCATE = ["locate", "triangle.toml", "--charges", "A=600,B=500,C=400,D=500"]
 
 
-def test_a_model_is_built_once_and_kept(built, command):
+def test_a_response_is_built_once_and_stored(built, command):
     first = command(*LOCATE)
     assert built == [(12.0, (0.1, 5.0), 1e-3)]
     again = command(*LOCATE, "--set", "probe.x_mm=2", "--set", "load.force_N=2")
     assert (len(built), again.err) == (1, "")
     design = command("design", "triangle.toml", "--tolerance", 1e-3, "--step", 12)
-    assert (design.code, len(design.told), len(built)) == (0, 2, 1)  # designs and models
-    assert ("a note" in first.told, len(first.told)) == (True, 4)  # with domain and duration
+    assert (design.code, len(design.stderr_keys), len(built)) == (0, 2, 1)  # designs and models
+    assert ("a note" in first.stderr_keys, len(first.stderr_keys)) == (
+        True,
+        4,
+    )  # with domain and duration
     command(*LOCATE, "--set", "film.thickness_um=30", "--sigma", "0.05", "--model", "a.response")
     assert built[1:] == [(12.0, (0.1, 5.0), pytest.approx(5e-3))]  # a tenth of the noise
     other = command(*LOCATE, "--model", "a.response", "--set", "probe.side_mm=9")
-    assert other.mistakes == ["--model a.response"]
+    assert other.error_keys == ["--model a.response"]
 
 
-#: What a model is asked for, and whether a model of the scene serves.
-ASKED = {
+#: Options, and whether the stored response of the scene can be used with them.
+USABLE_WITH = {
     "--set electrodes.side_mm=2 --set film.d31_pC_N=20": True,
     "--reach 7 --force-range 0.3,2": True,
     "--tolerance 1e-2": True,
@@ -116,21 +119,21 @@ ASKED = {
 }
 
 
-def test_the_scene_s_model_serves_what_it_covers(built, command):
+def test_a_response_is_used_for_all_that_it_covers(built, command):
     with open("triangle.toml", "a") as file:
         file.write("[model]\nreach_mm = 8\nforce_range_N = [0.2, 2]\ntolerance = 5e-3\n")
     assert command("model", "triangle.toml", "--list").code == 3
-    told = command("model", "triangle.toml", "--json").json
+    model = command("model", "triangle.toml", "--json").json
     assert built == [(8.0, (0.2, 2.0), 5e-3)]
-    for asked, serves in ASKED.items():
-        run = command("model", "triangle.toml", "--list", "--json", *asked.split())
+    for text, serves in USABLE_WITH.items():
+        run = command("model", "triangle.toml", "--list", "--json", *text.split())
         (row,) = run.json["models"]
-        assert (row["file"], row["serves"], run.code) == (told["file"], serves, 0 if serves else 3)
-    Path(told["file"]).rename("triangle-0.response")  # as another version of the code names it
+        assert (row["file"], row["serves"], run.code) == (model["file"], serves, 0 if serves else 3)
+    Path(model["file"]).rename("triangle-0.response")  # as another version of the code names it
     assert command("model", "triangle.toml", "--list").code == 3
 
 
-def test_a_model_that_cannot_be_built_or_serve_is_told(built, monkeypatch, command):
+def test_a_response_that_cannot_be_built_or_used_is_reported(built, monkeypatch, command):
     Path("triangle-0.response").write_bytes(b"damaged")
     (row,) = command("model", "triangle.toml", "--list", "--json").json["models"]
     assert (row["serves"], bool(row["reason"])) == (False, True)
@@ -159,7 +162,9 @@ def test_a_model_that_cannot_be_built_or_serve_is_told(built, monkeypatch, comma
         (["--charges", "A=900", "--plot", "b.svg"], 3, "undetermined"),
     ],
 )
-def test_a_touch_is_told_with_its_status(folder, models, command, given, code, status):
+def test_a_touch_is_printed_with_its_status(
+    folder, made_up_responses, command, given, code, status
+):
     with open("scene.toml", "a") as file:
         file.write(READOUT)
     run = command("locate", "scene.toml", *given, "--json")
@@ -176,21 +181,21 @@ def test_a_touch_is_told_with_its_status(folder, models, command, given, code, s
         assert noisy["deviations"]["x_mm"] > 2.0 * run.json["deviations"]["x_mm"]
 
 
-def test_probes_are_weighed(folder, models, command):
+def test_probes_are_compared_by_likelihood(folder, made_up_responses, command):
     both = ["locate", "disc.toml", "--or", "scene.toml", "--charges", options()]
     first, second = command(*both, "--sigma", "0.002", "--json").json["scenes"]
     assert (first["scene"], first["weight"] > 0.99) == ("scene.toml", True)
     assert first["weight"] + second["weight"] == pytest.approx(1.0)
-    told = command(*both).out
-    assert told.index("scene.toml") < told.index("disc.toml")
+    text = command(*both).out
+    assert text.index("scene.toml") < text.index("disc.toml")
 
 
 # ------------------------------------------------------------------------------------------- tables
 
 
-def test_a_row_in_is_a_row_out(run):
+def test_each_row_gives_a_row(run):
     done = run(table(), "--output", "touches.csv")
-    assert (done.code, done.out, len(done.told)) == (0, "", 1)
+    assert (done.code, done.out, len(done.stderr_keys)) == (0, "", 1)
     rows = rows_of(Path("touches.csv").read_text())
     assert_touches(rows)
     assert [row["id"] for row in rows] == [*"012345"]
@@ -198,7 +203,7 @@ def test_a_row_in_is_a_row_out(run):
     assert all(float(row["x_deviation_mm"]) > 0.0 for row in rows)
 
 
-def test_bad_rows_are_named_and_change_no_other(run):
+def test_bad_rows_have_a_status_and_change_no_other(run):
     good = table().splitlines()
     bad = {
         "a,nan,1,1,1,0": "not_finite",
@@ -240,7 +245,7 @@ def test_tables_may_be_json(ending, run):
 
 @pytest.mark.parametrize(("how", "count"), [("--quick", 12), ("--quick", 9), ("--json", 6)])
 def test_rows_that_no_touch_explains_have_a_status(how, count, run):
-    """Charges in nC; success is that as many rows fit as are given as the unit would explain."""
+    """Charges in nC; success needs as many rows that fit as rows that the unit would explain."""
     charges = np.vstack([1e-3 * CHARGES, CHARGES])[:count]
     done = run(table(charges, np.tile(TOUCHES, (2, 1))), how)
     rows = rows_of(done.out)
@@ -253,13 +258,13 @@ OF_SCENE = f"--set probe.rotation_deg={TOUCHES[0, 2]} --set load.force_N={TOUCHE
 
 
 @pytest.mark.parametrize(
-    ("text", "asked"),
+    ("text", "options"),
     [
         (table(also=NAMES[2:]), []),
         (table(CHARGES[:1], also=()), [*OF_SCENE.split(), "--unknown", "x,y"]),
     ],
 )
-def test_what_is_known_of_a_row_is_in_its_columns_or_the_scene(run, text, asked):
-    rows = rows_of(run(text, "--quick", *asked).out)
+def test_known_quantities_are_those_of_columns_or_the_scene(run, text, options):
+    rows = rows_of(run(text, "--quick", *options).out)
     assert_touches(rows, TOUCHES[: len(rows)])
     assert {row["rotation_deviation_deg"] + row["force_deviation_N"] for row in rows} == {""}

@@ -43,15 +43,16 @@ def small_disk():
         "design disc.toml --step 12 --output a.nc",
     ],
 )
-def test_a_full_disk_leaves_the_old_file(line, folder, models, command):
-    """And what is printed is printed all the same."""
+def test_a_full_disk_leaves_the_old_file_and_prints_the_result(
+    line, folder, made_up_responses, command
+):
     folder.joinpath("many.csv").write_text("A,B,C,D\n" + 9 * "905,731,600,640\n")
     path = Path(line.split()[-1])
     path.write_text("old")
     before = {*folder.iterdir()}
     with small_disk():
         run = command(*line.split())
-    assert (run.code, run.told[-1]) == (2, str(path))
+    assert (run.code, run.stderr_keys[-1]) == (2, str(path))
     assert ({*folder.iterdir()}, path.read_text()) == (before, "old")
     assert "--json" not in line or run.json["status"] == "converged"
 
@@ -80,7 +81,7 @@ def test_a_file_is_replaced_where_a_link_leads_with_its_permissions_and_owner(tm
 
 
 @pytest.mark.parametrize(
-    ("error", "code", "told"),
+    ("error", "code", "message"),
     [
         (InputError("a = 1: bad", "b\n\x9b = 2: bad"), 2, "a = 1: bad\nb\\n\\x9b = 2: bad\n"),
         (FileError("a.vtu: full"), 2, "a.vtu: full\n"),
@@ -92,12 +93,12 @@ def test_a_file_is_replaced_where_a_link_leads_with_its_permissions_and_owner(tm
         (BrokenPipeError(), 141, ""),
     ],
 )
-def test_ends_have_a_code_and_lines(capsys, error, code, told):
+def test_exceptions_give_an_exit_code_and_messages(capsys, error, code, message):
     def job():
         raise error
 
     assert run_program("test", job) == code
-    assert capsys.readouterr() == ("", told)
+    assert capsys.readouterr() == ("", message)
 
 
 def process(*command, cwd=ROOT):
@@ -106,19 +107,19 @@ def process(*command, cwd=ROOT):
 
 
 @pytest.mark.parametrize(
-    ("rest", "told"),
+    ("rest", "keys"),
     [
         ("keys >/dev/full", ["standard output"]),
         ("keys >&-", ["standard output"]),
-        # complaints that nobody can read keep the exit code
+        # an error message that cannot be printed keeps the exit code
         ("example none 2>/dev/full", []),
         ("example none 2>&-", []),
     ],
 )
-def test_a_result_that_cannot_be_told_is_no_success(rest, told):
+def test_a_result_that_cannot_be_printed_is_an_error(rest, keys):
     run = process("sh", "-c", f"{sys.executable} -m pvdf_fem {rest}")
     assert (run.returncode, run.stdout) == (2, "")
-    assert [line.partition(": ")[0] for line in run.stderr.splitlines()] == told
+    assert [line.partition(": ")[0] for line in run.stderr.splitlines()] == keys
 
 
 #: Interrupts itself at the first import of a module, by the program or by another one.
@@ -134,7 +135,7 @@ sys.modules.pop("argparse", None)
 
 
 @pytest.mark.parametrize("module", ["argparse", "gmsh", "meshio"])
-def test_an_interrupted_solve_is_told_in_a_line_and_leaves_the_old_files(module, folder):
+def test_an_interrupted_solve_prints_one_line_and_leaves_the_old_files(module, folder):
     """At the start, in the solve and in writing; by the place in the code, so without a race."""
     folder.joinpath("a.vtu").write_text("old")
     before = {*folder.iterdir()}
@@ -148,7 +149,7 @@ def test_an_interrupted_solve_is_told_in_a_line_and_leaves_the_old_files(module,
     )
     run = process(sys.executable, "-c", code, cwd=folder)
     assert (run.returncode, run.stderr.count("\n")) == (130, 1)
-    assert ("converged" in run.stdout) == (module == "meshio")  # what is known is told
+    assert ("converged" in run.stdout) == (module == "meshio")  # finished results are printed
     assert {*folder.iterdir()} == before
     assert folder.joinpath("a.vtu").read_text() == "old"
 

@@ -65,7 +65,7 @@ def run(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("command", "defect", "code", "told"),
+    ("command", "defect", "code", "message"),
     [
         (
             "report",
@@ -79,13 +79,13 @@ def run(tmp_path):
         ("reprot", "", 2, "'reprot'.*\nusage:"),
     ],
 )
-def test_what_is_missing_is_told_and_nothing_is_installed(
-    run, tmp_path, command, defect, code, told
+def test_missing_packages_are_named_and_nothing_is_installed(
+    run, tmp_path, command, defect, code, message
 ):
-    """By the line to type, where there is one."""
+    """Where a line must be typed to install them, it is printed."""
     done = run(command, defect=defect)
     assert done.returncode == code
-    assert re.search(told, done.stderr, re.MULTILINE)
+    assert re.search(message, done.stderr, re.MULTILINE)
     assert "called" not in done.stdout + done.stderr
     assert not (tmp_path / "a checkout" / ".venv").exists()
 

@@ -1,4 +1,4 @@
-"""Tables that `locate` and `track` read: refused as a whole, or answered as their rows come."""
+"""Tables that `locate` and `track` read: an error as a whole, or answered row by row."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SAMPLES = "t_s,A,B,C,D\n0,0.1,0.1,0.1,0.1\n0.001,0.1,0.1,0.1,0.1\n"
 UNUSABLE = [b"", b"905,731\n600,640\n", b"A;B\tC,D;E\n1\n", b"t_s,A,B,A\n0,1,2,3\n"]
 UNUSABLE += [b"t_s,A,B\n" + b"1" * (1 << 21), SAMPLES.encode("utf-16"), b"t_s,A,B\r0,1,2\r"]
 
-pytestmark = pytest.mark.usefixtures("folder", "models")
+pytestmark = pytest.mark.usefixtures("folder", "made_up_responses")
 
 
 @pytest.mark.parametrize(
@@ -35,13 +35,13 @@ pytestmark = pytest.mark.usefixtures("folder", "models")
         (f"{TRACK} a.csv", b"t_s,A,B,C,D\n,1,2,3,4\n1,1,2,3,x\n"),
     ],
 )
-def test_a_table_that_cannot_be_used_is_refused(line, text, command):
+def test_a_table_that_cannot_be_used_is_an_error(line, text, command):
     name = line.split()[-1]
     Path(name).write_bytes(text)
     Path("touches.csv").write_text("as it was")
     before = {*Path().iterdir()}
     run = command(*line.split())
-    assert (run.code, run.told[-1]) == (2, name)
+    assert (run.code, run.stderr_keys[-1]) == (2, name)
     assert Path("touches.csv").read_text() == "as it was"
     assert {*Path().iterdir()} == before
 
@@ -113,14 +113,14 @@ def rows_of(run):
     return list(csv.DictReader(io.StringIO(run.out)))
 
 
-def test_a_row_in_is_a_row_out_and_touches_are_told(track, table, monkeypatch, command):
+def test_each_row_gives_a_row_and_touches_are_reported(track, table, monkeypatch, command):
     run = track(table)
     rows = rows_of(run)
     assert len(rows) == len(table)
     names = ["t_s", "status", "touch", "x_mm", "y_mm", "force_N", "rotation_deg"]
     assert list(rows[0])[:7] == names
     assert {row["status"] for row in rows} >= {"settling", "touch"}
-    settling, touch = run.told
+    settling, touch = run.stderr_keys
     assert settling.startswith("settling until t_s = 0.3")
     assert touch == "touch 1"
     assert track([(1e3 * t, *row) for t, *row in table], header="t_ms,A,B,C,D").err == run.err
@@ -138,10 +138,10 @@ def test_a_garbled_row_is_marked_and_the_others_are_followed(track, table, garbl
     run = track([*table[:10], garbled, *table[10:30]])
     wrong = [i for i, row in enumerate(rows_of(run)) if row["status"] == "malformed"]
     assert wrong == [10]
-    assert run.told[1:] == 3 * ["taps.csv"]  # the row, the number of such rows, and no touch
+    assert run.stderr_keys[1:] == 3 * ["taps.csv"]  # the row, the number of such rows, and no touch
 
 
-def test_missing_cells_are_missing_readings_and_other_columns_are_left_out(track):
+def test_missing_cells_are_missing_readings_and_other_columns_are_ignored(track):
     rows = rows_of(track("t_s,A,C,D,note\n0,1,,nan,warm\n0.001,1,2,3,\n"))
     assert [row["missing"] for row in rows] == ["B C D", "B"]
     rows = rows_of(track("t_s;A;B;C;D\n0,5;1,25;2;3;\n0,501;-1e-3;,5;3;4\n"))  # decimal commas
@@ -149,7 +149,7 @@ def test_missing_cells_are_missing_readings_and_other_columns_are_left_out(track
 
 
 @pytest.mark.parametrize(("factor", "unexplained"), [(1e3, True), (1e-9, False)])
-def test_a_wrong_unit_is_asked_for(track, table, factor, unexplained):
+def test_the_unit_is_questioned_where_it_may_be_wrong(track, table, factor, unexplained):
     run = track([(t, *(factor * value for value in row)) for t, *row in table])
     found = rows_of(run)
     assert "--unit" in run.err

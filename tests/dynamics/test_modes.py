@@ -16,7 +16,7 @@ from pvdf_fem.dynamics.modes import modes
 from pvdf_fem.dynamics.spectrum import VACUUM
 from pvdf_fem.film.weak_form import make_vector_basis
 from pvdf_fem.solver.nonlinear.status import Status
-from reports.accuracy.drawn import random_scene
+from reports.accuracy.drawn import make_random_scene
 from reports.reference.closed_form import disc_frequencies
 from tests.helpers.discs import LOADS, TRIANGLE
 
@@ -54,7 +54,7 @@ CANCELLING = Scene().with_(
 )
 
 
-SLIDING = random_scene(np.random.default_rng(1), **LOADS["sliding"])
+SLIDING = make_random_scene(np.random.default_rng(1), **LOADS["sliding"])
 
 
 @pytest.mark.parametrize(("scene", "tolerance"), [(CANCELLING, 1e-2), (SLIDING, 2e-2)])

@@ -24,6 +24,12 @@ def added(scene):
     return {name: charge - plain[name] for name, charge in solution.charges_pC.items()}
 
 
+def describe(scene):
+    """Describe the charge by d33 of a scene."""
+    problem = Problem.from_scene(scene)
+    return list(describe_thickness_effect(scene, problem.loads, problem.floating_electrodes))
+
+
 @pytest.mark.parametrize(
     "load",
     [
@@ -45,10 +51,8 @@ def test_whole_load_over_one_electrode(load):
 def test_neglected_effects_within_a_third_and_thirty_times(load):
     scene = OVER_A.with_(**load, **{"probe.x_mm": 11.2, "probe.y_mm": 0.7})
     charges = added(scene)
-    ((included, text),) = describe_thickness_effect(
-        Problem.from_scene(scene.with_(**{"film.d33_pC_N": None}))
-    )
+    ((included, text),) = describe(scene.with_(**{"film.d33_pC_N": None}))
     estimate = float(text.split("about ")[-1].split(" pC on A")[0])
     assert not included
     assert charges["A"] / 3.0 <= estimate <= 30.0 * charges["A"]
-    assert not list(describe_thickness_effect(Problem.from_scene(RECTANGLE)))
+    assert not describe(RECTANGLE)

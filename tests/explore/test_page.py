@@ -166,6 +166,6 @@ def test_a_name_that_leads_here_is_refused(address, path):
 
 def test_bad_ports_are_refused(address, command):
     taken = f"--port {urlparse(address).port}"
-    assert command("explore", FILE, "--no-browser", *taken.split()).mistakes == [taken]
+    assert command("explore", FILE, "--no-browser", *taken.split()).error_keys == [taken]
     wrong = command("explore", FILE, "--port", "70000", "--set", "film.radius_mm=-1")
-    assert wrong.mistakes == ["--port 70000", "film.radius_mm = -1"]
+    assert wrong.error_keys == ["--port 70000", "film.radius_mm = -1"]

@@ -7,7 +7,7 @@ import pytest
 from scipy.constants import epsilon_0
 
 from pvdf_fem import Scene, solve
-from pvdf_fem.film.electric.coupling import Coupling
+from pvdf_fem.film.coupling import Coupling
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
 from tests.helpers.discs import TRIANGLE, uniform_mesh

@@ -7,13 +7,13 @@ import pytest
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.film.bending.effect import estimate_bending_effect
+from pvdf_fem.film.coupling import estimate_coupling_effect
 from pvdf_fem.film.effects import format_two_digits
-from pvdf_fem.film.electric.coupling import estimate_coupling_effect
 from pvdf_fem.film.loads.weight import estimate_weight_effect
 from pvdf_fem.film.point_load import estimate_load_share, estimate_tension
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.film import Film
-from reports.accuracy.drawn import random_scene
+from reports.accuracy.drawn import make_random_scene
 from tests.helpers.discs import LOADS, RECTANGLE, values
 from tests.helpers.laminated import laminated
 
@@ -55,7 +55,7 @@ def test_estimates_are_between_a_third_and_thirty_times_the_effect(key, seed):
     draw, included, effect, _ = EFFECTS[key]
     random = np.random.default_rng(seed)
     drawn = {**draw(random), "numerics.tolerance": 2e-3, "numerics.observable": "material"}
-    scene = random_scene(random, **drawn)
+    scene = make_random_scene(random, **drawn)
     whole = solve(scene.with_(**{key: included}))
     without = solve(scene, mesh=whole.mesh, order=3)
     charges = (values(solution.charges_pC) for solution in (whole, without))

@@ -119,7 +119,7 @@ def test_deflection_lost_in_a_layer_narrower_than_the_elements(widths):
 def find_uncertain_change(solution):
     """Return the change of the unknowns by uncertain bending forces, and the layers."""
     solved, state = solution.discrete.solved, solution.discrete.solved_state
-    layers = solved.model.layers(solved.terms, solved.unknowns.expansion, state)
+    layers = solved.model.make_bending_layers(solved.terms, solved.unknowns.expansion, state)
     return layers.change(factorise(solved.tangent(state))), layers
 
 

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.adaptive import compute_unloaded_charges
-from tests.helpers.touch_models import Bumps, bumps
+from tests.helpers.bump_response import BumpResponse, make_bump_response
 
 RESISTIVE = {"kind": "voltage", "input_resistance_MOhm": 1.0, "cable_capacitance_pF": 100.0}
 #: Steps of the circuit in one sampling interval.
@@ -40,7 +40,7 @@ class Tap:
 
 
 @dataclass(frozen=True, eq=False)
-class MembraneCharges(Bumps):
+class MembraneCharges(BumpResponse):
     """Made-up charges that grow with the force as those of a stretched membrane.
 
     With the charge T0 of an electrode on the unloaded film, T² (T - T0) is proportional to F² for
@@ -69,7 +69,7 @@ class MembraneCharges(Bumps):
 
 def make_sensor(shape: str = "circle", **readout):
     """Make a sensor with voltage channels of 1 MOhm, or with another readout."""
-    model = bumps(shape)
+    model = make_bump_response(shape)
     scene = model.scene.with_(readout=readout or RESISTIVE)
     return MembraneCharges(scene, model.points_mm, model.electrodes_mm, model.names)
 

@@ -10,7 +10,8 @@ import xarray
 
 from pvdf_fem import Scene
 from pvdf_fem.batch import batch
-from pvdf_fem.batch.store import Record, make_record_key
+from pvdf_fem.batch.keys import make_record_key
+from pvdf_fem.batch.store import Record
 from pvdf_fem.studies.sweep import sweep
 
 BASE = Scene().with_(**{"probe.shape": "triangle", "numerics.tolerance": 0.05})

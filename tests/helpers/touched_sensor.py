@@ -13,12 +13,12 @@ import numpy as np
 from pvdf_fem import Scene
 from pvdf_fem.inverse.calibration import reading_model
 from pvdf_fem.inverse.calibration.parameters import get_parameter
-from pvdf_fem.inverse.calibration.touch_table import TOUCH_KEYS
 from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.outlines.polygon import make_triangle_corners
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.sensitivity.parameters import COEFFICIENTS
+from pvdf_fem.surrogate.touch_domain import TOUCH_SCENE_KEYS
 
 SCENE = Scene.parse('[probe]\nshape = "triangle"\nside_mm = 7.0\n').with_(
     **{"film.pretension_N_m": 8.0}
@@ -38,7 +38,7 @@ TRUE = {
 UNKNOWN = ("film.pretension_N_m", "gains", "shift", "turn")
 PLACES_MM = np.array([rotate([10.0, 0.0], 90.0 * k) for k in range(4)])
 #: Arguments of the stress integrals.
-KEYS = (*TOUCH_KEYS, "film.pretension_N_m")
+KEYS = (*TOUCH_SCENE_KEYS, "film.pretension_N_m")
 
 
 class Placements(NamedTuple):

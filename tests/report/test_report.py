@@ -98,7 +98,7 @@ def test_differences_are_told_over_the_deviation_by_uncertain_values(made, scene
 def test_command_refuses_by_key_and_makes_a_preview(tmp_path, command):
     out = tmp_path / "out"
     asked = ["report", write(tmp_path, titel="x"), "--out"]
-    assert command(*asked, out, "--processes", 0).mistakes == ["--processes 0", 'titel = "x"']
+    assert command(*asked, out, "--processes", 0).error_keys == ["--processes 0", 'titel = "x"']
     assert not out.exists()
     write(tmp_path)
     assert command(*asked, out, "--quick", "--processes", 1).code == 0
@@ -323,5 +323,5 @@ def test_a_page_has_the_verdicts_of_others_and_of_itself(tmp_path, counted):
 def test_a_file_without_kinds_is_refused(counted, command, text):
     counted.kinds.unlink() if text is None else counted.kinds.write_text(text)
     asked = ["report", counted.write(), "--out", counted.out, "--kinds", counted.kinds]
-    [told] = command(*asked).mistakes
+    [told] = command(*asked).error_keys
     assert told.startswith("kinds = ")

@@ -14,11 +14,11 @@ from pvdf_fem.report.results import ReportResults
 from pvdf_fem.report.task import compute_key
 from reports.__main__ import kinds_file
 from reports.accuracy import results
-from reports.accuracy.cases import RoundFilm, cases
+from reports.accuracy.cases import RoundFilm, read_cases
 from reports.accuracy.drawn import KINDS
-from reports.accuracy.measure import Swept, Timed
+from reports.accuracy.measure import SweepTimes, TimedSolve
 
-CASES = {case.name: case for case in cases("cases.toml")}
+CASES = {case.name: case for case in read_cases("cases.toml")}
 INPUTS = Inputs(Scene(), {}, quick=True)
 COARSE = {"numerics.tolerance": 1e-2}
 
@@ -45,11 +45,11 @@ def test_a_charge_is_the_integral_of_the_tension_over_its_electrode():
 def test_errors_are_relative_and_told_by_what_is_known_well_enough():
     rows = {"case": ["x", "x"], "known_pC": [-200.0, 100.0], "doubt_pC": [0.1, 0.6]}
     rows |= {"charge_pC": [-201.0, 101.0], "stated_pC": [0.5, 2.0]}
-    frame = results.with_errors(pd.DataFrame(rows))
+    frame = results.add_errors(pd.DataFrame(rows))
     assert frame.true.tolist() == pytest.approx([0.005, 0.01])
     assert frame.stated.tolist() == pytest.approx([0.0025, 0.02])
     assert frame.telling.tolist() == [True, False]
-    assert results.worst(frame.assign(code="c")).charge_pC.tolist() == [101.0]
+    assert results.select_worst(frame.assign(code="c")).charge_pC.tolist() == [101.0]
 
 
 def test_true_errors_stand_against_time_and_failures_stand_aside():
@@ -57,7 +57,9 @@ def test_true_errors_stand_against_time_and_failures_stand_aside():
     assert content.frame.true.max() < 1e-3
     assert content.table["within it"].tolist() == ["2 of 2", "2 of 2"]
     assert content.claim
-    (row,) = Timed(Scene().with_(**{"probe.shape": "circle", "numerics.max_unknowns": 100})).run()
+    (row,) = TimedSolve(
+        Scene().with_(**{"probe.shape": "circle", "numerics.max_unknowns": 100})
+    ).run()
     assert (row["status"], "charge_pC" in row) == ("tolerance_not_reached", False)
 
 
@@ -73,5 +75,5 @@ def test_stated_errors_are_counted_by_groups():
 
 
 def test_a_sweep_has_fewer_solves_than_scenes():
-    (row,) = Swept(Scene().with_(**{"probe.shape": "triangle", **COARSE}), 2, alone=1).run()
+    (row,) = SweepTimes(Scene().with_(**{"probe.shape": "triangle", **COARSE}), 2, alone=1).run()
     assert (row["scenes"], row["solves"], row["failed"]) == (50, 5, 0)

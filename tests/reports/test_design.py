@@ -11,7 +11,7 @@ from pvdf_fem.report.kind import Inputs
 from pvdf_fem.report.results import ReportResults
 from pvdf_fem.report.task import compute_key
 from reports.__main__ import script
-from tests.helpers.touch_models import bumps
+from tests.helpers.bump_response import make_bump_response
 
 
 @pytest.mark.parametrize("name", ["rings", "maps", "shapes"])
@@ -22,7 +22,9 @@ def test_figures_have_what_design_finds(name, monkeypatch):
     tasks = item.kind.list_tasks(inputs)
     module = sys.modules[type(tasks[0]).__module__]
     monkeypatch.setattr(
-        module, "build_cached_response", lambda scene, *_: bumps("circle").for_scene(scene)
+        module,
+        "build_cached_response",
+        lambda scene, *_: make_bump_response("circle").for_scene(scene),
     )
     content = item.kind.compose(
         inputs, ReportResults({compute_key(task): task.run() for task in tasks})

@@ -17,19 +17,19 @@ from reports.__main__ import script
 from reports.locating import signals, touches
 from reports.locating.signals import Taps
 from reports.locating.touches import LAYOUTS, NOISE
+from tests.helpers.bump_response import PROBE_POINTS_MM, BumpResponse
 from tests.helpers.streams import MembraneCharges
-from tests.helpers.touch_models import POINTS, Bumps
 
 DISC = {"shape": "circle", "radius_mm": 4.0}
 
 
-def of_scene(scene, kind=Bumps):
+def of_scene(scene, kind=BumpResponse):
     """Made-up charges that serve as a response."""
-    points = POINTS[scene.single_probe.shape]
+    points = PROBE_POINTS_MM[scene.single_probe.shape]
     return kind(scene, points, np.empty(0), ()).for_scene(scene)
 
 
-def charges_of(scene, kind=Bumps):
+def charges_of(scene, kind=BumpResponse):
     probe, model = scene.single_probe, of_scene(scene, kind)
     touch = [[probe.x_mm, probe.y_mm, probe.rotation_deg, scene.load.force_N]]
     return model.evaluate(np.array(touch, dtype=float))[0][0]

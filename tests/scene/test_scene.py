@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pvdf_fem.batch.store import make_record_key
+from pvdf_fem.batch.keys import make_record_key
 from pvdf_fem.problem.equivalence import MECHANICAL_EFFECTS
 from pvdf_fem.scene.keys import select_by_effect
 from pvdf_fem.scene.scene import Film, Scene

@@ -15,7 +15,6 @@ import pytest
 
 from pvdf_fem import build_response, gradients, respond
 from pvdf_fem.batch.plan import plan_solves
-from pvdf_fem.problem.equivalence import compute_mechanical_key
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.surrogate.response_key import make_mechanical_key
 from tests.helpers.refusals import keys, refused, refused_text
@@ -181,10 +180,8 @@ def test_two_effects_are_combined_or_refused_by_key(one, other):
     ("refuses", "effect", "key"),
     [
         (build_response, "tape", "film: patches"),
-        *(
-            (serves, "warm", "probe.temperature_K")
-            for serves in (build_response, compute_mechanical_key)
-        ),
+        (build_response, "warm", "probe.temperature_K"),
+        (lambda scene: plan_solves([scene]), "warm", "probe.temperature_K"),
         (build_response, "pressure", "film.pressure_Pa"),
         (build_response, "weight", "film.gravity_m_s2"),
         (make_mechanical_key, "coupled", "film.coupling"),

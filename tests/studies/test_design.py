@@ -11,9 +11,11 @@ import pytest
 from pvdf_fem import Scene, design, locate_many
 from pvdf_fem.studies.design import find_best_design
 from pvdf_fem.surrogate.touch_domain import choose_default_reach_mm
-from tests.helpers.touch_models import bumps
+from tests.helpers.bump_response import make_bump_response
 
-RING = bumps("circle").scene.with_(electrodes={"layout": "ring", "shape": "circle", "radius_mm": 1})
+RING = make_bump_response("circle").scene.with_(
+    electrodes={"layout": "ring", "shape": "circle", "radius_mm": 1}
+)
 
 
 def run_study(vary, sigma=0.01, scene=RING, **options):
@@ -22,7 +24,7 @@ def run_study(vary, sigma=0.01, scene=RING, **options):
         "reach_mm": 12.0,
         "step_mm": 6.0,
         "progress": False,
-        "response": lambda design_scene: bumps("circle").for_scene(design_scene),
+        "response": lambda design_scene: make_bump_response("circle").for_scene(design_scene),
     }
     return design(scene, vary, sigma, **{**defaults, **options})
 
@@ -36,7 +38,7 @@ def test_located_touches_scatter_by_the_bound():
     """Noise is relative to changes; unloaded squares of 3 mm have 48 pC."""
     scene = RING.with_(**{"electrodes.count": 6, "readout.reading": "change"})
     data = run_study({}, 0.003, scene, noise_pC=2.0, step_mm=None)
-    response = replace(bumps("circle").for_scene(scene), error_bound=0.0)
+    response = replace(make_bump_response("circle").for_scene(scene), error_bound=0.0)
     rng = np.random.default_rng(1)
     count = 3000
     for x_mm, y_mm in ((3.0, 0.0), (-3.0, 6.0)):
@@ -45,10 +47,10 @@ def test_located_touches_scatter_by_the_bound():
         deviations_pC = np.hypot(0.003 * changes_pC, 2.0)
         readings = changes_pC + deviations_pC * rng.standard_normal((count, changes_pC.size))
         rotations = np.zeros(count)
-        found = locate_many(response, readings, 0.003, noise_pC=2.0, rotations_deg=rotations)
-        squared_distances = np.square(found.values[:, :2] - (x_mm, y_mm)).sum(axis=1)
+        result = locate_many(response, readings, 0.003, noise_pC=2.0, rotations_deg=rotations)
+        squared_distances = np.square(result.values[:, :2] - (x_mm, y_mm)).sum(axis=1)
         scatter_mm = math.sqrt(squared_distances.mean())
-        force_scatter = math.sqrt(np.square(found.values[:, 3] - 1.0).mean())
+        force_scatter = math.sqrt(np.square(result.values[:, 3] - 1.0).mean())
         place = data.sel(x_mm=x_mm, y_mm=y_mm)
         assert scatter_mm == pytest.approx(float(place.place_deviation_mm), rel=0.05)
         assert force_scatter == pytest.approx(float(place.force_deviation), rel=0.05)
@@ -72,7 +74,7 @@ def test_designs_whose_films_deform_alike_share_a_response():
 
     def make_response(scene):
         radii_mm.append(scene.film.radius_mm)
-        return bumps("circle").for_scene(scene)
+        return make_bump_response("circle").for_scene(scene)
 
     vary = {"film.radius_mm": [18.0, 45.0], "electrodes.count": [4, 6], "load.force_N": [0.5, 1]}
     data = run_study(vary, response=make_response, reach_mm=None)
@@ -107,10 +109,10 @@ def test_gains_by_electrode_are_dropped_only_if_electrodes_change():
     plain = RING.with_(**total)
     calibrated = RING.with_(**total, **{"readout.gain": {"F": 0.9}})
     vary = {"electrodes.count": [6, 4], "load.force_N": [1.0]}
-    found = run_study(vary, scene=calibrated)
+    result = run_study(vary, scene=calibrated)
     expected = run_study(vary, scene=plain)
-    assert found.attrs["dropped"] == "readout.gain"
-    np.testing.assert_array_equal(found.place_deviation_mm, expected.place_deviation_mm)
+    assert result.attrs["dropped"] == "readout.gain"
+    np.testing.assert_array_equal(result.place_deviation_mm, expected.place_deviation_mm)
     moved = run_study({"electrodes.ring_radius_mm": [9.0, 11.0]}, scene=calibrated)
     assert "dropped" not in moved.attrs
     assert Scene.parse(moved.scene.values[1]).readout.gain == {"F": 0.9}

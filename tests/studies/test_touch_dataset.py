@@ -10,7 +10,7 @@ import xarray
 from pvdf_fem import Scene, dataset, locate_many
 from pvdf_fem.studies.touch_dataset import make_table, write_dataset
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES
-from tests.helpers.touch_models import bumps
+from tests.helpers.bump_response import make_bump_response
 
 READOUT = {"gain": {"A": 2.0, "B": -1.0}, "offset_V": {"C": 0.1}, "reading": "total"}
 STAGE = {"x_mm": 30.0, "y_mm": -5.0, "rotation_deg": 90.0}
@@ -18,7 +18,7 @@ STAGE = {"x_mm": 30.0, "y_mm": -5.0, "rotation_deg": 90.0}
 
 def draw_dataset(touches=2000, seed=1, sigma=0.01, scene=None, **options):
     """Draw a dataset of made-up charges."""
-    response = bumps("rectangle")
+    response = make_bump_response("rectangle")
     scene = scene or response.scene
     return dataset(scene, touches, seed, sigma, response=response, **options)
 
@@ -59,7 +59,7 @@ def test_touches_are_even_over_the_domain():
 @pytest.mark.parametrize("reading", ["total", "change"])
 def test_charges_are_those_of_the_response_and_noise_has_the_stated_size(reading):
     """Unloaded squares of 3 mm have 48 pC; 3 % are four standard errors of 8000 numbers."""
-    response = bumps("rectangle")
+    response = make_bump_response("rectangle")
     scene = response.scene.with_(readout=READOUT)
     data = draw_dataset(scene=scene, sigma=0.02, noise_pC=3.0, reading=reading)
     charges_pC = response.evaluate(stack_touches(data))[0]
@@ -76,17 +76,17 @@ def test_charges_are_those_of_the_response_and_noise_has_the_stated_size(reading
 
 
 def test_readings_are_located_at_the_touches_on_the_stage():
-    scene = bumps("rectangle").scene.with_(stage=STAGE, readout=READOUT)
+    scene = make_bump_response("rectangle").scene.with_(stage=STAGE, readout=READOUT)
     data = draw_dataset(50, 2, 0.0, scene)
-    response = bumps("rectangle").for_scene(scene)
-    found = locate_many(response, data.reading_pC.values, 1e-3, rotations_deg=data.rotation_deg)
-    assert np.median(np.abs(found.values - stack_touches(data))) < 1e-3
+    response = make_bump_response("rectangle").for_scene(scene)
+    result = locate_many(response, data.reading_pC.values, 1e-3, rotations_deg=data.rotation_deg)
+    assert np.median(np.abs(result.values - stack_touches(data))) < 1e-3
     assert np.hypot(data.x_mm - 30.0, data.y_mm + 5.0).max() <= 12.0
 
 
 def test_files_have_touches_and_scene(tmp_path):
     data = draw_dataset(20, noise_pC=2.0)
-    scene = bumps("rectangle").scene
+    scene = make_bump_response("rectangle").scene
     assert (data.seed, data.sigma, data.noise_pC) == (1, 0.01, [2.0] * 4)
     write_dataset(data, tmp_path / "touches.nc")
     with xarray.open_dataset(tmp_path / "touches.nc") as read:
@@ -107,4 +107,4 @@ def test_parquet_has_the_scene_as_metadata(tmp_path):
     write_dataset(draw_dataset(20), tmp_path / "touches.parquet")
     rows = pd.read_parquet(tmp_path / "touches.parquet")
     pd.testing.assert_frame_equal(rows, make_table(draw_dataset(20)))
-    assert Scene.parse(rows.attrs["scene"]) == bumps("rectangle").scene
+    assert Scene.parse(rows.attrs["scene"]) == make_bump_response("rectangle").scene

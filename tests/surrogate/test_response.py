@@ -48,7 +48,7 @@ def test_charges_of_a_polynomial_stress(shape):
     """The stress is sampled at few places of the probe, and integrated at others."""
     scene = PROBES[shape]
     centre_grid = CentreGrid.for_probe(scene.probe, 10.0, 2)
-    polar_grid = PolarGrid(26.0, 0.5, 30 * centre_grid.angles, 20.0)
+    polar_grid = PolarGrid(26.0, 0.5, 30 * centre_grid.angle_count, 20.0)
     fields = []
     for x, y, _ in centre_grid.probe_positions:
         centre = np.array([-x, -y])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import NotConvergedError, Response, Scene, build_response, locate
-from pvdf_fem.batch import store
+from pvdf_fem.batch import keys as batch_keys
 from pvdf_fem.electrodes.stress_integrals import StressIntegrals
 from pvdf_fem.progress import TaskRunner
 from pvdf_fem.solver.nonlinear.status import Status
@@ -168,5 +168,5 @@ def test_keys_depend_on_mechanics_domain_tolerance_and_code(monkeypatch):
     of = [(DISC, domain, 1e-3), (DISC, near, 1e-3), (DISC, domain, 1e-4), (thick, domain, 1e-3)]
     keys = {make_response_key(*each) for each in of}
     versions = {True: "other tables", False: "the same solver"}
-    monkeypatch.setattr(store, "hash_code", lambda folders: versions["surrogate" in folders])
+    monkeypatch.setattr(batch_keys, "hash_code", lambda folders: versions["surrogate" in folders])
     assert len(keys | {make_response_key(DISC, domain, 1e-3)}) == 5

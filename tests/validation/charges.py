@@ -6,13 +6,13 @@ import math
 from collections.abc import Iterator
 
 from pvdf_fem import Scene
-from reports.accuracy.cases import cases, known_charges
+from reports.accuracy.cases import compute_known_charges, read_cases
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE
 from tests.validation.proof import Number, proof
 from tests.validation.round_film import solved_to
 
 #: The accuracy report's cases. One sphere by shooting is enough.
-CASES = [case for case in cases("cases.toml") if case.name != "sphere of 5 mm"]
+CASES = [case for case in read_cases("cases.toml") if case.name != "sphere of 5 mm"]
 
 
 def compared(
@@ -54,7 +54,7 @@ def stress_at_the_centre() -> Iterator[Number]:
 def one_dimension() -> Iterator[Number]:
     for case in CASES:
         if case.truth not in ("codes", "finer"):
-            known = known_charges(case.truth, case.scene)
+            known = compute_known_charges(case.truth, case.scene)
             yield from compared(case.name, case.scene, known, max(case.finest, 1e-4))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import solve
-from reports.accuracy.drawn import KINDS, drawn_scenes
+from reports.accuracy.drawn import KINDS, draw_scenes
 from tests.helpers.discs import values
 
 
@@ -14,7 +14,7 @@ from tests.helpers.discs import values
 def test_stated_errors_cover_true_ones_in_drawn_scenes(kind):
     """Against ten times finer solves; charges whose parts cancel have a warning, and no tolerance
     of their own."""
-    (scene,) = drawn_scenes(kind, 1, seed=5)
+    (scene,) = draw_scenes(kind, 1, seed=5)
     solution, fine = (solve(scene.with_(**{"numerics.tolerance": t})) for t in (3e-3, 3e-4))
     exact, stated = values(fine.charges_pC), values(solution.charge_errors_pC)
     errors = np.abs(values(solution.charges_pC) - exact)

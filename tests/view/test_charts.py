@@ -16,8 +16,8 @@ from pvdf_fem.view.charts import sweep as sweep_charts
 from pvdf_fem.view.charts.design import draw_designs
 from pvdf_fem.view.charts.sweep import draw_sweep
 from pvdf_fem.view.charts.vibration import draw_frequency_response
+from tests.helpers.bump_response import make_bump_response
 from tests.helpers.sweep_cases import BASE, made_up
-from tests.helpers.touch_models import bumps
 
 
 def swept(monkeypatch: pytest.MonkeyPatch, *axes: dict) -> object:
@@ -88,7 +88,10 @@ def test_phases_are_continuous_at_multiples_of_45_degrees():
 
 def test_designs_are_a_curve_for_each_value_and_the_map_of_the_best():
     vary = {"electrodes.ring_radius_mm": [6, 8, 9.5], "load.force_N": [0.5, 1]}
-    model, ring = bumps("circle"), {"layout": "ring", "shape": "circle", "radius_mm": 1.0}
+    model, ring = (
+        make_bump_response("circle"),
+        {"layout": "ring", "shape": "circle", "radius_mm": 1.0},
+    )
     sensor, counts = model.scene.with_(electrodes=ring), {"electrodes.count": [4, 6]}
     data = design(sensor, {**counts, **vary}, step_mm=4.0, response=model.for_scene)
     chosen = find_best_design(data)

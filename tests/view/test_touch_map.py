@@ -11,19 +11,19 @@ from pvdf_fem import locate
 from pvdf_fem.inverse.posterior import profile_chi_square
 from pvdf_fem.inverse.touch.location import Location
 from pvdf_fem.view.touch_map import draw_charge_map
-from tests.helpers.touch_models import bumps
+from tests.helpers.bump_response import make_bump_response
 
 TOUCH = np.array([[3.0, -4.0, 25.0, 0.7]])
 
 
 def located(sigma: float) -> Location:
-    model, unknown = bumps(), ("x_mm", "y_mm", "force_N")
+    model, unknown = make_bump_response(), ("x_mm", "y_mm", "force_N")
     charges = dict(zip(model.names, model.evaluate(TOUCH)[0][0], strict=True))
     return locate(model, charges, unknown=unknown, known={"rotation_deg": 25.0}, sigma=sigma)
 
 
 def test_isocharge_lines_are_where_the_model_has_their_charge():
-    model = bumps()
+    model = make_bump_response()
 
     def charge(places: np.ndarray) -> np.ndarray:
         touches = np.hstack([places, np.tile([30.0, 1.5], (len(places), 1))])
@@ -61,7 +61,7 @@ def test_the_likelihood_is_that_of_the_likeliest_force():
 
 def test_places_are_those_of_the_stage():
     """A touch in the middle of electrode A is drawn in the middle of what is drawn of A."""
-    model = bumps()
+    model = make_bump_response()
     stage = {"x_mm": 100.0, "y_mm": 50.0, "rotation_deg": 30.0}
     model = replace(model, scene=model.scene.with_(stage=stage))
     charges = dict(

@@ -332,11 +332,14 @@ class _EdgeValues:
                     penalty=penalty[:, None],
                 )
             )
-        joined = {
-            name: np.concatenate([getattr(edge, name) for edge in edges])
-            for name in cls.__dataclass_fields__
-        }
-        return cls(**joined)
+        return cls(
+            slope=np.concatenate([edge.slope for edge in edges]),
+            moment=np.concatenate([edge.moment for edge in edges]),
+            weights=np.concatenate([edge.weights for edge in edges]),
+            stiffness=np.concatenate([edge.stiffness for edge in edges]),
+            height=np.concatenate([edge.height for edge in edges]),
+            penalty=np.concatenate([edge.penalty for edge in edges]),
+        )
 
     def join(self, sides: Indices, tension: float) -> _JoinedEdges:
         """Join the values of elements along edges.

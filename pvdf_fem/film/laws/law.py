@@ -86,15 +86,14 @@ class Law:
         cannot give both.
         """
         stress = self.stress(strain.real, prestrain.real)
-        strain_change, prestrain_change = strain.imag, np.imag(prestrain)
+        strain_change = strain.imag
+        prestrain_change = np.imag(prestrain)
         size = max(np.abs(strain_change).max(), np.abs(prestrain_change).max())
         if not size:
             return np.asarray(stress, dtype=complex)
         h = step / size
-        ahead, behind = (
-            self.stress(strain.real + s * strain_change, prestrain.real + s * prestrain_change)
-            for s in (h, -h)
-        )
+        ahead = self.stress(strain.real + h * strain_change, prestrain.real + h * prestrain_change)
+        behind = self.stress(strain.real - h * strain_change, prestrain.real - h * prestrain_change)
         return np.asarray(stress + 1j * (ahead - behind) / (2.0 * h))
 
     def moduli(self, strain: Array, prestrain: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from pvdf_fem.film.effects import format_two_digits
+from pvdf_fem.film.effects import EffectNote, format_two_digits
 from pvdf_fem.film.loads.film_load import FilmLoad
 from pvdf_fem.scene.scene import Scene
 
@@ -52,15 +52,17 @@ def estimate_weight_effect(scene: Scene, gravity_m_s2: float = 9.80665) -> float
     return largest
 
 
-def describe_weight(scene: Scene) -> Iterator[tuple[bool, str]]:
-    """Yield whether the weight is included, and a text with its size, where it matters."""
+def describe_weight(scene: Scene) -> Iterator[EffectNote]:
+    """Describe the weight; yield nothing where it is neglected and does not matter."""
     gravity = scene.film.gravity_m_s2
     if gravity:
         pressure = format_two_digits(scene.film.weight)
-        yield True, f"weight (film.gravity_m_s2 = {gravity:g}): {pressure} Pa"
+        text = f"weight (film.gravity_m_s2 = {gravity:g}): {pressure} Pa"
+        yield EffectNote(True, text)
         return
     change = estimate_weight_effect(scene)
     if change > scene.numerics.tolerance:
         percent = format_two_digits(100.0 * min(change, 1.0))
         size = f"could change a charge by up to {percent} %"
-        yield False, f"weight: {size}; to include it give film.gravity_m_s2, along z"
+        text = f"weight: {size}; to include it give film.gravity_m_s2, along z"
+        yield EffectNote(False, text)

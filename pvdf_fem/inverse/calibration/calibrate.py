@@ -67,8 +67,8 @@ def calibrate(
     sigma : float
         Standard deviation of a reading, relative to it.
     noise_pC : float or mapping of str to float, optional
-        Standard deviation of a reading besides, in nominal pC, also by electrode; by default the
-        ``noise_V`` of the scene's ``[readout]``.
+        Absolute standard deviation of a reading in nominal pC, one for all electrodes or one for
+        each; by default the ``noise_V`` of the scene's ``[readout]``.
     place_sd : float
         Standard deviation in mm of each coordinate of the touches' places.
     priors : mapping of str to float, optional
@@ -99,9 +99,9 @@ def calibrate(
 
     Examples
     --------
-    >>> found = calibrate("sensor.toml", "touches.csv", ["film.pretension_N_m", "gains"])
-    >>> print(found)
-    >>> sensor = found.scene
+    >>> calibration = calibrate("sensor.toml", "touches.csv", ["film.pretension_N_m", "gains"])
+    >>> print(calibration)
+    >>> sensor = calibration.scene
     """
     scene = as_scene(scene)
     unknown = coerce("unknown", unknown, Names)
@@ -235,7 +235,7 @@ def _list_notes(diagnosis: Diagnosis) -> Iterator[str]:
     options = fit.model.options
     forces_N: Array = fit.model.table.forces_N
     if np.ptp(forces_N) == 0.0:
-        yield f"force_N is {forces_N[0]:g} in every row; touches with several forces tell more"
+        yield f"force_N is {forces_N[0]:g} in every row; touches with several forces determine more"
     for index in np.flatnonzero(fit.pulls > options.max_pull):
         name = fit.model.parameters.names[index]
         yield f"{name}: is {fit.pulls[index]:.2g} deviations of its prior from the scene's value"

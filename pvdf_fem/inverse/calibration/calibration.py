@@ -73,15 +73,16 @@ class Calibration(Result):
     @property
     def places_mm(self) -> Array:
         """Corrected places of the touches on the stage, (touches, 2)."""
-        return self.fit.model.table.probe_loads[:, :2] + self.fit.place_corrections_mm
+        return self.fit.model.table.places_mm + self.fit.place_corrections_mm
 
     @cached_property
     def leave_one_out(self) -> dict[str, float]:
-        """Errors of each touch by a calibration with the others.
+        """Errors of the calibration at touches that it does not use.
 
-        ``charge`` is their root mean square over that of the readings. ``place_mm`` and ``force``
-        (relative) are medians of the distances at which touches would be located from their places
-        and forces in the file, by linear steps.
+        Each touch is compared with a fit to the other touches. ``charge`` is the root mean square
+        of the differences of readings, over that of the readings. ``place_mm`` and ``force`` are
+        the medians of the errors with which such a touch would be located, in mm and relative to
+        the force, by a linear step.
         """
         fit = self.fit
         is_used = fit.is_used
@@ -162,7 +163,7 @@ class Calibration(Result):
             np.isin(table.rows, list(self.outliers)),
             table.readings,
             self.fit.prediction.readings,
-            table.probe_loads[:, :2],
+            table.places_mm,
             self.places_mm,
         )
         write_calibration_page(data, self.status, self._repr_html_(), about or {}, path)

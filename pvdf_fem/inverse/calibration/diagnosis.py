@@ -47,7 +47,7 @@ class CalibrationStatus(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """A mistake that may have been made, and touches and reading without it."""
+    """Touches as they would be without a mistake that may be in the file."""
 
     status: CalibrationStatus
     text: str  #: The mistake in words.
@@ -190,7 +190,7 @@ def _propose_reading_corrections(model: ReadingModel) -> Iterator[Correction]:
     table = model.table
     for misreading in list_misreadings(model.channels, model.unit):
         status = CalibrationStatus(misreading.kind)
-        corrected = replace(table, readings=misreading.undone(table.readings))
+        corrected = replace(table, readings=misreading.correct(table.readings))
         yield Correction(status, misreading.text, corrected, model.reading)
     if np.isfinite(model.unloaded_integrals).all():
         other = "total" if model.reading == "change" else "change"
@@ -221,6 +221,7 @@ def _propose_touch_corrections(fit: CalibrationFit) -> Iterator[Correction]:
     if is_of_size:
         yield from _propose_frame_corrections(fit.model)
         return
+    # Readings that are too small come from forces in a smaller unit than newton.
     for unit, newtons in FORCE_UNITS_N.items():
         if (newtons < 1.0) == (size < 1.0):
             probe_loads = table.probe_loads * [1.0, 1.0, 1.0, newtons]

@@ -38,8 +38,8 @@ MISSING = 1e6
 class ReadingNoise:
     """Standard deviations of readings and places."""
 
-    sigma: float  #: Of a reading, relative to it.
-    absolute: Array  #: Of a reading besides, in its unit, (electrodes,).
+    sigma: float  #: Relative, of a reading.
+    absolute: Array  #: Absolute, of a reading in its unit, (electrodes,).
     place_mm: float  #: Of each coordinate of a touch's place.
 
 
@@ -54,7 +54,8 @@ class WhitenedSystem(NamedTuple):
 class Information(NamedTuple):
     """Singular value decomposition of the slopes by parameters over their priors' deviations."""
 
-    #: Precision of a direction by the readings, over its precision by the prior, (parameters,).
+    #: Standard deviations of the directions by the priors over those by the readings,
+    #: (parameters,).
     singular_values: Array
     directions: Array  #: (parameters, parameters), one in each row.
 
@@ -150,9 +151,9 @@ class CalibrationFit(LeastSquaresProblem):
 
     @cached_property
     def information(self) -> Information:
-        """Precision of directions in the parameters' space by the readings, over the priors'.
+        """Information of the readings on directions in the parameters' space.
 
-        Where a singular value is below 1, the priors tell more of the direction than the readings.
+        Where a singular value is below 1, priors determine the direction better than readings do.
         """
         slopes = self.whitened.slopes[self.is_used].reshape(-1, len(self.values))
         slopes = slopes * self.model.parameters.prior_deviations

@@ -24,7 +24,7 @@ from pvdf_fem.inverse.calibration.parameters import (
     CalibrationParameters,
     get_parameter,
 )
-from pvdf_fem.inverse.calibration.touch_table import TOUCH_KEYS, TouchTable, place_probe
+from pvdf_fem.inverse.calibration.touch_table import TouchTable, place_probe
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.progress import SolveCounter, ignore_progress
 from pvdf_fem.scene.scene import Scene
@@ -32,6 +32,7 @@ from pvdf_fem.solver.adaptive import compute_unloaded_integrals, solve_outputs
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.sensitivity.parameters import COEFFICIENTS
 from pvdf_fem.solver.sensitivity.rates import compute_integral_rates
+from pvdf_fem.surrogate.touch_domain import TOUCH_SCENE_KEYS, TouchColumn
 
 #: Relative step of central differences for the unloaded film.
 UNLOADED_STEP = 1e-4
@@ -103,7 +104,7 @@ class ReadingModel:
     @property
     def keys(self) -> tuple[str, ...]:
         """Keys by which stress integrals are differentiated."""
-        return (*TOUCH_KEYS, *self.parameters.film_keys)
+        return (*TOUCH_SCENE_KEYS, *self.parameters.film_keys)
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
@@ -140,10 +141,10 @@ class ReadingModel:
         turn = self.parameters.extract(TURN, values)[..., None]
         cosine = np.cos(turn * np.pi / 180.0)
         sine = np.sin(turn * np.pi / 180.0)
-        x = probe_loads[..., 0] - shift_x
-        y = probe_loads[..., 1] - shift_y
-        rotation = probe_loads[..., 2] - turn
-        force = probe_loads[..., 3]
+        x = probe_loads[..., TouchColumn.X] - shift_x
+        y = probe_loads[..., TouchColumn.Y] - shift_y
+        rotation = probe_loads[..., TouchColumn.ROTATION] - turn
+        force = probe_loads[..., TouchColumn.FORCE]
         film = np.moveaxis(values[..., None, self.parameters.film_indices], -1, 0)
         columns = (cosine * x + sine * y, cosine * y - sine * x, rotation, force, *film)
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
@@ -176,7 +177,7 @@ class ReadingModel:
         scene = scene.with_(**{"numerics.tolerance": tolerance})
         for i in np.flatnonzero(which).tolist():
             self.solved_at[i] = np.nan
-            loaded = place_probe(scene, arguments[i, : len(TOUCH_KEYS)])
+            loaded = place_probe(scene, arguments[i, : len(TOUCH_SCENE_KEYS)])
             if loaded is None:
                 self.failures[i] = "the touch is over the film's rim"
                 continue
@@ -212,7 +213,7 @@ class ReadingModel:
 
         integrals = np.zeros((1 + len(self.keys), len(self.channels), 2))
         integrals[0] = solve_unloaded(scene)
-        for row, key in enumerate(self.parameters.film_keys, 1 + len(TOUCH_KEYS)):
+        for row, key in enumerate(self.parameters.film_keys, 1 + len(TOUCH_SCENE_KEYS)):
             value = get_parameter(scene, key)
             step = UNLOADED_STEP * (abs(value) if value else 1.0)
             higher = solve_unloaded(scene.with_(**{key: value + step}))
@@ -268,7 +269,8 @@ class ReadingModel:
         # One evaluation for each parameter, then for x, y and force.
         stepped_values = values + 1j * step * np.eye(count + 3, count)
         stepped_loads = np.tile(probe_loads.astype(complex), (count + 3, 1, 1))
-        for i, column in enumerate((0, 1, 3), count):
+        stepped_columns = (TouchColumn.X, TouchColumn.Y, TouchColumn.FORCE)
+        for i, column in enumerate(stepped_columns, count):
             stepped_loads[i, :, column] += 1j * step
         readings = self.compute_readings(stepped_values, stepped_loads)
         derivatives = np.moveaxis(readings.imag / step, 0, -1)

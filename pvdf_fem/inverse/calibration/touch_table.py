@@ -15,11 +15,8 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.files import read_csv_rows, read_text
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import format_error, suggest
-from pvdf_fem.solver.sensitivity.parameters import PLACE
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TOUCH_SCENE_KEYS, TouchColumn
 
-#: Keys of the scene that a touch sets, and the columns of a file that hold them.
-TOUCH_KEYS = (*PLACE, "load.force_N")
-TOUCH_COLUMNS = ("x_mm", "y_mm", "rotation_deg", "force_N")
 MAX_FILE_SIZE = 10_000_000  #: Largest file that is read, in bytes.
 #: A column of readings whose relative range is below this is constant.
 CONSTANT_RANGE = 1e-6
@@ -50,9 +47,14 @@ class TouchTable:
         return len(self.rows)
 
     @property
+    def places_mm(self) -> Array:
+        """Places of the touches on the stage, (touches, 2)."""
+        return self.probe_loads[:, : TouchColumn.ROTATION]
+
+    @property
     def forces_N(self) -> Array:
         """Forces of the touches, (touches,)."""
-        return self.probe_loads[:, 3]
+        return self.probe_loads[:, TouchColumn.FORCE]
 
     def select(self, indices: Sequence[int]) -> TouchTable:
         """Return some of the touches, by index."""
@@ -82,7 +84,7 @@ def read_touches(source: Any, scene: Scene) -> TouchTable:
     if not scene.single_probe.period_deg and columns:  # A disc has no rotation.
         first = next(iter(columns.values()))
         columns.setdefault("rotation_deg", ["0"] * len(first))
-    names = [*TOUCH_COLUMNS, *electrodes]
+    names = [*TOUCH_QUANTITIES, *electrodes]
     errors = list(_find_heading_errors(list(columns), names))
     if errors:
         raise TouchesError(*errors)
@@ -94,8 +96,8 @@ def read_touches(source: Any, scene: Scene) -> TouchTable:
     if errors:
         raise TouchesError(*errors)
 
-    probe_loads = values[:, : len(TOUCH_COLUMNS)]
-    readings = values[:, len(TOUCH_COLUMNS) :]
+    probe_loads = values[:, : len(TOUCH_QUANTITIES)]
+    readings = values[:, len(TOUCH_QUANTITIES) :]
     has_load = np.isfinite(probe_loads).all(axis=1)
     has_reading = np.isfinite(readings).any(axis=1)
     is_used = has_load & has_reading
@@ -156,7 +158,8 @@ def _find_heading_errors(columns: Sequence[str], needed: Sequence[str]) -> Itera
         yield f"column {name}: missing; give {', '.join(needed)}"
     for name in columns:
         if name not in needed:
-            yield f"column {name[:40]}: unknown; remove it, or {suggest(name, candidates)}"
+            advice = f"remove or rename it: {suggest(name, candidates)}"
+            yield f"column {name[:40]}: is not expected; {advice}"
 
 
 def _parse_numbers(name: str, cells: Sequence[Any], errors: list[str]) -> list[float]:
@@ -201,7 +204,7 @@ def _find_load_errors(table: TouchTable, scene: Scene) -> Iterator[str]:
     """Find forces that are not positive, and places that are constant or off the film."""
     if len(table) < 2:
         return
-    places_mm = table.probe_loads[:, :2]
+    places_mm = table.places_mm
     if (np.ptp(places_mm, axis=0) == 0.0).all():
         yield "columns x_mm, y_mm: the same in every row; touch at places all over the film"
     for row in table.rows[table.forces_N <= 0.0]:
@@ -236,7 +239,7 @@ def place_probe(scene: Scene, probe_load: Array) -> Scene | None:
     probe_load : array, (4,)
         Place x, y in mm, rotation in degrees and force in N.
     """
-    changes = dict(zip(TOUCH_KEYS, map(float, probe_load), strict=True))
+    changes = dict(zip(TOUCH_SCENE_KEYS, map(float, probe_load), strict=True))
     try:
         return scene.with_(**changes)
     except SceneError:

@@ -173,8 +173,8 @@ class Measurement:
         every_channel = make_channels(self.response.scene)
         channels = [every_channel[index] for index in self.electrodes]
         for misreading in list_misreadings(channels, self.unit):
-            if misreading.exchanged <= 2:
-                yield AlternativeReading(misreading.text, self, misreading.undone)
+            if misreading.swapped_count <= 2:
+                yield AlternativeReading(misreading.text, self, misreading.correct)
 
 
 class AlternativeReading(NamedTuple):

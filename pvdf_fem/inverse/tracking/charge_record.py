@@ -150,7 +150,8 @@ class ChargeRecord:
         four times as long.
         """
         options = self.options
-        self.still_count = count = self._count_still_samples(options.still_share)
+        count = self._count_still_samples(options.still_share)
+        self.still_count = count
         if not count:
             return False
         largest = self.largest

@@ -82,7 +82,15 @@ class Tracker:
         unknown = coerce("unknown", unknown, Names)
         scene_values = get_scene_quantities(scene)
         origin = (*get_centre_mm(scene), 0.0, 0.0)
-        errors = [*find_quantity_errors(response.domain, unknown, {}, scene_values, origin[:2])]
+        errors = list(
+            find_quantity_errors(
+                response.domain,
+                unknown,
+                known={},
+                default=scene_values,
+                centre_mm=origin[: TouchColumn.ROTATION],
+            )
+        )
         if "force_N" not in unknown:
             errors.append("unknown: force_N is missing; add it, it is always unknown")
         if unit not in UNITS:
@@ -135,7 +143,7 @@ class Tracker:
         max_pause = options.max_pause_samples if self._contact else options.memory_samples
         event = self._clock.classify(t, max_pause)
         if event is not ClockEvent.TICK:
-            row = self._begin_anew(t, event)
+            row = self._restart_at(t, event)
             self._clock.restart(t)
         else:
             if self._contact:
@@ -176,8 +184,8 @@ class Tracker:
             return math.nan
         return self._clock.time_s + left * self._clock.interval_s
 
-    def _begin_anew(self, t: float, event: ClockEvent) -> TrackRow:
-        """Restart after the first sample, a pause, or a time that did not grow."""
+    def _restart_at(self, t: float, event: ClockEvent) -> TrackRow:
+        """Restart at a sample: the first one, one after a pause, or one whose time did not grow."""
         status = TrackStatus.LOST if event is ClockEvent.PAUSE else TrackStatus.CLOCK
         if self._contact:
             self._finish_contact(self._clock.time_s, self._contact, status)

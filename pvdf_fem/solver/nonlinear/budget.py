@@ -46,7 +46,7 @@ def estimate_iteration_seconds(
     `fixed` and `factorising` are fitted to the times of 38 solves of films that wrinkle.
     """
     unknowns = fixed + count * (1.0 + (count / factorising) ** 0.5)
-    return model.iteration_cost * unknowns / per_second
+    return model.mesh_policy.iteration_cost * unknowns / per_second
 
 
 @dataclass
@@ -81,7 +81,7 @@ class Budget:
         factor = max(1.0, usual_tolerance / numerics.tolerance) ** 0.5
         max_unknowns = numerics.max_unknowns
         if max_unknowns is None:
-            max_unknowns = int(problem.film.most_unknowns * factor)
+            max_unknowns = int(problem.film.mesh_policy.max_unknowns * factor)
         max_seconds = numerics.max_seconds
         if max_seconds is None:
             max_seconds = seconds * factor

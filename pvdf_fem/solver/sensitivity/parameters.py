@@ -63,7 +63,7 @@ def list_parameters(problem: Problem) -> tuple[str, ...]:
         if not _find_hindrance(problem, key):
             keys.append(key)
     if problem.has_passive_electrodes:
-        if problem.film.film_is_differentiable:
+        if problem.film.capabilities.has_film_derivatives:
             keys += _list_film_keys(scene.film)
         keys += COEFFICIENTS
     return tuple(keys)

@@ -47,24 +47,26 @@ class SymmetryImage(NamedTuple):
 class CentreGrid:
     """Positions of the film's centre, seen from the probe; n and r are those of the module's text.
 
-    Distances and angles are positions on the grid; rotations are those of the probe.
+    Distances and angles are those of the film's centre, rotations are those of the probe.
     """
 
     #: Largest distance for which the stress is interpolated, r.
     reach_mm: float
     #: Number of distances, n.
-    radii: int
+    distance_count: int
     #: Number of angles, 2 (2 n - 1) or more.
-    angles: int
+    angle_count: int
     #: Number of rotations in half a turn.
-    rotations: int
+    rotation_count: int
     #: Number of rotations that map probe and film onto themselves.
     symmetry_order: int
     #: Whether a reflection maps probe and film onto themselves.
     has_reflection: bool
 
     @classmethod
-    def for_probe(cls, probe: Probe, reach_mm: float, radii: int, film_rotations: int = 0) -> Self:
+    def for_probe(
+        cls, probe: Probe, reach_mm: float, distance_count: int, film_rotation_count: int = 0
+    ) -> Self:
         """Make the grid of a probe.
 
         Parameters
@@ -73,55 +75,59 @@ class CentreGrid:
             Its symmetries are used.
         reach_mm : float
             Largest distance of the probe from the film's centre.
-        radii : int
+        distance_count : int
             Number of distances.
-        film_rotations : int, optional
+        film_rotation_count : int, optional
             Least number of rotations for an orthotropic film; 0 if the film is isotropic.
         """
         is_disc = not probe.period_deg
         if not is_disc:
             symmetry_order = round(360.0 / probe.period_deg)
-        elif film_rotations:
+        elif film_rotation_count:
             symmetry_order = 2  # an orthotropic film is its own image after half a turn
         else:
             symmetry_order = 0  # any rotation: as many as angles, see below
         even_order = math.lcm(2, symmetry_order or 1)
-        angles = even_order * math.ceil(2 * (2 * radii - 1) / even_order)
-        rotations = 1
-        if film_rotations and not is_disc:
-            rotations = even_order // 2 * math.ceil(2 * film_rotations / even_order)
+        angle_count = even_order * math.ceil(2 * (2 * distance_count - 1) / even_order)
+        rotation_count = 1
+        if film_rotation_count and not is_disc:
+            rotation_count = even_order // 2 * math.ceil(2 * film_rotation_count / even_order)
         return cls(
             reach_mm,
-            radii,
-            angles=angles,
-            rotations=rotations,
-            symmetry_order=symmetry_order or angles,
+            distance_count,
+            angle_count=angle_count,
+            rotation_count=rotation_count,
+            symmetry_order=symmetry_order or angle_count,
             has_reflection=probe.is_mirror_symmetric,
         )
 
     @property
     def _chebyshev_points(self) -> Array:
         """Chebyshev points of a diameter over the reach, the positive ones before the negative."""
-        points = np.cos((2 * np.arange(self.radii) + 1) * np.pi / (4 * self.radii))
+        points = np.cos(
+            (2 * np.arange(self.distance_count) + 1) * np.pi / (4 * self.distance_count)
+        )
         return np.concatenate([points, -points])
 
     @property
     def centres_mm(self) -> Array:
-        """All positions of the film's centre, (radii, angles, 2)."""
-        angle = 2.0 * np.pi * np.arange(self.angles) / self.angles
+        """All positions of the film's centre, (distances, angles, 2)."""
+        angle = 2.0 * np.pi * np.arange(self.angle_count) / self.angle_count
         directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        return self.reach_mm * self._chebyshev_points[: self.radii, None, None] * directions
+        return (
+            self.reach_mm * self._chebyshev_points[: self.distance_count, None, None] * directions
+        )
 
     @property
     def rotations_deg(self) -> Array:
         """Rotations of the probe, (rotations,)."""
-        return np.linspace(0.0, 180.0, self.rotations, endpoint=False)
+        return np.linspace(0.0, 180.0, self.rotation_count, endpoint=False)
 
     @property
     def representatives(self) -> list[GridNode]:
         """The nodes to solve: the first node of each set of images."""
         nodes = []
-        for rotation, angle in np.ndindex(self.rotations, self.angles):
+        for rotation, angle in np.ndindex(self.rotation_count, self.angle_count):
             node = GridNode(rotation, angle)
             if node == min(image.node for image in self.find_images(node)):
                 nodes.append(node)
@@ -145,17 +151,18 @@ class CentreGrid:
         """Yield the images of a node, which is one of them."""
         for k in range(self.symmetry_order):
             # with the rim, the film rotates by 2 π k / order; half a turn leaves it as it is
-            film_steps = k * 2 * self.rotations // self.symmetry_order
-            steps = k * (self.angles // self.symmetry_order)
+            film_steps = k * 2 * self.rotation_count // self.symmetry_order
+            steps = k * (self.angle_count // self.symmetry_order)
             rotated = GridNode(
-                (node.rotation - film_steps) % self.rotations, (node.angle + steps) % self.angles
+                (node.rotation - film_steps) % self.rotation_count,
+                (node.angle + steps) % self.angle_count,
             )
             yield SymmetryImage(rotated, is_reflected=False, steps=steps)
             if self.has_reflection:
-                steps += self.angles // 2
+                steps += self.angle_count // 2
                 reflected = GridNode(
-                    (-node.rotation - film_steps) % self.rotations,
-                    (steps - node.angle) % self.angles,
+                    (-node.rotation - film_steps) % self.rotation_count,
+                    (steps - node.angle) % self.angle_count,
                 )
                 yield SymmetryImage(reflected, is_reflected=True, steps=steps)
 
@@ -164,28 +171,28 @@ class CentreGrid:
 
         Parameters
         ----------
-        fields : ndarray, shape (radii, representatives, forces, 3, ρ, θ)
+        fields : ndarray, shape (distances, representatives, forces, 3, ρ, θ)
             The stress about the probe: its trace S11 + S22, then its deviator (S11 - S22)/2 and
             S12. The number of values of θ is a multiple of the number of angles.
 
         Returns
         -------
-        ndarray, shape (rotations, radii, angles, forces, 3, ρ, θ)
+        ndarray, shape (rotations, distances, angles, forces, 3, ρ, θ)
         """
         count = fields.shape[-1]
         theta_steps = np.arange(count)
-        shape = (self.rotations, self.radii, self.angles, *fields.shape[2:])
+        shape = (self.rotation_count, self.distance_count, self.angle_count, *fields.shape[2:])
         expanded = np.empty(shape)
         for index, node in enumerate(self.representatives):
             for image in self.find_images(node):
                 # θ before the symmetry operation
-                source = theta_steps - image.steps * (count // self.angles)
+                source = theta_steps - image.steps * (count // self.angle_count)
                 if image.is_reflected:
                     source = -source
                 field = fields[:, index][..., source % count]
                 trace, normal, shear = np.moveaxis(field, 2, 0)
                 # a rotation by α multiplies the complex deviator by exp(2 i α)
-                phase = np.exp(4j * np.pi * image.steps / self.angles)
+                phase = np.exp(4j * np.pi * image.steps / self.angle_count)
                 sign = -1j if image.is_reflected else 1j
                 deviator = phase * (normal + sign * shear)
                 components = np.stack([trace, deviator.real, deviator.imag], axis=2)
@@ -204,21 +211,23 @@ class CentreGrid:
 
         Returns
         -------
-        ndarray, shape (n, rotations, radii, angles)
+        ndarray, shape (n, rotations, distances, angles)
         """
         distance = np.linalg.norm(centres_mm, axis=-1) / self.reach_mm
         angle = np.arctan2(centres_mm[:, 1], centres_mm[:, 0])
-        grid_angles = 2.0 * np.pi * np.arange(self.angles) / self.angles
-        by_angle = _evaluate_dirichlet_kernel(angle[:, None] - grid_angles, self.angles)
+        grid_angles = 2.0 * np.pi * np.arange(self.angle_count) / self.angle_count
+        by_angle = _evaluate_dirichlet_kernel(angle[:, None] - grid_angles, self.angle_count)
         # at a negative distance the angle is the opposite one
-        by_opposite_angle = np.roll(by_angle, self.angles // 2, axis=1)
-        interpolator = BarycentricInterpolator(self._chebyshev_points, np.eye(2 * self.radii))
+        by_opposite_angle = np.roll(by_angle, self.angle_count // 2, axis=1)
+        interpolator = BarycentricInterpolator(
+            self._chebyshev_points, np.eye(2 * self.distance_count)
+        )
         by_distance = interpolator(distance)
-        ahead = by_distance[:, : self.radii, None]
-        behind = by_distance[:, self.radii :, None]
+        ahead = by_distance[:, : self.distance_count, None]
+        behind = by_distance[:, self.distance_count :, None]
         by_centre = ahead * by_angle[:, None] + behind * by_opposite_angle[:, None]
         to_rotations = 2.0 * (rotation - np.radians(self.rotations_deg))
-        by_rotation = _evaluate_dirichlet_kernel(to_rotations, self.rotations)
+        by_rotation = _evaluate_dirichlet_kernel(to_rotations, self.rotation_count)
         return by_centre[:, None] * by_rotation[:, None, None]
 
 

@@ -38,7 +38,7 @@ class PolarGrid:
     #: Distance between neighbours along ρ at the probe.
     step_mm: float
     #: Number of values of θ, from 0 in equal steps; even.
-    angles: int
+    angle_count: int
     #: b in the formula above.
     stretch_mm: float = 10.0
 
@@ -48,7 +48,7 @@ class PolarGrid:
         steps = int(np.ceil(self._stretch(self.reach_mm) / self.step_mm))
         start_mm = -PADDING_STEPS * self.step_mm
         along_ray = UniformAxis(start_mm, self.step_mm, PADDING_STEPS + steps + 1)
-        around = UniformAxis(0.0, 2.0 * np.pi / self.angles, self.angles, periodic=True)
+        around = UniformAxis(0.0, 2.0 * np.pi / self.angle_count, self.angle_count, periodic=True)
         return along_ray, around
 
     def compute_coordinates(self, points_mm: Array) -> Array:
@@ -96,7 +96,7 @@ class PolarGrid:
         """
         rho_mm, weights_mm = self._ray_rule
         products = samples * (rho_mm * weights_mm)[:, None]
-        shape = (*samples.shape[:-2], -1, SAMPLES_PER_STEP, self.angles)
+        shape = (*samples.shape[:-2], -1, SAMPLES_PER_STEP, self.angle_count)
         integrals_by_step = products.reshape(shape).sum(axis=-2)
         stretched_mm = self.axes[0].values[PADDING_STEPS + 1 :, None]
         edges_mm = self.stretch_mm * np.sinh(stretched_mm / self.stretch_mm)
@@ -105,5 +105,5 @@ class PolarGrid:
         middle = np.broadcast_to(at_probe, outward[..., :1, :].shape)
         # means at negative ρ are those on the opposite ray
         nearest = outward[..., PADDING_STEPS - 1 :: -1, :]
-        behind = np.roll(nearest, self.angles // 2, axis=-1)
+        behind = np.roll(nearest, self.angle_count // 2, axis=-1)
         return np.concatenate([behind, middle, outward], axis=-2)

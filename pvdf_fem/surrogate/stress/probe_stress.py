@@ -170,22 +170,21 @@ def solve_stresses(
     equilibrium: Equilibrium | None = None
     solutions: list[ForceSolution] = []
     for force_N in forces_N:
-        loaded = scene.with_(**{"load.force_N": force_N})
-        problem = Problem.from_scene(loaded)
+        problem = Problem.from_scene(scene.with_(**{"load.force_N": force_N}))
         if equilibrium is None:
-            equilibrium = Equilibrium(problem, mesh_probe(loaded, mesh_ratio), order)
+            equilibrium = Equilibrium(problem, mesh_probe(problem.scene, mesh_ratio), order)
         elif scene.tips:
             last_space = equilibrium.space
-            equilibrium = Equilibrium(problem, mesh_probe(loaded, mesh_ratio), order)
+            equilibrium = Equilibrium(problem, mesh_probe(problem.scene, mesh_ratio), order)
             log_force, dofs = solutions[-1]
             transferred = transfer_dofs(last_space, dofs, equilibrium.space)
             solutions = [ForceSolution(log_force, transferred)]
         else:
             equilibrium = equilibrium.of_problem(problem)
         guess = _extrapolate(solutions, force_N)
-        q = _solve_equilibrium(
-            equilibrium, None if guess is None else equilibrium.restrict(guess), force_N
-        )
+        if guess is not None:
+            guess = equilibrium.restrict(guess)
+        q = _solve_equilibrium(equilibrium, guess, force_N)
         solutions.append(ForceSolution(float(np.log(force_N)), equilibrium.dofs(q)))
         yield SolvedStress(equilibrium.space, equilibrium.state(q).stress)
 

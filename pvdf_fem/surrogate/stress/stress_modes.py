@@ -31,7 +31,7 @@ class StressModes:
     #: Modes over s and θ of the polar grid, as means along the rays: of the stress's trace
     #: S11 + S22, then of its deviator (S11 - S22)/2 and S12.
     modes: UniformSpline
-    #: Amplitudes of the modes in Pa, (rotations, radii, angles, forces, modes).
+    #: Amplitudes of the modes in Pa, (rotations, distances, angles, forces, modes).
     amplitudes: FileArray
 
     @classmethod
@@ -62,12 +62,12 @@ class StressModes:
         A proper orthogonal decomposition by the method of snapshots (Sirovich 1987): the stress of
         each place and force is a snapshot, divided by its root mean square over all places.
         """
-        solved = np.reshape(means, (centre_grid.radii, -1, *np.shape(means)[1:]))
+        solved = np.reshape(means, (centre_grid.distance_count, -1, *np.shape(means)[1:]))
         S11, S22, S12 = np.moveaxis(solved, 3, 0)
         scale_by_force = np.sqrt(((S11 + S22) ** 2).mean(axis=(0, 1, 3, 4)))
         components = np.stack([S11 + S22, (S11 - S22) / 2.0, S12], axis=3)
         stress = centre_grid.expand_by_symmetry(components / scale_by_force[:, None, None, None])
-        # (rotations, radii, angles, forces), then (components, ρ, θ)
+        # (rotations, distances, angles, forces), then (components, ρ, θ)
         snapshot_shape, field_shape = stress.shape[:4], stress.shape[4:]
         snapshots = stress.reshape(int(np.prod(snapshot_shape)), -1)
         energies, vectors = np.linalg.eigh(snapshots @ snapshots.T)

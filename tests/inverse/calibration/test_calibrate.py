@@ -123,17 +123,17 @@ def test_offsets_and_noise_have_the_unit_of_the_channels(unit):
     noise_V = {"A": 0.03, "B": 0.01}
     scene = SCENE.with_(readout={"feedback_capacitance_pF": 220.0, "noise_V": noise_V})
     columns = make_readings_with_offset(unit)
-    found = calibrate(scene, columns, (*UNKNOWN, "offsets"), unit=unit, place_sd=0.3)
-    assert found.status == "calibrated"
+    result = calibrate(scene, columns, (*UNKNOWN, "offsets"), unit=unit, place_sd=0.3)
+    assert result.status == "calibrated"
     for name in NAMES:
-        offset = found.parameters[f"offset.{name}"]
+        offset = result.parameters[f"offset.{name}"]
         assert abs(offset["value"] - 0.02) < 3.0 * offset["deviation"]
         assert offset["deviation"] < 0.05  # half of the prior's
     readings = np.stack([columns[name] for name in NAMES], axis=1)
-    size = np.maximum(np.abs(readings), np.abs(found.fit.prediction.readings))
+    size = np.maximum(np.abs(readings), np.abs(result.fit.prediction.readings))
     units_per_volt = 1.0 if unit == "V" else 220.0
     noise = units_per_volt * np.array([noise_V.get(name, 0.0) for name in NAMES])
-    np.testing.assert_allclose(found.fit.deviations, np.hypot(0.01 * size, noise), rtol=1e-6)
+    np.testing.assert_allclose(result.fit.deviations, np.hypot(0.01 * size, noise), rtol=1e-6)
 
 
 @pytest.mark.parametrize("unit", ["pC", "V"])
@@ -145,8 +145,8 @@ def test_noise_pC_is_in_nominal_pC_whatever_the_unit_of_readings(unit):
     columns = make_readings_with_offset(unit)
     words = (*UNKNOWN, "offsets")
     expected = calibrate(noisy, columns, words, unit=unit, place_sd=0.3)
-    found = calibrate(quiet, columns, words, unit=unit, place_sd=0.3, noise_pC=noise_pC)
-    np.testing.assert_allclose(found.fit.values, expected.fit.values, rtol=1e-9)
+    result = calibrate(quiet, columns, words, unit=unit, place_sd=0.3, noise_pC=noise_pC)
+    np.testing.assert_allclose(result.fit.values, expected.fit.values, rtol=1e-9)
     with pytest.raises(ValueError, match=r"^noise_pC\.D: is required"):
         calibrate(quiet, columns, noise_pC={"A": 1.0, "B": 1.0, "C": 1.0})
 
@@ -205,9 +205,9 @@ def test_deleted_residuals_have_the_errors_of_a_fit_to_the_others():
     """Closed form: their covariance is smaller for a used touch, and larger for an outlier."""
     columns = make_columns(10, sigma=0.01)
     columns["force_N"][4] *= 1.5
-    found = calibrate(SCENE, columns, UNKNOWN)
-    assert list(found.outliers) == [5]
-    fit = found.fit
+    result = calibrate(SCENE, columns, UNKNOWN)
+    assert list(result.outliers) == [5]
+    fit = result.fit
     deleted = fit.compute_deleted_residuals()
     for i, sign in ((0, -1.0), (4, 1.0)):
         root = fit.whitened.roots[i]
@@ -249,12 +249,12 @@ def test_a_robust_loss_grows_as_the_logarithm_beyond_its_limit(limit, loss):
 def test_one_wrong_touch_is_named_and_does_not_bias(calibration, column, word):
     columns = make_columns(sigma=0.01, place_sd=0.3)
     columns[column][4] = 1.5 * columns[column][4] + 4.0 * (column == "x_mm")
-    found = calibrate(SCENE, columns, UNKNOWN, place_sd=0.3)
-    assert found.status == "calibrated"
-    assert list(found.outliers) == [5]
-    assert word in found.outliers[5]
+    result = calibrate(SCENE, columns, UNKNOWN, place_sd=0.3)
+    assert result.status == "calibrated"
+    assert list(result.outliers) == [5]
+    assert word in result.outliers[5]
     for name, parameter in calibration.parameters.items():
-        change = abs(found.parameters[name]["value"] - parameter["value"])
+        change = abs(result.parameters[name]["value"] - parameter["value"])
         assert change < 2.0 * parameter["deviation"]
 
 

@@ -47,7 +47,10 @@ def test_empty_cells_leave_out_a_reading_or_a_row(tmp_path):
     ("source", "text"),
     [
         (HEAD.replace("force_N,", ""), "column force_N: "),
-        (HEAD.replace("x_mm", "x"), "column x: unknown; remove it, or choose from x_mm"),
+        (
+            HEAD.replace("x_mm", "x"),
+            "column x: is not expected; remove or rename it: did you mean x_mm?",
+        ),
         (HEAD + "\n1,2,0,1,10,20,30", "row 1 has 7 cells"),
         (HEAD + "\n1,2,0,1,10,20,30,oops", "row 1: D = 'oops'"),
         (HEAD + "\n" + ROWS[0], "touches: 1 with numbers"),
@@ -72,8 +75,8 @@ def test_errors_name_row_and_column(source, text, tmp_path):
 
 
 def test_a_disc_needs_no_rotation():
-    given = make_columns()
-    del given["rotation_deg"]
-    np.testing.assert_array_equal(read_touches(given, DISC).probe_loads[:, 2], 0.0)
+    columns = make_columns()
+    del columns["rotation_deg"]
+    np.testing.assert_array_equal(read_touches(columns, DISC).probe_loads[:, 2], 0.0)
     with pytest.raises(TouchesError, match="column rotation_deg: "):
-        read_touches(given, SCENE)
+        read_touches(columns, SCENE)

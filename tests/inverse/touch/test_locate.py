@@ -1,4 +1,4 @@
-"""Which touches are found from charges of made-up models whose symmetries are known."""
+"""Touches that are found from charges of made-up responses whose symmetries are known."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -10,95 +10,117 @@ import pytest
 from pvdf_fem.inverse.touch.locate import locate, rank_probes
 from pvdf_fem.inverse.touch.locate_many import locate_many
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain
-from tests.helpers.touch_models import POINTS, Bumps, bumps, random_touches, read
+from tests.helpers.bump_response import (
+    PROBE_POINTS_MM,
+    BumpResponse,
+    draw_uniform_touches,
+    make_bump_response,
+    read_charges,
+)
 
 PERIODS_DEG = {"triangle": 120.0, "rectangle": 180.0}
-#: Rows of random touches, and how near to these one of the listed touches is.
-WINDING = {"rectangle": [47, 168, 451], "triangle": [62, 128, 162, 201]}
-ROUGH, FINE = [0.05, 0.05, 5.0, 0.02], [0.01, 0.01, 0.1, 0.01]
-PLACE_MM = np.array([3.0, 4.0, 0.0, 1.0])
+#: Rows of random touches at the ends of winding valleys.
+WINDING_ROWS = {"rectangle": [47, 168, 451], "triangle": [62, 128, 162, 201]}
+#: Largest distances of a listed touch from the true one: mm, mm, degrees, N.
+COARSE = [0.05, 0.05, 5.0, 0.02]
+FINE = [0.01, 0.01, 0.1, 0.01]
+TOUCH = np.array([3.0, 4.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Watched(Bumps):
-    """A model that keeps the touches of each evaluation."""
+class RecordingResponse(BumpResponse):
+    """A response that records the touches of each evaluation."""
 
-    asked: list[np.ndarray] = field(default_factory=list)
+    evaluated: list[np.ndarray] = field(default_factory=list)
 
     def evaluate(self, touches):
-        self.asked.append(touches.copy())
+        self.evaluated.append(touches.copy())
         return super().evaluate(touches)
 
 
 @pytest.mark.parametrize("shape", ["triangle", "rectangle", "circle"])
 @pytest.mark.parametrize("electrodes", [3, 4, 6])
-def test_the_touch_is_found_from_exact_charges_by_few_evaluations(shape, electrodes):
-    """Starts are so close, and searches end so soon, that a call takes a millisecond."""
-    model, calls = Watched(**vars(bumps(shape, electrodes))), []
-    for touch in random_touches(20, seed=electrodes):
-        charges = read(model, touch)
-        model.asked.clear()
-        found = locate(model, charges, 1e-3, known={"rotation_deg": touch[2]})
-        calls.append([len(touches) for touches in model.asked])
-        # three charges fit a second touch here and there
-        nearest = min(found.touches, key=lambda one: np.hypot(*(one.values - touch)[:2]))
+def test_exact_charges_locate_their_touch_with_few_evaluations(shape, electrodes):
+    """Candidates are so close, and searches end so soon, that a call takes a millisecond."""
+    response = RecordingResponse(**vars(make_bump_response(shape, electrodes)))
+    calls = []
+    evaluations = []
+    for touch in draw_uniform_touches(20, seed=electrodes):
+        charges = read_charges(response, touch)
+        response.evaluated.clear()
+        location = locate(response, charges, 1e-3, known={"rotation_deg": touch[2]})
+        calls.append(len(response.evaluated))
+        evaluations.append(sum(len(touches) for touches in response.evaluated))
+        # Three charges fit a second touch here and there.
+        nearest = min(location.touches, key=lambda one: np.hypot(*(one.values - touch)[:2]))
         assert nearest.values == pytest.approx(touch, rel=1e-5, abs=1e-5)
         assert nearest.chi_square < 1e-6
-        assert electrodes == 3 or (nearest is found.best and not found.ambiguous)
-    # the first call makes the table of starts
-    assert np.median([len(each) for each in calls]) <= 3
-    assert np.median([sum(each) for each in calls]) <= 12
+        assert electrodes == 3 or (nearest is location.best and not location.ambiguous)
+    # The first call evaluates the coarse grid.
+    assert np.median(calls) <= 3
+    assert np.median(evaluations) <= 12
 
 
 @pytest.mark.parametrize("shape", PERIODS_DEG)
 def test_all_touches_with_an_unknown_rotation_are_listed(shape):
-    """As many charges as unknown quantities: several touches may give them exactly. Some are at
-    the end of winding valleys: long steps of the rotation, and searches that go on as one too
-    early, miss these. Two touches about to become one are listed as one."""
-    model, period, several = bumps(shape), PERIODS_DEG[shape], 0
-    plain, winding = random_touches(30, seed=5), random_touches(600, seed=1)[WINDING[shape]]
-    for touch, near in ((t, n) for of, n in ((plain, ROUGH), (winding, FINE)) for t in of):
-        charges = read(model, touch)
-        found = locate(model, charges, 1e-3, unknown=TOUCH_QUANTITIES)
-        several += found.ambiguous
-        inside = [one for one in found.touches if not one.at_edge]
+    """With as many charges as unknown quantities several touches may give the charges exactly.
+
+    Some are at the end of winding valleys, which long steps of the rotation miss, as do searches
+    that are merged too early. Two touches about to become one are listed as one.
+    """
+    response = make_bump_response(shape)
+    period = PERIODS_DEG[shape]
+    winding = draw_uniform_touches(600, seed=1)[WINDING_ROWS[shape]]
+    cases = [(touch, COARSE) for touch in draw_uniform_touches(30, seed=5)]
+    cases += [(touch, FINE) for touch in winding]
+    ambiguous_count = 0
+    for touch, tolerances in cases:
+        charges = read_charges(response, touch)
+        location = locate(response, charges, 1e-3, unknown=TOUCH_QUANTITIES)
+        ambiguous_count += location.ambiguous
+        inside = [one for one in location.touches if not one.at_edge]
         assert all(0.0 <= one.rotation_deg < period for one in inside)
-        fits = [one for one in inside if one.chi_square < 1e-6]
-        assert all(read(model, one.values) == pytest.approx(charges, rel=1e-4) for one in fits)
-        apart = np.array([one.values for one in found.touches]) - touch
-        apart[:, 2] -= period * np.round(apart[:, 2] / period)
-        assert (np.abs(apart) < near).all(axis=1).any()
-        # chi-square is zero but for where the searches stop, and weights are those of widths
-        ranks = [(one.explained, one.weight) for one in found.touches]
+        exact = [one for one in inside if one.chi_square < 1e-6]
+        for one in exact:
+            assert read_charges(response, one.values) == pytest.approx(charges, rel=1e-4)
+        differences = np.array([one.values for one in location.touches]) - touch
+        differences[:, 2] -= period * np.round(differences[:, 2] / period)
+        assert (np.abs(differences) < tolerances).all(axis=1).any()
+        # Chi-square is zero except for where searches stop; weights are proportional to widths.
+        ranks = [(one.explained, one.weight) for one in location.touches]
         assert ranks == sorted(ranks, reverse=True)
-        sure = [one for one in fits if one.deviations["rotation_deg"] < 5.0]
-        widths = [np.linalg.det(one.covariance) ** 0.5 / one.force_N for one in sure]
-        shares = np.array([one.weight for one in sure]) / widths
-        assert shares == pytest.approx(np.full(len(sure), shares[:1].sum()), rel=1e-2)
-    assert several > 10
+        narrow = [one for one in exact if one.deviations["rotation_deg"] < 5.0]
+        widths = [np.linalg.det(one.covariance) ** 0.5 / one.force_N for one in narrow]
+        shares = np.array([one.weight for one in narrow]) / widths
+        assert shares == pytest.approx(np.full(len(narrow), shares[:1].sum()), rel=1e-2)
+    assert ambiguous_count > 10
 
 
 def test_mirror_images_are_both_listed():
-    """Two electrodes on a line, the force known: places mirror each other at it."""
-    model = bumps("circle", 2)
-    found = locate(model, read(model, PLACE_MM), unknown=("x_mm", "y_mm"))
-    assert (found.status, found.alternatives) == ("ambiguous", 1)
-    assert [one.weight for one in found.touches] == pytest.approx([0.5, 0.5], abs=1e-6)
-    assert sorted(one.y_mm for one in found.touches) == pytest.approx([-4.0, 4.0], abs=1e-4)
-    assert [one.x_mm for one in found.touches] == pytest.approx([3.0, 3.0], abs=1e-4)
-    # half of the probability is 8 mm away
-    assert found.deviations["y_mm"] == pytest.approx(8.0, abs=found.best.deviations["y_mm"])
-    assert found.deviations["x_mm"] == pytest.approx(found.best.deviations["x_mm"], rel=0.1)
+    """Places mirror each other at the line of two electrodes if the force is known."""
+    response = make_bump_response("circle", 2)
+    location = locate(response, read_charges(response, TOUCH), unknown=("x_mm", "y_mm"))
+    assert (location.status, location.alternatives) == ("ambiguous", 1)
+    assert [one.weight for one in location.touches] == pytest.approx([0.5, 0.5], abs=1e-6)
+    assert sorted(one.y_mm for one in location.touches) == pytest.approx([-4.0, 4.0], abs=1e-4)
+    assert [one.x_mm for one in location.touches] == pytest.approx([3.0, 3.0], abs=1e-4)
+    # Half of the probability is 8 mm away.
+    best = location.best
+    assert location.deviations["y_mm"] == pytest.approx(8.0, abs=best.deviations["y_mm"])
+    assert location.deviations["x_mm"] == pytest.approx(best.deviations["x_mm"], rel=0.1)
 
 
-def test_probes_weigh_as_the_evidence_for_them():
-    logs = {"a": 0.0, "b": math.log(3.0), "c": -math.inf}
-    found = rank_probes({name: SimpleNamespace(log_evidence=of) for name, of in logs.items()})
-    assert [one.name for one in found] == ["b", "a", "c"]
-    assert [one.weight for one in found] == pytest.approx([0.75, 0.25, 0.0])
+def test_probes_are_ranked_by_their_evidence():
+    log_evidences = {"a": 0.0, "b": math.log(3.0), "c": -math.inf}
+    locations = {}
+    for name, log_evidence in log_evidences.items():
+        locations[name] = SimpleNamespace(log_evidence=log_evidence)
+    matches = rank_probes(locations)
+    assert [match.name for match in matches] == ["b", "a", "c"]
+    assert [match.weight for match in matches] == pytest.approx([0.75, 0.25, 0.0])
 
 
-EXACT = read(bumps("circle"), PLACE_MM)
+EXACT = read_charges(make_bump_response("circle"), TOUCH)
 
 
 @pytest.mark.parametrize(
@@ -111,21 +133,23 @@ EXACT = read(bumps("circle"), PLACE_MM)
         ({**EXACT, "A": 1.2 * EXACT["A"], "C": 1.2 * EXACT["C"]}, 1, "unexplained"),
     ],
 )
-def test_too_few_charges_and_charges_that_no_touch_gives_are_flagged(charges, freedom, status):
-    """Without a degree of freedom there is no p-value; the edge of the domain tells no fit."""
-    model = bumps("circle")
-    found = locate(model, charges)
+def test_too_few_charges_and_impossible_charges_are_flagged(charges, freedom, status):
+    """Without degrees of freedom there is no p-value; the domain's edge shows a misfit."""
+    response = make_bump_response("circle")
+    location = locate(response, charges)
     columns = {name: [charge] for name, charge in charges.items()}
-    many = locate_many(model, columns, rotations_deg=[0.0])
-    assert (found.status, many.status[0], found.degrees_of_freedom) == (status, status, freedom)
-    assert found.explained == many.explained[0] == (status == "located")
-    assert bool(found.remarks) == (status != "located")
+    touches = locate_many(response, columns, rotations_deg=[0.0])
+    assert (location.status, touches.status[0]) == (status, status)
+    assert location.degrees_of_freedom == freedom
+    assert location.explained == touches.explained[0] == (status == "located")
+    assert bool(location.remarks) == (status != "located")
     if status == "undetermined":
-        assert found.touches == ()
-        assert np.isnan(many.values).all()
+        assert location.touches == ()
+        assert np.isnan(touches.values).all()
     else:
-        assert np.isnan(found.best.p_value) == np.isnan(many.p_value[0]) == (freedom == 0)
-        assert many.chi_square[0] == pytest.approx(found.best.chi_square, rel=1e-3, abs=1e-3)
+        assert np.isnan(location.best.p_value) == np.isnan(touches.p_value[0]) == (freedom == 0)
+        chi_square = location.best.chi_square
+        assert touches.chi_square[0] == pytest.approx(chi_square, rel=1e-3, abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -138,28 +162,28 @@ def test_too_few_charges_and_charges_that_no_touch_gives_are_flagged(charges, fr
         ([11.9, 0.0, 0.0, 4.9], (), "located"),
     ],
 )
-def test_a_touch_beyond_the_domain_is_at_its_edge_and_no_model_is_asked_there(
-    touch, limits, status
-):
-    model = Watched(**vars(bumps("circle")))
-    found = locate(model, read(bumps("circle"), touch))
-    assert (found.best.at_edge, found.status) == (limits, status)
-    locate(
-        replace(model, points_mm=POINTS["triangle"]), read(bumps(), touch), unknown=TOUCH_QUANTITIES
-    )
-    x, y, _, force = np.concatenate(model.asked).T
+def test_a_touch_beyond_the_domain_is_at_its_edge_without_evaluations_beyond(touch, limits, status):
+    response = RecordingResponse(**vars(make_bump_response("circle")))
+    location = locate(response, read_charges(make_bump_response("circle"), touch))
+    assert (location.best.at_edge, location.status) == (limits, status)
+    triangle = replace(response, points_mm=PROBE_POINTS_MM["triangle"])
+    charges = read_charges(make_bump_response("triangle"), touch)
+    locate(triangle, charges, unknown=TOUCH_QUANTITIES)
+    x, y, _, force = np.concatenate(response.evaluated).T
     assert np.hypot(x, y).max() <= 12.0 * (1.0 + 1e-9)
     assert force.min() >= 0.1 * (1.0 - 1e-9)
     assert force.max() <= 5.0 * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize(("axis", "other"), [("x_mm", "y_mm"), ("y_mm", "x_mm")])
-def test_a_place_on_a_line_is_sought_as_far_as_the_reach(axis, other):
-    """Of a touch beyond a reach of 10 mm, 6 mm off the centre; searches go 5 % beyond the reach."""
-    wide, narrow = (bumps("circle", domain=Domain(reach, (0.1, 5.0))) for reach in (14.0, 10.0))
-    charges = read(wide, [9.5, 6.0, 0.0, 1.0] if axis == "x_mm" else [6.0, 9.5, 0.0, 1.0])
-    asked = {"unknown": (axis, "force_N"), "known": {other: 6.0, "rotation_deg": 0.0}}
-    found = locate(narrow, charges, 0.01, **asked)
-    assert getattr(found.best, axis) == pytest.approx((10.5**2 - 6.0**2) ** 0.5, rel=1e-6)
-    inside = locate(wide, charges, 0.01, **asked)
+def test_a_place_on_a_line_is_searched_up_to_the_reach(axis, other):
+    """The touch is beyond a reach of 10 mm; searches go 5 % beyond the reach."""
+    wide = make_bump_response("circle", domain=Domain(14.0, (0.1, 5.0)))
+    narrow = make_bump_response("circle", domain=Domain(10.0, (0.1, 5.0)))
+    touch = [9.5, 6.0, 0.0, 1.0] if axis == "x_mm" else [6.0, 9.5, 0.0, 1.0]
+    charges = read_charges(wide, touch)
+    known = {other: 6.0, "rotation_deg": 0.0}
+    at_edge = locate(narrow, charges, 0.01, unknown=(axis, "force_N"), known=known)
+    assert getattr(at_edge.best, axis) == pytest.approx((10.5**2 - 6.0**2) ** 0.5, rel=1e-6)
+    inside = locate(wide, charges, 0.01, unknown=(axis, "force_N"), known=known)
     assert getattr(inside.best, axis) == pytest.approx(9.5, abs=0.05)

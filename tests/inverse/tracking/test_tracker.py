@@ -114,9 +114,9 @@ def test_gains_offsets_units_and_the_stage_count(unknown):
     readings_pC = readings * [1e12 * channel.capacitance for channel in make_channels(scene)]
     staged_model = replace(model, scene=scene)
     staged = track_one_touch(staged_model, t, readings_pC, unknown=unknown, unit="pC")
-    found = (staged.x_mm, staged.y_mm, staged.rotation_deg, staged.force_N)
+    result = (staged.x_mm, staged.y_mm, staged.rotation_deg, staged.force_N)
     expected = (10.0 - touch.y_mm, touch.x_mm - 1.0, touch.rotation_deg + 90.0, touch.force_N)
-    assert found == pytest.approx(expected, abs=1e-3)
+    assert result == pytest.approx(expected, abs=1e-3)
     assert staged.x_deviation_mm == pytest.approx(touch.y_deviation_mm, rel=1e-6)
     assert staged.y_deviation_mm == pytest.approx(touch.x_deviation_mm, rel=1e-6)
     ratio = touch.x_deviation_mm / touch.y_deviation_mm  # 1.4 by slopes alone

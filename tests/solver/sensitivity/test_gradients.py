@@ -13,7 +13,7 @@ from pvdf_fem.scene.changes import get_number
 from pvdf_fem.solver.sensitivity.gradients import gradients
 from pvdf_fem.solver.sensitivity.parameters import PLACE_NAMES, list_parameters
 from pvdf_fem.solver.sensitivity.rates import compute_integral_rates
-from reports.accuracy.drawn import random_scene
+from reports.accuracy.drawn import make_random_scene
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, charges, graded_mesh, values
 
 PLACE = [f"probe.{name}" for name in PLACE_NAMES]
@@ -189,7 +189,7 @@ def test_refuses_a_solution_that_is_not_converged():
 @pytest.mark.parametrize("seed", [2, 4])
 def test_estimated_errors_have_the_right_size(seed):
     """Against a much finer tolerance, whose own errors count for it and against it."""
-    scene = random_scene(np.random.default_rng(seed), **{"numerics.tolerance": 5e-3})
+    scene = make_random_scene(np.random.default_rng(seed), **{"numerics.tolerance": 5e-3})
     coarse = gradients(scene)
     fine = gradients(scene.with_(**{"numerics.tolerance": 1e-4}))
     found, expected, stated, left = (

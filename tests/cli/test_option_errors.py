@@ -1,4 +1,4 @@
-"""Mistakes on the command line: each is told by its key, with exit code 2, before any work."""
+"""Errors on the command line: all are reported by their keys, with exit code 2, before any work."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from pvdf_fem.scene.scene_file import read_examples
 
 TWO = 'probe = ["triangle", "triangle"]'
 HOT = "film.temperature_change_K = 1.0"
-WRONG = ["film.radius_mm = -45.0", "load.force = 2", "numerics.tolerance = nan"]
+WRONG_SCENE = ["film.radius_mm = -45.0", "load.force = 2", "numerics.tolerance = nan"]
 DATASET = "dataset disc.toml --output"
 WARM = "--set film.temperature_change_K=1"
 
-#: Command lines in the folder of `conftest.py`, and all keys that their complaints begin with.
-REFUSED = [
+#: Command lines in the folder of `conftest.py`, and the keys of all their error messages.
+WRONG_LINES = [
     # a scene and its changes
-    ("solve wrong.toml --set probe.shape", ["--set probe.shape", *WRONG]),
-    ("modes wrong.toml --count 0", ["--count 0", *WRONG]),
+    ("solve wrong.toml --set probe.shape", ["--set probe.shape", *WRONG_SCENE]),
+    ("modes wrong.toml --count 0", ["--count 0", *WRONG_SCENE]),
     ("solve scene.toml --set =2 --set 'probe.x_mm=1\ny'", ["--set =2", r"--set probe.x_mm=1\ny"]),
     # numbers of options
     *((f"modes scene.toml --count {n}", [f"--count {n}"]) for n in ("201", "2.0", "1_0")),
@@ -54,7 +54,7 @@ REFUSED = [
         ],
     ),
     ("track disc.toml signals.csv --unknown x --reach 0", ["--reach 0", "--unknown"]),
-    # scenes that a command is not for
+    # scenes that a command cannot use
     *((f"{name} two.toml -", [TWO]) for name in ("track", "calibrate")),
     *((line, [TWO]) for line in ("model two.toml", "locate two.toml --charges A=1")),
     ("respond bare.toml", ["probe = (nothing)"]),
@@ -62,10 +62,10 @@ REFUSED = [
     ("model bare.toml", ["bare.toml"]),
     ("track bare.toml signals.csv", ["bare.toml", "--unit V"]),
     ("locate scene.toml --changes A=1 --unit V", ["--unit V"]),
-    # without charges at rest, before a model is built
+    # without charges of the unloaded film, before a response is built
     (f"track disc.toml signals.csv {WARM}", [HOT]),
     (f"locate disc.toml --changes A=5,B=4,C=3 {WARM}", [HOT]),
-    # options that do not go together
+    # incompatible options
     ("locate scene.toml --charges A=1 --unknown x,force --plot a.svg", ["--plot"]),
     ("locate scene.toml --charges A=1 --touches 2 --plot a.svg --or disc.toml", ["--or", "--plot"]),
     ("locate scene.toml --csv readings.csv --plot a.svg --or disc.toml", ["--or", "--plot"]),
@@ -86,7 +86,7 @@ REFUSED = [
     ("sweep sweep.toml --plan --store disc.toml", ["disc.toml"]),
     (f"{DATASET} a.parquet", ["a.parquet"]),
 ]
-#: Command lines with what they write, and an extension of each.
+#: Command lines that end with the option for an output file, and an extension of it.
 OUTPUTS = {
     "solve scene.toml --vtu": ".vtu",
     "mesh scene.toml": ".msh",
@@ -102,35 +102,41 @@ DRAWN += ("locate scene.toml --charges A=1", "sweep sweep.toml")
 OUTPUTS |= {f"{line} --plot": ".svg" for line in DRAWN}
 
 
-def contents(folder):
+def read_files(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize(("line", "keys"), REFUSED)
-def test_mistakes_are_told_by_key_before_any_work(folder, begun, command, monkeypatch, line, keys):
+@pytest.mark.parametrize(("line", "keys"), WRONG_LINES)
+def test_all_errors_are_reported_by_key_before_any_work(
+    folder, work_begun, command, monkeypatch, line, keys
+):
     find = "pvdf_fem.cli.studies.dataset.find_spec"  # whether it is installed or not
     monkeypatch.setattr(find, lambda name: None if name == "pyarrow" else find_spec(name))
     folder.joinpath("a.vtu").touch()
     os.symlink("a.vtu", "link.svg")
-    before = contents(folder)
+    before = read_files(folder)
     run = command(*shlex.split(line))
-    assert [key.strip() for key in run.mistakes] == keys
-    assert contents(folder) == before
+    assert [key.strip() for key in run.error_keys] == keys
+    assert read_files(folder) == before
 
 
 @pytest.mark.parametrize("line", OUTPUTS)
-def test_what_cannot_be_written_is_refused_before_any_work(folder, begun, command, line):
-    """In a folder that is not there, in an unknown format, and over the input."""
+def test_outputs_that_cannot_be_written_are_errors_before_any_work(
+    folder, work_begun, command, line
+):
+    """In a folder that does not exist, in an unknown format, and over the input."""
     os.link(line.split()[1], f"link{OUTPUTS[line]}")
-    before = contents(folder)
+    before = read_files(folder)
     for name in (f"none/a{OUTPUTS[line]}", "a.xyz", f"link{OUTPUTS[line]}"):
-        assert command(*line.split(), name).mistakes == [name]
-    assert contents(folder) == before
+        assert command(*line.split(), name).error_keys == [name]
+    assert read_files(folder) == before
 
 
 PARSERS = make_command_parsers()
 #: Commands that only print texts.
 WITHOUT_WORK = ("example", "keys")
+#: Examples that end without work, with their exit codes: there is no response yet to be listed.
+EXIT_CODES = {"solve scene.toml --plan": 0, "model sensor.toml --list": 3}
 #: Files that examples name, besides those of the folder and of the package.
 OWN_KIND = """
 from typing import Literal
@@ -165,7 +171,7 @@ def test_every_command_has_examples():
 
 
 @pytest.mark.parametrize("example", EXAMPLES)
-def test_examples_in_the_help_are_accepted(folder, begun, command, monkeypatch, example):
+def test_examples_in_the_help_are_accepted(folder, work_begun, command, monkeypatch, example):
     """Each example is carried out up to the place where its work begins."""
     files = {f"{name}.toml": text for name, text in read_examples().items()}
     files |= {"own.py": OWN_KIND, "touches.csv": TWELVE_TOUCHES}
@@ -175,10 +181,8 @@ def test_examples_in_the_help_are_accepted(folder, begun, command, monkeypatch, 
     piped = "signals.csv" if words[0] == "track" else "readings.csv"
     stdin = io.TextIOWrapper(io.BytesIO(folder.joinpath(piped).read_bytes()))
     monkeypatch.setattr("sys.stdin", stdin)
-    if words[0] in WITHOUT_WORK:
-        assert command(*words).code == 0
-    elif "--list" in words:
-        assert command(*words).code == 3  # there is no model yet
+    if words[0] in WITHOUT_WORK or example in EXIT_CODES:
+        assert command(*words).code == EXIT_CODES.get(example, 0)
     else:
-        with pytest.raises(begun):
+        with pytest.raises(work_begun):
             pytest.fail(f"ended before its work: {command(*words)}")

@@ -1,0 +1,206 @@
+"""Electromechanical coupling: how the voltages of electrodes stiffen the film.
+
+A charge amplifier keeps its electrode at zero voltage. Any other electrode shares its charge with
+the capacitance C_L of its wires, which is zero if it is open. The strain E since the unloaded film
+causes the charge q and the voltage V::
+
+    q = ∫ e : E dA,    e = d : C,    V = q/(C + C_L),    C = ε_S A/h,    ε_S = ε_T - d : C : d
+
+with the permittivity ε_T at constant stress, ``film.permittivity``. It adds e V/h to the stress S
+and q²/(2 (C + C_L)) to the film's energy. A channel reads the charge ∫ d : S dA by the whole
+stress, with and without coupling: V times (ε_T A/h + C_L).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.film.effects import EffectNote, format_two_digits
+from pvdf_fem.film.loads.contact_estimate import estimate_pressed_area
+from pvdf_fem.film.membrane import IDENTITY, compute_strain, compute_strain_rate
+from pvdf_fem.film.point_load import estimate_load_share
+from pvdf_fem.film.space import Space
+from pvdf_fem.film.term import ElementStress, State, Term
+from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
+from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.readout import Readout
+from pvdf_fem.scene.scene import LoadedProbe, Scene
+from pvdf_fem.scene.scene_file import quote
+
+
+@dataclass(frozen=True, eq=False)
+class FloatingElectrode:
+    """An electrode that no amplifier keeps at zero voltage."""
+
+    name: str
+    outline: Outline
+    film: Film
+    load: float  #: Capacitance that the electrode is wired to, in F.
+
+    @cached_property
+    def e(self) -> Array:
+        """Stress over electric field in C/m², (3,)."""
+        return self.film.stiffness @ [self.film.d31, self.film.d32, 0.0]
+
+    @cached_property
+    def capacitance(self) -> float:
+        """C + C_L in F."""
+        permittivity = max(self.film.clamped_permittivity, np.finfo(float).tiny)
+        return permittivity * self.outline.area / self.film.thickness + self.load
+
+    @cached_property
+    def share(self) -> Array:
+        """Stress integrals X, Y by the voltage over those by the strain, (2, 2)."""
+        factor = self.outline.area / self.film.thickness / self.capacitance
+        return factor * np.outer(self.e[:2], [self.film.d31, self.film.d32])
+
+    def with_voltage(self, integrals: Array) -> Array:
+        """Return stress integrals X, Y of the whole stress in N, (2,).
+
+        Parameters
+        ----------
+        integrals : (2,) array
+            Integrals of the strain's stress in N.
+        """
+        unloaded = self.film.prestress[:2] * self.outline.area
+        return np.asarray(integrals + self.share @ (integrals - unloaded))
+
+    def estimate_effect(self, scene: Scene, probe: LoadedProbe, own_share: float = 0.4) -> float:
+        """Estimate the relative change of a charge by coupling.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene.
+        probe : LoadedProbe
+            The probe that presses.
+        own_share : float
+            Share of its own stress that a small part of a film keeps: (1 - ν)/2, or (1 + ν)/4 of a
+            shear (Eshelby).
+        """
+        area = self.outline.area
+        pressed_area, force = estimate_pressed_area(scene, probe)
+        radius = math.sqrt(area / math.pi)
+        pressed_radius = math.sqrt(pressed_area.area / math.pi)
+        distance = math.dist(self.outline.centroid, pressed_area.centroid)
+        # an electrode under the probe has its mean tension at about half its radius
+        r = max(distance - radius, pressed_radius, 0.5 * radius)
+        covered = area / (math.pi * self.film.radius**2)
+        kept = own_share + (1.0 - own_share) * covered
+        return float(np.trace(self.share)) * kept * estimate_load_share(self.film, force, r)
+
+
+class Coupling(Term):
+    """The energy q²/(2 (C + C_L)) of a floating electrode."""
+
+    def __init__(self, electrode: FloatingElectrode, space: Space) -> None:
+        self.electrode = electrode
+        self.space = space
+        #: Elements of the electrode, (n,).
+        self.elements: Indices = space.mesh.subdomains[make_subdomain_name(electrode.name)]
+        self._weighted_e = space.weights[self.elements, :, None] * electrode.e
+
+    def charge(self, strain: Array) -> float:
+        """Return q in C of the whole film's strain, (elements, points, 3)."""
+        return float((strain[self.elements] * self._weighted_e).sum())
+
+    def voltage(self, state: State) -> float:
+        """Return the electrode's voltage in V."""
+        return self.charge(state.strain) / self.electrode.capacitance
+
+    def energy(self, state: State) -> float:
+        """Return the energy in J."""
+        return 0.5 * self.voltage(state) * self.charge(state.strain)
+
+    def slope(self, state: State) -> Array:
+        """Return the derivative of q by the dofs in C/m, (dofs,).
+
+        It has the integrals of e : sym(Fᵀ grad v) over the electrode.
+        """
+        flux = state.deformation_gradient[self.elements] * self._weighted_e[:, :, None, :2]
+        parts = np.matmul(self.space.gradients[self.elements], flux.swapaxes(2, 3))
+        return self.space.sum(parts.sum(axis=1), self.elements)
+
+    def residual(self, state: State) -> Array:
+        """Return the derivative of the energy in N, (dofs,)."""
+        return self.voltage(state) * self.slope(state)
+
+    def added_stress(self, state: State) -> ElementStress:
+        """Return the stress e V/h of the voltage."""
+        field = self.voltage(state) / self.electrode.film.thickness
+        return ElementStress(self.elements, field * self.electrode.e)
+
+    def tangent_column(self, state: State) -> Array:
+        """Return the slope over √(C + C_L)."""
+        return self.slope(state) / np.sqrt(self.electrode.capacitance)
+
+    def action(self, state: State, x: Array) -> Array:
+        """Return the tangent without the geometric stiffness times `x` in N, (dofs,)."""
+        column = self.tangent_column(state)
+        return column * (column @ x)
+
+    def energy_along(self, state: State, x: Array) -> Array:
+        """Return the energy of the dofs moved by s `x`, as coefficients (5,) of 1, s, ... s⁴."""
+        step = self.space.gradient(x)
+        first = compute_strain_rate(state.deformation_gradient, step)
+        second = compute_strain(step) - compute_strain_rate(IDENTITY, step)
+        charge = [self.charge(strain) for strain in (state.strain, first, second)]
+        return np.convolve(charge, charge) / (2.0 * self.electrode.capacitance)
+
+
+def find_floating_electrodes(scene: Scene) -> tuple[FloatingElectrode, ...]:
+    """Find the electrodes that no charge amplifier keeps at zero voltage."""
+    readout = scene.readout or Readout()
+    floating = []
+    for electrode in scene.electrode_list:
+        if readout.of("kind", electrode.name) == "voltage":
+            cable_pF = readout.of("cable_capacitance_pF", electrode.name)
+            floating.append(
+                FloatingElectrode(
+                    electrode.name, electrode.outline, film=scene.film, load=cable_pF / 1e12
+                )
+            )
+    return tuple(floating)
+
+
+def find_coupled_electrodes(scene: Scene) -> tuple[FloatingElectrode, ...]:
+    """Find the floating electrodes whose voltages act on the film.
+
+    ``film.coupling = "auto"`` is resolved here.
+    """
+    is_coupled = scene.film.coupling
+    if is_coupled == "auto":
+        is_coupled = estimate_coupling_effect(scene) > scene.numerics.tolerance
+    return find_floating_electrodes(scene) if is_coupled else ()
+
+
+def estimate_coupling_effect(scene: Scene) -> float:
+    """Estimate the largest relative change of a charge by coupling."""
+    largest = 0.0
+    for electrode in find_floating_electrodes(scene):
+        for probe in scene.loaded_probes:
+            largest = max(largest, electrode.estimate_effect(scene, probe))
+    return largest
+
+
+def describe_coupling(scene: Scene) -> Iterator[EffectNote]:
+    """Describe the effect of coupling; yield nothing without floating electrodes."""
+    floating = find_floating_electrodes(scene)
+    if not floating:
+        return
+    names = ", ".join(electrode.name for electrode in floating)
+    percent = format_two_digits(100.0 * estimate_coupling_effect(scene))
+    size = f"could change a charge by up to {percent} %"
+    reason = f"no charge amplifier keeps {names} at zero voltage, which stiffens the film"
+    text = f"coupling (film.coupling = {quote(scene.film.coupling)}): {size}; {reason}"
+    is_included = bool(find_coupled_electrodes(scene))
+    if not is_included:
+        text += "; to include it give film.coupling = true"
+    yield EffectNote(is_included, text)
