@@ -15,8 +15,8 @@ from skfem import MeshTri2
 
 from pvdf_fem.dynamics.spectrum import EquilibriumState, Spectrum, compute_spectra
 from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_effect
-from pvdf_fem.mesh.gmsh_mesh import FILM
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.mesh.subdomains import FILM
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.scene import Scene
@@ -163,7 +163,7 @@ class ModalProblem:
         assert self.sizes is not None
         by_error = (tolerance / level.worst) ** (1.0 / ERROR_ORDER)
         smallest = max(0.25, (level.unknowns / max_unknowns) ** 0.5)
-        self.sizes = self.sizes.scaled(float(np.clip(by_error, smallest, 0.8)))
+        self.sizes = self.sizes.scale(float(np.clip(by_error, smallest, 0.8)))
         return self.sizes
 
     def solve_on(self, mesh: MeshTri2, coarser: ModalLevel | None) -> ModalLevel:

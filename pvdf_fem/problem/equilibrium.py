@@ -24,7 +24,7 @@ from pvdf_fem.film.low_rank import LowRankUpdate
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import Load, State, Term
 from pvdf_fem.film.unknowns import FIXED, Assembly, Unknowns
-from pvdf_fem.mesh.gmsh_mesh import MIRRORS, RIM
+from pvdf_fem.mesh.subdomains import MIRRORS, RIM
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.problem.problem import Problem
 

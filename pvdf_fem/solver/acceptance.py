@@ -144,8 +144,8 @@ def list_warnings(equilibrium: Equilibrium, state: State, change: float | None) 
     if change is not None:
         effect = f"; this would change a charge by up to {change:.1e} of it"
     warnings = []
-    for text, is_affected in equilibrium.model.find_compression(smallest_stress, largest_stress):
-        warnings.append(text.format(_format_area(equilibrium, is_affected)) + effect)
+    for area in equilibrium.model.find_compression(smallest_stress, largest_stress):
+        warnings.append(area.text.format(_format_area(equilibrium, area.where)) + effect)
     stress = largest_stress.max()
     if stress > STRENGTH:
         warnings.append(

@@ -11,8 +11,8 @@ from pvdf_fem.electrodes.observables import OBSERVABLES
 from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_effect
 from pvdf_fem.film.loads.contact_estimate import estimate_contact_outlines
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
-from pvdf_fem.mesh.gmsh_mesh import FILM, collect_outlines
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.mesh.subdomains import FILM, collect_outlines
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
@@ -73,7 +73,7 @@ def choose_first_sizes(problem: Problem, order: int) -> GradedSizes:
     factor = excess ** (1.0 / (order + 1.0))
     factor = float(np.clip(factor, SMALLEST_FACTOR, LARGEST_FACTOR))
     sizes = GradedSizes(patches, growth, film=largest * scene.film.radius)
-    sizes = sizes.scaled(problem.film.mesh_policy.size_factor * factor)
+    sizes = sizes.scale(problem.film.mesh_policy.size_factor * factor)
 
     at_contacts = {}
     for name, outline in contacts.items():

@@ -399,4 +399,4 @@ def choose_next_sizes(level: MeshLevel, tolerance: float, most_unknowns: float) 
     mesh = level.equilibrium.space.mesh
     rigid = find_rigid_elements(level.equilibrium.terms)
     sizes = compute_refined_sizes(mesh, shares, reduction, largest, rigid)
-    return sizes.coarsened(most_unknowns / UNKNOWNS_PER_ELEMENT[level.run.order])
+    return sizes.coarsen(most_unknowns / UNKNOWNS_PER_ELEMENT[level.run.order])
