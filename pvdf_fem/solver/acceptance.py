@@ -58,7 +58,9 @@ def find_rejection_status(
         return None
     equilibrium = discrete.solved
     state = discrete.solved_state
-    if not is_balanced(equilibrium, state, factors, allowed=equilibrium.model.mesh_policy.imbalance):
+    if not is_balanced(
+        equilibrium, state, factors, allowed=equilibrium.model.mesh_policy.imbalance
+    ):
         return Status.UNBALANCED
     if is_tip_at_rim(discrete):
         return Status.RIM

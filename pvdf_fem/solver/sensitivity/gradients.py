@@ -224,7 +224,9 @@ def _differentiate(solution: Solution, requested: Sequence[str]) -> Gradients:
     scales = np.array([[_find_scale(scene, key)] for key in keys])
     units = magnitudes / scales
     changes = np.abs(better_rates - rates)
-    errors = problem.film.mesh_policy.saturation * _estimate_errors(changes, units, magnitudes=magnitudes)
+    errors = problem.film.mesh_policy.saturation * _estimate_errors(
+        changes, units, magnitudes=magnitudes
+    )
     largest = np.maximum(np.abs(rates), NEGLIGIBLE_SHARE * units).max(axis=1, initial=TINY)
 
     names = [electrode.name for electrode in scene.electrode_list]
