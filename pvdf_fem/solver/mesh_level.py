@@ -31,7 +31,7 @@ from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.outputs import Output, piezo_coefficients
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.discrete_solution import DiscreteSolution
-from pvdf_fem.solver.estimate import (
+from pvdf_fem.solver.estimate.correction import (
     Correction,
     compute_indicators,
     correct_in_richer_space,

@@ -357,7 +357,7 @@ class Solution(ElectrodeCharges):
     def film_data(self) -> FilmData:
         """Return the fields and charges for `plot`, `view` and `to_vtu`."""
         # it imports the solvers, which nothing else here needs
-        from pvdf_fem.solver.next_order import compute_error_shares
+        from pvdf_fem.solver.estimate.next_order import compute_error_shares
 
         discrete = self.discrete
         return FilmData(

@@ -7,7 +7,7 @@ import pytest
 
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
-from pvdf_fem.solver.estimate import correct_in_richer_space
+from pvdf_fem.solver.estimate.correction import correct_in_richer_space
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.factors import factorise
 from pvdf_fem.solver.nonlinear.fallback import find_equilibrium

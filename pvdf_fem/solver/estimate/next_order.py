@@ -11,7 +11,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.outputs import Output
 from pvdf_fem.solver.discrete_solution import DiscreteSolution
-from pvdf_fem.solver.estimate import Correction, correct_in_richer_space
+from pvdf_fem.solver.estimate.correction import Correction, correct_in_richer_space
 from pvdf_fem.solver.mesh_level import compute_error_indicators
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.factors import factorise
