@@ -2,6 +2,7 @@
 
 Scene and solution
     `Scene` describes film, electrodes, probe and load; `solve` gives a `Solution` with the charges.
+    `Problem` is a scene resolved to what is solved, and prints it without a solve.
     `SceneError` lists the mistakes of a scene; `NotConvergedError` and `Status` say why there are
     no charges.
     `Replaced` is a table that takes the place of a whole one in `Scene.with_`.
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from pvdf_fem.inverse.touch.locate import locate
     from pvdf_fem.inverse.touch.locate_many import locate_many
     from pvdf_fem.inverse.tracking.tracker import Tracker
+    from pvdf_fem.problem.problem import Problem
     from pvdf_fem.report.report import Report
     from pvdf_fem.scene.scene import Replaced, Scene, SceneError
     from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
@@ -55,6 +57,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "NotConvergedError",
+    "Problem",
     "Replaced",
     "Report",
     "Response",
@@ -84,6 +87,7 @@ __version__ = "0.1.0"
 # Where the public names are defined.
 _MODULES = {
     "NotConvergedError": "solver.nonlinear.status",
+    "Problem": "problem.problem",
     "Report": "report.report",
     "Replaced": "scene.scene",
     "Response": "surrogate.response",

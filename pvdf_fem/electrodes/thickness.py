@@ -6,7 +6,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.term import Load, State
-from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
+from pvdf_fem.mesh.subdomains import make_subdomain_name
 from pvdf_fem.problem.equilibrium import Equilibrium
 
 

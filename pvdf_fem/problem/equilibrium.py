@@ -1,7 +1,7 @@
-"""Equilibrium: the sum of the film's energy terms, on the unknowns that a scene leaves free.
+"""Equilibrium: the sum of the film's energy terms, on the unknowns that the constraints leave.
 
 The clamped rim fixes its dofs; a term, such as a rigid punch, may fix or share more dofs. The
-equations on a part also hold on its mirror images: nothing crosses a mirror line.
+equations on a symmetry sector also hold on its reflections: nothing crosses a mirror line.
 """
 
 from __future__ import annotations
@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from copy import copy
 from dataclasses import replace
-from functools import cached_property, reduce
-from operator import add
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,7 +24,7 @@ from pvdf_fem.film.low_rank import LowRankUpdate
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import Load, State, Term
 from pvdf_fem.film.unknowns import FIXED, Assembly, Unknowns
-from pvdf_fem.mesh.gmsh_mesh import MIRRORS, RIM
+from pvdf_fem.mesh.subdomains import MIRRORS, RIM
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.problem.problem import Problem
 
@@ -100,179 +99,231 @@ class Equilibrium:
         return Equilibrium(problem, space.mesh, space.order, sector=self.sector, space=space)
 
     def with_terms(self, terms: Iterable[Term]) -> Equilibrium:
-        """The equilibrium equations of other terms; the membrane term must stay first."""
+        """Return the equations of other terms; the membrane must stay the first."""
         other = copy(self)
-        for name in ("unknowns", "assembly", "flat_forces", "_uneven_forces"):
+        for name in ("unknowns", "assembly", "flat_forces", "_forces_without_load"):
             other.__dict__.pop(name, None)
         other.terms = list(terms)
         return other
 
     def map_terms(self, change: Callable[[Term], Term]) -> Equilibrium:
-        """The equations with every term changed."""
-        return self.with_terms(map(change, self.terms))
+        """Return the equations with every term changed."""
+        return self.with_terms(change(term) for term in self.terms)
 
     def with_scaled_loads(self, factor: float) -> Equilibrium:
-        """The film under its loads times a factor."""
-        return self.map_terms(lambda term: term.scaled(factor) if isinstance(term, Load) else term)
+        """Return the equations of the film under its loads times a factor."""
+
+        def scale(term: Term) -> Term:
+            return term.scaled(factor) if isinstance(term, Load) else term
+
+        return self.map_terms(scale)
 
     @property
     def loads(self) -> list[ProbeLoad]:
-        """The loads of the probes. Other terms may apply forces, too."""
+        """The loads of the probes, without those on the whole film."""
         return select_probe_loads(self.terms)
 
     @property
     def force(self) -> float:
-        """Sum of the magnitudes of the terms' forces, N."""
+        """Sum of the magnitudes of the loads' forces in N."""
         return sum(term.force for term in self.terms if isinstance(term, Load))
 
     @property
     def conservative(self) -> bool:
-        """Whether an energy exists."""
+        """Whether the forces derive from an energy."""
         return all(term.conservative for term in self.terms)
 
     @cached_property
     def unknowns(self) -> Unknowns:
-        """The map from unknowns to dofs: displacements that are even about the mirror lines."""
+        """The map from unknowns to dofs."""
         return Unknowns.from_terms(self.space, self.clamped, self.terms)
 
     @cached_property
     def assembly(self) -> Assembly:
-        """Where entries of elements go, worked out at first use."""
+        """Where the entries of element matrices go, computed at first use."""
         return Assembly(self.space, self.unknowns)
 
     def dofs(self, q: Array) -> Array:
-        """Dofs of the unknowns `q`."""
+        """Return the dofs of unknowns `q`."""
         return self.unknowns.expand(q)
 
     def restrict(self, x: Array) -> Array:
-        """Unknowns for dofs `x`, averaged where dofs share an unknown."""
+        """Return unknowns for dofs `x`, averaged where dofs share an unknown."""
         return self.unknowns.restrict(x)
 
     def complete_initial_guess(self, x: Array) -> Array:
-        """Unknowns near the dofs `x`, with suitable values of the terms' own dofs."""
-        return self.restrict(reduce(lambda x, term: term.complete_initial_guess(x), self.terms, x))
+        """Return unknowns near dofs `x`, with suitable values of the terms' auxiliary dofs."""
+        for term in self.terms:
+            x = term.complete_initial_guess(x)
+        return self.restrict(x)
 
     def state(self, q: Array) -> State:
-        """Fields of the unknowns `q`."""
+        """Return the deformation, strain and stress of unknowns `q`."""
         state = self.membrane.state(self.dofs(q))
         if not self.problem.floating_electrodes or self.model.wrinkles:
             return state  # the residual of wrinkles is of the whole stress, which has no voltage
         added = np.zeros((len(state.stress), 1, 3))
-        for elements, stress in filter(None, (term.added_stress(state) for term in self.terms)):
-            added[elements] += stress
+        for term in self.terms:
+            by_term = term.added_stress(state)
+            if by_term is not None:
+                elements, stress = by_term
+                added[elements] += stress
         return replace(state, stress=state.stress + added, added=added)
 
     def film_forces(self, state: State) -> Array:
-        """Residual: internal forces minus load forces, (dofs,), in N."""
-        return reduce(add, (term.residual(state) for term in self.terms))
+        """Return the internal less the external forces at the dofs in N, (dofs,)."""
+        first, *others = self.terms
+        forces = first.residual(state)
+        for term in others:
+            forces = forces + term.residual(state)
+        return forces
 
     def residual(self, state: State) -> Array:
-        """Internal minus external forces of the unknowns, N."""
+        """Return the internal less the external forces of the unknowns in N, (unknowns,)."""
         return self.unknowns.fold(self.film_forces(state))
 
     def tangent(self, state: State) -> sp.csc_matrix | LowRankUpdate:
-        """Derivative of `residual` in N/m."""
-        columns = [c for term in self.terms if (c := term.tangent_column(state)) is not None]
+        """Return the derivative of `residual` by the unknowns in N/m."""
         sparse = self.sparse_tangent(state)
-        return (
-            LowRankUpdate(sparse, self.unknowns.fold(np.transpose(columns))) if columns else sparse
-        )
+        columns = []
+        for term in self.terms:
+            column = term.tangent_column(state)
+            if column is not None:
+                columns.append(column)
+        if not columns:
+            return sparse
+        return LowRankUpdate(sparse, self.unknowns.fold(np.transpose(columns)))
 
     def sparse_tangent(self, state: State) -> sp.csc_matrix:
-        """Tangent without the columns from terms that couple many elements."""
-        by_element = (term.element_tangent(state) for term in self.terms)
-        # the membrane is the first term and has every element
-        (_, matrices), *others = [local for local in by_element if local is not None]
-        for elements, values in others:
-            matrices[elements] += values
+        """Return the tangent without the columns of terms that couple many elements."""
+        first, *others = self.terms
+        local = first.element_tangent(state)
+        assert local is not None  # the membrane has every element
+        _, matrices = local
+        for term in others:
+            by_term = term.element_tangent(state)
+            if by_term is not None:
+                elements, values = by_term
+                matrices[elements] += values
         return self.with_coupled(self.assembly.matrix(matrices), state)
 
     def with_coupled(self, matrix: sp.csc_matrix, state: State) -> sp.csc_matrix:
-        """A matrix (unknowns, unknowns) with the parts of the tangent that couple elements."""
-        coupled = (term.coupled_tangent(self.assembly, state) for term in self.terms)
-        return reduce(add, (c for c in coupled if c is not None), matrix)
+        """Add the parts of the tangent that couple elements to a matrix (unknowns, unknowns)."""
+        for term in self.terms:
+            coupled = term.coupled_tangent(self.assembly, state)
+            if coupled is not None:
+                matrix = matrix + coupled
+        return matrix
 
     def element_action(self, state: State, step: Array) -> Array:
-        """Element forces in N by a small step, (elements, dofs of an element).
+        """Return the element forces of a small step in N, (elements, dofs of an element).
 
         The matrices are symmetric: follower loads have no part in the tangent here.
         """
         x = self.unknowns.expand(step)
-        actions = (term.element_action(state, x) for term in self.terms)
-        return reduce(add, (action for action in actions if action is not None))
+        return _add_existing(term.element_action(state, x) for term in self.terms)
 
     def action(self, state: State, step: Array) -> Array:
-        """Tangent without follower loads, times a step, (unknowns,)."""
+        """Return the tangent without follower loads, times a step, in N, (unknowns,)."""
         x = self.unknowns.expand(step)
-        actions = (term.action(state, x) for term in self.terms)
-        return self.unknowns.fold(reduce(add, (force for force in actions if force is not None)))
+        return self.unknowns.fold(_add_existing(term.action(state, x) for term in self.terms))
 
     def diagonal(self, state: State) -> Array:
-        """Diagonal of the tangent without coupling between shared dofs, (unknowns,)."""
-        diagonals = (term.diagonal(state) for term in self.terms)
-        return self.unknowns.fold_diagonal(reduce(add, (d for d in diagonals if d is not None)))
+        """Return the diagonal of the tangent, without coupling of shared dofs, (unknowns,)."""
+        diagonal = _add_existing(term.diagonal(state) for term in self.terms)
+        return self.unknowns.fold_diagonal(diagonal)
 
     def energy_along(self, state: State, step: Array, slope: float) -> Array:
-        """Potential energy in J at q + s step, coefficients (5,) of 1, s, ... s^4.
+        """Return the potential energy along a step, a quartic polynomial.
 
-        `slope` is residual . step. Follower forces stay fixed.
+        Follower forces stay fixed.
+
+        Parameters
+        ----------
+        state : State
+            Where the step starts.
+        step : ndarray, shape (unknowns,)
+            The step in m.
+        slope : float
+            The residual times the step in J.
+
+        Returns
+        -------
+        ndarray, shape (5,)
+            Coefficients of 1, s, ..., s^4 in J, at the part s of the step.
         """
         x = self.unknowns.expand(step)
-        energy: Array = reduce(add, (term.energy_along(state, x) for term in self.terms))
+        energy = _add_existing(term.energy_along(state, x) for term in self.terms)
         energy[1] = slope
         return energy
 
     @cached_property
     def flat_forces(self) -> Array:
-        """What moves the flat film, (unknowns,), in N: its residual with a minus sign."""
-        return -self.residual(self._flat)
+        """Forces that move the flat film in N, (unknowns,)."""
+        return -self.residual(self._flat_state)
 
     @cached_property
-    def _flat(self) -> State:
+    def _flat_state(self) -> State:
         return self.membrane.state(np.zeros(self.space.dof_count))
 
     @cached_property
-    def _uneven_forces(self) -> Array:
-        """Part of `flat_forces` that is no load."""
-        return self.flat_forces - self.unknowns.fold(self.load_forces(self._flat))
+    def _forces_without_load(self) -> Array:
+        """The part of `flat_forces` by uneven stress, without the loads."""
+        return self.flat_forces - self.unknowns.fold(self.load_forces(self._flat_state))
 
     @property
     def is_flat(self) -> bool:
-        """Whether the flat film is in balance."""
+        """Whether the flat film is in equilibrium."""
         return not self.flat_forces.any()
 
     def work(self, state: State, q: Array) -> float:
-        """Work in J along `q` by the loads at a state and by everything else that moves the flat
-        film."""
-        return float((self.unknowns.fold(self.load_forces(state)) + self._uneven_forces) @ q)
+        """Return the work along `q` in J, by the loads at a state and by uneven stress."""
+        loads = self.unknowns.fold(self.load_forces(state))
+        return float((loads + self._forces_without_load) @ q)
 
     @property
     def is_abrupt(self) -> bool:
-        """Whether a term changes abruptly."""
+        """Whether a term changes abruptly, so that it has a relaxed approximation."""
         return any(term.relaxed() is not term for term in self.terms)
 
     def load_forces(self, state: State) -> Array:
-        """External forces in N, (dofs,)."""
-        loads = (term for term in self.terms if isinstance(term, Load))
-        return sum((load.forces(state) for load in loads), np.zeros(self.space.dof_count))
+        """Return the external forces at the dofs in N, (dofs,)."""
+        forces = np.zeros(self.space.dof_count)
+        for term in self.terms:
+            if isinstance(term, Load):
+                forces = forces + term.forces(state)
+        return forces
 
     def rim_reaction(self, state: State) -> Array:
-        """Force in N, (3,), by which the rim, and guides of punches, hold the film."""
-        held = self.unknowns.of_dof == FIXED
-        return self._of_all_images(np.where(held, self.film_forces(state), 0.0))
+        """Return the force by which rim and guides of punches hold the film in N, (3,)."""
+        is_fixed = self.unknowns.of_dof == FIXED
+        return self._sum_reflections(np.where(is_fixed, self.film_forces(state), 0.0))
 
     def applied_force(self, state: State) -> Array:
-        """Force in N, (3,), by which the loads press."""
-        return self._of_all_images(self.load_forces(state))
+        """Return the force of all loads in N, (3,)."""
+        return self._sum_reflections(self.load_forces(state))
 
     def imbalance(self, state: State) -> float:
-        """Imbalance in N between rim and loads, along the applied force."""
+        """Return the imbalance between rim and loads along the applied force in N."""
         applied = self.applied_force(state)
         size = float(np.linalg.norm(applied))
-        return abs(float((self.rim_reaction(state) + applied) @ applied)) / size if size else 0.0
+        if size == 0.0:
+            return 0.0
+        along = (self.rim_reaction(state) + applied) @ applied
+        return abs(float(along)) / size
 
-    def _of_all_images(self, forces: Array) -> Array:
-        """Sum in N, (3,), of forces (dofs,) and their mirror images, in the scene's axes."""
+    def _sum_reflections(self, forces: Array) -> Array:
+        """Sum forces (dofs,) and their reflections in the scene's axes, in N, (3,)."""
+        signs = self.sector.signs
         total = forces.reshape(-1, 3).sum(axis=0)
-        total *= [*self.sector.signs.sum(axis=0), len(self.sector.signs)]
+        total *= [*signs.sum(axis=0), len(signs)]
         return np.append(total[:2] @ self.sector.frame, total[2])
+
+
+def _add_existing(arrays: Iterable[Array | None]) -> Array:
+    """Add the arrays that exist; at least one does."""
+    existing = [array for array in arrays if array is not None]
+    total = existing[0]
+    for array in existing[1:]:
+        total = total + array
+    return total

@@ -27,8 +27,8 @@ from skfem import MeshTri2
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.space import Space, evaluate_shape_gradients, evaluate_shape_hessians
 from pvdf_fem.film.term import Assembly, State, Term
-from pvdf_fem.mesh.gmsh_mesh import RIM
 from pvdf_fem.mesh.six_node import compute_jacobian_ratios
+from pvdf_fem.mesh.subdomains import RIM
 from pvdf_fem.scene.film import Film
 
 
