@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from pydoc import locate as locate_object
 
 import pytest
 
@@ -47,6 +48,16 @@ def test_every_command_and_public_name_is_told():
     assert [name for name in names if f"usage: pvdf-fem {name} " not in commands] == []
     api = references.api_page()
     assert not [name for name in pvdf_fem.__all__ if f":: pvdf_fem.{name}" not in api]
+
+
+def test_internal_members_exist():
+    """Members that the guide does not show are those of classes that it shows."""
+    public = [getattr(pvdf_fem, name) for name in pvdf_fem.__all__]
+    paths = [path for group in references.RESULTS.values() for path in group]
+    shown = [*public, *(locate_object(path) for path in paths)]
+    members = {member for documented in shown for member in dir(documented)}
+    fields = {f for c in shown for f in getattr(c, "__dataclass_fields__", ())}
+    assert set(references.INTERNAL) - members - fields == set()
 
 
 STALE = "README's pictures or sample are stale: run python -m reports.gallery, and look at them"
