@@ -33,8 +33,8 @@ from pvdf_fem.film.low_rank import LowRankUpdate
 from pvdf_fem.film.term import Load, State
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.progress import Progress, ignore_progress
-from pvdf_fem.solver.next_order import factorise_tangent, solve_next_order
-from pvdf_fem.solver.nonlinear.newton import factorise
+from pvdf_fem.solver.estimate.next_order import factorise_tangent, solve_next_order
+from pvdf_fem.solver.nonlinear.factors import factorise
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 from pvdf_fem.solver.solution import Solution
 
