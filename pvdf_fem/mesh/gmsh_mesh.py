@@ -94,6 +94,7 @@ def mesh_scene(
     Parameters
     ----------
     scene : Scene
+        The scene.
     sizes : GradedSizes or SizeField
         Element sizes in m. The mesh is not refined along outlines that `GradedSizes` does not name.
     sector : SymmetrySector

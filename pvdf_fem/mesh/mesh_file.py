@@ -47,6 +47,7 @@ def as_mesh(mesh: MeshTri2 | str | Path, scene: Scene, slack: float = 1e-3) -> M
     mesh : MeshTri2, str or path
         A mesh, or its file.
     scene : Scene
+        The scene.
     slack : float
         See `read_mesh`.
 
@@ -77,6 +78,7 @@ def read_mesh(path: str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
     path : str or path
         With an extension in `READERS`.
     scene : Scene
+        The scene.
     slack : float
         Relative difference between the areas of film and patches in the mesh and in the scene that
         is allowed. Outlines and centroids may be off by this share of the root of the patch's area.
@@ -229,6 +231,7 @@ def _find_patch_errors(
     Parameters
     ----------
     mesh : MeshTri2
+        With coordinates in m.
     outlines : dict of str to Outline
         Outlines of the film and its patches by name. Those that reach over the rim are left out.
     elements_inside : dict of str to array

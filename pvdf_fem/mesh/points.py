@@ -19,6 +19,7 @@ def find_nearest_elements(
     Parameters
     ----------
     mesh : MeshTri2
+        With coordinates in m.
     points : array (2, n)
         In m.
     candidates : int
@@ -53,6 +54,7 @@ def locate_points(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indic
     Parameters
     ----------
     mesh : MeshTri2
+        With coordinates in m.
     points : array (2, n)
         In m.
     steps : int
@@ -94,11 +96,13 @@ def compute_local_coordinates(
     Parameters
     ----------
     mesh : MeshTri2
+        With coordinates in m.
     elements : array of int (n,)
         The element of each row of points.
     points : array (n, points, 2)
         In m.
     newton_steps : int
+        Number of Newton steps in curved elements.
 
     Returns
     -------
@@ -152,7 +156,9 @@ def make_facet_quadrature(
     Parameters
     ----------
     mesh : MeshTri2
+        With coordinates in m.
     facets : array of int (n,)
+        The facets.
     elements : array of int (n,)
         One of the elements of each facet.
     count : int

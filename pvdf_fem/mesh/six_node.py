@@ -38,7 +38,9 @@ def bulge_arcs(
     points : array (2, nodes)
         In m; changed in place.
     triangles : array of int (elements, 6)
+        Nodes of the triangles.
     outline : Outline
+        The outline whose area the elements get.
     is_curved : array of bool (nodes,)
         Nodes inside of curved pieces of boundaries. Their distance alone is not enough: a short
         chord is equally near to the outline.
@@ -96,9 +98,11 @@ def bend_sides(mesh: MeshTri2, is_distorted: Mask, least_jacobian: float) -> tup
     Parameters
     ----------
     mesh : MeshTri2
+        With coordinates in m.
     is_distorted : array of bool (elements,)
         Elements with a Jacobian ratio below `least_jacobian`.
     least_jacobian : float
+        Least Jacobian of an element over its mean.
 
     Returns
     -------
@@ -152,6 +156,7 @@ def straighten_sides(
     Parameters
     ----------
     mesh : MeshTri2
+        With coordinates in m.
     least_jacobian : float
         Least Jacobian of an element over its mean.
     largest_move : float

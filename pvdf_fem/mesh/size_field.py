@@ -94,6 +94,7 @@ class SizeField:
         Parameters
         ----------
         mesh : MeshTri2
+            With coordinates in m.
         sizes : array (elements,)
             In m.
         growth : float
@@ -174,6 +175,7 @@ def compute_refined_sizes(
     Parameters
     ----------
     mesh : MeshTri2
+        With coordinates in m.
     shares : array (elements,)
         Contributions of the elements to the error, in any unit. Where all are zero, on a slack
         film, they count as equal.

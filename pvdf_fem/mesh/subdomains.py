@@ -28,6 +28,7 @@ def collect_outlines(scene: Scene) -> dict[str, Outline]:
     Parameters
     ----------
     scene : Scene
+        The scene.
 
     Returns
     -------
@@ -52,6 +53,7 @@ def name_mesh_parts(
     Parameters
     ----------
     mesh : MeshTri2
+        With coordinates in m.
     subdomains : dict of str to array
         Elements by the name of the subdomain.
     sector : SymmetrySector

@@ -102,6 +102,7 @@ def classify_isotropy(film: Film) -> str:
     Parameters
     ----------
     film : Film
+        The film.
 
     Returns
     -------
@@ -123,6 +124,7 @@ def find_symmetry_sector(scene: Scene, reflect_electrodes_below: float = 1e-4) -
     Parameters
     ----------
     scene : Scene
+        The scene.
     reflect_electrodes_below : float
         Above this tolerance the reflections have to map electrodes onto electrodes. Below, the mesh
         also follows reflections of electrodes where the scene has no electrode.
@@ -234,7 +236,9 @@ def _match_patches(matrix: Array, scene: Scene, slack: float) -> dict[str, str] 
     Parameters
     ----------
     matrix : array (2, 2)
+        An orthogonal matrix in the scene's axes.
     scene : Scene
+        The scene.
     slack : float
         Largest distance in m of places that count as equal.
 

@@ -28,7 +28,9 @@ class HasScene(Protocol):
     """A result of a scene: `Solution`, `Modes`, `Response`."""
 
     @property
-    def scene(self) -> Scene: ...
+    def scene(self) -> Scene:
+        """The scene of the result."""
+        ...
 
 
 SceneLike: TypeAlias = Scene | str | Path | Mapping[str, Any] | HasScene
@@ -101,6 +103,7 @@ def coerce(
     name : str
         Name of the argument in errors.
     value : object
+        The value.
     kind : type
         A type that pydantic validates, or any class of which the value has to be an instance.
     limits : pair of float, optional
@@ -139,6 +142,7 @@ def coerce_array(
     name : str
         Name of the argument in errors.
     value : number or array of any shape
+        The value.
     limits : pair of float, optional
         Least and largest number; then the array must not be empty.
     unit : str

@@ -79,9 +79,11 @@ Uncertain = Annotated[dict[str, Any], BeforeValidator(flatten), AfterValidator(_
 
 
 class Readout(Section):
-    """The amplifiers that read the electrodes. Values except `reading` are common to the electrodes
-    or tables by electrode, ``gain = { A = 1.02, B = 0.97 }``; missing electrodes have the
-    default."""
+    """The amplifiers that read the electrodes.
+
+    Values except `reading` are common to the electrodes or tables by electrode, ``gain = { A =
+    1.02, B = 0.97 }``; missing electrodes have the default.
+    """
 
     kind: ByChannel[Literal["charge", "voltage"]] = "charge"
     """charge: a charge amplifier, whose output is the charge over its feedback capacitance and
@@ -94,11 +96,11 @@ class Readout(Section):
     feedback_resistance_MOhm: Annotated[
         ByChannel[float] | None, Key("MΩ", (1e-6, 1e9), needs=("kind", "charge"), example=1e3)
     ] = None
-    """Feedback resistance; without it the output does not decay."""
+    """Feedback resistance; by default infinite, so that the output does not decay."""
     input_resistance_MOhm: Annotated[
         ByChannel[float] | None, Key("MΩ", (1e-6, 1e9), needs=("kind", "voltage"), example=1e3)
     ] = None
-    """Input resistance; without it the voltage does not decay."""
+    """Input resistance; by default infinite, so that the voltage does not decay."""
     cable_capacitance_pF: Annotated[
         ByChannel[float], Key("pF", (0.0, 1e9), needs=("kind", "voltage"))
     ] = 0.0
@@ -106,7 +108,7 @@ class Readout(Section):
     gain: Annotated[
         ByChannel[Annotated[float, AfterValidator(_reject_zero)]], Key("", (-1e6, 1e6))
     ] = 1.0
-    """Reading over the output or the voltage of the amplifier."""
+    """Ratio of the reading to the output or the voltage of the amplifier."""
     offset_V: Annotated[ByChannel[float], Key("V", (-1e4, 1e4))] = 0.0
     """Added to each reading."""
     noise_V: Annotated[ByChannel[float], Key("V", (0.0, 1e4))] = 0.0

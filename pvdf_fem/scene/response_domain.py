@@ -25,7 +25,8 @@ class ResponseDomain(Section):
     tolerance: Annotated[
         float | None, BeforeValidator(_replace_auto), Key("", (1e-6, 1.0), example="auto")
     ] = None
-    """Largest error bound relative to a charge. auto: a tenth of the relative noise of readings."""
+    """Largest error bound of the response, relative to a charge. auto: a tenth of the relative
+    noise of readings."""
 
     @field_validator("force_range_N")
     @classmethod

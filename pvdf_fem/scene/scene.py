@@ -66,11 +66,11 @@ class Numerics(Section):
     """The wanted error in every charge, the definition of charge, and limits of a solve."""
 
     tolerance: Annotated[float, Key("", (2e-8, 0.49))] = 1e-3
-    """Error wanted in every charge, relative to the charge. Where its parts, d31 S11 and d32 S22,
-    cancel to less than 5 % of them, relative to 5 % of them; a warning says so."""
+    """Wanted error of every charge, relative to the charge. Where its two parts, from d31 S11 and
+    d32 S22, cancel to less than 5 % of them, it is relative to 5 % of them, with a warning."""
     observable: Annotated[str, Key(affects=Affects.READING, words=OBSERVABLE_ENTRIES)] = "material"
-    """material: d31 S11 + d32 S22 over the electrode. thesis-edge: mean stress on opposite edges
-    times the area."""
+    """Definition of a charge. material: the integral of d31 S11 + d32 S22 over the electrode.
+    thesis-edge: the mean stress on opposite edges times the area."""
     max_unknowns: Annotated[int | None, Key("unknowns", (100, 10_000_000), example=60000)] = None
     """Largest number of unknowns of a refined mesh; by default 60000, 30000 if the film wrinkles,
     and more for tolerances below 1e-3."""

@@ -121,6 +121,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     Parameters
     ----------
     text : str
+        The text.
     source : str
         Name of the text in errors.
 
@@ -218,6 +219,7 @@ def parse_change(text: str) -> tuple[str, Any]:
     Parameters
     ----------
     text : str
+        The text.
 
     Returns
     -------
@@ -270,6 +272,7 @@ def quote(value: Any, depth: int = 0) -> str:
     Parameters
     ----------
     value : object
+        The value.
     depth : int
         Depth of the value in nested lists, which are shortened.
 
@@ -303,6 +306,7 @@ def format_error(key: str, value: Any, reason: str) -> str:
     key : str
         Key of the scene, or name of an argument.
     value : object
+        The value.
     reason : str
         What is wrong, and after a semicolon what to do.
 
@@ -321,6 +325,7 @@ def suggest(word: Any, known: Sequence[str]) -> str:
     word : object
         The unknown word; anything but text is similar to no word.
     known : sequence of str
+        The known words.
 
     Returns
     -------

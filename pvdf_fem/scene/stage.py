@@ -37,7 +37,9 @@ class Stage(Section):
         Parameters
         ----------
         places_mm : array (..., 2)
+            Places in mm.
         rotations_deg : array (...)
+            Rotations in degrees, counter-clockwise.
 
         Returns
         -------
@@ -54,7 +56,9 @@ class Stage(Section):
         Parameters
         ----------
         places_mm : array (..., 2)
+            Places in mm.
         rotations_deg : array (...)
+            Rotations in degrees, counter-clockwise.
 
         Returns
         -------

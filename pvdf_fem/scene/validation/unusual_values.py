@@ -14,6 +14,7 @@ def find_unusual_values(name: str, table: Section) -> list[str]:
     name : str
         Key of the table in the scene.
     table : Section
+        A table of a scene.
 
     Returns
     -------
