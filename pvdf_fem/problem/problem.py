@@ -58,6 +58,11 @@ class Problem(Result):
         Pressure in Python on the single probe, in place of ``load.profile``.
     requested_outputs : tuple of Output, optional
         Outputs in place of the scene's electrodes.
+
+    Examples
+    --------
+    >>> problem = Problem.from_scene(Scene.example("triangle"))
+    >>> print(problem)  # what will be solved, and why
     """
 
     scene: Scene
