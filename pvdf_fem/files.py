@@ -15,7 +15,7 @@ _DECIMAL_COMMA = re.compile(r"^(\s*[+-]?[0-9]*),([0-9]+([eE][+-]?[0-9]+)?\s*)$")
 
 
 class FileError(ValueError):
-    """A file that cannot be read or written; the text names the file and says what to change."""
+    """A file that cannot be read or written; the text names the file and what to change."""
 
 
 def escape_unprintable(text: str) -> str:

@@ -65,7 +65,7 @@ def show_progress(
 
 
 class _ProgressBar:
-    """A progress bar of tqdm that appears when a job has taken some time."""
+    """A progress bar of tqdm that appears after some time."""
 
     def __init__(self, unit: str, after_s: float) -> None:
         self.unit, self.after_s = unit, after_s

@@ -70,8 +70,10 @@ STALE = "README's pictures or sample are stale: run python -m reports.gallery, a
 @pytest.mark.parametrize("name", ["deflection", pytest.param("rotation", marks=pytest.mark.slow)])
 def test_picture_shows_current_charges(name):
     """Its first solve is repeated; those of the thesis's scenes take long."""
-    shown = pictures.read(pictures.Path(pictures.__file__).with_name(f"{name}.png"))
-    expected = Scene.example("triangle") if name == "deflection" else pictures.turned()[1].scenes[0]
+    shown = pictures.read_content(pictures.Path(pictures.__file__).with_name(f"{name}.png"))
+    expected = Scene.example("triangle")
+    if name == "rotation":
+        expected = pictures.plan_rotation()[1].scenes[0]
     assert Scene.parse(shown["scenes"][0]) == expected, STALE
     assert solve(expected).charges_pC == pytest.approx(shown["charges_pC"][0], rel=1e-6), STALE
 
@@ -79,7 +81,7 @@ def test_picture_shows_current_charges(name):
 def test_readme_shows_current_sample_output():
     """All lines except the times, which differ between machines."""
     [written] = pictures.SAMPLE.findall(pictures.README.read_text("utf-8"))
-    printed = pictures.sample()
+    printed = pictures.make_sample()
     assert drop_times(written) == drop_times(printed), STALE
 
 

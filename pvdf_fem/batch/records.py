@@ -12,7 +12,7 @@ from pvdf_fem.batch.store import Record
 from pvdf_fem.electrodes.observables import OBSERVABLES, Observable
 from pvdf_fem.electrodes.stress_integrals import StressIntegrals
 from pvdf_fem.electrodes.unloaded import compute_uniform_integrals
-from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
+from pvdf_fem.mesh.subdomains import make_subdomain_name
 from pvdf_fem.problem.equivalence import DIGITS
 from pvdf_fem.problem.outputs import Output
 from pvdf_fem.problem.problem import Problem

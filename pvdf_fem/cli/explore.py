@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
     option = f"--port {options.port[:MAX_QUOTED]}"
     is_port = options.port.isascii() and options.port.isdecimal()
     if not is_port or int(options.port[:9]) > _MAX_PORT:
-        errors.append(f"{option}: is not a port; give a number from 0 to {_MAX_PORT}")
+        errors.append(f"{option}: must be an integer from 0 to {_MAX_PORT}")
     scene = read_scene(options, *errors)
     from pvdf_fem.explore.server import serve
 

@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
     is_count = re.fullmatch("[0-9]{1,9}", options.count) is not None
     if not is_count or not 1 <= int(options.count) <= MAX_MODES:
         value = options.count[:MAX_QUOTED]
-        errors.append(f"--count {value}: is out of range; give an integer from 1 to {MAX_MODES}")
+        errors.append(f"--count {value}: must be an integer from 1 to {MAX_MODES}")
     errors += find_plot_errors(options, options.scene)
     scene = read_scene(options, *errors)
     result = modes(scene, int(options.count), options.loaded)

@@ -210,7 +210,7 @@ def read_scene(options: argparse.Namespace, *errors: str) -> Scene:
     options : argparse.Namespace
         Options with `scene` and `settings`.
     *errors : str
-        Errors that were found in other options.
+        Errors in other options.
 
     Returns
     -------
@@ -315,8 +315,8 @@ def parse_number(option: str, text: str, errors: list[str], allow_zero: bool = F
     """
     value = read_number(text)
     if value is None or value < 0.0 or (value == 0.0 and not allow_zero):
-        allowed = "a number that is not negative" if allow_zero else "a positive number"
-        errors.append(f"{option} {text[:MAX_QUOTED]}: is not allowed; give {allowed}")
+        allowed = "zero or a positive number" if allow_zero else "a positive number"
+        errors.append(f"{option} {text[:MAX_QUOTED]}: must be {allowed}")
         return 0.0
     return value
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def add_plot(parser: argparse.ArgumentParser, about: str) -> None:
-    """Add the option ``--plot``, which draws what `about` says."""
+    """Add the option ``--plot``; `about` names the drawing in its help."""
     parser.add_argument(
         "--plot", metavar="FILE", type=Path, help=f"draw {about} (.png, .svg, .pdf, ...)"
     )
@@ -39,7 +39,7 @@ def find_output_errors(
     Parameters
     ----------
     path : Path or None
-        The file; None where there is none, and nothing to be found.
+        The file; None if the option is not used.
     extensions : sequence of str
         Extensions of the formats in which it may be written, such as ``.nc``.
     *inputs : Path or str or None
@@ -53,7 +53,7 @@ def find_output_errors(
     if path is None:
         return []
     if path.suffix.lower() not in extensions:
-        return [f"{path}: has no extension of a known format; use one of {' '.join(extensions)}"]
+        return [f"{path}: has no extension of a known format; choose from {' '.join(extensions)}"]
     try:
         require_writable(path, *inputs)
     except FileError as error:

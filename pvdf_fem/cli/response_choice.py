@@ -365,5 +365,5 @@ def _parse_force_range(text: str | None, errors: list[str]) -> tuple[float, floa
         if least is not None and largest is not None and 0.0 < least < largest:
             return least, largest
     value = text[:MAX_QUOTED]
-    errors.append(f"--force-range {value}: is not a range; give two forces in N, such as 0.1,5")
+    errors.append(f"--force-range {value}: must be two increasing forces in N, such as 0.1,5")
     return None

@@ -64,7 +64,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--plan",
         action="store_true",
-        help="print what would be solved, and why, without making a mesh",
+        help="print the resolved problem with its film model, loads and outputs; make no mesh",
     )
     add_plot(parser, "a map of the film")
     parser.add_argument(

@@ -51,7 +51,7 @@ def add_parsers(commands: Any) -> None:
         commands,
         "keys",
         _print_keys,
-        summary="what the keys of a scene file mean",
+        summary="meanings of the keys of a scene file",
         description=_KEYS,
         epilog=_KEYS_EPILOG,
     )

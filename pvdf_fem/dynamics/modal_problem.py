@@ -15,13 +15,13 @@ from skfem import MeshTri2
 
 from pvdf_fem.dynamics.spectrum import EquilibriumState, Spectrum, compute_spectra
 from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_effect
-from pvdf_fem.mesh.gmsh_mesh import FILM
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.mesh.subdomains import FILM
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive_loop import AdaptiveLoop
-from pvdf_fem.solver.estimate import correct_in_richer_space
+from pvdf_fem.solver.estimate.correction import correct_in_richer_space
 from pvdf_fem.solver.history import StageTimer, Stop
 from pvdf_fem.solver.mesh_level import UNKNOWNS_PER_ELEMENT
 from pvdf_fem.solver.nonlinear.budget import Budget
@@ -163,7 +163,7 @@ class ModalProblem:
         assert self.sizes is not None
         by_error = (tolerance / level.worst) ** (1.0 / ERROR_ORDER)
         smallest = max(0.25, (level.unknowns / max_unknowns) ** 0.5)
-        self.sizes = self.sizes.scaled(float(np.clip(by_error, smallest, 0.8)))
+        self.sizes = self.sizes.scale(float(np.clip(by_error, smallest, 0.8)))
         return self.sizes
 
     def solve_on(self, mesh: MeshTri2, coarser: ModalLevel | None) -> ModalLevel:
@@ -188,7 +188,7 @@ class ModalProblem:
                 result = find_equilibrium(coarse, budget=self.budget)
                 iterations = len(result.iterations)
                 failed = result.failed_attempts
-                self.budget.spend(coarse, result.fresh_count)
+                self.budget.spend(coarse, result.tangent_count)
                 if not result.converged or result.factors is None:
                     return ModalLevel(coarse, result.status, iterations, failed)
                 correction = correct_in_richer_space(

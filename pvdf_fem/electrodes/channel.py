@@ -142,21 +142,21 @@ def make_channels(scene: Scene) -> tuple[Channel, ...]:
     channels = []
     for electrode in scene.electrode_list:
         name = electrode.name
-        if readout.of("kind", name) == "charge":
-            capacitance = readout.of("feedback_capacitance_pF", name) / 1e12
-            resistance_MOhm = readout.of("feedback_resistance_MOhm", name)
+        if readout.get_value("kind", name) == "charge":
+            capacitance = readout.get_value("feedback_capacitance_pF", name) / 1e12
+            resistance_MOhm = readout.get_value("feedback_resistance_MOhm", name)
         else:
             area = electrode.outline.area
             capacitance = compute_capacitance(area, film.thickness, film.permittivity)
-            capacitance += readout.of("cable_capacitance_pF", name) / 1e12
-            resistance_MOhm = readout.of("input_resistance_MOhm", name)
+            capacitance += readout.get_value("cable_capacitance_pF", name) / 1e12
+            resistance_MOhm = readout.get_value("input_resistance_MOhm", name)
         channel = Channel(
             name,
             capacitance,
             resistance=math.inf if resistance_MOhm is None else 1e6 * resistance_MOhm,
-            gain=readout.of("gain", name),
-            offset=readout.of("offset_V", name),
-            noise=readout.of("noise_V", name),
+            gain=readout.get_value("gain", name),
+            offset=readout.get_value("offset_V", name),
+            noise=readout.get_value("noise_V", name),
         )
         channels.append(channel)
     return tuple(channels)

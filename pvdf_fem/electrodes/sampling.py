@@ -166,7 +166,7 @@ def sample_edges(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
 
 
 def _find_edges(output: Output, axis: int) -> Array:
-    """Return the left and right (axis 0), or lower and upper edges in the mesh's axes, (2, 2, 2)."""
+    """Return left and right (axis 0), or lower and upper edges (2, 2, 2) in the mesh's axes."""
     edges = np.stack([output.corners, np.roll(output.corners, -1, axis=0)], axis=1)
     is_across = edges[:, 0, axis] == edges[:, 1, axis]
     return output.to_mesh_axes(edges[is_across])

@@ -47,7 +47,7 @@ def _compute_deflection(solution: Solution) -> Array:
 
 
 def _compute_stress(solution: Solution) -> Array:
-    """Return S11 + S22 in MPa at the dofs of a solution's basis, made continuous."""
+    """Return S11 + S22 in MPa at the dofs of a solution's basis, as a continuous field."""
     discrete = solution.discrete
     points = solution.basis.X
     stress = evaluate_in_elements(discrete.equilibrium, discrete.state, points).stress_MPa

@@ -65,7 +65,7 @@ def serve(scene: Scene, file: Path, port: int, browser: bool) -> None:
 
 
 def describe_view(start: Scene, query: str, change: str) -> dict[str, Any]:
-    """Return what the page shows of a view before its solve.
+    """Return the parts of a view that the page shows before its solve.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def describe_view(start: Scene, query: str, change: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        `query` of the changed view, `refused` with the errors of a change that is not made, and the
+        `query` of the changed view, `refused` with the errors of a rejected change, and the
         outlines and controls of the view.
     """
     view = View(start)
@@ -145,8 +145,8 @@ class Handler(BaseHTTPRequestHandler):
             name, media_type = FILES[url.path]
             self._send(Path(__file__).with_name(name).read_text("utf-8"), media_type)
         elif url.path == "/view":
-            query, change = parameters.get("at", ""), parameters.get("change", "")
-            view = describe_view(self.start, query, change)
+            query = parameters.get("at", "")
+            view = describe_view(self.start, query, change=parameters.get("change", ""))
             self._send(json.dumps({"name": self.name, **view}))
         else:
             self._answer_about_view(url.path, parameters.get("at", ""))
@@ -178,4 +178,4 @@ class Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *arguments: Any) -> None:
-        """Log nothing: the page shows what happens."""
+        """Log nothing: the page shows every result and error."""

@@ -229,19 +229,19 @@ def drop_probe_number(key: str) -> str:
 
 
 class KeyExplanation(NamedTuple):
-    """What a key of a scene means, with its range, and an example of its value."""
+    """Meaning and range of a key of a scene, and an example of its value."""
 
     meaning: str
     example: Any
 
 
 def explain_key(table: str, name: str) -> KeyExplanation:
-    """Return what a key of a scene means.
+    """Return the meaning of a key of a scene.
 
     Parameters
     ----------
     table : str
-        The table, such as ``film``; a key is found by its name alone where the table has none.
+        The table, such as ``film``; a key that is not in the table is looked up by its name alone.
     name : str
         The key in it.
 

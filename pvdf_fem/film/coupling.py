@@ -27,7 +27,7 @@ from pvdf_fem.film.membrane import IDENTITY, compute_strain, compute_strain_rate
 from pvdf_fem.film.point_load import estimate_load_share
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import ElementStress, State, Term
-from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
+from pvdf_fem.mesh.subdomains import make_subdomain_name
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.readout import Readout
@@ -160,8 +160,8 @@ def find_floating_electrodes(scene: Scene) -> tuple[FloatingElectrode, ...]:
     readout = scene.readout or Readout()
     floating = []
     for electrode in scene.electrode_list:
-        if readout.of("kind", electrode.name) == "voltage":
-            cable_pF = readout.of("cable_capacitance_pF", electrode.name)
+        if readout.get_value("kind", electrode.name) == "voltage":
+            cable_pF = readout.get_value("cable_capacitance_pF", electrode.name)
             floating.append(
                 FloatingElectrode(
                     electrode.name, electrode.outline, film=scene.film, load=cable_pF / 1e12

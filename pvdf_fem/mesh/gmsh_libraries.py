@@ -1,6 +1,6 @@
-"""Shared libraries that gmsh's wheel loads and does not bring, with their Debian packages.
+"""Shared libraries that gmsh's wheel loads and does not contain, with their Debian packages.
 
-The script `run` runs this module before Python packages are there, to print missing libraries.
+The script `run` runs this module before any Python package is installed, to print the missing ones.
 """
 
 from __future__ import annotations
@@ -27,12 +27,14 @@ PACKAGES = {
 
 
 class GmshMissingError(ImportError):
-    """gmsh cannot be loaded; the text says what to install."""
+    """An error in the import of gmsh; the text says which packages to install."""
 
 
 def find_missing_packages() -> Iterator[str]:
-    """Debian packages of libraries that Linux's loader does not find."""
-    for library, package in PACKAGES.items() if sys.platform == "linux" else ():
+    """Find the Debian packages of libraries that Linux's loader does not find."""
+    if sys.platform != "linux":
+        return
+    for library, package in PACKAGES.items():
         try:
             ctypes.CDLL(library)
         except OSError:
@@ -40,10 +42,13 @@ def find_missing_packages() -> Iterator[str]:
 
 
 def describe_missing_gmsh(error: Exception) -> str:
-    """Advice after an exception in the import of gmsh."""
+    """Describe an exception in the import of gmsh, and what to install."""
     packages = " ".join(find_missing_packages())
-    what = f"what it misses: apt-get install {packages}" if packages else "it again"
-    return f"gmsh, which makes the meshes, cannot be loaded ({error}); install {what}"
+    if packages:
+        advice = f"install the missing libraries: apt-get install {packages}"
+    else:
+        advice = "install it again"
+    return f"gmsh, which makes the meshes, cannot be loaded ({error}); {advice}"
 
 
 if __name__ == "__main__":

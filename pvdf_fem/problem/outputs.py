@@ -16,7 +16,7 @@ from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.coupling import FloatingElectrode
-from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name
+from pvdf_fem.mesh.subdomains import make_subdomain_name
 from pvdf_fem.mesh.symmetry import SymmetrySector
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene

@@ -31,6 +31,7 @@ from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector, find_symmetry_sec
 from pvdf_fem.problem.effects import Effects
 from pvdf_fem.problem.outputs import Output, make_outputs
 from pvdf_fem.problem.thickness_effect import describe_thickness_effect
+from pvdf_fem.scene.arguments import SceneLike, as_scene
 from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.summary import Result, Summary
@@ -62,7 +63,8 @@ class Problem(Result):
     Examples
     --------
     >>> problem = Problem.from_scene(Scene.example("triangle"))
-    >>> print(problem)  # what will be solved, and why
+    >>> print(problem)
+    >>> problem.film_model_name, problem.to_json()["neglected"]
     """
 
     scene: Scene
@@ -73,7 +75,7 @@ class Problem(Result):
     @classmethod
     def from_scene(
         cls,
-        scene: Scene,
+        scene: SceneLike,
         *,
         pressure: Pressure | None = None,
         outputs: Sequence[Output] | None = None,
@@ -82,8 +84,8 @@ class Problem(Result):
 
         Parameters
         ----------
-        scene : Scene
-            A valid scene.
+        scene : Scene, path of its file, dict of its tables, or a result of it
+            What is to be solved.
         pressure : callable, optional
             ``p(x_mm, y_mm)`` in place of the load's profile, see `pvdf_fem.solve`.
         outputs : sequence of Output, optional
@@ -99,11 +101,12 @@ class Problem(Result):
             For a pressure that the scene has no single dead load for, and for a profile file that
             cannot be read.
         """
+        scene = as_scene(scene)
         require_usable_pressure(scene, pressure)
-        (scene,) = pin_profile_files([scene])
+        (pinned,) = pin_profile_files([scene])
         requested = None if outputs is None else tuple(outputs)
-        film = resolve_film_model(scene)
-        return cls(scene, film, pressure=pressure, requested_outputs=requested)
+        film = resolve_film_model(pinned)
+        return cls(pinned, film, pressure=pressure, requested_outputs=requested)
 
     def with_scene(self, scene: Scene) -> Problem:
         """Resolve another scene with this problem's pressure and requested outputs."""

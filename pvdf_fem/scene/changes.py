@@ -36,8 +36,9 @@ _INDEX_REASONS = {
 
 
 class Replaced(dict[str, Any]):
-    """A table that replaces a whole table of the scene. Missing keys get their defaults, while
-    other tables are merged.
+    """A table that replaces a whole table of the scene.
+
+    Missing keys get their defaults, while other tables are merged.
 
     Examples
     --------

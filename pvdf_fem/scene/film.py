@@ -58,7 +58,7 @@ class Film(Section):
     ] = 25.0
     """Thickness."""
     youngs_modulus_GPa: Annotated[NumberOrPair[float], MODULUS] = 2.0
-    """Young's modulus; a pair [E1, E2] along x and y is of an orthotropic film."""
+    """Young's modulus; of an orthotropic film a pair [E1, E2] along x and y."""
     poisson_ratio: Annotated[float, Field(validate_default=True), Key("", (-10.0, 10.0))] = 0.34
     """Poisson's ratio, from 0 to less than 0.5; of an orthotropic film ν12, where ν21 is
     ν12 E2/E1 and ν12 ν21 is below 1."""
@@ -77,22 +77,22 @@ class Film(Section):
     ] = 1760.0
     """Density, for vibrations, for weight and for the heat of a warm probe."""
     thermal_expansion_per_K: Annotated[float, EXPANSION] = 110e-6
-    """Thermal expansion."""
+    """Coefficient of thermal expansion."""
     pretension_N_m: Annotated[
         NumberOrPair[float] | None,
         Key("N/m", (-1e6, 1e6), Affects.PRESTRAIN, example=8.333),
     ] = None
-    """Tension of the clamped film at rest, in place of temperature_change_K; a pair [Nx, Ny] where
-    x and y differ. Below zero the film is like a film that is heated."""
+    """Tension of the unloaded clamped film, in place of temperature_change_K; a pair [Nx, Ny] where
+    x and y differ. A negative tension is that of a film that is heated."""
     temperature_change_K: Annotated[
         float | None,
         Field(validate_default=True),
         Key("K", (-1e4, 1e4), Affects.PRESTRAIN, example=-1.0),
     ] = None
-    """Change of temperature of the clamped film: cooling stretches it. -1 where pretension_N_m is
-    not given either."""
+    """Change of temperature of the clamped film: cooling stretches it. By default -1 if there is no
+    pretension_N_m."""
     bending: Annotated[bool | Literal["auto"], Key()] = False
-    """true: the film bends, too, with its stiffness as a plate. auto: where bending could change a
+    """true: the film has the bending stiffness of a plate. auto: only where bending could change a
     charge by more than numerics.tolerance."""
     d31_pC_N: Annotated[float, COEFFICIENT] = 8.0
     """Charge per stress along x."""
@@ -104,45 +104,46 @@ class Film(Section):
         float | None,
         Key("", (0.0, 1.0), Affects.DYNAMICS, example=0.02),
     ] = None
-    """Loss tangent of the stiffness of film and patches, for oscillations; without it they have no
+    """Loss tangent of the stiffness of film and patches, for oscillations; by default they have no
     damping."""
     coupling: Annotated[bool | Literal["auto"], Key()] = False
-    """true: the voltages of electrodes stiffen the film that no charge amplifier keeps at zero
-    voltage (readout.kind "voltage"). auto: where that could change a charge by more than
+    """true: electrodes whose voltage is read (readout.kind "voltage") stiffen the film by it, as no
+    charge amplifier keeps them at zero. auto: only where that could change a charge by more than
     numerics.tolerance."""
     compression: Literal["refuse", "tension-field"] = "refuse"
-    """refuse: compressive stress is warned of, what wrinkles would change is counted as an error,
-    and more than a tenth of a charge is no result. tension-field: the film wrinkles."""
+    """refuse: compressive stress gives a warning, the change of a charge that wrinkles would make
+    is part of its error, and a change by more than a tenth gives no result. tension-field: the film
+    wrinkles."""
     d33_pC_N: Annotated[float | None, replace(COEFFICIENT, affects=None, example=-15.0)] = None
-    """Charge per stress across the thickness, of PVDF negative: what a probe's pressure makes on an
-    electrode under it; left out when not given."""
+    """Charge per stress across the thickness, of PVDF negative: a probe's pressure makes a charge
+    on an electrode under it. Neglected when not given."""
     warming_K: Annotated[float | None, Key("K", (-500.0, 500.0), example=1.0)] = None
-    """By how much the film at rest has warmed since it was zeroed: that loosens the film."""
+    """Warming of the unloaded film since the readings were zeroed, which loosens the film."""
     rim_displacement_um: Annotated[
         tuple[float, ...] | None, Key("µm", (-1e4, 1e4), example=[0.0, 0.0, 0.0, 1.0, 0.0])
     ] = None
-    """How the rim is then moved outwards, with film and patches: coefficients of 1, cos θ, sin θ,
-    cos 2θ, sin 2θ ... The disc, electrodes and probe stay in their places: an error of second
-    order, of 3e-4 in charges for 9 µm on 45 mm."""
+    """Outward displacement of the rim with film and patches after clamping: coefficients of 1,
+    cos θ, sin θ, cos 2θ, sin 2θ ... The disc, electrodes and probe stay in their places: an error
+    of second order, of 3e-4 in charges for 9 µm on 45 mm."""
     pyroelectric_uC_m2K: Annotated[
         float | None, Key("µC/(m² K)", (-1e5, 1e5), Affects.READING, example=-25.0)
     ] = None
-    """Charge per area and kelvin of a film that is free to expand; where the film is not, its
-    stress makes charge by d31 and d32. Left out when not given."""
+    """Charge per area and kelvin of a film that is free to expand; where it is not, its stress
+    makes charge by d31 and d32. Neglected when not given."""
     thermal_diffusivity_m2_s: Annotated[float, Key("m²/s", (1e-10, 0.01))] = 6e-8
-    """Of the heat of a probe with temperature_K."""
+    """Thermal diffusivity, for the heat of a probe with temperature_K."""
     patches: Annotated[tuple[Patch, ...] | None, Field(max_length=100)] = None
     """Layers on the film: tape, ink, solder."""
     law: Annotated[str, Key(words=LAW_CLASSES)] = "hooke"
-    """hooke: linear in the Green-Lagrange strain. neo-hookean: rubber at large strains, at small
-    strains Hooke's law. Patches have the law of the film."""
+    """hooke: stress is linear in the Green-Lagrange strain. neo-hookean: rubber at large strains,
+    Hooke's law at small ones. Patches have the law of the film."""
     pressure_Pa: Annotated[float | None, Key("Pa", (-1e8, 1e8), example=300.0)] = None
-    """Uniform pressure along z on the whole film, which is at rest without it."""
+    """Uniform pressure along z on the whole film; the reference state is without it."""
     pressure_follows: Annotated[bool, Key(needs=("pressure_Pa", None))] = False
     """The pressure is normal to the deformed film."""
     gravity_m_s2: Annotated[float | None, Key("m/s²", (-1e5, 1e5), example=-9.81)] = None
-    """Acceleration along z by which the film has a weight, also at rest; left out when not
-    given."""
+    """Acceleration along z that gives the film a weight, also in the reference state. Neglected
+    when not given."""
 
     @field_validator("poisson_ratio")
     @classmethod

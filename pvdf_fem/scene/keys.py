@@ -244,7 +244,9 @@ def select_by_effect(table: Section, *effects: Affects) -> dict[str, Any]:
     Parameters
     ----------
     table : Section
+        A table of a scene.
     *effects : Affects
+        The wanted effects.
 
     Returns
     -------

@@ -48,26 +48,26 @@ class LoadOverrides(Section):
     """
 
     kind: Annotated[str | None, KIND] = None
-    """dead: a traction along z on the reference area. follower: a pressure normal to the deformed
-    film. rigid: a flat punch. contact: a rigid tip, a sphere or a probe with edge_radius_mm, on
-    which the film slides where it touches."""
+    """dead: a traction along z on the undeformed area. follower: a pressure normal to the deformed
+    film. rigid: a flat punch. contact: a rigid tip, a sphere or a probe with edge_radius_mm, whose
+    contact with the sliding film is found."""
     depth_mm: Annotated[float | None, DEPTH] = None
     """Depth of a tip, in place of force_N."""
     force_N: Annotated[float | None, FORCE] = None
     """Force along z."""
     contact: Annotated[Literal["sliding", "stuck"] | None, CONTACT] = None
-    """A flat punch is sliding in the plane, or stuck, held by its guide unless tangential_N pushes
-    it; sliding where it is not given."""
+    """sliding: film slides under a flat punch without friction. stuck: film sticks to the punch,
+    which its guide holds unless tangential_N pushes it. By default sliding."""
     tilt: Annotated[Literal["held", "free"] | None, TILT] = None
-    """held: the guide of a punch keeps it horizontal by moments. free: it leans as the film lets
-    it, by small angles about x and y."""
+    """held: the guide of a punch keeps it horizontal by moments. free: the punch leans without
+    moments, by small angles about x and y."""
     tangential_N: Annotated[tuple[float, float] | None, TANGENTIAL] = None
     """Force along x and y, of a dead load or a stuck punch."""
     profile: Annotated[str | None, PROFILE] = None
-    """How a dead load is spread: uniform, hertz (discs and ellipses), gaussian, or the path, from
+    """Distribution of a dead load: uniform, hertz (discs and ellipses), gaussian, or the path, from
     the working directory, of a CSV or NetCDF file with x_mm, y_mm and pressure on a grid in the
-    probe's own axes, whose total is the force. A path that ends in #sha256= and a digest refuses
-    any other content of the file."""
+    probe's own axes, scaled to the force. With a path that ends in #sha256= and a digest, a file of
+    other content is refused."""
     profile_width_mm: Annotated[
         float | None, Key("mm", (1e-4, 1e5), needs=("profile", "gaussian"), example=2.0)
     ] = None

@@ -1,4 +1,4 @@
-"""The amplifiers that read the electrodes, by channel."""
+"""The table ``[readout]`` of a scene: the amplifiers that read the electrodes, by channel."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ Value = TypeVar("Value")
 
 
 class ByName(dict[str, Value]):
-    """Values by the electrode's name, hashable like every part of a scene."""
+    """Values by name, hashable like every part of a scene."""
 
     def __hash__(self) -> int:  # type: ignore[override]
         return hash(frozenset(self.items()))
 
 
-#: A common value for the channels, or a table by electrode; the others have the default.
+#: A common value for all channels, or a table by electrode; missing ones have the default.
 ByChannel = Annotated[
     Annotated[Value, Tag("<one>")]
     | Annotated[dict[str, Value], AfterValidator(ByName), Tag("<table>")],
@@ -36,37 +36,54 @@ ByChannel = Annotated[
 ]
 
 
-def _is_not_zero(value: float) -> float:
+def _reject_zero(value: float) -> float:
     if not value:
-        raise make_validation_error("reads nothing; give a number other than zero")
+        raise make_validation_error("would read nothing; give a number other than zero")
     return value
 
 
-def resolve_deviation(value: float | str, of: float) -> float:
-    """A standard deviation: a number, or ``"5 %"`` of a number's magnitude."""
-    if isinstance(value, str):
-        return abs(of) * float(value.rstrip("% ")) / 100.0
-    return float(value)
+def resolve_deviation(deviation: float | str, number: float) -> float:
+    """Return a standard deviation as a number.
+
+    Parameters
+    ----------
+    deviation : float or str
+        A number, or a share of the uncertain number's magnitude such as ``"5 %"``.
+    number : float
+        The uncertain number.
+
+    Returns
+    -------
+    float
+        In the unit of the number.
+    """
+    if isinstance(deviation, str):
+        return abs(number) * float(deviation.rstrip("% ")) / 100.0
+    return float(deviation)
 
 
-def _are_deviations(given: dict[str, Any]) -> ByName[Any]:
-    for key, value in given.items():
+def _check_deviations(deviations: dict[str, Any]) -> ByName[Any]:
+    """Refuse values that are neither positive numbers nor shares."""
+    for key, value in deviations.items():
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        is_positive = is_number and 0.0 < value < 1e12
         is_share = isinstance(value, str) and re.fullmatch(r"\d+(\.\d*)? ?%", value)
-        if not is_share and not (is_number and 0.0 < value < 1e12):
-            raise make_validation_error(
-                f'has {value!r:.60} for {key}; give a number in its unit, or "5 %"'
-            )
-    return ByName(given)
+        if not (is_share or is_positive):
+            reason = f"has {value!r:.60} for {key}"
+            raise make_validation_error(f'{reason}; give a positive number in its unit, or "5 %"')
+    return ByName(deviations)
 
 
 #: Standard deviations by the scene's keys: numbers, or shares like ``"5 %"``.
-Uncertain = Annotated[dict[str, Any], BeforeValidator(flatten), AfterValidator(_are_deviations)]
+Uncertain = Annotated[dict[str, Any], BeforeValidator(flatten), AfterValidator(_check_deviations)]
 
 
 class Readout(Section):
-    """What reads the electrodes. Values except `reading` are common to the electrodes or tables by
-    electrode, ``gain = { A = 1.02, B = 0.97 }``; missing electrodes have the default."""
+    """The amplifiers that read the electrodes.
+
+    Values except `reading` are common to the electrodes or tables by electrode, ``gain = { A =
+    1.02, B = 0.97 }``; missing electrodes have the default.
+    """
 
     kind: ByChannel[Literal["charge", "voltage"]] = "charge"
     """charge: a charge amplifier, whose output is the charge over its feedback capacitance and
@@ -79,49 +96,61 @@ class Readout(Section):
     feedback_resistance_MOhm: Annotated[
         ByChannel[float] | None, Key("MΩ", (1e-6, 1e9), needs=("kind", "charge"), example=1e3)
     ] = None
-    """Feedback resistance; without it the output does not decay."""
+    """Feedback resistance; by default infinite, so that the output does not decay."""
     input_resistance_MOhm: Annotated[
         ByChannel[float] | None, Key("MΩ", (1e-6, 1e9), needs=("kind", "voltage"), example=1e3)
     ] = None
-    """Input resistance; without it the voltage does not decay."""
+    """Input resistance; by default infinite, so that the voltage does not decay."""
     cable_capacitance_pF: Annotated[
         ByChannel[float], Key("pF", (0.0, 1e9), needs=("kind", "voltage"))
     ] = 0.0
     """Capacitance of the cable."""
     gain: Annotated[
-        ByChannel[Annotated[float, AfterValidator(_is_not_zero)]], Key("", (-1e6, 1e6))
+        ByChannel[Annotated[float, AfterValidator(_reject_zero)]], Key("", (-1e6, 1e6))
     ] = 1.0
-    """Reading over the output or the voltage of the amplifier."""
+    """Ratio of the reading to the output or the voltage of the amplifier."""
     offset_V: Annotated[ByChannel[float], Key("V", (-1e4, 1e4))] = 0.0
     """Added to each reading."""
     noise_V: Annotated[ByChannel[float], Key("V", (0.0, 1e4))] = 0.0
     """Standard deviation of each reading."""
     reading: Literal["change", "total"] = "change"
-    """change: readings are of the change of the charge since the untouched film. total: of all
-    charge."""
+    """change: readings are of the change of the charge since the film was unloaded. total: of the
+    whole charge."""
 
     @model_serializer(mode="wrap")
-    def _without_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """The table without defaults, so that a channel's value may be set by its key."""
+    def _omit_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Return the table without defaults, so that a channel's value may be set by its key."""
         fields = type(self).model_fields
-        return {
-            key: value
-            for key, value in handler(self).items()
-            if key in ("kind", "reading") or getattr(self, key) != fields[key].default
-        }
+        table = {}
+        for key, value in handler(self).items():
+            if key in ("kind", "reading") or getattr(self, key) != fields[key].default:
+                table[key] = value
+        return table
 
-    def of(self, key: str, electrode: str) -> Any:
-        """The value of a key for an electrode."""
+    def get_value(self, key: str, electrode: str) -> Any:
+        """Return the value of a key for an electrode."""
         value = getattr(self, key)
         if isinstance(value, ByName):
             return value.get(electrode, type(self).model_fields[key].default)
         return value
 
     def find_channel_errors(self, electrodes: Sequence[str]) -> Iterator[str]:
-        """Complaints about channels for missing electrodes."""
+        """Find channels of electrodes that the scene does not have.
+
+        Parameters
+        ----------
+        electrodes : sequence of str
+            Names of the scene's electrodes.
+
+        Yields
+        ------
+        str
+            ``key = value: reason; advice``.
+        """
         for key in type(self).model_fields:
             table = getattr(self, key)
-            for name in table if isinstance(table, ByName) else ():
+            names = list(table) if isinstance(table, ByName) else []
+            for name in names:
                 if name not in electrodes:
-                    reason = f"is of no electrode; {suggest(name, electrodes)}"
+                    reason = f"is not of an electrode of the scene; {suggest(name, electrodes)}"
                     yield format_error(f"readout.{key}.{name}", table[name], reason)

@@ -20,11 +20,12 @@ from pvdf_fem.scene.changes import Replaced, apply_changes
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.keys import Affects, Key, Section
 from pvdf_fem.scene.load import FORCE_KEYS, Load, LoadOverrides
-from pvdf_fem.scene.numerics import Numerics
 from pvdf_fem.scene.placed.electrode import Electrode, Electrodes, Layout
 from pvdf_fem.scene.placed.loaded_probe import LoadedProbe
 from pvdf_fem.scene.placed.probe import Probe, Probes
 from pvdf_fem.scene.readout import Readout, Uncertain
+from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
+from pvdf_fem.scene.response_domain import ResponseDomain
 from pvdf_fem.scene.scene_file import (
     SceneError,
     flatten,
@@ -36,10 +37,11 @@ from pvdf_fem.scene.scene_file import (
     read_examples,
     read_scene_text,
 )
-from pvdf_fem.scene.stage import ResponseDomain, Stage
+from pvdf_fem.scene.stage import Stage
 from pvdf_fem.scene.validation.errors import MAX_ERRORS, REASONS, describe_scene_errors
 from pvdf_fem.scene.validation.incompatible_keys import SceneTables, find_incompatible_keys
 from pvdf_fem.scene.validation.placement import find_placement_errors
+from pvdf_fem.scene.validation.unusual_values import find_unusual_values
 from pvdf_fem.summary import Result, Summary, TextTable
 
 __all__ = [
@@ -58,6 +60,24 @@ __all__ = [
     "SceneError",
     "Stage",
 ]
+
+
+class Numerics(Section):
+    """The wanted error in every charge, the definition of charge, and limits of a solve."""
+
+    tolerance: Annotated[float, Key("", (2e-8, 0.49))] = 1e-3
+    """Wanted error of every charge, relative to the charge. Where its two parts, from d31 S11 and
+    d32 S22, cancel to less than 5 % of them, it is relative to 5 % of them, with a warning."""
+    observable: Annotated[str, Key(affects=Affects.READING, words=OBSERVABLE_ENTRIES)] = "material"
+    """Definition of a charge. material: the integral of d31 S11 + d32 S22 over the electrode.
+    thesis-edge: the mean stress on opposite edges times the area."""
+    max_unknowns: Annotated[int | None, Key("unknowns", (100, 10_000_000), example=60000)] = None
+    """Largest number of unknowns of a refined mesh; by default 60000, 30000 if the film wrinkles,
+    and more for tolerances below 1e-3."""
+    max_seconds: Annotated[float | None, Key("s", (0.1, 1e6), example=20.0)] = None
+    """Work allowed for a solve in seconds of one core, counted by unknowns and iterations so that a
+    result does not depend on the machine's load; by default 20, and more for tolerances below
+    1e-3."""
 
 
 class Scene(Result, Section):
@@ -158,7 +178,7 @@ class Scene(Result, Section):
         for number, patch in enumerate(self.film.patches or ()):
             tables[f"film.patches[{number}]"] = patch
         for name, table in tables.items():
-            warnings += _warn_of_unusual_values(name, table)
+            warnings += find_unusual_values(name, table)
         return tuple(warnings)
 
     @property
@@ -423,15 +443,3 @@ class Scene(Result, Section):
         if problems:
             raise SceneError(problems, source)
         return scene
-
-
-def _warn_of_unusual_values(name: str, table: Section) -> list[str]:
-    """Return warnings of numbers that were probably given in another unit."""
-    warnings = []
-    for key, description in table.table_keys.items():
-        value = getattr(table, key)
-        question = description.ask_likely_unit(value) if isinstance(value, float) else ""
-        if question:
-            reason = f"is in {description.unit}; {question}"
-            warnings.append(format_error(f"{name}.{key}", value, reason))
-    return warnings

@@ -1,4 +1,4 @@
-"""The text of a scene file: TOML read with bounds, written, and quoted in complaints."""
+"""The text of a scene file: TOML read with bounds, formatted, and quoted in errors."""
 
 from __future__ import annotations
 
@@ -14,13 +14,12 @@ from pvdf_fem.files import FileError, escape_unprintable, read_text
 
 MOST_BYTES = 1_000_000  #: Largest scene file in bytes.
 
-# tomllib's time grows with the square of the number of names in a dotted key; a scene needs
-# two of them.
+# tomllib's time grows with the square of the number of names in a dotted key; a scene needs two.
 _LONG_KEY = re.compile(
     r"""(?:^|[\[{,])[ \t]*(?:(?:"[^"\n]*"|'[^'\n]*'|[\w-]+)[ \t]*\.[ \t]*){9}""", re.MULTILINE
 )
-
-_LISTS = {"axes", "electrodes", "probe", "film.patches"}  #: Keys of which there may be several.
+# Tables that may be repeated, each with a heading in double brackets.
+_REPEATED_TABLES = {"axes", "electrodes", "probe", "film.patches"}
 
 
 class SceneError(ValueError):
@@ -29,7 +28,7 @@ class SceneError(ValueError):
     Attributes
     ----------
     problems : tuple of str
-        One line for each mistake: ``key = value: reason; what to change``.
+        One line for each error: ``key = value: reason; advice``.
     source : str
         Where the scene came from: a path, or empty.
 
@@ -52,9 +51,24 @@ class SceneError(ValueError):
 
 
 def read_scene_text(path: Path | str) -> str:
-    """The text of a scene file; SceneError unless a UTF-8 file with at most `MOST_BYTES`."""
+    """Read the text of a scene file.
+
+    Parameters
+    ----------
+    path : path or str
+        A UTF-8 file with at most `MOST_BYTES`.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    SceneError
+        For a file that cannot be read.
+    """
     if not isinstance(path, str | Path):
-        raise SceneError([format_error("path", path, "is no path; give the name of a file")])
+        raise SceneError([format_error("path", path, "is not a path; give the name of a file")])
     try:
         return read_text(Path(path), MOST_BYTES, "a scene file")
     except FileError as error:
@@ -62,110 +76,165 @@ def read_scene_text(path: Path | str) -> str:
 
 
 def read_examples() -> dict[str, str]:
-    """The texts of the example files, scenes, sweeps and reports, by name."""
+    """Read the texts of the example files, scenes, sweeps and reports, by name."""
     paths = sorted(Path(__file__).parents[1].joinpath("examples").glob("*.toml"))
     return {path.stem: path.read_text("utf-8") for path in paths}
 
 
 def get_example_text(name: str, files: Mapping[str, str]) -> str:
-    """The text of an example file; SceneError with a suggestion for an unknown `name`."""
+    """Return the text of an example file; raise `SceneError` for an unknown name."""
     if name not in files:
-        raise SceneError([f"{quote(name)}: is no example; {suggest(name, list(files))}"])
+        raise SceneError([f"{quote(name)}: is not an example; {suggest(name, list(files))}"])
     return files[name]
 
 
 class KeyText(NamedTuple):
     """A key of a scene file with its meaning."""
 
-    table: str  #: As its heading has it: ``[film]``.
+    table: str  #: Its heading: ``[film]``.
     name: str
-    text: str  #: The key with its default or an example, below lines of comment.
+    text: str  #: Lines of comment, and the key with its default or an example.
 
 
 def read_key_texts() -> Iterator[KeyText]:
-    """Scene keys from the example with every key."""
+    """Read the keys of a scene with their meanings from the example with every key."""
     table = ""
     lines: list[str] = []
     for line in read_examples()["four_electrodes"].splitlines():
-        if heading := re.match(r"#?(\[+[\w.]+\]+)", line):
-            table, lines = heading[1], []
-        elif name := re.match(r'#?"?([\w.]+)"? = ', line):
-            yield KeyText(table, name[1], "\n".join([*lines, line]))
+        heading = re.match(r"#?(\[+[\w.]+\]+)", line)
+        key = re.match(r'#?"?([\w.]+)"? = ', line)
+        if heading:
+            table = heading[1]
             lines = []
+        elif key:
+            yield KeyText(table, key[1], text="\n".join([*lines, line]))
+            lines = []
+        elif line.startswith("# "):
+            lines.append(line)
         else:
-            lines = [*lines, line] if line.startswith("# ") else []
+            lines = []
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
-    """The table in a TOML text; SceneError naming source and line for what is not TOML."""
+    """Parse a TOML text with bounds on its size and its depth.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    source : str
+        Name of the text in errors.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    SceneError
+        With source and line of the first error.
+    """
     if not isinstance(text, str):
-        raise SceneError([format_error("text", text, "is no text; give the TOML of a scene file")])
+        reason = "is not text; give the TOML of a scene file"
+        raise SceneError([format_error("text", text, reason)])
     if len(text) > MOST_BYTES:
-        large = f"has {len(text)} characters, more than {MOST_BYTES}; a scene is small"
-        raise SceneError([f"{source}: {large}, give another"], source)
-    deep = f"{source}: tables or lists are nested too deeply; a scene needs two levels"
-    if long_key := _LONG_KEY.search(text):
+        reason = f"has {len(text)} characters, more than {MOST_BYTES}; a scene is small"
+        raise SceneError([f"{source}: {reason}, give another"], source)
+    too_deep = f"{source}: tables or lists are nested too deeply; a scene needs two levels"
+    long_key = _LONG_KEY.search(text)
+    if long_key:
         line = text.count("\n", 0, long_key.end()) + 1
-        raise SceneError([f"{deep} (line {line})"], source)
+        raise SceneError([f"{too_deep} (line {line})"], source)
     try:
         return tomllib.loads(text)
     except RecursionError:
-        raise SceneError([deep], source) from None
+        raise SceneError([too_deep], source) from None
     except tomllib.TOMLDecodeError as error:
         key = ".".join(re.findall(r"'([\w-]+)'", str(error)))
-        change = f"begin each of them with [[{key}]]" if key in _LISTS else "correct the file there"
-        text = f"{source}: not TOML: {str(error)[:300]}; {change}"
-        raise SceneError([text], source) from None
-    except ValueError:  # of int(), whose digits are limited
-        text = f"{source}: has an integer of thousands of digits; give a smaller number"
-        raise SceneError([text], source) from None
+        advice = "correct the file there"
+        if key in _REPEATED_TABLES:
+            advice = f"begin each of them with [[{key}]]"
+        problem = f"{source}: not TOML: {str(error)[:300]}; {advice}"
+        raise SceneError([problem], source) from None
+    except ValueError:  # int() limits the number of digits
+        problem = f"{source}: has an integer of thousands of digits; give a smaller number"
+        raise SceneError([problem], source) from None
 
 
 def format_toml(table: Mapping[str, Any]) -> str:
-    """TOML for a mapping of tables and lists of tables. Their values are scalars, lists and tables
-    of scalars."""
+    """Format a mapping of tables and lists of tables as TOML.
+
+    The values of the tables are scalars, lists and tables of scalars.
+    """
     blocks = []
     for name, content in table.items():
-        heading, rows = (
-            (f"[[{name}]]", content) if isinstance(content, list) else (f"[{name}]", [content])
-        )
-        for row in rows:
-            lines = [
-                heading,
-                *(f"{_key(k)} = {format_toml_value(value)}" for k, value in row.items()),
-            ]
+        is_list = isinstance(content, list)
+        heading = f"[[{name}]]" if is_list else f"[{name}]"
+        for row in content if is_list else [content]:
+            lines = [heading]
+            for key, value in row.items():
+                lines.append(f"{_format_key(key)} = {format_toml_value(value)}")
             blocks.append("\n".join(lines) + "\n")
     return "\n".join(blocks)
 
 
-def _key(name: str) -> str:
+def _format_key(name: str) -> str:
     return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else format_toml_value(name)
 
 
 def flatten(table: Any, prefix: str = "", *, lists: bool = False) -> Any:
-    """Values by dotted key in nested tables (TOML keys without quotes); with `lists` also in lists
-    of tables, ``probe[0].x_mm``. In a change a list is a value."""
+    """Flatten nested tables, as TOML keys without quotes make them, to values by dotted key.
+
+    Parameters
+    ----------
+    table : mapping or object
+        Anything but a mapping is returned as it is.
+    prefix : str
+        Put before each key.
+    lists : bool
+        Flatten lists of tables too, ``probe[0].x_mm``; otherwise a list is a value.
+
+    Returns
+    -------
+    dict or object
+    """
     if not isinstance(table, Mapping):
         return table
     flat: dict[str, Any] = {}
     for key, value in table.items():
-        rows = value if lists and isinstance(value, list) else []
-        if rows and isinstance(rows[0], Mapping):
-            for i, row in enumerate(rows):
-                flat |= flatten(row, f"{prefix}{key}[{i}].", lists=True)
-            continue
-        nested = isinstance(value, Mapping)
         name = f"{prefix}{key}"
-        flat |= flatten(value, f"{name}.", lists=lists) if nested else {name: value}
+        if isinstance(value, Mapping):
+            flat |= flatten(value, f"{name}.", lists=lists)
+        elif lists and isinstance(value, list) and value and isinstance(value[0], Mapping):
+            for number, row in enumerate(value):
+                flat |= flatten(row, f"{name}[{number}].", lists=True)
+        else:
+            flat[name] = value
     return flat
 
 
 def parse_change(text: str) -> tuple[str, Any]:
-    """Key and value of ``KEY=VALUE``, a value in TOML or a bare word; SceneError for no change."""
+    """Parse ``KEY=VALUE``, where the value is TOML or a bare word.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+
+    Returns
+    -------
+    key : str
+    value : object
+
+    Raises
+    ------
+    SceneError
+        For a text that is not a change.
+    """
     shown = text if len(text) <= 80 else f"{text[:77]}..."
     key, equals, value = (part.strip() for part in text.partition("="))
     if not (key and equals and value):
-        reason = "is no change; write KEY=VALUE, such as load.force_N=2"
+        reason = "is not a change; write KEY=VALUE, such as load.force_N=2"
         raise SceneError([f"{shown}: {reason}"])
     try:
         table = parse_toml(f"value = {value}", "")
@@ -180,25 +249,37 @@ def parse_change(text: str) -> tuple[str, Any]:
 
 
 def format_toml_value(value: Any) -> str:
-    """A scalar, list or table as TOML in a line."""
+    """Format a scalar, list or table as TOML in one line."""
     if isinstance(value, str):
-        # JSON's escapes are TOML's, and further printable characters stand for themselves
+        # JSON's escapes are TOML's, and other printable characters need none
         return json.dumps(value, ensure_ascii=False)
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list):
         return f"[{', '.join(map(format_toml_value, value))}]"
     if isinstance(value, Mapping):
-        items = (
+        items = [
             f"{format_toml_value(str(key))} = {format_toml_value(item)}"
             for key, item in value.items()
-        )
+        ]
         return f"{{ {', '.join(items)} }}"
     return repr(value)
 
 
 def quote(value: Any, depth: int = 0) -> str:
-    """A value in scene file form, in at most 60 characters."""
+    """Quote a value in the form of a scene file, in at most 60 characters.
+
+    Parameters
+    ----------
+    value : object
+        The value.
+    depth : int
+        Depth of the value in nested lists, which are shortened.
+
+    Returns
+    -------
+    str
+    """
     if isinstance(value, bool):
         text = str(value).lower()
     elif isinstance(value, int) and value.bit_length() > 128:
@@ -208,15 +289,31 @@ def quote(value: Any, depth: int = 0) -> str:
     elif isinstance(value, Mapping):
         text = "a table"
     elif isinstance(value, list | tuple):
-        inner = [quote(item, depth + 1) for item in value[:10]] if depth < 3 else ["..."]
-        text = f"[{', '.join(inner)}]"
+        items = [quote(item, depth + 1) for item in value[:10]] if depth < 3 else ["..."]
+        text = f"[{', '.join(items)}]"
+    elif isinstance(value, float | int):
+        text = repr(value)
     else:
-        text = repr(value) if isinstance(value, float | int) else str(value).partition("\n")[0]
+        text = str(value).partition("\n")[0]
     return text if len(text) <= 60 else text[:57] + "..."
 
 
 def format_error(key: str, value: Any, reason: str) -> str:
-    """One complaint; `reason` names the mistake and the change to make."""
+    """Format an error as ``key = value: reason``.
+
+    Parameters
+    ----------
+    key : str
+        Key of the scene, or name of an argument.
+    value : object
+        The value.
+    reason : str
+        What is wrong, and after a semicolon what to do.
+
+    Returns
+    -------
+    str
+    """
     return f"{key} = {quote(value)}: {reason}"
 
 
@@ -228,6 +325,7 @@ def suggest(word: Any, known: Sequence[str]) -> str:
     word : object
         The unknown word; anything but text is similar to no word.
     known : sequence of str
+        The known words.
 
     Returns
     -------

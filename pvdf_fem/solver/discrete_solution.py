@@ -13,8 +13,8 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.stress_integrals import StressIntegrals, compute_stress_integrals
 from pvdf_fem.film.space import evaluate_shape_functions
 from pvdf_fem.film.term import State
-from pvdf_fem.mesh.gmsh_mesh import make_subdomain_name, name_mesh_parts
 from pvdf_fem.mesh.six_node import sort_vertices
+from pvdf_fem.mesh.subdomains import make_subdomain_name, name_mesh_parts
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.problem.contact_result import ContactResult, compute_contact_results
 from pvdf_fem.problem.equilibrium import Equilibrium

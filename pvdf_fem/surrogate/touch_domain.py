@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.scene.response_domain import ResponseDomain
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.stage import ResponseDomain
 
 #: Names of the quantities of one probe's touch, in the order of its row.
 TOUCH_QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")

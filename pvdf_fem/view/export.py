@@ -17,7 +17,7 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.film_data import FilmData
 from pvdf_fem.files import FileError, replace_file
 from pvdf_fem.film.membrane import compute_principal_values
-from pvdf_fem.mesh.gmsh_mesh import FILM, RIM
+from pvdf_fem.mesh.subdomains import FILM, RIM
 from pvdf_fem.problem.contact_result import compute_contact_pressure
 
 

@@ -19,7 +19,7 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.film_data import FilmData
 from pvdf_fem.electrodes.point_values import PointValues, evaluate_at
 from pvdf_fem.film.membrane import compute_principal_values
-from pvdf_fem.mesh.gmsh_mesh import FILM, make_subdomain_name
+from pvdf_fem.mesh.subdomains import FILM, make_subdomain_name
 from pvdf_fem.problem.contact_result import compute_contact_pressure
 from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.scene.scene import Scene

@@ -101,7 +101,7 @@ class NGSolveRuns(Task):
             "scene": self.scene.to_toml(),
             "orders": self.orders,
             "rounds": self.rounds,
-            "meshes": [asdict(sizes.scaled(factor)) for factor in self.factors],
+            "meshes": [asdict(sizes.scale(factor)) for factor in self.factors],
         }
         ended = subprocess.run(
             [sys.executable, "-m", "reports.accuracy.ngsolve_peer"],

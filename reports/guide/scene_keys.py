@@ -26,9 +26,10 @@ from pvdf_fem.scene.placed.patch import Patch
 from pvdf_fem.scene.placed.placed_shape import PLACEMENT_KEYS
 from pvdf_fem.scene.placed.probe import ListedProbe, Probe
 from pvdf_fem.scene.readout import Readout
+from pvdf_fem.scene.response_domain import ResponseDomain
 from pvdf_fem.scene.scene import Numerics, Scene
 from pvdf_fem.scene.scene_file import format_toml_value, get_example_text, read_examples
-from pvdf_fem.scene.stage import ResponseDomain, Stage
+from pvdf_fem.scene.stage import Stage
 from pvdf_fem.scene.validation.table_forms import TableForm, list_forms
 
 EXAMPLE = Path(__file__).parents[2] / "geometry" / "four_electrodes.toml"

@@ -19,8 +19,9 @@ from pvdf_fem.electrodes.stress_integrals import (
 )
 from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
-from pvdf_fem.mesh.gmsh_mesh import collect_outlines, mesh_scene
+from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.mesh.subdomains import collect_outlines
 from pvdf_fem.problem.outputs import Output
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.circle import Circle

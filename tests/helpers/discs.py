@@ -10,8 +10,9 @@ from skfem import MeshTri2
 
 from pvdf_fem import Scene, Solution, solve
 from pvdf_fem.arrays import Array
-from pvdf_fem.mesh.gmsh_mesh import collect_outlines, mesh_scene
+from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.mesh.subdomains import collect_outlines
 from pvdf_fem.problem.problem import Problem
 
 LOADS = {

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from pvdf_fem.scene.changes import to_plain_value
 from pvdf_fem.scene.load import Load, LoadOverrides
+from pvdf_fem.scene.scene import Numerics
 from pvdf_fem.scene.scene_file import format_toml
 from pvdf_fem.scene.validation.table_forms import TABLES as SCENE_TABLES
 from pvdf_fem.scene.validation.table_forms import TableForm, list_forms
@@ -16,7 +17,9 @@ Tables = dict[str, Any]
 
 #: Tables of a scene by their place, in each of their shapes.
 TABLES: list[tuple[str, TableForm]] = [
-    (place, form) for place, table in SCENE_TABLES.items() for form in list_forms(table)
+    (place, form)
+    for place, table in {**SCENE_TABLES, "numerics": Numerics}.items()
+    for form in list_forms(table)
 ]
 #: Values of required keys, small enough for electrodes side by side.
 GIVEN = {"x_mm": 0.0, "y_mm": 0.0, "radius_mm": 1.0, "width_mm": 3.0, "height_mm": 2.0}

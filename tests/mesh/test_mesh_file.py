@@ -13,8 +13,8 @@ import pytest
 from pvdf_fem import Scene, solve
 from pvdf_fem.files import FileError
 from pvdf_fem.film.space import Space
-from pvdf_fem.mesh.gmsh_mesh import collect_outlines, make_subdomain_name
 from pvdf_fem.mesh.mesh_file import READERS, MeshFileError, read_mesh
+from pvdf_fem.mesh.subdomains import collect_outlines, make_subdomain_name
 from pvdf_fem.solver.history import Stop
 from pvdf_fem.solver.solution import Solution
 from pvdf_fem.view.export import write_mesh

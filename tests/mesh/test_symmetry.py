@@ -5,7 +5,8 @@ import pytest
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.electrodes.stress_integrals import compute_stress_integrals, differentiate_charges
-from pvdf_fem.mesh.gmsh_mesh import RIM, mesh_scene
+from pvdf_fem.mesh.gmsh_mesh import mesh_scene
+from pvdf_fem.mesh.subdomains import RIM
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, find_symmetry_sector
 from pvdf_fem.problem.outputs import Output
 from pvdf_fem.problem.problem import Problem

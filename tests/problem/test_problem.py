@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import ast
 from dataclasses import FrozenInstanceError
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import pvdf_fem
 from pvdf_fem import Scene, SceneError, solve
 from pvdf_fem.mesh.symmetry import WHOLE_FILM
 from pvdf_fem.problem.problem import Problem
 from tests.helpers.discs import RECTANGLE, TRIANGLE
+
+PACKAGE = Path(pvdf_fem.__file__).parent
 
 TAPE = {"shape": "circle", "radius_mm": 5.0, "x_mm": 25.0, "y_mm": 0.0, "thickness_um": 20.0}
 TAPED = {"film.patches": [{**TAPE, "youngs_modulus_GPa": 3.0, "bonded": "before stretching"}]}
@@ -105,3 +110,12 @@ def test_a_solution_keeps_its_problem_and_says_the_same_of_neglected_effects():
     planned = solution.problem.describe_effects()
     assert len(planned.neglected) == len(solution.neglected)
     assert solution.problem.describe_effects(solution.charges_pC).neglected == solution.neglected
+
+
+def test_the_film_model_is_resolved_by_the_problem_and_nowhere_else():
+    callers = set()
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "resolve_film_model":
+                callers.add(path.relative_to(PACKAGE).as_posix())
+    assert callers == {"problem/problem.py"}

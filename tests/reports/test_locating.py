@@ -13,7 +13,7 @@ from pvdf_fem import Scene
 from pvdf_fem.batch.store import Record
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.adaptive import compute_unloaded_charges
-from reports.__main__ import script
+from reports.__main__ import load_report
 from reports.locating import signals, touches
 from reports.locating.signals import Taps
 from reports.locating.touches import LAYOUTS, NOISE
@@ -57,7 +57,7 @@ def made_up(monkeypatch):
 
 def test_touches_are_found_where_they_are(made_up):
     """Those of known rotation count."""
-    inputs, needed = script("locating").plan.collect_requirements(quick=True)
+    inputs, needed = load_report("locating").plan.collect_requirements(quick=True)
     need = next(need for need in needed if need.item.name == "triangle")
     rows = pd.DataFrame(replace(need.tasks[0], touches=20, reach_mm=12.0, pitch_mm=6.0).run())
     found, places = rows[rows.sort == "touch"], rows[rows.sort == "place"]

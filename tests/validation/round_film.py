@@ -61,7 +61,7 @@ def disc(force: float, size: float = 4.0, **shape: Any) -> SimpleNamespace:
         return solved(scene, uniform_mesh(scene, size))
     outline, a = scene.probe.outline, scene.film.radius
     sizes = GradedSizes({"probe": 0.4 * outline.radius, "electrode A": 0.08 * a}, 0.3, 0.16 * a)
-    return solved(scene, mesh_scene(scene, sizes.scaled(size)))
+    return solved(scene, mesh_scene(scene, sizes.scale(size)))
 
 
 def compared(

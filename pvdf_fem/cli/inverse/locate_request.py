@@ -65,11 +65,14 @@ class Request:
     def from_options(cls, options: argparse.Namespace) -> Request:
         """Return the request of a command line."""
         errors = _find_misplaced_options(options)
-        reading, readings = options.reading, dict[str, float]()
+        reading = options.reading
+        readings: dict[str, float] = {}
         if options.charges is not None:
-            reading, readings = "total", _parse_readings("--charges", options.charges, errors)
+            reading = "total"
+            readings = _parse_readings("--charges", options.charges, errors)
         elif options.changes is not None:
-            reading, readings = "change", _parse_readings("--changes", options.changes, errors)
+            reading = "change"
+            readings = _parse_readings("--changes", options.changes, errors)
         sigma = parse_number("--sigma", options.sigma, errors, allow_zero=True)
         noise = parse_optional_number("--noise", options.noise, errors, allow_zero=True)
         unknown = parse_unknowns(options.unknown, errors)
@@ -140,7 +143,9 @@ def parse_unknowns(text: str, errors: list[str]) -> tuple[str, ...]:
     for item in text.split(","):
         name = item.strip()
         if name not in quantities:
-            errors.append(f"--unknown {name}: is not a quantity; use {', '.join(FOUND_BY_SOLVES)}")
+            errors.append(
+                f"--unknown {name}: is not a quantity; choose from {', '.join(FOUND_BY_SOLVES)}"
+            )
         elif quantities[name] not in unknown:
             unknown.append(quantities[name])
     return tuple(unknown)
@@ -237,7 +242,7 @@ def _parse_readings(option: str, text: str, errors: list[str]) -> dict[str, floa
         name, _, value = (part.strip() for part in item.partition("="))
         number = read_number(value)
         if not name or number is None:
-            errors.append(f"{option} {item.strip()}: is not NAME=NUMBER; write such as A=905.1")
+            errors.append(f"{option} {item.strip()}: must be NAME=NUMBER, such as A=905.1")
         elif name in readings:
             errors.append(f"{option} {name}: is given twice; remove one")
         else:

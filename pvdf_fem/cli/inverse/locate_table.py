@@ -155,9 +155,12 @@ class _RowLocator:
         columns = {name: column.tolist() for name, column in touches.items()}
         located = []
         for i, row in enumerate(rows):
-            copied = {name: row.cells.get(name) for name in self.copied}
-            found = {name: to_plain(column[i]) for name, column in columns.items()}
-            located.append({**copied, **(found if row.is_complete else _make_malformed(columns))})
+            cells = {name: row.cells.get(name) for name in self.copied}
+            if row.is_complete:
+                cells |= {name: to_plain(column[i]) for name, column in columns.items()}
+            else:
+                cells |= _make_malformed(columns)
+            located.append(cells)
         return located
 
 

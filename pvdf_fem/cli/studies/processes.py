@@ -24,4 +24,4 @@ def find_process_errors(options: argparse.Namespace) -> list[str]:
     count = options.processes
     if count == ALL_CORES or count >= 1:
         return []
-    return [f"--processes {count}: is not allowed; give 1 or more, or remove it for all cores"]
+    return [f"--processes {count}: must be at least 1; remove the option to use all cores"]

@@ -34,8 +34,8 @@ examples:
   pvdf-fem report report.toml --out report --quick
   pvdf-fem report report.toml --kinds own.py --full
 
-exit codes: 0 all figures and tables are made, 2 bad input, 3 some lack charges
-(the page says why in their places), 130 interrupted"""
+exit codes: 0 all figures and tables are complete, 2 bad input, 3 some lack charges
+(the page gives the reason in their places), 130 interrupted"""
 
 
 def add_parser(commands: Any) -> None:
@@ -65,7 +65,7 @@ def add_parser(commands: Any) -> None:
     size.add_argument(
         "--quick",
         action="store_true",
-        help="few scenes to a coarse tolerance, to see what the page looks like",
+        help="solve few scenes to a coarse tolerance, for a preview of the page",
     )
     size.add_argument(
         "--full",

@@ -86,7 +86,9 @@ def add_parser(commands: Any) -> None:
     )
     add_plot(parser, "the charges over one or two axes")
     add_progress(parser)
-    parser.add_argument("--plan", action="store_true", help="only print what is to be solved")
+    parser.add_argument(
+        "--plan", action="store_true", help="only print which scenes are to be solved"
+    )
     parser.add_argument("--quiet", action="store_true", help="print errors only")
 
 
@@ -142,7 +144,7 @@ def _read_grid(options: argparse.Namespace, output: Path) -> SceneGrid:
         raise InputError(*errors, *error.problems) from error
     varying = sum(size > 1 for size in grid.shape)
     if options.plot and varying not in (1, 2):
-        errors.append(f"--plot: draws one or two axes, not {varying}; remove it")
+        errors.append(f"--plot: draws one or two axes, not {varying}; remove the option")
     if errors:
         raise InputError(*errors)
     return grid

@@ -104,29 +104,32 @@ class Law:
             columns.append(stress.imag / COMPLEX_STEP)
         return np.stack(columns, axis=-1)
 
-    def compute_prestrain(self, film: Film, steps: int = 30) -> Array:
+    def compute_prestrain(self, film: Film, max_steps: int = 30) -> Array:
         """Compute the elastic strain of the flat clamped film, (3,).
 
         Parameters
         ----------
         film : Film
             The film. It is strained by its cooling, or by a given pretension.
-        steps : int
-            Number of Newton steps from Hooke's strain; each squares the error.
+        max_steps : int
+            Largest number of Newton steps from Hooke's strain.
 
         Notes
         -----
-        Newton's method with derivatives by complex steps ends at rounding, which general root
-        finders do not.
+        Newton's method squares the error in every step. With derivatives by complex steps it ends
+        at rounding, which general root finders do not reach.
         """
         strain = film.prestrain
         if self.is_linear or film.pretension_N_m is None:
             return strain
-        flat = np.zeros(3)
-        for _ in range(steps):
+        flat, wanted = np.zeros(3), film.prestress
+        for _ in range(max_steps):
             rates = [self.stress(flat, strain + 1e-20j * e).imag for e in np.eye(3)]
-            excess = self.stress(flat, strain) - film.prestress
-            strain = strain - np.linalg.solve(1e20 * np.array(rates).T, excess)
+            excess = self.stress(flat, strain) - wanted
+            step = np.linalg.solve(1e20 * np.array(rates).T, excess)
+            strain = strain - step
+            if np.abs(step).max() <= 1e-9 * np.abs(strain).max():
+                break  # the next step would be one of rounding
         return np.asarray(strain)
 
 

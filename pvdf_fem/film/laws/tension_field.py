@@ -53,7 +53,7 @@ class TensionField(Hooke):
         # component of y
         self._values, self._vectors = eigh(ADJUGATE, self.compliance)
 
-    def compute_prestrain(self, film: Film, steps: int = 30) -> Array:
+    def compute_prestrain(self, film: Film, max_steps: int = 30) -> Array:
         """Return the film's prestrain, (3,): the flat film is taut, or it has no stress."""
         return film.prestrain
 

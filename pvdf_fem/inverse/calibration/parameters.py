@@ -93,7 +93,9 @@ class CalibrationParameters:
                 continue
             key = READOUT_KEYS[section]
             if f"readout.{key}" not in changes:
-                by_electrode = {electrode: readout.of(key, electrode) for electrode in electrodes}
+                by_electrode = {
+                    electrode: readout.get_value(key, electrode) for electrode in electrodes
+                }
                 changes[f"readout.{key}"] = by_electrode
             changes[f"readout.{key}"][channel] = value
         return self.scene.with_(**changes)
@@ -104,7 +106,7 @@ def get_parameter(scene: Scene, key: str) -> float:
     section, _, name = key.partition(".")
     if section in READOUT_KEYS:
         readout = scene.readout or Readout()
-        return float(readout.of(READOUT_KEYS[section], name))
+        return float(readout.get_value(READOUT_KEYS[section], name))
     return get_number(scene if scene.stage else scene.with_(stage={}), key)
 
 
@@ -207,7 +209,7 @@ def _find_thickness_errors(scene: Scene, names: Sequence[str]) -> Iterator[str]:
     """Find an unknown thickness that would also change the capacitance of a channel."""
     if scene.readout is None or "film.thickness_um" not in names:
         return
-    kinds = [scene.readout.of("kind", electrode.name) for electrode in scene.electrode_list]
+    kinds = [scene.readout.get_value("kind", electrode.name) for electrode in scene.electrode_list]
     if "voltage" in kinds:
         reason = 'also changes the capacitance of a channel of kind "voltage"; fit gains instead'
         yield f"unknown film.thickness_um: {reason}"

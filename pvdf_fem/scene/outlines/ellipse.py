@@ -101,6 +101,7 @@ class Ellipse(Outline):
         Parameters
         ----------
         other : Outline
+            The other outline.
 
         Returns
         -------
@@ -167,6 +168,7 @@ class Ellipse(Outline):
         Parameters
         ----------
         count : int
+            Number of points per side or quarter.
 
         Returns
         -------

@@ -262,7 +262,9 @@ def rotate(points: ArrayLike, angle_deg: float) -> Array:
     Parameters
     ----------
     points : array (..., 2)
+        The points.
     angle_deg : float
+        Angle in degrees.
 
     Returns
     -------

@@ -107,6 +107,7 @@ class Polygon(Outline):
         Parameters
         ----------
         count : int
+            Number of points per side or quarter.
 
         Returns
         -------

@@ -279,6 +279,7 @@ def _simplify(shape: shapely.Polygon, width: float, detail: float = 0.03) -> Pol
     width : float
         Width of a strip in m, of which sides move by at most the share `detail`.
     detail : float
+        Share of the width by which a side may move.
 
     Returns
     -------

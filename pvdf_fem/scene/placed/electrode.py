@@ -37,8 +37,10 @@ class Electrode(PlacedShape):
 
 
 class Layout(ShapedTable):
-    """Equal electrodes, evenly on a ring: A, B, C, ... counter-clockwise. Electrodes are not
-    turned: their axes are the film's, as in the thesis."""
+    """Equal electrodes, evenly on a ring: A, B, C, ... counter-clockwise.
+
+    Electrodes are not turned: their axes are the film's, as in the thesis.
+    """
 
     shape_key: ClassVar[Key] = Key(needs=("layout", "ring"), neutral="square")
 
@@ -48,15 +50,15 @@ class Layout(ShapedTable):
     count: Annotated[
         int | None, Key("electrodes", (1, 25), needs=("layout", "ring"), example=6)
     ] = None
-    """Number of electrodes on the ring; 4 where it is not given."""
+    """Number of electrodes on the ring; by default 4."""
     ring_radius_mm: Annotated[float, SIZE] = 10.0
-    """From the film's centre to the centres of the electrodes."""
+    """Distance from the film's centre to the centres of the electrodes."""
     first_angle_deg: Annotated[
         float | None, Key("degrees", (-3600.0, 3600.0), needs=("layout", "ring"), example=45.0)
     ] = None
-    """From +x to A; 0 where it is not given."""
+    """Angle from +x to A; by default 0."""
     centre: Annotated[bool, Key(needs=("layout", "ring"))] = False
-    """One more electrode, the last, is on the film's centre."""
+    """true: one more electrode, the last, is on the film's centre."""
 
     @model_validator(mode="after")
     def _reject_shape(self) -> Self:

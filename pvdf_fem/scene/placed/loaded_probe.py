@@ -21,6 +21,7 @@ class LoadedProbe:
     patch : str
         Its name in a mesh, ``probe`` or ``probe 1``.
     probe : Probe
+        The probe.
     load : Load
         The load that acts on it, resolved from its own and the scene's keys.
     """

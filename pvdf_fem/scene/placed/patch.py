@@ -17,13 +17,16 @@ EXPANSION = Key("1/K", (-0.1, 0.1), Affects.PRESTRAIN)
 
 
 class Patch(PlacedShape):
-    """A layer bonded to the film, as tape, ink or solder. Layers may overlap electrodes, probes and
-    further layers, and reach over the rim. Their material is the film's where it is not given."""
+    """A layer bonded to the film, as tape, ink or solder.
+
+    Layers may overlap electrodes, probes and further layers, and reach over the rim. Their material
+    is the film's where it is not given.
+    """
 
     thickness_um: Annotated[float, Key("µm", (1e-3, 1e5), example=50.0)]
     """Thickness, of both layers together where the layer is on both sides."""
     both_sides: Annotated[bool, Key()] = False
-    """The layer is half on the one side and half on the other."""
+    """Half of the layer is on the one side of the film and half on the other."""
     youngs_modulus_GPa: Annotated[float | None, replace(MODULUS, example=3.0)] = None
     """Young's modulus, of an isotropic layer."""
     poisson_ratio: Annotated[
@@ -35,12 +38,12 @@ class Patch(PlacedShape):
     ] = None
     """Density."""
     bonded: Literal["at rest", "before stretching"] = "at rest"
-    """at rest: to the stretched film, without stress of its own. before stretching: it is
+    """at rest: bonded to the stretched film, without stress. before stretching: the layer is
     stretched, or cooled and clamped, together with the film."""
     thermal_expansion_per_K: Annotated[
         float | None, Key("1/K", (-0.1, 0.1), needs=("bonded", "before stretching"), example=1e-5)
     ] = None
-    """Thermal expansion."""
+    """Coefficient of thermal expansion."""
     x_mm: Annotated[float, PLACE]
     y_mm: Annotated[float, PLACE]
 

@@ -147,11 +147,11 @@ class PlacedShape(ShapedTable):
     """A shape at the point (x, y), rotated counter-clockwise about it."""
 
     x_mm: Annotated[float, PLACE] = 0.0
-    """Place of the centre; of a triangle the centroid, of a polygon the origin of its vertices."""
+    """Place of the centre; of a triangle its centroid, of a polygon the origin of its vertices."""
     y_mm: Annotated[float, PLACE] = 0.0
-    """Place along y."""
+    """Place of the same point along y."""
     rotation_deg: Annotated[float, ROTATION] = 0.0
-    """Turn about the place, counter-clockwise."""
+    """Rotation about this point, counter-clockwise."""
 
     @cached_property
     def outline(self) -> Outline:

@@ -34,11 +34,11 @@ class Probe(PlacedShape):
 
     geometry: Annotated[Shape, OneOfShapes(PROBE_SHAPES)] = Field(alias="shape")
     edge_radius_mm: Annotated[float | None, Key("mm", (1e-4, 1e5), example=0.5)] = None
-    """Radius of the rounded edge of a tip, which is a circle or a convex polygon."""
+    """Radius of the rounded edge of a rigid tip, whose shape is a circle or a convex polygon."""
     temperature_K: Annotated[float | None, Key("K", (-500.0, 500.0), example=10.0)] = None
-    """Temperature over the temperature of the film."""
+    """Temperature of the probe above the film's."""
     contact_time_s: Annotated[float | None, Key("s", (1e-6, 1e6), example=1.0)] = None
-    """Time for which a warm probe has touched; 1 where it is not given."""
+    """Time since a warm probe touched the film; by default 1."""
 
     @field_validator("edge_radius_mm")
     @classmethod
@@ -57,8 +57,11 @@ class Probe(PlacedShape):
 
 
 class ListedProbe(Probe):
-    """A probe in a list. Its load is the scene's load except for the keys that it gives itself: a
-    new kind removes the keys that only the scene's kind has."""
+    """A probe in a list.
+
+    Its load is the scene's load except for the keys that it gives itself: a new kind removes the
+    keys that only the scene's kind has.
+    """
 
     depth_mm: Annotated[float | None, DEPTH] = None
     """Depth of the tip, in place of force_N."""
@@ -153,6 +156,7 @@ def find_load_key(where: str, probe: Any, key: str) -> str:
     where : str
         Key of the probe, ``probe`` or ``probe[0]``.
     probe : Probe
+        The probe.
     key : str
         A key of loads.
 

@@ -64,6 +64,7 @@ def describe_scene_errors(
     data : mapping
         The tables of the scene.
     model : type of Scene
+        The model of scenes.
 
     Returns
     -------

@@ -206,6 +206,7 @@ def find_incompatible_keys(tables: SceneTables) -> Iterator[str]:
     Parameters
     ----------
     tables : SceneTables
+        The tables of a scene.
 
     Yields
     ------

@@ -12,14 +12,14 @@ from pydantic.fields import FieldInfo
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.keys import Key, Section
 from pvdf_fem.scene.load import Load, LoadOverrides
-from pvdf_fem.scene.numerics import Numerics
 from pvdf_fem.scene.placed.electrode import Electrode, Layout
 from pvdf_fem.scene.placed.patch import Patch
 from pvdf_fem.scene.placed.placed_shape import PLACEMENT_KEYS, ShapedTable
 from pvdf_fem.scene.placed.probe import ListedProbe, Probe
 from pvdf_fem.scene.readout import Readout
+from pvdf_fem.scene.response_domain import ResponseDomain
 from pvdf_fem.scene.shapes.shape import Shape
-from pvdf_fem.scene.stage import ResponseDomain, Stage
+from pvdf_fem.scene.stage import Stage
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,6 @@ TABLES: dict[str, type[Section]] = {
     "probe[0]": ListedProbe,
     "probe[0].load": LoadOverrides,
     "load": Load,
-    "numerics": Numerics,
     "readout": Readout,
     "stage": Stage,
     "air": Air,

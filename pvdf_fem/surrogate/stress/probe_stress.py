@@ -19,14 +19,15 @@ from skfem.models import mass
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.loads.contact_estimate import estimate_contact_outlines, estimate_tip_outlines
 from pvdf_fem.film.space import Space, transfer_dofs
-from pvdf_fem.mesh.gmsh_mesh import PROBE, collect_outlines, mesh_scene
+from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.mesh.size_field import GradedSizes
+from pvdf_fem.mesh.subdomains import PROBE, collect_outlines
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.solver.nonlinear.factors import factorise
 from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
-from pvdf_fem.solver.nonlinear.newton import factorise
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 from pvdf_fem.surrogate.stress.polar_grid import PolarGrid
 

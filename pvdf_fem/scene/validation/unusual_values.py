@@ -1,0 +1,31 @@
+"""Numbers of a scene that are valid, but were probably given in another unit."""
+
+from __future__ import annotations
+
+from pvdf_fem.scene.keys import Section
+from pvdf_fem.scene.scene_file import format_error
+
+
+def find_unusual_values(name: str, table: Section) -> list[str]:
+    """Find numbers of a table that were probably given in another unit.
+
+    Parameters
+    ----------
+    name : str
+        Key of the table in the scene.
+    table : Section
+        A table of a scene.
+
+    Returns
+    -------
+    list of str
+        ``key = value: is in UNIT; did you mean ...?``
+    """
+    warnings = []
+    for key, description in table.table_keys.items():
+        value = getattr(table, key)
+        question = description.ask_likely_unit(value) if isinstance(value, float) else ""
+        if question:
+            reason = f"is in {description.unit}; {question}"
+            warnings.append(format_error(f"{name}.{key}", value, reason))
+    return warnings
