@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from pydoc import locate as locate_object
 
 import pytest
 
@@ -49,14 +50,26 @@ def test_every_command_and_public_name_is_told():
     assert not [name for name in pvdf_fem.__all__ if f":: pvdf_fem.{name}" not in api]
 
 
+def test_internal_members_exist():
+    """Members that the guide does not show are those of classes that it shows."""
+    public = [getattr(pvdf_fem, name) for name in pvdf_fem.__all__]
+    paths = [path for group in references.RESULTS.values() for path in group]
+    shown = [*public, *(locate_object(path) for path in paths)]
+    members = {member for documented in shown for member in dir(documented)}
+    fields = {f for c in shown for f in getattr(c, "__dataclass_fields__", ())}
+    assert set(references.INTERNAL) - members - fields == set()
+
+
 STALE = "README's pictures or sample are stale: run python -m reports.gallery, and look at them"
 
 
 @pytest.mark.parametrize("name", ["deflection", pytest.param("rotation", marks=pytest.mark.slow)])
 def test_a_picture_is_of_today_s_charges(name):
     """Its first solve is repeated; those of the thesis's scenes take long."""
-    shown = pictures.read(pictures.Path(pictures.__file__).with_name(f"{name}.png"))
-    expected = Scene.example("triangle") if name == "deflection" else pictures.turned()[1].scenes[0]
+    shown = pictures.read_content(pictures.Path(pictures.__file__).with_name(f"{name}.png"))
+    expected = (
+        Scene.example("triangle") if name == "deflection" else pictures.plan_rotation()[1].scenes[0]
+    )
     assert Scene.parse(shown["scenes"][0]) == expected, STALE
     assert solve(expected).charges_pC == pytest.approx(shown["charges_pC"][0], rel=1e-6), STALE
 
@@ -65,6 +78,7 @@ def test_readme_s_sample_output_is_printed_now():
     """All but the times, which every machine has of its own."""
     [written] = pictures.SAMPLE.findall(pictures.README.read_text("utf-8"))
     told, now = (
-        [x for x in t.splitlines() if not x[:1].isdigit()] for t in (written, pictures.sample())
+        [x for x in t.splitlines() if not x[:1].isdigit()]
+        for t in (written, pictures.make_sample())
     )
     assert told == now, STALE

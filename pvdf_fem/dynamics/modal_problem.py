@@ -21,7 +21,7 @@ from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive_loop import AdaptiveLoop
-from pvdf_fem.solver.estimate import correct_in_richer_space
+from pvdf_fem.solver.estimate.correction import correct_in_richer_space
 from pvdf_fem.solver.history import StageTimer, Stop
 from pvdf_fem.solver.mesh_level import UNKNOWNS_PER_ELEMENT
 from pvdf_fem.solver.nonlinear.budget import Budget
@@ -188,7 +188,7 @@ class ModalProblem:
                 result = find_equilibrium(coarse, budget=self.budget)
                 iterations = len(result.iterations)
                 failed = result.failed_attempts
-                self.budget.spend(coarse, result.fresh_count)
+                self.budget.spend(coarse, result.tangent_count)
                 if not result.converged or result.factors is None:
                     return ModalLevel(coarse, result.status, iterations, failed)
                 correction = correct_in_richer_space(

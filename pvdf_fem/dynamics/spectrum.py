@@ -15,7 +15,7 @@ from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.film.low_rank import LowRankUpdate
 from pvdf_fem.film.unknowns import make_prolongation
 from pvdf_fem.problem.equilibrium import Equilibrium
-from pvdf_fem.solver.nonlinear.newton import factorise
+from pvdf_fem.solver.nonlinear.factors import factorise
 from pvdf_fem.solver.nonlinear.status import Status
 
 VACUUM, AIR = "in vacuum", "in air"

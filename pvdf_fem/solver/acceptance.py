@@ -1,13 +1,11 @@
-"""Whether a solution may be called a result, and where the model ends that made it.
+"""Whether a solution is accepted as a result, and where it is beyond the limits of the model.
 
-A solution is refused when the forces do not balance, or when its tangent is not that of a minimum
-of the energy. It is a result with a warning where the film would wrinkle, yield or tilt beyond
-what the model describes.
+A solution is rejected when the forces do not balance, or when its tangent is not that of a minimum
+of the energy. It is accepted with a warning where the film would wrinkle, yield or slope beyond the
+limits of the model.
 """
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import numpy as np
 from scipy.sparse.linalg import SuperLU
@@ -25,57 +23,62 @@ from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.discrete_solution import DiscreteSolution
 from pvdf_fem.solver.mesh_level import MeshLevel
-from pvdf_fem.solver.nonlinear.newton import (
-    factorise,
-    has_negative_determinant,
-    is_balanced,
-    is_compressed,
-    is_stable,
-)
+from pvdf_fem.solver.nonlinear.factors import factorise, has_negative_determinant
+from pvdf_fem.solver.nonlinear.stability import is_balanced, is_compressed, is_stable
 from pvdf_fem.solver.nonlinear.status import Status
 
 #: Strength of biaxially stretched PVDF film in Pa: data sheets give 160 to 220 MPa along either
 #: direction.
 STRENGTH = 180e6
-#: Slope up to which the load is modelled well. The film's law is exact at any slope; but here a
-#: pressure along z and one normal to the film differ by 1 - cos = 11 %, and the probe's face no
-#: longer covers its shadow.
+#: Slope up to which the load is modelled well. The film's law is exact at any slope; but at this
+#: one a pressure along z and one normal to the film differ by 1 - cos = 11 %, and the probe's face
+#: no longer covers its projection.
 SLOPE_LIMIT = 0.5
-
-
-#: Reach of a contact over the film's radius from which a tip meets the clamped rim.
-NEAR_RIM = 0.99
-#: Relative change of a charge by wrinkles above which a membrane in compression is no result.
+#: Reach of a contact over the film's radius beyond which a tip meets the clamped rim.
+RIM_REACH = 0.99
+#: Relative change of a charge by wrinkles above which a membrane in compression is rejected.
 MOST_CHANGE = 0.1
 
 
 def find_rejection_status(
-    fields: DiscreteSolution, factors: SuperLU | None, change: float | None
+    discrete: DiscreteSolution, factors: SuperLU | None, change: float | None
 ) -> Status | None:
-    """The status for a solution without equilibrium or stability; None for one that is.
+    """Return the status of a solution that is no stable equilibrium; None for an accepted one.
 
-    `change` is the relative change of a charge by wrinkles in a membrane.
+    Parameters
+    ----------
+    discrete : DiscreteSolution
+        The solution.
+    factors : SuperLU or None
+        Factors of the last tangent; None for the flat film, which is always accepted.
+    change : float or None
+        Relative change of a charge by wrinkles in a membrane in compression.
     """
-    if factors is None:  # the flat film
+    if factors is None:
         return None
-    equilibrium, state = fields.solved, fields.solved_state
-    if not is_balanced(equilibrium, state, factors, equilibrium.model.mesh_policy.imbalance):
+    equilibrium = discrete.solved
+    state = discrete.solved_state
+    if not is_balanced(
+        equilibrium, state, factors, allowed=equilibrium.model.mesh_policy.imbalance
+    ):
         return Status.UNBALANCED
-    if is_tip_at_rim(fields):
+    if is_tip_at_rim(discrete):
         return Status.RIM
     if not equilibrium.conservative and has_negative_determinant(factors):
         return Status.UNSTABLE
-    # without compression the energy has no other stationary point
-    buckled = is_compressed(state) and not is_stable(equilibrium, factors)
-    return Status.UNSTABLE if buckled or (change or 0.0) > MOST_CHANGE else None
+    # without compression the minimum is the energy's only stationary point
+    if is_compressed(state) and not is_stable(equilibrium, factors):
+        return Status.UNSTABLE
+    if change is not None and change > MOST_CHANGE:
+        return Status.UNSTABLE
+    return None
 
 
-def is_tip_at_rim(fields: DiscreteSolution) -> bool:
-    """Whether a tip touches the film up to the rim."""
-    solved = fields.solved
-    reaches = [tip.reach(fields.solved_state) for tip in select_tips(solved)]
-    reach = max(reaches, default=0.0)
-    return reach > NEAR_RIM * solved.film.radius
+def is_tip_at_rim(discrete: DiscreteSolution) -> bool:
+    """Return whether the contact of a tip extends to the clamped rim."""
+    solved = discrete.solved
+    reaches = [tip.reach(discrete.solved_state) for tip in select_tips(solved)]
+    return max(reaches, default=0.0) > RIM_REACH * solved.film.radius
 
 
 def estimate_wrinkling_changes(level: MeshLevel) -> Array | None:
@@ -121,57 +124,93 @@ def estimate_wrinkling_changes(level: MeshLevel) -> Array | None:
     return integrals - discrete.stress_integrals.values
 
 
-def list_warnings(equilibrium: Equilibrium, state: State, change: float | None) -> Iterator[str]:
-    """What to look at: compression or wrinkles, strength, strain, slope; with value and place.
+def list_warnings(equilibrium: Equilibrium, state: State, change: float | None) -> list[str]:
+    """Return warnings where a solution is beyond the limits of the model, with values and places.
 
-    `change` is the relative change of a charge by wrinkles, if known.
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+        The solved equations.
+    state : State
+        Their solution.
+    change : float or None
+        Relative change of a charge by wrinkles in a membrane in compression.
+
+    Returns
+    -------
+    list of str
+        Warnings of compression or wrinkles, strength, strain and slope.
     """
-    told = "" if change is None else f"; this would change a charge by up to {change:.1e} of it"
-    least, largest = compute_principal_values(state.stress)
-    for remark, where in equilibrium.model.find_compression(least, largest):
-        yield remark.format(_area(equilibrium, where)) + told
-    if (stress := largest.max()) > STRENGTH:
-        yield (
+    smallest_stress, largest_stress = compute_principal_values(state.stress)
+    effect = ""
+    if change is not None:
+        effect = f"; this would change a charge by up to {change:.1e} of it"
+    warnings = []
+    for area in equilibrium.model.find_compression(smallest_stress, largest_stress):
+        warnings.append(area.text.format(_format_area(equilibrium, area.where)) + effect)
+    stress = largest_stress.max()
+    if stress > STRENGTH:
+        warnings.append(
             f"strength: principal stress up to {1e-6 * stress:.4g} MPa"
-            f" at {_place(equilibrium, largest)}, above the film's {1e-6 * STRENGTH:.4g} MPa"
+            f" at {_format_place(equilibrium, largest_stress)},"
+            f" above the film's {1e-6 * STRENGTH:.4g} MPa"
         )
-    stretch = compute_principal_values(state.strain * [1.0, 1.0, 0.5])[1]
+    tensor_strain = state.strain * [1.0, 1.0, 0.5]
+    _, largest_strain = compute_principal_values(tensor_strain)
     law = equilibrium.membrane.law
-    if (strain := stretch.max()) > law.strain_limit:
-        place = _place(equilibrium, stretch)
-        limit = f"(above {law.strain_limit:g})"
-        yield f"strain: up to {strain:.3g} at {place}, where the film {law.beyond_limit} {limit}"
-    slope = np.hypot(state.deformation_gradient[..., 2, 0], state.deformation_gradient[..., 2, 1])
-    if (steepest := slope.max()) > SLOPE_LIMIT:
-        yield (
-            f"slope: up to {steepest:.3g} at {_place(equilibrium, slope)}; above {SLOPE_LIMIT:g}"
-            " it matters how the probe's pressure follows the film"
+    strain = largest_strain.max()
+    if strain > law.strain_limit:
+        warnings.append(
+            f"strain: up to {strain:.3g} at {_format_place(equilibrium, largest_strain)},"
+            f" where the film {law.beyond_limit} (above {law.strain_limit:g})"
         )
-
-
-def warn_of_cancelled_charges(scene: Scene, forces: StressIntegrals) -> Iterator[str]:
-    """Charges much smaller than their parts: their errors exceed the tolerance."""
-    d = np.array([scene.film.d31, scene.film.d32])
-    parts, charges, errors = d * forces.values, forces.charges(d), forces.charge_errors(d)
-    little = np.abs(charges) < CANCELLATION_SHARE * np.abs(parts).sum(axis=1)
-    for i in np.flatnonzero(little & (errors > scene.numerics.tolerance * np.abs(charges))):
-        first, second = 1e12 * parts[i]
-        yield (
-            f"charge {scene.electrode_list[i].name}: {1e12 * charges[i]:.4g} pC is what its parts"
-            f" {first:.4g} and {second:.4g} pC (d31, d32) leave; its error of"
-            f" {1e12 * errors[i]:.2g} pC meets the tolerance relative to"
-            f" {CANCELLATION_SHARE:g} of them only"
+    slopes = np.hypot(state.deformation_gradient[..., 2, 0], state.deformation_gradient[..., 2, 1])
+    slope = slopes.max()
+    if slope > SLOPE_LIMIT:
+        warnings.append(
+            f"slope: up to {slope:.3g} at {_format_place(equilibrium, slopes)};"
+            f" above {SLOPE_LIMIT:g} it matters how the probe's pressure follows the film"
         )
+    return warnings
 
 
-def _area(equilibrium: Equilibrium, where: Mask) -> str:
+def warn_of_cancelled_charges(scene: Scene, integrals: StressIntegrals) -> list[str]:
+    """Return warnings of charges whose errors exceed the tolerance since their parts cancel.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    integrals : StressIntegrals
+        Stress integrals of its electrodes.
+    """
+    coefficients = np.array([scene.film.d31, scene.film.d32])
+    parts = coefficients * integrals.values
+    charges = integrals.charges(coefficients)
+    errors = integrals.charge_errors(coefficients)
+    has_cancelled = np.abs(charges) < CANCELLATION_SHARE * np.abs(parts).sum(axis=1)
+    is_inaccurate = errors > scene.numerics.tolerance * np.abs(charges)
+    warnings = []
+    for i in np.flatnonzero(has_cancelled & is_inaccurate):
+        by_d31, by_d32 = 1e12 * parts[i]
+        warnings.append(
+            f"charge {scene.electrode_list[i].name}: {1e12 * charges[i]:.4g} pC remains of the parts"
+            f" {by_d31:.4g} and {by_d32:.4g} pC (by d31 and d32), which cancel; its error of"
+            f" {1e12 * errors[i]:.2g} pC is within the tolerance only relative to"
+            f" {CANCELLATION_SHARE:g} of the sum of these parts"
+        )
+    return warnings
+
+
+def _format_area(equilibrium: Equilibrium, is_inside: Mask) -> str:
+    """Format the area of quadrature points (elements, points), and its share of the film."""
     weights = equilibrium.space.weights * len(equilibrium.sector.signs)
-    area = float((weights * where).sum())
+    area = float((weights * is_inside).sum())
     return f"{1e6 * area:.3g} mm2 ({area / weights.sum():.2%} of the film)"
 
 
-def _place(equilibrium: Equilibrium, values: Array) -> str:
-    """Where values (elements, points) are largest, as text."""
+def _format_place(equilibrium: Equilibrium, values: Array) -> str:
+    """Format the place where values at quadrature points (elements, points) are largest."""
     element, point = np.unravel_index(values.argmax(), values.shape)
     places = np.asarray(equilibrium.space.basis.global_coordinates())
     x, y = 1e3 * equilibrium.sector.frame.T @ places[:, element, point]

@@ -166,7 +166,7 @@ class AdaptiveLoop(Generic[T]):
 
         Returns also what limits them.
         """
-        work = self.budget.left_seconds / seconds
+        work = self.budget.remaining_seconds / seconds
         by_work = work**self.rules.work_exponent * level.unknowns
         by_growth = self.rules.growth * level.unknowns
         most = min(by_growth, self.budget.max_unknowns, by_work)

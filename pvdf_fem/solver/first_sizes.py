@@ -1,7 +1,8 @@
-"""The order and the element sizes that a tolerance needs, before anything is solved."""
+"""Order and element sizes of the first mesh, which the tolerance sets a priori."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -13,73 +14,118 @@ from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.mesh.size_field import GradedSizes
 from pvdf_fem.mesh.subdomains import FILM, collect_outlines
 from pvdf_fem.problem.problem import Problem
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 
 #: Default order of the displacement.
 ORDER = 3
-#: Relative error of the worst charge with the sizes from `choose_first_sizes` and a factor of
-#: 1, by order of the displacement.
-REACHED = {1: 2e-2, 2: 2e-3, 3: 1e-4}
-#: Element size at a punch over its width; tractions are singular along a punch's edge.
+#: Relative error of the worst charge with the sizes of `choose_first_sizes` and a factor of 1, by
+#: order of the displacement.
+REACHED_ERRORS = {1: 2e-2, 2: 2e-3, 3: 1e-4}
+#: Limits of the factor by which the tolerance changes sizes.
+SMALLEST_FACTOR = 0.4
+LARGEST_FACTOR = 2.2
+#: Element size at a rigid punch over its half width; tractions are singular along its edge.
 PUNCH_SHARE = 0.5
-#: Least number of elements along a contact's edge.
-EDGE_FACETS = 22
+#: Least number of elements along the edge of a contact.
+CONTACT_ELEMENTS = 22
+#: Largest number of elements along an outline.
+OUTLINE_ELEMENTS = 200
 
 
 def choose_first_sizes(problem: Problem, order: int) -> GradedSizes:
-    """Element sizes that meet the tolerance in most scenes.
+    """Choose element sizes that meet the tolerance in most scenes.
 
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    order : int
+        Polynomial order of the displacement.
+
+    Returns
+    -------
+    GradedSizes
+        Sizes in m.
+
+    Notes
+    -----
     The size at an outline is a share of its area over its perimeter, which for a slender shape is
-    half its width; but at least a two-hundredth of the perimeter, however thin a needle is. The
-    mesh for a scene without electrodes serves charges anywhere on the film (`solve_goals`).
-    Electrodes that cut elements see more error: the mesh is finer at the probe, and farther away.
+    half its width; but at least a two-hundredth of the perimeter, however thin a needle is.
+
+    A scene without electrodes is meshed for charges anywhere on the film. Electrodes that cut
+    elements have larger errors, so that the mesh is finer at the probe, and farther away.
     """
     scene = problem.scene
-    model = problem.film
-    observable = OBSERVABLES[scene.numerics.observable]
-    at_electrode, at_probe = observable.element_shares
     has_electrodes = len(scene.electrode_list) > 0
-    growth, largest = (0.5, 0.55) if has_electrodes else (0.2, 0.4)
+    growth = 0.5 if has_electrodes else 0.2
+    largest = 0.55 if has_electrodes else 0.4
     contacts = estimate_contact_outlines(scene)
-    shapes = collect_outlines(scene) | contacts
-    share = dict.fromkeys(shapes, at_electrode)
-    for touch in scene.loaded_probes:
-        at_this = PUNCH_SHARE if PROBE_LOADS[touch.load.kind].is_rigid else at_probe
-        share[touch.patch] = at_this if has_electrodes else 0.5 * at_this
-    patches = {
-        name: max(share[name] * shape.area / shape.perimeter, shape.perimeter / 200.0)
-        for name, shape in shapes.items()
-    }
-    reached = scene.numerics.tolerance / REACHED[order]
-    factor = float(np.clip(reached ** (1.0 / (order + 1.0)), 0.4, 2.2))
-    sizes = GradedSizes(patches, growth, largest * scene.film.radius)
-    sizes = sizes.scale(model.mesh_policy.size_factor * factor)
-    edges = {n: min(c.perimeter / EDGE_FACETS, sizes.patches[n]) for n, c in contacts.items()}
-    sizes = replace(sizes, patches=sizes.patches | edges)
-    return _with_layers(scene, sizes) if model.bends else sizes
+    outlines = collect_outlines(scene) | contacts
+    shares = _choose_shares(scene, outlines)
+    patches = {}
+    for name, outline in outlines.items():
+        size = shares[name] * outline.area / outline.perimeter
+        patches[name] = max(size, outline.perimeter / OUTLINE_ELEMENTS)
+
+    # the error falls with the power order + 1 of the sizes
+    excess = scene.numerics.tolerance / REACHED_ERRORS[order]
+    factor = excess ** (1.0 / (order + 1.0))
+    factor = float(np.clip(factor, SMALLEST_FACTOR, LARGEST_FACTOR))
+    sizes = GradedSizes(patches, growth, film=largest * scene.film.radius)
+    sizes = sizes.scale(problem.film.mesh_policy.size_factor * factor)
+
+    at_contacts = {}
+    for name, outline in contacts.items():
+        at_contacts[name] = min(outline.perimeter / CONTACT_ELEMENTS, sizes.patches[name])
+    sizes = replace(sizes, patches=sizes.patches | at_contacts)
+    return _resolve_bending_layers(scene, sizes) if problem.film.bends else sizes
 
 
-def _with_layers(
-    scene: Scene, sizes: GradedSizes, most_along_rim: int = 80, most: int = 250
+def _choose_shares(scene: Scene, outlines: Mapping[str, Outline]) -> dict[str, float]:
+    """Choose the element size over area and perimeter of each outline."""
+    element_shares = OBSERVABLES[scene.numerics.observable].element_shares
+    has_electrodes = len(scene.electrode_list) > 0
+    shares = dict.fromkeys(outlines, element_shares.electrode)
+    for probe in scene.loaded_probes:
+        is_rigid = PROBE_LOADS[probe.load.kind].is_rigid
+        share = PUNCH_SHARE if is_rigid else element_shares.probe
+        shares[probe.patch] = share if has_electrodes else 0.5 * share
+    return shares
+
+
+def _resolve_bending_layers(
+    scene: Scene, sizes: GradedSizes, *, most_along_rim: int = 80, most_along_probe: int = 250
 ) -> GradedSizes:
-    """Sizes that resolve bending layers, where they matter enough.
+    """Make sizes smaller where bending layers change charges enough.
 
-    There are at most `most_along_rim` and `most` elements along the rim and along the probe; where
-    that is too coarse the next mesh is finer. What the rim's layer does is far from most
-    electrodes.
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    sizes : GradedSizes
+        Sizes without regard to bending.
+    most_along_rim, most_along_probe : int, optional
+        Largest numbers of elements along the rim and along a probe. Where they are too coarse the
+        next mesh is finer. The rim's layer is far from most electrodes.
+
+    Returns
+    -------
+    GradedSizes
     """
-    effect, tolerance = estimate_bending_effect(scene), scene.numerics.tolerance
-    around = 2.0 * np.pi * scene.film.radius
-    layers = {
-        FILM: (choose_layer_size(effect.rim_length, effect.rim, tolerance), around / most_along_rim)
-    }
-    size = choose_layer_size(effect.probe_length, effect.probe, tolerance)
-    for touch in scene.loaded_probes:
-        if PROBE_LOADS[touch.load.kind].is_rigid:
-            layers[touch.patch] = size, touch.outline.perimeter / most
-    finer = {
-        name: min(sizes.patches.get(name, np.inf), max(size, least))
-        for name, (size, least) in layers.items()
-        if size < sizes.film
-    }
-    return replace(sizes, patches=sizes.patches | finer)
+    tolerance = scene.numerics.tolerance
+    effect = estimate_bending_effect(scene)
+    at_rim = choose_layer_size(effect.rim_length, effect.rim, tolerance)
+    at_probe = choose_layer_size(effect.probe_length, effect.probe, tolerance)
+    rim_perimeter = 2.0 * np.pi * scene.film.radius
+    layer_sizes = {}
+    if at_rim < sizes.film:
+        layer_sizes[FILM] = max(at_rim, rim_perimeter / most_along_rim)
+    if at_probe < sizes.film:
+        for probe in scene.loaded_probes:
+            if PROBE_LOADS[probe.load.kind].is_rigid:
+                smallest = probe.outline.perimeter / most_along_probe
+                layer_sizes[probe.patch] = max(at_probe, smallest)
+    for name, size in layer_sizes.items():
+        layer_sizes[name] = min(sizes.patches.get(name, np.inf), size)
+    return replace(sizes, patches=sizes.patches | layer_sizes)

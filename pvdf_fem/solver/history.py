@@ -1,4 +1,4 @@
-"""What a solve did: a row for every mesh, why it ended, and where its time went."""
+"""The history of a solve: a row for every mesh, why it ended, and where its time went."""
 
 from __future__ import annotations
 
@@ -31,25 +31,27 @@ class MeshRecord:
     elements: int
     unknowns: int
     iterations: int  #: Newton iterations that led to the result.
-    #: Largest estimated charge error, relative to the magnitude of its contributions.
+    #: Largest estimated charge error, relative to the magnitude of its contributions; None without
+    #: convergence.
     worst_error: float | None
-    seconds: float  #: Wall-clock time of mesh, solve and estimate.
+    seconds: float  #: Wall-clock time of mesh, solve and estimate in s.
     status: str
-    failed_attempts: tuple[
-        tuple[str, str, int], ...
-    ] = ()  #: Failed before: solver, status, iterations.
+    #: Solvers that failed before: name, status and number of iterations of each.
+    failed_attempts: tuple[tuple[str, str, int], ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """The row as plain data."""
-        names = ("solver", "status", "iterations")
-        return {
-            **vars(self),
-            "tried": [dict(zip(names, row, strict=True)) for row in self.failed_attempts],
-        }
+        """Return the row as plain values for JSON, with the failed attempts under ``tried``."""
+        row = {**vars(self)}
+        row.pop("failed_attempts")
+        row["tried"] = [
+            {"solver": solver, "status": status, "iterations": iterations}
+            for solver, status, iterations in self.failed_attempts
+        ]
+        return row
 
 
 class StageTimer:
-    """Adds up the seconds of named stages."""
+    """Wall-clock seconds of the stages of a solve, added up by name."""
 
     def __init__(self) -> None:
         self._start = time.perf_counter()
@@ -57,6 +59,7 @@ class StageTimer:
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
+        """Add the time that a ``with`` block takes to a stage."""
         start = time.perf_counter()
         try:
             yield
@@ -65,5 +68,5 @@ class StageTimer:
             self._stages[stage] = self._stages.get(stage, 0.0) + elapsed
 
     def seconds(self) -> dict[str, float]:
-        """Seconds by stage, and ``total`` since the clock was made."""
+        """Return the seconds by stage, and as ``total`` those since the timer was made."""
         return {**self._stages, "total": time.perf_counter() - self._start}

@@ -31,7 +31,7 @@ from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.outputs import Output, piezo_coefficients
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.discrete_solution import DiscreteSolution
-from pvdf_fem.solver.estimate import (
+from pvdf_fem.solver.estimate.correction import (
     Correction,
     compute_indicators,
     correct_in_richer_space,
@@ -170,7 +170,7 @@ def solve_on_mesh(
     with run.timer("solve"):
         equilibrium = Equilibrium(problem, mesh, run.order, sector=sector)
         result = _equilibrate(run, equilibrium, coarser)
-        run.budget.spend(equilibrium, result.fresh_count)
+        run.budget.spend(equilibrium, result.tangent_count)
         values = _integrate(problem.outputs, equilibrium, result.q)
     integrals = StressIntegrals(values, np.zeros_like(values))
     discrete = DiscreteSolution(equilibrium, result.q, integrals)
@@ -201,14 +201,14 @@ def _estimate_errors(level: MeshLevel) -> MeshLevel:
         equilibrium, result.q, factors=result.factors, rich=rich, budget=budget
     )
     if isinstance(correction, NewtonResult):
-        budget.spend(rich, correction.fresh_count)
+        budget.spend(rich, correction.tangent_count)
         failed = (*result.failed_attempts, *correction.as_failed_attempts("order above"))
         failure = replace(result, status=correction.status, failed_attempts=failed)
         return replace(level, result=failure)
     if correction.result is None:
         budget.spend(equilibrium, ESTIMATE_ITERATIONS)
     else:
-        budget.spend(rich, correction.result.fresh_count)
+        budget.spend(rich, correction.result.tangent_count)
 
     layers = equilibrium.model.make_bending_layers(
         equilibrium.terms, equilibrium.unknowns.expansion, level.discrete.solved_state
@@ -353,8 +353,8 @@ def _solve_lower_orders(equilibrium: Equilibrium, budget: Budget) -> Array | Sta
     start = _solve_lower_orders(lower, budget)
     if isinstance(start, Status):
         return start
-    result = find_equilibrium(lower, start, LOWER_ORDER_TOLERANCE, budget=budget)
-    budget.spend(lower, result.fresh_count)
+    result = find_equilibrium(lower, start, tolerance=LOWER_ORDER_TOLERANCE, budget=budget)
+    budget.spend(lower, result.tangent_count)
     if result.status is Status.UNSTABLE and lower.model.bends:
         return result.status
     if not result.converged:

@@ -54,12 +54,31 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-#: Members of public classes that other modules of the package use, and pydantic's.
+#: Members of public classes that only other modules of the package and pydantic use.
 INTERNAL = (
-    *("model_config", "model_post_init", "summary", "film_data", "fields", "at_rest", "table"),
-    *("loaded", "loaded_probes", "single_probe", "tips", "unheeded", "warm_probes"),
-    *("require_no_tips", "require_plain_charges", "plan", "is_fast", "quantities"),
-    *("with_measured_error", "stress_modes", "validation"),
+    "discrete",
+    "film_data",
+    "find_unused_load_keys",
+    "is_fast",
+    "loaded",
+    "loaded_probes",
+    "model_config",
+    "model_post_init",
+    "plan",
+    "problem",
+    "quantities",
+    "require_no_tips",
+    "require_plain_charges",
+    "single_probe",
+    "stress_modes",
+    "summary",
+    "table",
+    "tips",
+    "unloaded_integrals",
+    "validation",
+    "warm_probes",
+    "with_loaded_probes",
+    "with_measured_error",
 )
 
 

@@ -20,7 +20,7 @@ import xarray
 from pvdf_fem import Scene, __version__, calibrate, dataset, modes, respond, solve
 from pvdf_fem.cli.options import read_scene
 from pvdf_fem.scene.scene_file import read_examples, read_key_texts
-from pvdf_fem.solver.nonlinear.newton import NewtonOptions
+from pvdf_fem.solver.nonlinear.deferred_newton import NewtonOptions
 from tests.helpers.bump_response import make_bump_response
 from tests.helpers.touched_sensor import SCENE as TOUCHED
 from tests.helpers.touched_sensor import TRUE, make_columns, patch_solver

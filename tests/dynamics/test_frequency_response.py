@@ -11,7 +11,7 @@ from pvdf_fem.dynamics.air import AirLoad
 from pvdf_fem.dynamics.motion_equations import MotionEquations, linearise_about
 from pvdf_fem.dynamics.spectrum import assemble_pencil
 from pvdf_fem.electrodes.channel import make_channels
-from pvdf_fem.solver.next_order import factorise_tangent
+from pvdf_fem.solver.estimate.next_order import factorise_tangent
 from tests.helpers.discs import LOADS, TRIANGLE, on_mesh
 from tests.helpers.refusals import keys, refused
 

@@ -22,7 +22,7 @@ from pvdf_fem.mesh.size_field import GradedSizes
 from pvdf_fem.mesh.subdomains import FILM, PROBE, RIM
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.first_sizes import choose_first_sizes
-from pvdf_fem.solver.nonlinear.newton import count_negative_pivots, factorise
+from pvdf_fem.solver.nonlinear.factors import count_negative_pivots, factorise
 from reports.reference.circular_plate import stretched_plate_deflection
 from tests.helpers.discs import (
     LOADS,

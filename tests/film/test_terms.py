@@ -21,7 +21,7 @@ from pvdf_fem.film.unknowns import Assembly, Unknowns
 from pvdf_fem.film.weak_form import make_residual_form, make_tangent_form, make_vector_basis
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
-from pvdf_fem.solver.nonlinear.newton import factorise
+from pvdf_fem.solver.nonlinear.factors import factorise
 from tests.helpers.discs import LOADS, graded_mesh
 
 # A curved outline and the corners of four electrodes in few elements; loads as large as the film's.

@@ -1,17 +1,18 @@
-"""Newton's method as the ladder runs it, for tests that look at it alone."""
+"""Newton's method as the fallback chain runs it, for tests of it alone."""
 
 from __future__ import annotations
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.solver.nonlinear.deferred_newton import DeferredNewton, NewtonOptions
 from pvdf_fem.solver.nonlinear.initial_guess import compute_initial_guess
-from pvdf_fem.solver.nonlinear.newton import DeferredNewton, NewtonOptions, NewtonResult, run_newton
+from pvdf_fem.solver.nonlinear.newton import NewtonResult, run_newton
 
 
 def newton_result(
     equilibrium: Equilibrium, start: Array | None = None, options: NewtonOptions | None = None
 ) -> NewtonResult:
-    """How Newton's method with an exact line search ends, by default from the seed."""
+    """Run Newton's method with an exact line search, by default from a linear membrane's deflection."""
     options = NewtonOptions() if options is None else options
     variant = DeferredNewton(equilibrium, options, near=False)
     return run_newton(variant, compute_initial_guess(equilibrium) if start is None else start)

@@ -1,4 +1,4 @@
-"""Rigid tips that the film touches where it must: one-dimensional solutions, balance, limits."""
+"""Contact with rigid tips: one-dimensional solutions, balance, limits."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def sphere(radius_mm, force_N, x_mm=0.0, y_mm=0.0, **changes):
 
 
 @pytest.mark.parametrize("case", SPHERES)
-def test_spheres_of_one_dimensional_solutions(case):
+def test_spheres_agree_with_one_dimensional_solutions(case):
     before, after, depth, by_radius = SPHERES[case]
     for radius, charge in by_radius.items():
         disc = [{"name": "A", "shape": "circle", "x_mm": 0, "y_mm": 0, "radius_mm": radius}]
@@ -42,12 +42,12 @@ def test_spheres_of_one_dimensional_solutions(case):
         assert contact.depth_mm == pytest.approx(depth, rel=1e-4)
         assert contact.area_mm2 == pytest.approx(np.pi * before**2, rel=5e-3)
         assert contact.projected_area_mm2 == pytest.approx(np.pi * after**2, rel=5e-3)
-        wrong = abs(contact.area_mm2 - np.pi * before**2)
-        assert wrong < contact.area_error_mm2 < 0.02 * contact.area_mm2
+        error = abs(contact.area_mm2 - np.pi * before**2)
+        assert error < contact.area_error_mm2 < 0.02 * contact.area_mm2
         assert len(solution.history) == 1
 
 
-def test_a_tip_aside_presses_where_the_film_holds_it():
+def test_a_tip_off_the_centre_is_pushed_towards_the_steeper_side():
     aside = solve(sphere(5.0, 1.0, 14.0, 6.0))
     contact = aside.contacts["probe"]
     assert contact.force_N == pytest.approx(1.0, rel=1e-9)
@@ -62,7 +62,7 @@ def test_a_tip_aside_presses_where_the_film_holds_it():
 
 
 @pytest.mark.parametrize("force_N", [0.002, 1.0])
-def test_the_depth_gives_the_force_back(force_N):
+def test_prescribing_the_depth_gives_the_same_force(force_N):
     """Under the guessed pressure the film is below the tip of the small depth."""
     by_force = solve(sphere(5.0, force_N, 14.0, 6.0))
     depth = by_force.contacts["probe"].depth_mm
@@ -72,18 +72,19 @@ def test_the_depth_gives_the_force_back(force_N):
     assert by_depth.charges_pC == pytest.approx(by_force.charges_pC, rel=1e-3)
 
 
-def test_the_edge_is_found_where_the_film_wraps_up_a_steep_tip():
+def test_contact_edge_on_a_steep_tip():
     soft = sphere(0.466, 0.8, 4.4, **{"film.youngs_modulus_GPa": 0.1})
     rough, fine = (solve(soft.with_(**{"numerics.tolerance": t})) for t in (1e-3, 1e-4))
     assert rough.charges_pC == pytest.approx(fine.charges_pC, rel=1e-3)
-    contact, finer = rough.contacts["probe"], fine.contacts["probe"]
-    for found in (contact, finer):
-        wrong = abs(found.area_mm2 - 0.25085)  # of meshes that follow the edge
-        assert wrong < 2.0 * found.area_error_mm2 < 0.11 * found.area_mm2
+    contact = rough.contacts["probe"]
+    finer = fine.contacts["probe"]
+    for result in (contact, finer):
+        error = abs(result.area_mm2 - 0.25085)  # from meshes that follow the edge
+        assert error < 2.0 * result.area_error_mm2 < 0.11 * result.area_mm2
     assert finer.overlap_mm < 0.2 * contact.overlap_mm < 1e-4 * contact.depth_mm
 
 
-def test_two_tips_have_depths_of_their_own():
+def test_two_tips_have_different_forces():
     small = {"shape": "sphere", "radius_mm": 2.0, "x_mm": -8.0}
     large = {"shape": "sphere", "radius_mm": 6.0, "x_mm": 8.0, "force_N": 0.4}
     solution = solve(pressed([small, large], {"kind": "contact", "force_N": 0.8}))
@@ -91,7 +92,7 @@ def test_two_tips_have_depths_of_their_own():
     assert forces == pytest.approx({"probe 1": 0.8, "probe 2": 0.4}, rel=1e-9)
 
 
-def test_the_tangent_is_the_residuals_derivative():
+def test_tangent_is_the_derivative_of_the_residual():
     scene = sphere(5.0, 1.0, 4.0, 3.0)
     mesh = mesh_scene(
         scene,
@@ -109,11 +110,11 @@ def test_the_tangent_is_the_residuals_derivative():
     assert np.allclose(equilibrium.action(equilibrium.state(q), step), tangent, rtol=1e-9)
 
 
-def test_a_tip_at_the_rim_is_told():
+def test_a_tip_at_the_rim_has_its_own_status():
     assert solve(sphere(20.0, 5.0, 42.0)).status == "tip_meets_rim"
 
 
-def test_what_does_not_find_contacts_refuses_them():
+def test_modes_and_given_meshes_refuse_contacts():
     scene = sphere(5.0, 1.0)
     mesh = mesh_scene(scene, choose_first_sizes(Problem.from_scene(scene), 3))
     assert keys(refused(modes, scene, loaded=True)) == ["load.kind"]
@@ -121,11 +122,11 @@ def test_what_does_not_find_contacts_refuses_them():
 
 
 @pytest.mark.parametrize("tolerance", [1e-1, 1e-2])
-def test_a_rounded_rectangle_settles_on_coarse_meshes_too(tolerance):
+def test_a_rounded_rectangle_converges_on_coarse_meshes(tolerance):
     probe = {"shape": "rectangle", "width_mm": 9.57, "height_mm": 4.54, "edge_radius_mm": 1.32}
     probe |= {"x_mm": -6.82, "y_mm": -15.3, "rotation_deg": 34.4}
     load = {"kind": "contact", "force_N": 0.82}
     solution = solve(pressed(probe, load, **{"numerics.tolerance": tolerance}))
     assert len(solution.history) <= 3
-    known = [370.346, 349.895, 493.699, 698.784]  # at 1e-4
-    assert values(solution.charges_pC) == pytest.approx(known, rel=1e-3)
+    expected = [370.346, 349.895, 493.699, 698.784]  # at a tolerance of 1e-4
+    assert values(solution.charges_pC) == pytest.approx(expected, rel=1e-3)

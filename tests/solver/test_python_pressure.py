@@ -1,4 +1,4 @@
-"""A pressure in Python belongs to its solve: the solution has the pressure, and no scene has."""
+"""Pressures in Python: the solution keeps the pressure, which is no part of its scene."""
 
 import pickle
 
@@ -27,7 +27,7 @@ def ramped():
     return solve(COARSE, order=2, pressure=ramp)
 
 
-def test_finer_derivatives_are_under_the_pressure(ramped):
+def test_finer_derivatives_use_the_pressure(ramped):
     found = gradients(ramped, ["load.force_N"], tolerance=2e-4)
     rate, error = (table["load.force_N"]["A"] for table in (found, found.errors))
     forces = (SCENE.with_(**{"load.force_N": f, "numerics.tolerance": 1e-4}) for f in (1.02, 0.98))
@@ -39,7 +39,7 @@ def test_finer_derivatives_are_under_the_pressure(ramped):
     assert found.solution.pressure is ramp
 
 
-def test_places_have_no_derivative_and_slow_oscillations_that_by_the_force(ramped):
+def test_places_have_no_derivative_and_slow_oscillations_follow_the_force(ramped):
     rates = gradients(ramped)
     assert not any(key.startswith("probe") for key in rates)
     with pytest.raises(ValueError, match=r"probe\.x_mm"):
@@ -48,19 +48,19 @@ def test_places_have_no_derivative_and_slow_oscillations_that_by_the_force(rampe
     assert slow == pytest.approx([rates["load.force_N"]["A"]], rel=1e-6)
 
 
-def test_the_scene_is_data_and_the_solution_knows_its_pressure(ramped, tmp_path):
+def test_the_scene_can_be_pickled_and_the_solution_keeps_its_pressure(ramped, tmp_path):
     assert pickle.loads(pickle.dumps(ramped.scene)) == COARSE
     assert ramped.pressure is ramp
     ramped.to_vtu(tmp_path / "a.vtu")
     written = meshio.read(tmp_path / "a.vtu").field_data["included"].astype(np.uint8)
-    for told in (str(ramped), str(ramped.to_json()["included"]), bytes(written).decode()):
-        assert "ramp" in told
+    for text in (str(ramped), str(ramped.to_json()["included"]), bytes(written).decode()):
+        assert "ramp" in text
     plain = solve(COARSE)
     assert plain.pressure is None
     assert "ramp" not in str(plain)
 
 
-def test_one_number_is_a_uniform_pressure():
+def test_a_function_of_one_number_is_a_uniform_pressure():
     by_number = solve(SCENE, pressure=lambda x, y: 7.0)
     assert by_number.charges_pC == pytest.approx(solve(SCENE).charges_pC, rel=2e-3)
 
@@ -74,7 +74,7 @@ def test_one_number_is_a_uniform_pressure():
         (SCENE.with_(**{"load.profile": "hertz"}), "load.profile"),
     ],
 )
-def test_loads_that_no_pressure_spreads_are_refused_by_key(scene, key, monkeypatch):
+def test_refuses_loads_without_a_pressure_profile_by_key(scene, key, monkeypatch):
     monkeypatch.setattr("pvdf_fem.mesh.gmsh_mesh.gmsh", None)
     assert keys(refused(solve, scene, pressure=ramp)) == [key]
 
@@ -91,7 +91,7 @@ def test_loads_that_no_pressure_spreads_are_refused_by_key(scene, key, monkeypat
         (3.0, None),
     ],
 )
-def test_what_is_no_pressure_is_refused_by_name_before_any_mesh(pressure, cause, monkeypatch):
+def test_refuses_a_useless_pressure_by_name_before_meshing(pressure, cause, monkeypatch):
     monkeypatch.setattr("pvdf_fem.mesh.gmsh_mesh.gmsh", None)
     with pytest.raises(SceneError) as caught:
         solve(SCENE, pressure=pressure)

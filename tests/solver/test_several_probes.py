@@ -12,7 +12,7 @@ OBLIQUE = Scene().with_(**{"probe": TRIANGLE, "load.tangential_N": [1.5, 0.86602
 
 
 @pytest.mark.parametrize("force_N", [1.0, 0.0])
-def test_two_halves_of_a_probe_are_the_probe(force_N):
+def test_two_halves_of_a_probe_are_equivalent_to_the_probe(force_N):
     """Also under a force in the plane alone."""
     tight = {"film": {"pretension_N_m": 50.0}, "load": {"force_N": force_N}}
     whole = {"shape": "rectangle", "x_mm": 4.0, "width_mm": 8.0, "height_mm": 4.0}
@@ -23,7 +23,7 @@ def test_two_halves_of_a_probe_are_the_probe(force_N):
     assert charges(halves) == pytest.approx(expected, rel=2e-3)
 
 
-def test_kinds_may_be_mixed():
+def test_probes_with_different_kinds_of_load():
     """Each rigid probe deflects the film evenly, and a stuck one moves it sideways as one."""
     stuck = {"kind": "rigid", "contact": "stuck", "force_N": 0.1, "tangential_N": [0.8, -0.3]}
     kinds = [

@@ -1,4 +1,4 @@
-"""How a solve goes on from mesh to mesh, why it ends, and what its solution says of that."""
+"""Solves on a sequence of meshes: errors, stops, budgets, and the printed solution."""
 
 from __future__ import annotations
 
@@ -14,9 +14,7 @@ import pytest
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.problem.problem import Problem
-from pvdf_fem.solver import adaptive as solving
-from pvdf_fem.solver import adaptive_loop, history
-from pvdf_fem.solver import mesh_level as attempt_module
+from pvdf_fem.solver import adaptive, adaptive_loop, history, mesh_level
 from pvdf_fem.solver.adaptive_loop import AdaptiveLoop, AdaptiveRules
 from pvdf_fem.solver.history import Stop
 from pvdf_fem.solver.mesh_level import SAFETY
@@ -31,31 +29,32 @@ SLOW = RECTANGLE.with_(**LOADS["stuck"], **{"numerics.tolerance": 1e-6})
 
 
 def within(scene: Scene, max_unknowns: int = 60_000, max_seconds: float = 20.0) -> Solution:
-    """The solution within a budget."""
+    """Solve within a budget."""
     return solve(scene, budget=Budget(max_unknowns=max_unknowns, max_seconds=max_seconds))
 
 
 def worst(solution: Solution) -> float:
-    """Largest estimated error of any charge on the best mesh."""
+    """Return the largest estimated error of any charge on the best mesh."""
     return min(mesh.worst_error for mesh in solution.history)
 
 
 # stated errors
 
 
-def test_errors_at_a_rigid_probe_are_stated_even_where_their_signs_cancel(monkeypatch):
-    """As if the correction in the next order changed no charge, by chance."""
+def test_errors_at_a_rigid_probe_do_not_vanish_where_their_signs_cancel(monkeypatch):
+    """The correction in the next order is made to change no charge, as by chance."""
     sliding = {**LOADS["sliding"], "film.youngs_modulus_GPa": [3.0, 1.5]}
     scene = TRIANGLE.with_(**sliding, **{"numerics.tolerance": 1e-2})
-    exact, mesh = charges(scene.with_(**{"numerics.tolerance": 1e-4})), solve(scene).mesh
+    exact = charges(scene.with_(**{"numerics.tolerance": 1e-4}))
+    mesh = solve(scene).mesh
     kept: list[np.ndarray] = []
-    forces = attempt_module._integrate
+    integrate = mesh_level._integrate
 
-    def same_forces(*of):
-        kept.append(forces(*of))
+    def repeat_first_integrals(*arguments):
+        kept.append(integrate(*arguments))
         return kept[0].copy()
 
-    monkeypatch.setattr(attempt_module, "_integrate", same_forces)
+    monkeypatch.setattr(mesh_level, "_integrate", repeat_first_integrals)
     solution = solve(scene, mesh=mesh)
     assert len(kept) == 2
     errors = np.abs(values(solution.charges_pC) - exact)
@@ -80,7 +79,7 @@ def test_the_largest_deflection_may_be_between_nodes():
     assert found > 1.005e3 * solution.displacement[:, 2].max()
 
 
-# why a solve ends
+# why a solve stops
 
 ACCURATE = {"numerics.tolerance": 1e-5}
 SLACK = {"film.temperature_change_K": 10.0, "load.force_N": 0.0}
@@ -99,12 +98,15 @@ SLACK = {"film.temperature_change_K": 10.0, "load.force_N": 0.0}
         (SLACK, {}, Status.UNSTABLE, Stop.NO_EQUILIBRIUM),
     ],
 )
-def test_a_solve_ends_for_its_accuracy_or_names_the_key_to_change(changes, budget, status, stop):
-    scene, began = SLOW.with_(**changes), time.perf_counter()
+def test_stops_when_accurate_or_names_the_key_to_change(changes, budget, status, stop):
+    scene = SLOW.with_(**changes)
+    start = time.perf_counter()
     solution = within(scene, **budget) if budget else solve(scene)
-    took = time.perf_counter() - began
+    elapsed = time.perf_counter() - start
     assert (solution.status, solution.stop) == (status, stop)
-    assert 0.0 < sum(mesh.seconds for mesh in solution.history) <= solution.seconds["total"] <= took
+    assert (
+        0.0 < sum(mesh.seconds for mesh in solution.history) <= solution.seconds["total"] <= elapsed
+    )
     assert min(solution.seconds.values()) > 0.0
     assert sum(solution.seconds.values()) <= 2.0 * solution.seconds["total"]
     printed = solution.to_json()
@@ -122,16 +124,16 @@ def test_a_solve_ends_for_its_accuracy_or_names_the_key_to_change(changes, budge
         assert worst(solution) <= reached <= 1.1 * worst(solution)
 
 
-def test_newton_that_fails_on_a_finer_mesh_is_why_the_solve_ends(monkeypatch):
-    solve_on = solving.solve_on_mesh
+def test_stops_when_newton_fails_on_a_finer_mesh(monkeypatch):
+    solve_on = adaptive.solve_on_mesh
 
-    def failing(run, mesh, sector, coarser=None):
-        attempt = solve_on(run, mesh, sector=sector, coarser=coarser)
+    def fail_on_finer_mesh(run, mesh, sector, coarser=None):
+        level = solve_on(run, mesh, sector=sector, coarser=coarser)
         if coarser is None:
-            return attempt
-        return replace(attempt, result=replace(attempt.result, status=Status.MAX_ITERATIONS))
+            return level
+        return replace(level, result=replace(level.result, status=Status.MAX_ITERATIONS))
 
-    monkeypatch.setattr(solving, "solve_on_mesh", failing)
+    monkeypatch.setattr(adaptive, "solve_on_mesh", fail_on_finer_mesh)
     solution = solve(SLOW)
     assert (solution.status, solution.stop) == (Status.TOLERANCE, Stop.FINER_FAILED)
     assert [mesh.status for mesh in solution.history] == ["converged", "max_iterations"]
@@ -139,12 +141,12 @@ def test_newton_that_fails_on_a_finer_mesh_is_why_the_solve_ends(monkeypatch):
 
 
 @pytest.mark.parametrize("excess", [0.95, 1.05])
-def test_no_charge_is_accepted_whose_likely_error_exceeds_the_tolerance(monkeypatch, excess):
+def test_accepts_no_charge_whose_likely_error_exceeds_the_tolerance(monkeypatch, excess):
     """On one mesh whose error is known; the likely error of a pressure has a factor of safety."""
-    sizes = solving.choose_first_sizes(Problem.from_scene(RECTANGLE), 2)
-    monkeypatch.setattr(solving, "choose_first_sizes", lambda problem, order: sizes)
+    sizes = adaptive.choose_first_sizes(Problem.from_scene(RECTANGLE), 2)
+    monkeypatch.setattr(adaptive, "choose_first_sizes", lambda problem, order: sizes)
     monkeypatch.setattr(
-        solving, "AdaptiveLoop", partial(AdaptiveLoop, rules=AdaptiveRules(most_meshes=1))
+        adaptive, "AdaptiveLoop", partial(AdaptiveLoop, rules=AdaptiveRules(most_meshes=1))
     )
     likely = SAFETY * worst(solve(RECTANGLE.with_(**{"numerics.tolerance": 0.1}), order=2))
     given = solve(RECTANGLE.with_(**{"numerics.tolerance": likely / excess}), order=2)
@@ -155,8 +157,8 @@ def test_no_charge_is_accepted_whose_likely_error_exceeds_the_tolerance(monkeypa
 # the budget
 
 
-def test_counted_work_does_not_depend_on_the_clock(monkeypatch):
-    """On a clock of a second for each call, the same meshes are made for the same work."""
+def test_meshes_do_not_depend_on_the_clock(monkeypatch):
+    """With a clock that adds a second at each call, the same meshes are made."""
     usual, clock = within(SLOW, max_seconds=1.0), iter(range(10**9))
     for module in (history, adaptive_loop):
         monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=clock.__next__))
@@ -170,32 +172,32 @@ def test_counted_work_does_not_depend_on_the_clock(monkeypatch):
     ("key", "most", "stop"),
     [("max_unknowns", 1000, Stop.UNKNOWNS), ("max_seconds", 0.1, Stop.SECONDS)],
 )
-def test_a_first_mesh_that_needs_more_than_the_scene_allows_is_not_made(key, most, stop):
+def test_does_not_make_a_first_mesh_that_needs_more_than_the_scene_allows(key, most, stop):
     changes = {f"numerics.{key}": most, "numerics.tolerance": 1e-7}
     solution = solve(TRIANGLE.with_(**changes))
     assert (solution.status, solution.stop) == (Status.TOLERANCE, stop)
     assert solution.history == ()
-    for told in (*changes, str(most)):
-        assert told in solution.reason
+    for text in (*changes, str(most)):
+        assert text in solution.reason
 
 
 @pytest.mark.parametrize("allowed", [{"max_unknowns": 3000}, {"max_seconds": 0.1}])
-def test_a_small_budget_is_enough_for_a_plain_scene(allowed):
+def test_a_small_budget_is_enough_for_a_simple_scene(allowed):
     assert solve(TRIANGLE.with_(numerics=allowed)).status is Status.CONVERGED
 
 
-def test_narrow_bending_layers_take_a_limited_number_of_elements():
+def test_narrow_bending_layers_have_a_limited_number_of_elements():
     stiff = {"film.bending": True, "film.thickness_um": 2.0, "numerics.tolerance": 1e-5}
     scene = RECTANGLE.with_(**LOADS["sliding"], **stiff)
-    sizes = solving.choose_first_sizes(Problem.from_scene(scene), 3).patches
+    sizes = adaptive.choose_first_sizes(Problem.from_scene(scene), 3).patches
     assert sizes["film"] == pytest.approx(2.0 * np.pi * scene.film.radius / 80)
     assert sizes["probe"] == pytest.approx(scene.probe.outline.perimeter / 250)
 
 
-# what a solution tells
+# the printed solution
 
 
-def test_text_of_a_scene_is_escaped_in_a_notebook():
+def test_names_of_a_scene_are_escaped_in_a_notebook():
     solution = solve(RECTANGLE.with_(electrodes=[{"name": "<b>&", "x_mm": 10.0, "y_mm": 4.0}]))
     page = ElementTree.fromstring(f"<div>{solution._repr_html_()}</div>")
     assert page.find("table/tbody/tr/td").text == "<b>&"

@@ -21,7 +21,7 @@ def energy(solution):
 
 
 @pytest.mark.parametrize("bending", [False, True])
-def test_a_punch_off_the_centre_leans_towards_it(bending):
+def test_a_punch_off_the_centre_tilts_towards_it(bending):
     at = {"probe.x_mm": 6.0, "load.contact": "stuck", "film.bending": bending}
     (held, straight), (free, punch) = tilting(**at)
     assert straight.tilt_deg == pytest.approx([0.0, 0.0], abs=1e-9)
@@ -34,7 +34,7 @@ def test_a_punch_off_the_centre_leans_towards_it(bending):
     assert deep[0] - deep[1] == pytest.approx(4.0 * np.tan(np.radians(punch.tilt_deg[1])), rel=1e-6)
 
 
-def test_the_moment_of_a_held_punch_is_the_derivative_of_the_energy():
+def test_moment_of_a_held_punch_is_the_derivative_of_the_energy():
     """By the tilt, between a held and a free punch: half of moment times angle, nearly linear."""
     (held, straight), (free, punch) = tilting(**{"probe.x_mm": 1.0})
     work = 0.5 * abs(straight.moments_N_mm[1] * np.radians(punch.tilt_deg[1])) / 1e3

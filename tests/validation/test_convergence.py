@@ -11,7 +11,7 @@ from pvdf_fem.film.membrane import IDENTITY, compute_strain, compute_strain_rate
 from pvdf_fem.film.space import ELEMENTS
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
-from pvdf_fem.solver.nonlinear.newton import factorise
+from pvdf_fem.solver.nonlinear.factors import factorise
 from tests.helpers.discs import uniform_mesh
 
 RADIUS = 45e-3

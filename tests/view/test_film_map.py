@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
 from pvdf_fem import NotConvergedError, Scene, Solution, solve
-from pvdf_fem.solver.next_order import compute_error_shares
+from pvdf_fem.solver.estimate.next_order import compute_error_shares
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.view.figures import make_figure, render_figure, use_style
 from pvdf_fem.view.film_quantities import MAPS, sample_field

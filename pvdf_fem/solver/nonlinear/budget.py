@@ -1,7 +1,7 @@
 """Budget of a solve: unknowns in a mesh, and work in seconds.
 
-Work is counted and not measured by a clock: results do not depend on a machine's load. A Newton
-iteration costs the seconds that a core from 2024 takes.
+Work is counted and not measured by a clock, so that results do not depend on the load of a machine.
+A Newton iteration counts as the seconds that a processor core of 2024 takes for it.
 """
 
 from __future__ import annotations
@@ -16,15 +16,34 @@ from pvdf_fem.problem.problem import Problem
 def estimate_iteration_seconds(
     count: float,
     model: FilmModel,
+    *,
     per_second: float = 1.4e5,
     fixed: float = 150.0,
     factorising: float = 22_500.0,
 ) -> float:
-    """Work for a Newton iteration with a new tangent and `count` unknowns.
+    """Estimate the work of a Newton iteration with a new tangent.
 
-    A second is enough for `per_second` unknowns of a small mesh. An iteration takes a time
-    equivalent to `fixed` unknowns on every mesh, and factorising takes equal time to the rest at
-    `factorising` unknowns; both numbers are fitted to the times of 38 solves with wrinkled films.
+    Parameters
+    ----------
+    count : float
+        Number of unknowns.
+    model : FilmModel
+        The film model, whose iterations cost more or less than a membrane's.
+    per_second : float, optional
+        Unknowns of a small mesh that an iteration treats in a second.
+    fixed : float, optional
+        Unknowns whose time an iteration takes in addition on every mesh.
+    factorising : float, optional
+        Unknowns of the mesh on which factorising takes as long as the rest of an iteration.
+
+    Returns
+    -------
+    float
+        Work in s.
+
+    Notes
+    -----
+    `fixed` and `factorising` are fitted to the times of 38 solves of films that wrinkle.
     """
     unknowns = fixed + count * (1.0 + (count / factorising) ** 0.5)
     return model.mesh_policy.iteration_cost * unknowns / per_second
@@ -32,44 +51,55 @@ def estimate_iteration_seconds(
 
 @dataclass
 class Budget:
-    """What a solve may cost and has cost."""
+    """What a solve may cost, and has cost so far."""
 
-    max_unknowns: int  #: Of a mesh (``numerics.max_unknowns``).
-    max_seconds: float  #: Of work (``numerics.max_seconds``).
-    #: Whether `max_unknowns` holds for the first mesh, too, which has what the outlines and the
-    #: tolerance need. It does where the scene gives the number.
+    max_unknowns: int  #: Unknowns of a mesh (``numerics.max_unknowns``).
+    max_seconds: float  #: Work in s (``numerics.max_seconds``).
+    #: Whether `max_unknowns` holds for the first mesh, too, as it does where the scene gives the
+    #: number. Otherwise the first mesh has what the outlines and the tolerance need.
     bounds_first_mesh: bool = False
-    spent_seconds: float = field(default=0.0)  #: Work so far.
-    #: Largest part of `max_seconds` for the search for an equilibrium on a mesh.
+    spent_seconds: float = field(default=0.0)  #: Work so far in s.
+    #: Largest share of `max_seconds` for finding the equilibrium on one mesh.
     equilibrium_share: float = 0.4
 
     @classmethod
     def for_problem(
-        cls, problem: Problem, seconds: float = 20.0, usual_tolerance: float = 1e-3
+        cls, problem: Problem, seconds: float = 20.0, *, usual_tolerance: float = 1e-3
     ) -> Budget:
-        """What a scene's numerics allow. By default the work takes `seconds` at tolerances from
-        `usual_tolerance` on; a finer tolerance multiplies defaults by the root of its ratio."""
+        """Return what a scene's numerics allow.
+
+        Parameters
+        ----------
+        problem : Problem
+            The problem.
+        seconds : float, optional
+            Default of ``numerics.max_seconds``.
+        usual_tolerance : float, optional
+            A finer tolerance of the scene multiplies both defaults by the root of the ratio.
+        """
         numerics = problem.scene.numerics
-        patience = max(1.0, usual_tolerance / numerics.tolerance) ** 0.5
-        unknowns, given = numerics.max_unknowns, numerics.max_seconds
-        if unknowns is None:
-            unknowns = int(problem.film.mesh_policy.max_unknowns * patience)
-        work = seconds * patience if given is None else given
-        return cls(unknowns, work, numerics.max_unknowns is not None)
+        factor = max(1.0, usual_tolerance / numerics.tolerance) ** 0.5
+        max_unknowns = numerics.max_unknowns
+        if max_unknowns is None:
+            max_unknowns = int(problem.film.mesh_policy.max_unknowns * factor)
+        max_seconds = numerics.max_seconds
+        if max_seconds is None:
+            max_seconds = seconds * factor
+        is_given = numerics.max_unknowns is not None
+        return cls(max_unknowns, max_seconds, bounds_first_mesh=is_given)
 
     @property
-    def left_seconds(self) -> float:
-        """Work that may still be done."""
+    def remaining_seconds(self) -> float:
+        """Work in s that may still be done."""
         return max(self.max_seconds - self.spent_seconds, 0.0)
 
     def spend(self, equilibrium: Equilibrium, iterations: float) -> None:
-        """Count Newton iterations with a new tangent."""
+        """Count Newton iterations with a new tangent as work."""
         count = equilibrium.unknowns.count
         self.spent_seconds += iterations * estimate_iteration_seconds(count, equilibrium.model)
 
-    def iterations(self, equilibrium: Equilibrium) -> int:
-        """Most Newton iterations in the search for an equilibrium."""
-        share = self.equilibrium_share * self.max_seconds
-        return int(
-            share / estimate_iteration_seconds(equilibrium.unknowns.count, equilibrium.model)
-        )
+    def count_affordable_iterations(self, equilibrium: Equilibrium) -> int:
+        """Return how many Newton iterations finding an equilibrium may take."""
+        seconds = self.equilibrium_share * self.max_seconds
+        count = equilibrium.unknowns.count
+        return int(seconds / estimate_iteration_seconds(count, equilibrium.model))

@@ -1,6 +1,7 @@
-"""Where Newton's method starts: a displacement near the solution.
+"""The initial guess of Newton's method where no similar film has been solved.
 
-A flat film without pretension has a singular tangent, so the first iterate is not the flat film.
+The tangent of a flat film without pretension is singular, so that the first iterate must not be the
+flat film.
 """
 
 from __future__ import annotations
@@ -9,22 +10,70 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.problem.equilibrium import Equilibrium
-from pvdf_fem.solver.nonlinear.newton import factorise
+from pvdf_fem.solver.nonlinear.factors import factorise
 
 
 def compute_initial_guess(equilibrium: Equilibrium) -> Array:
-    """Unknowns of the linear membrane's deflection alone, scaled to the least energy: where the
-    energy stops falling is bisected. Forces in the plane alone displace the film in its plane."""
+    """Compute the deflection of a linear membrane under the loads, scaled to the least energy.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+        The equations.
+
+    Returns
+    -------
+    ndarray, shape (unknowns,)
+        The unknowns. Only deflections are nonzero, unless all forces are in the plane: then they
+        displace the film in its plane.
+    """
     laplace = equilibrium.assembly.matrix(equilibrium.space.laplace())
-    q, forces = np.zeros(equilibrium.unknowns.count), equilibrium.flat_forces
+    forces = equilibrium.flat_forces
     moving = np.flatnonzero(equilibrium.unknowns.deflections())
     if not forces[moving].any():
-        moving = np.arange(len(q))
-    q[moving] = factorise(laplace[moving][:, moving].tocsc()).solve(forces[moving])
-    q *= equilibrium.film.radius / np.abs(q).max()
-    low, high = 1e-12, 1.0
-    while high > 1.1 * low:
+        moving = np.arange(len(forces))
+    stiffness = laplace[moving][:, moving].tocsc()
+    direction = np.zeros(equilibrium.unknowns.count)
+    direction[moving] = factorise(stiffness).solve(forces[moving])
+    direction *= equilibrium.film.radius / np.abs(direction).max()
+    return _find_least_energy_factor(equilibrium, direction) * direction
+
+
+def _find_least_energy_factor(
+    equilibrium: Equilibrium,
+    direction: Array,
+    *,
+    smallest: float = 1e-12,
+    ratio: float = 1.1,
+) -> float:
+    """Find the factor on a direction up to which the energy falls, by bisection of its logarithm.
+
+    A root finder of SciPy would need a change of sign, which is missing where the energy falls up
+    to the factor 1, would evaluate both ends in addition, and its package is slow to import.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+        The equations.
+    direction : ndarray, shape (unknowns,)
+        The direction.
+    smallest : float, optional
+        Smallest factor; the largest is 1.
+    ratio : float, optional
+        Ratio of the ends of the interval at which the bisection stops.
+
+    Returns
+    -------
+    float
+        The lower end of the interval.
+    """
+    low = smallest
+    high = 1.0
+    while high > ratio * low:
         middle = np.sqrt(low * high)
-        rises = equilibrium.residual(equilibrium.state(middle * q)) @ q > 0.0
-        low, high = (low, middle) if rises else (middle, high)
-    return low * q
+        residual = equilibrium.residual(equilibrium.state(middle * direction))
+        if residual @ direction > 0.0:  # the energy rises
+            high = middle
+        else:
+            low = middle
+    return float(low)

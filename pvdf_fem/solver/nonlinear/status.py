@@ -1,4 +1,4 @@
-"""How a solve ends: a named status, and what to change."""
+"""The status of a solve, and advice on what to change where there is no result."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from enum import StrEnum
 
 
 class NotConvergedError(RuntimeError):
-    """A solve without a result was asked for a result; the text says its status and what to
-    change.
+    """Results of a solve that has none; the text has the status and what to change.
 
     Examples
     --------
@@ -39,7 +38,7 @@ class Status(StrEnum):
 
     @property
     def advice(self) -> str:
-        """Meaning of the status, and advice."""
+        """Return what the status means, and what to change."""
         return ADVICE[self]
 
 

@@ -25,8 +25,12 @@ from pvdf_fem.electrodes.stress_integrals import (
 from pvdf_fem.film.term import State
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.outputs import Output
-from pvdf_fem.solver.next_order import FactorisedSolution, factorise_tangent, solve_next_order
-from pvdf_fem.solver.nonlinear.newton import factorise
+from pvdf_fem.solver.estimate.next_order import (
+    FactorisedSolution,
+    factorise_tangent,
+    solve_next_order,
+)
+from pvdf_fem.solver.nonlinear.factors import factorise
 from pvdf_fem.solver.solution import Solution
 
 

@@ -1,4 +1,4 @@
-"""Derivatives of every charge by the probe's place, the force and the film, with their errors."""
+"""Gradients: derivatives of charges by parameters of probes, loads and film, with errors."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pvdf_fem.arrays import Array
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.arguments import Names, SceneLike, ValuesByName, as_scene, coerce
 from pvdf_fem.scene.changes import get_number
@@ -27,21 +28,25 @@ from pvdf_fem.solver.solution import Solution
 from pvdf_fem.summary import Summary, TabularResult, TextTable, format_with_error
 
 TINY = np.finfo(float).tiny
+#: Share of its unit that a derivative counts as at least.
+NEGLIGIBLE_SHARE = 1e-3
 
 
 class Gradients(TabularResult, ValuesByName[dict[str, float]]):
-    """Derivatives of charges by key and electrode, in pC per unit of the key.
+    """Derivatives of total charges by key and electrode, in pC per unit of the key.
 
     Attributes
     ----------
-    errors : dict
-        Their estimated discretisation errors, absolute, by key and electrode.
-    relative_errors : dict
-        By key the largest error over the largest derivative, since that of one electrode may vanish
-        by cancellation. Where all nearly do, over a thousandth of the largest charge per scale of
-        the parameter: the probe's perimeter over 2 pi, a radian, or the parameter's value.
+    errors : dict of dict of float
+        Estimated absolute errors by the discretisation, by key and electrode.
+    relative_errors : dict of float
+        By key the largest error over the largest derivative of any electrode, since one derivative
+        may vanish by cancellation. Where all nearly vanish, the error is relative to a thousandth
+        of the largest charge per scale of the parameter. That scale is the perimeter of the probe
+        over 2 pi for a place, a radian for an angle, the magnitude of the force for its components,
+        and otherwise the parameter's value.
     solution : Solution
-        Whose charges are differentiated.
+        The solution whose charges are differentiated.
     """
 
     errors: dict[str, dict[str, float]]
@@ -49,26 +54,28 @@ class Gradients(TabularResult, ValuesByName[dict[str, float]]):
     solution: Solution
 
     def columns(self) -> dict[str, list[Any]]:
-        """By parameter: derivatives of electrode charges in pC per unit of the parameter, with
-        errors."""
-        found: dict[str, list[Any]] = {"parameter": [*self]}
+        """Return the parameters, and each electrode's derivatives and errors by parameter."""
+        columns: dict[str, list[Any]] = {"parameter": list(self)}
         for name in self.solution.charges_pC:
-            found[name] = [rates[name] for rates in self.values()]
-            found[f"{name}_error"] = [errors[name] for errors in self.errors.values()]
-        return found
+            columns[name] = [derivatives[name] for derivatives in self.values()]
+            columns[f"{name}_error"] = [errors[name] for errors in self.errors.values()]
+        return columns
 
     def summary(self) -> Summary:
-        names = [*self.solution.charges_pC]
-        heading = [title for name in names for title in (name, "±")]
-        rows = tuple(
-            (
-                key,
-                *(cell for n in names for cell in format_with_error(rates[n], self.errors[key][n])),
-            )
-            for key, rates in self.items()
-        )
-        about, table = f"pC per unit of {', '.join(self)}", TextTable(("by", *heading), rows)
-        return Summary("derivatives of total charges", [about], tables=[table])
+        """Return the content that `print` and notebooks show."""
+        names = list(self.solution.charges_pC)
+        heading = ["by"]
+        for name in names:
+            heading += [name, "±"]
+        rows = []
+        for key, derivatives in self.items():
+            row = [key]
+            for name in names:
+                row += format_with_error(derivatives[name], self.errors[key][name])
+            rows.append(tuple(row))
+        units = f"pC per unit of {', '.join(self)}"
+        table = TextTable(tuple(heading), tuple(rows))
+        return Summary("derivatives of total charges", [units], tables=[table])
 
 
 def gradients(
@@ -77,18 +84,18 @@ def gradients(
     *,
     tolerance: float | None = None,
 ) -> Gradients:
-    """Charge derivatives with respect to scene parameters, with estimated errors.
+    """Compute derivatives of charges by parameters of a scene, with estimated errors.
 
     Parameters
     ----------
-    solution : Solution, Scene, or what `solve` takes for a scene
-        A converged one, or a scene that is solved first.
+    solution : Solution, or what `solve` takes for a scene
+        A converged solution, or a scene that is solved first.
     parameters : sequence of str, optional
-        Keys of the scene file as in `Scene.with_`, by default all of `list_parameters` the scene.
+        Keys of the scene file as in `Scene.with_`, by default all that `list_parameters` returns.
     tolerance : float, optional
-        Largest of the `Gradients.relative_errors` wanted. Where the solution's mesh leaves larger
-        ones, the scene is solved again to smaller errors of its charges. By default the derivatives
-        belong to the solution, whatever their errors.
+        Largest of the `Gradients.relative_errors` that is allowed. Where the solution's mesh leaves
+        larger ones, the scene is solved again to smaller errors of its charges. By default the
+        derivatives are those of the solution, whatever their errors.
 
     Returns
     -------
@@ -101,26 +108,21 @@ def gradients(
     NotConvergedError
         When the solution is not converged, or no mesh meets the tolerance.
     ValueError
-        For a key that is not among `list_parameters` the scene, and for a tolerance out of range or
-        of a solution on a mesh that was given.
+        For a key that `list_parameters` does not return, for a tolerance out of range, and for a
+        tolerance with a solution on a mesh that was given.
 
     Examples
     --------
-    >>> rates = gradients(solve(Scene.example("triangle")))
-    >>> rates["probe.x_mm"]["A"], rates.errors["probe.x_mm"]["A"]
+    >>> derivatives = gradients(solve(Scene.example("triangle")))
+    >>> derivatives["probe.x_mm"]["A"], derivatives.errors["probe.x_mm"]["A"]
     """
     problem = _resolve_problem(solution)
-    known = list_parameters(problem)
-    requested = known if parameters is None else coerce("parameters", parameters, Names)
-    for key in requested:
-        if key not in known:
-            reason = f"{explain_missing_derivative(problem, key)}; {suggest(key, known)}"
-            raise ValueError(format_error("parameters", key, reason))
+    requested = _check_parameters(problem, parameters)
     if tolerance is not None:
         tolerance = coerce("tolerance", tolerance, float, (1e-9, 1.0))
         if isinstance(solution, Solution) and solution.stop is Stop.GIVEN_MESH:
             reason = "would leave the mesh that was given; give the scene instead, or no tolerance"
-            raise ValueError(f"tolerance = {tolerance:g}: {reason}")
+            raise ValueError(format_error("tolerance", tolerance, reason))
     if not isinstance(solution, Solution):
         solution = solve_problem(problem)
     derivatives = _differentiate(solution, requested)
@@ -132,6 +134,20 @@ def gradients(
     return derivatives
 
 
+def _check_parameters(problem: Problem, parameters: Sequence[str] | None) -> Sequence[str]:
+    """Return the requested keys; ValueError for one that charges have no derivative by."""
+    differentiable = list_parameters(problem)
+    if parameters is None:
+        return differentiable
+    requested = coerce("parameters", parameters, Names)
+    for key in requested:
+        if key not in differentiable:
+            missing = explain_missing_derivative(problem, key)
+            reason = f"{missing}; {suggest(key, differentiable)}"
+            raise ValueError(format_error("parameters", key, reason))
+    return requested
+
+
 def _resolve_problem(solution: Solution | SceneLike) -> Problem:
     """Return the problem of a solution, or resolve a scene."""
     if isinstance(solution, Solution):
@@ -139,47 +155,62 @@ def _resolve_problem(solution: Solution | SceneLike) -> Problem:
     return Problem.from_scene(as_scene(solution))
 
 
-def _solve_finer(derivatives: Gradients, tolerance: float, least: float = 2e-8) -> Solution:
-    """Solve to finer charges, not below `least`; errors of derivatives fall as theirs do."""
+def _solve_finer(
+    derivatives: Gradients, tolerance: float, *, least_tolerance: float = 2e-8
+) -> Solution:
+    """Solve a scene again with a finer tolerance of its charges.
+
+    Parameters
+    ----------
+    derivatives : Gradients
+        Derivatives whose errors are too large; they fall as those of the charges do.
+    tolerance : float
+        Largest relative error of derivatives that is allowed.
+    least_tolerance : float, optional
+        Tolerance of charges below which rounding allows no better mesh.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    NotConvergedError
+        If the finer tolerance cannot be reached.
+    """
     errors = derivatives.relative_errors
     worst, key = max((error, key) for key, error in errors.items())
     problem = derivatives.solution.problem
     scene = problem.scene
-    aim = 0.5 * tolerance / worst * scene.numerics.tolerance
+    charge_tolerance = 0.5 * tolerance / worst * scene.numerics.tolerance
     reason = "rounding allows no better mesh"
-    if aim > least:
-        # the tolerance must not choose anew whether the film bends or feels voltages
+    if charge_tolerance > least_tolerance:
+        # a finer tolerance must not change whether the film bends or voltages act on it
         choices = {
             "film.bending": problem.film.bends,
             "film.coupling": not problem.has_passive_electrodes,
-            "numerics.tolerance": aim,
+            "numerics.tolerance": charge_tolerance,
         }
         finer_problem = Problem.from_scene(scene.with_(choices), pressure=problem.pressure)
         finer = solve_problem(finer_problem)
         if finer.status is Status.CONVERGED:
             return finer
-        reason = f"with charges to {aim:.1e}: {finer.reason}"
+        reason = f"with charges to {charge_tolerance:.1e}: {finer.reason}"
     raise NotConvergedError(
         f"{Status.TOLERANCE}: derivatives by {key} have errors of {worst:.1e}; raise"
         f" tolerance = {tolerance:g} ({reason})"
     )
 
 
-def _differentiate(
-    solution: Solution,
-    requested: Sequence[str],
-    *,
-    least_share: float = 0.5,
-    saturation: float = 1.5,
-    negligible: float = 1e-3,
-) -> Gradients:
-    """Differentiate the solution's charges, with the changes at the next order as errors.
+def _differentiate(solution: Solution, requested: Sequence[str]) -> Gradients:
+    """Differentiate the charges of a solution.
 
-    All derivatives share the displacement's error, and a single error may vanish by chance. An
-    error over its `unit` counts as at least `least_share` times the mean of its electrode, and
-    times the overall mean. The true error is up to `saturation` times the change at the next
-    order, which is least effective at corners. A derivative counts at least as the part
-    `negligible` of its unit.
+    Parameters
+    ----------
+    solution : Solution
+        A converged solution.
+    requested : sequence of str
+        Keys of the scene file.
     """
     problem = solution.problem
     scene = problem.scene
@@ -187,18 +218,16 @@ def _differentiate(
     adjoint, rich_adjoint = solve_adjoints(solution)
     rates = np.array([compute_rate(adjoint, key) for key in keys])
     better_rates = np.array([compute_rate(rich_adjoint, key) for key in keys])
-    errors = np.abs(better_rates - rates)
 
-    d = np.abs([scene.film.d31, scene.film.d32])
-    magnitudes = np.abs(adjoint.stress_integrals) @ d
+    coefficients = np.abs([scene.film.d31, scene.film.d32])
+    magnitudes = np.abs(adjoint.stress_integrals) @ coefficients
     scales = np.array([[_find_scale(scene, key)] for key in keys])
-    unit = magnitudes / scales
-    relative = np.divide(errors, unit, out=np.zeros_like(errors), where=unit > 0.0)
-    means = relative.sum(axis=0) / max(len(keys), 1)
-    overall_mean = means @ magnitudes / max(magnitudes.sum(), TINY)
-    floors = least_share * np.maximum(means, overall_mean)
-    errors = saturation * problem.film.mesh_policy.saturation * np.maximum(errors, floors * unit)
-    largest = np.maximum(np.abs(rates), negligible * unit).max(axis=1, initial=TINY)
+    units = magnitudes / scales
+    changes = np.abs(better_rates - rates)
+    errors = problem.film.mesh_policy.saturation * _estimate_errors(
+        changes, units, magnitudes=magnitudes
+    )
+    largest = np.maximum(np.abs(rates), NEGLIGIBLE_SHARE * units).max(axis=1, initial=TINY)
 
     names = [electrode.name for electrode in scene.electrode_list]
     derivatives = Gradients()
@@ -213,14 +242,57 @@ def _differentiate(
     return derivatives
 
 
+def _estimate_errors(
+    changes: Array,
+    units: Array,
+    *,
+    magnitudes: Array,
+    least_share: float = 0.5,
+    saturation: float = 1.5,
+) -> Array:
+    """Estimate the errors of derivatives from their changes at the next order.
+
+    All derivatives share the error of the displacement, and a single change may vanish by chance. A
+    relative change therefore counts as at least a share of the mean over the parameters of its
+    electrode, and of the mean over all electrodes.
+
+    Parameters
+    ----------
+    changes : ndarray, shape (keys, electrodes)
+        Absolute changes in C per unit of the key.
+    units : ndarray, shape (keys, electrodes)
+        Magnitude of each charge per scale of the parameter, which relative changes refer to.
+    magnitudes : ndarray, shape (electrodes,)
+        Magnitudes of the charges in C.
+    least_share : float, optional
+        The share.
+    saturation : float, optional
+        Largest ratio of the error to the change. The next order is least effective at corners.
+
+    Returns
+    -------
+    ndarray, shape (keys, electrodes)
+        Errors in C per unit of the key.
+    """
+    relative = np.divide(changes, units, out=np.zeros_like(changes), where=units > 0.0)
+    means = relative.sum(axis=0) / max(len(changes), 1)
+    overall_mean = means @ magnitudes / max(magnitudes.sum(), TINY)
+    least_relative = least_share * np.maximum(means, overall_mean)
+    return np.asarray(saturation * np.maximum(changes, least_relative * units))
+
+
 def _find_scale(scene: Scene, key: str) -> float:
-    """Return a relevant change of a parameter, in the key's unit."""
-    numbers = map_probe_keys(scene).get(key)
-    if numbers and key.endswith(PLACE_NAMES):
-        probe = numbers[0].probe.probe
+    """Return the change of a parameter that matters, in the key's unit; see `Gradients`."""
+    keys_of_probes = map_probe_keys(scene)
+    if key in keys_of_probes:
+        loaded_probe = keys_of_probes[key][0].probe
+        probe = loaded_probe.probe
         if key.endswith("rotation_deg"):
             return float(np.degrees(1.0)) if probe.period_deg else np.inf
-        return 1e3 * probe.outline.perimeter / (2.0 * np.pi)
-    if numbers and "_N" in key:
-        return float(np.linalg.norm(numbers[0].probe.load.components)) or 1.0
-    return abs(get_number(scene, key)) or 1.0
+        if key.endswith(PLACE_NAMES):
+            return 1e3 * probe.outline.perimeter / (2.0 * np.pi)
+        if "_N" in key:
+            force = float(np.linalg.norm(loaded_probe.load.components))
+            return force if force else 1.0
+    value = abs(get_number(scene, key))
+    return value if value else 1.0

@@ -32,7 +32,7 @@ from pvdf_fem.mesh.points import make_facet_quadrature
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Probe, Scene
-from pvdf_fem.solver.next_order import factorise_tangent
+from pvdf_fem.solver.estimate.next_order import factorise_tangent
 from pvdf_fem.solver.sensitivity.adjoint import Adjoint
 from pvdf_fem.solver.sensitivity.parameters import (
     COEFFICIENTS,

@@ -22,7 +22,7 @@ from pvdf_fem.scene.readout import resolve_deviation
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.solver.adaptive import solve_outputs, solve_problem
-from pvdf_fem.solver.next_order import FactorisedSolution, factorise_tangent
+from pvdf_fem.solver.estimate.next_order import FactorisedSolution, factorise_tangent
 from pvdf_fem.solver.sensitivity.adjoint import Adjoint
 from pvdf_fem.solver.sensitivity.parameters import (
     COEFFICIENTS,

@@ -26,8 +26,8 @@ from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.solver.nonlinear.factors import factorise
 from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
-from pvdf_fem.solver.nonlinear.newton import factorise
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 from pvdf_fem.surrogate.stress.polar_grid import PolarGrid
 

@@ -1,4 +1,4 @@
-"""Newton's method: few iterations from threads of force to tons, decreasing energy, named ends."""
+"""Newton's method: few iterations for small and large forces, quasi-Newton steps, statuses."""
 
 from __future__ import annotations
 
@@ -9,15 +9,14 @@ import scipy.sparse as sp
 from pvdf_fem import NotConvergedError, solve
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
-from pvdf_fem.solver.nonlinear.newton import (
-    NewtonOptions,
-    Tangent,
+from pvdf_fem.solver.nonlinear.deferred_newton import NewtonOptions, find_least_energy
+from pvdf_fem.solver.nonlinear.factors import (
+    FactorisedTangent,
     count_negative_pivots,
     factorise,
-    find_least_energy,
     has_negative_determinant,
-    is_balanced,
 )
+from pvdf_fem.solver.nonlinear.stability import is_balanced
 from pvdf_fem.solver.nonlinear.status import Status
 from tests.helpers.discs import LOADS, TRIANGLE, graded_mesh
 from tests.helpers.solvers import newton_result
@@ -38,7 +37,7 @@ def scene_of(force_N, temperature_change_K, kind="dead"):
 @pytest.mark.parametrize("kind", LOADS)
 @pytest.mark.parametrize("temperature_change_K", [-100.0, -1e-9, 0.0])
 @pytest.mark.parametrize("force_N", [1e-4, 1.0, 100.0])
-def test_few_iterations_for_any_load(mesh, force_N, temperature_change_K, kind):
+def test_any_load_takes_few_iterations(mesh, force_N, temperature_change_K, kind):
     problem = Equilibrium(Problem.from_scene(scene_of(force_N, temperature_change_K, kind)), mesh)
     result = newton_result(problem)
     assert result.status is Status.CONVERGED
@@ -47,19 +46,22 @@ def test_few_iterations_for_any_load(mesh, force_N, temperature_change_K, kind):
     assert np.linalg.norm(problem.residual(problem.state(result.q))) < 1e-8 * force_N
 
 
-def test_steps_end_quadratically_or_an_older_tangent_serves_as_long_as_they_shrink(mesh):
-    problem, usual = Equilibrium(Problem.from_scene(scene_of(1.0, -1.0)), mesh), NewtonOptions()
+def test_steps_shrink_quadratically_or_a_tangent_is_used_again_while_they_shrink(mesh):
+    problem = Equilibrium(Problem.from_scene(scene_of(1.0, -1.0)), mesh)
+    usual = NewtonOptions()
     fresh = newton_result(problem, options=NewtonOptions(defer_size=0.0)).iterations
-    assert fresh[-1].step < min(1e-7, 100 * fresh[-2].step ** 2)
+    assert fresh[-1].step_size < min(1e-7, 100 * fresh[-2].step_size ** 2)
     table = newton_result(problem).iterations
-    assert [row.fresh for row in table[-3:]] == [False] * 3
-    assert table[-1].step < 1e-9
+    assert [row.has_new_tangent for row in table[-3:]] == [False] * 3
+    assert table[-1].step_size < 1e-9
     for earlier, before, row in zip(table, table[1:], table[2:], strict=False):
-        slow = not before.fresh and before.step > usual.contraction * earlier.step
-        assert row.fresh or not slow
+        slow = (
+            not before.has_new_tangent and before.step_size > usual.contraction * earlier.step_size
+        )
+        assert row.has_new_tangent or not slow
 
 
-def test_the_line_search_takes_the_lowest_of_two_minima():
+def test_line_search_finds_the_lower_of_two_minima():
     """(s - 1)² (s - 3)² falls to 0 at 1 and 3; the linear part makes the farther one lower."""
     product = np.polynomial.polynomial.polyfromroots([1.0, 1.0, 3.0, 3.0])
     for slope, lowest in ((-0.1, 3.0), (0.1, 1.0)):
@@ -68,9 +70,9 @@ def test_the_line_search_takes_the_lowest_of_two_minima():
     assert find_least_energy(np.array([0.0, -1.0, 0.0, 0.0, 0.0])) == 1.0
 
 
-def test_balance_is_lacking_by_energy_or_by_the_rims_reaction(mesh):
-    """A displacement d lacks d·K d = 2 ΔE; a part e of a deflection that goes with the third root
-    of the force lacks 3 e of the force at the rim."""
+def test_balance_is_measured_by_energy_and_by_the_reaction_of_the_rim(mesh):
+    """A displacement d changes the energy by d·K d/2. A deflection goes with the third root of the
+    force, so that a share e of it changes the reaction of the rim by 3 e."""
     problem = Equilibrium(Problem.from_scene(scene_of(3.0, 0.0)), mesh)
     result = newton_result(problem)
 
@@ -90,7 +92,7 @@ def test_balance_is_lacking_by_energy_or_by_the_rims_reaction(mesh):
         assert not is_balanced(problem, state, result.factors, 0.8 * lacking)
 
 
-def test_pivots_count_negative_eigenvalues():
+def test_negative_pivots_count_negative_eigenvalues():
     for signs, odd in (((1, 1, 1), False), ((1, -1, 1), True), ((-1, -1, 1), False)):
         factors = factorise(sp.diags_array(np.array(signs, dtype=float)).tocsc())
         assert count_negative_pivots(factors) == signs.count(-1)
@@ -98,17 +100,17 @@ def test_pivots_count_negative_eigenvalues():
     assert not has_negative_determinant(None)
 
 
-def test_quasi_newton_steps_find_what_the_tangent_lacks():
-    """A linear problem whose tangent misses one mode: the rank-two updates take it in."""
+def test_quasi_newton_steps_correct_an_inexact_tangent():
+    """A linear problem whose tangent lacks one mode, which the updates add."""
     random = np.random.default_rng(1)
     mode, right = random.standard_normal((2, 30))
     matrix = np.diag(random.uniform(1.0, 5.0, 30))
-    tangent = Tangent(factorise(sp.csc_matrix(matrix)))
+    tangent = FactorisedTangent(factorise(sp.csc_matrix(matrix)))
     matrix += 0.03 * np.outer(mode, mode)
     x, residuals, plain = np.zeros(30), [], np.zeros(30)
     for _ in range(6):
         residual = matrix @ x - right
-        step = tangent.step(residual)
+        step = tangent.compute_step(residual)
         tangent.remember(residual, step)
         x = x + step
         plain = plain - tangent.factors.solve(matrix @ plain - right)
@@ -117,20 +119,20 @@ def test_quasi_newton_steps_find_what_the_tangent_lacks():
     assert np.linalg.norm(matrix @ plain - right) > 1e-4 * residuals[0]
 
 
-# named ends
+# statuses
 
 
-def test_a_film_that_is_pulled_taut_has_a_result_and_a_slack_one_a_reason(mesh):
+def test_a_taut_film_converges_and_a_slack_one_has_a_reason(mesh):
     slack, taut = (solve(scene_of(force, 10.0), mesh=mesh) for force in (0.0, 100.0))
     assert (slack.status, taut.status) == (Status.UNSTABLE, Status.CONVERGED)
     assert not any(warning.startswith("compression") for warning in taut.warnings)
     assert "film.temperature_change_K" in slack.reason
-    for ask in ("charges_pC", "charge_errors_pC", "deflection_max_mm", "displacement", "mesh"):
+    for name in ("charges_pC", "charge_errors_pC", "deflection_max_mm", "displacement", "mesh"):
         with pytest.raises(NotConvergedError, match="unstable"):
-            getattr(slack, ask)
+            getattr(slack, name)
 
 
-def test_film_without_tension_is_singular_when_flat(mesh):
+def test_flat_film_without_tension_has_a_singular_tangent(mesh):
     problem = Equilibrium(Problem.from_scene(scene_of(1.0, 0.0)), mesh)
     result = newton_result(problem, np.zeros(problem.unknowns.count))
     assert result.status is Status.SINGULAR

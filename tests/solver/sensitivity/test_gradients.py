@@ -70,8 +70,8 @@ def along(found, direction):
         ({"probe": PROBES}, FORCE_KEYS),
     ],
 )
-def test_each_but_the_place_on_one_mesh(changes, keys):
-    """There the adjoint gives the derivative of the discrete charges: rounding is left."""
+def test_derivatives_other_than_by_place_on_one_mesh(changes, keys):
+    """On one mesh the adjoint gives the exact derivative of the discrete charges."""
     scene = TURNED.with_(**changes)
     mesh, signs = graded_mesh(scene, 3.0, 15.0), np.random.default_rng(5)
     known = [
@@ -99,8 +99,8 @@ def test_each_but_the_place_on_one_mesh(changes, keys):
         ),
     ],
 )
-def test_places_of_probes_and_tips(scene, direction):
-    """Each place has a mesh of its own, so both sides carry errors of the discretisation."""
+def test_derivatives_by_places_of_probes_and_tips(scene, direction):
+    """Each place has its own mesh, so that both sides have discretisation errors."""
     scene = scene.with_(**{"numerics.tolerance": 1e-4})
     found = gradients(solve(scene), list(direction))
     ends = (
@@ -114,7 +114,7 @@ def test_places_of_probes_and_tips(scene, direction):
     assert stated.max() < 5e-2 * most
 
 
-def test_a_pressure_up_to_the_clamped_rim_sweeps_nothing_there():
+def test_a_pressure_up_to_the_clamped_rim_has_no_derivative_by_place():
     found = gradients(Scene(probe={"shape": "circle", "radius_mm": 45.0}), ["probe.x_mm"])
     assert np.abs(values(found["probe.x_mm"])).max() < 1e-9
 
@@ -124,14 +124,14 @@ def turned():
     return solve(TURNED)
 
 
-def test_rates_of_forces_make_those_of_charges(turned):
+def test_rates_of_stress_integrals_combine_to_those_of_charges(turned):
     keys = ["load.force_N", "probe.x_mm", "film.thickness_um"]
-    found, by_forces = gradients(turned, keys), compute_integral_rates(turned, keys) @ [8.0, 3.0]
-    for key, rates in zip(keys, by_forces, strict=True):
+    found, by_integrals = gradients(turned, keys), compute_integral_rates(turned, keys) @ [8.0, 3.0]
+    for key, rates in zip(keys, by_integrals, strict=True):
         assert values(found[key]) == pytest.approx(rates, rel=1e-9)
 
 
-def test_errors_of_derivatives_that_vanish_are_over_a_thousandth_of_the_charge_per_scale():
+def test_relative_errors_of_vanishing_derivatives_refer_to_the_charge_per_scale():
     """Opposite coefficients cancel under a disc at the centre, whatever is changed."""
     disc = {"shape": "circle", "radius_mm": 6.0, "x_mm": 0.0, "y_mm": 0.0}
     scene = Scene(film={"d32_pC_N": -8.0}, probe={**disc, "radius_mm": 4.0}, load={"force_N": 0.5})
@@ -143,8 +143,8 @@ def test_errors_of_derivatives_that_vanish_are_over_a_thousandth_of_the_charge_p
         part = found.errors[key]["A"] * scale / charge
         assert found.relative_errors[key] == pytest.approx(1e3 * part, rel=1e-6)
         assert part > 0.0
-    for round_has in (found, found.errors):  # no orientation
-        assert round_has["probe.rotation_deg"] == {"A": 0.0}
+    for table in (found, found.errors):  # a disc has no orientation
+        assert table["probe.rotation_deg"] == {"A": 0.0}
     assert found.relative_errors["probe.rotation_deg"] == 0.0
 
 
@@ -175,19 +175,19 @@ def test_a_film_without_a_probe_has_only_its_own_parameters():
         (TURNED.with_(**WIRED), "film.thickness_um"),
     ],
 )
-def test_what_has_no_derivative_is_refused(scene, key):
+def test_refuses_keys_without_derivative(scene, key):
     with pytest.raises(ValueError, match=f'"{key}"'):
         gradients(scene, [key])
 
 
-def test_no_solution_has_no_gradients():
+def test_refuses_a_solution_that_is_not_converged():
     slack = RECTANGLE.with_(**{"film.temperature_change_K": 10.0, "load.force_N": 0.0})
     with pytest.raises(NotConvergedError, match="unstable"):
         gradients(solve(slack))
 
 
 @pytest.mark.parametrize("seed", [2, 4])
-def test_errors_are_of_the_right_size(seed):
+def test_estimated_errors_have_the_right_size(seed):
     """Against a much finer tolerance, whose own errors count for it and against it."""
     scene = make_random_scene(np.random.default_rng(seed), **{"numerics.tolerance": 5e-3})
     coarse = gradients(scene)
@@ -209,8 +209,8 @@ def test_errors_do_not_depend_on_what_else_is_asked_for(turned):
     assert json.loads(json.dumps(one)) == one
 
 
-def test_tolerance_of_their_own(turned):
-    """By the rotation a charge changes so little that its derivative needs finer charges."""
+def test_a_tolerance_of_derivatives(turned):
+    """The rotation changes charges so little that its derivative needs finer charges."""
     key, tolerance = "probe.rotation_deg", 3e-2
     rough, found = gradients(turned, [key]), gradients(TURNED, [key], tolerance=tolerance)
     expected = values(gradients(solve(TURNED.with_(**{"numerics.tolerance": 1e-5})), [key])[key])
@@ -221,7 +221,7 @@ def test_tolerance_of_their_own(turned):
     assert gradients(turned, [key], tolerance=0.5).solution is turned
 
 
-def test_a_finer_tolerance_keeps_the_model():
+def test_a_finer_tolerance_keeps_the_film_model():
     """At the usual tolerance this film is a membrane; but for finer charges it would bend."""
     auto = TURNED.with_(**{"film.bending": "auto", "film.thickness_um": 5.0})
     found = gradients(auto, ["film.thickness_um"], tolerance=2e-4)
@@ -230,13 +230,13 @@ def test_a_finer_tolerance_keeps_the_model():
     assert Problem.from_scene(found.solution.scene.with_(**{"film.bending": "auto"})).film.bends
 
 
-def test_unreachable_tolerance_names_what_to_change():
+def test_an_unreachable_tolerance_names_the_key_to_change():
     few = TURNED.with_(**{"numerics.max_unknowns": 4000})
     with pytest.raises(NotConvergedError, match=r"probe\.rotation_deg .*max_unknowns"):
         gradients(few, tolerance=1e-4)
 
 
-def test_a_mesh_that_was_given_is_not_left():
+def test_a_given_mesh_is_not_replaced():
     solution = solve(TURNED, mesh=graded_mesh(TURNED, 3.0, 15.0), order=2)
     assert gradients(solution, ["load.force_N"]).solution is solution
     for tolerance in (0.5, 0.0, -1e-3, 1.0, float("nan")):

@@ -20,7 +20,7 @@ UNCERTAIN = {"film.thickness_um": "5 %", "film.d31_pC_N": 0.8, "load.force_N": "
 
 
 def by_solves(scene, key, size, part=0.05):
-    """Changes of charges, in total and by the touch, by one deviation, from two solves."""
+    """Yield the changes of total charges and of changes by one deviation, from two solves."""
     value = get_number(scene, key)
     fine = scene.with_({"numerics.tolerance": 1e-5})
     ends = [solve(fine.with_({key: value + sign * part * size})) for sign in (1.0, -1.0)]
@@ -35,13 +35,13 @@ def found():
 
 
 @pytest.mark.parametrize("key", UNCERTAIN)
-def test_parts_are_those_of_solves_at_changed_values(found, key):
+def test_parts_agree_with_solves_at_changed_values(found, key):
     total, change = by_solves(SCENE, key, found.deviations[key])
     assert values(found.parts_pC[key]) == pytest.approx(total, rel=5e-3)
     assert values(found.change_parts_pC[key]) == pytest.approx(change, rel=5e-3)
 
 
-def test_deviations_are_roots_of_sums_of_squares_and_shares_add_up(found):
+def test_deviations_are_roots_of_sums_of_squares_and_shares_add_up_to_one(found):
     for name, whole in found.charges_pC.items():
         parts = [of[name] for of in found.parts_pC.values()]
         assert whole == pytest.approx(np.sqrt(np.sum(np.square(parts))))
@@ -66,7 +66,7 @@ def test_both_numbers_of_a_pair_deviate_together():
     assert found.charges_pC == pytest.approx(expected, rel=1e-6)
 
 
-def test_charges_at_rest_that_a_solve_tells_have_deviations_too():
+def test_charges_of_a_solved_unloaded_film_have_deviations():
     patch = {"shape": "circle", "radius_mm": 2.0, "x_mm": 6.0, "y_mm": 0.0, "thickness_um": 9.0}
     scene = SCENE.with_({"film.patches": [{**patch, "youngs_modulus_GPa": 3.0}]})
     key = "film.thickness_um"
@@ -84,6 +84,6 @@ def test_charges_at_rest_that_a_solve_tells_have_deviations_too():
         ({}, "uncertain"),
     ],
 )
-def test_what_has_no_deviation_is_refused_before_a_solve(uncertain, key, monkeypatch):
+def test_refuses_keys_without_deviation_before_a_solve(uncertain, key, monkeypatch):
     monkeypatch.setattr("pvdf_fem.solver.sensitivity.uncertainty.solve_problem", None)
     assert keys(refused(uncertainty, SCENE, uncertain)) == [key]

@@ -1,4 +1,4 @@
-"""The solution corrected in the next order is near the solution of the next order."""
+"""The correction in the next order is near the solution of the next order."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import pytest
 
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
-from pvdf_fem.solver.estimate import correct_in_richer_space
+from pvdf_fem.solver.estimate.correction import correct_in_richer_space
 from pvdf_fem.solver.nonlinear.budget import Budget
+from pvdf_fem.solver.nonlinear.factors import factorise
 from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
-from pvdf_fem.solver.nonlinear.newton import factorise
 from tests.helpers.discs import LOADS, TRIANGLE, graded_mesh
 
 
@@ -33,15 +33,15 @@ def corrected_and_exact(kind, stiffness):
 
 
 @pytest.mark.parametrize("kind", ["dead", "stuck"])
-def test_a_correction_is_most_of_the_way_to_the_next_order(kind):
+def test_correction_covers_most_of_the_way_to_the_next_order(kind):
     """In the energy norm; the smooth steps, taken the other way, would leave half or more."""
     correction, size = corrected_and_exact(kind, 1.0)
     assert correction.result is None
     assert size(correction.q) < 0.2 * size(correction.start)
 
 
-def test_the_richer_equations_are_solved_where_smooth_steps_grow():
-    """By a tangent that is too soft, each of the steps is too long."""
+def test_solves_the_richer_equations_where_smooth_steps_grow():
+    """With a tangent that is too soft, each of the steps is too long."""
     correction, size = corrected_and_exact("dead", 0.3)
     assert correction.result is not None
     assert size(correction.q) < 1e-4 * size(correction.start)

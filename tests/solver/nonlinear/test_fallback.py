@@ -1,4 +1,4 @@
-"""The ladder: the first solver that converges wins, and what the others did stays in the result."""
+"""The fallback chain: the first solver that converges ends it, and failures are recorded."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import pytest
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.nonlinear.budget import Budget
+from pvdf_fem.solver.nonlinear.deferred_newton import NewtonOptions
 from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
-from pvdf_fem.solver.nonlinear.newton import NewtonOptions, Step
+from pvdf_fem.solver.nonlinear.newton import NewtonStep
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.nonlinear.wrinkling import PredictedStressNewton, is_barely_loaded
 from tests.helpers.discs import LOADS, TRIANGLE, graded_mesh
@@ -24,7 +25,7 @@ def mesh():
 
 @pytest.mark.parametrize("changes", [{}, WRINKLING])
 @pytest.mark.parametrize("kind", LOADS)
-def test_a_film_that_nothing_presses_is_flat(mesh, changes, kind):
+def test_a_film_without_load_is_flat(mesh, changes, kind):
     scene = TRIANGLE.with_(**changes, **LOADS[kind], **{"load.force_N": 0.0})
     result = find_equilibrium(Equilibrium(Problem.from_scene(scene), mesh))
     assert result.status is Status.CONVERGED
@@ -32,7 +33,7 @@ def test_a_film_that_nothing_presses_is_flat(mesh, changes, kind):
     assert result.iterations == result.failed_attempts == ()
 
 
-def test_a_pressure_that_follows_a_film_that_wrinkles_is_reached_from_a_dead_one(mesh):
+def test_following_pressure_on_a_wrinkling_film_starts_from_a_dead_pressure(mesh):
     scene = TRIANGLE.with_(**WRINKLING, **LOADS["follower"])
     equilibrium = Equilibrium(Problem.from_scene(scene), mesh)
     result = find_equilibrium(equilibrium)
@@ -43,10 +44,10 @@ def test_a_pressure_that_follows_a_film_that_wrinkles_is_reached_from_a_dead_one
     assert (dead.solver, dead.status) == ("dead pressure", "converged")
     assert dead.iterations < 60
     # each tangent counts once
-    assert result.fresh_count == dead.tangents + len(result.iterations)
+    assert result.tangent_count == dead.tangent_count + len(result.iterations)
 
 
-def test_a_film_that_wrinkles_is_found_from_afar(mesh):
+def test_wrinkling_film_converges_from_a_far_initial_guess(mesh):
     equilibrium = Equilibrium(Problem.from_scene(TRIANGLE.with_(**WRINKLING)), mesh)
     near = find_equilibrium(equilibrium)
     result = find_equilibrium(equilibrium, 1e3 * near.q)
@@ -57,7 +58,7 @@ def test_a_film_that_wrinkles_is_found_from_afar(mesh):
 
 
 @pytest.mark.parametrize("factor", [0.8, 1.25])
-def test_a_load_is_small_against_a_films_excess(mesh, factor):
+def test_is_barely_loaded_compares_the_load_strain_with_the_excess(mesh, factor):
     """(F/(E h a))^(2/3) beside a tenth of α ΔT."""
     scene = TRIANGLE.with_(**WRINKLING)
     film = scene.film
@@ -67,20 +68,21 @@ def test_a_load_is_small_against_a_films_excess(mesh, factor):
 
 
 @pytest.mark.parametrize(("stretch", "length"), [(0.5, 1.0), (1.6, 0.625), (4.0, 0.25)])
-def test_a_step_ends_where_the_energy_has_nearly_stopped_falling(mesh, stretch, length):
+def test_line_search_ends_where_the_energy_nearly_stops_falling(mesh, stretch, length):
     equilibrium = Equilibrium(Problem.from_scene(TRIANGLE.with_(**WRINKLING)), mesh)
     solution = find_equilibrium(equilibrium).q
     q, change = 0.8 * solution, 0.2 * stretch * solution
     state = equilibrium.state(q)
-    step = Step(q, state, change, float(equilibrium.residual(state) @ change), 1.0)
-    found = PredictedStressNewton(equilibrium, 1e-6).length(step)
+    slope = float(equilibrium.residual(state) @ change)
+    step = NewtonStep(q, state, change, slope=slope, size=1.0)
+    found = PredictedStressNewton(equilibrium, 1e-6).choose_length(step)
     assert found == pytest.approx(length, rel=0.25 if length < 1.0 else 0.0)
 
 
 # the budget
 
 
-def test_a_finer_tolerance_may_cost_more():
+def test_a_finer_tolerance_has_a_larger_budget():
     usual, fine, rough = (
         Budget.for_problem(Problem.from_scene(TRIANGLE.with_(**{"numerics.tolerance": tolerance})))
         for tolerance in (1e-3, 1e-5, 1e-1)
@@ -90,23 +92,23 @@ def test_a_finer_tolerance_may_cost_more():
     assert rough == usual
 
 
-def test_work_counts_iterations_with_a_new_tangent(mesh):
+def test_spent_work_is_proportional_to_iterations(mesh):
     budget = Budget(max_unknowns=10_000, max_seconds=1.0)
     coarse, fine = (Equilibrium(Problem.from_scene(TRIANGLE), mesh, order) for order in (2, 3))
     budget.spend(coarse, 3)
     once = budget.spent_seconds
     budget.spend(coarse, 3)
     assert budget.spent_seconds == pytest.approx(2.0 * once)
-    assert budget.left_seconds == pytest.approx(1.0 - 2.0 * once)
+    assert budget.remaining_seconds == pytest.approx(1.0 - 2.0 * once)
     budget.spend(fine, 3)
     assert budget.spent_seconds > 4.0 * once
-    assert budget.iterations(coarse) == pytest.approx(0.4 / (once / 3), abs=1)
+    assert budget.count_affordable_iterations(coarse) == pytest.approx(0.4 / (once / 3), abs=1)
     budget.spend(fine, 10**6)
-    assert budget.left_seconds == 0.0
+    assert budget.remaining_seconds == 0.0
 
 
-def test_a_film_in_compression_is_given_up(mesh):
-    """The search for a minimum that is not there ends before the most iterations."""
+def test_gives_up_a_film_that_stays_in_compression(mesh):
+    """There is no stable equilibrium, which is noticed before the largest number of iterations."""
     scene = TRIANGLE.with_(**{"film.temperature_change_K": 10.0, "load.force_N": 1e-2})
     result = find_equilibrium(Equilibrium(Problem.from_scene(scene), mesh, 3))
     assert result.status is Status.UNSTABLE

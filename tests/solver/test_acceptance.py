@@ -1,4 +1,4 @@
-"""What is no result, and what is one with a warning: with values, places and areas."""
+"""Solutions that are rejected, and warnings with values, places and areas."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from pvdf_fem import solve
 from pvdf_fem.electrodes.stress_integrals import StressIntegrals
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
-from pvdf_fem.solver import acceptance as admissible
+from pvdf_fem.solver import acceptance
 from pvdf_fem.solver.adaptive import solve_outputs
 from pvdf_fem.solver.discrete_solution import DiscreteSolution
-from pvdf_fem.solver.nonlinear.newton import count_negative_pivots, factorise
+from pvdf_fem.solver.nonlinear.factors import count_negative_pivots, factorise
 from pvdf_fem.solver.nonlinear.status import Status
 from reports.reference.axisymmetric import axisymmetric_membrane
 from reports.reference.axisymmetric_wrinkled import wrinkled_membrane
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, free_disc, graded_mesh, values
 from tests.helpers.solvers import newton_result
 
-NO_FORCES = StressIntegrals(np.zeros((0, 2)), np.zeros((0, 2)))
+NO_INTEGRALS = StressIntegrals(np.zeros((0, 2)), np.zeros((0, 2)))
 #: Under this probe a film without pretension is in compression.
 NEAR_RIM = {
     "film.temperature_change_K": 0.0,
@@ -47,40 +47,40 @@ def solved():
         (np.nan, None, Status.UNBALANCED),
     ],
 )
-def test_forces_must_balance_and_wrinkles_change_little(solved, factor, change, status):
+def test_rejects_unbalanced_forces_and_large_changes_by_wrinkles(solved, factor, change, status):
     problem, result = solved
-    fields = DiscreteSolution(problem, factor * result.q, NO_FORCES)
-    assert admissible.find_rejection_status(fields, result.factors, change) is status
+    fields = DiscreteSolution(problem, factor * result.q, NO_INTEGRALS)
+    assert acceptance.find_rejection_status(fields, result.factors, change) is status
 
 
-def test_a_pressure_that_follows_beyond_its_limit_is_refused():
-    """An odd number of negative pivots is beyond a limit of the load, although forces balance."""
+def test_rejects_a_following_pressure_beyond_its_limit_load():
+    """Beyond a limit load the number of negative pivots is odd, although the forces balance."""
     scene = TRIANGLE.with_(**LOADS["follower"])
     problem = Equilibrium(Problem.from_scene(scene), graded_mesh(scene, 6.0, 14.0))
     result = newton_result(problem)
-    fields = DiscreteSolution(problem, result.q, NO_FORCES)
-    assert admissible.find_rejection_status(fields, result.factors, None) is None
+    fields = DiscreteSolution(problem, result.q, NO_INTEGRALS)
+    assert acceptance.find_rejection_status(fields, result.factors, None) is None
     tangent = problem.tangent(fields.solved_state).tolil()
     tangent[0, 0] *= -1.0
     beyond = factorise(tangent.tocsc())
     assert count_negative_pivots(beyond) == 1
-    assert admissible.find_rejection_status(fields, beyond, None) is Status.UNSTABLE
+    assert acceptance.find_rejection_status(fields, beyond, None) is Status.UNSTABLE
 
 
-def test_a_buckled_plate_is_refused():
+def test_rejects_a_buckled_plate():
     """The clamped disc buckles at 14.68 D/a^2, which 2.56 mK make in a film of 25 um."""
     for change_K, status in ((2.2e-3, None), (3e-3, Status.UNSTABLE)):
         changes = {"film.temperature_change_K": change_K, "load.force_N": 0.0}
         scene = TRIANGLE.with_(**changes, **{"film.bending": True})
         film = Equilibrium(Problem.from_scene(scene), graded_mesh(scene, 6.0, 12.0))
-        flat = DiscreteSolution(film, np.zeros(film.unknowns.count), NO_FORCES)
+        flat = DiscreteSolution(film, np.zeros(film.unknowns.count), NO_INTEGRALS)
         factors = factorise(film.tangent(flat.solved_state))
         assert (count_negative_pivots(factors) > 0) == (status is not None)
-        assert admissible.find_rejection_status(flat, factors, None) is status
+        assert acceptance.find_rejection_status(flat, factors, None) is status
 
 
 @pytest.mark.parametrize("scene", [RECTANGLE, TRIANGLE])
-def test_no_warning_in_the_thesis(scene):
+def test_scenes_of_the_thesis_have_no_warning(scene):
     assert not solve(scene.with_(**LOADS["follower"], **{"load.force_N": 7.5})).warnings
 
 
@@ -91,7 +91,7 @@ def number_after(text, warnings):
     return float(found[1]), warning
 
 
-def test_values_and_places_are_those_of_the_axisymmetric_film():
+def test_values_and_places_in_warnings_agree_with_the_axisymmetric_film():
     force, patch = 0.1, 0.2
     reference = axisymmetric_membrane(force, poisson_ratio=0.34, patch_radius=patch)
     warnings = solve(free_disc(force, poisson_ratio=0.34, patch_radius=patch)).warnings
@@ -108,7 +108,7 @@ def test_values_and_places_are_those_of_the_axisymmetric_film():
     assert strain == pytest.approx(strains.max(), rel=0.02)
 
 
-def test_wrinkled_area_is_that_of_the_axisymmetric_film():
+def test_wrinkled_area_agrees_with_the_axisymmetric_film():
     strain, shape = 1.1e-3, {"poisson_ratio": 0.34, "patch_radius": 0.2}
     reference = wrinkled_membrane(4.444e-4, **shape, thermal_strain=strain)
     radii = np.linspace(0.01, 1.0, 2000)
@@ -124,7 +124,7 @@ def test_wrinkled_area_is_that_of_the_axisymmetric_film():
     ("modulus", "tolerance", "bending"),
     [(2.0, 0.3, "auto"), (2.0, 1e-3, False), ([3.0, 1.2], 3e-4, False)],
 )
-def test_what_wrinkles_would_change_is_stated(modulus, tolerance, bending):
+def test_warning_states_the_change_by_wrinkles(modulus, tolerance, bending):
     near_rim = RECTANGLE.with_(
         **NEAR_RIM
         | {
@@ -161,19 +161,18 @@ SLACK = {"film.temperature_change_K": 5.0, "load.force_N": 0.0}
 
 
 @pytest.mark.parametrize("changes", [{"film.bending": True}, SLACK])
-def test_no_change_is_told_of_a_film_that_bends_or_has_no_result(changes):
+def test_no_change_by_wrinkles_of_a_film_that_bends_or_has_no_result(changes):
     warnings = solve(RECTANGLE.with_(**NEAR_RIM | changes)).warnings
-    [told] = [text for text in warnings if text.startswith("compression")]
-    assert "change a charge" not in told
+    [warning] = [text for text in warnings if text.startswith("compression")]
+    assert "change a charge" not in warning
 
 
-def test_a_charge_that_cancels_is_warned_of():
-    """Two forces of 1 N and of 0.999 N, with coefficients of opposite signs."""
+def test_warns_of_a_charge_whose_parts_cancel():
+    """Stress integrals of 1 N and of 0.999 N, with coefficients of opposite signs."""
     scene = TRIANGLE.with_(**{"film.d31_pC_N": 20.0, "film.d32_pC_N": -20.0})
-    forces = np.array([[1.0, 0.999], [1.0, 0.5], [2.0, 1.0], [1.0, 0.5]])
-    uncertain = StressIntegrals(forces, 1e-4 * forces * [1.0, 0.5])
-    [warning] = admissible.warn_of_cancelled_charges(scene, uncertain)
+    integrals = np.array([[1.0, 0.999], [1.0, 0.5], [2.0, 1.0], [1.0, 0.5]])
+    uncertain = StressIntegrals(integrals, 1e-4 * integrals * [1.0, 0.5])
+    [warning] = acceptance.warn_of_cancelled_charges(scene, uncertain)
     assert re.findall(r"-?\d[\d.]*", warning)[:3] == ["0.02", "20", "-19.98"]
-    assert not list(
-        admissible.warn_of_cancelled_charges(scene, StressIntegrals(forces, 1e-8 * forces))
-    )
+    accurate = StressIntegrals(integrals, 1e-8 * integrals)
+    assert not acceptance.warn_of_cancelled_charges(scene, accurate)

@@ -11,10 +11,11 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.outputs import Output
 from pvdf_fem.solver.discrete_solution import DiscreteSolution
-from pvdf_fem.solver.estimate import Correction, correct_in_richer_space
+from pvdf_fem.solver.estimate.correction import Correction, correct_in_richer_space
 from pvdf_fem.solver.mesh_level import compute_error_indicators
 from pvdf_fem.solver.nonlinear.budget import Budget
-from pvdf_fem.solver.nonlinear.newton import NewtonResult, factorise
+from pvdf_fem.solver.nonlinear.factors import factorise
+from pvdf_fem.solver.nonlinear.newton import NewtonResult
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 
 
