@@ -12,7 +12,7 @@ from pvdf_fem.report.kind import Inputs
 from pvdf_fem.report.registry import load_kinds
 from pvdf_fem.report.results import ReportResults
 from pvdf_fem.report.task import compute_key
-from reports.__main__ import kinds_file
+from reports.__main__ import get_kinds_path
 from reports.accuracy import results
 from reports.accuracy.cases import RoundFilm, read_cases
 from reports.accuracy.drawn import KINDS
@@ -25,7 +25,7 @@ COARSE = {"numerics.tolerance": 1e-2}
 
 def made(kind, **keys):
     """What a kind composes of tasks that were run, and of scenes that were solved."""
-    item = load_kinds(kinds_file("accuracy"))[kind](kind=kind, **keys)
+    item = load_kinds(get_kinds_path("accuracy"))[kind](kind=kind, **keys)
     rows = {compute_key(task): task.run() for task in item.list_tasks(INPUTS)}
     scenes = item.list_scenes(INPUTS)
     records = dict(zip(scenes, solve_scenes(scenes, processes=1), strict=True))

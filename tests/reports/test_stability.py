@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pvdf_fem import Scene
-from reports.__main__ import script
+from reports.__main__ import load_report
 from reports.stability import endings
 from reports.stability.endings import (
     ExtremeScene,
@@ -25,7 +25,7 @@ SEED = 2026
 
 
 def test_every_law_holds_to_rounding():
-    plan = script("stability").plan
+    plan = load_report("stability").plan
     (laws,) = (item.kind for item in plan.items if getattr(item.kind, "laws", ()))
     inputs, _ = plan.collect_requirements()
     for law, task in zip(laws.laws, laws.list_tasks(inputs), strict=True):

@@ -18,7 +18,7 @@ THESIS = Path(reports.__file__).parent / "thesis"
 
 @pytest.fixture(scope="module")
 def report() -> Report:
-    return reports.script("thesis")
+    return reports.load_report("thesis")
 
 
 def test_203_of_222_printed_charges_count(report):
@@ -28,7 +28,7 @@ def test_203_of_222_printed_charges_count(report):
 
 @pytest.mark.parametrize("name", [name for name in reports.REPORTS if name != reports.DEFAULT])
 def test_previews_of_reports_are_small(name):
-    plan, counts = reports.script(name).plan, []
+    plan, counts = reports.load_report(name).plan, []
     for how in ({"quick": True}, {}, {"full": True}):
         _, needed = plan.collect_requirements(**how)
         counts.append(len({compute_key(task) for need in needed for task in need.tasks}))
