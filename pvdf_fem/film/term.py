@@ -96,7 +96,7 @@ class Constraints:
 UNCONSTRAINED = Constraints()
 
 
-class Assembly(Protocol):
+class MatrixAssembler(Protocol):
     """Sums matrices of deflections or of dofs into matrices of the unknowns."""
 
     def of_deflections(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
@@ -125,7 +125,7 @@ class SolverHints:
 class NonlocalTangent:
     """Parts of a tangent that are no element matrices. By default there are none."""
 
-    def coupled_tangent(self, assembly: Assembly, state: State) -> sp.csc_matrix | None:
+    def coupled_tangent(self, assembly: MatrixAssembler, state: State) -> sp.csc_matrix | None:
         """Return a sparse part in N/m that couples elements, (unknowns, unknowns)."""
         return None
 
@@ -220,7 +220,7 @@ class Term(SolverHints, NonlocalTangent, ABC):
         return np.array([self.energy(state), slope, 0.5 * curvature, 0.0, 0.0])
 
 
-class Load(Term):
+class LoadTerm(Term):
     """External forces, dead or depending on the present displacement.
 
     A subclass gives `force`, `forces` and `scaled`. A load whose forces follow the film gives

@@ -22,7 +22,7 @@ from pvdf_fem.film.loads.load_spec import count_auxiliary_nodes
 from pvdf_fem.film.loads.probe_load import ProbeLoad
 from pvdf_fem.film.low_rank import LowRankUpdate
 from pvdf_fem.film.space import Space
-from pvdf_fem.film.term import Load, State, Term
+from pvdf_fem.film.term import LoadTerm, State, Term
 from pvdf_fem.film.unknowns import FIXED, Assembly, Unknowns
 from pvdf_fem.mesh.subdomains import MIRRORS, RIM
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
@@ -114,7 +114,7 @@ class Equilibrium:
         """Return the equations of the film under its loads times a factor."""
 
         def scale(term: Term) -> Term:
-            return term.scaled(factor) if isinstance(term, Load) else term
+            return term.scaled(factor) if isinstance(term, LoadTerm) else term
 
         return self.map_terms(scale)
 
@@ -126,7 +126,7 @@ class Equilibrium:
     @property
     def force(self) -> float:
         """Sum of the magnitudes of the loads' forces in N."""
-        return sum(term.force for term in self.terms if isinstance(term, Load))
+        return sum(term.force for term in self.terms if isinstance(term, LoadTerm))
 
     @property
     def conservative(self) -> bool:
@@ -290,7 +290,7 @@ class Equilibrium:
         """Return the external forces at the dofs in N, (dofs,)."""
         forces = np.zeros(self.space.dof_count)
         for term in self.terms:
-            if isinstance(term, Load):
+            if isinstance(term, LoadTerm):
                 forces = forces + term.forces(state)
         return forces
 

@@ -17,11 +17,11 @@ from pvdf_fem.film.loads.probe_load import (
     integrate_traction,
 )
 from pvdf_fem.film.space import Space
-from pvdf_fem.film.term import ElementForces, ElementMatrices, Load, State
+from pvdf_fem.film.term import ElementForces, ElementMatrices, LoadTerm, State
 from pvdf_fem.scene.film import Film
 
 
-class FilmLoad(Load):
+class FilmLoad(LoadTerm):
     """A traction along z on the whole film; `factor` multiplies the traction of the scene.
 
     A subclass gives `traction`.

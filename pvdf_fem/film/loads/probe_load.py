@@ -22,13 +22,13 @@ from pvdf_fem.arrays import Array, Indices, Selection
 from pvdf_fem.film.loads.load_spec import LoadSpec
 from pvdf_fem.film.loads.profiles import make_profile
 from pvdf_fem.film.space import Space
-from pvdf_fem.film.term import ElementForces, ElementMatrices, Load, State
+from pvdf_fem.film.term import ElementForces, ElementMatrices, LoadTerm, State
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 UP: Array = np.array([0.0, 0.0, 1.0])
 
 
-class ProbeLoad(Load):
+class ProbeLoad(LoadTerm):
     """A load by a probe: the base of every ``load.kind``.
 
     Parameters

@@ -23,10 +23,10 @@ from pvdf_fem.film.loads.probe_load import DeadPressure, ProbeLoad
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import (
     NO_INDICES,
-    Assembly,
     Constraints,
     ElementForces,
     ElementMatrices,
+    MatrixAssembler,
     State,
     Term,
 )
@@ -268,7 +268,7 @@ class RigidTip(ProbeLoad):
         stiffness[..., :2, :2] -= weighted[..., None, None] * overlap.hessian[elements]
         return stiffness
 
-    def coupled_tangent(self, assembly: Assembly, state: State) -> sp.csc_matrix | None:
+    def coupled_tangent(self, assembly: MatrixAssembler, state: State) -> sp.csc_matrix | None:
         """Return the row and column of the depth in N/m, (unknowns, unknowns)."""
         if not self.has_unknown_depth:
             return None
