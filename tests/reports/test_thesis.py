@@ -21,7 +21,7 @@ def report() -> Report:
     return reports.load_report("thesis")
 
 
-def test_203_of_222_printed_charges_count(report):
+def test_203_of_222_printed_charges_are_compared(report):
     counted, printed = report.plan.data["charges"].frame, pd.read_csv(THESIS / "charges.csv")
     assert [of[[*"ABCD"]].notna().sum().sum() for of in (counted, printed)] == [203, 222]
 
@@ -59,7 +59,7 @@ def test_links_of_texts_lead_to_figures_and_files(report):
 
 
 @pytest.mark.slow
-def test_what_is_special_is_made_in_a_preview(report):
+def test_the_kinds_of_the_thesis_work_in_a_preview(report):
     inputs, needed = report.plan.collect_requirements(quick=True)
     own = [need for need in needed if need.tasks or need.item.name == "contents"]
     assert len(own) == 4
@@ -80,13 +80,16 @@ def test_what_is_special_is_made_in_a_preview(report):
 FOUND = """
 from typing import Literal
 import pandas as pd
-from pvdf_fem.report.kind import Content, Kind
+from pvdf_fem.report.kind import Kind
 
 class Found(Kind):
     kind: Literal["found"]
 
-    def compose(self, inputs, results):
-        return Content("", pd.DataFrame(dict(a=[1])), claim="{claim}")
+    def collect_data(self, inputs, results):
+        return pd.DataFrame(dict(a=[1]))
+
+    def make_claim(self, data):
+        return "{claim}"
 """
 
 
