@@ -194,8 +194,8 @@ def warn_of_cancelled_charges(scene: Scene, integrals: StressIntegrals) -> list[
     for i in np.flatnonzero(has_cancelled & is_inaccurate):
         by_d31, by_d32 = 1e12 * parts[i]
         warnings.append(
-            f"charge {scene.electrode_list[i].name}: {1e12 * charges[i]:.4g} pC remains of the parts"
-            f" {by_d31:.4g} and {by_d32:.4g} pC (by d31 and d32), which cancel; its error of"
+            f"charge {scene.electrode_list[i].name}: {1e12 * charges[i]:.4g} pC remains of the"
+            f" parts {by_d31:.4g} and {by_d32:.4g} pC (by d31 and d32), which cancel; its error of"
             f" {1e12 * errors[i]:.2g} pC is within the tolerance only relative to"
             f" {CANCELLATION_SHARE:g} of the sum of these parts"
         )
