@@ -26,7 +26,8 @@ class FilmData:
     charge_errors_pC: dict[str, float]  #: Their estimated errors.
     contacts: dict[str, ContactResult]  #: Contacts of indenter tips, by patch.
     included: Sequence[str]  #: Included effects beyond the membrane.
-    #: Computes the elements' shares in the charge errors in C, (elements, electrodes).
+    #: Computes the contributions of the elements to the charge errors in C, as an array
+    #: (elements, electrodes).
     error_shares: Callable[[], Array]
 
     @property

@@ -25,14 +25,14 @@ from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
 
 
 class ElementShares(NamedTuple):
-    """Element sizes of the first mesh at an electrode and at the probe, over area/perimeter."""
+    """Element sizes of the first mesh, as fractions of area divided by perimeter."""
 
     electrode: float
     probe: float
 
 
 class Observable(ABC):
-    """The stress integrals of an electrode, by the film's stress."""
+    """A rule for the stress integrals of an electrode."""
 
     name: ClassVar[str]  #: Value of the scene's key ``numerics.observable``.
     #: Whether electrodes have to be rectangles along the axes of their scene.
@@ -42,15 +42,15 @@ class Observable(ABC):
 
     @abstractmethod
     def stress(self, film: Laminate, gradient: Array) -> Array:
-        """Return the stress that is integrated.
+        """Return the stress that the electrode integrates.
 
         Parameters
         ----------
         film : Laminate
             The film's law.
         gradient : ndarray, shape (..., 3, 2)
-            Displacement gradient. It may be complex, with a small step as its imaginary part: the
-            imaginary part of the stress is then its derivative times the step.
+            Displacement gradient. It may be complex (for complex-step derivatives): the imaginary
+            part of the stress is then the derivative times the imaginary step.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Deflection, strain, stress and charge density of a solved film at points and along lines."""
+"""Deflection, strain, stress and charge density of a solution at points and along lines."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class PointValues(TabularResult):
         return columns
 
     def summary(self) -> Summary:
-        """Return the range of the deflections, and the first and the last points."""
+        """Summarize the range of the deflections, with a table of the first and last few points."""
         deflections = self.deflection_mm
         known = deflections[np.isfinite(deflections)]
         span = "none"
@@ -249,7 +249,7 @@ def evaluate_along(
     """
     corners = coerce_array("line_mm", line_mm)
     if corners.shape[1:] != (2,) or len(corners) < 2:
-        reason = "is no line; give corners [(0, 0), (10, 5)]"
+        reason = "is not a line; give corners [(0, 0), (10, 5)]"
         raise ValueError(format_error("line_mm", line_mm, reason))
     points = coerce("points", points, int, (2, 1e6))
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)

@@ -23,8 +23,8 @@ from pvdf_fem.scene.keys import Affects, select_by_effect
 from pvdf_fem.scene.placed.probe import Probe
 from pvdf_fem.scene.scene import Scene
 
-#: Lengths over the film's radius are equal if they agree to this many decimals, and forces over
-#: the thickness if they agree to this many digits.
+#: Lengths divided by the film's radius are equal if they agree to this many decimals, and forces
+#: divided by the thickness if they agree to this many digits.
 DIGITS = 9
 #: Effects of keys that change the film's deformation.
 MECHANICAL_EFFECTS = (Affects.MECHANICS, Affects.OUTLINE, Affects.PRESTRAIN, Affects.SCALE)
@@ -36,7 +36,7 @@ class MechanicalKey(NamedTuple):
     #: Equal for problems that share a solve; it has the tolerance and the limits of the numerics.
     text: str
     #: Orthogonal matrix from the scene's axes to axes in which the probes of all problems with
-    #: this text have the same place, (2, 2).
+    #: this text coincide, (2, 2).
     frame: Array
 
 
@@ -80,7 +80,7 @@ def compute_mechanical_key(problem: Problem) -> MechanicalKey:
 
 
 def describe_mechanics(problem: Problem, scene: Scene | None = None) -> str:
-    """Return a text of all that the deformation depends on, without use of any symmetry.
+    """Return a text of everything that the deformation depends on, ignoring symmetry.
 
     Parameters
     ----------
@@ -106,9 +106,9 @@ def _may_be_turned(scene: Scene) -> bool:
 
 @lru_cache(maxsize=4096)
 def _find_canonical_place(probe: Probe, radius: float, isotropy: str) -> tuple[str, Array]:
-    """Find the first of a probe's equivalent places, as text, and the frame that brings it there.
+    """Find the canonical position of a probe among its equivalent ones, and the frame that leads there.
 
-    Several frames bring a symmetric probe to its first place; the one that turns least is taken.
+    Several frames lead a symmetric probe there; the one with the smallest rotation is taken.
     """
     outline = probe.outline
     points = outline.defining_points / radius
@@ -123,7 +123,7 @@ def _find_canonical_place(probe: Probe, radius: float, isotropy: str) -> tuple[s
 
 
 def _list_frames(points: Array, centre: Array, isotropy: str) -> list[Array]:
-    """List the turns and reflections that keep the film and bring a probe to a canonical place."""
+    """List the rotations and reflections of the film that may bring a probe to its canonical pose."""
     if isotropy != "isotropic":
         flips = [np.diag(signs) for signs in product((1.0, -1.0), repeat=2)]
         if isotropy == "axes":

@@ -38,9 +38,9 @@ class Output:
 
     @property
     def charge_coefficients(self) -> Array:
-        """Derivatives of the charge by the stress integrals of the strain alone, in C/N, (2,).
+        """Derivatives of the charge with respect to X and Y of the strain alone, in C/N, (2,).
 
-        They differ from d31 and d32 where the electrode's voltage adds stress.
+        They differ from d31 and d32 if the electrode's voltage adds stress.
         """
         d = np.array(self.d)
         if self.floating is None:

@@ -251,8 +251,8 @@ def select_by_effect(table: Section, *effects: Affects) -> dict[str, Any]:
     Returns
     -------
     dict
-        Values by key, and for tables in the table lists of such dictionaries. Equal dictionaries
-        have equal texts by `repr`.
+        Values by key; a table among the values becomes a list of one such dictionary, a list of
+        tables a list of several. Equal dictionaries have equal texts by `repr`.
     """
     selected: dict[str, Any] = {}
     for name, key in table.table_keys.items():
