@@ -34,7 +34,6 @@ from pvdf_fem.mesh.subdomains import (
     name_mesh_parts,
 )
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
-from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import EllipseCurve, Line, Outline
 from pvdf_fem.scene.scene import Scene
 
@@ -130,7 +129,7 @@ def mesh_scene(
     outlines = collect_outlines(scene) | dict(contacts)
     shortest = min((outline.perimeter for outline in outlines.values()), default=0.0)
     if isinstance(sizes, GradedSizes):
-        film = Circle(np.zeros(2), scene.film.radius)
+        film = scene.film.outline
         whole_count = sizes.estimate_element_count(
             film.area, {FILM: film, **outlines}, arcs=_count_arcs(scene.numerics.tolerance)
         )
@@ -160,7 +159,7 @@ def _mesh_once(
 ) -> MeshTri2:
     """Mesh a scene once, with its outlines in the scene's axes."""
     unit = scene.film.radius / _GMSH_RADIUS
-    shapes: dict[str, Outline] = {FILM: Circle(np.zeros(2), scene.film.radius)}
+    shapes: dict[str, Outline] = {FILM: scene.film.outline}
     for name, outline in outlines.items():
         shapes[name] = outline.transform(sector.frame)
     for name, reflected in sector.reflected_electrodes.items():

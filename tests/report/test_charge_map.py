@@ -1,4 +1,4 @@
-"""Maps of charges over the probe's place, contours, and touches found again."""
+"""Maps of charges over the probe's place, contours, and located touches."""
 
 from __future__ import annotations
 

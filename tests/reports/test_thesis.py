@@ -48,6 +48,15 @@ def test_charges_of_each_kind_of_scene_are_within_2_percent(report):
         assert [*charges.values()] == pytest.approx(printed, rel=0.02, nan_ok=True)
 
 
+@pytest.mark.parametrize(("name", "rows"), [("findings", 12), ("numbers", 12), ("contents", 21)])
+def test_texts_are_tables_with_numbers_in_braces(name, rows):
+    texts = pd.read_csv(THESIS / f"{name}.csv", dtype=str, keep_default_na=False)
+    assert len(texts) == rows
+    fields = texts.to_csv().count("{")
+    assert fields == texts.to_csv().count("}")
+    assert (fields > 0) == (name != "contents")
+
+
 def test_links_of_texts_lead_to_figures_and_files(report):
     names = {item.name for item in report.plan.items}
     for file in ("findings", "contents"):

@@ -20,14 +20,11 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
 from pvdf_fem.film.effects import format_two_digits
 from pvdf_fem.film.loads.contact_estimate import estimate_pressed_area
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.film.point_load import estimate_load_fraction, estimate_tension
 from pvdf_fem.scene.film import Film, Layer
-from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
@@ -140,7 +137,7 @@ def _find_pressing_load(scene: Scene, probe: LoadedProbe | None) -> _PressingLoa
         outline, probe_force = estimate_pressed_area(scene, probe)
         return _PressingLoad(force + probe_force, outline, PROBE_LOADS[probe.load.kind].is_rigid)
     if force:  # the load on the whole film presses as a probe that covers the film
-        return _PressingLoad(force, Circle(np.zeros(2), scene.film.radius), is_rigid=False)
+        return _PressingLoad(force, scene.film.outline, is_rigid=False)
     return _PressingLoad(0.0, None, is_rigid=False)
 
 
