@@ -94,7 +94,11 @@ class FloatingElectrode:
         r = max(distance - radius, pressed_radius, 0.5 * radius)
         covered = area / (math.pi * self.film.radius**2)
         kept = own_fraction + (1.0 - own_fraction) * covered
-        return float(np.trace(self.coupling_matrix)) * kept * estimate_load_fraction(self.film, force, r)
+        return (
+            float(np.trace(self.coupling_matrix))
+            * kept
+            * estimate_load_fraction(self.film, force, r)
+        )
 
 
 class Coupling(Term):

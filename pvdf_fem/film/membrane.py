@@ -85,7 +85,9 @@ class Membrane(Laminate, Term):
         is_uniform = np.abs(flat - mean).max() <= 1e-12 * np.abs(mean).max()  # but for rounding
         balanced = flat if is_uniform else np.broadcast_to(mean, flat.shape)
         undeformed = np.broadcast_to(IDENTITY, (*self.volumes.shape, 3, 2))
-        return self.space.sum_at_dofs(self.space.integrate_flux(self._first_piola(undeformed, balanced)))
+        return self.space.sum_at_dofs(
+            self.space.integrate_flux(self._first_piola(undeformed, balanced))
+        )
 
     def internal_forces(self, state: State) -> Array:
         """Return the forces of the strain's stress in N, (dofs,)."""
@@ -326,7 +328,9 @@ class Membrane(Laminate, Term):
         damping : float
             Artificial tension over the mean tension.
         """
-        return replace(state, stress=stress, tangent_stiffness=self.tangent_stiffness(state), damping=damping)
+        return replace(
+            state, stress=stress, tangent_stiffness=self.tangent_stiffness(state), damping=damping
+        )
 
 
 def compute_strain(gradient: Array) -> Array:

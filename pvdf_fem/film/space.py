@@ -171,7 +171,9 @@ class Space:
     def laplace_matrices(self) -> Array:
         """Return integrals of grad v . grad u, (elements, element dofs, element dofs)."""
         weighted = self.gradients * self.weights[..., None, None]
-        return self.expand_to_components(np.matmul(weighted, self.gradients.swapaxes(2, 3)).sum(axis=1))
+        return self.expand_to_components(
+            np.matmul(weighted, self.gradients.swapaxes(2, 3)).sum(axis=1)
+        )
 
     def mass_matrices(self) -> Array:
         """Return integrals of v . u in m², (elements, element dofs, element dofs)."""

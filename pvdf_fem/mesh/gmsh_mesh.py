@@ -137,7 +137,9 @@ def mesh_scene(
     for _ in range(attempts):
         mesh = _mesh_once(scene, outlines, sizes=sizes, sector=sector)
         # a side moved by this share of the shortest outline changes the area by less than 1e-6
-        mesh, is_distorted = straighten_sides(mesh, min_jacobian_ratio, largest_move=1e-5 * shortest)
+        mesh, is_distorted = straighten_sides(
+            mesh, min_jacobian_ratio, largest_move=1e-5 * shortest
+        )
         if not is_distorted.any():
             return mesh
         finer_sizes = GMSH_SIZE_RATIO * compute_element_sizes(mesh)

@@ -90,7 +90,9 @@ def compute_jacobian_ratios(mesh: MeshTri2) -> Array:
     return ratios
 
 
-def bend_sides(mesh: MeshTri2, is_distorted: Mask, min_jacobian_ratio: float) -> tuple[MeshTri2, Mask]:
+def bend_sides(
+    mesh: MeshTri2, is_distorted: Mask, min_jacobian_ratio: float
+) -> tuple[MeshTri2, Mask]:
     """Bend sides inside of patches next to arcs, in gaps narrower than the height of the arcs.
 
     Straight sides would cross the arcs there.

@@ -368,7 +368,9 @@ class Solution(ElectrodeCharges):
             charge_errors_pC=self.charge_errors_pC,
             contacts=self.contacts,
             included=self.included,
-            error_contributions=partial(compute_error_contributions, discrete, self.problem.outputs),
+            error_contributions=partial(
+                compute_error_contributions, discrete, self.problem.outputs
+            ),
         )
 
 

@@ -225,7 +225,9 @@ def test_kernel_equals_the_forms(sample):
     assert close(membrane.internal_forces(state), forces, 1e-14)
     assert close(free.assembly.matrix(membrane.tangent_matrices(state)), tangent, 1e-14)
     laplace = BilinearForm(lambda u, v, _: np.einsum("ia...,ia...", u.grad, v.grad))
-    assert close(free.assembly.matrix(free.space.laplace_matrices()), laplace.assemble(basis), 1e-14)
+    assert close(
+        free.assembly.matrix(free.space.laplace_matrices()), laplace.assemble(basis), 1e-14
+    )
 
 
 @of_cases("orthotropic")

@@ -321,7 +321,9 @@ class RigidTip(ProbeLoad):
         elements, weighted = self._touching_tractions(state)
         stiffness = np.einsum("epii->epi", self._point_stiffness(state, elements, weighted))
         values = self.space.values[elements]
-        diagonal = self.space.sum_at_dofs(np.matmul(values.swapaxes(1, 2) ** 2, stiffness), elements)
+        diagonal = self.space.sum_at_dofs(
+            np.matmul(values.swapaxes(1, 2) ** 2, stiffness), elements
+        )
         if self.has_unknown_depth:
             _, diagonal[self.depth_dof] = self._depth_rates(state)
         return diagonal
