@@ -115,15 +115,14 @@ class PredictedStressNewton(NewtonVariant):
         return FactorisedTangent(factorise(self.equilibrium.tangent(predicted)))
 
     def measure_step(self, q: Array, state: State, slope: float) -> float:
-        """Compute the relative size of a full step in the energy norm.
-
-        The squared norm of the displacement is the smaller of the loads' work and twice the energy.
-        """
-        work = self.equilibrium.work(state, q)
-        energy = self.equilibrium.membrane.energy(state)
-        scale = abs(min(work, 2.0 * energy))
-        self._last_size = float(np.sqrt(abs(slope) / scale)) if scale > 0.0 else np.inf
+        """Compute the relative size of a full step in the energy norm, and keep it."""
+        self._last_size = super().measure_step(q, state, slope)
         return self._last_size
+
+    def compute_squared_norm(self, q: Array, state: State) -> float:
+        """Compute the smaller of the loads' work and twice the energy in J."""
+        work = super().compute_squared_norm(q, state)
+        return min(work, 2.0 * self.equilibrium.membrane.energy(state))
 
     def choose_length(self, step: NewtonStep) -> float:
         """Choose where the energy along a full step nearly stops falling.
