@@ -1,34 +1,36 @@
-"""A membrane PVDF tactile sensor: charges of its electrodes under a probe, by finite elements.
+"""Finite elements of a membrane PVDF tactile sensor: from a load to charges, and back to the touch.
 
-Scene and solution
-    `Scene` describes film, electrodes, probe and load; `solve` gives a `Solution` with the charges.
-    `Problem` is a scene resolved to what is solved, and prints it without a solve.
-    `SceneError` lists the mistakes of a scene; `NotConvergedError` and `Status` say why there are
-    no charges.
-    `Replaced` is a table that takes the place of a whole one in `Scene.with_`.
+Scenes and solutions
+    A `Scene` describes film, electrodes, probe and load; `Replaced` replaces a whole table of a
+    scene in `Scene.with_`. `Problem` resolves a scene to what is solved, and printing it shows the
+    film model, the symmetry and the neglected effects. `solve` returns a `Solution` with the
+    charges and their errors. `SceneError` lists the errors of a scene; `NotConvergedError` and
+    `Status` say why a solve has no charges.
 About one solution
-    `gradients` differentiates the charges, `uncertainty` tells what uncertain values of the scene
-    make of these; `modes` gives the frequencies of the film, `respond` the
-    charges of an oscillating force by frequency, `transient` the charges of a `half_sine` or a
-    `step` of force by time.
+    `gradients` computes the derivatives of the charges, and `uncertainty` their standard deviations
+    due to uncertain values of the scene. `modes` computes the frequencies of the film, `respond`
+    the charges of an oscillating force by frequency, and `transient` the charges by time of a force
+    such as a `half_sine` or a `step`.
 Many scenes
-    `sweep` solves a grid of scenes; `Report` makes a page of a report script.
+    `sweep` solves a grid of scenes. `Report` makes a page of figures and tables from a script.
 From known touches to the sensor
-    `calibrate` finds film, gains, offsets and the film's place under the stage from readings.
+    `calibrate` fits the film, the gains and offsets of the amplifiers, and the place of the film on
+    the stage to readings of known touches.
 From charges to touches
-    `build_response` makes a `Response`, the charges as a fast function of the touch; `locate` and
-    `locate_many` find the touches that explain measured charges; `Tracker` follows touches in a
-    stream of readings. `design` tells how well different sensors would do so; `dataset` draws
-    random touches with noisy readings.
+    `build_response` builds a `Response`, which evaluates the charges of any touch fast. `locate`
+    and `locate_many` find the touches that explain readings, and a `Tracker` follows touches in a
+    stream of readings. `design` compares how well different sensors locate touches, and `dataset`
+    draws random touches with noisy readings.
 
-``help(pvdf_fem.solve)`` describes `solve` with its arguments, and so on.
+``help(pvdf_fem.solve)`` describes `solve` with its parameters, and so on. Modules log to the logger
+``pvdf_fem``, which is silent by default.
 """
 
 from __future__ import annotations
 
 from importlib import import_module
 
-# Type checkers take this for `typing.TYPE_CHECKING`; its import doubles Python's start.
+# Type checkers treat this name as `typing.TYPE_CHECKING`, whose import doubles the start of Python.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
@@ -115,15 +117,15 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    # A public name is imported when it is first asked for, so that the command line's help comes at
-    # once, and scenes can be read without gmsh, scikit-fem and scipy.
+    # A public name is imported at its first use, so that the help of the command line appears at
+    # once, and scenes can be read without gmsh, scikit-fem and SciPy.
     if name not in _MODULES:
         from pvdf_fem.scene.scene_file import suggest
 
         raise AttributeError(f"pvdf_fem has no {name}; {suggest(name, __all__)}")
     module = import_module(f"pvdf_fem.{_MODULES[name]}")
-    found = getattr(module, name)
-    return globals().setdefault(name, found)
+    value = getattr(module, name)
+    return globals().setdefault(name, value)
 
 
 def __dir__() -> list[str]:

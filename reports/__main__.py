@@ -1,4 +1,4 @@
-"""Makes a report by its name.
+"""Make a report by its name.
 
     python -m reports [NAME] [ARGUMENT ...]
 
@@ -33,35 +33,37 @@ REPORTS: dict[str, tuple[str, ...]] = {
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the report; returns its exit code, or 2 if there is no report of that name."""
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    name = given.pop(0) if given and not given[0].startswith("-") else DEFAULT
+    options = list(sys.argv[1:] if arguments is None else arguments)
+    name = DEFAULT
+    if options and not options[0].startswith("-"):
+        name = options.pop(0)
     if name not in REPORTS:
-        known = ", ".join(REPORTS)
-        print(
-            f"reports: error: {name[:60]!r} is not a report; give one of {known}", file=sys.stderr
-        )
+        names = ", ".join(REPORTS)
+        problem = f"{name[:60]!r} is not a report; give one of {names}"
+        print(f"reports: error: {problem}", file=sys.stderr)
         return 2
     out = OUT if name == DEFAULT else OUT / name
-    where = ("--kinds", str(kinds_file(name)), "--out", str(out))
-    code = cli.main(["report", str(script_of(name)), *where, *REPORTS[name], *given])
+    command = ["report", str(get_script_path(name)), "--kinds", str(get_kinds_path(name))]
+    command += ["--out", str(out), *REPORTS[name], *options]
+    code = cli.main(command)
     if name != DEFAULT and code != 2 and (OUT / PAGE).is_file():
-        script(DEFAULT).refresh(OUT)
+        load_report(DEFAULT).refresh(OUT)
     return code
 
 
-def script_of(name: str) -> Path:
-    """The path of a report's script."""
+def get_script_path(name: str) -> Path:
+    """Return the path of a report's script."""
     return HERE / name / "report.toml"
 
 
-def kinds_file(name: str) -> Path:
-    """The path of the file with a report's own kinds."""
+def get_kinds_path(name: str) -> Path:
+    """Return the path of the file with a report's own kinds."""
     return HERE / name / "special.py"
 
 
-def script(name: str) -> Report:
-    """The report of a name."""
-    return Report.load(script_of(name), load_kinds(kinds_file(name)))
+def load_report(name: str) -> Report:
+    """Read the report of a name."""
+    return Report.load(get_script_path(name), load_kinds(get_kinds_path(name)))
 
 
 if __name__ == "__main__":

@@ -120,7 +120,10 @@ def solve_planned(
 def _solve_blocks(
     plan: SweepPlan, store: Store | None, *, run: Runner, unloaded: UnloadedRecords
 ) -> Iterator[tuple[int, list[Record]]]:
-    """Yield block numbers with their records, in order of completion; records join the store."""
+    """Solve the blocks of a plan; save and yield their records as they finish.
+
+    Blocks that another program has solved in the meantime come last.
+    """
     if store is not None and plan.blocks:
         store.require_writable()
     solved_elsewhere: dict[int, list[Record]] = {}
@@ -136,7 +139,10 @@ def _solve_blocks(
 def _list_tasks(
     plan: SweepPlan, store: Store | None, solved_elsewhere: dict[int, list[Record]]
 ) -> Iterator[tuple[int, SolveTask]]:
-    """Yield the tasks of blocks, and collect the blocks that another program has solved by now."""
+    """Yield the tasks of blocks.
+
+    Records of blocks that another program has solved by now are put into `solved_elsewhere`.
+    """
     for number, block in enumerate(plan.blocks):
         scenes = plan.scenes_of(number)
         stored = []
@@ -164,7 +170,7 @@ def _finish_records(
 
 
 def _store_records(scenes: list[Scene], records: list[Record], store: Store | None) -> None:
-    """Keep the records of scenes that have not crashed."""
+    """Save the records of scenes that have not crashed to the store."""
     if store is None:
         return
     pairs = zip(scenes, records, strict=True)

@@ -30,7 +30,7 @@ from pvdf_fem.dynamics.spectrum import assemble_pencil
 from pvdf_fem.electrodes.stress_integrals import differentiate_charges
 from pvdf_fem.film.loads.probe_load import UP
 from pvdf_fem.film.low_rank import LowRankUpdate
-from pvdf_fem.film.term import Load, State
+from pvdf_fem.film.term import LoadTerm, State
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.progress import Progress, ignore_progress
 from pvdf_fem.solver.estimate.next_order import factorise_tangent, solve_next_order
@@ -243,11 +243,11 @@ def linearise_about(solution: Solution) -> LinearisedMotion:
 def _assemble_elastic_stiffness(equilibrium: Equilibrium, state: State) -> Any:
     """Assemble the film's stiffness in N/m without the geometric stiffness by its tension."""
     space, membrane = equilibrium.space, equilibrium.membrane
-    film_terms = [term for term in equilibrium.terms if not isinstance(term, Load)]
+    film_terms = [term for term in equilibrium.terms if not isinstance(term, LoadTerm)]
     film = equilibrium.with_terms(film_terms)
     # (elements, points, 2, 2)
     tension = (state.stress * membrane.volumes[..., None])[..., [[0, 2], [2, 1]]]
     gradients = space.gradients
     products = np.matmul(np.matmul(gradients, tension), gradients.swapaxes(2, 3))
-    geometric = equilibrium.assembly.matrix(space.by_component(products.sum(axis=1)))
+    geometric = equilibrium.assembly.matrix(space.expand_to_components(products.sum(axis=1)))
     return film.tangent(state) - geometric

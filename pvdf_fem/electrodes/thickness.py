@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.term import Load, State
+from pvdf_fem.film.term import LoadTerm, State
 from pvdf_fem.mesh.subdomains import make_subdomain_name
 from pvdf_fem.problem.equilibrium import Equilibrium
 
@@ -29,9 +29,9 @@ def compute_thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
     film_forces = equilibrium.film_forces(state)
     pressing = np.zeros(mesh.nelements)
     for term in equilibrium.terms:
-        if not isinstance(term, Load):
+        if not isinstance(term, LoadTerm):
             continue
-        pressed = term.face_forces(state, film_forces)
+        pressed = term.through_thickness_forces(state, film_forces)
         if pressed is not None:
             elements, forces = pressed
             pressing[elements] += forces

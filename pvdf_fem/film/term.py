@@ -40,7 +40,7 @@ class State:
     #: Stress that terms add to the strain's stress, if any does, (elements, 1, 3).
     added: Array | None = field(default=None, kw_only=True)
     #: Moduli in Pa that replace the strain's moduli in a tangent.
-    moduli: Array | None = field(default=None, kw_only=True)
+    tangent_stiffness: Array | None = field(default=None, kw_only=True)
     #: Artificial tension in a tangent, over the film's mean tension.
     damping: float = field(default=0.0, kw_only=True)
 
@@ -96,7 +96,7 @@ class Constraints:
 UNCONSTRAINED = Constraints()
 
 
-class Assembly(Protocol):
+class MatrixAssembler(Protocol):
     """Sums matrices of deflections or of dofs into matrices of the unknowns."""
 
     def of_deflections(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
@@ -125,7 +125,7 @@ class SolverHints:
 class NonlocalTangent:
     """Parts of a tangent that are no element matrices. By default there are none."""
 
-    def coupled_tangent(self, assembly: Assembly, state: State) -> sp.csc_matrix | None:
+    def coupled_tangent(self, assembly: MatrixAssembler, state: State) -> sp.csc_matrix | None:
         """Return a sparse part in N/m that couples elements, (unknowns, unknowns)."""
         return None
 
@@ -188,14 +188,14 @@ class Term(SolverHints, NonlocalTangent, ABC):
     def action(self, state: State, x: Array) -> Array | None:
         """Return the sum of `element_action` at the dofs in N, (dofs,)."""
         forces = self.element_action(state, x)
-        return None if forces is None else self.space.sum(forces)
+        return None if forces is None else self.space.sum_at_dofs(forces)
 
     def diagonal(self, state: State) -> Array | None:
         """Return the diagonal of the symmetric tangent in N/m, (dofs,); None as `action`."""
         tangent = self.element_tangent(state) if self.conservative else None
         if tangent is None:
             return None
-        return self.space.sum(np.einsum("eii->ei", tangent.matrices), tangent.elements)
+        return self.space.sum_at_dofs(np.einsum("eii->ei", tangent.matrices), tangent.elements)
 
     def energy_along(self, state: State, x: Array) -> Array:
         """Return the energy of the dofs moved by s `x`, as a polynomial in s.
@@ -220,7 +220,7 @@ class Term(SolverHints, NonlocalTangent, ABC):
         return np.array([self.energy(state), slope, 0.5 * curvature, 0.0, 0.0])
 
 
-class Load(Term):
+class LoadTerm(Term):
     """External forces, dead or depending on the present displacement.
 
     A subclass gives `force`, `forces` and `scaled`. A load whose forces follow the film gives
@@ -249,7 +249,7 @@ class Load(Term):
         """Return the forces with a minus sign in N, (dofs,)."""
         return -self.forces(state)
 
-    def face_forces(self, state: State, residual: Array) -> ElementForces | None:
+    def through_thickness_forces(self, state: State, residual: Array) -> ElementForces | None:
         """Return the forces by which the load compresses the film across its thickness.
 
         Parameters

@@ -24,7 +24,7 @@ from scipy.special import chdtr
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.least_squares import SearchOptions, run_levenberg_marquardt
-from pvdf_fem.inverse.touch.location_problem import LocationProblem
+from pvdf_fem.inverse.touch.location_problem import PLACE, LocationProblem
 from pvdf_fem.inverse.touch.touch import Touch
 from pvdf_fem.surrogate.charge_function import find_rotation_period_deg
 from pvdf_fem.surrogate.touch_domain import TouchColumn
@@ -232,7 +232,7 @@ def profile_chi_square(
         Least chi-square at each place: minus twice the logarithm of the profile likelihood.
     """
     touches = np.tile(touch.values, (len(places_mm), 1))
-    touches[:, : TouchColumn.ROTATION] = places_mm
+    touches[:, PLACE] = places_mm
     initial = problem.to_coordinates(touches)
     free = problem.unknown[~np.isin(problem.unknown, (TouchColumn.X, TouchColumn.Y))]
     at_places = replace(problem, unknown=free)

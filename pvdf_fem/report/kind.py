@@ -339,13 +339,13 @@ class ElectrodeKind(FigureKind):
 
     def resolve_electrodes(self, scene: Scene) -> tuple[str, ...]:
         """Return the names of the electrodes; `SceneError` for unknown or repeated names."""
-        known = [electrode.name for electrode in scene.electrode_list]
+        names = [electrode.name for electrode in scene.electrode_list]
         if self.electrodes is None:
-            return tuple(known)
+            return tuple(names)
         problems = []
         for name in self.electrodes:
-            if name not in known:
-                reason = f"is no electrode of the scene; {suggest(name, known)}"
+            if name not in names:
+                reason = f"is no electrode of the scene; {suggest(name, names)}"
                 problems.append(format_error("electrodes", name, reason))
         if len(set(self.electrodes)) < len(self.electrodes):
             reason = "has a name twice; remove one"

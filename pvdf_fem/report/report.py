@@ -203,7 +203,7 @@ class _Work:
         self.out = out
         self.plan = plan
         self.inputs = inputs
-        self.found: dict[Scene | str, Record | Rows | WorkerDied] = {}
+        self.results: dict[Scene | str, Record | Rows | WorkerDied] = {}
         self.failures: list[str] = []
         self.items: dict[str, _PendingItem] = {}
         everything: set[Scene | str] = set()
@@ -227,17 +227,17 @@ class _Work:
             if not pending.missing:
                 self._compose(pending)
 
-    def add(self, key: Scene | str, found: Record | Rows | WorkerDied) -> None:
+    def add(self, key: Scene | str, result: Record | Rows | WorkerDied) -> None:
         """Add a result, and compose the items that missed nothing else.
 
         Parameters
         ----------
         key : Scene or str
             A scene, or the key of a task.
-        found : Record, rows or WorkerDied
+        result : Record, rows or WorkerDied
             The scene's record, or the task's rows.
         """
-        self.found[key] = found
+        self.results[key] = result
         for pending in self.items.values():
             if key in pending.missing:
                 pending.missing.remove(key)
@@ -247,7 +247,7 @@ class _Work:
     def _compose(self, pending: _PendingItem) -> None:
         """Compose an item, write its files and the page, and add its failures."""
         item, scenes, tasks = pending.needed
-        results = ReportResults(self.found)
+        results = ReportResults(self.results)
         failures = results.describe_failures(scenes, tasks)
         warnings = results.describe_warnings(scenes)
         try:
@@ -284,7 +284,7 @@ class _Work:
             self.plan,
             entries,
             self.out,
-            done=len(self.found),
+            done=len(self.results),
             total=self.total,
             is_preview=self.inputs.quick,
         )

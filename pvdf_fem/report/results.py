@@ -25,20 +25,20 @@ class ReportResults:
 
     Parameters
     ----------
-    found : mapping
+    results : mapping
         Records by scene, and rows by the keys of tasks (`compute_key`). `WorkerDied` stands for the
         rows of a task that failed.
     """
 
-    def __init__(self, found: Mapping[Any, Record | Rows | WorkerDied]) -> None:
-        self._found: Mapping[Any, Any] = found
+    def __init__(self, results: Mapping[Any, Record | Rows | WorkerDied]) -> None:
+        self._results: Mapping[Any, Any] = results
 
     def get_rows(self, task: Task) -> Rows:
         """Return the rows of a task; `NothingToShowError` where the task failed."""
-        found: Rows | WorkerDied = self._found[compute_key(task)]
-        if isinstance(found, WorkerDied):
-            raise NothingToShowError(_describe_failure(task, found))
-        return found
+        rows: Rows | WorkerDied = self._results[compute_key(task)]
+        if isinstance(rows, WorkerDied):
+            raise NothingToShowError(_describe_failure(task, rows))
+        return rows
 
     def get_charges(self, scenes: Sequence[Scene], names: Sequence[str], reading: str) -> Array:
         """Return charges of electrodes by scene.
@@ -127,21 +127,21 @@ class ReportResults:
         """
         reasons: Counter[str] = Counter()
         for scene in dict.fromkeys(scenes):
-            record: Record = self._found[scene]
+            record: Record = self._results[scene]
             if not record.converged:
                 reasons[f"{record.status}: {record.reason}"] += 1
         lines = [f"{count} without charges: {reason}" for reason, count in reasons.items()]
         for task in tasks:
-            found = self._found[compute_key(task)]
-            if isinstance(found, WorkerDied):
-                lines.append(_describe_failure(task, found))
+            rows = self._results[compute_key(task)]
+            if isinstance(rows, WorkerDied):
+                lines.append(_describe_failure(task, rows))
         return lines
 
     def describe_warnings(self, scenes: Sequence[Scene]) -> list[str]:
         """Return a line with the number of scenes that have warnings, and the first warning."""
         first_warnings = []
         for scene in dict.fromkeys(scenes):
-            warnings = [*scene.warnings, *self._found[scene].warnings]
+            warnings = [*scene.warnings, *self._results[scene].warnings]
             if warnings:
                 first_warnings.append(warnings[0])
         if not first_warnings:
@@ -158,7 +158,7 @@ class ReportResults:
         """Return values (scenes, names) that `read` returns for the electrodes of a record."""
         values = np.full((len(scenes), len(names)), np.nan)
         for i, scene in enumerate(scenes):
-            record = self._found[scene]
+            record = self._results[scene]
             by_name = dict(zip(record.electrodes, read(record, scene).tolist(), strict=True))
             for j, name in enumerate(names):
                 values[i, j] = by_name.get(name, np.nan)

@@ -200,7 +200,7 @@ class AdaptiveLoop(Generic[T]):
                 self.problem.scene,
                 sizes,
                 self.sector,
-                self.problem.film.mesh_policy.least_jacobian,
+                self.problem.film.mesh_policy.min_jacobian_ratio,
                 contacts=self.find_contacts(coarser),
                 require=partial(self._require_affordable, overestimate=self.rules.overestimate),
             )

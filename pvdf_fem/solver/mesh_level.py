@@ -234,7 +234,7 @@ def _compute_error_contributions(
         "order_enrichment": equilibrium.model.mesh_policy.saturation * (corrected - values)
     }
     if level.layers is not None:
-        changed = level.result.q + level.layers.change(factors)
+        changed = level.result.q + level.layers.compute_change(factors)
         unresolved = _integrate(outputs, equilibrium, changed) - values
         contributions["bending_layers"] = np.abs(unresolved)
     if len(find_rigid_elements(equilibrium.terms)):
@@ -404,9 +404,9 @@ def choose_next_sizes(level: MeshLevel, tolerance: float, most_unknowns: float) 
     largest: Array | float = np.inf
     if level.layers is not None:
         layers = level.layers
-        effects = layers.effects(duals).max(axis=1)
+        effects = layers.compute_effects(duals).max(axis=1)
         total = float((effects * estimate_missing_fraction(layers.widths)).sum())
-        largest = layers.sizes(effects, max(reduction * total, tolerance))
+        largest = layers.choose_sizes(effects, max(reduction * total, tolerance))
     mesh = level.equilibrium.space.mesh
     rigid = find_rigid_elements(level.equilibrium.terms)
     sizes = compute_refined_sizes(mesh, shares, reduction, largest, rigid)

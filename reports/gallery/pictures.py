@@ -23,56 +23,62 @@ from pvdf_fem.view.figures import save_figure, use_style
 
 #: Key of the text in a PNG file.
 KEY = "pvdf_fem"
+MAX_LINE = 96  #: Letters of the longest line of the sample output.
 THESIS = Path(__file__).parents[1] / "thesis"
 README = Path(__file__).parents[2] / "README.md"
 #: README's sample output.
 SAMPLE = re.compile(r"(?<=^```text\n).*?(?=^```)", re.M | re.S)
-#: Values by name that a picture shows, with the scene that they are of.
-Shown = dict[str, Any]
+#: Scenes and charges of a picture, by name.
+Content = dict[str, Any]
 
 
-def deflection() -> tuple[Figure, Shown]:
-    """The deflected film under the example's triangle."""
+def draw_deflection() -> tuple[Figure, Content]:
+    """Draw the deflected film under the example's triangle."""
     solution = solve(Scene.example("triangle"))
-    return solution.plot(), shown([solution])
+    return solution.plot(), describe_solutions([solution])
 
 
-def rotation() -> tuple[Figure, Shown]:
-    """Charges of A and B against the rotation of the rectangle, beside the thesis's: a figure of
-    the report on the thesis."""
-    inputs, asked = turned()
-    scenes = asked.scenes
-    solved = dict(zip(scenes, solve_scenes(scenes, processes=1), strict=True))
+def draw_rotation() -> tuple[Figure, Content]:
+    """Draw the charges of A and B against the rotation of the rectangle, beside those printed.
+
+    This is a figure of the report on the thesis.
+    """
+    inputs, needed = plan_rotation()
+    scenes = needed.scenes
+    records = dict(zip(scenes, solve_scenes(scenes, processes=1), strict=True))
     with use_style():
-        figure = asked.item.kind.compose(inputs, ReportResults(solved)).figure
+        figure = needed.item.kind.compose(inputs, ReportResults(records)).figure
     assert figure is not None
-    return figure, shown([solve(scenes[0])])
+    return figure, describe_solutions([solve(scenes[0])])
 
 
-#: What makes a picture, by the name of its file.
-PICTURES: dict[str, Callable[[], tuple[Figure, Shown]]] = {
-    "deflection": deflection,
-    "rotation": rotation,
+#: Functions that draw the pictures, by the names of the files.
+PICTURES: dict[str, Callable[[], tuple[Figure, Content]]] = {
+    "deflection": draw_deflection,
+    "rotation": draw_rotation,
 }
 
 
-def turned() -> tuple[Inputs, Requirements]:
-    """The figure of the rotation, with what it is made of and its scenes."""
+def plan_rotation() -> tuple[Inputs, Requirements]:
+    """Return the inputs of the thesis's report, and the figure of the rotation with its scenes."""
     report = Report.load(THESIS / "report.toml", load_kinds(THESIS / "special.py"))
-    inputs, needed = report.plan.collect_requirements()
-    return inputs, next(asked for asked in needed if asked.item.name == "rotation")
+    inputs, requirements = report.plan.collect_requirements()
+    for needed in requirements:
+        if needed.item.name == "rotation":
+            return inputs, needed
+    raise LookupError("the report has no figure of the rotation")
 
 
-def shown(solutions: Sequence[Solution]) -> Shown:
-    """Scenes and charges in pC, in the order of the solutions."""
+def describe_solutions(solutions: Sequence[Solution]) -> Content:
+    """Return scenes and charges in pC, in the order of the solutions."""
     return {
         "scenes": [solution.scene.to_toml() for solution in solutions],
         "charges_pC": [solution.charges_pC for solution in solutions],
     }
 
 
-def write(name: str, folder: Path) -> Path:
-    """Draw a picture and write it with what it shows."""
+def write_picture(name: str, folder: Path) -> Path:
+    """Draw a picture and write it together with its scenes and charges."""
     figure, content = PICTURES[name]()
     path = folder / f"{name}.png"
     save_figure(figure, path)
@@ -84,14 +90,18 @@ def write(name: str, folder: Path) -> Path:
     return path
 
 
-def read(path: Path) -> Shown:
-    """What a picture shows, as `write` wrote it."""
+def read_content(path: Path) -> Content:
+    """Return the scenes and charges that `write_picture` wrote into a picture."""
     with Image.open(path) as image:
-        content: Shown = json.loads(image.info[KEY])
+        content: Content = json.loads(image.info[KEY])
     return content
 
 
-def sample() -> str:
-    """What `print` shows of the example's solution, long remarks cut short."""
-    lines = str(solve(Scene.example("triangle"))).splitlines()
-    return "".join(f"{textwrap.shorten(line, 96) if len(line) > 96 else line}\n" for line in lines)
+def make_sample() -> str:
+    """Return what `print` shows of the example's solution, with long notes cut short."""
+    lines = []
+    for line in str(solve(Scene.example("triangle"))).splitlines():
+        if len(line) > MAX_LINE:
+            line = textwrap.shorten(line, MAX_LINE)
+        lines.append(f"{line}\n")
+    return "".join(lines)

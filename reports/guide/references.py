@@ -1,4 +1,4 @@
-"""Reference pages of the guide, from the code: scene files, commands, and the public names."""
+"""Reference pages of the guide, generated from the code: scene files, commands, public names."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from pvdf_fem.scene.scene_file import get_example_text, read_examples
 from pvdf_fem.scene.validation.table_forms import TableForm
 from reports.guide.scene_keys import clean_docstring, make_key_table, make_scene_page
 
-#: What public names return or take, by headings of the page.
+#: Classes that public names return or take, by headings of the page.
 RESULTS: Mapping[str, tuple[str, ...]] = {
-    "What results hold": (
+    "Results and their parts": (
         "pvdf_fem.electrodes.point_values.PointValues",
         "pvdf_fem.problem.contact_result.ContactResult",
         "pvdf_fem.film.loads.punch.PunchTilt",
@@ -42,7 +42,7 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "pvdf_fem.report.report.MadeReport",
         "pvdf_fem.report.kind.Content",
     ),
-    "What they take": (
+    "Options and other arguments": (
         "pvdf_fem.surrogate.response_options.ResponseOptions",
         "pvdf_fem.surrogate.touch_domain.Domain",
         "pvdf_fem.inverse.touch.search.LocateOptions",
@@ -54,28 +54,35 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-#: Members of public classes that other modules of the package use, and pydantic's.
+#: Members of public classes that only the package itself uses, and pydantic's.
 INTERNAL = (
-    *("model_config", "model_post_init", "summary", "film_data", "fields", "at_rest", "table"),
-    *("loaded", "loaded_probes", "single_probe", "tips", "unheeded", "warm_probes"),
-    *("require_no_tips", "require_plain_charges", "plan", "is_fast", "quantities"),
-    *("with_measured_error", "stress_modes", "validation"),
+    *("model_config", "model_post_init", "table_keys", "summary", "film_data", "plan", "refresh"),
+    *("loaded_probes", "single_probe", "tips", "warm_probes", "with_loaded_probes"),
+    *("find_unused_load_keys", "require_no_tips", "require_plain_charges", "require_rows"),
+    *("discrete", "unloaded_integrals", "quantities", "empty", "store", "from_state"),
+    *("is_fast", "with_measured_error", "stress_modes", "validation"),
+    *("unloaded_scene", "unloaded_stress", "unloaded_outputs", "check_profiles", "with_scene"),
 )
 
 
 def write_references(folder: Path) -> None:
-    """Write all pages to a folder; a page that has not changed keeps its time."""
+    """Write all reference pages to a folder; the file of an unchanged page is not touched."""
     folder.mkdir(exist_ok=True)
-    pages = {"scene": make_scene_page(), "report": report_page(), "commands": commands_page()}
-    pages |= {"api": api_page()}
-    for name, text in (pages | {"modules": modules_page()}).items():
+    pages = {
+        "scene": make_scene_page(),
+        "report": make_report_page(),
+        "commands": make_commands_page(),
+        "api": make_api_page(),
+        "modules": make_modules_page(),
+    }
+    for name, text in pages.items():
         path = folder / f"{name}.md"
         if not path.exists() or path.read_text("utf-8") != text:
             path.write_text(text, "utf-8")
 
 
-def report_page() -> str:
-    """Every table of a report script, and every kind of figure and table, with its keys."""
+def make_report_page() -> str:
+    """Describe the tables of report scripts and every kind of figure and table."""
     lines = [
         "# Report scripts",
         "A report script is a TOML file of these tables; [the guide](../report.md) has examples.",
@@ -87,8 +94,8 @@ def report_page() -> str:
         "[[other]]": Other,
     }
     for heading, model in tables.items():
-        lines += ["", f"## `{heading}`", "", *_alone(model)]
-    lines += ["", "## Keys of every figure and table", "", *_alone(Kind)]
+        lines += ["", f"## `{heading}`", "", *_describe_table(model)]
+    lines += ["", "## Keys of every figure and table", "", *_describe_table(Kind)]
     for form, kinds in {"figure": FIGURES, "table": REPORT_TABLES}.items():
         for name, model in kinds.items():
             keys = [key for key in model.model_fields if key not in Kind.model_fields]
@@ -105,8 +112,8 @@ def report_page() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _alone(model: type[Section]) -> list[str]:
-    """A model's docstring, and a table of its keys."""
+def _describe_table(model: type[Section]) -> list[str]:
+    """Return the docstring of a model and a table of its keys."""
     return [
         clean_docstring(model.__doc__),
         "",
@@ -114,63 +121,71 @@ def _alone(model: type[Section]) -> list[str]:
     ]
 
 
-def commands_page() -> str:
-    """The help of the command and of its commands."""
-    lines = ["# Commands", "This is what `--help` prints.", "", "## `pvdf-fem`", ""]
+def make_commands_page() -> str:
+    """Show the help of `pvdf-fem` and of each of its commands."""
+    lines = ["# Commands", "Each section shows the output of `--help`.", "", "## `pvdf-fem`", ""]
     lines += ["```text", make_parser().format_help().rstrip(), "```"]
     for name, command in make_command_parsers().items():
         lines += ["", f"## `pvdf-fem {name}`", "", "```text", command.format_help().rstrip(), "```"]
     return "\n".join(lines) + "\n"
 
 
-def api_page() -> str:
-    """The public names under the headings of the package's docstring, then what they return."""
-    lines = ["# Python interface", "", "Public names come from `pvdf_fem` itself,"]
-    lines += [
-        "other classes and functions from the modules that are written before their names.",
+def make_api_page() -> str:
+    """Document the public names under the headings of the package's docstring, then the results."""
+    lines = [
+        "# Python interface",
+        "",
+        "Import public names from `pvdf_fem` itself, and all other classes and functions from the",
+        "modules that are written before their names.",
         "",
     ]
     doc = inspect.cleandoc(pvdf_fem.__doc__ or "")
-    groups = re.findall(r"^(\w[^\n]*)\n((?:    [^\n]*\n?)+)", doc, re.M)
-    left = list(pvdf_fem.__all__)
-    for heading, text in groups:
-        named = [name for name in re.findall(r"`(\w+)`", text) if name in left]
-        left = [name for name in left if name not in named]
+    undocumented = set(pvdf_fem.__all__)
+    for heading, text in re.findall(r"^(\w[^\n]*)\n((?:    [^\n]*\n?)+)", doc, re.M):
+        names = [
+            name for name in dict.fromkeys(re.findall(r"`(\w+)`", text)) if name in undocumented
+        ]
+        undocumented.difference_update(names)
         lines += [f"## {heading}", "", inspect.cleandoc(text).replace("``", "`"), ""]
-        for name in dict.fromkeys(named):
-            lines += _documented(f"pvdf_fem.{name}")
-    assert not left, f"in no group of the package's docstring: {left}"
-    for heading, names in RESULTS.items():
-        lines += [f"## {heading}", ""]
         for name in names:
-            lines += _documented(name)
+            lines += _make_autodoc_block(f"pvdf_fem.{name}")
+    assert not undocumented, f"in no group of the package's docstring: {sorted(undocumented)}"
+    for heading, paths in RESULTS.items():
+        lines += [f"## {heading}", ""]
+        for path in paths:
+            lines += _make_autodoc_block(path)
     return "\n".join(lines)
 
 
-def _documented(path: str) -> list[str]:
-    """What makes Sphinx show the docstrings of a class or function."""
+def _make_autodoc_block(path: str) -> list[str]:
+    """Return the directive with which Sphinx shows the docstrings of a class or function."""
     module, _, name = path.rpartition(".")
-    found = getattr(import_module(module), name)
-    # the arguments of models and results are their keys and attributes
-    takes_arguments = not inspect.isclass(found) or name in ("Tracker", "LocateOptions")
-    kind = "autoclass" if inspect.isclass(found) else "autofunction"
-    lines = [f".. {kind}:: {module}.{name}{'' if takes_arguments else '()'}"]
-    if inspect.isclass(found):
+    documented = getattr(import_module(module), name)
+    is_class = inspect.isclass(documented)
+    # The arguments of models and results are their keys and attributes.
+    shows_arguments = not is_class or name in ("Tracker", "LocateOptions")
+    directive = "autoclass" if is_class else "autofunction"
+    lines = [f".. {directive}:: {module}.{name}{'' if shows_arguments else '()'}"]
+    if is_class:
         lines += ["   :members:", f"   :exclude-members: {', '.join(INTERNAL)}"]
     return ["```{eval-rst}", *lines, "```", ""]
 
 
-def modules_page() -> str:
-    """Every module with the first sentence of its docstring."""
+def make_modules_page() -> str:
+    """List every module with the first sentence of its docstring."""
     root = Path(pvdf_fem.__file__).parent
-    lines = ["# Modules", "A scene passes through these folders on its way to charges and touches."]
-    lines += ["`CONTRIBUTING.md` says what may import what.", ""]
+    lines = [
+        "# Modules",
+        "A scene passes through these folders on its way to charges and touches.",
+        "`CONTRIBUTING.md` says which folder may import which.",
+        "",
+    ]
     for folder in [root, *sorted(path for path in root.rglob("*") if path.is_dir())]:
         modules = sorted(folder.glob("*.py"))
         if not modules:
             continue
         lines += [f"## `{folder.relative_to(root.parent)}/`", ""]
-        lines += ["| module | holds |", "| --- | --- |"]
+        lines += ["| module | content |", "| --- | --- |"]
         for module in modules:
             doc = ast.get_docstring(ast.parse(module.read_text("utf-8"))) or ""
             first = " ".join(doc.partition("\n\n")[0].split()).replace("|", r"\|")

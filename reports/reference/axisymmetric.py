@@ -68,10 +68,12 @@ class AxisymmetricMembrane:
 
     @property
     def centre_deflection(self) -> float:
+        """Deflection at the centre over the radius."""
         return float(self.deflection(0.0))
 
     @property
     def edge_tension(self) -> float:
+        """Radial tension at the rim over E h."""
         return float(self.radial_tension(1.0))
 
     def deflection(self, radius_ratio: ArrayLike) -> Array:
@@ -285,14 +287,14 @@ class _ScaledProblem:
         return _elastic(strains, self.poisson_ratio)
 
     def linear_variation(self) -> Array:
-        """Derivative of the linear part of E_r and E_t by the unknowns, shape (2, q, 2 n)."""
+        """Return the derivative of the linear part of E_r and E_t, (2, q, 2 n)."""
         zero = np.zeros_like(self.grid.value)
         return np.stack(
             [np.hstack([self._radial_value(), zero]), np.hstack([self.grid.value, zero])]
         )
 
     def quadratic_variation(self, unknowns: Array) -> Array:
-        """Derivative of the quadratic part of E_r and E_t by the unknowns, shape (2, q, 2 n)."""
+        """Return the derivative of the quadratic part of E_r and E_t, (2, q, 2 n)."""
         hoop, radial, slope = (field[:, None] for field in self.fields(unknowns))
         grid, g = self.grid, self.nonlinearity
         return np.stack(

@@ -63,6 +63,7 @@ def wrinkled_membrane(
     force : float
         F/(E h a), positive, spread evenly over the reference area of the patch.
     poisson_ratio : float
+        Poisson's ratio of the film.
     patch_radius : float
         b/a, in (0, 1].
     thermal_strain : float
@@ -107,21 +108,21 @@ class _Problem:
         return float(self.integrate(centre_strain)(np.array(1.0))[0])
 
     def integrate(self, centre_strain: float) -> Callable[[Array], Array]:
-        """The functions u, r N_r (1 + u') and w - w(0) of the radius."""
+        """Return the functions u, r N_r (1 + u') and w - w(0) of the radius."""
         c, nu = centre_strain, self.poisson_ratio
         tension = (c + c**2 / 2 - self.thermal_strain) / (1 - nu)
         core = CORE * self.patch_radius
         deflection = -float(self._pull(core)) / (2 * tension)
         start = np.array([c * core, core * tension * (1 + c), deflection])
         ends = (core, self.patch_radius, 1.0)
-        inner = self._solved(start, ends[:2])
+        inner = self._solve_between(start, ends[:2])
         if self.patch_radius == 1.0:
             return inner
-        outer = self._solved(inner(np.array(self.patch_radius)), ends[1:])
+        outer = self._solve_between(inner(np.array(self.patch_radius)), ends[1:])
         return lambda r: np.where(np.less_equal(r, self.patch_radius), inner(r), outer(r))
 
-    def _solved(self, start: Array, ends: tuple[float, ...]) -> Callable[[Array], Array]:
-        """The functions between two radii, from their values at the first."""
+    def _solve_between(self, start: Array, ends: tuple[float, ...]) -> Callable[[Array], Array]:
+        """Return the functions between two radii, from their values at the first."""
 
         def rates(log_r: float, y: Array) -> list[float]:
             r = math.exp(log_r)

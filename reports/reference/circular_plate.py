@@ -117,6 +117,7 @@ def von_karman_plate(pressure: float, *, poisson_ratio: float, pretension: float
     pressure : float
         P, positive, up to 1e4; thinner boundary layers need other methods.
     poisson_ratio : float
+        Poisson's ratio of the plate.
     pretension : float
         N0 a^2/D.
 
@@ -165,7 +166,7 @@ def von_karman_plate(pressure: float, *, poisson_ratio: float, pretension: float
 
 
 def _require_in_film(patch_radius: float) -> float:
-    """The radius, or `ValueError` if the patch is not in the film."""
+    """Return the radius; `ValueError` for a patch that is not in the film."""
     if not 0.0 <= patch_radius <= 1.0:
         raise ValueError(f"patch_radius must lie in [0, 1], got {patch_radius!r}")
     return patch_radius

@@ -244,6 +244,7 @@ def disc_frequencies(count: int, *, radius: float, tension: float, areal_density
     Parameters
     ----------
     count : int
+        Number of frequencies.
     radius, tension, areal_density : float
         m, N/m, kg/m^2.
 

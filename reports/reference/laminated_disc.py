@@ -53,8 +53,11 @@ class LaminatedDisc:
 
     @cached_property
     def _points(self) -> tuple[Array, Array, Array, Array]:
-        """Radii (m,), weights of areas (m,), and u', u/r, w', w'', w'/r of the dofs, (5, m, dofs),
-        and w, (m, dofs). Dofs are u at nodes and middles, then w and w' at nodes."""
+        """Gauss points with the fields of the degrees of freedom.
+
+        Radii (m,), weights of areas (m,), the fields u', u/r, w', w'', w'/r (5, m, dofs), and w (m,
+        dofs). The degrees of freedom are u at nodes and middles, then w and w' at nodes.
+        """
         nodes = self._nodes
         n, size = len(nodes) - 1, np.diff(nodes)
         x, weight = np.polynomial.legendre.leggauss(4)

@@ -35,7 +35,7 @@ class Inflated:
 
 
 def inflated(stretch: float, poisson_ratio: float, most: float = 6.0) -> Inflated:
-    """The disc whose centre is stretched by `stretch`, before its pressure is largest."""
+    """Return the disc whose centre is stretched by `stretch`, before its pressure is largest."""
     m = poisson_ratio / (1.0 - poisson_ratio)
 
     def too_wide(pressure: float) -> float:
@@ -67,7 +67,7 @@ def _shot(stretch: float, pressure: float, m: float) -> Array:
 
 
 def _meridian(N1: float, l2: float, m: float) -> float:
-    """The stretch l1 of the tension N1 = l1 - (l1 l2)^(-2 m)/l1, by Newton's method."""
+    """Return the stretch l1 of the tension N1 = l1 - (l1 l2)^(-2 m)/l1, by Newton's method."""
     l1 = max(N1, 1.0)
     for _ in range(50):
         power = (l1 * l2) ** (-2.0 * m)

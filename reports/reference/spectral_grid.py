@@ -27,16 +27,19 @@ class Piece:
     outer: float
 
     def radius(self, xi: Array) -> Array:
+        """Return the radii at coordinates of [-1, 1]."""
         if self.inner == 0:
             return self.outer * np.sqrt((1 + xi) / 2)
         return self.inner * (self.outer / self.inner) ** ((1 + xi) / 2)
 
     def coordinate(self, radius: Array) -> Array:
+        """Return the coordinates of [-1, 1] at radii."""
         if self.inner == 0:
             return 2 * (radius / self.outer) ** 2 - 1
         return 2 * np.log(radius / self.inner) / math.log(self.outer / self.inner) - 1
 
     def rate(self, radius: Array) -> Array:
+        """Return the derivative of the coordinate by the radius."""
         if self.inner == 0:
             return 4 * radius / self.outer**2
         return 2 / (radius * math.log(self.outer / self.inner))
@@ -55,7 +58,7 @@ class SpectralGrid:
 
 
 def pieces_of(patch_radius: float) -> tuple[Piece, ...]:
-    """The patch, and rings of equal ratios of radii, of about e^1.5, around it."""
+    """Return the patch, and rings of equal ratios of radii, of about e^1.5, around it."""
     count = math.ceil(-math.log(patch_radius) / 1.5)
     breaks = np.geomspace(patch_radius, 1.0, count + 1) if count else np.array([1.0])
     return tuple(Piece(*ends) for ends in zip([0.0, *breaks[:-1]], breaks, strict=True))
@@ -79,7 +82,7 @@ def legendre_series(nodal: Array, pieces: int) -> Array:
 
 
 def grid_of(pieces: tuple[Piece, ...]) -> SpectralGrid:
-    """The grid of all pieces; neighbours share a node."""
+    """Return the grid of all pieces; neighbours share a node."""
     xi, weight = legendre.leggauss(2 * ORDER + 2)
     value = legendre.legvander(xi, ORDER) @ _nodal_to_legendre()
     slope = legendre.legvander(xi, ORDER - 1) @ legendre.legder(_nodal_to_legendre())

@@ -42,18 +42,27 @@ class SphereContact:
 
 
 class Film(Protocol):
-    """What has to be known of a film, in SI units."""
+    """The properties of a film that are used here, in SI units."""
 
     @property
-    def radius(self) -> float: ...
+    def radius(self) -> float:
+        """Radius in m."""
+
     @property
-    def thickness(self) -> float: ...
+    def thickness(self) -> float:
+        """Thickness in m."""
+
     @property
-    def stiffness(self) -> Array: ...
+    def stiffness(self) -> Array:
+        """Plane stress stiffness (3, 3) in Pa."""
+
     @property
-    def prestress(self) -> Array: ...
+    def prestress(self) -> Array:
+        """Stress (3,) of the flat film in Pa."""
+
     @property
-    def d31(self) -> float: ...
+    def d31(self) -> float:
+        """Coefficient d31 in C/N."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +74,7 @@ class Sphere:
     rtol: float = 1e-9
 
     def sliding(self, edge: float) -> SphereContact:
-        """The contact with this edge in m where all film slides outwards."""
+        """Return the contact with an edge in m on which all film slides outwards."""
 
         def leaving(strain: float) -> tuple[Fields, Fields]:
             inside = self._inside(edge, strain)
@@ -96,7 +105,7 @@ class Sphere:
         return SphereContact(edge, depth, 2.0 * np.pi * force, sums)
 
     def _clamped(self, outside: Callable[[float], Fields], guess: float) -> float:
-        """The argument near a guess at which the rim does not move."""
+        """Return the argument near a guess at which the rim does not move."""
 
         def moved(x: float) -> float:
             return float(outside(guess * x)(self.film.radius)[0]) / self.radius
@@ -146,7 +155,7 @@ class Sphere:
         return [pull / (r * n_r) - 1.0, -force / (r * n_r), n_t * (1.0 + u / r), 0.0]
 
     def _outside(self, edge: float, u: float, pull: float) -> Fields:
-        """The film that leaves the sphere without a kink."""
+        """Return the fields of the film that leaves the sphere without a kink."""
         y = [u, 0.0, pull, self._sphere(edge + u)[1] * pull]
         return _integrated(self._outer, (edge, self.film.radius), y, self.rtol)
 

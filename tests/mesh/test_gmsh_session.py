@@ -1,4 +1,4 @@
-"""Sessions of gmsh are ours alone, and are closed; a missing library is told."""
+"""Sessions of gmsh are ours alone, and are closed; a missing library is messages."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.helpers.discs import RECTANGLE, graded_mesh
 ROOT = Path(__file__).parents[2]
 
 
-def test_a_session_that_is_open_is_refused_and_left_alone() -> None:
+def test_an_open_session_is_refused_and_not_changed() -> None:
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
@@ -38,7 +38,7 @@ def test_a_session_that_is_open_is_refused_and_left_alone() -> None:
         gmsh.finalize()
 
 
-def test_threads_mesh_alike_one_after_another_and_leave_no_session() -> None:
+def test_threads_mesh_equally_one_after_another_and_close_their_sessions() -> None:
     """Whatever was meshed before."""
     graded_mesh(Scene(), 1.0, 6.0)
     with ThreadPoolExecutor(3) as pool:
@@ -48,7 +48,7 @@ def test_threads_mesh_alike_one_after_another_and_leave_no_session() -> None:
     assert not gmsh.isInitialized()
 
 
-def test_a_failure_is_named_and_leaves_no_session(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_is_described_and_closes_the_session(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(_: int) -> None:
         raise Exception("no elements in surface 7")
 
@@ -61,7 +61,7 @@ def test_a_failure_is_named_and_leaves_no_session(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.skipif("fork" not in get_all_start_methods(), reason="the system does not fork")
 @pytest.mark.filterwarnings("ignore:This process:DeprecationWarning")
-def test_a_forked_process_meshes_though_another_thread_was_meshing() -> None:
+def test_a_process_forked_during_meshing_can_mesh() -> None:
     meshing = threading.Thread(target=graded_mesh, args=(RECTANGLE, 0.3, 2.0))
     meshing.start()
     time.sleep(0.05)
@@ -90,7 +90,7 @@ axes = [{ load.force_N = [1, 2] }, { probe.x_mm = [0, 1] }]
 """
 
 
-def test_without_a_library_only_meshing_fails_and_names_the_package_once(tmp_path: Path) -> None:
+def test_a_missing_library_fails_only_meshing_and_names_its_package(tmp_path: Path) -> None:
     """Also where several processes mesh."""
     (tmp_path / "sitecustomize.py").write_text(NO_GLU)
     (tmp_path / "sweep.toml").write_text(SWEEP)

@@ -54,7 +54,7 @@ PLACES = {
 }
 
 
-def area_basis(mesh):
+def make_area_basis(mesh):
     """Quadrature that integrates the area of six-node triangles exactly."""
     return Basis(mesh, ElementTriP2(), intorder=4)
 
@@ -65,12 +65,12 @@ def placed(request):
     return scene, graded_mesh(scene, 1.0, 6.0)
 
 
-def test_patches_are_where_their_outlines_are(placed):
+def test_patches_have_the_areas_and_centroids_of_their_outlines(placed):
     """With the areas, the first moments fix place and orientation."""
     scene, mesh = placed
     names = [f"electrode {e.name}" for e in scene.electrode_list] + ["probe"] * bool(scene.probe)
     assert set(mesh.subdomains) == {"film", *names}
-    basis = area_basis(mesh)
+    basis = make_area_basis(mesh)
     points = np.asarray(basis.global_coordinates())
     for name, outline in collect_outlines(scene).items():
         patch = mesh.subdomains[name]
@@ -88,7 +88,7 @@ def test_patches_are_where_their_outlines_are(placed):
 
 def test_elements_are_not_inverted_and_end_at_the_rim(placed):
     scene, mesh = placed
-    basis = area_basis(mesh)
+    basis = make_area_basis(mesh)
     determinants = basis.mapping.detDF(basis.X)
     assert np.all(determinants * np.sign(determinants[:, :1]) > 0)
     assert np.all(np.diff(mesh.t[:3], axis=0) > 0)  # as cubic elements need it
@@ -98,20 +98,20 @@ def test_elements_are_not_inverted_and_end_at_the_rim(placed):
     assert np.linalg.norm(rim, axis=0) == pytest.approx(scene.film.radius, rel=1e-12)
 
 
-def outline_edges(mesh, name):
+def find_outline_edges(mesh, name):
     """Edges that belong to one element of a patch."""
     edges, times = np.unique(mesh.t2f[:, mesh.subdomains[name]], return_counts=True)
     return edges[times == 1]
 
 
 @pytest.mark.parametrize(("electrode_mm", "probe_mm"), [(0.3, 2.0), (1.0, 0.5)])
-def test_sizes_are_obeyed_along_outlines_and_grow_with_the_distance(electrode_mm, probe_mm):
+def test_sizes_hold_along_outlines_and_grow_with_the_distance(electrode_mm, probe_mm):
     shapes = collect_outlines(RECTANGLE)
     patches = {name: (probe_mm if name == "probe" else electrode_mm) / 1e3 for name in shapes}
     mesh = mesh_scene(RECTANGLE, GradedSizes(patches, 0.4, 8e-3))
     lengths = np.linalg.norm(np.diff(mesh.p[:, mesh.facets], axis=1)[:, 0], axis=0)
     for name in shapes:
-        on_outline = lengths[outline_edges(mesh, name)]
+        on_outline = lengths[find_outline_edges(mesh, name)]
         assert on_outline.max() <= 1.1 * patches[name]
         assert on_outline.mean() >= 0.5 * patches[name]
     points = shapely.points(mesh.p[:, mesh.facets].mean(axis=1).T)
@@ -124,7 +124,7 @@ def test_sizes_are_obeyed_along_outlines_and_grow_with_the_distance(electrode_mm
     assert np.mean(ratio) == pytest.approx(0.95, abs=0.15)
 
 
-def test_an_error_an_eighth_as_large_takes_sizes_half_as_large():
+def test_an_eighth_of_the_error_takes_half_the_sizes():
     """Equal shares e h^3: a reduction by 8 halves all sizes."""
     mesh = graded_mesh(RECTANGLE, 1.5, 8.0)
     even = np.ones(mesh.nelements)
@@ -134,7 +134,7 @@ def test_an_error_an_eighth_as_large_takes_sizes_half_as_large():
     assert halved == pytest.approx(0.5 * whole, rel=0.05)
 
 
-def test_lost_patches_are_named(monkeypatch):
+def test_patches_without_elements_are_named(monkeypatch):
     get_elements, asked = gmsh.model.mesh.getElements, []
 
     def lose_one(dimension, surface):
@@ -161,7 +161,7 @@ FAR = math.sqrt(268.5**2 - 0.0514**2 / 4) - 0.0514 / 2
         {"probe": {"shape": "circle", "radius_mm": 5.0, "x_mm": -5.7447104, "y_mm": 2.6726427}},
     ],
 )
-def test_no_element_folds_beside_an_arc(changes):
+def test_elements_beside_an_arc_do_not_fold(changes):
     scene = Scene().with_(**changes)
     mesh = mesh_scene(scene, choose_first_sizes(Problem.from_scene(scene), 3))
     assert compute_jacobian_ratios(mesh).min() > 0.1
@@ -212,11 +212,11 @@ def test_a_thin_gap_takes_no_more_elements_than_a_wide_one(pair):
 
 
 @pytest.mark.parametrize("text", [PLACES["no probe"], PLACES["probe covers two"], DISC])
-def test_the_number_of_elements_is_known_before_gmsh_runs(text):
-    told = []
+def test_the_number_of_elements_is_estimated_before_meshing(text):
+    estimates = []
     scene = Scene.parse(text)
     sizes = choose_first_sizes(Problem.from_scene(scene), 3)
-    mesh = mesh_scene(scene, sizes, require=told.append)
-    assert 0.6 * mesh.nelements < told[0] < 1.6 * mesh.nelements
+    mesh = mesh_scene(scene, sizes, require=estimates.append)
+    assert 0.6 * mesh.nelements < estimates[0] < 1.6 * mesh.nelements
     finer = SizeField.from_element_sizes(mesh, 0.5 * compute_element_sizes(mesh))
     assert 0.4 < finer.element_count / mesh_scene(scene, finer).nelements < 2.5

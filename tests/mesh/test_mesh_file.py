@@ -24,7 +24,7 @@ from tests.helpers.discs import graded_mesh
 SCENE = Scene.parse('[probe]\nshape = "circle"\nradius_mm = 4.0\nx_mm = 5.5')
 
 
-def by_gmsh(path: Path, unit: float, version: float) -> None:
+def write_by_gmsh(path: Path, unit: float, version: float) -> None:
     """What a user makes of `SCENE` in mm times `unit`, with overlapping groups of some patches."""
     gmsh.initialize(interruptible=False)
     try:
@@ -55,7 +55,7 @@ def written() -> Solution:
 
 
 @pytest.mark.parametrize("extension", READERS)
-def test_what_the_command_writes_is_read_as_it_was(
+def test_a_mesh_written_by_the_command_is_read_unchanged(
     tmp_path: Path, extension: str, written: Solution
 ) -> None:
     if extension == ".xdmf":
@@ -71,9 +71,11 @@ def test_what_the_command_writes_is_read_as_it_was(
 
 
 @pytest.mark.parametrize(("unit", "version"), [(1e-3, 4.1), (1.0, 2.2)])
-def test_a_mesh_of_the_user(tmp_path: Path, unit: float, version: float) -> None:
+def test_a_mesh_by_the_user_is_read_in_m_and_mm(
+    tmp_path: Path, unit: float, version: float
+) -> None:
     """In m or mm; MSH 2.2 lists an element once for each of its groups."""
-    by_gmsh(tmp_path / "a.msh", unit, version)
+    write_by_gmsh(tmp_path / "a.msh", unit, version)
     mesh = read_mesh(tmp_path / "a.msh", SCENE)
     assert set(mesh.subdomains) == {"film", *collect_outlines(SCENE)}
     weights = Space(mesh, 2).weights
@@ -94,9 +96,7 @@ BESIDE = [{"shape": "circle", "x_mm": 0, "y_mm": 9, "radius_mm": 2, "thickness_u
         {"film.patches": BESIDE},
     ],
 )
-def test_a_mesh_of_another_scene_is_refused_as_its_file_is(
-    tmp_path: Path, change: dict[str, object]
-) -> None:
+def test_a_mesh_of_another_scene_is_refused(tmp_path: Path, change: dict[str, object]) -> None:
     mesh, path, other = graded_mesh(SCENE, 3.0, 12.0), tmp_path / "a.msh", SCENE.with_(**change)
     write_mesh(mesh, path)
     for given in (mesh, path):
@@ -147,14 +147,14 @@ def with_middle(side: int, place: int) -> meshio.Mesh:
         with_middle(1, 12),  # not that of the neighbour
     ],
 )
-def test_no_mesh_of_a_film(tmp_path: Path, mesh: meshio.Mesh) -> None:
+def test_meshes_that_are_not_of_a_film_are_refused(tmp_path: Path, mesh: meshio.Mesh) -> None:
     mesh.write(tmp_path / "a.vtu")
     with pytest.raises(MeshFileError, match=r"a\.vtu"):
         read_mesh(tmp_path / "a.vtu", SCENE)
 
 
 @pytest.mark.parametrize("name", ["a.msh", "a.inp", "a.vtu", "a.stl"])
-def test_no_mesh_at_all(tmp_path: Path, name: str) -> None:
+def test_files_without_a_mesh_are_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(FileError, match=name):
         read_mesh(tmp_path / name, SCENE)
     (tmp_path / name).write_text("$MeshFormat\n4.1 0 8\n$EndMeshFormat\nnonsense\n")

@@ -75,7 +75,7 @@ OTHERS = {
 }
 
 
-def on_part(scene):
+def solve_sector(scene):
     """The solution on the first mesh of a part of the film."""
     part, order = find_symmetry_sector(scene), 3
     mesh = mesh_scene(scene, choose_first_sizes(Problem.from_scene(scene), order), part)
@@ -85,22 +85,22 @@ def on_part(scene):
 
 
 @pytest.mark.parametrize("name", OTHERS)
-def test_no_symmetry_is_found_where_there_is_none(name):
+def test_asymmetric_scenes_have_no_sector(name):
     assert find_symmetry_sector(OTHERS[name]) is WHOLE_FILM
 
 
-def test_films_that_bend_are_solved_on_the_whole():
+def test_bending_films_are_solved_on_the_whole_film():
     scene = RECTANGLE.with_(**{"film.bending": True})
     assert find_symmetry_sector(scene).mirror_axes
     assert solve(scene).discrete.solved.sector is WHOLE_FILM
 
 
 @pytest.mark.parametrize("name", SYMMETRIC)
-def test_unfolded_solution_solves_the_whole_film(name):
+def test_an_unfolded_solution_is_in_equilibrium_on_the_whole_film(name):
     scene, part = SYMMETRIC[name], find_symmetry_sector(SYMMETRIC[name])
     assert len(part.signs) == (2 if name in HALVES else 4)
     assert part.frame @ part.frame.T == pytest.approx(np.eye(2), abs=1e-15)
-    fields = on_part(scene)
+    fields = solve_sector(scene)
     whole, mesh = fields.equilibrium, fields.equilibrium.space.mesh
     assert mesh.nelements == len(fields.solved.sector.signs) * fields.solved.space.mesh.nelements
     areas = whole.membrane.space.weights
@@ -127,8 +127,8 @@ def test_unfolded_solution_solves_the_whole_film(name):
 
 @pytest.mark.parametrize("name", ["disc on the diagonal", "edges on the mirror line", "rectangle"])
 @pytest.mark.parametrize("observable", ["material", "thesis-edge"])
-def test_electrodes_anywhere_have_what_they_have_on_the_whole_film(name, observable):
-    fields = on_part(SYMMETRIC[name])
+def test_charges_on_a_sector_equal_those_on_the_whole_film(name, observable):
+    fields = solve_sector(SYMMETRIC[name])
     turn = np.array([[0.6, 0.8], [-0.8, 0.6]])
     square = 1e-3 * np.array([[-3.0, -2.0], [4.0, -2.0], [4.0, 6.0], [-3.0, 6.0]])
     shapes = [Polygon(square), Polygon(np.add(square, [6e-3, 1e-3]))]
@@ -140,9 +140,9 @@ def test_electrodes_anywhere_have_what_they_have_on_the_whole_film(name, observa
 
 
 @pytest.mark.parametrize("name", ["means along them", "rectangle at 45 degrees"])
-def test_gradients_of_charges_on_a_part(name):
+def test_gradients_on_a_sector_equal_those_on_the_whole_film(name):
     scene = SYMMETRIC[name]
-    fields, outputs = on_part(scene), Problem.from_scene(scene).outputs
+    fields, outputs = solve_sector(scene), Problem.from_scene(scene).outputs
     membrane, part, x = fields.solved.membrane, fields.solved.sector, fields.solved_dofs
     step = 1e-7 * np.random.default_rng(1).standard_normal(len(x))
 

@@ -10,13 +10,13 @@ import pytest
 from pvdf_fem.report.kind import Inputs
 from pvdf_fem.report.results import ReportResults
 from pvdf_fem.report.task import compute_key
-from reports.__main__ import script
+from reports.__main__ import load_report
 from tests.helpers.bump_response import make_bump_response
 
 
 @pytest.mark.parametrize("name", ["rings", "maps", "shapes"])
 def test_figures_have_what_design_finds(name, monkeypatch):
-    plan = script("design").plan
+    plan = load_report("design").plan
     (item,) = (item for item in plan.items if item.name == name)
     inputs = Inputs(plan.scene, {}, quick=True)
     tasks = item.kind.list_tasks(inputs)

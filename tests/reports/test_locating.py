@@ -1,4 +1,4 @@
-"""The report on how well touches are found, with made-up charges in the place of solves."""
+"""The report on locating touches, with made-up charges in place of solves."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pvdf_fem import Scene
 from pvdf_fem.batch.store import Record
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.adaptive import compute_unloaded_charges
-from reports.__main__ import script
+from reports.__main__ import load_report
 from reports.locating import signals, touches
 from reports.locating.signals import Taps
 from reports.locating.touches import LAYOUTS, NOISE
@@ -23,41 +23,42 @@ from tests.helpers.streams import MembraneCharges
 DISC = {"shape": "circle", "radius_mm": 4.0}
 
 
-def of_scene(scene, kind=BumpResponse):
-    """Made-up charges that serve as a response."""
+def make_response(scene, kind=BumpResponse):
+    """Make a made-up response for a scene."""
     points = PROBE_POINTS_MM[scene.single_probe.shape]
     return kind(scene, points, np.empty(0), ()).for_scene(scene)
 
 
-def charges_of(scene, kind=BumpResponse):
-    probe, model = scene.single_probe, of_scene(scene, kind)
+def compute_charges(scene, kind=BumpResponse):
+    probe = scene.single_probe
+    response = make_response(scene, kind)
     touch = [[probe.x_mm, probe.y_mm, probe.rotation_deg, scene.load.force_N]]
-    return model.evaluate(np.array(touch, dtype=float))[0][0]
+    return response.evaluate(np.array(touch, dtype=float))[0][0]
 
 
-def record_of(scene):
-    """A record with made-up charges; none where the probe is far to the left."""
+def make_record(scene):
+    """Make a record with made-up charges; without any where the probe is far to the left."""
     names = tuple(e.name for e in scene.electrode_list)
     if scene.single_probe.x_mm < -9.0:
         return Record("not_converged", "made up", names)
-    forces = [[charge / scene.film.d31_pC_N, 0.0] for charge in charges_of(scene).tolist()]
+    forces = [[charge / scene.film.d31_pC_N, 0.0] for charge in compute_charges(scene).tolist()]
     return Record("converged", "", names, {"material": forces})
 
 
 @pytest.fixture
 def made_up(monkeypatch):
     def built(scene, *args, **how):
-        return of_scene(scene)
+        return make_response(scene)
 
     monkeypatch.setattr(touches, "build_response", built)
-    monkeypatch.setattr(touches, "solve_scenes", lambda scenes, **how: [*map(record_of, scenes)])
+    monkeypatch.setattr(touches, "solve_scenes", lambda scenes, **how: [*map(make_record, scenes)])
     for name, value in {"BATCH": 50, "ONCE": 2, "DRAWS": 20}.items():
         monkeypatch.setattr(touches, name, value)
 
 
-def test_touches_are_found_where_they_are(made_up):
-    """Those of known rotation count."""
-    inputs, needed = script("locating").plan.collect_requirements(quick=True)
+def test_touches_are_located_within_their_deviations(made_up):
+    """Only touches with a known rotation are compared."""
+    inputs, needed = load_report("locating").plan.collect_requirements(quick=True)
     need = next(need for need in needed if need.item.name == "triangle")
     rows = pd.DataFrame(replace(need.tasks[0], touches=20, reach_mm=12.0, pitch_mm=6.0).run())
     found, places = rows[rows.sort == "touch"], rows[rows.sort == "place"]
@@ -73,7 +74,7 @@ def test_touches_are_found_where_they_are(made_up):
     assert (places.error_mm > 0.0).all()
     medians = places.groupby("electrodes").error_mm.median()
     assert medians["eight"] < medians["four"] < medians["three"]
-    numbers = need.item.kind.drawn(inputs, [rows])[2]
+    numbers = need.item.kind.draw(inputs, [rows]).numbers
     assert numbers["fits"] > 75.0  # there is no chi-square where the rotation is sought
     assert numbers["exact"] > 90.0
     assert 45.0 < numbers["within"]["four"] < 90.0
@@ -81,7 +82,7 @@ def test_touches_are_found_where_they_are(made_up):
 
 def test_a_tap_is_tracked_through_its_circuit(monkeypatch):
     def solved(scene):
-        changes = charges_of(scene, MembraneCharges) - 1e12 * compute_unloaded_charges(
+        changes = compute_charges(scene, MembraneCharges) - 1e12 * compute_unloaded_charges(
             Problem.from_scene(scene)
         )
         names = [electrode.name for electrode in scene.electrode_list]
@@ -89,7 +90,7 @@ def test_a_tap_is_tracked_through_its_circuit(monkeypatch):
 
     monkeypatch.setattr(signals, "solve", solved)
     monkeypatch.setattr(
-        signals, "build_response", lambda scene, *args, **how: of_scene(scene, MembraneCharges)
+        signals, "build_response", lambda scene, *args, **how: make_response(scene, MembraneCharges)
     )
     tap, *samples = Taps(Scene().with_(probe=DISC), 1, 6.0, (0.5, 1.0), 1e-5).run()
     assert tap["touches"] == 1

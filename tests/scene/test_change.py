@@ -27,7 +27,7 @@ SPHERE = Scene().with_(probe={"shape": "sphere", "radius_mm": 5}, load={"kind": 
 COOLING, EMPTY = "film.temperature_change_K", '""'
 
 
-def test_with_changes_dotted_keys_and_leaves_the_scene_alone():
+def test_with_changes_keys_and_does_not_change_the_scene():
     scene = Scene()
     changes = {"load.force_N": 2, "film.radius_mm": np.float64(40), "probe.x_mm": 1}
     for other in (scene.with_(**changes), scene.with_(changes)):
@@ -37,7 +37,7 @@ def test_with_changes_dotted_keys_and_leaves_the_scene_alone():
 
 
 @pytest.mark.parametrize("key", ["electrodes[1].x_mm", "electrodes.1.x_mm", "electrodes[01].x_mm"])
-def test_every_spelling_of_a_key_means_the_same(key):
+def test_spellings_of_a_key_are_equal(key):
     assert normalize_key(key) == "electrodes[1].x_mm"
     assert LISTED.with_(**{key: np.int64(-8)}).electrodes[1].x_mm == -8.0
     if key != "electrodes[1].x_mm":
@@ -53,7 +53,7 @@ def test_every_spelling_of_a_key_means_the_same(key):
         *("", ".", "film..radius_mm", "film[radius_mm]", "electrodes[1.x_mm", "electrodes]1[.x_mm"),
     ],
 )
-def test_what_is_no_key_is_refused(key, scene):
+def test_invalid_keys_are_refused(key, scene):
     assert f"{key or EMPTY} = 8.0" in refused(scene.with_, {key: 8.0})
 
 
@@ -67,7 +67,7 @@ def test_what_is_no_key_is_refused(key, scene):
         *((text, None) for text in ("load.force_N", "=2", "load.force_N=", "load.force_N=2 N")),
     ],
 )
-def test_a_change_is_a_key_and_a_value(text, change):
+def test_a_change_is_parsed_into_key_and_value(text, change):
     if change:
         assert parse_change(text) == change
     else:
@@ -114,7 +114,7 @@ def test_a_new_shape_keeps_the_place_and_drops_the_sizes_of_the_old_one(old, new
         ("probe[0].load", "kind", "rigid", "dead"),
     ],
 )
-def test_a_new_value_leaves_behind_the_keys_that_need_the_old_one(where, key, old, new):
+def test_a_new_value_removes_the_keys_that_need_the_old_one(where, key, old, new):
     form = next(form for place, form in TABLES if place == where)
     names = [name for name in form.fields if form.key_of(name).needs == (key, old)]
     table = table_of(form, *names)
@@ -126,7 +126,7 @@ def test_a_new_value_leaves_behind_the_keys_that_need_the_old_one(where, key, ol
     assert set(keys(kept)) <= {f"{where}.{name}" for name in names}
 
 
-def test_a_kind_that_has_no_profile_leaves_its_width_behind_too():
+def test_a_kind_without_a_profile_removes_its_width_too():
     wide = Scene(load={"profile": "gaussian", "profile_width_mm": 2.0})
     assert wide.with_(**{"load.kind": "follower"}) == Scene(load={"kind": "follower"})
     by_channel = Scene(readout={"feedback_capacitance_pF": 500.0})
@@ -134,7 +134,7 @@ def test_a_kind_that_has_no_profile_leaves_its_width_behind_too():
     assert by_channel.readout.feedback_capacitance_pF == 500.0
 
 
-def test_pretension_and_temperature_take_each_others_place():
+def test_pretension_and_temperature_replace_each_other():
     assert (TIGHT.film.pretension_N_m, TIGHT.film.temperature_change_K) == (9.0, None)
     for change in ({COOLING: -2}, {"film": {"temperature_change_K": -2}}):
         assert TIGHT.with_(**change) == Scene(film={"temperature_change_K": -2.0})
@@ -152,7 +152,7 @@ def test_pretension_and_temperature_take_each_others_place():
         ({"film": {"pretension_N_m": 9}}, {COOLING: -2}, COOLING),
     ],
 )
-def test_rivals_that_are_changed_together_are_refused(one, other, named):
+def test_alternative_keys_are_not_changed_together(one, other, named):
     for changes in ({**one, **other}, {**other, **one}):
         assert keys(refused(SPHERE.with_, changes)) == [named]
 
@@ -166,6 +166,6 @@ def test_rivals_that_are_changed_together_are_refused(one, other, named):
         ({"load.depth_mm": [1.0]}, {"load.force_N": [0.5]}),
     ],
 )
-def test_an_axis_that_another_makes_meaningless_is_refused(one, other):
+def test_an_axis_without_effect_beside_another_is_refused(one, other):
     for axes in ([one, other], [other, one]):
         assert next(iter(other)) in keys(refused(SceneGrid.from_tables(SPHERE, axes).scenes))

@@ -65,10 +65,10 @@ def test_wrong_values_and_misspelt_keys_are_refused_by_key(where, form):
     for name in form.fields:
         table = table_of(form, name)
         for wrong in wrong_values(example(form, name), form.key_of(name)):
-            [told] = keys(refused(Scene, **placed(where, {**table, name: wrong})))
-            assert re.sub(r"(\[\d+\])+$", "", told) == key_in_file(where, name), wrong
-        told = refused(Scene, **placed(where, {**table_of(form), f"{name}x": 1}))
-        assert told == [f"{where}.{name}x = 1"]
+            [message] = keys(refused(Scene, **placed(where, {**table, name: wrong})))
+            assert re.sub(r"(\[\d+\])+$", "", message) == key_in_file(where, name), wrong
+        message = refused(Scene, **placed(where, {**table_of(form), f"{name}x": 1}))
+        assert message == [f"{where}.{name}x = 1"]
 
 
 def find_refused_keys(model, table):
@@ -129,8 +129,8 @@ def test_a_number_in_another_unit_is_warned_of_or_refused_with_a_likely_unit(whe
                 continue
             tables = {"probe": {}, **placed(where, {**table_of(form, name), name: number})}
             scene = scene_or_mistakes(tables)
-            told = scene.warnings if isinstance(scene, Scene) else scene
-            assert any(f" {value:.3g} {key.unit} " in line for line in told), name
+            message = scene.warnings if isinstance(scene, Scene) else scene
+            assert any(f" {value:.3g} {key.unit} " in line for line in message), name
             checked.append(name)
     assert checked
 

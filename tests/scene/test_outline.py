@@ -47,7 +47,7 @@ OUTLINES = {
 @pytest.mark.parametrize("name", OUTLINES)
 @given(angle=angles, shift=shifts)
 @drawn(0.25)
-def test_measures_follow_a_motion(name, angle, shift):
+def test_area_centroid_and_reach_follow_a_motion(name, angle, shift):
     here, area, centroid = OUTLINES[name]
     frame = rotate(np.eye(2), angle).T
     there = here.transform(frame, np.array(shift))
@@ -64,7 +64,7 @@ def test_measures_follow_a_motion(name, angle, shift):
 
 
 @pytest.mark.parametrize("name", OUTLINES)
-def test_the_boundary_has_the_area_the_perimeter_and_no_distance(name):
+def test_a_boundary_rule_integrates_area_and_perimeter_on_the_outline(name):
     outline, area, _ = OUTLINES[name]
     points, normals = outline.make_boundary_rule(8 if name in ("rectangle", "disc") else 64)
     assert 0.5 * (points * normals).sum() == pytest.approx(area, rel=1e-12)
@@ -84,7 +84,7 @@ def test_the_boundary_has_the_area_the_perimeter_and_no_distance(name):
     assert outline.perimeter == pytest.approx(around.sum(), rel=1e-8)
 
 
-def test_means_over_shapes_are_those_of_their_points():
+def test_averages_over_shapes_match_their_points():
     square = Polygon(SQUARE + 3.0).inscribed_polygon
     assert average_over(square, lambda at: at[:, 0]) == pytest.approx(3.0)
     assert average_over(square, lambda at: (at[:, 1] - 3.0) ** 2) == pytest.approx(1 / 3, rel=2e-3)
@@ -94,7 +94,7 @@ def test_means_over_shapes_are_those_of_their_points():
 
 
 @given(angle=angles)
-def test_turn_is_counter_clockwise_and_quarters_are_exact(angle):
+def test_rotation_is_counter_clockwise_and_quarters_are_exact(angle):
     expected = np.exp(1j * math.radians(angle))
     assert rotate([1.0, 0.0], angle) == pytest.approx([expected.real, expected.imag], abs=1e-12)
     quarters = round(angle / 9.0)
@@ -137,7 +137,7 @@ TOUCHING = {
 @pytest.mark.parametrize("name", TOUCHING)
 @given(shift=shifts, angle=angles)
 @drawn(0.25)
-def test_touching_is_no_overlap_but_a_millionth_deeper_is(name, shift, angle):
+def test_touching_outlines_do_not_overlap_until_a_millionth_deeper(name, shift, angle):
     here, there, away = TOUCHING[name]
     frame = rotate(np.eye(2), angle).T
     first = here.transform(frame, np.array(shift))
@@ -157,14 +157,14 @@ def test_an_outline_within_another_overlaps_it(outer, inner):
     assert has_overlap(inner, inner)
 
 
-def test_overlaps_that_polygons_do_not_show():
+def test_overlaps_between_arcs_and_chords_are_found():
     assert has_overlap(TOUCHED, Polygon(make_rectangle_corners(1e-4, 20.0)))  # a needle across
     notched = Polygon([[0, 0], [6, 0], [6, 6], [4, 6], [4, 2], [2, 2], [2, 6], [0, 6]])
     assert not has_overlap(notched, Circle(np.array([3.0, 4.0]), 1.0))
     assert has_overlap(notched, Circle(np.array([3.0, 4.0]), 1.01))
 
 
-def test_polygons_on_the_same_corners_are_told_apart():
+def test_polygons_on_the_same_corners_are_distinguished():
     """Three simple polygons have these corners: which are neighbours counts."""
     corners = np.array([[0.0, 0.0], [4.0, 0.0], [1.0, 1.0], [0.0, 4.0]])
     first, second = Polygon(corners), Polygon(corners[[0, 2, 1, 3]])

@@ -81,7 +81,7 @@ def test_loads_on_the_whole_film_add_up():
         ({"bonded": "before stretching", "thermal_expansion_per_K": 1e-5}, 1e-5, 2.0),
     ],
 )
-def test_a_layer_is_stretched_with_the_film_or_not_at_all_and_warmed_like_it(keys, alpha, cooled):
+def test_the_prestrain_of_a_layer_follows_bonding_and_warming(keys, alpha, cooled):
     patch = {"x_mm": 0.0, "y_mm": 0.0, "thickness_um": 9.0, "youngs_modulus_GPa": 2.0, **keys}
     film = Film(patches=[patch], temperature_change_K=-2.0, warming_K=0.5)
     [layer] = film.layers.values()
@@ -91,7 +91,7 @@ def test_a_layer_is_stretched_with_the_film_or_not_at_all_and_warmed_like_it(key
     assert (layer.density, layer.expansion) == (film.density, alpha)
 
 
-def test_a_rim_s_displacement_grows_along_radii_as_harmonics():
+def test_rim_displacement_extends_into_the_film_as_harmonics():
     """A point (x, y) moves by g (x, y), with g = c0 + r (c1 cos t + s1 sin t) + r^2 (...)."""
     radius, coefficients = 0.045, (3.0, 1.0, -2.0, 0.5, 0.25)
     places = np.random.default_rng(4).uniform(-0.03, 0.03, (9, 2))
@@ -109,7 +109,7 @@ def test_a_rim_s_displacement_grows_along_radii_as_harmonics():
     assert found == pytest.approx(np.transpose(strain), rel=1e-6, abs=1e-9)
 
 
-def test_polygon_vertices_are_relative_to_its_place_and_turned_about_it():
+def test_polygon_vertices_are_relative_to_its_place_and_rotated_about_it():
     table = {"shape": "polygon", "vertices_mm": [[1, 0], [3, 0], [3, 1]]}
     probe = Scene(probe={**table, "x_mm": 5.0, "rotation_deg": 90.0}).probe
     expected = {(5.0, 1.0), (5.0, 3.0), (4.0, 3.0)}
@@ -131,9 +131,9 @@ def test_files_of_the_geometry_folder():
         assert refused(Scene.example, name) == [f'"{name}"']
 
 
-def test_a_load_on_nothing_is_doubted():
-    [doubt] = Scene.parse("[load]\nforce_N = 500.0").warnings
-    assert doubt.startswith("load: ")
+def test_a_load_without_a_probe_gives_a_warning():
+    [warning] = Scene.parse("[load]\nforce_N = 500.0").warnings
+    assert warning.startswith("load: ")
     assert Scene.parse("[film]\nd31_pC_N = 0.0\n[probe]\n[load]\nforce_N = 2.0").warnings == ()
 
 
@@ -145,7 +145,7 @@ def test_equal_scenes_have_equal_texts():
     assert json.loads(Scene().model_dump_json())["film"]["radius_mm"] == 45.0
 
 
-def test_amplifiers_stage_and_model_are_no_matter_of_a_solve():
+def test_readout_stage_and_model_do_not_affect_a_solve():
     readout = {"kind": {"A": "voltage"}, "input_resistance_MOhm": 1.0, "gain": {"B": 0.97}}
     scene = Scene(readout=readout, stage={"x_mm": 0.4}, model={"tolerance": "auto"})
     scene = scene.with_(uncertain={"film.thickness_um": "5.5 %", "load.force_N": 0.1})

@@ -26,7 +26,7 @@ CORES = {
 
 
 @pytest.mark.parametrize("name", TIPS)
-def test_a_height_is_a_ball_s_with_its_derivatives(name):
+def test_heights_are_those_of_a_ball_with_their_derivatives(name):
     tip = TIPS[name]
     core = CORES[name]
     low, high = np.reshape(core.buffer(1.5 * tip.radius).bounds, (2, 2))
@@ -50,7 +50,7 @@ def test_a_height_is_a_ball_s_with_its_derivatives(name):
         assert np.abs(found.hessian[:, axis] - bent).max() < 1e-4 * np.abs(bent).max()
 
 
-def test_the_lowest_point_of_a_sphere_is_as_curved_as_any_other_and_a_face_is_flat():
+def test_a_sphere_is_curved_at_its_lowest_point_and_a_face_is_flat():
     for name, curvature in (("sphere", 0.5), ("disc", 0.0), ("polygon", 0.0)):
         middle = TRIANGLE.mean(axis=0) if name == "polygon" else CENTRE
         found = TIPS[name].compute_height(middle[None])
@@ -59,7 +59,7 @@ def test_the_lowest_point_of_a_sphere_is_as_curved_as_any_other_and_a_face_is_fl
 
 
 @pytest.mark.parametrize("name", TIPS)
-def test_a_carried_tip_has_the_heights_of_the_place_where_it_was(name):
+def test_a_moved_tip_has_the_heights_of_its_old_place(name):
     tip, motion = TIPS[name], np.array([0.3, 0.7])
     points = np.random.default_rng(3).normal(size=(20, 2)) + CENTRE
     moved = tip.move(motion, 0.0).compute_height(points + motion)
@@ -71,7 +71,7 @@ def test_a_carried_tip_has_the_heights_of_the_place_where_it_was(name):
         assert larger.face.centroid == pytest.approx(tip.face.centroid)
 
 
-def test_an_ellipse_is_found_through_points_on_it():
+def test_an_ellipse_is_fitted_to_points_on_it():
     for contact in (Ellipse(np.add(CENTRE, [0.2, 0.1]), [0.9, 0.5], 0.6), Circle(CENTRE, 0.7)):
         points, _ = contact.make_boundary_rule(6)
         fitted = TIPS["sphere"].fit_outline(points)
@@ -81,7 +81,7 @@ def test_an_ellipse_is_found_through_points_on_it():
     assert TIPS["disc"].make_offset_outline(0.2).area == pytest.approx(1.7**2 * np.pi)
 
 
-def test_an_edge_that_crosses_itself_at_a_corner_loses_the_loop():
+def test_a_fitted_outline_has_no_loop_where_points_cross():
     """gmsh would not end; an edge without a crossing stays as it is."""
     tip = TIPS["polygon"]
     corners = 1.2 * (TRIANGLE - TRIANGLE.mean(axis=0)) + TRIANGLE.mean(axis=0)

@@ -26,7 +26,7 @@ from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.space import Space, evaluate_shape_gradients, evaluate_shape_hessians
-from pvdf_fem.film.term import Assembly, State, Term
+from pvdf_fem.film.term import MatrixAssembler, State, Term
 from pvdf_fem.mesh.six_node import compute_jacobian_ratios
 from pvdf_fem.mesh.subdomains import RIM
 from pvdf_fem.scene.film import Film
@@ -50,7 +50,7 @@ class Penalty:
     #: 1 - turning l/H corrects the energy, within 6 % for all l/H (measured; without the correction
     #: up to 20 % of the layer's effect are missing at H = 20 l).
     turning: float = 5.5
-    most_turning: float = 0.75  #: Where turning l/H is larger, the regular penalty takes over.
+    max_turning: float = 0.75  #: Where turning l/H is larger, the regular penalty takes over.
 
 
 PENALTY = Penalty()
@@ -89,7 +89,7 @@ class Plate(Term):
         self.space = space
         self.film = film
         self.form = make_bending_form(space, film, rigid_elements, rim_tension, punch_tension)
-        self._last_tangent: tuple[Assembly, sp.csc_matrix] | None = None
+        self._last_tangent: tuple[MatrixAssembler, sp.csc_matrix] | None = None
 
     @cached_property
     def matrix(self) -> sp.csr_matrix:
@@ -115,7 +115,7 @@ class Plate(Term):
         forces[2::3] = deflection_forces
         return forces
 
-    def coupled_tangent(self, assembly: Assembly, state: State) -> sp.csc_matrix:
+    def coupled_tangent(self, assembly: MatrixAssembler, state: State) -> sp.csc_matrix:
         """Return the stiffness in N/m, (unknowns, unknowns). The last one is kept."""
         if self._last_tangent is None or self._last_tangent[0] is not assembly:
             self._last_tangent = assembly, assembly.of_deflections(self.matrix)
@@ -355,7 +355,7 @@ class _EdgeValues:
         penalty = D * (self.penalty / self.height)[sides].mean(axis=1)
         if tension > 0.0:
             turning = PENALTY.turning * np.sqrt(D / tension) / (2.0 * self.height[sides[:, 0]])
-            layer = np.sqrt(D * tension) / (1.0 - np.minimum(turning, PENALTY.most_turning))
+            layer = np.sqrt(D * tension) / (1.0 - np.minimum(turning, PENALTY.max_turning))
             penalty = np.maximum(penalty, layer)
         moments = np.concatenate([self.moment[side] for side in sides.T], axis=-1)
         return _JoinedEdges(

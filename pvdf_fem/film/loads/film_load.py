@@ -17,11 +17,11 @@ from pvdf_fem.film.loads.probe_load import (
     integrate_traction,
 )
 from pvdf_fem.film.space import Space
-from pvdf_fem.film.term import ElementForces, ElementMatrices, Load, State
+from pvdf_fem.film.term import ElementForces, ElementMatrices, LoadTerm, State
 from pvdf_fem.scene.film import Film
 
 
-class FilmLoad(Load):
+class FilmLoad(LoadTerm):
     """A traction along z on the whole film; `factor` multiplies the traction of the scene.
 
     A subclass gives `traction`.
@@ -101,6 +101,6 @@ class FilmPressure(FilmLoad):
         other.conservative = True
         return other
 
-    def face_forces(self, state: State, residual: Array) -> ElementForces:
+    def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
         """Return the pressure times the undeformed area of the elements."""
         return ElementForces(ALL, self.pressure * self.space.weights.sum(axis=1))

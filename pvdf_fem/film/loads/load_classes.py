@@ -12,7 +12,7 @@ from pvdf_fem.film.loads.film_load import FilmLoad
 from pvdf_fem.film.loads.load_spec import LoadSpec
 from pvdf_fem.film.loads.probe_load import ProbeLoad
 from pvdf_fem.film.space import Space
-from pvdf_fem.film.term import Load, Term
+from pvdf_fem.film.term import LoadTerm, Term
 from pvdf_fem.mesh.symmetry import SymmetrySector
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.registry import FILM_LOAD_CLASSES, LOAD_CLASSES
@@ -30,7 +30,7 @@ FILM_LOADS: dict[str, type[FilmLoad]] = {
 
 def make_loads(
     film: Film, specs: Iterable[LoadSpec], space: Space, sector: SymmetrySector
-) -> list[Load]:
+) -> list[LoadTerm]:
     """Make the load terms of a film: those of its probes, and those on the whole film.
 
     Parameters
@@ -46,10 +46,10 @@ def make_loads(
 
     Returns
     -------
-    list of Load
+    list of LoadTerm
         Probe loads first, in the order of the probes.
     """
-    loads: list[Load] = [PROBE_LOADS[spec.load.kind](spec, space, sector) for spec in specs]
+    loads: list[LoadTerm] = [PROBE_LOADS[spec.load.kind](spec, space, sector) for spec in specs]
     for key, load_class in FILM_LOADS.items():
         if getattr(film, key):
             loads.append(load_class(film, space))

@@ -60,7 +60,7 @@ def locate(
 
     Parameters
     ----------
-    response : Response, Scene, or what `solve` takes for a scene
+    response : Response, Scene, or anything that `solve` accepts as a scene
         The response of the sensor to touches. A scene is solved again and again instead, which
         takes up to a minute; it also serves two `touches` at once, by its list of probes or by its
         one probe, and the unknowns ``"tangential_N"`` and ``"temperature_K"``.
@@ -147,7 +147,7 @@ class _Request:
     def find_errors(
         self, scene: Scene, unloaded_charges: UnloadedCharges | None = None
     ) -> Iterator[str]:
-        """Find what is wrong with readings, unit and standard deviations."""
+        """Find validation errors of readings, unit and standard deviations."""
         return find_reading_errors(
             scene,
             self.readings_pC,

@@ -24,7 +24,7 @@ from pvdf_fem.inverse.least_squares import (
     concatenate_results,
     run_levenberg_marquardt,
 )
-from pvdf_fem.inverse.touch.location_problem import LocationProblem, get_base_quantity
+from pvdf_fem.inverse.touch.location_problem import PLACE, LocationProblem, get_base_quantity
 from pvdf_fem.inverse.touch.search import LocateOptions, find_distinct
 from pvdf_fem.inverse.touch.solved_charges import (
     UNSOLVED_PC,
@@ -267,7 +267,7 @@ def find_superposed_candidates(
     candidates = coordinates.copy()
     probes = problem.view_by_probe(candidates)
     stage = response.scene.stage or Stage()
-    probes[..., :2] = superpositions.places_mm[chosen] @ stage.rotation.T
+    probes[..., PLACE] = superpositions.places_mm[chosen] @ stage.rotation.T
     log_stiffening = STIFFENING * np.log(shares.sum(axis=1))
     probes[..., TouchColumn.FORCE] = np.log(shares) + log_stiffening[:, None]
     is_unknown = np.isin(np.arange(coordinates.shape[1]), problem.unknown)

@@ -45,7 +45,7 @@ def find_reading_errors(
     unloaded_charges: UnloadedCharges | None = None,
     unit: str = "pC",
 ) -> Iterator[str]:
-    """Find what is wrong with readings, their unit and their standard deviations.
+    """Find validation errors of readings, their unit and their standard deviations.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def find_reading_errors(
 
 
 def _explain_bad_reading(value: Any, channel: ChannelValues, noise_pC: float | None) -> str:
-    """Return what is wrong with one reading and what to do; empty if nothing is."""
+    """Return why one reading is invalid, and an advice; an empty text if it is valid."""
     number = as_float(value)
     if not abs(number) <= LARGEST_PC:
         return f"must be a number of pC, at most {LARGEST_PC:g}; check the unit"
@@ -114,8 +114,8 @@ def _explain_bad_reading(value: Any, channel: ChannelValues, noise_pC: float | N
 def _find_deviation_errors(
     key: str, deviations: Deviations, readings: Mapping[str, Any], most: float
 ) -> Iterator[str]:
-    """Find what is wrong with standard deviations, which are at least 0 and at most `most`."""
-    values: Mapping[str, float] = {key: deviations}  # type: ignore[dict-item]
+    """Find validation errors of standard deviations, which are from 0 to `most`."""
+    values: dict[str, Any] = {key: deviations}
     if isinstance(deviations, Mapping):
         values = {f"{key}.{name}": value for name, value in deviations.items()}
         for name in readings:
@@ -153,7 +153,7 @@ def find_quantity_errors(
     default: Mapping[str, float],
     centre_mm: Sequence[float] = (0.0, 0.0),
 ) -> Iterator[str]:
-    """Find what is wrong with the quantities of a touch that are free or fixed.
+    """Find validation errors of the free and the fixed quantities of a touch.
 
     Parameters
     ----------

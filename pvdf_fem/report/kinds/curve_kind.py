@@ -159,16 +159,16 @@ class CurveKind(ElectrodeKind):
         readings = self.find_readings(inputs)
         if readings is None:
             return []
-        found: dict[Any, SceneSeries] = {}
+        data: dict[Any, SceneSeries] = {}
         for one in series:
             scenes = readings.make_scenes(one.base)
             charges = readings.get_charges(scenes, one.names, self.resolve_reading(inputs))
             for row, scene in enumerate(scenes):
                 x = self.find_on_curve(one, scene)
                 panel = (row, one.names, one.panel)
-                if x is not None and panel not in found:
-                    found[panel] = replace(one, x=(x,), scenes=[scene], data_pC=charges[[row]])
-        return list(found.values())
+                if x is not None and panel not in data:
+                    data[panel] = replace(one, x=(x,), scenes=[scene], data_pC=charges[[row]])
+        return list(data.values())
 
 
 def _make_table(results: ReportResults, series: SceneSeries, reading: str) -> pd.DataFrame:

@@ -111,7 +111,7 @@ class PredictedStressNewton(NewtonVariant):
         """Return the tangent with the predicted stress, damped until steps are small."""
         stress = state.stress if self._predicted_stress is None else self._predicted_stress
         damping = self.options.damping * min(self._last_size, 1.0)
-        predicted = self.equilibrium.membrane.predicted(state, stress, damping)
+        predicted = self.equilibrium.membrane.with_predicted_stress(state, stress, damping)
         return FactorisedTangent(factorise(self.equilibrium.tangent(predicted)))
 
     def measure_step(self, q: Array, state: State, slope: float) -> float:
@@ -174,7 +174,7 @@ class PredictedStressNewton(NewtonVariant):
     def _predict_stress(self, step: NewtonStep) -> Array:
         """Compute the stress in Pa of the strain linearised in the step, (elements, points, 3)."""
         x = self.equilibrium.unknowns.expand(step.change)
-        gradient = self.equilibrium.space.gradient(x)
+        gradient = self.equilibrium.space.displacement_gradient(x)
         strain_change = compute_strain_rate(step.state.deformation_gradient, gradient)
         return self.equilibrium.membrane.resultant(step.state.strain + strain_change)
 

@@ -66,16 +66,16 @@ def scale_axis(axis: XAxis | YAxis, keys: list[DataArray]) -> Array:
         Places of the values on the axis.
     """
     values = keys[0].values
-    shown = slice(None, None, -(-values.size // MAX_TICKS))
+    thinned = slice(None, None, -(-values.size // MAX_TICKS))
     if len(keys) > 1 or values.dtype.kind != "f":
         places = np.arange(float(values.size))
-        axis.set_ticks(places[shown], format_rows(keys)[shown])
+        axis.set_ticks(places[thinned], format_rows(keys)[thinned])
         if axis.axis_name == "x":
             axis.set_tick_params(labelrotation=90)
         return places
     if _have_equal_ratios(values):
         axis.axes.set(**{f"{axis.axis_name}scale": "log"})
-        axis.set_ticks(values[shown], [f"{value:.3g}" for value in values[shown]])
+        axis.set_ticks(values[thinned], [f"{value:.3g}" for value in values[thinned]])
         axis.set_ticks([], minor=True)
     elif np.array_equal(values, np.round(values)):  # counts have no ticks between them
         axis.set_major_locator(MaxNLocator(integer=True))
