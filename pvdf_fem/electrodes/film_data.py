@@ -28,7 +28,7 @@ class FilmData:
     included: Sequence[str]  #: Included effects beyond the membrane.
     #: Computes the contributions of the elements to the charge errors in C, as an array
     #: (elements, electrodes).
-    error_shares: Callable[[], Array]
+    error_contributions: Callable[[], Array]
 
     @property
     def scene(self) -> Scene:

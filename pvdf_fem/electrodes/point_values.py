@@ -202,7 +202,7 @@ def _evaluate(
     space = equilibrium.space
     nodal = state.dofs.reshape(-1, 3)[space.nodes[elements]]
     displacement = np.matmul(evaluate_shape_functions(space.basis.elem, local), nodal)
-    shape_gradients = space.gradients_at(elements, local)
+    shape_gradients = space.evaluate_gradients(elements, local)
     gradients = np.matmul(nodal[:, None].swapaxes(2, 3), shape_gradients)
     strain = compute_strain(gradients)
     slopes = np.zeros_like(displacement)

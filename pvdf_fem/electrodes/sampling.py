@@ -51,7 +51,7 @@ class Sampling:
     #: Local coordinates of the points in their elements, (2, n, points).
     local: Array
 
-    def places(self, mesh: MeshTri2) -> Array:
+    def global_points(self, mesh: MeshTri2) -> Array:
         """Return the global coordinates of the points in m, an array (n, points, 2)."""
         points = mesh.mapping().F(self.local, self.elements)
         return np.moveaxis(np.asarray(points), 0, -1)
@@ -117,7 +117,7 @@ def sample_areas(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
             outputs=others[area.owners],
             axes=(0, 1),
             elements=area.elements,
-            gradients=space.gradients_at(area.elements, local),
+            gradients=space.evaluate_gradients(area.elements, local),
             weights=area.weights,
             local=local,
         )
@@ -153,7 +153,7 @@ def sample_edges(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
     owners, axes = np.divmod(cut.owners // 2, 2)
     per_length = output_areas(outputs)[owners] / np.array(lengths)[owners, axes]
     weights = per_length[:, None] * cut.weights
-    gradients = space.gradients_at(cut.elements, cut.points)
+    gradients = space.evaluate_gradients(cut.elements, cut.points)
     for axis in (0, 1):
         rows = np.flatnonzero(axes == axis)
         yield Sampling(

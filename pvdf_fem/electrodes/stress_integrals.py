@@ -341,7 +341,7 @@ def _restrict_film(membrane: Membrane, sampling: Sampling, sector: SymmetrySecto
     """Return the film at the sampling points; a linear law has the same stress everywhere."""
     if membrane.added is None or membrane.law.is_linear:
         return membrane
-    return membrane.at(sampling.places(membrane.space.mesh) @ sector.frame)
+    return membrane.at_points(sampling.global_points(membrane.space.mesh) @ sector.frame)
 
 
 def _iterate_samplings(

@@ -83,7 +83,7 @@ def mesh_scene(
     scene: Scene,
     sizes: GradedSizes | SizeField,
     sector: SymmetrySector = WHOLE_FILM,
-    least_jacobian: float = 0.14,
+    min_jacobian_ratio: float = 0.14,
     attempts: int = 6,
     contacts: Mapping[str, Outline] = MappingProxyType({}),
     require: Callable[[float], object] = lambda elements: None,
@@ -98,7 +98,7 @@ def mesh_scene(
         Element sizes in m. The mesh is not refined along outlines that `GradedSizes` does not name.
     sector : SymmetrySector
         Electrodes and probes outside of it have no elements.
-    least_jacobian : float
+    min_jacobian_ratio : float
         Least Jacobian of an element over its mean. The next mesh is finer at elements below it,
         which lie between an arc and a corner or an edge close to the arc. The cusp between an arc
         and its tangent, or between two arcs that touch, has 0.15 at any element size.
@@ -137,14 +137,16 @@ def mesh_scene(
     for _ in range(attempts):
         mesh = _mesh_once(scene, outlines, sizes=sizes, sector=sector)
         # a side moved by this share of the shortest outline changes the area by less than 1e-6
-        mesh, is_distorted = straighten_sides(mesh, least_jacobian, largest_move=1e-5 * shortest)
+        mesh, is_distorted = straighten_sides(
+            mesh, min_jacobian_ratio, largest_move=1e-5 * shortest
+        )
         if not is_distorted.any():
             return mesh
         finer_sizes = GMSH_SIZE_RATIO * compute_element_sizes(mesh)
         finer_sizes[is_distorted] = 0.4 * compute_element_sizes(mesh, sliver=0.1)[is_distorted]
         sizes = SizeField.from_element_sizes(mesh, finer_sizes)
         require(sizes.element_count)
-    mesh, is_distorted = straighten_sides(mesh, least_jacobian, largest_move=np.inf)
+    mesh, is_distorted = straighten_sides(mesh, min_jacobian_ratio, largest_move=np.inf)
     if is_distorted.any():
         count = is_distorted.sum()
         raise MeshError(f"{count} elements fold: an outline nearly touches another")

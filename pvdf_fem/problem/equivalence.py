@@ -61,7 +61,7 @@ def compute_mechanical_key(problem: Problem) -> MechanicalKey:
     scene.require_plain_charges("a sweep", "coupling")
     if not problem.has_passive_electrodes:
         return MechanicalKey(scene.to_toml(), np.eye(2))
-    if not _may_be_turned(scene):
+    if not _can_be_rotated(scene):
         return MechanicalKey(describe_mechanics(problem), np.eye(2))
     # with film.bending = "auto" the electrodes have a part in whether the film bends
     film = scene.film
@@ -71,7 +71,7 @@ def compute_mechanical_key(problem: Problem) -> MechanicalKey:
     probe = scene.probe
     if probe is None or isinstance(probe, tuple):
         return MechanicalKey(common, np.eye(2))
-    place, frame = _find_canonical_place(probe, film.radius, classify_isotropy(film))
+    place, frame = _find_canonical_pose(probe, film.radius, classify_isotropy(film))
     force = scene.load.force_N
     size = f"{film.thickness_um} {force}"
     if problem.film.capabilities.scales_with_force_over_thickness:
@@ -93,7 +93,7 @@ def describe_mechanics(problem: Problem, scene: Scene | None = None) -> str:
     return f"{tables} {problem.scene.film.weight} {problem.film.bends}"
 
 
-def _may_be_turned(scene: Scene) -> bool:
+def _can_be_rotated(scene: Scene) -> bool:
     """Whether a turned or scaled scene can be equivalent: one even film under one uniform load."""
     film = scene.film
     if film.is_inhomogeneous or film.distributed_force:
@@ -105,7 +105,7 @@ def _may_be_turned(scene: Scene) -> bool:
 
 
 @lru_cache(maxsize=4096)
-def _find_canonical_place(probe: Probe, radius: float, isotropy: str) -> tuple[str, Array]:
+def _find_canonical_pose(probe: Probe, radius: float, isotropy: str) -> tuple[str, Array]:
     """Find the canonical position of a probe among its equivalent ones, and the frame that leads there.
 
     Several frames lead a symmetric probe there; the one with the smallest rotation is taken.
@@ -133,12 +133,12 @@ def _list_frames(points: Array, centre: Array, isotropy: str) -> list[Array]:
     # the probe's centroid goes to the x axis; a corner does if the centroid is the film's centre
     is_central = np.linalg.norm(centre) < 10.0**-DIGITS
     targets = points if is_central else centre[None]
-    turns = [_turn_to_x_axis(point) for point in targets]
+    turns = [_rotate_to_x_axis(point) for point in targets]
     mirror = np.diag([1.0, -1.0])
     return [*turns, *(mirror @ turn for turn in turns)]
 
 
-def _turn_to_x_axis(point: Array) -> Array:
+def _rotate_to_x_axis(point: Array) -> Array:
     """Return the rotation that brings a point to the positive x axis."""
     distance = np.linalg.norm(point)
     if distance < 10.0**-DIGITS:

@@ -45,7 +45,7 @@ class Output:
         d = np.array(self.d)
         if self.floating is None:
             return d
-        return d + d @ self.floating.share
+        return d + d @ self.floating.coupling_matrix
 
     def to_mesh_axes(self, points: Array) -> Array:
         """Transform points (..., 2) from the axes of the electrode's scene to those of the mesh."""

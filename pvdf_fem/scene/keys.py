@@ -167,7 +167,7 @@ class Key:
             reason = "must be positive"
         else:
             reason = "is too small" if value < low else "is too large"
-        advice = f"give a value from {low:g} to {high:g} {self.unit}".rstrip()
+        advice = f"give a value between {low:g} and {high:g} {self.unit}".rstrip()
         question = self.ask_likely_unit(value)
         parts = [reason, advice, question] if question else [reason, advice]
         raise make_validation_error("; ".join(parts))

@@ -77,7 +77,7 @@ def find_rejection_status(
 def is_tip_at_rim(discrete: DiscreteSolution) -> bool:
     """Return whether the contact of a tip extends to the clamped rim."""
     solved = discrete.solved
-    reaches = [tip.reach(discrete.solved_state) for tip in select_tips(solved)]
+    reaches = [tip.compute_contact_radius(discrete.solved_state) for tip in select_tips(solved)]
     return max(reaches, default=0.0) > RIM_REACH * solved.film.radius
 
 

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
 from pvdf_fem import NotConvergedError, Scene, Solution, solve
-from pvdf_fem.solver.estimate.next_order import compute_error_shares
+from pvdf_fem.solver.estimate.next_order import compute_error_contributions
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.view.figures import make_figure, render_figure, use_style
 from pvdf_fem.view.film_quantities import MAPS, sample_field
@@ -95,7 +95,7 @@ def test_mesh_and_error_maps_have_all_elements(solution):
     solution.plot("error", ax=errors)
     count, shares = (
         solution.mesh.nelements,
-        compute_error_shares(solution.discrete, solution.problem.outputs),
+        compute_error_contributions(solution.discrete, solution.problem.outputs),
     )
     assert f"{count} triangles" in mesh.get_title()
     lines, drawn = mesh.collections[-1], errors.collections[-1]

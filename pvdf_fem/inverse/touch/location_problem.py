@@ -299,9 +299,8 @@ class LocationProblem:
             distance = np.hypot(probes[..., TouchColumn.X], probes[..., TouchColumn.Y])
             probes[..., PLACE] *= (reach_mm / np.maximum(distance, reach_mm))[..., None]
         else:
-            free, fixed = TouchColumn.X, TouchColumn.Y
-            if is_y_free:
-                free, fixed = fixed, free
+            free = TouchColumn.X if is_x_free else TouchColumn.Y
+            fixed = TouchColumn.Y if is_x_free else TouchColumn.X
             half_chord = np.sqrt(np.maximum(reach_mm**2 - probes[..., fixed] ** 2, 0.0))
             probes[..., free] = np.clip(probes[..., free], -half_chord, half_chord)
         return projected

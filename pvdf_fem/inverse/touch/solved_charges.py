@@ -253,7 +253,22 @@ def _list_probes(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
 
 
 def _find_errors(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator[str]:
-    """Find the reasons why a scene's touches cannot be located by solves, by key."""
+    """Find the reasons why a scene's touches cannot be located by solves.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    touches : int
+        Number of probes that touch at once.
+    unknown : sequence of str
+        Base names of the free quantities.
+
+    Yields
+    ------
+    str
+        One line for each reason, which begins with a key or an argument.
+    """
     probes = scene.loaded_probes
     if touches not in (1, 2):
         yield f"touches = {touches}: must be 1 or 2"

@@ -208,7 +208,7 @@ def _integrate_swept_work(adjoint: Adjoint, load: PatchLoad, name: str) -> Array
     elements = pairs.ravel()
     traces, tangents = make_facet_quadrature(mesh, np.tile(facets, 2), elements, GAUSS_POINTS)
     nodes = space.nodes[elements]
-    gradients = space.gradients_at(elements, traces.points)
+    gradients = space.evaluate_gradients(elements, traces.points)
     displacement = adjoint.state.dofs.reshape(-1, 3)[nodes]
     F = IDENTITY + np.matmul(displacement[:, None].swapaxes(2, 3), gradients)
     nodal = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[nodes]

@@ -83,7 +83,7 @@ class Uncertainty(Result):
     @property
     def table(self) -> TextTable:
         """Charges and changes with their deviations, and the shares in percent."""
-        heading = ["charges, uncertain values", "total, pC", "± pC", "change by touch, pC", "± pC"]
+        heading = ["charges, uncertain values", "total, pC", "± pC", "change by load, pC", "± pC"]
         charges = self.charges_pC
         changes = self.charge_changes_pC
         shares = self.shares()
