@@ -29,7 +29,7 @@ def solution():
     return solve(SCENE)
 
 
-def test_a_path_tables_a_scene_and_a_solution_are_scenes(tmp_path, solution):
+def test_a_path_tables_a_scene_or_a_solution_stands_for_a_scene(tmp_path, solution):
     path = tmp_path / "mine.toml"
     path.write_text(SCENE.to_toml(), encoding="utf-8")
     for given in (path, str(path), TABLES, SCENE, solution):
@@ -38,7 +38,7 @@ def test_a_path_tables_a_scene_and_a_solution_are_scenes(tmp_path, solution):
         assert refused(as_scene, wrong)
 
 
-def test_studies_take_a_solution_or_tables(solution):
+def test_functions_accept_a_solution_or_tables_for_a_scene(solution):
     assert solve(solution).charges_pC == solve(TABLES).charges_pC == solution.charges_pC
     assert modes(solution, 1).frequencies_Hz == modes(SCENE, 1).frequencies_Hz
     keys = ["load.force_N"]
@@ -106,7 +106,7 @@ GIVEN = {
 
 
 @pytest.mark.parametrize(("name", "argument"), [*parameters()])
-def test_an_argument_that_is_nothing_of_use_is_told_by_its_name(name, argument, solution):
+def test_an_invalid_argument_is_reported_by_its_name(name, argument, solution):
     function = function_of(name)
     given = eval(f"({CALLS[name]},)", {**GIVEN, "s": solution})
     arguments = inspect.signature(function).bind(*given).arguments
@@ -164,7 +164,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("call", MISTAKES)
-def test_a_mistake_is_told_by_its_name(call, solution):
+def test_a_wrong_value_is_reported_by_its_name(call, solution):
     with pytest.raises((ValueError, TypeError)) as mistake:
         eval(call, {**GIVEN, "s": solution})
     assert begins(mistake.value, re.escape(MISTAKES[call]))
@@ -178,6 +178,6 @@ def test_a_mistake_is_told_by_its_name(call, solution):
         *(("s.at(0, 0).stress", "stress_MPa"), ("pf.solv", "did you mean solve")),
     ],
 )
-def test_attributes_are_told_by_name(call, name, solution):
+def test_unknown_attributes_are_reported_by_name(call, name, solution):
     with pytest.raises(AttributeError, match=name):
         exec(call, {**GIVEN, "s": solution})

@@ -19,20 +19,20 @@ SENSOR = pvdf_fem.Scene(
 )
 
 
-def code_of(name: str) -> str:
-    """The examples of a public name and of its methods."""
+def read_examples_of(name: str) -> str:
+    """Return the examples of a public name and of its methods."""
     documented = doctest.DocTestFinder().find(getattr(pvdf_fem, name), name)
     return "".join(example.source for test in documented for example in test.examples)
 
 
 @pytest.mark.parametrize("name", pvdf_fem.__all__)
 def test_every_public_name_has_an_example(name):
-    assert code_of(name)
+    assert read_examples_of(name)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder with the files that examples read."""
+    """Write the files that examples read to a folder."""
     folder = tmp_path_factory.mktemp("examples")
     folder.joinpath("report.toml").write_text(get_example_text("report", read_examples()))
     folder.joinpath("sensor.toml").write_text(SENSOR.to_toml())
@@ -52,4 +52,4 @@ def test_examples_run(name, folder, monkeypatch):
     monkeypatch.chdir(folder)
     monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")  # a few solves need no further processes
     monkeypatch.setenv("MPLBACKEND", "agg")
-    exec(code_of(name), {public: getattr(pvdf_fem, public) for public in pvdf_fem.__all__})
+    exec(read_examples_of(name), {public: getattr(pvdf_fem, public) for public in pvdf_fem.__all__})

@@ -123,6 +123,32 @@ def test_paths_in_texts_exist(text):
     assert not missing
 
 
+def find_words(text: str) -> set[str]:
+    """Return the identifiers of at least four characters in a text."""
+    return {word for word in re.findall(r"[A-Za-z]\w{3,}", text) if not word.endswith("_")}
+
+
+@pytest.fixture(scope="module")
+def words_of_sources():
+    """All identifiers in the Python files of the checkout, and the names of these files."""
+    words: set[str] = set()
+    for folder in ("pvdf_fem", "reports", "tests"):
+        for path in ROOT.glob(f"{folder}/**/*.py"):
+            words |= {path.stem, *find_words(path.read_text("utf-8"))}
+    return words
+
+
+CODE_BLOCK = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.stem)
+def test_names_in_texts_exist(text, words_of_sources):
+    content = text.read_text("utf-8")
+    code = "\n".join(CODE_BLOCK.findall(content))
+    names = find_words(" ".join(re.findall(r"`([^`]+)`", CODE_BLOCK.sub("", content))))
+    assert not names - words_of_sources - find_words(code)
+
+
 #: A row of CONTRIBUTING's table of folders.
 FOLDER_ROW = re.compile(r"^\| `(\w+)/` \| [^|]+ \| `\1/[^|]+ \|$", re.MULTILINE)
 

@@ -1,4 +1,4 @@
-"""What is handed out: the wheel runs what README and the guide show, the sources are complete."""
+"""The wheel runs the examples of README and the guide, and the archive of sources is complete."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 #: A snippet of README, and the reason in a comment before it if it is not run here.
 SNIPPET = re.compile(r"^(<!-- not run: [^\n]+ -->\n)?```(python|sh)\n(.*?)^```", re.M | re.S)
-#: A cell of a page of the guide, and what a page says whose cells read the checkout.
+#: A cell of a page of the guide, and the comment of pages whose cells read the checkout.
 CELL = re.compile(r"^```\{code-cell\} ipython3\n(.*?)^```$", re.M | re.S)
 NEEDS_CHECKOUT = "% needs the checkout"
 NOT_COPIED = (".git", ".venv", ".*cache", ".hypothesis", "__pycache__", "out", "build", "dist")
@@ -46,24 +46,26 @@ print(pvdf_fem.__file__)
 """
 
 
-def run(*command: object, folder: Path, path: Path | None = None, given: str = "") -> str:
-    """What a command prints in a folder, `path` first among those of programs. Python finds nothing
-    but what is installed."""
+def run(*command: object, folder: Path, path: Path | None = None, stdin: str = "") -> str:
+    """Return the output of a command in a folder, with `path` before other folders of programs.
+
+    Python imports installed packages only.
+    """
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
     environment["LOKY_MAX_CPU_COUNT"] = "1"  # a few solves need no further processes
     environment["MPLBACKEND"] = "agg"
     if path is not None:
         environment["PATH"] = f"{path}{os.pathsep}{environment['PATH']}"
     arguments = [str(part) for part in command]
-    how = {"cwd": folder, "env": environment, "input": given, "timeout": 1200}
-    done = subprocess.run(arguments, capture_output=True, text=True, **how)
+    options = {"cwd": folder, "env": environment, "input": stdin, "timeout": 1200}
+    done = subprocess.run(arguments, capture_output=True, text=True, **options)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
-    """A folder with the wheel and the archive of sources, made from a copy of the checkout."""
+    """Build the wheel and the archive of sources in a folder, from a copy of the checkout."""
     pytest.importorskip("setuptools", "77")
     folder = tmp_path_factory.mktemp("built")
     ignored = shutil.ignore_patterns(*NOT_COPIED, "*.egg-info")
@@ -87,34 +89,37 @@ def programs(built):
     return Path(sysconfig.get_path("scripts", vars={"base": str(root)}))
 
 
-#: Pages of seconds; the others are slow.
+#: Pages that take seconds; the others are slow.
 QUICK = ("README", "verify", "extend")
 
 
-def pages() -> dict[str, list[str]]:
-    """The cells of README and of the guide's pages that need no checkout."""
+def read_cells() -> dict[str, list[str]]:
+    """Return the cells of README and of the guide's pages that need no checkout."""
     texts = {path.stem: path.read_text("utf-8") for path in ROOT.glob("reports/guide/*.md")}
-    cells = {n: CELL.findall(text) for n, text in texts.items() if NEEDS_CHECKOUT not in text}
+    cells = {}
+    for page, text in texts.items():
+        if NEEDS_CHECKOUT not in text:
+            cells[page] = CELL.findall(text)
     snippets = SNIPPET.findall(ROOT.joinpath("README.md").read_text("utf-8"))
     marks = {"sh": "%%sh\n", "python": ""}
-    cells["README"] = [marks[name] + code for left, name, code in snippets if not left]
-    return {name: found for name, found in cells.items() if found}
+    cells["README"] = [marks[name] + code for not_run, name, code in snippets if not not_run]
+    return {page: code for page, code in cells.items() if code}
 
 
-@pytest.mark.parametrize("of", [QUICK, pytest.param(None, marks=pytest.mark.slow)])
-def test_pages_run_from_the_wheel(programs, tmp_path, of):
-    cells = {name: found for name, found in pages().items() if of is None or name in of}
+@pytest.mark.parametrize("names", [QUICK, pytest.param(None, marks=pytest.mark.slow)])
+def test_pages_run_from_the_wheel(programs, tmp_path, names):
+    cells = {page: code for page, code in read_cells().items() if names is None or page in names}
     assert cells.keys() >= set(QUICK)
-    # plt.show() has no window here; xarray's HTML is not asked for
+    # plt.show() has no window here
     warn = "-W", "error", "-W", "ignore:FigureCanvasAgg"
     code = programs / "python", *warn, "-c", NOTEBOOK
-    printed = run(*code, folder=tmp_path, path=programs, given=json.dumps(cells)).splitlines()
+    printed = run(*code, folder=tmp_path, path=programs, stdin=json.dumps(cells)).splitlines()
     assert Path(printed[-1]).is_relative_to(programs.parent)
 
 
 def test_the_archive_of_sources_has_every_file(built):
     if not ROOT.joinpath(".git").exists() or shutil.which("git") is None:
-        pytest.skip("what belongs to the sources is known to git only")
+        pytest.skip("only git knows the files of the sources")
     listed = run("git", "ls-files", folder=ROOT).splitlines()
     expected = {path for path in listed if ROOT.joinpath(path).is_file()}
     examples = {f"pvdf_fem/examples/{path.name}" for path in ROOT.glob("geometry/*.toml")}
@@ -132,7 +137,7 @@ FOR_DEVELOPERS = ("mypy", "ngsolve", "playwright", "ruff", "furo", "myst-nb", "s
 
 
 def lowest_versions() -> list[str]:
-    """The lower bounds of `pyproject.toml`, as exact versions."""
+    """Return the lower bounds of `pyproject.toml` as exact versions."""
     project = tomllib.loads(ROOT.joinpath("pyproject.toml").read_text("utf-8"))["project"]
     lists = project["dependencies"], *project["optional-dependencies"].values()
     bounds = {bound for listed in lists for bound in listed if ">=" in bound}

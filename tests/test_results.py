@@ -1,4 +1,4 @@
-"""What results look like: a line as `repr`, values in `print` and in HTML, JSON, and tables."""
+"""Results: a line as `repr`, values in `print` and in HTML, JSON, and tables."""
 
 import json
 from dataclasses import replace
@@ -9,7 +9,7 @@ import pytest
 import pvdf_fem as pf
 from pvdf_fem.inverse.touch.touches import Touches
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow
-from pvdf_fem.summary import Result
+from pvdf_fem.summary import Result, Summary, TextTable, format_charges
 from tests.helpers.bump_response import draw_uniform_touches, make_bump_response
 from tests.surrogate import random_response
 
@@ -69,7 +69,7 @@ OBJECTS = {
 
 
 @pytest.mark.parametrize("name", OBJECTS)
-def test_every_result_is_a_line_a_text_and_html(solution, name):
+def test_results_have_repr_text_html_and_json(solution, name):
     make, values = OBJECTS[name]
     found = make(solution)
     assert isinstance(found, Result)
@@ -83,14 +83,14 @@ def test_every_result_is_a_line_a_text_and_html(solution, name):
 
 
 @pytest.mark.parametrize("name", ["points", "gradients", "response by frequency", "rows"])
-def test_tables_are_dataframes(solution, name):
+def test_tabular_results_convert_to_dataframes(solution, name):
     found = OBJECTS[name][0](solution)
     frame = found.to_dataframe()
     for column, values in found.columns().items():
         np.testing.assert_array_equal(frame[column].values, np.ravel(values))
 
 
-def test_a_solve_with_uncertain_numbers_tells_their_deviations(solution):
+def test_a_solve_with_uncertain_values_has_their_deviations(solution):
     alone = pf.uncertainty(replace(solution, uncertainty=None), UNCERTAIN)
     assert solution.scene.uncertain == UNCERTAIN
     assert solution.to_json()["uncertainty"] == alone.to_json()
@@ -106,3 +106,22 @@ def test_a_sweep_has_errors_of_changes_and_readings(solution):
     np.testing.assert_allclose(data.reading_V, [*solution.readings_V.values()], rtol=0.1)
     blind = pf.sweep(SCENE.with_(readout=None), [{"load.force_N": [1.0]}], processes=1)
     assert "reading_V" not in blind
+
+
+def test_a_summary_has_its_parts_in_order():
+    table = TextTable.from_columns({"key": ["a", "b"], "value": [None, 0.25]})
+    empty = TextTable(("nothing",), ())
+    summary = Summary("done", ["one", "<two>"], tables=[empty, table], notes=["a note"])
+    text = "done: one\n<two>\n\nkey  value\na\nb     0.25\n\na note"
+    assert summary.to_text() == text
+    html = summary.to_html()
+    assert html.startswith("<p><b>done</b>: one</p><p>&lt;two&gt;</p><table>")
+    assert html.endswith("<td>0.25</td></tr></tbody></table><p>a note</p>")
+    assert html.count("<table>") == 1
+
+
+def test_long_tables_and_many_charges_are_cut():
+    table = TextTable.from_columns({"x": np.arange(100.0).reshape(10, 10)}, max_rows=4)
+    assert table.rows == (("0",), ("1",), ("...",), ("98",), ("99",))
+    charges = dict.fromkeys("ABCDE", 1.0)
+    assert format_charges(charges) == "A 1, B 1, C 1, D 1, ... pC"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ from pvdf_fem.problem.problem import Problem
 from pvdf_fem.progress import Progress, ignore_progress
 from pvdf_fem.scene.scene import Scene
 
+logger = logging.getLogger(__name__)
 #: Status of a scene after an exception or a dead process in its solve. Such records are not
 #: stored: the next run tries the scenes again.
 CRASHED = "crashed"
@@ -94,6 +96,12 @@ def solve_planned(
         Index of a distinct scene of the plan, in order of completion.
     record : Record
     """
+    logger.info(
+        "%d stored scenes; %d scenes need %d solves",
+        len(plan.stored),
+        plan.missing,
+        len(plan.blocks),
+    )
     if store is not None:
         for index in plan.stored:
             record = store.get(plan.scenes[index])
@@ -120,7 +128,10 @@ def solve_planned(
 def _solve_blocks(
     plan: SweepPlan, store: Store | None, *, run: Runner, unloaded: UnloadedRecords
 ) -> Iterator[tuple[int, list[Record]]]:
-    """Yield block numbers with their records, in order of completion; records join the store."""
+    """Solve the blocks of a plan; save and yield their records as they finish.
+
+    Blocks that another program has solved in the meantime come last.
+    """
     if store is not None and plan.blocks:
         store.require_writable()
     solved_elsewhere: dict[int, list[Record]] = {}
@@ -136,7 +147,10 @@ def _solve_blocks(
 def _list_tasks(
     plan: SweepPlan, store: Store | None, solved_elsewhere: dict[int, list[Record]]
 ) -> Iterator[tuple[int, SolveTask]]:
-    """Yield the tasks of blocks, and collect the blocks that another program has solved by now."""
+    """Yield the tasks of blocks.
+
+    Records of blocks that another program has solved by now are put into `solved_elsewhere`.
+    """
     for number, block in enumerate(plan.blocks):
         scenes = plan.scenes_of(number)
         stored = []
@@ -164,7 +178,7 @@ def _finish_records(
 
 
 def _store_records(scenes: list[Scene], records: list[Record], store: Store | None) -> None:
-    """Keep the records of scenes that have not crashed."""
+    """Save the records of scenes that have not crashed to the store."""
     if store is None:
         return
     pairs = zip(scenes, records, strict=True)

@@ -52,7 +52,7 @@ def hash_code(folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
 
 
 def list_modules(folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> list[Path]:
-    """List the modules in folders of the package, and the modules that all share."""
+    """List the modules in folders of the package, and `arrays.py`, which all of them import."""
     package = Path(__file__).parents[1]
     modules: list[Path] = []
     for folder in folders:

@@ -62,7 +62,7 @@ def plan_solves(scenes: Sequence[Scene], is_stored: Sequence[bool] | None = None
     scenes : sequence of Scene
         The scenes.
     is_stored : sequence of bool, optional
-        For each scene whether its record is known, so that it needs no solve.
+        Whether the record of each scene is known, so that it needs no solve.
 
     Returns
     -------

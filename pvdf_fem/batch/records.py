@@ -136,7 +136,7 @@ def _split_solution(
     )
     if not has_converged:
         return [replace(shared, electrodes=electrodes) for electrodes in names]
-    # a thicker film under more force may share the solve, but not what bending would change
+    # a thicker film under more force may share the solve, but not the warnings about bending
     own_warnings = solution.problem.film.warnings
     common_warnings = [text for text in solution.warnings if text not in own_warnings]
     integrals = {}
@@ -188,7 +188,7 @@ def _collect_outputs(
 def _follow_electrodes(outputs: Sequence[Output], problem: Problem) -> list[Output] | None:
     """Return the outputs on a mesh that follows a scene's electrodes.
 
-    None if an output is no electrode of this scene with parallel axes.
+    Returns None if an output is not an electrode of this scene with parallel axes.
     """
     radius = problem.scene.film.radius
     patches = {}

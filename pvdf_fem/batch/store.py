@@ -140,7 +140,7 @@ class Store:
     Raises
     ------
     StoreError
-        If the file is damaged, or is no store of this version.
+        If the file is damaged, or is not a store of this version.
     """
 
     def __init__(self, path: Path) -> None:
@@ -167,7 +167,7 @@ class Store:
 
     def _is_empty(self) -> bool:
         """Return whether the file has no tables; raise `StoreError` for tables of another kind."""
-        # in this order, because another process may make the store between the two
+        # in this order, because another process may create the store between the two queries
         (tables,) = self._execute("SELECT count(*) FROM sqlite_master")
         (kind,) = self._execute("PRAGMA application_id")
         if kind != APPLICATION_ID and (kind or tables):

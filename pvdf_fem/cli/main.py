@@ -1,20 +1,20 @@
 """The command ``pvdf-fem``.
 
-Slow modules are imported where they are used, so that help and most error messages come at once.
+Slow modules are imported where they are used, so that help and most error messages come at once. Of
+the commands only the one that runs is imported.
 """
 
 from __future__ import annotations
 
-import argparse
+import re
+import sys
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
+from importlib import import_module
 
 from pvdf_fem import __version__
-from pvdf_fem.cli import explore, mesh, model, modes, respond, solve, texts
-from pvdf_fem.cli.inverse import calibrate, locate, track
 from pvdf_fem.cli.options import ArgumentParser, add_verbosity, describe_unknown_argument
 from pvdf_fem.cli.program import ExitCode, InputError, log_to_stderr, run_program
-from pvdf_fem.cli.studies import dataset, design, report, sweep
 from pvdf_fem.scene.scene_file import read_key_texts
 
 _DESCRIPTION = """\
@@ -37,23 +37,24 @@ is a list of several probes, each with the keys in which it differs from [load].
 exit codes: 0 converged, 2 bad input or an output that cannot be written,
 3 not converged, 130 interrupted"""
 
-#: The modules of commands, in the order of the help.
-_COMMANDS: tuple[Callable[[argparse._SubParsersAction[ArgumentParser]], None], ...] = (
-    texts.add_parsers,
-    solve.add_parser,
-    mesh.add_parser,
-    modes.add_parser,
-    respond.add_parser,
-    sweep.add_parser,
-    report.add_parser,
-    model.add_parser,
-    locate.add_parser,
-    track.add_parser,
-    calibrate.add_parser,
-    design.add_parser,
-    dataset.add_parser,
-    explore.add_parser,
-)
+#: Modules of the commands, in the order of the help. Each has a function `add_parser`.
+_MODULES = {
+    "example": "pvdf_fem.cli.texts",
+    "keys": "pvdf_fem.cli.texts",
+    "solve": "pvdf_fem.cli.solve",
+    "mesh": "pvdf_fem.cli.mesh",
+    "modes": "pvdf_fem.cli.modes",
+    "respond": "pvdf_fem.cli.respond",
+    "sweep": "pvdf_fem.cli.studies.sweep",
+    "report": "pvdf_fem.cli.studies.report",
+    "model": "pvdf_fem.cli.model",
+    "locate": "pvdf_fem.cli.inverse.locate",
+    "track": "pvdf_fem.cli.inverse.track",
+    "calibrate": "pvdf_fem.cli.inverse.calibrate",
+    "design": "pvdf_fem.cli.studies.design",
+    "dataset": "pvdf_fem.cli.studies.dataset",
+    "explore": "pvdf_fem.cli.explore",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -74,33 +75,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def make_parser() -> ArgumentParser:
     """Return the parser of the whole command line."""
-    parser, _ = _make_parsers()
+    parser, _ = _make_parsers(_MODULES)
     return parser
 
 
 def make_command_parsers() -> dict[str, ArgumentParser]:
     """Return the parser of each command, by the command's name."""
-    _, parsers = _make_parsers()
+    _, parsers = _make_parsers(_MODULES)
     return parsers
 
 
-def _make_parsers() -> tuple[ArgumentParser, dict[str, ArgumentParser]]:
-    """Return the parser of the whole command line, and those of its commands by name."""
+def _make_parsers(names: Iterable[str]) -> tuple[ArgumentParser, dict[str, ArgumentParser]]:
+    """Return the parser of a command line with some commands, and theirs by name."""
     parser = ArgumentParser(
         "pvdf-fem", description=_DESCRIPTION, epilog=_EPILOG.format(keys=_list_keys())
     )
     parser.add_argument("--version", action="version", version=f"pvdf-fem {__version__}")
     add_verbosity(parser)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
-    for add_parser in _COMMANDS:
-        add_parser(commands)
+    for module in dict.fromkeys(_MODULES[name] for name in names):
+        import_module(module).add_parser(commands)
     return parser, dict(commands.choices)
 
 
 def _run(arguments: Sequence[str] | None) -> int:
     """Parse the command line, run the command, and return its exit code."""
-    parser = make_parser()
-    options, unknown = parser.parse_known_args(arguments)
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    command = _find_command(words)
+    parser, _ = _make_parsers([command] if command else _MODULES)
+    options, unknown = parser.parse_known_args(words)
     has_command = "run" in options
     if unknown:
         message = describe_unknown_argument(unknown, options.parser if has_command else parser)
@@ -111,6 +114,17 @@ def _run(arguments: Sequence[str] | None) -> int:
     with log_to_stderr(options.verbose):
         code: int = options.run(options)
     return code
+
+
+def _find_command(words: Sequence[str]) -> str | None:
+    """Return the command of a command line; None without a known one, as with ``--help``."""
+    for word in words:
+        if word in _MODULES:
+            return word
+        is_verbosity = word == "--verbose" or re.fullmatch("-v+", word)
+        if not is_verbosity:
+            return None
+    return None
 
 
 def _list_keys() -> str:

@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
         mesh = mesh_scene(
             scene,
             choose_first_sizes(problem, ORDER),
-            least_jacobian=problem.film.mesh_policy.least_jacobian,
+            min_jacobian_ratio=problem.film.mesh_policy.min_jacobian_ratio,
             contacts=estimate_tip_outlines(scene),
         )
         write_mesh(mesh, options.file)

@@ -34,7 +34,7 @@ examples:
 exit codes: 0 printed, 2 no key has such a word"""
 
 
-def add_parsers(commands: Any) -> None:
+def add_parser(commands: Any) -> None:
     """Add both commands to the commands of an argument parser."""
     example = add_command(
         commands,

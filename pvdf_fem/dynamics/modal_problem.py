@@ -246,7 +246,7 @@ def estimate_bending_share(scene: Scene, count: int, loaded: bool) -> float:
     smaller by l all round, and by the stiffness D k^4 beside N k^2 for waves of number k.
     """
     effect = estimate_bending_effect(scene)
-    length = (effect.rim_length if loaded else effect.rest_length) / scene.film.radius
+    length = (effect.rim_length if loaded else effect.unloaded_length) / scene.film.radius
     return float(length + 0.5 * (estimate_wavenumber(count) * length) ** 2)
 
 

@@ -249,5 +249,5 @@ def _assemble_elastic_stiffness(equilibrium: Equilibrium, state: State) -> Any:
     tension = (state.stress * membrane.volumes[..., None])[..., [[0, 2], [2, 1]]]
     gradients = space.gradients
     products = np.matmul(np.matmul(gradients, tension), gradients.swapaxes(2, 3))
-    geometric = equilibrium.assembly.matrix(space.by_component(products.sum(axis=1)))
+    geometric = equilibrium.assembly.matrix(space.expand_to_components(products.sum(axis=1)))
     return film.tangent(state) - geometric

@@ -167,7 +167,7 @@ def _compute_spectrum(
 def assemble_pencil(equilibrium: Equilibrium, q: Array) -> Pencil:
     """Assemble the tangent stiffness in N/m at the unknowns `q`, and the mass of the film in kg."""
     film, space = equilibrium.film, equilibrium.space
-    unit_mass = space.mass()
+    unit_mass = space.mass_matrices()
     element_masses = film.density * film.thickness * unit_mass
     for name, layer in film.layers.items():
         covered = space.mesh.subdomains[name]

@@ -42,24 +42,24 @@ class Channel:
         return self.resistance * self.capacitance
 
     def reading(self, charge: ArrayLike) -> Array:
-        """Return the readings in V of charges in C that have just arrived."""
+        """Return the readings in V right after charges in C have appeared."""
         charge = np.asarray(charge, dtype=float)
         return self.offset + self.gain * charge / self.capacitance
 
     def step(self, charge: float, time: ArrayLike) -> Array:
-        """Return the readings in V after a charge has come at once and stayed.
+        """Return the step response: readings after a charge appears suddenly and stays.
 
         Parameters
         ----------
         charge : float
-            The charge in C, which comes at the time 0.
+            The charge in C, which appears at time 0.
         time : array_like
             Times in s.
 
         Returns
         -------
         ndarray
-            Readings at these times; before the charge they are the offset.
+            Readings in V at these times; before time 0 they equal the offset.
         """
         time = np.asarray(time, dtype=float)
         decay = np.exp(-np.maximum(time, 0.0) / self.time_constant)
@@ -67,7 +67,7 @@ class Channel:
         return self.offset + self.gain * voltage
 
     def harmonic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """Return the complex amplitudes of the reading over the charge, by frequency.
+        """Return the transfer function from charge to reading, by frequency.
 
         i ω R/(1 + i ω R C) is a high-pass filter, whose phase leads.
 
@@ -79,7 +79,7 @@ class Channel:
         Returns
         -------
         ndarray of complex
-            In V/C.
+            Complex amplitude of the reading divided by that of the charge, in V/C.
         """
         i_omega = 2j * np.pi * np.asarray(frequency, dtype=float)
         if math.isinf(self.resistance):
@@ -88,12 +88,12 @@ class Channel:
 
 
 def list_units_pC(channels: Sequence[Channel]) -> dict[str, Array]:
-    """List the units that readings may have, with their nominal sizes.
+    """List the units of readings, with their nominal sizes in pC.
 
     Parameters
     ----------
     channels : sequence of Channel
-        The channels.
+        Channels whose capacitances convert V to pC.
 
     Returns
     -------
@@ -168,7 +168,7 @@ def compute_readings_V(scene: Scene, charges_pC: ArrayLike, changes_pC: ArrayLik
     Parameters
     ----------
     scene : Scene
-        A scene, whose readout reads total charges or their changes.
+        The scene, whose readout tells whether total charges or changes are read.
     charges_pC : array_like, shape (electrodes,)
         Total charges.
     changes_pC : array_like, shape (electrodes,)

@@ -26,8 +26,9 @@ class FilmData:
     charge_errors_pC: dict[str, float]  #: Their estimated errors.
     contacts: dict[str, ContactResult]  #: Contacts of indenter tips, by patch.
     included: Sequence[str]  #: Included effects beyond the membrane.
-    #: Computes the elements' shares in the charge errors in C, (elements, electrodes).
-    error_shares: Callable[[], Array]
+    #: Computes the contributions of the elements to the charge errors in C, as an array
+    #: (elements, electrodes).
+    error_contributions: Callable[[], Array]
 
     @property
     def scene(self) -> Scene:

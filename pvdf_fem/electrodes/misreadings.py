@@ -22,7 +22,7 @@ class Misreading:
     kind: str  #: ``swapped_channels``, ``wrong_unit`` or ``wrong_sign``.
     text: str  #: The mistake in words.
     order: tuple[int, ...]  #: The column of each channel.
-    factors: Array  #: Right readings over those that were given, (channels,).
+    factors: Array  #: Factors that turn the given readings into the right ones, (channels,).
 
     @property
     def swapped_count(self) -> int:
@@ -30,17 +30,17 @@ class Misreading:
         return sum(channel != column for channel, column in enumerate(self.order))
 
     def correct(self, readings: Array) -> Array:
-        """Return the right readings (..., channels) for those that were given."""
+        """Return corrected readings, an array (..., channels) like the given one."""
         return np.asarray(readings[..., self.order] * self.factors)
 
 
 def list_misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misreading]:
-    """List the mistakes that readings may have: columns first, then units, then signs.
+    """List possible mistakes in readings: swapped columns, then wrong units, then wrong signs.
 
     Parameters
     ----------
     channels : sequence of Channel
-        The channels.
+        Channels of the readings.
     unit : str
         The unit of the readings, one of `list_units_pC`.
 
@@ -80,7 +80,7 @@ def _describe_order(names: Sequence[str], order: Sequence[int]) -> str:
 
 
 def _list_unit_ratios(channels: Sequence[Channel], unit: str) -> Iterator[tuple[list[str], Array]]:
-    """Yield the other units with their sizes over the given one; equal ones are named together."""
+    """Yield other units and their ratios to the given unit; units of equal size come together."""
     units = list_units_pC(channels)
     ratios = {other: size / units[unit] for other, size in units.items()}
     for other, ratio in ratios.items():

@@ -24,33 +24,33 @@ from pvdf_fem.problem.outputs import Output
 from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
 
 
-class ElementShares(NamedTuple):
-    """Element sizes of the first mesh at an electrode and at the probe, over area/perimeter."""
+class RelativeElementSizes(NamedTuple):
+    """Element sizes of the first mesh, as fractions of area divided by perimeter."""
 
     electrode: float
     probe: float
 
 
 class Observable(ABC):
-    """The stress integrals of an electrode, by the film's stress."""
+    """A rule for the stress integrals of an electrode."""
 
     name: ClassVar[str]  #: Value of the scene's key ``numerics.observable``.
     #: Whether electrodes have to be rectangles along the axes of their scene.
     needs_edges: ClassVar[bool] = False
     #: Element sizes with which charges reach the usual tolerance in most scenes.
-    element_shares: ClassVar[ElementShares]
+    relative_element_sizes: ClassVar[RelativeElementSizes]
 
     @abstractmethod
     def stress(self, film: Laminate, gradient: Array) -> Array:
-        """Return the stress that is integrated.
+        """Return the stress that the electrode integrates.
 
         Parameters
         ----------
         film : Laminate
             The film's law.
         gradient : ndarray, shape (..., 3, 2)
-            Displacement gradient. It may be complex, with a small step as its imaginary part: the
-            imaginary part of the stress is then its derivative times the step.
+            Displacement gradient. It may be complex (for complex-step derivatives): the imaginary
+            part of the stress is then the derivative times the imaginary step.
 
         Returns
         -------
@@ -86,7 +86,7 @@ class Material(Observable):
     """Integrals of S11 and S22 over the electrode's reference area."""
 
     name = "material"
-    element_shares = ElementShares(electrode=5.0, probe=2.0)
+    relative_element_sizes = RelativeElementSizes(electrode=5.0, probe=2.0)
 
     def stress(self, film: Laminate, gradient: Array) -> Array:
         """Return the second Piola-Kirchhoff stress in film axes."""
@@ -108,7 +108,7 @@ class ThesisEdge(Observable):
     name = "thesis-edge"
     needs_edges = True
     #: Means along edges need smaller elements than integrals over areas.
-    element_shares = ElementShares(electrode=1.7, probe=1.4)
+    relative_element_sizes = RelativeElementSizes(electrode=1.7, probe=1.4)
 
     def stress(self, film: Laminate, gradient: Array) -> Array:
         """Return the Cauchy stress F S F^T / J in global axes.

@@ -1,4 +1,4 @@
-"""Deflection, strain, stress and charge density of a solved film at points and along lines."""
+"""Deflection, strain, stress and charge density of a solution at points and along lines."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class PointValues(TabularResult):
         return columns
 
     def summary(self) -> Summary:
-        """Return the range of the deflections, and the first and the last points."""
+        """Summarize the range of the deflections, with a table of the first and last few points."""
         deflections = self.deflection_mm
         known = deflections[np.isfinite(deflections)]
         span = "none"
@@ -202,7 +202,7 @@ def _evaluate(
     space = equilibrium.space
     nodal = state.dofs.reshape(-1, 3)[space.nodes[elements]]
     displacement = np.matmul(evaluate_shape_functions(space.basis.elem, local), nodal)
-    shape_gradients = space.gradients_at(elements, local)
+    shape_gradients = space.evaluate_gradients(elements, local)
     gradients = np.matmul(nodal[:, None].swapaxes(2, 3), shape_gradients)
     strain = compute_strain(gradients)
     slopes = np.zeros_like(displacement)
@@ -249,7 +249,7 @@ def evaluate_along(
     """
     corners = coerce_array("line_mm", line_mm)
     if corners.shape[1:] != (2,) or len(corners) < 2:
-        reason = "is no line; give corners [(0, 0), (10, 5)]"
+        reason = "is not a line; give corners [(0, 0), (10, 5)]"
         raise ValueError(format_error("line_mm", line_mm, reason))
     points = coerce("points", points, int, (2, 1e6))
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)

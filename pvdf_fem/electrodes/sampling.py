@@ -30,8 +30,8 @@ from pvdf_fem.scene.outlines.outline import Outline
 Geometries = NDArray[np.object_]
 
 
-#: Degree of polynomials that are integrated exactly over the pieces of an outline: the stress of
-#: St. Venant and Kirchhoff has degree 2 (order - 1), 6 for the highest order with its estimate.
+#: Polynomial degree that is integrated exactly over the pieces of an outline. The stress of a St.
+#: Venant-Kirchhoff film has degree 2 (order - 1): 6 for the elements of order 4 in the estimate.
 AREA_DEGREE = 6
 #: Chords in place of a curved element edge.
 CHORDS = 32
@@ -39,7 +39,7 @@ CHORDS = 32
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """Sampling points of electrodes for the stress, in rows that lie in one element each."""
+    """Points at which electrodes sample the stress; the points of a row lie in one element."""
 
     outputs: Indices  #: Number of the electrode that a row belongs to, (n,).
     #: The stress integrals that the points add to: 0 is X (component 11 or xx), 1 is Y.
@@ -51,8 +51,8 @@ class Sampling:
     #: Local coordinates of the points in their elements, (2, n, points).
     local: Array
 
-    def places(self, mesh: MeshTri2) -> Array:
-        """Return the points in m, (n, points, 2)."""
+    def global_points(self, mesh: MeshTri2) -> Array:
+        """Return the global coordinates of the points in m, an array (n, points, 2)."""
         points = mesh.mapping().F(self.local, self.elements)
         return np.moveaxis(np.asarray(points), 0, -1)
 
@@ -63,7 +63,7 @@ class Sampling:
 
 
 class AreaPoints(NamedTuple):
-    """Quadrature points over outlines, in rows that lie in one element each."""
+    """Quadrature points inside outlines; the points of a row lie in one element."""
 
     owners: Indices  #: Number of the outline of a row, (n,).
     elements: Indices  #: Element of a row, (n,).
@@ -87,11 +87,12 @@ def sample_areas(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
     outputs : sequence of Output
         The electrodes: those that the mesh follows are sampled by their elements.
     space : Space
-        The finite-element space.
+        Finite-element space on the mesh.
 
     Yields
     ------
     Sampling
+        First the electrodes that the mesh follows, then the others.
     """
     has_patch = np.array([output.patch is not None for output in outputs], dtype=bool)
     followed = np.flatnonzero(has_patch)
@@ -116,7 +117,7 @@ def sample_areas(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
             outputs=others[area.owners],
             axes=(0, 1),
             elements=area.elements,
-            gradients=space.gradients_at(area.elements, local),
+            gradients=space.evaluate_gradients(area.elements, local),
             weights=area.weights,
             local=local,
         )
@@ -152,7 +153,7 @@ def sample_edges(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
     owners, axes = np.divmod(cut.owners // 2, 2)
     per_length = output_areas(outputs)[owners] / np.array(lengths)[owners, axes]
     weights = per_length[:, None] * cut.weights
-    gradients = space.gradients_at(cut.elements, cut.points)
+    gradients = space.evaluate_gradients(cut.elements, cut.points)
     for axis in (0, 1):
         rows = np.flatnonzero(axes == axis)
         yield Sampling(
@@ -173,14 +174,14 @@ def _find_edges(output: Output, axis: int) -> Array:
 
 
 def place_area_points(mesh: MeshTri2, outlines: Sequence[Outline], degree: int) -> AreaPoints:
-    """Place quadrature points over the areas of outlines.
+    """Place quadrature points inside outlines, anywhere on a mesh.
 
     Parameters
     ----------
     mesh : MeshTri2
-        The mesh.
+        Mesh whose elements cut the outlines.
     outlines : sequence of Outline
-        Outlines in m, anywhere on the mesh.
+        Outlines in m, in the axes of the mesh.
     degree : int
         The quadrature is exact for polynomials of this degree in every element.
 
@@ -218,13 +219,13 @@ def make_line_quadrature(
     Parameters
     ----------
     mesh : MeshTri2
-        The mesh.
+        Mesh whose elements cut the lines.
     lines : ndarray, shape (n, 2, 2)
         Start and end of each line in m.
     gauss_points : int, optional
         Gauss points of a piece of a line in an element.
     offset : float, optional
-        Distance of the points from the line, over its length.
+        Distance of the points from the line, as a fraction of its length.
 
     Returns
     -------

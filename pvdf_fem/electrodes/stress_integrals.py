@@ -23,9 +23,9 @@ from pvdf_fem.film.term import State
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.problem.outputs import Output, output_areas, piezo_coefficients, reflect_outputs
 
-#: The tolerance of a charge is relative to the charge, or to this share of |d31 X| + |d32 Y| where
-#: the two cancel.
-CANCELLATION_SHARE = 0.05
+#: The tolerance of a charge is relative to the charge, or to this fraction of |d31 X| + |d32 Y|
+#: where the two nearly cancel.
+CANCELLATION_FRACTION = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,18 +59,18 @@ class StressIntegrals:
         """
         return _combine(self.values, d)
 
-    def charge_errors(self, d: ArrayLike, least_share: float = 0.5) -> Array:
+    def charge_errors(self, d: ArrayLike, min_fraction: float = 0.5) -> Array:
         """Compute the estimated absolute errors of `charges`.
 
         All charges share a displacement and its error, and a single estimate may vanish by chance.
-        A relative error is therefore at least a share of the mean relative error.
+        The relative error of a charge is therefore at least a fraction of the mean relative error.
 
         Parameters
         ----------
         d : array_like, shape (2,) or (outputs, 2)
             d31 and d32.
-        least_share : float, optional
-            Least relative error over the mean relative error.
+        min_fraction : float, optional
+            Minimum relative error, as a fraction of the mean relative error.
 
         Returns
         -------
@@ -81,7 +81,7 @@ class StressIntegrals:
         magnitudes = _combine(np.abs(self.values), np.abs(d))
         total = magnitudes.sum()
         mean = errors.sum() / total if total > 0.0 else 0.0
-        return np.asarray(np.maximum(errors, least_share * mean * magnitudes))
+        return np.asarray(np.maximum(errors, min_fraction * mean * magnitudes))
 
 
 def compute_stress_integrals(
@@ -107,7 +107,7 @@ def compute_stress_integrals(
     Returns
     -------
     ndarray, shape (outputs, 2)
-        X and Y in N, with the stress by the electrodes' own voltages.
+        X and Y in N, including the stress that the electrodes' own voltages cause.
     """
     integrals = np.zeros((len(outputs), 2))
     for observable, sampling, directions in _iterate_samplings(outputs, membrane.space, sector):
@@ -134,20 +134,23 @@ def integrate_over_outputs(
     *,
     degree: int = 19,
 ) -> Array:
-    """Integrate a field over electrodes.
+    """Integrate a field over the areas of electrodes.
+
+    On a sector the integral sums over the electrodes' reflections, so the field is evaluated at
+    points of the sector only and must have the symmetry of the solution.
 
     Parameters
     ----------
     outputs : sequence of Output
         The electrodes.
     field : callable
-        Values (..., n) at places (..., 2) in m, in the scene's axes.
+        Function that returns values (..., n) at points (..., 2) in m, in the scene's axes.
     mesh : MeshTri2
         Mesh of the sector.
     sector : SymmetrySector, optional
         The sector that is meshed.
     degree : int, optional
-        The integral is exact for polynomials of this degree in every element.
+        Polynomial degree up to which the integral is exact in every element.
 
     Returns
     -------
@@ -170,7 +173,7 @@ def differentiate_charges(
     *,
     sector: SymmetrySector = WHOLE_FILM,
 ) -> Array:
-    """Differentiate the charges of electrodes by the dofs of the displacement.
+    """Differentiate the charges of electrodes with respect to the displacement dofs.
 
     The stress of an observable is differentiated by a complex step.
 
@@ -232,7 +235,7 @@ def select_larger_errors(errors: Array, others: Array, outputs: Sequence[Output]
 
 
 def distribute_charge_errors(errors: Array, integrals: Array, outputs: Sequence[Output]) -> Array:
-    """Distribute charge errors over X and Y, in proportion to their parts in the charge.
+    """Distribute charge errors to X and Y, in proportion to |d31 X| and |d32 Y|.
 
     Parameters
     ----------
@@ -246,7 +249,7 @@ def distribute_charge_errors(errors: Array, integrals: Array, outputs: Sequence[
     Returns
     -------
     ndarray, shape (outputs, 2)
-        Errors of the stress integrals in N, whose charges are the charge errors.
+        Errors of the stress integrals in N that combine to the charge errors.
     """
     d = piezo_coefficients(outputs)
     total = np.abs(d * integrals).sum(axis=1, keepdims=True)
@@ -264,10 +267,11 @@ def compute_charge_scales(
 ) -> Array:
     """Compute the charges that relative charge errors refer to.
 
-    A scale is the charge itself, but at least the share `CANCELLATION_SHARE` of |d31 X| + |d32 Y|.
+    A scale is the charge itself, but at least the fraction `CANCELLATION_FRACTION` of
+    |d31 X| + |d32 Y|.
     An electrode on slack film, or under a rigid probe, has next to no charge, and a relative error
-    has no meaning there: a scale is at least a negligible share of the charge by the film's mean
-    stress.
+    has no meaning there: a scale is at least a negligible fraction of the charge that the film's
+    mean stress would make.
 
     Parameters
     ----------
@@ -280,7 +284,7 @@ def compute_charge_scales(
     space : Space
         The finite-element space.
     negligible : float, optional
-        Least scale over the charge by the mean stress.
+        Minimum scale, as a fraction of the charge that the mean stress would make.
 
     Returns
     -------
@@ -290,7 +294,7 @@ def compute_charge_scales(
     stress = np.abs(state.stress[..., :2]) * space.weights[..., None]
     mean_stress = stress.sum(axis=(0, 1)) / space.weights.sum()
     d = np.abs(piezo_coefficients(outputs))
-    by_parts = CANCELLATION_SHARE * _combine(np.abs(integrals), d)
+    by_parts = CANCELLATION_FRACTION * _combine(np.abs(integrals), d)
     by_mean_stress = negligible * output_areas(outputs) * (d @ mean_stress)
     charges = np.abs(combine_charges(outputs, integrals))
     scales = np.maximum(charges, np.maximum(by_parts, by_mean_stress))
@@ -337,13 +341,13 @@ def _restrict_film(membrane: Membrane, sampling: Sampling, sector: SymmetrySecto
     """Return the film at the sampling points; a linear law has the same stress everywhere."""
     if membrane.added is None or membrane.law.is_linear:
         return membrane
-    return membrane.at(sampling.places(membrane.space.mesh) @ sector.frame)
+    return membrane.at_points(sampling.global_points(membrane.space.mesh) @ sector.frame)
 
 
 def _iterate_samplings(
     outputs: Sequence[Output], space: Space, sector: SymmetrySector
 ) -> Iterator[tuple[Observable, Sampling, Array]]:
-    """Iterate over the observables, their sampling points, and the `directions` of the outputs."""
+    """Yield each observable in use with its sampling points and the directions of its outputs."""
     reflections, owners = reflect_outputs(outputs, sector)
     for name, observable in OBSERVABLES.items():
         numbers = [i for i, output in enumerate(reflections) if output.observable == name]

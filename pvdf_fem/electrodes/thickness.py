@@ -31,7 +31,7 @@ def compute_thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
     for term in equilibrium.terms:
         if not isinstance(term, LoadTerm):
             continue
-        pressed = term.face_forces(state, film_forces)
+        pressed = term.through_thickness_forces(state, film_forces)
         if pressed is not None:
             elements, forces = pressed
             pressing[elements] += forces

@@ -24,7 +24,7 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.effects import EffectNote, format_two_digits
 from pvdf_fem.film.loads.contact_estimate import estimate_pressed_area
 from pvdf_fem.film.membrane import IDENTITY, compute_strain, compute_strain_rate
-from pvdf_fem.film.point_load import estimate_load_share
+from pvdf_fem.film.point_load import estimate_load_fraction
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import ElementStress, State, Term
 from pvdf_fem.mesh.subdomains import make_subdomain_name
@@ -56,7 +56,7 @@ class FloatingElectrode:
         return permittivity * self.outline.area / self.film.thickness + self.load
 
     @cached_property
-    def share(self) -> Array:
+    def coupling_matrix(self) -> Array:
         """Stress integrals X, Y by the voltage over those by the strain, (2, 2)."""
         factor = self.outline.area / self.film.thickness / self.capacitance
         return factor * np.outer(self.e[:2], [self.film.d31, self.film.d32])
@@ -70,9 +70,9 @@ class FloatingElectrode:
             Integrals of the strain's stress in N.
         """
         unloaded = self.film.prestress[:2] * self.outline.area
-        return np.asarray(integrals + self.share @ (integrals - unloaded))
+        return np.asarray(integrals + self.coupling_matrix @ (integrals - unloaded))
 
-    def estimate_effect(self, scene: Scene, probe: LoadedProbe, own_share: float = 0.4) -> float:
+    def estimate_effect(self, scene: Scene, probe: LoadedProbe, own_fraction: float = 0.4) -> float:
         """Estimate the relative change of a charge by coupling.
 
         Parameters
@@ -81,7 +81,7 @@ class FloatingElectrode:
             The scene.
         probe : LoadedProbe
             The probe that presses.
-        own_share : float
+        own_fraction : float
             Share of its own stress that a small part of a film keeps: (1 - ν)/2, or (1 + ν)/4 of a
             shear (Eshelby).
         """
@@ -93,8 +93,12 @@ class FloatingElectrode:
         # an electrode under the probe has its mean tension at about half its radius
         r = max(distance - radius, pressed_radius, 0.5 * radius)
         covered = area / (math.pi * self.film.radius**2)
-        kept = own_share + (1.0 - own_share) * covered
-        return float(np.trace(self.share)) * kept * estimate_load_share(self.film, force, r)
+        kept = own_fraction + (1.0 - own_fraction) * covered
+        return (
+            float(np.trace(self.coupling_matrix))
+            * kept
+            * estimate_load_fraction(self.film, force, r)
+        )
 
 
 class Coupling(Term):
@@ -119,18 +123,18 @@ class Coupling(Term):
         """Return the energy in J."""
         return 0.5 * self.voltage(state) * self.charge(state.strain)
 
-    def slope(self, state: State) -> Array:
+    def charge_gradient(self, state: State) -> Array:
         """Return the derivative of q by the dofs in C/m, (dofs,).
 
         It has the integrals of e : sym(Fᵀ grad v) over the electrode.
         """
         flux = state.deformation_gradient[self.elements] * self._weighted_e[:, :, None, :2]
         parts = np.matmul(self.space.gradients[self.elements], flux.swapaxes(2, 3))
-        return self.space.sum(parts.sum(axis=1), self.elements)
+        return self.space.sum_at_dofs(parts.sum(axis=1), self.elements)
 
     def residual(self, state: State) -> Array:
         """Return the derivative of the energy in N, (dofs,)."""
-        return self.voltage(state) * self.slope(state)
+        return self.voltage(state) * self.charge_gradient(state)
 
     def added_stress(self, state: State) -> ElementStress:
         """Return the stress e V/h of the voltage."""
@@ -139,7 +143,7 @@ class Coupling(Term):
 
     def tangent_column(self, state: State) -> Array:
         """Return the slope over √(C + C_L)."""
-        return self.slope(state) / np.sqrt(self.electrode.capacitance)
+        return self.charge_gradient(state) / np.sqrt(self.electrode.capacitance)
 
     def action(self, state: State, x: Array) -> Array:
         """Return the tangent without the geometric stiffness times `x` in N, (dofs,)."""
@@ -148,7 +152,7 @@ class Coupling(Term):
 
     def energy_along(self, state: State, x: Array) -> Array:
         """Return the energy of the dofs moved by s `x`, as coefficients (5,) of 1, s, ... s⁴."""
-        step = self.space.gradient(x)
+        step = self.space.displacement_gradient(x)
         first = compute_strain_rate(state.deformation_gradient, step)
         second = compute_strain(step) - compute_strain_rate(IDENTITY, step)
         charge = [self.charge(strain) for strain in (state.strain, first, second)]

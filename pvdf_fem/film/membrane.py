@@ -41,15 +41,15 @@ class Membrane(Laminate, Term):
 
     def state(self, x: Array) -> State:
         """Return the fields of the dofs `x` in m."""
-        gradient = self.space.gradient(x)
+        gradient = self.space.displacement_gradient(x)
         strain = compute_strain(gradient)
         return State(gradient + IDENTITY, strain, self.resultant(strain), x)
 
-    def own_stress(self, state: State) -> Array:
+    def constitutive_stress(self, state: State) -> Array:
         """Return the strain's stress in Pa, without the stress that terms add."""
         return state.stress if state.added is None else state.stress - state.added
 
-    def moduli(self, state: State) -> Array:
+    def tangent_stiffness(self, state: State) -> Array:
         """Return dS/dE in Pa; that of the last state is kept.
 
         Returns
@@ -57,10 +57,10 @@ class Membrane(Laminate, Term):
         (3, 3) or (elements, points, 3, 3) array
             A single matrix where it is the same everywhere.
         """
-        if state.moduli is not None:
-            return state.moduli
+        if state.tangent_stiffness is not None:
+            return state.tangent_stiffness
         if self._last_moduli is None or self._last_moduli[0] is not state:
-            self._last_moduli = state, self.resultant_moduli(state.strain)
+            self._last_moduli = state, self.resultant_tangent_stiffness(state.strain)
         return self._last_moduli[1]
 
     def energy(self, state: State) -> float:
@@ -72,10 +72,10 @@ class Membrane(Laminate, Term):
 
         The sum of these would leave rounding, which drowns a small load and moves a flat film.
         """
-        return self.internal_forces(state) - self._balanced_forces
+        return self.internal_forces(state) - self._prestress_forces
 
     @cached_property
-    def _balanced_forces(self) -> Array:
+    def _prestress_forces(self) -> Array:
         """Forces in N of the part of the flat film's stress that balances inside the rim, (dofs,).
 
         It is the whole stress if that is uniform, otherwise its mean.
@@ -85,31 +85,33 @@ class Membrane(Laminate, Term):
         is_uniform = np.abs(flat - mean).max() <= 1e-12 * np.abs(mean).max()  # but for rounding
         balanced = flat if is_uniform else np.broadcast_to(mean, flat.shape)
         undeformed = np.broadcast_to(IDENTITY, (*self.volumes.shape, 3, 2))
-        return self.space.sum(self.space.forces(self._first_piola(undeformed, balanced)))
+        return self.space.sum_at_dofs(
+            self.space.integrate_flux(self._first_piola(undeformed, balanced))
+        )
 
     def internal_forces(self, state: State) -> Array:
         """Return the forces of the strain's stress in N, (dofs,)."""
-        flux = self._first_piola(state.deformation_gradient, self.own_stress(state))
-        return self.space.sum(self.space.forces(flux))
+        flux = self._first_piola(state.deformation_gradient, self.constitutive_stress(state))
+        return self.space.sum_at_dofs(self.space.integrate_flux(flux))
 
     def element_action(self, state: State, x: Array) -> Array:
         """Return the tangent times the dofs `x` in N, (elements, element dofs)."""
         F = state.deformation_gradient
-        step = self.space.gradient(x)
-        stress_rate = apply_matrix(self.moduli(state), compute_strain_rate(F, step))
+        step = self.space.displacement_gradient(x)
+        stress_rate = apply_matrix(self.tangent_stiffness(state), compute_strain_rate(F, step))
         flux = self._first_piola(step, state.stress) + self._first_piola(F, stress_rate)
-        forces = self.space.forces(flux)
+        forces = self.space.integrate_flux(flux)
         if self.law.wrinkles:
             forces += apply_matrix(self._damping(state), x[self.space.element_dofs])
         return forces
 
     def diagonal(self, state: State) -> Array:
         """Return the diagonal of the tangent in N/m, (dofs,)."""
-        return self.space.sum(self.element_diagonal(state))
+        return self.space.sum_at_dofs(self.element_diagonal(state))
 
     def element_diagonal(self, state: State) -> Array:
         """Return the diagonals of the element tangents in N/m, (elements, element dofs)."""
-        moduli = self.moduli(state)
+        moduli = self.tangent_stiffness(state)
         factors = np.empty((*self.volumes.shape, 3, 3))
         for i in range(3):
             m11, m12, _, m22 = self._derivatives(state, moduli, i, i)
@@ -148,7 +150,7 @@ class Membrane(Laminate, Term):
         """
         count = len(self.space.gradient_rows)
         functions = self.space.gradient_rows.shape[-1]
-        moduli = self.moduli(state)
+        moduli = self.tangent_stiffness(state)
         blocks = np.empty((count, functions, 3, functions, 3))
         for first in range(0, count, chunk_size):
             chunk = slice(first, first + chunk_size)
@@ -247,8 +249,8 @@ class Membrane(Laminate, Term):
             Coefficients in J of 1, s, ... s⁴, with the moduli of the state. They are exact for a
             linear law: the strain is quadratic in s, and the energy is quadratic in the strain.
         """
-        step = self.space.gradient(x)
-        moduli = self.moduli(state)
+        step = self.space.displacement_gradient(x)
+        moduli = self.tangent_stiffness(state)
         volumes = self.volumes[..., None]
         # strain = E + s first + s² second
         first = compute_strain_rate(state.deformation_gradient, step)
@@ -257,7 +259,7 @@ class Membrane(Laminate, Term):
         def integrate(stress: Array, strain: Array) -> float:
             return float((stress * strain * volumes).sum())
 
-        stress = self.own_stress(state)
+        stress = self.constitutive_stress(state)
         stress_first = apply_matrix(moduli, first)
         stress_second = apply_matrix(moduli, second)
         return np.array(
@@ -291,7 +293,7 @@ class Membrane(Laminate, Term):
 
     @cached_property
     def _laplace(self) -> Array:
-        return self.space.laplace()
+        return self.space.laplace_matrices()
 
     def _damping(self, state: State) -> Array:
         """Return the tangent of an artificial tension in N/m.
@@ -303,16 +305,16 @@ class Membrane(Laminate, Term):
         """
         return (state.damping + self.floor) * self.mean_tension(state) * self._laplace
 
-    def mean_tension(self, state: State, least_strain: float = 1e-16) -> float:
+    def mean_tension(self, state: State, min_strain: float = 1e-16) -> float:
         """Return the mean of both principal tensions over the film in N/m.
 
-        Where the film is slack everywhere, it is the tension of the strain `least_strain`.
+        Where the film is slack everywhere, it is the tension of the strain `min_strain`.
         """
         mean = 0.5 * state.stress[..., :2].sum(axis=-1)
         average = float((mean * self.volumes).sum() / self.volumes.sum())
-        return self.film.thickness * max(average, least_strain * self.law.stiffness[0, 0])
+        return self.film.thickness * max(average, min_strain * self.law.stiffness[0, 0])
 
-    def predicted(self, state: State, stress: Array, damping: float) -> State:
+    def with_predicted_stress(self, state: State, stress: Array, damping: float) -> State:
         """Return a state with another stress and damping in its tangent.
 
         Its moduli remain those of its own strain.
@@ -326,7 +328,9 @@ class Membrane(Laminate, Term):
         damping : float
             Artificial tension over the mean tension.
         """
-        return replace(state, stress=stress, moduli=self.moduli(state), damping=damping)
+        return replace(
+            state, stress=stress, tangent_stiffness=self.tangent_stiffness(state), damping=damping
+        )
 
 
 def compute_strain(gradient: Array) -> Array:

@@ -59,7 +59,7 @@ class MeshPolicy:
     """Numbers for meshes, and for solves and errors on them."""
 
     #: Least Jacobian in an element over the element's mean.
-    least_jacobian: float = 0.14
+    min_jacobian_ratio: float = 0.14
     #: Factor on the element sizes of the first mesh.
     size_factor: float = 1.0
     #: Default number of unknowns of the finest mesh, at the usual tolerance.
@@ -250,7 +250,7 @@ def resolve_film_model(scene: Scene) -> FilmModel:
     edge_saturation = 2.0 if has_rigid_probe(scene) else 1.0
     if kinematics is PLATE:
         policy = MeshPolicy(
-            least_jacobian=0.2,
+            min_jacobian_ratio=0.2,
             iteration_cost=1.6,
             has_smooth_correction=False,
             saturation=1.2,  # measured: 0.85 to 1.1

@@ -65,7 +65,7 @@ def estimate_tension_cube(film: Film, force: float, r: float, schwerin: float = 
     return schwerin**3 * modulus * film.thickness * (force / r) ** 2
 
 
-def estimate_load_share(film: Film, force: float, r: float) -> float:
+def estimate_load_fraction(film: Film, force: float, r: float) -> float:
     """Estimate the share of the tension that is due to the load, (N - N0)/N.
 
     Parameters

@@ -48,7 +48,7 @@ INTEGRATION_ORDER = {1: 1, 2: 4, 3: 6, 4: 8}
 class Quadrature(NamedTuple):
     """Points of a quadrature in some elements."""
 
-    places: Array  #: In m, (n, points, 2).
+    points: Array  #: In m, (n, points, 2).
     values: Array  #: Of the scalar functions, (n, points, functions).
     weights: Array  #: Times area in m², (n, points).
 
@@ -105,7 +105,7 @@ class Space:
         return np.asarray(self.basis.element_dofs.T)
 
     @property
-    def places(self) -> Array:
+    def quadrature_points(self) -> Array:
         """The quadrature points in m, (elements, points, 2)."""
         return np.moveaxis(np.asarray(self.basis.global_coordinates()), 0, -1)
 
@@ -127,10 +127,10 @@ class Space:
         """
         basis = Basis(self.mesh, self.basis.elem, intorder=order, elements=elements)
         values = [np.broadcast_to(shape[0], basis.dx.shape) for shape in basis.basis]
-        places = np.moveaxis(np.asarray(basis.global_coordinates()), 0, -1)
-        return Quadrature(places, np.stack(values, axis=-1), basis.dx)
+        quadrature_points = np.moveaxis(np.asarray(basis.global_coordinates()), 0, -1)
+        return Quadrature(quadrature_points, np.stack(values, axis=-1), basis.dx)
 
-    def gradient(self, x: Array, elements: Selection = ALL) -> Array:
+    def displacement_gradient(self, x: Array, elements: Selection = ALL) -> Array:
         """Return the displacement gradient at the quadrature points, (elements, points, 3, 2).
 
         Parameters
@@ -145,7 +145,7 @@ class Space:
         slopes = np.matmul(rows, x.reshape(-1, 3)[nodes]).reshape(len(rows), -1, 2, 3)
         return move_components_last(np.ascontiguousarray(slopes.transpose(3, 2, 0, 1)), 2)
 
-    def forces(self, flux: Array) -> Array:
+    def integrate_flux(self, flux: Array) -> Array:
         """Return integrals of flux : grad v over the elements.
 
         Parameters
@@ -162,23 +162,25 @@ class Space:
         forces = np.matmul(self.gradient_rows.swapaxes(1, 2), stacked)
         return forces.reshape(self.element_dofs.shape)
 
-    def sum(self, element_vectors: Array, elements: Selection = ALL) -> Array:
+    def sum_at_dofs(self, element_vectors: Array, elements: Selection = ALL) -> Array:
         """Return the sum of vectors of elements, (elements, element dofs), at the dofs, (dofs,)."""
         dofs = self.element_dofs[elements]
         total = np.bincount(dofs.ravel(), element_vectors.ravel(), self.dof_count)
         return np.asarray(total, dtype=np.float64)
 
-    def laplace(self) -> Array:
+    def laplace_matrices(self) -> Array:
         """Return integrals of grad v . grad u, (elements, element dofs, element dofs)."""
         weighted = self.gradients * self.weights[..., None, None]
-        return self.by_component(np.matmul(weighted, self.gradients.swapaxes(2, 3)).sum(axis=1))
+        return self.expand_to_components(
+            np.matmul(weighted, self.gradients.swapaxes(2, 3)).sum(axis=1)
+        )
 
-    def mass(self) -> Array:
+    def mass_matrices(self) -> Array:
         """Return integrals of v . u in m², (elements, element dofs, element dofs)."""
         weighted = self.values * self.weights[..., None]
-        return self.by_component(np.matmul(weighted.swapaxes(1, 2), self.values))
+        return self.expand_to_components(np.matmul(weighted.swapaxes(1, 2), self.values))
 
-    def by_component(self, scalar: Array) -> Array:
+    def expand_to_components(self, scalar: Array) -> Array:
         """Return matrices for all three displacement components.
 
         Parameters
@@ -194,7 +196,7 @@ class Space:
         blocks = np.einsum("eab,ij->eaibj", scalar, np.eye(3))
         return blocks.reshape(*self.element_dofs.shape, self.element_dofs.shape[1])
 
-    def gradients_at(self, elements: Indices, points: Array) -> Array:
+    def evaluate_gradients(self, elements: Indices, points: Array) -> Array:
         """Evaluate the gradients of the scalar functions at any points.
 
         Parameters
@@ -214,7 +216,7 @@ class Space:
         inverse = self.mesh.mapping().invDF(points, elements)
         return np.matmul(local, inverse.transpose(2, 3, 0, 1))
 
-    def interpolation(self, points: Array, candidates: int = 8) -> sp.csr_matrix:
+    def interpolation_matrix(self, points: Array, candidates: int = 8) -> sp.csr_matrix:
         """Make the matrix that takes values at scalar dofs to values at points.
 
         Parameters
@@ -298,5 +300,5 @@ def transfer_dofs(space: Space, x: Array, target: Space) -> Array:
         Dofs in m. Auxiliary dofs are copied.
     """
     nodal = x.reshape(-1, 3)[: space.basis.N]
-    on_film = space.interpolation(target.basis.doflocs) @ nodal
+    on_film = space.interpolation_matrix(target.basis.doflocs) @ nodal
     return np.append(on_film.ravel(), x[space.auxiliary_dofs])

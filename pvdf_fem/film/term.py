@@ -40,7 +40,7 @@ class State:
     #: Stress that terms add to the strain's stress, if any does, (elements, 1, 3).
     added: Array | None = field(default=None, kw_only=True)
     #: Moduli in Pa that replace the strain's moduli in a tangent.
-    moduli: Array | None = field(default=None, kw_only=True)
+    tangent_stiffness: Array | None = field(default=None, kw_only=True)
     #: Artificial tension in a tangent, over the film's mean tension.
     damping: float = field(default=0.0, kw_only=True)
 
@@ -188,14 +188,14 @@ class Term(SolverHints, NonlocalTangent, ABC):
     def action(self, state: State, x: Array) -> Array | None:
         """Return the sum of `element_action` at the dofs in N, (dofs,)."""
         forces = self.element_action(state, x)
-        return None if forces is None else self.space.sum(forces)
+        return None if forces is None else self.space.sum_at_dofs(forces)
 
     def diagonal(self, state: State) -> Array | None:
         """Return the diagonal of the symmetric tangent in N/m, (dofs,); None as `action`."""
         tangent = self.element_tangent(state) if self.conservative else None
         if tangent is None:
             return None
-        return self.space.sum(np.einsum("eii->ei", tangent.matrices), tangent.elements)
+        return self.space.sum_at_dofs(np.einsum("eii->ei", tangent.matrices), tangent.elements)
 
     def energy_along(self, state: State, x: Array) -> Array:
         """Return the energy of the dofs moved by s `x`, as a polynomial in s.
@@ -249,7 +249,7 @@ class LoadTerm(Term):
         """Return the forces with a minus sign in N, (dofs,)."""
         return -self.forces(state)
 
-    def face_forces(self, state: State, residual: Array) -> ElementForces | None:
+    def through_thickness_forces(self, state: State, residual: Array) -> ElementForces | None:
         """Return the forces by which the load compresses the film across its thickness.
 
         Parameters

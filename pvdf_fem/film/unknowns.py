@@ -237,7 +237,7 @@ def make_prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
     """
     unknowns = rich.unknowns
     # one dof represents all that share a slot
-    dofs = _find_first(unknowns.of_dof, unknowns.slot_count)
+    dofs = _find_first_indices(unknowns.of_dof, unknowns.slot_count)
     node, component = np.divmod(dofs, 3)
     values, nodes = _interpolate_at_nodes(coarse.space, rich.space, node)
     is_kept = np.abs(values) > 1e-13  # a node of both spaces takes one value, not six
@@ -259,7 +259,7 @@ def _interpolate_at_nodes(coarse: Space, rich: Space, nodes: Indices) -> _Interp
     shapes = evaluate_shape_functions(coarse.basis.elem, ELEMENTS[rich.order].doflocs.T)
     is_beside = nodes >= rich.basis.N
     rich_nodes = rich.basis.element_dofs
-    first = _find_first(rich_nodes.T.ravel(), rich.basis.N)
+    first = _find_first_indices(rich_nodes.T.ravel(), rich.basis.N)
     element, local = np.divmod(first[np.where(is_beside, 0, nodes)], len(rich_nodes))
     values = shapes[local]
     coarse_nodes = coarse.nodes[element]
@@ -268,7 +268,7 @@ def _interpolate_at_nodes(coarse: Space, rich: Space, nodes: Indices) -> _Interp
     return _Interpolation(values, coarse_nodes)
 
 
-def _find_first(labels: Indices, count: int) -> Indices:
+def _find_first_indices(labels: Indices, count: int) -> Indices:
     """Return where each of the labels 0 ... count - 1 stands first in `labels`, (count,).
 
     Negative labels are ignored.

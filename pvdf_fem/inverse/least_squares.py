@@ -165,8 +165,8 @@ def run_levenberg_marquardt(
         their values.
     rows : ndarray of int, shape (n,), optional
         Row of the measured data that each search is to explain. By default all searches explain
-        the first row and compete: a search is given up where a better one has already been, or
-        where it cannot reach the least chi-square found so far plus `max_excess`.
+        the first row and compete: a search is given up when it comes close to a better search or to
+        a minimum, or when it cannot reach the least chi-square of the minima plus `max_excess`.
     max_excess : float
         Largest difference of chi-square from the least one that is still of interest.
     options : SearchOptions
@@ -201,14 +201,15 @@ def run_levenberg_marquardt(
         if ends.any():
             searches.finish(trial.select(ends), is_last[ends])
             trial = trial.select(~ends)
-        if trial.searches.size:
-            active = searches.advance(trial)
-        if not (trial.searches.size and active.size):
+        if not trial.searches.size:
+            break
+        active = searches.advance(trial)
+        if not active.size:
             break
     return searches.result
 
 
-class _Trial(NamedTuple):
+class _TrialSteps(NamedTuple):
     """Steps of the m searches that go on."""
 
     searches: Indices  #: Which of all searches these are, (m,).
@@ -218,9 +219,9 @@ class _Trial(NamedTuple):
     unbounded: Array  #: Coordinates after the step, (m, k).
     coordinates: Array  #: The same projected onto the bounds, (m, k).
 
-    def select(self, mask: Mask) -> _Trial:
+    def select(self, mask: Mask) -> _TrialSteps:
         """Return the steps of some searches."""
-        return _Trial(
+        return _TrialSteps(
             searches=self.searches[mask],
             chi_square=self.chi_square[mask],
             predicted_decrease=self.predicted_decrease[mask],
@@ -262,12 +263,12 @@ class _Searches:
             converged=self._converged,
         )
 
-    def propose_steps(self, active: Indices) -> _Trial:
+    def propose_steps(self, active: Indices) -> _TrialSteps:
         """Compute the damped step of each active search, no longer than the longest one."""
         steps = compute_damped_steps(self._normal[active], self._damping[active, None])
         length = np.abs(steps.step / self._longest_steps).max(axis=1)
         unbounded = self._coordinates[active] + steps.step / np.maximum(length, 1.0)[:, None]
-        return _Trial(
+        return _TrialSteps(
             searches=active,
             chi_square=self._chi_square[active],
             predicted_decrease=steps.predicted_decrease,
@@ -276,18 +277,18 @@ class _Searches:
             coordinates=self._problem.project_onto_bounds(unbounded),
         )
 
-    def mark_repeated(self, trial: _Trial) -> Mask:
+    def mark_repeated(self, trial: _TrialSteps) -> Mask:
         """Mark the steps that come close to a better one or to a minimum."""
         minima = self._coordinates[self._converged]
         return mark_repeated(trial.coordinates, trial.chi_square, self._merge_distances, minima)
 
-    def finish(self, trial: _Trial, is_last: Mask) -> None:
+    def finish(self, trial: _TrialSteps, is_last: Mask) -> None:
         """Take the last step of some searches without an evaluation of the residuals there."""
         self._coordinates[trial.searches] = trial.coordinates
         self._converged[trial.searches] = is_last
         self._chi_square[trial.searches] -= trial.predicted_decrease
 
-    def advance(self, trial: _Trial) -> Indices:
+    def advance(self, trial: _TrialSteps) -> Indices:
         """Take the steps that lower chi-square, adapt the damping, and return the active searches.
 
         A search that the bounds stop ends where it is once chi-square hardly falls any longer.

@@ -24,7 +24,7 @@ from scipy.special import chdtr
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.least_squares import SearchOptions, run_levenberg_marquardt
-from pvdf_fem.inverse.touch.location_problem import LocationProblem
+from pvdf_fem.inverse.touch.location_problem import PLACE, LocationProblem
 from pvdf_fem.inverse.touch.touch import Touch
 from pvdf_fem.surrogate.charge_function import find_rotation_period_deg
 from pvdf_fem.surrogate.touch_domain import TouchColumn
@@ -173,7 +173,15 @@ def _make_mixture(
     least_share: float,
     freedom: float,
 ) -> _Mixture:
-    """Make the mixture to draw from; see `sample_posterior` for the parameters."""
+    """Make the mixture to draw from.
+
+    Parameters
+    ----------
+    problem, touches, widening, least_share, freedom
+        As for `sample_posterior`.
+    maxima : ndarray, shape (components, k)
+        Coordinates of the touches.
+    """
     # The covariances of touches are in N, those of coordinates in logarithms of the force.
     is_force = problem.unknown == TouchColumn.FORCE
     per_coordinate = np.where(is_force, np.exp(maxima[:, TouchColumn.FORCE, None]), 1.0)
@@ -203,7 +211,17 @@ class _StandardDraws(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _draw_standard(dimension: int, draws: int, freedom: float) -> _StandardDraws:
-    """Draw standard numbers, the same ones in each call."""
+    """Draw standard numbers, the same ones in each call.
+
+    Parameters
+    ----------
+    dimension : int
+        Number of unknowns.
+    draws : int
+        Number of draws.
+    freedom : float
+        Degrees of freedom of Student's t distribution.
+    """
     random = np.random.default_rng(0)
     normal = random.standard_normal((draws, dimension))
     radius = np.sqrt(freedom / random.chisquare(freedom, draws))
@@ -232,7 +250,7 @@ def profile_chi_square(
         Least chi-square at each place: minus twice the logarithm of the profile likelihood.
     """
     touches = np.tile(touch.values, (len(places_mm), 1))
-    touches[:, : TouchColumn.ROTATION] = places_mm
+    touches[:, PLACE] = places_mm
     initial = problem.to_coordinates(touches)
     free = problem.unknown[~np.isin(problem.unknown, (TouchColumn.X, TouchColumn.Y))]
     at_places = replace(problem, unknown=free)

@@ -34,7 +34,6 @@ from pvdf_fem.mesh.subdomains import (
     name_mesh_parts,
 )
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
-from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import EllipseCurve, Line, Outline
 from pvdf_fem.scene.scene import Scene
 
@@ -84,7 +83,7 @@ def mesh_scene(
     scene: Scene,
     sizes: GradedSizes | SizeField,
     sector: SymmetrySector = WHOLE_FILM,
-    least_jacobian: float = 0.14,
+    min_jacobian_ratio: float = 0.14,
     attempts: int = 6,
     contacts: Mapping[str, Outline] = MappingProxyType({}),
     require: Callable[[float], object] = lambda elements: None,
@@ -99,7 +98,7 @@ def mesh_scene(
         Element sizes in m. The mesh is not refined along outlines that `GradedSizes` does not name.
     sector : SymmetrySector
         Electrodes and probes outside of it have no elements.
-    least_jacobian : float
+    min_jacobian_ratio : float
         Least Jacobian of an element over its mean. The next mesh is finer at elements below it,
         which lie between an arc and a corner or an edge close to the arc. The cusp between an arc
         and its tangent, or between two arcs that touch, has 0.15 at any element size.
@@ -130,7 +129,7 @@ def mesh_scene(
     outlines = collect_outlines(scene) | dict(contacts)
     shortest = min((outline.perimeter for outline in outlines.values()), default=0.0)
     if isinstance(sizes, GradedSizes):
-        film = Circle(np.zeros(2), scene.film.radius)
+        film = scene.film.outline
         whole_count = sizes.estimate_element_count(
             film.area, {FILM: film, **outlines}, arcs=_count_arcs(scene.numerics.tolerance)
         )
@@ -138,14 +137,16 @@ def mesh_scene(
     for _ in range(attempts):
         mesh = _mesh_once(scene, outlines, sizes=sizes, sector=sector)
         # a side moved by this share of the shortest outline changes the area by less than 1e-6
-        mesh, is_distorted = straighten_sides(mesh, least_jacobian, largest_move=1e-5 * shortest)
+        mesh, is_distorted = straighten_sides(
+            mesh, min_jacobian_ratio, largest_move=1e-5 * shortest
+        )
         if not is_distorted.any():
             return mesh
         finer_sizes = GMSH_SIZE_RATIO * compute_element_sizes(mesh)
         finer_sizes[is_distorted] = 0.4 * compute_element_sizes(mesh, sliver=0.1)[is_distorted]
         sizes = SizeField.from_element_sizes(mesh, finer_sizes)
         require(sizes.element_count)
-    mesh, is_distorted = straighten_sides(mesh, least_jacobian, largest_move=np.inf)
+    mesh, is_distorted = straighten_sides(mesh, min_jacobian_ratio, largest_move=np.inf)
     if is_distorted.any():
         count = is_distorted.sum()
         raise MeshError(f"{count} elements fold: an outline nearly touches another")
@@ -160,7 +161,7 @@ def _mesh_once(
 ) -> MeshTri2:
     """Mesh a scene once, with its outlines in the scene's axes."""
     unit = scene.film.radius / _GMSH_RADIUS
-    shapes: dict[str, Outline] = {FILM: Circle(np.zeros(2), scene.film.radius)}
+    shapes: dict[str, Outline] = {FILM: scene.film.outline}
     for name, outline in outlines.items():
         shapes[name] = outline.transform(sector.frame)
     for name, reflected in sector.reflected_electrodes.items():

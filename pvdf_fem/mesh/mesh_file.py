@@ -24,7 +24,6 @@ from pvdf_fem.mesh.six_node import SIDES, compute_jacobian_ratios, sort_vertices
 from pvdf_fem.mesh.subdomains import FILM, collect_outlines, name_mesh_parts
 from pvdf_fem.mesh.symmetry import WHOLE_FILM
 from pvdf_fem.scene.arguments import coerce
-from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 
@@ -154,7 +153,7 @@ def _make_mesh(points: Array, triangles: Indices, scene: Scene, slack: float) ->
     is_folded = compute_jacobian_ratios(mesh) <= 0.0
     if is_folded.any():
         raise MeshFileError(f"has {is_folded.sum()} triangles that fold; move their midside nodes")
-    outlines = {FILM: Circle(np.zeros(2), radius), **collect_outlines(scene)}
+    outlines = {FILM: scene.film.outline, **collect_outlines(scene)}
     elements_inside = _find_elements_inside(mesh, outlines)
     errors = list(_find_patch_errors(mesh, outlines, elements_inside=elements_inside, slack=slack))
     if errors:

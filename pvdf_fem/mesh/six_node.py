@@ -90,7 +90,9 @@ def compute_jacobian_ratios(mesh: MeshTri2) -> Array:
     return ratios
 
 
-def bend_sides(mesh: MeshTri2, is_distorted: Mask, least_jacobian: float) -> tuple[MeshTri2, Mask]:
+def bend_sides(
+    mesh: MeshTri2, is_distorted: Mask, min_jacobian_ratio: float
+) -> tuple[MeshTri2, Mask]:
     """Bend sides inside of patches next to arcs, in gaps narrower than the height of the arcs.
 
     Straight sides would cross the arcs there.
@@ -100,8 +102,8 @@ def bend_sides(mesh: MeshTri2, is_distorted: Mask, least_jacobian: float) -> tup
     mesh : MeshTri2
         With coordinates in m.
     is_distorted : array of bool (elements,)
-        Elements with a Jacobian ratio below `least_jacobian`.
-    least_jacobian : float
+        Elements with a Jacobian ratio below `min_jacobian_ratio`.
+    min_jacobian_ratio : float
         Least Jacobian of an element over its mean.
 
     Returns
@@ -140,7 +142,7 @@ def bend_sides(mesh: MeshTri2, is_distorted: Mask, least_jacobian: float) -> tup
         points = mesh.doflocs.copy()
         points[:, sides[is_movable]] = mean[:, is_movable]
         bent_mesh = replace(mesh, doflocs=points)
-        is_still_distorted = compute_jacobian_ratios(bent_mesh) < least_jacobian
+        is_still_distorted = compute_jacobian_ratios(bent_mesh) < min_jacobian_ratio
         if is_still_distorted.sum() >= is_distorted.sum():
             break
         mesh = bent_mesh
@@ -149,7 +151,7 @@ def bend_sides(mesh: MeshTri2, is_distorted: Mask, least_jacobian: float) -> tup
 
 
 def straighten_sides(
-    mesh: MeshTri2, least_jacobian: float, largest_move: float
+    mesh: MeshTri2, min_jacobian_ratio: float, largest_move: float
 ) -> tuple[MeshTri2, Mask]:
     """Repair distorted elements: bend sides in gaps, and straighten sides in narrow cusps.
 
@@ -157,7 +159,7 @@ def straighten_sides(
     ----------
     mesh : MeshTri2
         With coordinates in m.
-    least_jacobian : float
+    min_jacobian_ratio : float
         Least Jacobian of an element over its mean.
     largest_move : float
         Largest move of a midside node in m by which a side is straightened.
@@ -168,9 +170,9 @@ def straighten_sides(
     is_distorted : array of bool (elements,)
         Elements that are still distorted.
     """
-    is_distorted = compute_jacobian_ratios(mesh) < least_jacobian
+    is_distorted = compute_jacobian_ratios(mesh) < min_jacobian_ratio
     if is_distorted.any():
-        mesh, is_distorted = bend_sides(mesh, is_distorted, least_jacobian)
+        mesh, is_distorted = bend_sides(mesh, is_distorted, min_jacobian_ratio)
     while is_distorted.any():
         points = mesh.doflocs.copy()
         nodes = mesh.dofs.element_dofs[:, is_distorted]
@@ -182,5 +184,5 @@ def straighten_sides(
         if np.array_equal(points, mesh.doflocs):
             break
         mesh = replace(mesh, doflocs=points)
-        is_distorted = compute_jacobian_ratios(mesh) < least_jacobian
+        is_distorted = compute_jacobian_ratios(mesh) < min_jacobian_ratio
     return mesh, is_distorted

@@ -60,7 +60,7 @@ class ContactResult:
         # forces on the film at the quadrature points, and their arms from the lowest point
         forces = -overlap.rates * tip.tractions(state)[..., None]
         fx, fy, fz = np.moveaxis(forces, -1, 0)
-        places = tip.compute_places(state.dofs)
+        places = tip.compute_deformed_points(state.dofs)
         arm_x, arm_y = np.moveaxis(places[..., :2] - tip.spec.outline.centroid, -1, 0)
         arm_z = places[..., 2] - overlap.depth
         moments = np.array([(arm_y * fz - arm_z * fy).sum(), (arm_z * fx - arm_x * fz).sum()])

@@ -99,7 +99,7 @@ class Equilibrium:
         return Equilibrium(problem, space.mesh, space.order, sector=self.sector, space=space)
 
     def with_terms(self, terms: Iterable[Term]) -> Equilibrium:
-        """Return the equations of other terms; the membrane must stay the first."""
+        """Return a copy of the equations with other terms, of which the membrane is the first."""
         other = copy(self)
         for name in ("unknowns", "assembly", "flat_forces", "_forces_without_load"):
             other.__dict__.pop(name, None)
@@ -107,11 +107,11 @@ class Equilibrium:
         return other
 
     def map_terms(self, change: Callable[[Term], Term]) -> Equilibrium:
-        """Return the equations with every term changed."""
+        """Return a copy of the equations with every term replaced by `change` of it."""
         return self.with_terms(change(term) for term in self.terms)
 
     def with_scaled_loads(self, factor: float) -> Equilibrium:
-        """Return the equations of the film under its loads times a factor."""
+        """Return a copy of the equations with all loads multiplied by a factor."""
 
         def scale(term: Term) -> Term:
             return term.scaled(factor) if isinstance(term, LoadTerm) else term
@@ -140,7 +140,7 @@ class Equilibrium:
 
     @cached_property
     def assembly(self) -> Assembly:
-        """Where the entries of element matrices go, computed at first use."""
+        """The sparsity pattern of the tangent, computed at first use."""
         return Assembly(self.space, self.unknowns)
 
     def dofs(self, q: Array) -> Array:
@@ -158,7 +158,7 @@ class Equilibrium:
         return self.restrict(x)
 
     def state(self, q: Array) -> State:
-        """Return the deformation, strain and stress of unknowns `q`."""
+        """Return deformation gradient, strain and stress at unknowns `q`."""
         state = self.membrane.state(self.dofs(q))
         if not self.problem.floating_electrodes or self.model.wrinkles:
             return state  # the residual of wrinkles is of the whole stress, which has no voltage
@@ -183,7 +183,7 @@ class Equilibrium:
         return self.unknowns.fold(self.film_forces(state))
 
     def tangent(self, state: State) -> sp.csc_matrix | LowRankUpdate:
-        """Return the derivative of `residual` by the unknowns in N/m."""
+        """Return the derivative of `residual` with respect to the unknowns in N/m."""
         sparse = self.sparse_tangent(state)
         columns = []
         for term in self.terms:
@@ -321,7 +321,7 @@ class Equilibrium:
 
 
 def _add_existing(arrays: Iterable[Array | None]) -> Array:
-    """Add the arrays that exist; at least one does."""
+    """Add the arrays that are not None, of which there is at least one."""
     existing = [array for array in arrays if array is not None]
     total = existing[0]
     for array in existing[1:]:

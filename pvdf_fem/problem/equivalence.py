@@ -23,8 +23,8 @@ from pvdf_fem.scene.keys import Affects, select_by_effect
 from pvdf_fem.scene.placed.probe import Probe
 from pvdf_fem.scene.scene import Scene
 
-#: Lengths over the film's radius are equal if they agree to this many decimals, and forces over
-#: the thickness if they agree to this many digits.
+#: Lengths divided by the film's radius are equal if they agree to this many decimals, and forces
+#: divided by the thickness if they agree to this many digits.
 DIGITS = 9
 #: Effects of keys that change the film's deformation.
 MECHANICAL_EFFECTS = (Affects.MECHANICS, Affects.OUTLINE, Affects.PRESTRAIN, Affects.SCALE)
@@ -36,7 +36,7 @@ class MechanicalKey(NamedTuple):
     #: Equal for problems that share a solve; it has the tolerance and the limits of the numerics.
     text: str
     #: Orthogonal matrix from the scene's axes to axes in which the probes of all problems with
-    #: this text have the same place, (2, 2).
+    #: this text coincide, (2, 2).
     frame: Array
 
 
@@ -61,7 +61,7 @@ def compute_mechanical_key(problem: Problem) -> MechanicalKey:
     scene.require_plain_charges("a sweep", "coupling")
     if not problem.has_passive_electrodes:
         return MechanicalKey(scene.to_toml(), np.eye(2))
-    if not _may_be_turned(scene):
+    if not _can_be_rotated(scene):
         return MechanicalKey(describe_mechanics(problem), np.eye(2))
     # with film.bending = "auto" the electrodes have a part in whether the film bends
     film = scene.film
@@ -71,7 +71,7 @@ def compute_mechanical_key(problem: Problem) -> MechanicalKey:
     probe = scene.probe
     if probe is None or isinstance(probe, tuple):
         return MechanicalKey(common, np.eye(2))
-    place, frame = _find_canonical_place(probe, film.radius, classify_isotropy(film))
+    place, frame = _find_canonical_pose(probe, film.radius, classify_isotropy(film))
     force = scene.load.force_N
     size = f"{film.thickness_um} {force}"
     if problem.film.capabilities.scales_with_force_over_thickness:
@@ -80,7 +80,7 @@ def compute_mechanical_key(problem: Problem) -> MechanicalKey:
 
 
 def describe_mechanics(problem: Problem, scene: Scene | None = None) -> str:
-    """Return a text of all that the deformation depends on, without use of any symmetry.
+    """Return a text of everything that the deformation depends on, ignoring symmetry.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def describe_mechanics(problem: Problem, scene: Scene | None = None) -> str:
     return f"{tables} {problem.scene.film.weight} {problem.film.bends}"
 
 
-def _may_be_turned(scene: Scene) -> bool:
+def _can_be_rotated(scene: Scene) -> bool:
     """Whether a turned or scaled scene can be equivalent: one even film under one uniform load."""
     film = scene.film
     if film.is_inhomogeneous or film.distributed_force:
@@ -105,10 +105,10 @@ def _may_be_turned(scene: Scene) -> bool:
 
 
 @lru_cache(maxsize=4096)
-def _find_canonical_place(probe: Probe, radius: float, isotropy: str) -> tuple[str, Array]:
-    """Find the first of a probe's equivalent places, as text, and the frame that brings it there.
+def _find_canonical_pose(probe: Probe, radius: float, isotropy: str) -> tuple[str, Array]:
+    """Find the canonical position of a probe among its equivalent ones, and the frame that leads there.
 
-    Several frames bring a symmetric probe to its first place; the one that turns least is taken.
+    Several frames lead a symmetric probe there; the one with the smallest rotation is taken.
     """
     outline = probe.outline
     points = outline.defining_points / radius
@@ -123,7 +123,7 @@ def _find_canonical_place(probe: Probe, radius: float, isotropy: str) -> tuple[s
 
 
 def _list_frames(points: Array, centre: Array, isotropy: str) -> list[Array]:
-    """List the turns and reflections that keep the film and bring a probe to a canonical place."""
+    """List the rotations and reflections of the film that may bring a probe to its canonical pose."""
     if isotropy != "isotropic":
         flips = [np.diag(signs) for signs in product((1.0, -1.0), repeat=2)]
         if isotropy == "axes":
@@ -133,12 +133,12 @@ def _list_frames(points: Array, centre: Array, isotropy: str) -> list[Array]:
     # the probe's centroid goes to the x axis; a corner does if the centroid is the film's centre
     is_central = np.linalg.norm(centre) < 10.0**-DIGITS
     targets = points if is_central else centre[None]
-    turns = [_turn_to_x_axis(point) for point in targets]
+    turns = [_rotate_to_x_axis(point) for point in targets]
     mirror = np.diag([1.0, -1.0])
     return [*turns, *(mirror @ turn for turn in turns)]
 
 
-def _turn_to_x_axis(point: Array) -> Array:
+def _rotate_to_x_axis(point: Array) -> Array:
     """Return the rotation that brings a point to the positive x axis."""
     distance = np.linalg.norm(point)
     if distance < 10.0**-DIGITS:

@@ -38,14 +38,14 @@ class Output:
 
     @property
     def charge_coefficients(self) -> Array:
-        """Derivatives of the charge by the stress integrals of the strain alone, in C/N, (2,).
+        """Derivatives of the charge with respect to X and Y of the strain alone, in C/N, (2,).
 
-        They differ from d31 and d32 where the electrode's voltage adds stress.
+        They differ from d31 and d32 if the electrode's voltage adds stress.
         """
         d = np.array(self.d)
         if self.floating is None:
             return d
-        return d + d @ self.floating.share
+        return d + d @ self.floating.coupling_matrix
 
     def to_mesh_axes(self, points: Array) -> Array:
         """Transform points (..., 2) from the axes of the electrode's scene to those of the mesh."""

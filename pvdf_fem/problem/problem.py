@@ -109,7 +109,7 @@ class Problem(Result):
         return cls(pinned, film, pressure=pressure, requested_outputs=requested)
 
     def with_scene(self, scene: Scene) -> Problem:
-        """Resolve another scene with this problem's pressure and requested outputs."""
+        """Return the problem of another scene with the same pressure and requested outputs."""
         return replace(self, scene=scene, film=resolve_film_model(scene))
 
     @cached_property
@@ -136,7 +136,7 @@ class Problem(Result):
 
     @cached_property
     def sector(self) -> SymmetrySector:
-        """The sector of a symmetric film whose reflections make the whole; else the whole film."""
+        """The sector of a symmetric film whose reflections make the whole film, or the whole film."""
         leaning = any(load.load.tilt == "free" for load in self.scene.loaded_probes)
         if self.scene.tips or leaning or self.pressure is not None:
             return WHOLE_FILM
@@ -202,7 +202,7 @@ class Problem(Result):
         Parameters
         ----------
         charges_pC : mapping, optional
-            Charges by electrode, which sizes are compared with where they are known.
+            Charges by electrode; sizes are given relative to them as well.
 
         Returns
         -------

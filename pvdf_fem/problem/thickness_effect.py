@@ -70,7 +70,7 @@ def describe_thickness_effect(
         charges_pC=charges_pC,
     )
     if film.d33_pC_N and floating_electrodes:
-        shares = [float(np.trace(electrode.share)) for electrode in floating_electrodes]
+        shares = [float(np.trace(electrode.coupling_matrix)) for electrode in floating_electrodes]
         charge_pC = abs(0.5 * max(shares) * film.d33_pC_N * forces[most])
         text = f"coupling by the charge of film.d33_pC_N: about {charge_pC:.1e} pC on {name}"
         yield EffectNote(False, f"{text}; no key includes it")
@@ -86,7 +86,7 @@ def _estimate_forces_on_electrodes(
     outline, _ = estimate_pressed_area(scene, load)
     force = estimate_load_force(load.load, scene.film)
     probe = outline.equal_area_polygon
-    at_edge = PROBE_LOADS[load.load.kind].edge_share
+    at_edge = PROBE_LOADS[load.load.kind].edge_fraction
     inside = shapely.intersection(polygons, probe)
     edge = shapely.intersection(polygons, probe.exterior)
     share_along_edge = shapely.length(edge) / probe.length

@@ -306,7 +306,9 @@ class _ScriptReader:
                 if isinstance(scene, str):
                     self.files.append(self.files[0].parent / scene)
                     return Scene.from_file(self.files[-1])
-                return Scene().with_(**scene) if isinstance(scene, dict) else None
+                if isinstance(scene, dict):
+                    return Scene().with_(**scene)
+                return None  # the model of the script reports other types
         except SceneError as error:
             self.problems += error.problems
             return None

@@ -7,6 +7,7 @@ scene are.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeAlias, TypeVar
 
@@ -127,9 +128,15 @@ def coerce(
             return value
         raise ValueError(format_error(name, value, f"must be a {kind.__name__}; give one"))
     try:
-        return TypeAdapter(kind).validate_python(to_plain_value(value))
+        return _make_validator(kind).validate_python(to_plain_value(value))
     except ValidationError as error:
         raise ValueError("\n".join(describe_errors(error, name, Scene))) from None
+
+
+@lru_cache(maxsize=128)
+def _make_validator(kind: Any) -> TypeAdapter[Any]:
+    """Make pydantic's validator of a type, which takes longer than `locate` does otherwise."""
+    return TypeAdapter(kind)
 
 
 def coerce_array(

@@ -11,7 +11,7 @@ from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 
 from pvdf_fem.scene.keys import Affects, Key, Section, make_validation_error
 from pvdf_fem.scene.outlines.circle import Circle
-from pvdf_fem.scene.outlines.outline import has_overlap
+from pvdf_fem.scene.outlines.outline import Outline, has_overlap
 from pvdf_fem.scene.placed.patch import EXPANSION, MODULUS, Patch
 from pvdf_fem.scene.registry import LAW_CLASSES
 from pvdf_fem.scene.scene_file import quote
@@ -213,6 +213,11 @@ class Film(Section):
     def radius(self) -> float:
         """Radius in m."""
         return self.radius_mm / 1e3
+
+    @property
+    def outline(self) -> Outline:
+        """Outline of the clamped rim in m."""
+        return Circle(np.zeros(2), self.radius)
 
     @property
     def thickness(self) -> float:

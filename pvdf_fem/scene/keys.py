@@ -167,7 +167,7 @@ class Key:
             reason = "must be positive"
         else:
             reason = "is too small" if value < low else "is too large"
-        advice = f"give a value from {low:g} to {high:g} {self.unit}".rstrip()
+        advice = f"give a value between {low:g} and {high:g} {self.unit}".rstrip()
         question = self.ask_likely_unit(value)
         parts = [reason, advice, question] if question else [reason, advice]
         raise make_validation_error("; ".join(parts))
@@ -251,8 +251,8 @@ def select_by_effect(table: Section, *effects: Affects) -> dict[str, Any]:
     Returns
     -------
     dict
-        Values by key, and for tables in the table lists of such dictionaries. Equal dictionaries
-        have equal texts by `repr`.
+        Values by key; a table among the values becomes a list of one such dictionary, a list of
+        tables a list of several. Equal dictionaries have equal texts by `repr`.
     """
     selected: dict[str, Any] = {}
     for name, key in table.table_keys.items():

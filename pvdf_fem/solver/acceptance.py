@@ -12,7 +12,7 @@ from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.electrodes.stress_integrals import (
-    CANCELLATION_SHARE,
+    CANCELLATION_FRACTION,
     StressIntegrals,
     compute_stress_integrals,
 )
@@ -77,7 +77,7 @@ def find_rejection_status(
 def is_tip_at_rim(discrete: DiscreteSolution) -> bool:
     """Return whether the contact of a tip extends to the clamped rim."""
     solved = discrete.solved
-    reaches = [tip.reach(discrete.solved_state) for tip in select_tips(solved)]
+    reaches = [tip.compute_contact_radius(discrete.solved_state) for tip in select_tips(solved)]
     return max(reaches, default=0.0) > RIM_REACH * solved.film.radius
 
 
@@ -188,16 +188,16 @@ def warn_of_cancelled_charges(scene: Scene, integrals: StressIntegrals) -> list[
     parts = coefficients * integrals.values
     charges = integrals.charges(coefficients)
     errors = integrals.charge_errors(coefficients)
-    has_cancelled = np.abs(charges) < CANCELLATION_SHARE * np.abs(parts).sum(axis=1)
+    has_cancelled = np.abs(charges) < CANCELLATION_FRACTION * np.abs(parts).sum(axis=1)
     is_inaccurate = errors > scene.numerics.tolerance * np.abs(charges)
     warnings = []
     for i in np.flatnonzero(has_cancelled & is_inaccurate):
         by_d31, by_d32 = 1e12 * parts[i]
         warnings.append(
-            f"charge {scene.electrode_list[i].name}: {1e12 * charges[i]:.4g} pC remains of the parts"
-            f" {by_d31:.4g} and {by_d32:.4g} pC (by d31 and d32), which cancel; its error of"
+            f"charge {scene.electrode_list[i].name}: {1e12 * charges[i]:.4g} pC remains of the"
+            f" parts {by_d31:.4g} and {by_d32:.4g} pC (by d31 and d32), which cancel; its error of"
             f" {1e12 * errors[i]:.2g} pC is within the tolerance only relative to"
-            f" {CANCELLATION_SHARE:g} of the sum of these parts"
+            f" {CANCELLATION_FRACTION:g} of the sum of these parts"
         )
     return warnings
 

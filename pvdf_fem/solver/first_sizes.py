@@ -84,12 +84,12 @@ def choose_first_sizes(problem: Problem, order: int) -> GradedSizes:
 
 def _choose_shares(scene: Scene, outlines: Mapping[str, Outline]) -> dict[str, float]:
     """Choose the element size over area and perimeter of each outline."""
-    element_shares = OBSERVABLES[scene.numerics.observable].element_shares
+    relative_element_sizes = OBSERVABLES[scene.numerics.observable].relative_element_sizes
     has_electrodes = len(scene.electrode_list) > 0
-    shares = dict.fromkeys(outlines, element_shares.electrode)
+    shares = dict.fromkeys(outlines, relative_element_sizes.electrode)
     for probe in scene.loaded_probes:
         is_rigid = PROBE_LOADS[probe.load.kind].is_rigid
-        share = PUNCH_SHARE if is_rigid else element_shares.probe
+        share = PUNCH_SHARE if is_rigid else relative_element_sizes.probe
         shares[probe.patch] = share if has_electrodes else 0.5 * share
     return shares
 

@@ -357,7 +357,7 @@ class Solution(ElectrodeCharges):
     def film_data(self) -> FilmData:
         """Return the fields and charges for `plot`, `view` and `to_vtu`."""
         # it imports the solvers, which nothing else here needs
-        from pvdf_fem.solver.estimate.next_order import compute_error_shares
+        from pvdf_fem.solver.estimate.next_order import compute_error_contributions
 
         discrete = self.discrete
         return FilmData(
@@ -368,7 +368,9 @@ class Solution(ElectrodeCharges):
             charge_errors_pC=self.charge_errors_pC,
             contacts=self.contacts,
             included=self.included,
-            error_shares=partial(compute_error_shares, discrete, self.problem.outputs),
+            error_contributions=partial(
+                compute_error_contributions, discrete, self.problem.outputs
+            ),
         )
 
 

@@ -51,7 +51,7 @@ def solve(
         needs a solve, it is made within the same budget.
     pressure : callable, optional
         ``p(x_mm, y_mm)`` for arrays (n,) in the probe's own axes, in place of ``load.profile``: one
-        value for each point, or one for all. It is scaled to the scene's force. It is no part of
+        value for each point, or one for all. It is scaled to the scene's force. It is not part of
         the scene: `Solution.pressure` keeps it, and `gradients` of the solution are under it.
     uncertain : mapping, optional
         Standard deviations as for `uncertainty`, ``{"film.thickness_um": "5 %"}``, in place of the

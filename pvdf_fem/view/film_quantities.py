@@ -254,7 +254,7 @@ def _draw_errors(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
     film_map : FilmMap
         Label and colours.
     """
-    shares_pC = 1e12 * film.error_shares().max(axis=1)
+    shares_pC = 1e12 * film.error_contributions().max(axis=1)
     largest = max(float(shares_pC.max()), np.finfo(float).eps)
     norm = LogNorm(1e-4 * largest, largest, clip=True)
     filled = PolyCollection(

@@ -1,4 +1,4 @@
-"""How Sphinx builds the guide: furo's look, notebooks in MyST Markdown that are all executed."""
+"""Configuration of Sphinx: the theme furo, and notebooks in MyST Markdown that are all executed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ sys.path.insert(0, str(ROOT))  # for reports.guide
 # Cells call the command pvdf-fem, and use one thread each.
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 os.environ["OMP_NUM_THREADS"] = "1"
-os.environ["PYTHONWARNINGS"] = "ignore:IProgress not found"  # a wish of tqdm in notebooks
+os.environ["PYTHONWARNINGS"] = "ignore:IProgress not found"  # tqdm in notebooks
 os.environ["PVDF_FEM_CHECKOUT"] = str(ROOT)  # "how good is it" reads results and closed forms
 
 project = "pvdf_fem"
@@ -50,8 +50,11 @@ napoleon_google_docstring = False
 
 
 def adapt_docstring(app: Sphinx, what: str, *event: object) -> None:
-    """Keep bars of absolute values from being substitutions, and colons from naming types. A method
-    has its own docstring, where a field of its name has one, too."""
+    """Adapt docstrings to reStructuredText.
+
+    Bars of absolute values are not substitutions, and a colon in the first line of an attribute
+    does not follow a type. A method has its own docstring where a field of its name has one, too.
+    """
     _, documented, _, lines = event
     assert isinstance(lines, list)
     if what == "method" and (own := inspect.getdoc(documented)):
@@ -61,8 +64,8 @@ def adapt_docstring(app: Sphinx, what: str, *event: object) -> None:
         lines[:0] = ["..", ""]  # a comment, since napoleon reads "type: description" first
 
 
-def tell(app: Sphinx, page: str, source: list[str]) -> None:
-    """Name a page before its cells are run."""
+def print_page_name(app: Sphinx, page: str, source: list[str]) -> None:
+    """Print the name of a page before its cells are run."""
     print(f"guide: {page}", file=sys.stderr)
 
 
@@ -73,5 +76,5 @@ def setup(app: Sphinx) -> None:
 
     app.add_html_math_renderer("drawn", (visit_inline, None), (visit_block, None))
     app.connect("autodoc-process-docstring", adapt_docstring, priority=400)
-    app.connect("source-read", tell)
+    app.connect("source-read", print_page_name)
     app.connect("builder-inited", lambda _: write_references(Path(__file__).parent / "generated"))

@@ -1,4 +1,4 @@
-"""Equations of the guide as drawings, so that its pages need neither a network nor JavaScript."""
+"""Draw the equations of the guide, so that its pages need neither a network nor JavaScript."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ from docutils import nodes
 from matplotlib.font_manager import FontProperties
 from matplotlib.mathtext import MathTextParser, math_to_image
 
-POINTS = 12.0  #: Size of the letters within a sentence.
-LARGE_POINTS = 15.0  #: Size of those of an equation on a line of its own.
+POINTS = 12.0  #: Size of an equation within a sentence.
+LARGE_POINTS = 15.0  #: Size of an equation on a line of its own.
 
 
-def equation(tex: str, size: float = POINTS) -> str:
-    """An SVG element of an equation in TeX, its baseline on that of the text around it."""
-    font, drawn = FontProperties(size=size), io.StringIO()
+def draw_equation(tex: str, size: float = POINTS) -> str:
+    """Draw an equation in TeX as an SVG element whose baseline is that of the text around it."""
+    font = FontProperties(size=size)
+    drawing = io.StringIO()
     formula = "$" + " ".join(tex.split()) + "$"
     with matplotlib.rc_context({"svg.hashsalt": "pvdf_fem", "mathtext.fontset": "stix"}):
-        math_to_image(formula, drawn, prop=font, format="svg")
+        math_to_image(formula, drawing, prop=font, format="svg")
         depth = MathTextParser("path").parse(formula, prop=font)[2]
-    svg = re.search(r"<svg.*</svg>", drawn.getvalue(), re.S)
+    svg = re.search(r"<svg.*</svg>", drawing.getvalue(), re.S)
     assert svg is not None
     text = re.sub(r"<metadata>.*?</metadata>", "", svg[0], flags=re.S)
-    # identifiers stand in one page with those of other equations
+    # A page contains several equations, so their identifiers must differ.
     text = re.sub(r'(id="|xlink:href="#|url\(#)', rf"\g<1>m{abs(hash(tex)):x}-", text)
     text = text.replace("#000000", "currentColor").replace("#ffffff", "none")
     look = f'class="math" role="img" aria-label="{html.escape(tex)}" style="vertical-align:'
@@ -35,12 +36,12 @@ def equation(tex: str, size: float = POINTS) -> str:
 
 def visit_inline(writer: Any, node: nodes.math) -> None:
     """Write an equation within a sentence."""
-    writer.body.append(equation(node.astext()))
+    writer.body.append(draw_equation(node.astext()))
     raise nodes.SkipNode
 
 
 def visit_block(writer: Any, node: nodes.math_block) -> None:
     """Write an equation on a line of its own."""
-    drawn = equation(node.astext().replace(r"\frac", r"\dfrac"), LARGE_POINTS)
-    writer.body.append(f'<div class="equation">{drawn}</div>')
+    svg = draw_equation(node.astext().replace(r"\frac", r"\dfrac"), LARGE_POINTS)
+    writer.body.append(f'<div class="equation">{svg}</div>')
     raise nodes.SkipNode

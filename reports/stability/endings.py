@@ -21,7 +21,7 @@ from reports.stability.scenes import draw_extreme_scene, enlarge
 REFUSED = "refused"  #: Status of values that a key refuses.
 CRASHED = "crashed"  #: Status of a solve that raises an exception, which must not happen.
 #: A tolerance is relative to at least this share of the parts of a charge due to d31 and d32.
-CANCELLATION_SHARE = 0.05
+CANCELLATION_FRACTION = 0.05
 REFINEMENT = 10.0  #: Tolerance of a scene over the tolerance of its finer solve.
 #: Number of elements of the one-dimensional plate between two of centre, edges and rim.
 PLATE_ELEMENTS = 24
@@ -95,7 +95,7 @@ def compare_charges(
     film = solution.scene.film
     charges = get_charges(solution)
     parts = 1e12 * np.abs(solution.discrete.stress_integrals.values) @ np.abs([film.d31, film.d32])
-    sizes = np.maximum(np.abs(charges), CANCELLATION_SHARE * parts)
+    sizes = np.maximum(np.abs(charges), CANCELLATION_FRACTION * parts)
     tolerances_pC = solution.scene.numerics.tolerance * sizes
     differences = np.maximum(np.abs(charges - known_pC) - doubts_pC, 0.0) / tolerances_pC
     if not np.isfinite(differences).all():

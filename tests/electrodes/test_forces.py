@@ -9,7 +9,7 @@ import pytest
 
 from pvdf_fem import Scene, solve
 from pvdf_fem.electrodes.stress_integrals import (
-    CANCELLATION_SHARE,
+    CANCELLATION_FRACTION,
     StressIntegrals,
     combine_charges,
     compute_charge_scales,
@@ -76,7 +76,7 @@ def test_sizes_do_not_sink_below_what_the_mean_stress_makes_negligible():
         sizes, least = (
             compute_charge_scales(outputs, state, f * forces, membrane.space) for f in (1.0, 0.0)
         )
-        assert sizes == pytest.approx(CANCELLATION_SHARE * parts if change_K else np.ones(4))
+        assert sizes == pytest.approx(CANCELLATION_FRACTION * parts if change_K else np.ones(4))
         assert least == pytest.approx(1e-6 * parts if change_K else np.ones(4))
 
 

@@ -39,7 +39,7 @@ def test_stress_and_moduli_are_derivatives(kind, material):
         error = np.abs(found - expected).reshape(len(strain), -1).max(axis=1)
         return np.quantile(error, 0.99) < 1e-6 * np.abs(expected).max()
 
-    stress, moduli = law.stress(strain, rest), law.moduli(strain, rest)
+    stress, moduli = law.stress(strain, rest), law.tangent_stiffness(strain, rest)
     change = np.matmul(moduli, step[..., None])[..., 0]
     assert close((stress * step).sum(axis=1), differences(law.energy))
     assert close(change, differences(law.stress))
@@ -72,8 +72,8 @@ def test_an_energy_or_a_stress_makes_a_law(law_class):
     strain, rest, step = 0.1 * np.random.default_rng(3).uniform(-1.0, 1.0, (3, 50, 3))
     np.testing.assert_allclose(law.stress(strain, rest), solid.stress(strain, rest), atol=1e-14)
     exact = 1e-13 if law_class is ByStress else 1e-9
-    moduli = solid.moduli(strain, rest)
-    np.testing.assert_allclose(law.moduli(strain, rest), moduli, atol=exact)
+    moduli = solid.tangent_stiffness(strain, rest)
+    np.testing.assert_allclose(law.tangent_stiffness(strain, rest), moduli, atol=exact)
     rate = law.stress(strain + 1e-20j * step, rest).imag / 1e-20
     np.testing.assert_allclose(rate, np.matmul(moduli, step[..., None])[..., 0], atol=exact)
     since_flat = [one.energy(strain, rest) - one.energy(0.0 * strain, rest) for one in (law, solid)]

@@ -10,7 +10,7 @@ from pvdf_fem.film.bending.effect import estimate_bending_effect
 from pvdf_fem.film.coupling import estimate_coupling_effect
 from pvdf_fem.film.effects import format_two_digits
 from pvdf_fem.film.loads.weight import estimate_weight_effect
-from pvdf_fem.film.point_load import estimate_load_share, estimate_tension
+from pvdf_fem.film.point_load import estimate_load_fraction, estimate_tension
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.film import Film
 from reports.accuracy.drawn import make_random_scene
@@ -92,7 +92,7 @@ def test_the_tension_around_a_point_load_is_the_root_of_its_cubic(rest):
     film, force, r = Film(pretension_N_m=rest), 0.01, 5e-3
     N = estimate_tension(film, force, r)
     assert N**2 * (N - rest) == pytest.approx(0.24**3 * 2e9 * 25e-6 * (force / r) ** 2, rel=1e-9)
-    assert estimate_load_share(film, force, r) == pytest.approx(min((N - rest) / N, 1.0))
+    assert estimate_load_fraction(film, force, r) == pytest.approx(min((N - rest) / N, 1.0))
 
 
 @pytest.mark.parametrize(

@@ -120,7 +120,7 @@ def find_uncertain_change(solution):
     """Return the change of the unknowns by uncertain bending forces, and the layers."""
     solved, state = solution.discrete.solved, solution.discrete.solved_state
     layers = solved.model.make_bending_layers(solved.terms, solved.unknowns.expansion, state)
-    return layers.change(factorise(solved.tangent(state))), layers
+    return layers.compute_change(factorise(solved.tangent(state))), layers
 
 
 def test_a_part_of_the_bending_forces_is_uncertain():
@@ -208,7 +208,7 @@ def test_sizes_leave_the_error_that_is_allowed(reduction):
         [[-3], [-1], [-4]], [[0], [1.3], [0]], (3, 500)
     )
     wanted = reduction * (effects * estimate_missing_fraction(widths)).sum()
-    sizes = BendingLayers(None, None, lengths, widths, np.empty(0)).sizes(effects, wanted)
+    sizes = BendingLayers(None, None, lengths, widths, np.empty(0)).choose_sizes(effects, wanted)
     now = effects * estimate_missing_fraction(np.minimum(sizes / lengths, widths))
     assert 0.5 * wanted <= now.sum() <= wanted * (1.0 + 1e-3)
     assert np.isinf(sizes).any()

@@ -40,7 +40,9 @@ def graded_mesh(scene: Scene, patch_mm: float, film_mm: float, growth: float = 0
 def model_mesh(scene: Scene, sizes: GradedSizes) -> MeshTri2:
     """A mesh whose elements are as regular as the scene's film model needs them."""
     return mesh_scene(
-        scene, sizes, least_jacobian=Problem.from_scene(scene).film.mesh_policy.least_jacobian
+        scene,
+        sizes,
+        min_jacobian_ratio=Problem.from_scene(scene).film.mesh_policy.min_jacobian_ratio,
     )
 
 

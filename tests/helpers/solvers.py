@@ -12,7 +12,7 @@ from pvdf_fem.solver.nonlinear.newton import NewtonResult, run_newton
 def newton_result(
     equilibrium: Equilibrium, start: Array | None = None, options: NewtonOptions | None = None
 ) -> NewtonResult:
-    """Run Newton's method with an exact line search, by default from a linear membrane's deflection."""
+    """Run Newton's method with an exact line search, by default from a linear deflection."""
     options = NewtonOptions() if options is None else options
     variant = DeferredNewton(equilibrium, options, near=False)
     return run_newton(variant, compute_initial_guess(equilibrium) if start is None else start)

@@ -1,4 +1,4 @@
-"""Maps of charges over the probe's place, contours, and touches found again."""
+"""Maps of charges over the probe's place, contours, and located touches."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_a_map_has_charges_whose_logarithms_are_quadratic(circles):
     assert charge_map.error_bound < 1e-8
 
 
-def test_charges_of_both_signs_are_interpolated_themselves():
+def test_charges_of_both_signs_are_interpolated_without_logarithms():
     map_places = MapPlaces(SCENE, 8.0, 2.5)
     x, y = map_places.places_mm.T
     charge_map = ChargeMap.fit(map_places, np.stack([x, y, x + y, x * y], axis=1))
@@ -57,7 +57,7 @@ def test_charges_of_both_signs_are_interpolated_themselves():
     np.testing.assert_allclose(found, [[1.0, -2.0, -1.0, -2.0]], atol=1e-9)
 
 
-def test_a_touch_is_found_by_contours_and_by_least_squares(circles):
+def test_a_touch_is_located_by_contours_and_by_least_squares(circles):
     charge_map, centres = circles
     contours = Contours(charge_map)
     touch = np.array([[2.0, 1.3]])
@@ -75,7 +75,7 @@ def test_a_touch_is_found_by_contours_and_by_least_squares(circles):
     np.testing.assert_allclose([found.x_mm, found.y_mm], touch[0], atol=1e-4)
 
 
-def test_a_map_agrees_with_fresh_solves_to_the_edge_of_its_disc():
+def test_a_map_agrees_with_solves_up_to_its_edge():
     map_places = MapPlaces(SCENE, 8.0)
     records = solve_scenes(map_places.scenes, processes=1)
     charges = np.array([list(r.charges_pC(8.0, 8.0).values()) for r in records])

@@ -35,7 +35,7 @@ def test_a_row_is_a_scene(tmp_path):
 
 
 @pytest.mark.parametrize("row", ["x_mm,A\n1.5,100.25", "x_mm;A\n1.5;100.25", "x_mm;A\n1,5;100,25"])
-def test_a_file_is_read_beside_the_script(tmp_path, row):
+def test_a_file_path_is_relative_to_the_script(tmp_path, row):
     """With the marks of spreadsheets in any country."""
     tmp_path.joinpath("touches.csv").write_text(row, encoding="utf-8")
     source = DataSource(file="touches.csv", reading="total")
@@ -45,7 +45,7 @@ def test_a_file_is_read_beside_the_script(tmp_path, row):
     assert found.get_charges([scene], ["A"], "total") == pytest.approx(100.25)
 
 
-def test_voltages_are_charges_through_the_channels(tmp_path):
+def test_volts_are_converted_to_charges_by_the_channels(tmp_path):
     charges = np.array([[600.0, 500.0, 400.0, 300.0]])
     rest = 1e12 * compute_unloaded_charges(Problem.from_scene(SCENE))
     change = 1e-12 * (charges - rest)[0]
@@ -67,7 +67,7 @@ def test_where_keeps_rows_and_labels_name_them(tmp_path):
     assert [scene.probe.x_mm for scene in found.make_scenes(SCENE)] == [1.0, 3.0]
 
 
-def test_changes_are_of_the_rest_that_was_solved_with_a_record():
+def test_changes_subtract_the_unloaded_charge_of_the_record():
     """A film with a patch has a charge at rest that only a solve tells."""
     patch = {"shape": "circle", "radius_mm": 2.0, "x_mm": 4.0, "y_mm": 0.0, "thickness_um": 9.0}
     keys = {"film.radius_mm": 20.0, "electrodes.ring_radius_mm": 8.0, "numerics.tolerance": 1e-2}

@@ -51,7 +51,7 @@ def scene(made):
     return Scene.from_file(made / "scenes" / "scene.toml")
 
 
-def test_page_has_all_figures_and_needs_nothing_else(made):
+def test_the_page_has_all_figures_and_is_self_contained(made):
     page = made.joinpath("index.html").read_text(encoding="utf-8")
     assert all(page.count(f'<svg id="svg-{name}"') == 1 for name in NAMES)
     assert page.count('<use href="#svg-') == 3
@@ -64,7 +64,7 @@ def test_page_has_all_figures_and_needs_nothing_else(made):
     assert {path.stem for path in made.glob("figures/*.svg")} == set(NAMES)
 
 
-def test_charges_of_the_figures_are_those_of_fresh_solves(made, scene):
+def test_figures_have_the_charges_of_solves(made, scene):
     names = ("charge-vs-distance", "curve", "charges")
     lines, curve, charges = (pd.read_csv(made / "data" / f"{name}.csv") for name in names)
     last = curve[curve.electrode == "B"].iloc[-1]
@@ -87,7 +87,7 @@ def test_charges_of_the_figures_are_those_of_fresh_solves(made, scene):
     assert lines.distance_mm.max() == 14.0  # from A at 6 mm to 8 mm on the other side
 
 
-def test_differences_are_told_over_the_deviation_by_uncertain_values(made, scene):
+def test_differences_are_given_over_the_deviation_due_to_uncertain_values(made, scene):
     row = pd.read_csv(made / "data" / "charges.csv").iloc[4]
     spread = uncertainty(scene.with_(**{"probe.x_mm": row.x_mm, "probe.y_mm": row.y_mm}))
     deviation = np.hypot(spread.charges_pC[row.electrode], row.error_pC)
@@ -95,7 +95,7 @@ def test_differences_are_told_over_the_deviation_by_uncertain_values(made, scene
     assert row.difference_over_deviation == pytest.approx(expected)
 
 
-def test_command_refuses_by_key_and_makes_a_preview(tmp_path, command):
+def test_the_command_reports_mistakes_by_key_and_makes_a_preview(tmp_path, command):
     out = tmp_path / "out"
     asked = ["report", write(tmp_path, titel="x"), "--out"]
     assert command(*asked, out, "--processes", 0).error_keys == ["--processes 0", 'titel = "x"']
@@ -116,7 +116,7 @@ class Square(Kind):
         raise NothingToShowError("is too small") if self.side_mm < 0.0 else ZeroDivisionError
 
 
-def test_faults_are_told_in_their_places_and_do_not_stop_the_others(tmp_path, capfd):
+def test_a_failed_figure_shows_its_reason_and_does_not_stop_the_others(tmp_path, capfd):
     """Scenes that fail, a figure that has nothing to show, and a kind with a mistake."""
     curve = {"kind": "curve", "x": "force_N", "values": [0.5, 1.0]}
     curve["set"] = {"numerics.max_unknowns": 150, "numerics.tolerance": 1e-6}
@@ -131,7 +131,7 @@ def test_faults_are_told_in_their_places_and_do_not_stop_the_others(tmp_path, ca
     assert '<svg id="svg-curve"' not in page
 
 
-def test_a_preview_goes_as_far_as_the_curve_and_has_the_warnings_of_its_scenes(tmp_path):
+def test_a_preview_covers_the_whole_curve_and_shows_warnings(tmp_path):
     """A coefficient in C/N is a doubt about the scene, which is solved all the same."""
     curve = {"kind": "curve", "x": "film.d31_pC_N", "values": [1e-7, 2e-7, 4.0, 8.0]}
     report = Report.load(write(tmp_path, curve))
@@ -148,9 +148,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 import os
-import pandas as pd
 from pvdf_fem import Scene
-from pvdf_fem.report.kind import Content, Kind
+from pvdf_fem.report.kind import Kind
 from pvdf_fem.report.task import Task
 
 @dataclass(frozen=True)
@@ -174,8 +173,8 @@ class Count(Task):
         radius = self.scene.film.radius_mm
         return [{"word": self.word.text, "letters": len(self.word.text), "radius": radius}]
 
-class Told(Kind):
-    kind: Literal["told"]
+class Words(Kind):
+    kind: Literal["words"]
     words: tuple[str, ...]
     log: str
     claim: str = ""
@@ -183,9 +182,11 @@ class Told(Kind):
     def list_tasks(self, inputs):
         return [Count(inputs.scene, Word(word), self.log) for word in self.words]
 
-    def compose(self, inputs, results):
-        rows = [row for task in self.list_tasks(inputs) for row in results.get_rows(task)]
-        return Content("", pd.DataFrame(rows), table=pd.DataFrame(rows), claim=self.claim)
+    def make_table(self, data):
+        return data
+
+    def make_claim(self, data):
+        return self.claim
 """
 
 
@@ -198,8 +199,8 @@ class Counted:
         self.kinds.write_text(OWN)
 
     def write(self, *figures, **keys) -> Path:
-        told = [{"kind": "told", "log": str(self.log), **figure} for figure in figures]
-        return write(self.folder, *told, **keys)
+        tables = [{"kind": "words", "log": str(self.log), **figure} for figure in figures]
+        return write(self.folder, *tables, **keys)
 
     def make(self, *figures, processes=1, more=(), **keys) -> int:
         """The exit code of the command."""
@@ -222,11 +223,11 @@ def counted(tmp_path):
     return Counted(tmp_path)
 
 
-def test_tasks_of_a_file_run_once_in_processes_and_in_this_one(counted):
-    table = {"name": "told", "words": ["hear", "see"], "full": {"words": ["hear", "smell"]}}
+def test_tasks_run_once_until_their_file_or_scene_changes(counted):
+    table = {"name": "words", "words": ["hear", "see"], "full": {"words": ["hear", "smell"]}}
     assert counted.make(table, processes=2) == 0
     assert sorted(counted.ran) == ["hear", "see"]
-    page, path = counted.page, counted.out / "data" / "told.csv"
+    page, path = counted.page, counted.out / "data" / "words.csv"
     assert '<td data-label="word">hear</td>' in page
     assert pd.read_csv(path).values.tolist() == [["hear", 4, 20.0], ["see", 3, 20.0]]
     assert counted.make(table) == 0
@@ -247,7 +248,7 @@ def test_tasks_of_a_file_run_once_in_processes_and_in_this_one(counted):
     ("word", "processes"),
     [("raise", 1), ("raise", 2), pytest.param("crash", 2, marks=pytest.mark.slow)],
 )
-def test_a_task_that_fails_is_told_in_its_place_and_tried_again(counted, capfd, word, processes):
+def test_a_failed_task_shows_its_reason_and_is_tried_again(counted, capfd, word, processes):
     tables = [{"name": "bad", "words": [word]}, {"name": "good", "words": ["see"]}]
     assert counted.make(*tables, processes=processes) == 3
     assert "section[0].figure[1] (bad)" in capfd.readouterr().err
@@ -258,11 +259,11 @@ def test_a_task_that_fails_is_told_in_its_place_and_tried_again(counted, capfd, 
     assert set(counted.ran[before:]) == {word}
 
 
-def test_a_report_that_was_killed_goes_on_to_the_same_page(tmp_path, counted, monkeypatch):
+def test_a_killed_report_continues_to_the_same_page(tmp_path, counted, monkeypatch):
     """What was computed before is not computed again; the kill comes in a task."""
     lines = script()["section"][0]["figure"][0]
-    told = {"kind": "told", "words": ["a", "b", "die", "c"], "log": str(counted.log)}
-    path = write(tmp_path, lines, told)
+    words = {"kind": "words", "words": ["a", "b", "die", "c"], "log": str(counted.log)}
+    path = write(tmp_path, lines, words)
     asked = ["report", path, "--kinds", counted.kinds, "--processes", "1", "--out", counted.out]
     killed = subprocess.run([sys.executable, "-m", "pvdf_fem", *asked], capture_output=True)
     assert killed.returncode == -signal.SIGKILL
@@ -301,8 +302,8 @@ def test_pages_are_readable_on_screens_and_in_print(made, counted):
 def test_a_page_has_the_verdicts_of_others_and_of_itself(tmp_path, counted):
     page = "../other/index.html"
     others = [{"title": "Another <one>", "page": page, "how": "make other"}]
-    told = {"words": ["a"], "claim": "words have 1 letter"}
-    assert counted.make(told, other=others) == 0
+    words = {"words": ["a"], "claim": "words have 1 letter"}
+    assert counted.make(words, other=others) == 0
     assert counted.out.joinpath("verdict.txt").read_text() == "Words have 1 letter.\n"
     before = counted.page
     assert "make other" in before
@@ -315,8 +316,49 @@ def test_a_page_has_the_verdicts_of_others_and_of_itself(tmp_path, counted):
     line = rf'<li><a href="{page}">Another &lt;one&gt;</a>: It is \1 &amp; good.</li>'
     refreshed = counted.page
     assert refreshed == re.sub("<li>Another.*</li>", lambda _: line, before) != before
-    assert counted.make(told, other=others) == 0
+    assert counted.make(words, other=others) == 0
     assert counted.page == refreshed
+
+
+OWN_FIGURE = """
+from typing import Literal
+from pvdf_fem.report.kind import FigureKind
+
+class ChargeByForce(FigureKind):
+    \"\"\"Charge of each electrode
+    against the force.\"\"\"
+
+    kind: Literal["charge-by-force"]
+    forces_N: tuple[float, ...]
+
+    def list_changes(self):
+        return [{"load.force_N": force} for force in self.forces_N]
+
+    def draw(self, data, axes):
+        for electrode, rows in data.groupby("electrode"):
+            axes.plot(rows["load.force_N"], rows.computed_pC, label=electrode)
+"""
+
+
+def test_a_figure_of_keys_changes_and_draw_alone(tmp_path):
+    """The report solves the scenes; caption and data have defaults."""
+    file = tmp_path / "own.py"
+    file.write_text(OWN_FIGURE)
+    film = {"film.d31_pC_N": 12.0}
+    figure = {"kind": "charge-by-force", "name": "own", "forces_N": [0.5, 1.0], "set": film}
+    made = Report.load(write(tmp_path, figure), load_kinds(file)).make(
+        tmp_path / "out", processes=1
+    )
+    assert (made.complete, made.scenes) == (True, 2)
+    data = pd.read_csv(tmp_path / "out" / "data" / "own.csv")
+    scene = Scene.from_file(tmp_path / "out" / "scenes" / "own.toml")
+    charges = solve(scene.with_(**{"load.force_N": 0.5})).charges_pC
+    half = data[data["load.force_N"] == 0.5]
+    assert dict(zip(half.electrode, half.computed_pC, strict=True)) == pytest.approx(charges)
+    assert len(data) == 2 * len(charges)
+    page = made.page.read_text("utf-8")
+    assert "<figcaption>Charge of each electrode against the force." in page
+    assert '<svg id="svg-own"' in page
 
 
 @pytest.mark.parametrize("text", [None, "import", "x = 1"])

@@ -52,7 +52,7 @@ def changed(path: str, value: Any) -> dict[str, Any]:
     return table
 
 
-def test_first_screen_has_what_asks_for_it_then_one_of_each_kind(tmp_path):
+def test_the_first_screen_has_summary_items_then_one_of_each_kind(tmp_path):
     names = [item.name for item in load(tmp_path, script()).plan.summary]
     assert names == ["charge-vs-distance", "isocharge", "charges"]
     table = changed("section/1/table/1/summary", True)
@@ -107,12 +107,12 @@ TABLE = "section/1/table"
         ("data/touches/table", "case, film.thick, A\n1, 9, 5\n", "data.touches, row 1: film.thick"),
     ],
 )
-def test_a_mistake_is_told_by_its_key(path, value, key, tmp_path):
+def test_a_mistake_is_reported_with_its_key(path, value, key, tmp_path):
     found = problems(tmp_path, changed(path, value))
     assert any(told.startswith(key) or f".{key}" in told for told in found)
 
 
-def test_mistakes_of_all_tables_are_told_together(tmp_path):
+def test_mistakes_of_all_tables_are_reported_together(tmp_path):
     table = changed("titel", "x")
     table["scene"]["film"]["radius_mm"] = "wide"
     table["section"][0]["figure"][1]["reach"] = 8.0

@@ -42,7 +42,7 @@ def test_a_charge_is_the_integral_of_the_tension_over_its_electrode():
     assert charges == pytest.approx({"A": 1e12 * d / h * disc, "B": 1e12 * d / h * square})
 
 
-def test_errors_are_relative_and_told_by_what_is_known_well_enough():
+def test_errors_are_relative_and_resolved_only_above_the_doubt():
     rows = {"case": ["x", "x"], "known_pC": [-200.0, 100.0], "doubt_pC": [0.1, 0.6]}
     rows |= {"charge_pC": [-201.0, 101.0], "stated_pC": [0.5, 2.0]}
     frame = results.add_errors(pd.DataFrame(rows))
@@ -52,7 +52,7 @@ def test_errors_are_relative_and_told_by_what_is_known_well_enough():
     assert results.select_worst(frame.assign(code="c")).charge_pC.tolist() == [101.0]
 
 
-def test_true_errors_stand_against_time_and_failures_stand_aside():
+def test_true_errors_by_tolerance_and_a_failed_solve():
     content = made("error-vs-time", only=["disc of 5 mm", "rectangle"])
     assert content.frame.true.max() < 1e-3
     assert content.table["within it"].tolist() == ["2 of 2", "2 of 2"]
@@ -63,7 +63,7 @@ def test_true_errors_stand_against_time_and_failures_stand_aside():
     assert (row["status"], "charge_pC" in row) == ("tolerance_not_reached", False)
 
 
-def test_stated_errors_are_counted_by_groups():
+def test_stated_errors_are_counted_by_group():
     content = made("stated-errors", only=["disc of 5 mm"])
     told = content.frame[content.frame.telling]
     assert set(content.frame.group) == {"cases", *list(KINDS)[:2]}

@@ -33,7 +33,7 @@ def test_every_law_holds_to_rounding():
         assert task.run()[0]["ratio"] == pytest.approx(law.ratio, rel=3e-7)
 
 
-def test_a_refused_value_and_an_exception_are_endings(monkeypatch):
+def test_a_refused_value_and_an_exception_give_a_status(monkeypatch):
     scene = Scene().with_(**{"probe.shape": "circle"})
     (refused,) = RangeValue(scene, "film.poisson_ratio", 0.5, "finer").run()
     monkeypatch.setattr(endings, "solve", lambda _: 1 / 0)
@@ -78,7 +78,7 @@ def test_charges_are_those_of_problems_in_one_dimension(changes, most):
 
 @given(number=st.integers(0, 10**6))
 @drawn(0.2)
-def test_scenes_are_within_their_ranges_and_drawn_again(number):
+def test_random_scenes_are_within_their_ranges_and_reproducible(number):
     scene = draw_extreme_scene(number, SEED)
     assert scene == draw_extreme_scene(number, SEED)
     for key in ("film.radius_mm", "film.thickness_um", "film.youngs_modulus_GPa", "load.force_N"):

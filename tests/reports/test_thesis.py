@@ -21,7 +21,7 @@ def report() -> Report:
     return reports.load_report("thesis")
 
 
-def test_203_of_222_printed_charges_count(report):
+def test_203_of_222_printed_charges_are_compared(report):
     counted, printed = report.plan.data["charges"].frame, pd.read_csv(THESIS / "charges.csv")
     assert [of[[*"ABCD"]].notna().sum().sum() for of in (counted, printed)] == [203, 222]
 
@@ -48,6 +48,15 @@ def test_charges_of_each_kind_of_scene_are_within_2_percent(report):
         assert [*charges.values()] == pytest.approx(printed, rel=0.02, nan_ok=True)
 
 
+@pytest.mark.parametrize(("name", "rows"), [("findings", 12), ("numbers", 12), ("contents", 21)])
+def test_texts_are_tables_with_numbers_in_braces(name, rows):
+    texts = pd.read_csv(THESIS / f"{name}.csv", dtype=str, keep_default_na=False)
+    assert len(texts) == rows
+    fields = texts.to_csv().count("{")
+    assert fields == texts.to_csv().count("}")
+    assert (fields > 0) == (name != "contents")
+
+
 def test_links_of_texts_lead_to_figures_and_files(report):
     names = {item.name for item in report.plan.items}
     for file in ("findings", "contents"):
@@ -59,7 +68,7 @@ def test_links_of_texts_lead_to_figures_and_files(report):
 
 
 @pytest.mark.slow
-def test_what_is_special_is_made_in_a_preview(report):
+def test_the_kinds_of_the_thesis_work_in_a_preview(report):
     inputs, needed = report.plan.collect_requirements(quick=True)
     own = [need for need in needed if need.tasks or need.item.name == "contents"]
     assert len(own) == 4
@@ -80,13 +89,16 @@ def test_what_is_special_is_made_in_a_preview(report):
 FOUND = """
 from typing import Literal
 import pandas as pd
-from pvdf_fem.report.kind import Content, Kind
+from pvdf_fem.report.kind import Kind
 
 class Found(Kind):
     kind: Literal["found"]
 
-    def compose(self, inputs, results):
-        return Content("", pd.DataFrame(dict(a=[1])), claim="{claim}")
+    def collect_data(self, inputs, results):
+        return pd.DataFrame(dict(a=[1]))
+
+    def make_claim(self, data):
+        return "{claim}"
 """
 
 

@@ -102,6 +102,10 @@ REFUSALS = [
     # films
     ("[film]\ncoupling = true\nd31_pC_N = 900", "film.coupling = true"),
     (COOLED + "[film]\npretension_N_m = 9", "film.patches = [a table]"),
+    (
+        f"{TAPE}bonded = 'before stretching'\n[film]\npretension_N_m = 9\nlaw = 'neo-hookean'",
+        "film.pretension_N_m = 9.0",
+    ),
 ]
 
 

@@ -32,7 +32,7 @@ def swept(monkeypatch: pytest.MonkeyPatch, *axes: dict) -> object:
     return sweep(BASE, axes, processes=1)
 
 
-def test_curves_of_one_axis_with_the_failed_scene_marked(monkeypatch):
+def test_a_sweep_of_one_axis_is_drawn_as_curves_with_failures_marked(monkeypatch):
     data = swept(monkeypatch, {"load.force_N": [2.0, 0.5, 8.0, 1.0, 4.0]}, {"probe.x_mm": [0.0]})
     [ax] = draw_sweep(data).axes
     sorted_data = data.squeeze("x_mm").sortby("force_N")
@@ -46,7 +46,7 @@ def test_curves_of_one_axis_with_the_failed_scene_marked(monkeypatch):
     assert (ax.get_xlabel(), ax.get_xscale()) == ("load force (N)", "log")
 
 
-def test_a_map_of_two_axes_for_each_electrode(monkeypatch):
+def test_a_sweep_of_two_axes_is_drawn_as_a_map_for_each_electrode(monkeypatch):
     monkeypatch.setattr(sweep_charts, "MAX_CURVES", 2)
     data = swept(monkeypatch, {"load.force_N": [1.0, 2.0, 3.0]}, {"probe.x_mm": [0.0, 3.0, 5.0]})
     figure = draw_sweep(data)
@@ -61,7 +61,7 @@ def test_a_map_of_two_axes_for_each_electrode(monkeypatch):
     assert len({ax.collections[0].colorbar for ax in figure.axes[:4]}) == 4  # a scale for each
 
 
-def test_few_values_are_a_curve_each(monkeypatch):
+def test_a_short_axis_is_drawn_as_a_family_of_curves(monkeypatch):
     forces = {"load.force_N": [1.0, 3.0, 9.0]}
     probes = {"probe": [{"shape": "circle"}, {"shape": "rectangle", "x_mm": 3.0}], "name": "tip"}
     for axes in ([forces, probes], [probes, forces]):
@@ -74,7 +74,7 @@ def test_few_values_are_a_curve_each(monkeypatch):
         assert [json.loads(label) for label in data.tip.values] == probes["probe"]  # in full
 
 
-def test_phases_are_continuous_at_multiples_of_45_degrees():
+def test_phases_are_unwrapped_with_ticks_at_multiples_of_45_degrees():
     turns = np.linspace(0.0, -3.0 * np.pi, 60)
     scene = Scene().with_(**{"film.loss_tangent": 0.05, "air": {"baffle": True}})
     charges = {"A": np.exp(1j * turns), "B": 2.0 * np.exp(0.5j * turns)}
@@ -86,7 +86,7 @@ def test_phases_are_continuous_at_multiples_of_45_degrees():
     assert len(free.axes) == 1  # without damping there are no phases
 
 
-def test_designs_are_a_curve_for_each_value_and_the_map_of_the_best():
+def test_designs_are_drawn_as_curves_and_a_map_of_the_best():
     vary = {"electrodes.ring_radius_mm": [6, 8, 9.5], "load.force_N": [0.5, 1]}
     model, ring = (
         make_bump_response("circle"),

@@ -24,7 +24,7 @@ def table(data: float | None) -> pd.DataFrame:
     ("data", "strips"),
     [([[None, None], [None, None]], 0), ([[3.0, 4.0], [None, None]], 2), ([[None, 3.0]], 1)],
 )
-def test_differences_are_drawn_below_panels_that_have_data_only(data, strips):
+def test_differences_are_drawn_below_panels_with_data(data, strips):
     rows = [[Panel("a panel", table(x)) for x in row] for row in data]
     axes = make_curve_axes(rows)
     draw_curves(rows, axes, x_label="turn (°)", y_label="charge (pC)")
@@ -38,13 +38,13 @@ def test_differences_are_drawn_below_panels_that_have_data_only(data, strips):
     )
 
 
-def test_a_number_has_the_digits_that_its_error_leaves():
+def test_numbers_are_formatted_with_the_digits_that_the_error_leaves():
     given = [(1234.56, 0.0), (1234.56, 3.0), (0.0123, 0.1), (-5.0, 1e-9), (np.nan, 1.0)]
     assert [format_significant(*of) for of in given] == ["1234.6", "1235", "0.012", "−5.0000", "–"]
 
 
 @pytest.mark.parametrize(("reach_mm", "seen_mm"), [(8.0, 8.0), (9.0, 11.5)])
-def test_a_map_shows_electrodes_at_its_edge_whole(reach_mm, seen_mm):
+def test_a_map_is_enlarged_so_that_no_electrode_is_cut(reach_mm, seen_mm):
     """Of squares of 3 mm at 10 mm from the centre."""
     ax = make_figure(80.0, 80.0).subplots()
     draw_film(ax, 45.0, Scene().electrode_list, reach_mm)

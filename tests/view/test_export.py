@@ -50,7 +50,7 @@ def read_vtu(solution: Solution, path: Path) -> tuple[meshio.Mesh, dict[str, Any
     return grid, {name: values[0] for name, values in grid.cell_data.items()}
 
 
-def test_charges_follow_from_the_vtu_file(solution, tmp_path):
+def test_charges_can_be_integrated_from_the_vtu_file(solution, tmp_path):
     grid, cells = read_vtu(solution, tmp_path / "a.vtu")
     area = areas(grid.points, grid.cells[0].data)
     assert area.min() > 0.0
@@ -61,7 +61,7 @@ def test_charges_follow_from_the_vtu_file(solution, tmp_path):
         assert 8.0 * forces == pytest.approx(charge, rel=1e-9)
 
 
-def test_vtu_displacement_is_that_of_the_solution(solution, tmp_path):
+def test_the_vtu_file_has_the_displacement_of_the_solution(solution, tmp_path):
     """Also in the middles of sides, which are no nodes of an order-3 solution."""
     grid, _ = read_vtu(solution, tmp_path / "a.vtu")
     found = grid.point_data["displacement_m"]
@@ -73,7 +73,7 @@ def test_vtu_displacement_is_that_of_the_solution(solution, tmp_path):
     assert np.all(found[np.hypot(*grid.points[:, :2].T) > 0.045 * (1 - 1e-6)] == 0.0)
 
 
-def test_a_vtu_file_has_charges_and_the_scene(solution, tmp_path):
+def test_the_vtu_file_has_charges_and_the_scene(solution, tmp_path):
     """For meshio, and for VTK as ParaView reads it."""
     grid, _ = read_vtu(solution, tmp_path / "a.vtu")
     charges = {f"charge_pC {name}": [charge] for name, charge in solution.charges_pC.items()}
@@ -86,7 +86,7 @@ def test_a_vtu_file_has_charges_and_the_scene(solution, tmp_path):
     np.testing.assert_array_equal(vtk.point_data["deflection_m"], grid.point_data["deflection_m"])
 
 
-def test_vtu_nodal_stress_is_the_mean_around_a_node(tmp_path):
+def test_the_nodal_stress_of_the_vtu_file_is_the_mean_around_a_node(tmp_path):
     """Linear elements have one stress each, so that the mean can be taken from the file."""
     mesh = uniform_mesh(SCENE, 4.0)
     grid, cells = read_vtu(solve(SCENE, mesh=mesh, order=1), tmp_path / "a.vtu")
@@ -109,7 +109,7 @@ def test_vtu_nodal_stress_is_the_mean_around_a_node(tmp_path):
     np.testing.assert_allclose(u[triangles[:, 3]], u[corner[:, :2]].mean(axis=1), atol=1e-15)
 
 
-def test_contact_pressure_is_of_nodes_about_the_contact(tmp_path):
+def test_the_vtu_file_has_the_contact_pressure_at_nodes_around_the_contact(tmp_path):
     touched = solve(Scene.example("sphere").with_(**{"numerics.tolerance": 0.02}))
     grid, _ = read_vtu(touched, tmp_path / "a.vtu")
     [contact], pressure = touched.contacts.values(), grid.point_data["contact_pressure_Pa"] / 1e6
@@ -120,7 +120,7 @@ def test_contact_pressure_is_of_nodes_about_the_contact(tmp_path):
 
 
 @pytest.mark.parametrize("extension", FORMATS)
-def test_patches_survive_in_every_format(solution, tmp_path, extension):
+def test_every_mesh_format_keeps_the_patches(solution, tmp_path, extension):
     path = tmp_path / f"mesh{extension}"
     if extension == ".xdmf" and not importlib.util.find_spec("h5py"):
         with pytest.raises(ExportError, match="h5py"):
@@ -154,7 +154,7 @@ def _patch(grid: meshio.Mesh, patches: str, name: str) -> NDArray[np.bool_]:
     return inside
 
 
-def test_rim_of_the_mesh_files(solution, tmp_path):
+def test_mesh_files_have_the_rim(solution, tmp_path):
     for name in ("a.inp", "a.msh"):
         write_mesh(solution.mesh, tmp_path / name)
     grid, lines = meshio.read(tmp_path / "a.inp"), meshio.read(tmp_path / "a.msh").cells[1].data
@@ -163,7 +163,7 @@ def test_rim_of_the_mesh_files(solution, tmp_path):
     assert set(lines.ravel()) == set(on_rim)
 
 
-def test_gmsh_reads_sound_elements_and_named_groups(solution, tmp_path):
+def test_gmsh_reads_valid_elements_and_named_groups(solution, tmp_path):
     write_mesh(solution.mesh, tmp_path / "a.msh")
     gmsh.initialize(["", "-v", "1"], readConfigFiles=False, interruptible=False)
     try:
@@ -178,7 +178,7 @@ def test_gmsh_reads_sound_elements_and_named_groups(solution, tmp_path):
     assert names == electrodes | {"film", "probe", "rim"}
 
 
-def test_what_a_format_cannot_hold_is_refused(tmp_path):
+def test_unsupported_formats_and_names_are_refused(tmp_path):
     squares = [{"name": name, "x_mm": x, "y_mm": 0.0} for name, x in (("a b", 0), ("a_b", 9))]
     mesh = uniform_mesh(Scene().with_(electrodes=squares), 9.0)
     write_mesh(mesh, tmp_path / "a.msh")

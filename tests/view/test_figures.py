@@ -24,7 +24,7 @@ def axes() -> Axes:
 
 
 @pytest.mark.parametrize("extension", ["svg", "png", "pdf"])
-def test_files_are_reproducible(tmp_path, extension):
+def test_equal_figures_give_equal_files(tmp_path, extension):
     contents = []
     for name in ("one", "two"):
         (ax := axes()).plot([0.0, 4.0, 8.0], [900.0, 800.0, 600.0], "o-", label="35°")
@@ -37,12 +37,12 @@ def test_files_are_reproducible(tmp_path, extension):
         save_figure(get_figure(ax), tmp_path / "figure.docx")
 
 
-def test_no_window_system_is_touched():
+def test_figures_do_not_import_pyplot():
     program = "import sys, pvdf_fem.view.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
-def test_colours_are_palest_at_zero_or_spread_over_one_sign():
+def test_the_colour_map_depends_on_the_signs_of_the_values():
     assert choose_colours([2.0, 5.0], "Blues") == ("Blues", 2.0, 5.0)
     assert choose_colours([-5.0, -2.0], "Blues") == ("Blues_r", -5.0, -2.0)
     assert choose_colours([-2.0, 5.0], "Blues") == (DIVERGING, -5.0, 5.0)

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
 from pvdf_fem import NotConvergedError, Scene, Solution, solve
-from pvdf_fem.solver.estimate.next_order import compute_error_shares
+from pvdf_fem.solver.estimate.next_order import compute_error_contributions
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.view.figures import make_figure, render_figure, use_style
 from pvdf_fem.view.film_quantities import MAPS, sample_field
@@ -34,7 +34,7 @@ def labels(ax: Axes) -> list[str]:
     return [text.get_text() for text in ax.texts]
 
 
-def test_deflection_map_shows_deflection_charges_and_outlines(solution):
+def test_the_deflection_map_has_deflection_charges_and_outlines(solution):
     ax = axes()
     assert solution.plot(ax=ax) is ax.figure
     for name, charge in solution.charges_pC.items():
@@ -47,7 +47,7 @@ def test_deflection_map_shows_deflection_charges_and_outlines(solution):
     np.testing.assert_allclose(probe.mean(axis=0), [5.0, 0.0], atol=1e-9)
 
 
-def test_maps_of_a_flat_film():
+def test_maps_of_a_flat_film_can_be_drawn():
     flat = solve(Scene())
     flat.plot(ax=(ax := axes()))
     assert len(labels(ax)) >= 4
@@ -59,7 +59,7 @@ def test_maps_of_a_flat_film():
 
 
 @pytest.mark.parametrize("name", [name for name, shown in MAPS.items() if shown.values])
-def test_fields_have_the_values_at_their_places(solution, name):
+def test_sampled_fields_have_the_values_at_their_points(solution, name):
     """Inside of elements, where the stress has one value; colours but those of levels go from the
     least value to the largest one."""
     shown, film = MAPS[name], solution.film_data()
@@ -76,7 +76,7 @@ def test_fields_have_the_values_at_their_places(solution, name):
         assert drawn.get_clim() == (values.min(), values.max())
 
 
-def test_strokes_are_along_the_larger_principal_stress(solution):
+def test_strokes_follow_the_larger_principal_stress(solution):
     ax = axes()
     solution.plot("principal directions", ax=ax, reach_mm=20.0)
     [strokes] = [c for c in ax.collections if isinstance(c, LineCollection)]
@@ -89,13 +89,13 @@ def test_strokes_are_along_the_larger_principal_stress(solution):
         assert abs(vectors[:, 1] @ way) == pytest.approx(np.linalg.norm(way), rel=1e-6)
 
 
-def test_mesh_and_error_shares_are_of_all_elements(solution):
+def test_mesh_and_error_maps_have_all_elements(solution):
     mesh, errors = axes(), axes()
     solution.plot("mesh", ax=mesh)
     solution.plot("error", ax=errors)
     count, shares = (
         solution.mesh.nelements,
-        compute_error_shares(solution.discrete, solution.problem.outputs),
+        compute_error_contributions(solution.discrete, solution.problem.outputs),
     )
     assert f"{count} triangles" in mesh.get_title()
     lines, drawn = mesh.collections[-1], errors.collections[-1]
@@ -110,7 +110,7 @@ def test_mesh_and_error_shares_are_of_all_elements(solution):
         assert 0.1 * error < sums[name] < 1e3 * error
 
 
-def test_a_contact_has_limits_and_an_edge_and_is_enlarged(touched):
+def test_the_contact_map_is_enlarged_with_limits_and_edge(touched):
     own, given = axes(), axes()
     touched.plot("contact", ax=own)
     touched.plot("contact", ax=given, reach_mm=15.0)
@@ -123,7 +123,7 @@ def test_a_contact_has_limits_and_an_edge_and_is_enlarged(touched):
     assert np.ptp(given.get_xlim()) == pytest.approx(30.0, rel=0.05)
 
 
-def test_charges_as_a_table_of_pandas(solution):
+def test_charges_are_a_pandas_table(solution):
     table = solution.to_dataframe()
     assert table.index.tolist() == list("ABCD")
     assert table.charges_pC.to_dict() == solution.charges_pC

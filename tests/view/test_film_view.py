@@ -30,7 +30,7 @@ def test_the_surface_is_the_deflected_film(solution):
     assert values.max() == pytest.approx(solution.at(5.0, 0.0).stress_MPa[:2].sum(), rel=0.5)
 
 
-def test_a_page_needs_nothing_else(solution, tmp_path):
+def test_the_page_of_a_view_is_self_contained(solution, tmp_path):
     pytest.importorskip("trame_vtk", reason="pages in 3-D need trame-vtk")
     try:
         require_rendering()
@@ -44,7 +44,7 @@ def test_a_page_needs_nothing_else(solution, tmp_path):
         solution.view("mesh")
 
 
-def test_what_is_missing_is_named(solution, monkeypatch, tmp_path):
+def test_a_missing_library_is_named(solution, monkeypatch, tmp_path):
     """A package, or a way to render: a stand-in for Python ends as VTK does without EGL, OSMesa
     and a display, and Python goes on."""
     with monkeypatch.context() as patch:

@@ -22,7 +22,7 @@ def located(sigma: float) -> Location:
     return locate(model, charges, unknown=unknown, known={"rotation_deg": 25.0}, sigma=sigma)
 
 
-def test_isocharge_lines_are_where_the_model_has_their_charge():
+def test_the_response_has_the_charge_of_an_isocharge_line_on_it():
     model = make_bump_response()
 
     def charge(places: np.ndarray) -> np.ndarray:
@@ -36,7 +36,7 @@ def test_isocharge_lines_are_where_the_model_has_their_charge():
     assert np.hypot(*filled.get_paths()[0].vertices.T).max() <= 12.0 + 1e-9
 
 
-def test_the_ellipse_is_that_of_the_covariance():
+def test_the_ellipse_has_the_covariance_of_the_touch():
     found = located(sigma=0.01)
     near = found.plot().axes[1]
     [drawn] = [line.get_xydata() for line in near.lines if len(line.get_xdata()) > 1]
@@ -47,7 +47,7 @@ def test_the_ellipse_is_that_of_the_covariance():
     np.testing.assert_allclose(apart.max(axis=0), deviations, rtol=1e-2)
 
 
-def test_the_likelihood_is_that_of_the_likeliest_force():
+def test_the_likelihood_map_uses_the_most_likely_force():
     """With small errors its logarithm falls by a half on the ellipse of the curvature."""
     found = located(sigma=1e-3)
     root, angles = np.linalg.cholesky(found.best.covariance[:2, :2]), np.linspace(0.0, 6.0, 9)
@@ -59,7 +59,7 @@ def test_the_likelihood_is_that_of_the_likeliest_force():
     np.testing.assert_allclose(around, 1.0, rtol=0.02)
 
 
-def test_places_are_those_of_the_stage():
+def test_maps_are_in_the_coordinates_of_the_stage():
     """A touch in the middle of electrode A is drawn in the middle of what is drawn of A."""
     model = make_bump_response()
     stage = {"x_mm": 100.0, "y_mm": 50.0, "rotation_deg": 30.0}

@@ -20,14 +20,11 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
 from pvdf_fem.film.effects import format_two_digits
 from pvdf_fem.film.loads.contact_estimate import estimate_pressed_area
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
-from pvdf_fem.film.point_load import estimate_load_share, estimate_tension
+from pvdf_fem.film.point_load import estimate_load_fraction, estimate_tension
 from pvdf_fem.scene.film import Film, Layer
-from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
@@ -44,7 +41,7 @@ class BendingFit:
     #: Least difference between the effects of strain along x and y, beside a layer.
     even: float = 0.1
     #: Distance from the rim that counts for a probe at the rim, over the probe's radius.
-    least_gap: float = 0.1
+    min_gap: float = 0.1
 
 
 FIT = BendingFit()
@@ -57,7 +54,7 @@ class BendingEffect:
     rim_tension: float  #: Tension of the loaded film at the rim in N/m.
     probe_tension: float  #: Tension of the loaded film at the probe's edge in N/m.
     #: Bending length sqrt(D/N) of the flat film in m; infinite without tension, as the others.
-    rest_length: float
+    unloaded_length: float
     rim_length: float  #: Bending length at the rim in m.
     probe_length: float  #: Bending length at the probe's edge in m.
     rim: float  #: Relative change of the worst charge by bending at the rim.
@@ -73,7 +70,7 @@ class BendingEffect:
     def __str__(self) -> str:
         """Return the change, and the lengths within which bending acts."""
         lengths = {
-            "at rest": self.rest_length,
+            "at rest": self.unloaded_length,
             "at the rim": self.rim_length,
             "at the probe": self.probe_length,
         }
@@ -90,7 +87,7 @@ class BendingEffect:
         return text
 
 
-class _Press(NamedTuple):
+class _PressingLoad(NamedTuple):
     """A load on the film, as a probe that presses alone."""
 
     force: float  # in N, with the loads on the whole film
@@ -110,7 +107,7 @@ def estimate_bending_effect(scene: Scene) -> BendingEffect:
 def _estimate_for(scene: Scene, probe: LoadedProbe | None) -> BendingEffect:
     """Estimate the effect of bending where one probe of a scene presses alone."""
     film = scene.film
-    press = _find_press(scene, probe)
+    press = _find_pressing_load(scene, probe)
     D = film.thickness**3 / 12.0 * float(film.stiffness[:2, :2].max())
     unloaded_tension = film.thickness * float(film.prestress[:2].mean())
     probe_radius = _compute_radius(press.outline) if press.outline else film.radius
@@ -124,7 +121,7 @@ def _estimate_for(scene: Scene, probe: LoadedProbe | None) -> BendingEffect:
     return BendingEffect(
         rim_tension=rim_tension,
         probe_tension=probe_tension,
-        rest_length=_compute_bending_length(D, max(unloaded_tension, 0.0)),
+        unloaded_length=_compute_bending_length(D, max(unloaded_tension, 0.0)),
         rim_length=rim_length,
         probe_length=probe_length,
         rim=rim_change,
@@ -133,15 +130,15 @@ def _estimate_for(scene: Scene, probe: LoadedProbe | None) -> BendingEffect:
     )
 
 
-def _find_press(scene: Scene, probe: LoadedProbe | None) -> _Press:
+def _find_pressing_load(scene: Scene, probe: LoadedProbe | None) -> _PressingLoad:
     """Find where, how strongly and how rigidly the film is pressed."""
     force = scene.film.distributed_force
     if probe is not None:
         outline, probe_force = estimate_pressed_area(scene, probe)
-        return _Press(force + probe_force, outline, PROBE_LOADS[probe.load.kind].is_rigid)
+        return _PressingLoad(force + probe_force, outline, PROBE_LOADS[probe.load.kind].is_rigid)
     if force:  # the load on the whole film presses as a probe that covers the film
-        return _Press(force, Circle(np.zeros(2), scene.film.radius), is_rigid=False)
-    return _Press(0.0, None, is_rigid=False)
+        return _PressingLoad(force, scene.film.outline, is_rigid=False)
+    return _PressingLoad(0.0, None, is_rigid=False)
 
 
 def _compute_bending_length(D: float, tension: float) -> float:
@@ -149,7 +146,7 @@ def _compute_bending_length(D: float, tension: float) -> float:
 
 
 def _estimate_edge_changes(
-    scene: Scene, press: _Press, rim_length: float, probe_length: float
+    scene: Scene, press: _PressingLoad, rim_length: float, probe_length: float
 ) -> tuple[float, float]:
     """Estimate the relative changes of the worst charge by bending at the rim and at the probe.
 
@@ -157,7 +154,7 @@ def _estimate_edge_changes(
     ----------
     scene : Scene
         The scene.
-    press : _Press
+    press : _PressingLoad
         The load.
     rim_length, probe_length : float
         Bending lengths at the rim and at the probe's edge in m.
@@ -168,7 +165,7 @@ def _estimate_edge_changes(
     a = film.radius
     b = _compute_radius(press.outline)
     # a probe at the rim has its own width as mean distance from the rim
-    gap = max(1.0 - press.outline.reach / a, FIT.least_gap * b / a)
+    gap = max(1.0 - press.outline.reach / a, FIT.min_gap * b / a)
     power = 1 if press.is_rigid else 2
     distances = []
     for electrode in scene.electrode_list:
@@ -181,8 +178,8 @@ def _estimate_edge_changes(
         rim_factor = FIT.rim_at_centre + FIT.rim_outside * (r / a) ** 2
         at_rim = rim_factor * rim_length / a / math.sqrt(gap)
         at_probe = FIT.probe * (probe_length / b) ** power * math.sqrt(b / r)
-        load_share = estimate_load_share(film, press.force, r) / (1.0 + at_rim + at_probe)
-        worst = max(worst, (load_share * at_rim, load_share * at_probe), key=sum)
+        load_fraction = estimate_load_fraction(film, press.force, r) / (1.0 + at_rim + at_probe)
+        worst = max(worst, (load_fraction * at_rim, load_fraction * at_probe), key=sum)
     return worst
 
 
@@ -203,7 +200,7 @@ def _compute_laminate(film: Film, layer: Layer) -> _LaminateStiffness:
     return _LaminateStiffness(bending=D, membrane=A + A_p, offset=A_p / (A + A_p) * apart)
 
 
-def _estimate_layer_change(scene: Scene, layer: Layer, press: _Press) -> float:
+def _estimate_layer_change(scene: Scene, layer: Layer, press: _PressingLoad) -> float:
     """Estimate the relative change of the worst charge by a layer on one side.
 
     Parameters
@@ -212,7 +209,7 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _Press) -> float:
         The scene.
     layer : Layer
         The layer.
-    press : _Press
+    press : _PressingLoad
         The load.
 
     Notes
@@ -235,7 +232,7 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _Press) -> float:
     width = half_width * math.sqrt(tension / D)
     bent = e * e * A / D * (math.tanh(width) / width if width > 0.0 else 1.0)
     if layer.patch.bonded == "at rest":
-        bent *= estimate_load_share(film, press.force, r)
+        bent *= estimate_load_fraction(film, press.force, r)
     d31, d32 = abs(film.d31), abs(film.d32)
     difference = 0.0
     if d31 + d32:
@@ -253,7 +250,7 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _Press) -> float:
 
 
 def _estimate_load_curvature(
-    film: Film, electrode: Outline, press: _Press, half_width: float, D: float
+    film: Film, electrode: Outline, press: _PressingLoad, half_width: float, D: float
 ) -> float:
     """Estimate the curvature of a layer by the load's deflection.
 
@@ -263,7 +260,7 @@ def _estimate_load_curvature(
         The film.
     electrode : Outline
         The electrode's outline.
-    press : _Press
+    press : _PressingLoad
         The load.
     half_width : float
         Half the layer's width in m.

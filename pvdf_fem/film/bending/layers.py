@@ -104,7 +104,7 @@ class BendingLayers:
         """Matrix from unknowns to deflections, (scalar dofs, unknowns)."""
         return self.expansion[2::3]
 
-    def change(self, factors: SuperLU) -> Array:
+    def compute_change(self, factors: SuperLU) -> Array:
         """Return the change of the unknowns by the uncertain forces, (unknowns,).
 
         Parameters
@@ -116,7 +116,7 @@ class BendingLayers:
         values = estimate_uncertain_fraction(self.widths)[form.elements] * self.values
         return -factors.solve(np.asarray(self._deflections.T @ (form.strains.T @ values)))
 
-    def effects(self, duals: Array) -> Array:
+    def compute_effects(self, duals: Array) -> Array:
         """Return the absolute changes of outputs by bending forces, (elements, outputs).
 
         Parameters
@@ -131,7 +131,7 @@ class BendingLayers:
         sums = sp.csr_matrix(entries, shape=(len(self.lengths), value_count))
         return np.abs(sums @ work)
 
-    def sizes(self, effects: Array, remaining: float, finest: float = 0.2) -> Array:
+    def choose_sizes(self, effects: Array, remaining: float, finest: float = 0.2) -> Array:
         """Choose element sizes for the next mesh.
 
         Parameters

@@ -50,7 +50,7 @@ class Penalty:
     #: 1 - turning l/H corrects the energy, within 6 % for all l/H (measured; without the correction
     #: up to 20 % of the layer's effect are missing at H = 20 l).
     turning: float = 5.5
-    most_turning: float = 0.75  #: Where turning l/H is larger, the regular penalty takes over.
+    max_turning: float = 0.75  #: Where turning l/H is larger, the regular penalty takes over.
 
 
 PENALTY = Penalty()
@@ -355,7 +355,7 @@ class _EdgeValues:
         penalty = D * (self.penalty / self.height)[sides].mean(axis=1)
         if tension > 0.0:
             turning = PENALTY.turning * np.sqrt(D / tension) / (2.0 * self.height[sides[:, 0]])
-            layer = np.sqrt(D * tension) / (1.0 - np.minimum(turning, PENALTY.most_turning))
+            layer = np.sqrt(D * tension) / (1.0 - np.minimum(turning, PENALTY.max_turning))
             penalty = np.maximum(penalty, layer)
         moments = np.concatenate([self.moment[side] for side in sides.T], axis=-1)
         return _JoinedEdges(

@@ -87,7 +87,7 @@ class Laminate:
         warming: Array = np.zeros(1)
         prestrain = self.prestrain
         if self.added is not None:
-            places = self.space.places @ frame
+            places = self.space.quadrature_points @ frame
             rim_strain = film.compute_rim_strain(places)
             warming = self.added.temperature(places)[..., None]
             thermal = film.thermal_expansion_per_K * warming * EQUIBIAXIAL
@@ -121,7 +121,7 @@ class Laminate:
         stress = self.law.stress(strain, self.prestrain)
         return stress if self._subtracted is None else stress - self._subtracted
 
-    def at(self, places: Array) -> Laminate:
+    def at_points(self, places: Array) -> Laminate:
         """Return the film at some places, for laws that are not linear.
 
         Parameters
@@ -152,7 +152,7 @@ class Laminate:
         places : (..., 2) array
             Its places in m on the whole film.
         """
-        stress = self.at(places).stress(strain)
+        stress = self.at_points(places).stress(strain)
         return stress if self.added is None else stress + self.added.stress(places)
 
     def resultant(self, strain: Array) -> Array:
@@ -170,7 +170,7 @@ class Laminate:
             total[ply.elements] += ply.stress(strain[ply.elements])
         return total
 
-    def resultant_moduli(self, strain: Array) -> Array:
+    def resultant_tangent_stiffness(self, strain: Array) -> Array:
         """Return the derivative of `resultant` by the strain in Pa.
 
         Parameters
@@ -185,11 +185,11 @@ class Laminate:
         """
         film, *layers = self.plies
         if not layers:
-            return film.law.moduli(strain, film.prestrain)
+            return film.law.tangent_stiffness(strain, film.prestrain)
         is_linear = all(ply.law.is_linear for ply in self.plies)
         total = np.zeros((len(strain), 1 if is_linear else strain.shape[1], 3, 3))
         for ply in self.plies:
-            moduli = ply.law.moduli(strain[ply.elements], ply.prestrain)
+            moduli = ply.law.tangent_stiffness(strain[ply.elements], ply.prestrain)
             total[ply.elements] += ply.thickness_ratio * moduli
         return total
 

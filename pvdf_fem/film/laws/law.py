@@ -96,7 +96,7 @@ class Law:
         behind = self.stress(strain.real - h * strain_change, prestrain.real - h * prestrain_change)
         return np.asarray(stress + 1j * (ahead - behind) / (2.0 * h))
 
-    def moduli(self, strain: Array, prestrain: Array) -> Array:
+    def tangent_stiffness(self, strain: Array, prestrain: Array) -> Array:
         """Return the derivative of the stress by the strain in Pa, (3, 3) or (..., 3, 3)."""
         columns = []
         for direction in np.eye(3):
@@ -151,6 +151,6 @@ class Hooke(Law):
         # the flat film's stress is added, so that a small strain loses no digits
         return apply_matrix(self.stiffness, strain) + prestrain @ self.stiffness
 
-    def moduli(self, strain: Array, prestrain: Array) -> Array:
+    def tangent_stiffness(self, strain: Array, prestrain: Array) -> Array:
         """Return the stiffness in Pa, (3, 3)."""
         return self.stiffness

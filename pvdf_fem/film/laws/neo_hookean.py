@@ -68,7 +68,7 @@ class NeoHookean(Law):
         C0 = np.array([1.0, 1.0, 0.0]) + 2.0 * prestrain * no_engineering_shear
         return flat.modulus[..., None] * (C0 - (flat.power * power)[..., None] * inverse)
 
-    def moduli(self, strain: Array, prestrain: Array) -> Array:
+    def tangent_stiffness(self, strain: Array, prestrain: Array) -> Array:
         """Return the derivative of the stress by the strain in Pa, (..., 3, 3)."""
         flat = self._describe_prestrained(prestrain)
         B, power = self._describe_deformed(strain)

@@ -65,7 +65,7 @@ class TensionField(Hooke):
         """
         elastic = strain + prestrain
         if np.iscomplexobj(elastic):
-            moduli = self.moduli(elastic.real, np.zeros(3))
+            moduli = self.tangent_stiffness(elastic.real, np.zeros(3))
             return self.stress(elastic.real) + 1j * apply_matrix(moduli, elastic.imag)
         stress = elastic @ self.stiffness
         is_taut = _is_nowhere_compressive(stress)
@@ -75,10 +75,10 @@ class TensionField(Hooke):
         stress[is_wrinkled] = self._compute_wrinkled_stress(elastic[is_wrinkled])
         return stress
 
-    def moduli(self, strain: Array, prestrain: Array) -> Array:
+    def tangent_stiffness(self, strain: Array, prestrain: Array) -> Array:
         """Return the derivative of the stress by the strain in Pa, (..., 3, 3)."""
         elastic = strain + prestrain
-        root = self._compute_moduli_root(elastic, self.stress(elastic))
+        root = self._factorise_tangent_stiffness(elastic, self.stress(elastic))
         return np.matmul(root.swapaxes(-1, -2), root)
 
     def energy(self, strain: Array, prestrain: Array) -> Array:
@@ -128,7 +128,7 @@ class TensionField(Hooke):
         y3 = across / np.sqrt(self._values[2])
         return np.stack([y1, y2, y3], axis=-1) @ self._vectors.T
 
-    def _compute_moduli_root(self, strain: Array, stress: Array) -> Array:
+    def _factorise_tangent_stiffness(self, strain: Array, stress: Array) -> Array:
         """Factorise the moduli.
 
         Parameters

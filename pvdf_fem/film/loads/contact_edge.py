@@ -134,7 +134,7 @@ def _find_last_touching(tip: RigidTip, state: State, rays: _Rays, width: float) 
 def _interpolate_displacement(tip: RigidTip, state: State, points: Array) -> Array:
     """Interpolate the film's displacement (n, 3) in m at points (n, 2)."""
     nodal = state.dofs.reshape(-1, 3)[: tip.space.basis.N]
-    return np.asarray(tip.space.interpolation(points.T) @ nodal)
+    return np.asarray(tip.space.interpolation_matrix(points.T) @ nodal)
 
 
 def _compute_gaps(tip: RigidTip, state: State, points: Array) -> _Gaps:

@@ -101,6 +101,6 @@ class FilmPressure(FilmLoad):
         other.conservative = True
         return other
 
-    def face_forces(self, state: State, residual: Array) -> ElementForces:
+    def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
         """Return the pressure times the undeformed area of the elements."""
         return ElementForces(ALL, self.pressure * self.space.weights.sum(axis=1))

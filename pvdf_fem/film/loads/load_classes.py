@@ -46,7 +46,7 @@ def make_loads(
 
     Returns
     -------
-    list of Load
+    list of LoadTerm
         Probe loads first, in the order of the probes.
     """
     loads: list[LoadTerm] = [PROBE_LOADS[spec.load.kind](spec, space, sector) for spec in specs]

@@ -45,7 +45,7 @@ class ProbeLoad(LoadTerm):
     #: Whether the film stays plane under the probe. Tractions are then singular along its edge.
     is_rigid = False
     #: Approximate share of the force that acts along the patch's edge.
-    edge_share = 0.0
+    edge_fraction = 0.0
 
     def __init__(self, spec: LoadSpec, space: Space, sector: SymmetrySector = WHOLE_FILM) -> None:
         self.spec = spec
@@ -118,7 +118,7 @@ class PatchLoad(ProbeLoad):
             return 0.0
         return self.force / self.integrate_on_film(self.space.weights[self.patch])
 
-    def face_forces(self, state: State, residual: Array) -> ElementForces:
+    def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
         """Return the traction along z times the undeformed area of the elements."""
         traction = self.traction(state.deformation_gradient[self.patch])[..., 2]
         return ElementForces(self.patch, (self.space.weights[self.patch] * traction).sum(axis=1))
@@ -146,10 +146,10 @@ class DeadPressure(PatchLoad):
     @cached_property
     def _dead_forces(self) -> Array:
         """The forces in N, (dofs,)."""
-        return np.outer(self._nodal_shares, self.components).ravel()
+        return np.outer(self._nodal_fractions, self.components).ravel()
 
     @cached_property
-    def _nodal_shares(self) -> Array:
+    def _nodal_fractions(self) -> Array:
         """Force at each scalar dof over the total force, (scalar dofs with auxiliary nodes,)."""
         node_count = self.space.dof_count // 3
         if not len(self.patch):
@@ -160,7 +160,7 @@ class DeadPressure(PatchLoad):
         total = np.bincount(nodes.ravel(), shares.ravel(), node_count)
         return np.asarray(total / self.integrate_on_film(weights))
 
-    def face_forces(self, state: State, residual: Array) -> ElementForces:
+    def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
         """Return the force along z, distributed over the patch by the load's profile."""
         _, weights = self._quadrature
         share = weights.sum(axis=1) / self.integrate_on_film(weights)
@@ -199,7 +199,7 @@ class FollowerPressure(PatchLoad):
         stiffness = compute_normal_stiffness(self.space, self.patch, self.pressure, state)
         return ElementMatrices(self.patch, -stiffness)
 
-    def face_forces(self, state: State, residual: Array) -> ElementForces:
+    def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
         """Return the pressure times the undeformed area of the elements."""
         area = self.space.weights[self.patch].sum(axis=1)
         return ElementForces(self.patch, self.pressure * area)
@@ -228,7 +228,7 @@ def integrate_traction(space: Space, elements: Selection, traction: Array) -> Ar
     """
     weighted = space.weights[elements][..., None] * traction
     values = space.values[elements]
-    return space.sum(np.matmul(values.swapaxes(1, 2), weighted), elements)
+    return space.sum_at_dofs(np.matmul(values.swapaxes(1, 2), weighted), elements)
 
 
 def compute_normal(deformation_gradient: Array) -> Array:

@@ -34,7 +34,7 @@ class Punch(DeadPressure):
     """A rigid flat punch under a dead force."""
 
     is_rigid = True
-    edge_share = 1.0
+    edge_fraction = 1.0
 
     def __init__(self, spec: LoadSpec, space: Space, sector: SymmetrySector = WHOLE_FILM) -> None:
         super().__init__(spec, space, sector)
@@ -69,7 +69,7 @@ class Punch(DeadPressure):
             rigid_elements=self.patch,
         )
 
-    def face_forces(self, state: State, residual: Array) -> ElementForces:
+    def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
         """Return the reactions along z at the nodes; a node's elements share them equally."""
         node_count = self.space.basis.N
         nodes = self.space.nodes[self.patch]

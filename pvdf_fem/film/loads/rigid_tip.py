@@ -33,7 +33,7 @@ from pvdf_fem.film.term import (
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 #: Overlap over depth of the softest tip.
-LARGEST_SOFTNESS = 0.1
+MAX_SOFTNESS = 0.1
 #: Factor on the softness from a tip to the next softer one.
 SOFTNESS_STEP = 10.0
 
@@ -67,7 +67,7 @@ class RigidTip(ProbeLoad):
     Under a force the depth is an auxiliary dof, the last component of a node beside the film.
     """
 
-    edge_share = 0.5
+    edge_fraction = 0.5
 
     def __init__(self, spec: LoadSpec, space: Space, sector: SymmetrySector = WHOLE_FILM) -> None:
         super().__init__(spec, space, sector)
@@ -115,7 +115,7 @@ class RigidTip(ProbeLoad):
 
         For the softest tip it is a pressure on the estimated contact.
         """
-        if self.softness > 0.1 * LARGEST_SOFTNESS:
+        if self.softness > 0.1 * MAX_SOFTNESS:
             return DeadPressure(self.spec, self.space, self.sector).with_components(self.components)
         other = copy(self)
         other.softness = SOFTNESS_STEP * self.softness
@@ -154,7 +154,7 @@ class RigidTip(ProbeLoad):
         if not np.isfinite(overlap.depth) or overlap.is_touching[deepest]:
             return x
         lift = self.softness * overlap.depth - overlap.value[deepest]
-        deflection = self.compute_places(x)[deepest][2]
+        deflection = self.compute_deformed_points(x)[deepest][2]
         return x * max(1.0 - lift / deflection, 0.0)
 
     # --- the overlap
@@ -167,7 +167,7 @@ class RigidTip(ProbeLoad):
 
     def _compute_overlap(self, x: Array) -> Overlap:
         """Compute the overlap of the tip with the film that has the dofs `x`."""
-        places = self.compute_places(x)
+        places = self.compute_deformed_points(x)
         frame = self.sector.frame
         shape = places.shape[:2]
         height = self.tip.compute_height(places[..., :2].reshape(-1, 2) @ frame)
@@ -189,10 +189,10 @@ class RigidTip(ProbeLoad):
             return float(x[self.depth_dof][0])
         return self.depth or 0.0
 
-    def compute_places(self, x: Array) -> Array:
+    def compute_deformed_points(self, x: Array) -> Array:
         """Compute the displaced quadrature points in m, (elements, points, 3), of the dofs `x`."""
         places = np.matmul(self.space.values, x.reshape(-1, 3)[self.space.nodes])
-        places[..., :2] += self.space.places
+        places[..., :2] += self.space.quadrature_points
         return places
 
     @property
@@ -226,7 +226,7 @@ class RigidTip(ProbeLoad):
     def _sum_at_dofs(self, weighted: Array, elements: Indices) -> Array:
         """Return the forces in N, (dofs,), of tractions times weights (elements, points, 3)."""
         values = self.space.values[elements]
-        return self.space.sum(np.matmul(values.swapaxes(1, 2), weighted), elements)
+        return self.space.sum_at_dofs(np.matmul(values.swapaxes(1, 2), weighted), elements)
 
     def energy(self, state: State) -> float:
         """Return the energy of the overlap less the work of a given force, in J."""
@@ -308,7 +308,7 @@ class RigidTip(ProbeLoad):
 
     def action(self, state: State, x: Array) -> Array:
         """Return the whole tangent times the dofs `x` in N, (dofs,)."""
-        forces = self.space.sum(self.element_action(state, x))
+        forces = self.space.sum_at_dofs(self.element_action(state, x))
         if self.has_unknown_depth:
             force_rates, total_rate = self._depth_rates(state)
             depth_change = x[self.depth_dof]
@@ -321,21 +321,23 @@ class RigidTip(ProbeLoad):
         elements, weighted = self._touching_tractions(state)
         stiffness = np.einsum("epii->epi", self._point_stiffness(state, elements, weighted))
         values = self.space.values[elements]
-        diagonal = self.space.sum(np.matmul(values.swapaxes(1, 2) ** 2, stiffness), elements)
+        diagonal = self.space.sum_at_dofs(
+            np.matmul(values.swapaxes(1, 2) ** 2, stiffness), elements
+        )
         if self.has_unknown_depth:
             _, diagonal[self.depth_dof] = self._depth_rates(state)
         return diagonal
 
     # --- results
 
-    def face_forces(self, state: State, residual: Array) -> ElementForces:
+    def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
         """Return the tip's forces along z."""
         elements, weighted = self._touching_tractions(state)
         return ElementForces(elements, weighted.sum(axis=1))
 
-    def reach(self, state: State) -> float:
+    def compute_contact_radius(self, state: State) -> float:
         """Return the largest distance from the film's centre at which the tip touches, in m."""
-        touching = self.space.places[self.overlap(state).is_touching]
+        touching = self.space.quadrature_points[self.overlap(state).is_touching]
         return float(np.linalg.norm(touching, axis=1).max(initial=0.0))
 
     def compute_pressure(self, state: State, thickness: float) -> Array:

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.inverse.least_squares import compute_damped_steps, compute_normal_matrices
-from pvdf_fem.inverse.touch.location_problem import LocationProblem, evaluate_on_stage
+from pvdf_fem.inverse.touch.location_problem import PLACE, LocationProblem, evaluate_on_stage
 from pvdf_fem.surrogate.charge_function import (
     ChargeFunction,
     find_rotation_period_deg,
@@ -168,8 +168,15 @@ class CoarseGrid:
     def _fit_forces(
         self, problem: LocationProblem, rows: Indices, rotation: int, log_forces: Array | None
     ) -> _ForceFit:
-        """Minimise chi-square on tangents over the force at every node; see `select_nodes`.
+        """Minimise chi-square over the force at every node of one rotation.
 
+        Parameters
+        ----------
+        problem, rows, rotation, log_forces
+            As for `select_nodes`.
+
+        Notes
+        -----
         Along a tangent Q + D t of the charges, with the step t of the logarithm of the force, the
         sum of w (Q + D t - q)² is a parabola with the minimum t = Σ w D (q - Q) / Σ w D².
         """
@@ -269,7 +276,7 @@ def build_coarse_grid(
     period_deg = find_rotation_period_deg(response)
     rotations_deg = period_deg * np.arange(rotation_count) / rotation_count
     coordinates: Array = np.empty((rotation_count, len(forces), len(places), 4))
-    coordinates[..., :2] = places
+    coordinates[..., PLACE] = places
     coordinates[..., TouchColumn.ROTATION] = rotations_deg[:, None, None]
     coordinates[..., TouchColumn.FORCE] = np.log(forces)[:, None]
     coordinates = coordinates.reshape(rotation_count, -1, 4)

@@ -60,7 +60,7 @@ def locate(
 
     Parameters
     ----------
-    response : Response, Scene, or what `solve` takes for a scene
+    response : Response, Scene, or anything that `solve` accepts as a scene
         The response of the sensor to touches. A scene is solved again and again instead, which
         takes up to a minute; it also serves two `touches` at once, by its list of probes or by its
         one probe, and the unknowns ``"tangential_N"`` and ``"temperature_K"``.
@@ -147,7 +147,7 @@ class _Request:
     def find_errors(
         self, scene: Scene, unloaded_charges: UnloadedCharges | None = None
     ) -> Iterator[str]:
-        """Find what is wrong with readings, unit and standard deviations."""
+        """Find validation errors of readings, unit and standard deviations."""
         return find_reading_errors(
             scene,
             self.readings_pC,
@@ -176,7 +176,17 @@ class _Request:
 
 
 def _convert_to_pC(scene: Scene, readings: Mapping[str, float], unit: str) -> Mapping[str, float]:
-    """Convert readings to nominal pC; values that are not numbers stay as they are."""
+    """Convert readings to nominal pC.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with the readout.
+    readings : mapping
+        Readings by electrode. Values that are not numbers stay as they are, for the validation.
+    unit : str
+        Unit of the readings.
+    """
     if unit == "pC" or not isinstance(readings, Mapping):
         return readings
     units_pC = get_units_pC(scene, unit)
@@ -258,7 +268,17 @@ def _fix_coordinates(
 def _locate_by_solves(
     scene: Scene, request: _Request, progress: Progress | bool | None
 ) -> Location:
-    """Locate one touch or two at once by full solves of a scene."""
+    """Locate one touch or two at once by full solves of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene with the probes.
+    request : _Request
+        Readings and options.
+    progress : callable or bool, optional
+        As for `locate`.
+    """
     from pvdf_fem.inverse.touch.solved_charges import SolvedResponse  # imports gmsh
     from pvdf_fem.inverse.touch.superposition import search_by_solves
 

@@ -30,6 +30,8 @@ from pvdf_fem.surrogate.charge_function import (
 )
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn, is_within
 
+#: Columns of the place among the quantities of one probe.
+PLACE = slice(TouchColumn.X, TouchColumn.Y + 1)
 #: Searches may go this far beyond the response's domain, over its reach and over its forces.
 SEARCH_MARGIN = 1.05
 #: Longest steps of searches by base quantity: of a place over the reach, of a rotation in degrees,
@@ -174,7 +176,7 @@ class LocationProblem:
     def to_touches(self, coordinates: Array) -> Array:
         """Convert coordinates (n, k) to touches: places on the stage, forces in N."""
         touches = coordinates.copy()
-        self.view_by_probe(touches)[..., :2] += self.centre_mm
+        self.view_by_probe(touches)[..., PLACE] += self.centre_mm
         if TouchColumn.ROTATION in self.unknown:
             rotations = slice_quantity(self.response, TouchColumn.ROTATION)
             touches[:, rotations] %= find_rotation_periods_deg(self.response)
@@ -184,7 +186,7 @@ class LocationProblem:
     def to_coordinates(self, touches: Array) -> Array:
         """Convert touches (n, k) to coordinates, with the logarithm of forces."""
         coordinates = touches.copy()
-        self.view_by_probe(coordinates)[..., :2] -= self.centre_mm
+        self.view_by_probe(coordinates)[..., PLACE] -= self.centre_mm
         coordinates[:, self.force_columns] = np.log(touches[:, self.force_columns])
         return coordinates
 
@@ -285,7 +287,8 @@ class LocationProblem:
         lowest, highest : float
             Limits of the logarithms of the forces in N.
         """
-        rows_of_probes = coordinates[:, : self.force_columns.stop].reshape(-1, 4)
+        stop = self.force_columns.stop
+        rows_of_probes = coordinates[:, :stop].reshape(-1, len(TOUCH_QUANTITIES))
         if is_within(rows_of_probes, reach_mm, lowest, highest):
             return coordinates
         projected = coordinates.copy()
@@ -294,11 +297,10 @@ class LocationProblem:
         is_x_free, is_y_free = self._is_free[[TouchColumn.X, TouchColumn.Y]]
         if is_x_free == is_y_free:
             distance = np.hypot(probes[..., TouchColumn.X], probes[..., TouchColumn.Y])
-            probes[..., :2] *= (reach_mm / np.maximum(distance, reach_mm))[..., None]
+            probes[..., PLACE] *= (reach_mm / np.maximum(distance, reach_mm))[..., None]
         else:
-            free, fixed = TouchColumn.X, TouchColumn.Y
-            if is_y_free:
-                free, fixed = fixed, free
+            free = TouchColumn.X if is_x_free else TouchColumn.Y
+            fixed = TouchColumn.Y if is_x_free else TouchColumn.X
             half_chord = np.sqrt(np.maximum(reach_mm**2 - probes[..., fixed] ** 2, 0.0))
             probes[..., free] = np.clip(probes[..., free], -half_chord, half_chord)
         return projected

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, get_base_quantity
+from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, PLACE, get_base_quantity
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.changes import get_number, parse_key, to_plain_value
 from pvdf_fem.scene.placed.probe import HEAT_KEYS, ListedProbe
@@ -128,8 +128,8 @@ class SolvedResponse:
         width = len(TOUCH_QUANTITIES)
         for probe in range(count_probes(self)):
             values = touch[width * probe : width * (probe + 1)]  # a view
-            place_mm, rotation_deg = stage.to_stage(values[:2], values[TouchColumn.ROTATION])
-            values[:2] = place_mm
+            place_mm, rotation_deg = stage.to_stage(values[PLACE], values[TouchColumn.ROTATION])
+            values[PLACE] = place_mm
             values[TouchColumn.ROTATION] = rotation_deg
         return touch
 
@@ -253,7 +253,22 @@ def _list_probes(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
 
 
 def _find_errors(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator[str]:
-    """Find the reasons why a scene's touches cannot be located by solves, by key."""
+    """Find the reasons why a scene's touches cannot be located by solves.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    touches : int
+        Number of probes that touch at once.
+    unknown : sequence of str
+        Base names of the free quantities.
+
+    Yields
+    ------
+    str
+        One line for each reason, which begins with a key or an argument.
+    """
     probes = scene.loaded_probes
     if touches not in (1, 2):
         yield f"touches = {touches}: must be 1 or 2"

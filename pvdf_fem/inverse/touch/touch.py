@@ -237,7 +237,7 @@ class Touch(Result):
         return self.by_name["force_N"]
 
     def summary(self) -> Summary:
-        """Return what is printed: the quantities; `Location` prints their errors."""
+        """Return the quantities to print; `Location` prints their errors."""
         values = ", ".join(f"{name} {value:.4g}" for name, value in self.by_name.items())
         return Summary(f"share of likelihood {self.weight:.3g}", [values])
 

@@ -24,8 +24,8 @@ from pvdf_fem.scene.shapes.shape import PLACE, Shape
 ROTATION = Key("degrees", (-3600.0, 3600.0), Affects.OUTLINE)
 #: Keys of a placement, in the order of a scene file.
 PLACEMENT_KEYS = ("x_mm", "y_mm", "rotation_deg")
-#: Sizes of shapes; a change of the shape removes them.
-SIZE_KEYS = frozenset(name for shape in PROBE_SHAPES.values() for name in shape.list_sizes())
+#: Sizes of all shapes; a change of the shape removes them.
+SIZE_KEYS = frozenset().union(*(shape.list_sizes() for shape in PROBE_SHAPES.values()))
 
 
 class OneOfShapes:

@@ -218,10 +218,10 @@ def _find_keys(location: tuple[int | str, ...], model: type[BaseModel]) -> list[
     """Find the keys of the table at a location below a model; none where that is not known."""
     if not location:
         return list(model.model_fields)
-    steps = [str(step) for step in location if not str(step).startswith("<")]
-    if steps == ["probe", "0", "load"] or (steps[0], steps[-1]) == ("probe", "load"):
+    names = [step for step in location if isinstance(step, str) and not step.startswith("<")]
+    if names == ["probe", "load"]:
         return list(TABLES["probe[0].load"].model_fields)
-    field = model.model_fields.get(steps[0]) if len(steps) == 1 else None
+    field = model.model_fields.get(names[0]) if len(names) == 1 else None
     if field is None:
         return []
     for annotation in (field.annotation, *get_args(field.annotation)):

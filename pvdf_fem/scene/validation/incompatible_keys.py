@@ -168,7 +168,7 @@ WARM_PROBE = Setting("{key}", _find_warm_probes)
 NO_MODEL = "no film model has both"
 #: All pairs of settings that a scene cannot have together.
 RULES = (
-    IncompatibleKeys(TENSION_FIELD, BENDING, "film that wrinkles is taken without bending"),
+    IncompatibleKeys(TENSION_FIELD, BENDING, "a tension field has no bending stiffness"),
     IncompatibleKeys(TENSION_FIELD, COUPLING, NO_MODEL),
     IncompatibleKeys(TENSION_FIELD, PATCHES, NO_MODEL),
     IncompatibleKeys(TENSION_FIELD, RIM_DISPLACEMENT, NO_MODEL),
@@ -195,7 +195,7 @@ RULES = (
     IncompatibleKeys(THESIS_EDGES, WARM_PROBE, "the means are of a homogeneous film"),
     IncompatibleKeys(TIP, PRESSURE, "contacts are found without loads on the whole film"),
     IncompatibleKeys(TIP, GRAVITY, "contacts are found without loads on the whole film"),
-    IncompatibleKeys(TIP, WARM_PROBE, "the probe's temperature acts on a given outline"),
+    IncompatibleKeys(TIP, WARM_PROBE, "the heat of a probe is computed for a fixed outline"),
 )
 SETTINGS = {*(rule.first for rule in RULES), *(rule.second for rule in RULES)}
 

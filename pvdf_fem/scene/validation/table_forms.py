@@ -50,8 +50,9 @@ class TableForm:
     @property
     def sources(self) -> tuple[type[Section], ...]:
         """The classes whose sources describe the keys, the most special ones first."""
-        models = (self.table,) if self.shape is None else (self.table, self.shape)
-        classes = [one for model in models for one in model.__mro__]
+        classes = list(self.table.__mro__)
+        if self.shape is not None:
+            classes += self.shape.__mro__
         return tuple(one for one in classes if issubclass(one, Section))
 
     def key_of(self, name: str) -> Key:

@@ -67,7 +67,7 @@ def solve_next_order(solution: FactorisedSolution) -> Correction:
     return correction
 
 
-def compute_error_shares(discrete: DiscreteSolution, outputs: Sequence[Output]) -> Array:
+def compute_error_contributions(discrete: DiscreteSolution, outputs: Sequence[Output]) -> Array:
     """Compute the shares of the elements in the errors of charges, in C, (elements, outputs)."""
     solution = factorise_tangent(discrete)
     correction = solve_next_order(solution)

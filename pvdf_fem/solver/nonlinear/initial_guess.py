@@ -27,7 +27,7 @@ def compute_initial_guess(equilibrium: Equilibrium) -> Array:
         The unknowns. Only deflections are nonzero, unless all forces are in the plane: then they
         displace the film in its plane.
     """
-    laplace = equilibrium.assembly.matrix(equilibrium.space.laplace())
+    laplace = equilibrium.assembly.matrix(equilibrium.space.laplace_matrices())
     forces = equilibrium.flat_forces
     moving = np.flatnonzero(equilibrium.unknowns.deflections())
     if not forces[moving].any():

@@ -111,19 +111,18 @@ class PredictedStressNewton(NewtonVariant):
         """Return the tangent with the predicted stress, damped until steps are small."""
         stress = state.stress if self._predicted_stress is None else self._predicted_stress
         damping = self.options.damping * min(self._last_size, 1.0)
-        predicted = self.equilibrium.membrane.predicted(state, stress, damping)
+        predicted = self.equilibrium.membrane.with_predicted_stress(state, stress, damping)
         return FactorisedTangent(factorise(self.equilibrium.tangent(predicted)))
 
     def measure_step(self, q: Array, state: State, slope: float) -> float:
-        """Compute the relative size of a full step in the energy norm.
-
-        The squared norm of the displacement is the smaller of the loads' work and twice the energy.
-        """
-        work = self.equilibrium.work(state, q)
-        energy = self.equilibrium.membrane.energy(state)
-        scale = abs(min(work, 2.0 * energy))
-        self._last_size = float(np.sqrt(abs(slope) / scale)) if scale > 0.0 else np.inf
+        """Compute the relative size of a full step in the energy norm, and keep it."""
+        self._last_size = super().measure_step(q, state, slope)
         return self._last_size
+
+    def compute_squared_norm(self, q: Array, state: State) -> float:
+        """Compute the smaller of the loads' work and twice the energy in J."""
+        work = super().compute_squared_norm(q, state)
+        return min(work, 2.0 * self.equilibrium.membrane.energy(state))
 
     def choose_length(self, step: NewtonStep) -> float:
         """Choose where the energy along a full step nearly stops falling.
@@ -175,7 +174,7 @@ class PredictedStressNewton(NewtonVariant):
     def _predict_stress(self, step: NewtonStep) -> Array:
         """Compute the stress in Pa of the strain linearised in the step, (elements, points, 3)."""
         x = self.equilibrium.unknowns.expand(step.change)
-        gradient = self.equilibrium.space.gradient(x)
+        gradient = self.equilibrium.space.displacement_gradient(x)
         strain_change = compute_strain_rate(step.state.deformation_gradient, gradient)
         return self.equilibrium.membrane.resultant(step.state.strain + strain_change)
 

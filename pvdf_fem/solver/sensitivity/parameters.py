@@ -14,7 +14,7 @@ from pvdf_fem.scene.placed.probe import find_load_key
 from pvdf_fem.scene.registry import FILM_LOAD_CLASSES
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
-#: Names of the keys that place a probe.
+#: Names of the keys of a probe's position and rotation.
 PLACE_NAMES = ("x_mm", "y_mm", "rotation_deg")
 PLACE = tuple(f"probe.{name}" for name in PLACE_NAMES)
 #: Names of the components of a force in the plane of the film.
@@ -38,8 +38,8 @@ def list_parameters(problem: Problem) -> tuple[str, ...]:
     A film with two moduli has ``film.youngs_modulus_GPa.0`` and ``.1``. A film with given
     ``film.pretension_N_m`` has this key, or ``.0`` and ``.1``, in place of
     ``film.temperature_change_K``, and its other keys are at this pretension; loads on the whole
-    film add their keys. A rigid probe has no derivative by its place, as the tractions along its
-    edge are singular. A film that bends or wrinkles has no derivatives by its stiffness; a film
+    film add their keys. A rigid probe has no derivative with respect to its position, as the
+    tractions along its edge are singular. A film that bends or wrinkles has no derivatives by its stiffness; a film
     that feels electrode voltages has none by d31 and d32 either.
 
     Parameters

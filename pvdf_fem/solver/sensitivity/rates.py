@@ -44,7 +44,8 @@ from pvdf_fem.solver.solution import Solution
 
 Table = TypeVar("Table", bound=Section)
 
-#: Change of a number in differences, over the number; of a place in mm or degrees, of heat in K.
+#: Step of the differences: relative to a number, but in mm or degrees for a position, and in K
+#: for a temperature.
 STEP = 1e-3
 #: A tip presses by an overlap that is a small part of its depth: its steps are smaller by this
 #: factor times the tolerance.
@@ -191,9 +192,10 @@ def _add_to_number(table: Table, name: str, change: float) -> Table:
 
 
 def _integrate_swept_work(adjoint: Adjoint, load: PatchLoad, name: str) -> Array:
-    """Integrate ∮ (λ · t) (V · n) ds over a probe's outline, in C per unit of the key, (outputs,).
+    """Integrate ∮ (λ · t) (V · n) ds along a probe's outline, in C per unit of the key.
 
-    It is the mean of the traces from both sides. Along the clamped rim λ is zero.
+    The integrand jumps at the outline: the mean of the traces from both sides is taken. Along the
+    clamped rim λ is zero. Returns an array (outputs,).
     """
     space = adjoint.equilibrium.space
     mesh = space.mesh
@@ -206,7 +208,7 @@ def _integrate_swept_work(adjoint: Adjoint, load: PatchLoad, name: str) -> Array
     elements = pairs.ravel()
     traces, tangents = make_facet_quadrature(mesh, np.tile(facets, 2), elements, GAUSS_POINTS)
     nodes = space.nodes[elements]
-    gradients = space.gradients_at(elements, traces.points)
+    gradients = space.evaluate_gradients(elements, traces.points)
     displacement = adjoint.state.dofs.reshape(-1, 3)[nodes]
     F = IDENTITY + np.matmul(displacement[:, None].swapaxes(2, 3), gradients)
     nodal = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[nodes]

@@ -2,7 +2,7 @@
 
 The deviation of a charge Q is the root of the sum of (∂Q/∂θ σ)² over the uncertain numbers θ, which
 are taken as independent (JCGM 100:2008, 5.1.2). Both numbers of a pair, such as two moduli, are off
-by the same share.
+by the same fraction.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from pvdf_fem.solver.sensitivity.rates import change_number, compute_rate
 from pvdf_fem.solver.solution import Solution
 from pvdf_fem.summary import Result, Summary, TextTable, format_charges, format_with_error
 
-#: Change of a number in differences of the unloaded film's charges, over the number.
+#: Relative step in differences of the unloaded film's charges.
 STEP = 1e-4
 
 
@@ -62,7 +62,7 @@ class Uncertainty(Result):
         return _combine_parts(self.change_parts_pC)
 
     def shares(self) -> dict[str, dict[str, float]]:
-        """Return the share of each number in the variance of each charge, by key and electrode."""
+        """Return the fraction of each charge's variance due to each number, by key and electrode."""
         deviations = self.charges_pC
         shares: dict[str, dict[str, float]] = {}
         for key, parts in self.parts_pC.items():
@@ -83,7 +83,7 @@ class Uncertainty(Result):
     @property
     def table(self) -> TextTable:
         """Charges and changes with their deviations, and the shares in percent."""
-        heading = ["charges, uncertain values", "total, pC", "± pC", "change by touch, pC", "± pC"]
+        heading = ["charges, uncertain values", "total, pC", "± pC", "change by load, pC", "± pC"]
         charges = self.charges_pC
         changes = self.charge_changes_pC
         shares = self.shares()
@@ -128,7 +128,7 @@ def uncertainty(
     solution : Solution, Scene, or what `solve` takes for a scene
         A converged solution, or a scene that is solved first.
     uncertain : mapping, optional
-        Standard deviations by key, in the key's unit or as shares of the value, as
+        Standard deviations by key, in the key's unit or relative to the value, as
         ``{"film.thickness_um": "5 %"}``; by default the scene's `uncertain`. Keys are those that
         `gradients` differentiates by. A cooled film may have an uncertain
         ``film.pretension_N_m``; its other numbers are then uncertain at this pretension.
@@ -281,7 +281,7 @@ def _compute_unloaded_rate(problem: Problem, unloaded: Adjoint | None, key: str)
 
 
 def _combine_parts(parts: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
-    """Return the roots of the sums of squares over the keys, by electrode."""
+    """Return the root of the sum of squares over the keys, by electrode."""
     names = next(iter(parts.values()))
     deviations = {}
     for name in names:

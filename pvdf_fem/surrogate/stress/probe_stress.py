@@ -125,7 +125,7 @@ def solve_mean_stress(
         for solved in solve_stresses(scene, forces_N, mesh_ratio):
             if space is not solved.space:
                 space = solved.space
-                interpolate = space.interpolation(points_inside.reshape(-1, 2).T)
+                interpolate = space.interpolation_matrix(points_inside.reshape(-1, 2).T)
                 project = _make_projection(space)
             in_film_axes = np.asarray(interpolate @ project(solved.stress))
             in_probe_axes = (in_film_axes @ to_probe).T.reshape(shape)

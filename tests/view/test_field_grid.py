@@ -14,7 +14,7 @@ def solution():
     return solve(SCENE)
 
 
-def test_a_grid_has_the_fields_at_its_points(solution):
+def test_the_dataset_has_the_fields_at_the_grid_points(solution):
     fields = solution.to_xarray(step_mm=2.0)
     assert dict(fields.sizes)["x_mm"] == dict(fields.sizes)["y_mm"] == 13
     radius = np.hypot(fields.x_mm, fields.y_mm)
@@ -34,7 +34,7 @@ def test_a_grid_has_the_fields_at_its_points(solution):
         solution.to_xarray(1e-6)
 
 
-def test_slopes_are_those_of_the_deflection(solution):
+def test_slopes_are_derivatives_of_the_deflection(solution):
     step = 1e-3
     for axis in range(2):
         ahead, behind = (3.0 + s * step * np.eye(2)[axis] for s in (1.0, -1.0))
