@@ -220,7 +220,7 @@ def solve_outputs(
         problem.scene.require_no_tips("a mesh that is given")
     if budget is None:
         budget = Budget.for_problem(problem)
-    logger.info("solve a %s with %d outputs", type(problem.film).__name__, len(problem.outputs))
+    logger.info("solve a %s with %d outputs", problem.film_model_name, len(problem.outputs))
     run = SolveRun(problem, order, budget=budget, timer=StageTimer())
     loop = _make_adaptive_loop(run, is_mesh_given=mesh is not None)
     if mesh is not None:
