@@ -62,7 +62,7 @@ class Uncertainty(Result):
         return _combine_parts(self.change_parts_pC)
 
     def shares(self) -> dict[str, dict[str, float]]:
-        """Return the fraction of each charge's variance due to each number, by key and electrode."""
+        """Return the share of each number in each charge's variance, by key and electrode."""
         deviations = self.charges_pC
         shares: dict[str, dict[str, float]] = {}
         for key, parts in self.parts_pC.items():
