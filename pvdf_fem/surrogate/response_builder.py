@@ -156,7 +156,9 @@ def _build_within_tolerance(
         solve_tasks = []
         if validation is None:
             validation = ValidationSolves.collect(touches, results.solves)
-        axes = make_axes(scene, domain, options.compute_cell_mm(scene, domain), options.step_share)
+        axes = make_axes(
+            scene, domain, options.compute_cell_mm(scene, domain), options.step_fraction
+        )
         spline = tabulate_charges(results.stress_modes, scene, domain, axes, runner)
         response = Response(
             scene,
