@@ -55,7 +55,7 @@ class ScriptSection(Section):
 class Other(Section):
     """A line about another report: its `title`, its `page`, relative to this page, and `how`.
 
-    The line quotes the verdict of the other page. While that page does not exist, the line tells
+    The line quotes the verdict of the other page. While that page does not exist, the line says
     `how` to make it.
     """
 
