@@ -130,7 +130,7 @@ class ChargeMap:
         Root mean square of the relative errors of cross-validation.
     """
 
-    quantities: ClassVar[tuple[str, ...]] = TOUCH_QUANTITIES
+    quantity_names: ClassVar[tuple[str, ...]] = TOUCH_QUANTITIES
     is_fast: ClassVar[bool] = True
     unloaded_charges_pC: ClassVar[None] = None
     scene: Scene

@@ -56,7 +56,7 @@ class Other(Section):
     """A line about another report, with its `title` and the path of its `page`.
 
     The path is relative to the folder of this page. The line quotes the verdict of the other page.
-    If that page does not exist, the line shows `how` to make it.
+    If that page does not exist, the line says `how` to make it.
     """
 
     title: Title

@@ -55,7 +55,7 @@ class Response(Result):
     """
 
     #: Names of a touch's quantities.
-    quantities: ClassVar[tuple[str, ...]] = TOUCH_QUANTITIES
+    quantity_names: ClassVar[tuple[str, ...]] = TOUCH_QUANTITIES
     #: Whether thousands of evaluations take less than a second.
     is_fast: ClassVar[bool] = True
     #: Film, electrodes and probe; the probe's place and the force have no effect.

@@ -86,13 +86,14 @@ def test_scenes_of_the_thesis_have_no_warning(scene):
 
 def number_after(text, warnings):
     [warning] = [warning for warning in warnings if re.search(text, warning)]
-    found = re.search(text + r" ([0-9.e+-]+)", warning)
-    assert found
-    return float(found[1]), warning
+    match = re.search(text + r" ([0-9.e+-]+)", warning)
+    assert match
+    return float(match[1]), warning
 
 
 def test_values_and_places_in_warnings_agree_with_the_axisymmetric_film():
-    force, patch = 0.1, 0.2
+    force = 0.1
+    patch = 0.2
     reference = axisymmetric_membrane(force, poisson_ratio=0.34, patch_radius=patch)
     warnings = solve(free_disc(force, poisson_ratio=0.34, patch_radius=patch)).warnings
     radii = np.linspace(0.0, 1.0, 2001)
@@ -109,7 +110,8 @@ def test_values_and_places_in_warnings_agree_with_the_axisymmetric_film():
 
 
 def test_wrinkled_area_agrees_with_the_axisymmetric_film():
-    strain, shape = 1.1e-3, {"poisson_ratio": 0.34, "patch_radius": 0.2}
+    strain = 1.1e-3
+    shape = {"poisson_ratio": 0.34, "patch_radius": 0.2}
     reference = wrinkled_membrane(4.444e-4, **shape, thermal_strain=strain)
     radii = np.linspace(0.01, 1.0, 2000)
     wrinkled = 1.0 - radii[reference.hoop_tension(radii) <= 0.0][0] ** 2

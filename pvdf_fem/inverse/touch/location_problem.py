@@ -112,7 +112,7 @@ def evaluate_on_stage(
 @lru_cache(maxsize=8)
 def compute_longest_steps(response: ChargeFunction) -> Array:
     """Compute the longest step of searches along each coordinate, (k,)."""
-    steps = np.array([LONGEST_STEPS[get_base_quantity(name)] for name in response.quantities])
+    steps = np.array([LONGEST_STEPS[get_base_quantity(name)] for name in response.quantity_names])
     for column in (TouchColumn.X, TouchColumn.Y):
         steps[slice_quantity(response, column)] *= response.domain.reach_mm
     return steps
@@ -363,7 +363,7 @@ class LocationProblem:
     @cached_property
     def _is_free(self) -> Mask:
         """Whether coordinates are free and charges depend on them, (k,)."""
-        is_free = np.zeros(len(self.response.quantities), dtype=bool)
+        is_free = np.zeros(len(self.response.quantity_names), dtype=bool)
         is_free[self.unknown] = True
         if not is_rotation_dependent(self.response):
             is_free[slice_quantity(self.response, TouchColumn.ROTATION)] = False

@@ -163,7 +163,7 @@ def _make_cold_problems(problem: LocationProblem) -> Iterator[LocationProblem]:
     The first one has the charges of all electrodes. If a temperature is unknown, others without
     each electrode in turn follow, since a warm probe may be above that electrode.
     """
-    quantities = problem.response.quantities
+    quantities = problem.response.quantity_names
     cold_columns = []
     for column in problem.unknown.tolist():
         if get_base_quantity(quantities[column]) != "temperature_K":
