@@ -14,7 +14,8 @@ from markupsafe import Markup
 
 from pvdf_fem import __version__
 from pvdf_fem.report.kind import Content
-from pvdf_fem.report.script import Item, Other, ReportPlan
+from pvdf_fem.report.script import Item, ReportPlan
+from pvdf_fem.report.script_keys import Other
 
 VERDICT = "verdict.txt"  #: File with the verdict of the page in the same folder.
 MAX_OPEN_ROWS = 12  #: Maximum number of rows of a table that is not folded.

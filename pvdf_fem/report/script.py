@@ -5,81 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-from pydantic import AfterValidator, Field, ValidationError
+from pydantic import ValidationError
 
 from pvdf_fem.batch.batch import plan_scenes
 from pvdf_fem.files import FileError, read_text
 from pvdf_fem.report.data import DataSource, Readings, read_data
 from pvdf_fem.report.kind import Inputs, Kind, prefix_errors
 from pvdf_fem.report.registry import FIGURES, TABLES
+from pvdf_fem.report.script_keys import Other, Script, ScriptSection, Table
 from pvdf_fem.report.task import Task
-from pvdf_fem.scene.keys import Section, make_validation_error
+from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import MOST_BYTES, SceneError, format_error, parse_toml, suggest
 from pvdf_fem.scene.validation.errors import MAX_ERRORS, describe_errors, join_key
 
-MAX_WORDS = 120  #: Maximum number of words in a text.
 MAX_PREVIEWS = 3  #: Maximum number of previews at the top of the page.
 Kinds = Mapping[str, type[Kind]]
 Model = TypeVar("Model", bound=Section)
-Table = dict[str, Any]
-
-
-def _check_length(text: str) -> str:
-    """Return the text unchanged; raise a validation error if it has too many words."""
-    count = len(text.split())
-    if count > MAX_WORDS:
-        raise make_validation_error(f"has {count} words, more than {MAX_WORDS}; shorten it")
-    return text
-
-
-Title = Annotated[str, Field(min_length=1, max_length=100)]
-Text = Annotated[str, AfterValidator(_check_length)]
-
-
-class ScriptSection(Section):
-    """A section of the page: a `title`, a sentence or two in `text`, figures and tables.
-
-    Consecutive sections with the same `part` have a common heading with this text.
-    """
-
-    title: Title
-    text: Text = ""
-    part: str = ""
-    figure: tuple[Table, ...] = ()
-    table: tuple[Table, ...] = ()
-
-
-class Other(Section):
-    """A line about another report, with its `title` and the path of its `page`.
-
-    The path is relative to the folder of this page. The line quotes the verdict of the other page.
-    If that page does not exist, the line says `how` to make it.
-    """
-
-    title: Title
-    page: Annotated[str, Field(min_length=1)]
-    how: Text
-
-
-class Script(Section):
-    """The keys of a report script.
-
-    `title` is the title of the page and `text` an introduction below it. `scene` is the path of a
-    scene file, relative to the script, or a table of scene keys. Alternatively, `example` names an
-    example scene of the package. `data`, `section` and `other` are tables with the readings, the
-    sections of the page, and other reports.
-    """
-
-    title: Title
-    text: Text = ""
-    scene: str | Table | None = Field(None, union_mode="left_to_right")
-    example: str | None = None
-    data: dict[str, Table] = Field(default_factory=dict)
-    section: Annotated[tuple[Table, ...], Field(min_length=1)]
-    other: tuple[Table, ...] = ()
 
 
 @dataclass(frozen=True)
