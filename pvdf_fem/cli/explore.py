@@ -12,9 +12,9 @@ from pvdf_fem.cli.program import ExitCode, InputError
 _DESCRIPTION = """\
 A page in the browser, served on this machine only (127.0.0.1): drag, turn and press
 the probe, change film and electrodes, and see deflection or stress, charges,
-readings, and how well noisy readings determine the touch. Every picture is a full
-solve. A file for load.profile must be named in the scene file: the page opens no
-others."""
+readings, and how well noisy readings determine the touch. Every plot is a full
+solve. A file for load.profile must be named in the scene file: the page does not
+open other files."""
 
 _EPILOG = """\
 examples:
@@ -30,7 +30,7 @@ _MAX_PORT = 65535
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command to the commands of an argument parser."""
+    """Register the `explore` subcommand."""
     parser = add_scene_command(
         commands,
         "explore",
@@ -47,7 +47,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command until Ctrl-C, and return its exit code."""
+    """Run the `explore` subcommand until Ctrl-C, and return its exit code."""
     errors = []
     option = f"--port {options.port[:MAX_QUOTED]}"
     is_port = options.port.isascii() and options.port.isdecimal()

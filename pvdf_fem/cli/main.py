@@ -1,7 +1,7 @@
 """The command ``pvdf-fem``.
 
-Slow modules are imported where they are used, so that help and most error messages come at once. Of
-the commands only the one that runs is imported.
+Slow modules are imported inside functions, so that help and most error messages appear at once.
+Only the module of the command that runs is imported.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments : sequence of str, optional
-        The command line without the name of the program; by default that of this process.
+        Command-line arguments without the name of the program. Default: those of this process.
 
     Returns
     -------
@@ -74,19 +74,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def make_parser() -> ArgumentParser:
-    """Return the parser of the whole command line."""
+    """Make the parser of the command line with all subcommands."""
     parser, _ = _make_parsers(_MODULES)
     return parser
 
 
 def make_command_parsers() -> dict[str, ArgumentParser]:
-    """Return the parser of each command, by the command's name."""
+    """Make the parsers of all subcommands, and return them by name."""
     _, parsers = _make_parsers(_MODULES)
     return parsers
 
 
 def _make_parsers(names: Iterable[str]) -> tuple[ArgumentParser, dict[str, ArgumentParser]]:
-    """Return the parser of a command line with some commands, and theirs by name."""
+    """Make the parser of a command line with some subcommands.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Names of the subcommands, keys of `_MODULES`.
+
+    Returns
+    -------
+    parser : ArgumentParser
+        The parser of the command line.
+    parsers : dict of str to ArgumentParser
+        The parsers of the subcommands by name.
+    """
     parser = ArgumentParser(
         "pvdf-fem", description=_DESCRIPTION, epilog=_EPILOG.format(keys=_list_keys())
     )
@@ -99,7 +112,7 @@ def _make_parsers(names: Iterable[str]) -> tuple[ArgumentParser, dict[str, Argum
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    """Parse the command line, run the command, and return its exit code."""
+    """Parse the command line, run its subcommand, and return the exit code."""
     words = sys.argv[1:] if arguments is None else list(arguments)
     command = _find_command(words)
     parser, _ = _make_parsers([command] if command else _MODULES)
@@ -117,7 +130,7 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _find_command(words: Sequence[str]) -> str | None:
-    """Return the command of a command line; None without a known one, as with ``--help``."""
+    """Return the name of the subcommand, or None if there is none, as in ``pvdf-fem --help``."""
     for word in words:
         if word in _MODULES:
             return word
@@ -128,7 +141,7 @@ def _find_command(words: Sequence[str]) -> str | None:
 
 
 def _list_keys() -> str:
-    """Return the names of all keys of a scene file, in lines by table."""
+    """Return a text with the names of all keys of a scene file, one paragraph for each table."""
     names: dict[str, list[str]] = {}
     for key in read_key_texts():
         of_table = names.setdefault(key.table, [])

@@ -28,7 +28,7 @@ exit codes: 0 written, 2 bad input, 3 gmsh failed"""
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command to the commands of an argument parser."""
+    """Register the `mesh` subcommand."""
     parser = add_scene_command(
         commands,
         "mesh",
@@ -42,7 +42,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command, and return its exit code."""
+    """Run the `mesh` subcommand, and return its exit code."""
     from pvdf_fem.view.export import FORMATS, write_mesh
 
     errors = find_output_errors(options.file, list(FORMATS), options.scene)

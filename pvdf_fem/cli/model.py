@@ -43,7 +43,7 @@ above the tolerance"""
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command to the commands of an argument parser."""
+    """Register the `model` subcommand."""
     parser = add_scene_command(
         commands,
         "model",
@@ -53,13 +53,13 @@ def add_parser(commands: Any) -> None:
         epilog=_EPILOG,
     )
     parser.add_argument(
-        "--list", action="store_true", help="list the files of responses, and build none"
+        "--list", action="store_true", help="list the files of responses, and do not build one"
     )
     add_response_options(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command, and return its exit code."""
+    """Run the `model` subcommand, and return its exit code."""
     scene = read_scene(options)
     errors: list[str] = []
     choice = ResponseChoice.from_options(options, errors)
@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     if errors:
         raise InputError(*errors)
     if options.list:
-        return _list(list(choice.list_files(scene, options.scene)), options)
+        return _print_files(list(choice.list_files(scene, options.scene)), options)
     response = load_or_build_response(scene, options.scene, choice)
     file = str(choice.find_path(scene, options.scene))
     if options.json:
@@ -82,10 +82,11 @@ def run(options: argparse.Namespace) -> int:
     return ExitCode.CONVERGED if is_accurate else ExitCode.NOT_CONVERGED
 
 
-def _list(files: Sequence[tuple[Path, str]], options: argparse.Namespace) -> int:
-    """Print files of responses with the reasons why they cannot be used, if there are any.
+def _print_files(files: Sequence[tuple[Path, str]], options: argparse.Namespace) -> int:
+    """Print response files with the reasons why they cannot be used.
 
-    Returns the exit code, `ExitCode.CONVERGED` if one of them can be used.
+    Returns `ExitCode.CONVERGED` if at least one of them can be used, else
+    `ExitCode.NOT_CONVERGED`.
     """
     if options.json:
         rows = [

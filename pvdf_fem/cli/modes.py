@@ -24,7 +24,7 @@ or no equilibrium under the load)"""
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command to the commands of an argument parser."""
+    """Register the `modes` subcommand."""
     parser = add_scene_command(
         commands,
         "modes",
@@ -34,14 +34,16 @@ def add_parser(commands: Any) -> None:
         epilog=_EPILOG,
     )
     parser.add_argument(
-        "--loaded", action="store_true", help="about the film under its load, not the flat film"
+        "--loaded",
+        action="store_true",
+        help="linearise about the loaded equilibrium instead of the flat film",
     )
     add_text_option(parser, "--count", "N", about="number of frequencies", default="6")
     add_plot(parser, "the shapes of the modes")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command, and return its exit code."""
+    """Run the `modes` subcommand, and return its exit code."""
     from pvdf_fem.dynamics.modes import MAX_MODES, modes
     from pvdf_fem.solver.nonlinear.status import Status
 

@@ -1,4 +1,4 @@
-"""Options that commands share, and how their values are read."""
+"""Options that several subcommands have, and functions that read their values."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from pvdf_fem.scene.scene_file import SceneError, parse_change, quote, read_key_
 if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
 
-MAX_QUOTED = 60  #: Characters of an option's value that are repeated in an error message.
+MAX_QUOTED = 60  #: Maximum number of characters of a value that an error message repeats.
 
 
 class ArgumentParser(argparse.ArgumentParser):
-    """A parser that prints help texts as they are, and short error messages.
+    """A parser that keeps the line breaks of help texts and prints short error messages.
 
-    Arguments are repeated in one line of printable characters. For an unknown command, the nearest
-    one is suggested.
+    Error messages are shortened to one line of printable characters. For an unknown subcommand,
+    the most similar one is suggested.
     """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
@@ -51,33 +51,33 @@ def add_command(
     description: str,
     epilog: str,
 ) -> ArgumentParser:
-    """Add a command to the command line.
+    """Register a subcommand.
 
     Parameters
     ----------
-    commands : object
-        The commands, as `argparse.ArgumentParser.add_subparsers` returns them.
+    commands : argparse action
+        Return value of `argparse.ArgumentParser.add_subparsers`.
     name : str
-        Name of the command.
+        Name of the subcommand.
     run : callable
-        Runs the command with its options, and returns the exit code.
+        Function that runs the subcommand with the parsed options and returns the exit code.
     summary : str
-        A line about the command in the list of commands.
+        One line about the subcommand in the list of commands.
     description : str
-        Text above the options in the help of the command.
+        Text above the options in the help of the subcommand.
     epilog : str
-        Text below them, with examples and exit codes.
+        Text below the options, with examples and exit codes.
 
     Returns
     -------
     ArgumentParser
-        The parser of the command.
+        The parser of the subcommand.
     """
     parser: ArgumentParser = commands.add_parser(
         name, help=summary, description=description, epilog=epilog
     )
     parser.set_defaults(run=run, parser=parser)
-    # without a default, which would replace a `-v` in front of the command
+    # a default would overwrite the count of a `-v` in front of the subcommand
     add_verbosity(parser, default=argparse.SUPPRESS)
     return parser
 
@@ -92,19 +92,19 @@ def add_scene_command(
     epilog: str,
     json_help: str = "print one JSON object and nothing else",
 ) -> ArgumentParser:
-    """Add a command with a scene file, ``--set`` and ``--json``.
+    """Register a subcommand with a scene file, ``--set`` and ``--json``.
 
     Parameters
     ----------
     commands, name, run, summary, description, epilog
         See `add_command`.
-    json_help : str, optional
-        Help text of ``--json``; empty for a command without this option.
+    json_help : str
+        Help text of ``--json``. Empty for a subcommand without this option.
 
     Returns
     -------
     ArgumentParser
-        The parser of the command.
+        The parser of the subcommand.
     """
     parser = add_command(
         commands, name, run, summary=summary, description=description, epilog=epilog
@@ -126,31 +126,33 @@ def add_scene_command(
 
 
 def add_verbosity(parser: argparse.ArgumentParser, default: Any = 0) -> None:
-    """Add the option ``-v``, whose count is `options.verbose`."""
+    """Add the option ``-v``, which may be repeated; `options.verbose` is its count."""
     parser.add_argument(
         "-v",
         "--verbose",
         action="count",
         default=default,
-        help="log meshes, iterations and the like on standard error; -vv logs more",
+        help="log meshes, iterations and other steps on standard error; -vv logs more",
     )
 
 
 def add_text_option(
     parser: Any, name: str, metavar: str, *, about: str, default: str | None = None
 ) -> None:
-    """Add an option whose value is a text, to be read later together with all others.
+    """Add an option whose value remains a text.
+
+    The subcommand parses it later, so that the errors of all options are reported together.
 
     Parameters
     ----------
-    parser : object
-        A parser, or a group of one.
+    parser : argparse.ArgumentParser or argument group
+        The parser to which the option is added.
     name, metavar : str
         The option, such as ``--sigma``, and the name of its value in the help.
     about : str
         Help text, to which the default is added.
     default : str, optional
-        Value where the option is not used.
+        Value if the option is not used.
     """
     text = about if default is None else f"{about} (default: {default})"
     parser.add_argument(name, metavar=metavar, default=default, help=text)
@@ -167,21 +169,21 @@ def add_progress(parser: argparse.ArgumentParser) -> None:
 
 
 def describe_unknown_argument(words: Sequence[str], parser: argparse.ArgumentParser) -> str:
-    """Return the error message for words that are no argument of a command.
+    """Return the error message for arguments that a subcommand does not have.
 
-    A key of the scene, as in ``--force 2``, is recognised, and ``--set`` suggested.
+    For a scene key that is used as an option, as in ``--force 2``, ``--set`` is suggested.
 
     Parameters
     ----------
     words : sequence of str
-        The words that the parser left over.
+        Command-line arguments that the parser did not recognise.
     parser : argparse.ArgumentParser
-        The parser of the command.
+        The parser of the subcommand.
 
     Returns
     -------
     str
-        The message about the first word.
+        A message about the first of these arguments.
     """
     word = words[0]
     if not word.startswith("-"):
@@ -203,24 +205,26 @@ def describe_unknown_argument(words: Sequence[str], parser: argparse.ArgumentPar
 
 
 def read_scene(options: argparse.Namespace, *errors: str) -> Scene:
-    """Read the scene file of a command, with the changes of ``--set``.
+    """Read the scene file of a subcommand, and apply the changes of ``--set``.
+
+    Keys of the file that the changed scene no longer has are reported on standard error.
 
     Parameters
     ----------
     options : argparse.Namespace
-        Options with `scene` and `settings`.
+        Options with `scene`, the path, and `settings`, the values of ``--set``.
     *errors : str
-        Errors in other options.
+        Messages about errors in other options.
 
     Returns
     -------
     Scene
-        The changed scene. A key of the file that it does not have is reported on standard error.
 
     Raises
     ------
     InputError
-        With `errors` and all errors of the scene and its changes, if there are any.
+        If `errors` are passed, or if the scene or its changes are invalid. The exception lists all
+        messages.
     """
     from pvdf_fem.scene.scene import Scene
 
@@ -240,9 +244,10 @@ def read_scene(options: argparse.Namespace, *errors: str) -> Scene:
 
 
 def _parse_settings(settings: Sequence[str], errors: list[str]) -> dict[str, Any]:
-    """Return the values of ``--set`` by key; tables of one key are merged.
+    """Parse the values of ``--set``, and return them by key.
 
-    Messages about wrong settings are added to `errors`.
+    Several tables for the same key are merged; otherwise the last value of a key counts. Messages
+    about invalid settings are added to `errors`.
     """
     from pvdf_fem.scene.changes import normalize_key
 
@@ -262,9 +267,16 @@ def _parse_settings(settings: Sequence[str], errors: list[str]) -> dict[str, Any
 
 
 def _find_lost_keys(original: Scene, scene: Scene, changes: Mapping[str, Any]) -> Iterator[str]:
-    """Find keys of a scene file that the changed scene lacks, though no change names them.
+    """Yield ``key = value`` of each key that was dropped because of changes of other keys.
 
-    Yields ``key = value`` of each.
+    Parameters
+    ----------
+    original : Scene
+        The scene of the file.
+    scene : Scene
+        The changed scene.
+    changes : mapping of str to value
+        The changes by dotted key. Keys that they name are not reported.
     """
     from pvdf_fem.scene.changes import find_changed_keys
 
@@ -275,7 +287,7 @@ def _find_lost_keys(original: Scene, scene: Scene, changes: Mapping[str, Any]) -
         old_tables = section if isinstance(section, list) else [section]
         new_section = after.get(name, {})
         new_tables = new_section if isinstance(new_section, list) else [new_section]
-        # a list that became shorter has lost whole tables, which a change has named
+        # zip stops at the shorter list: tables that a change removed are not reported
         for old, new in zip(old_tables, new_tables, strict=False):
             for key, value in old.items():
                 if key not in new and not changed & {name, f"{name}.{key}"}:
@@ -286,8 +298,8 @@ def _find_lost_keys(original: Scene, scene: Scene, changes: Mapping[str, Any]) -
 
 
 def read_number(text: str) -> float | None:
-    """Return the finite number that a text is, or None."""
-    # float() also accepts 1_000, and digits of other scripts
+    """Parse a finite decimal number; return None for any other text."""
+    # float() would also accept 1_000, and digits of other scripts
     if not re.fullmatch(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text):
         return None
     value = float(text)
@@ -295,7 +307,7 @@ def read_number(text: str) -> float | None:
 
 
 def parse_number(option: str, text: str, errors: list[str], allow_zero: bool = False) -> float:
-    """Return the value of an option that is a positive number.
+    """Parse the value of an option that must be a positive number.
 
     Parameters
     ----------
@@ -304,14 +316,14 @@ def parse_number(option: str, text: str, errors: list[str], allow_zero: bool = F
     text : str
         Its value on the command line.
     errors : list of str
-        Receives a message if the value is wrong.
-    allow_zero : bool, optional
-        Whether zero is allowed, too.
+        Error messages; one is appended if the value is invalid.
+    allow_zero : bool
+        Whether zero is also allowed.
 
     Returns
     -------
     float
-        The number, or 0 for a wrong value.
+        The number, or 0 if the value is invalid.
     """
     value = read_number(text)
     if value is None or value < 0.0 or (value == 0.0 and not allow_zero):
@@ -324,19 +336,19 @@ def parse_number(option: str, text: str, errors: list[str], allow_zero: bool = F
 def parse_optional_number(
     option: str, text: str | None, errors: list[str], allow_zero: bool = False
 ) -> float | None:
-    """Return the value of an option that may be absent; None where it is, see `parse_number`.
+    """Parse the value of an optional option that must be a positive number.
 
     Parameters
     ----------
     option, errors, allow_zero
         See `parse_number`.
     text : str, optional
-        Value on the command line; None where the option is not used.
+        Value on the command line, or None if the option is not used.
 
     Returns
     -------
     float or None
-        The number.
+        None if the option is not used.
     """
     if text is None:
         return None

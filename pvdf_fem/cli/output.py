@@ -1,4 +1,4 @@
-"""What commands print and write: results, and the files of ``--plot`` and other options."""
+"""Output of subcommands: printed results, and the files of ``--plot`` and similar options."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def add_plot(parser: argparse.ArgumentParser, about: str) -> None:
-    """Add the option ``--plot``; `about` names the drawing in its help."""
+    """Add the option ``--plot``; its help says that it draws `about`."""
     parser.add_argument(
         "--plot", metavar="FILE", type=Path, help=f"draw {about} (.png, .svg, .pdf, ...)"
     )
@@ -34,21 +34,21 @@ def save_plot(figure: Figure, options: argparse.Namespace) -> None:
 def find_output_errors(
     path: Path | None, extensions: Sequence[str], *inputs: Path | str | None
 ) -> list[str]:
-    """Find the reasons for which an output file could not be written.
+    """Return error messages if an output file cannot be written.
 
     Parameters
     ----------
     path : Path or None
-        The file; None if the option is not used.
+        The file, or None if the option is not used.
     extensions : sequence of str
-        Extensions of the formats in which it may be written, such as ``.nc``.
+        Extensions of the possible formats, such as ``.nc``.
     *inputs : Path or str or None
-        Files that must not be overwritten.
+        Files that must not be overwritten. None is skipped.
 
     Returns
     -------
     list of str
-        Error messages.
+        At most one message.
     """
     if path is None:
         return []
@@ -62,19 +62,19 @@ def find_output_errors(
 
 
 def find_plot_errors(options: argparse.Namespace, *inputs: Path | str | None) -> list[str]:
-    """Find the reasons for which the file of ``--plot`` could not be written.
+    """Return error messages if the file of ``--plot`` cannot be written.
 
     Parameters
     ----------
     options : argparse.Namespace
-        Options with `plot`, which may be None.
+        Options with `plot`, the path or None.
     *inputs : Path or str or None
-        Files that must not be overwritten.
+        Files that must not be overwritten. None is skipped.
 
     Returns
     -------
     list of str
-        Error messages.
+        At most one message.
     """
     if options.plot is None:
         return []
@@ -85,17 +85,17 @@ def find_plot_errors(options: argparse.Namespace, *inputs: Path | str | None) ->
 
 
 def print_result(result: Result, as_json: bool) -> None:
-    """Print a result on standard output.
+    """Print a result on standard output, as text or as one JSON object.
 
-    As JSON this is one object in any case. As text, the status and reason of a result that has not
-    converged go to standard error instead, with its warnings.
+    If a result did not converge, its text is not printed; instead its status, reason and warnings
+    are printed on standard error.
 
     Parameters
     ----------
     result : Result
-        A solution, or another result with `to_json`.
+        A solution or another result with `to_json`.
     as_json : bool
-        Whether to print JSON.
+        Whether to print JSON, which is done for all results.
     """
     values = result.to_json()
     if as_json:

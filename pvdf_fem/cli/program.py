@@ -1,4 +1,4 @@
-"""How a program runs and ends: exit codes, error messages on standard error, and logging."""
+"""Running a program: exit codes, error messages on standard error, and logging."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from pvdf_fem.mesh.gmsh_libraries import GmshMissingError
 from pvdf_fem.scene.scene_file import SceneError
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
 
-MAX_LINE_LENGTH = 400  #: Characters of an error message; longer ones are shortened.
-MAX_LINES = 120  #: Number of error messages that are printed, one a line.
+MAX_LINE_LENGTH = 400  #: Maximum number of characters of an error message.
+MAX_LINES = 120  #: Maximum number of error messages that are printed, one on each line.
 
 
 class ExitCode(IntEnum):
@@ -30,17 +30,17 @@ class ExitCode(IntEnum):
 
 
 class InputError(Exception):
-    """An input that cannot be used; each argument of the exception is the message of one error."""
+    """Invalid input of a program. Each argument of the exception is the message of one error."""
 
 
 @contextmanager
 def convert_value_errors() -> Iterator[None]:
-    """Convert a `ValueError` in this context to an `InputError` with one message for each line.
+    """Convert a `ValueError` in this context to an `InputError` with a message for each line.
 
     Raises
     ------
     InputError
-        In place of a `ValueError`. The messages of a `SceneError` are its `problems`.
+        If the context raises a `ValueError`. The messages of a `SceneError` are its `problems`.
     """
     try:
         yield
@@ -51,7 +51,7 @@ def convert_value_errors() -> Iterator[None]:
 
 
 def run_program(name: str, job: Callable[[], int]) -> int:
-    """Run a job, and return its exit code or that of the exception that stopped it.
+    """Run a job, and return its exit code or the exit code of the exception that stopped it.
 
     The messages of an exception go to standard error. `InputError`, `FileError`, `SceneError`,
     `GmshMissingError` and `OSError` give `ExitCode.BAD_INPUT`, `NotConvergedError` gives
@@ -62,7 +62,7 @@ def run_program(name: str, job: Callable[[], int]) -> int:
     name : str
         Name of the program, for the message after Ctrl-C.
     job : callable
-        The work of the program; returns an exit code.
+        Function that does the work of the program and returns its exit code.
 
     Returns
     -------
@@ -78,9 +78,9 @@ def run_program(name: str, job: Callable[[], int]) -> int:
         finally:
             sys.stdout.flush()
     except KeyboardInterrupt:
-        warnings.simplefilter("ignore")  # about resources that the interrupted code left open
-        # an interrupted import leaves a note for which Python would end by the signal; running any
-        # other code, even none, removes the note
+        warnings.simplefilter("ignore")  # the interrupted code may have left resources open
+        # CPython remembers an interrupt during an import, and would then exit by the signal
+        # instead of with our exit code; executing any other code resets this
         exec("")
         print_errors(f"{name}: interrupted")
         return ExitCode.INTERRUPTED
@@ -90,20 +90,20 @@ def run_program(name: str, job: Callable[[], int]) -> int:
     except NotConvergedError as error:
         print_errors(f"not converged: {error}")
         return ExitCode.NOT_CONVERGED
-    except SceneError as error:  # the scene is valid, but cannot be used for this job
+    except SceneError as error:  # such as a valid scene that this job does not support
         print_errors(*error.problems)
         return ExitCode.BAD_INPUT
     except (InputError, FileError, GmshMissingError) as error:
         print_errors(*map(str, error.args))
         return ExitCode.BAD_INPUT
-    except OSError as error:  # about standard output where it names no file
+    except OSError as error:  # an error without a file name is about standard output
         _discard_output()
         print_errors(f"{error.filename or 'standard output'}: {error.strerror or error}")
         return ExitCode.BAD_INPUT
 
 
 def print_errors(*messages: str) -> None:
-    """Print messages on standard error, a line each: shortened, and at most `MAX_LINES`."""
+    """Print at most `MAX_LINES` shortened messages on standard error, one on each line."""
     lines = [shorten(message) for message in messages[:MAX_LINES]]
     if len(messages) > MAX_LINES:
         lines.append("there are more errors; correct these first")
@@ -114,7 +114,7 @@ def print_errors(*messages: str) -> None:
 
 
 def shorten(message: str) -> str:
-    """Return a message in one line of at most `MAX_LINE_LENGTH` printable characters."""
+    """Shorten a message to one line of at most `MAX_LINE_LENGTH` printable characters."""
     line = escape_unprintable(message)
     if len(line) <= MAX_LINE_LENGTH:
         return line
@@ -123,12 +123,12 @@ def shorten(message: str) -> str:
 
 @contextmanager
 def log_to_stderr(verbosity: int) -> Iterator[None]:
-    """Print the log messages of the package on standard error in this context.
+    """Print the log messages of the package on standard error within this context.
 
     Parameters
     ----------
     verbosity : int
-        Number of ``-v`` on the command line: 0 for no messages, 1 for INFO, 2 or more for DEBUG.
+        Count of ``-v`` on the command line: 0 prints no messages, 1 prints INFO, 2 also DEBUG.
     """
     if verbosity == 0:
         yield
@@ -150,15 +150,15 @@ def log_to_stderr(verbosity: int) -> Iterator[None]:
 
 
 def _prepare_streams() -> None:
-    """Make standard output and standard error accept any text."""
+    """Let standard output and standard error accept characters that they cannot encode."""
     if sys.stderr is None:  # print() would write to standard output instead
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks ± must not end a run
+        if isinstance(stream, io.TextIOWrapper):  # a terminal without ± must not stop a run
             stream.reconfigure(errors="backslashreplace")
 
 
 def _discard_output() -> None:
-    """Discard standard output, so that Python does not fail again when it flushes it at exit."""
+    """Redirect standard output to the null device, so that flushing it at exit does not fail."""
     if sys.stdout is sys.__stdout__ and sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

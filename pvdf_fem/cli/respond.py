@@ -35,8 +35,8 @@ examples:
 exit codes: 0 done, 2 bad input, 3 not converged"""
 
 _SPAN = (
-    "one frequency in Hz; START:END:N for N frequencies, evenly spaced on a logarithmic axis; or "
-    "START:END for 200, and more about resonances"
+    "one frequency in Hz; START:END:N for N logarithmically spaced frequencies; or START:END for "
+    "200 frequencies, and more around resonances"
 )
 _DEFAULT_COUNT = 200  #: Number of frequencies of START:END.
 _MAX_COUNT = 100_000
@@ -44,7 +44,7 @@ _MAX_FREQUENCY_HZ = 1e6
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command to the commands of an argument parser."""
+    """Register the `respond` subcommand."""
     parser = add_scene_command(
         commands,
         "respond",
@@ -58,7 +58,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command, and return its exit code."""
+    """Run the `respond` subcommand, and return its exit code."""
     errors = []
     frequencies = _parse_frequencies(options.frequencies)
     if frequencies is None:
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _print(response: FrequencyResponse, options: argparse.Namespace) -> None:
-    """Print a response as JSON, as a short table beside a plot, or as CSV."""
+    """Print a frequency response as JSON, as a short table if a plot is drawn, or as CSV."""
     if options.json:
         print(json.dumps(response.to_json(), allow_nan=False))
     elif options.plot:
@@ -92,7 +92,7 @@ def _print(response: FrequencyResponse, options: argparse.Namespace) -> None:
 
 
 def _parse_frequencies(span: str) -> Array | None:
-    """Return the frequencies in Hz of a value of ``--frequencies``; None if it is wrong."""
+    """Parse the value of ``--frequencies`` to frequencies in Hz; return None if it is invalid."""
     import numpy as np
 
     parts = span.split(":")

@@ -1,4 +1,4 @@
-"""The response of a sensor that a command needs: its options, its file, and how it is built."""
+"""The response that a subcommand needs: its options, and how it is loaded or built."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ _DEFAULT_SIGMA = "0.01"
 
 
 def add_response_options(parser: argparse.ArgumentParser, tolerance: str | None = None) -> None:
-    """Add the options that choose the response of a command, or describe one to be built.
+    """Add the options that choose the file of a response, or describe the response to be built.
 
     Parameters
     ----------
     parser : argparse.ArgumentParser
-        The parser of the command.
+        The parser of the subcommand.
     tolerance : str, optional
-        Default of ``--tolerance``, in place of that of the scene.
+        Default of ``--tolerance``. Without it, the default is the scene's value.
     """
     parser.add_argument(
         "--model",
@@ -52,7 +52,7 @@ def add_response_options(parser: argparse.ArgumentParser, tolerance: str | None 
     parser.add_argument(
         "--reach",
         metavar="MM",
-        help="largest distance of the probe's centroid from the centre of the film (default: "
+        help="maximum distance of the probe's centroid from the centre of the film (default: "
         "model.reach_mm, or 12, but at most 0.6 of the film's radius, and the probe's width away "
         "from the rim)",
     )
@@ -60,10 +60,10 @@ def add_response_options(parser: argparse.ArgumentParser, tolerance: str | None 
     add_text_option(
         parser,
         "--force-range",
-        "LEAST,LARGEST",
+        "MIN,MAX",
         about="range of forces in N (default: model.force_range_N, or 0.1,5)",
     )
-    error = "largest error of a charge, relative to the charge"
+    error = "maximum error of a charge, relative to the charge"
     if tolerance is None:
         error += " (default: model.tolerance, or 0.1 of the noise of readings)"
     add_text_option(parser, "--tolerance", "SHARE", about=error, default=tolerance)
@@ -71,22 +71,22 @@ def add_response_options(parser: argparse.ArgumentParser, tolerance: str | None 
 
 @dataclass(frozen=True)
 class ResponseChoice:
-    """The response that a command needs, as its options describe it.
+    """The response that a subcommand needs, as its options describe it.
 
-    Attributes
+    Parameters
     ----------
     file : Path or None
-        The file that ``--model`` names.
+        The file of ``--model``, or None without this option.
     reach_mm : float or None
-        Largest distance of the probe from the centre; None stands for that of the scene.
-    force_range_N : tuple of float, or None
-        Least and largest force; None stands for those of the scene.
+        Maximum distance of the probe from the film's centre in mm. None for the scene's value.
+    force_range_N : tuple of float, length 2, or None
+        Minimum and maximum force in N. None for the scene's values.
     tolerance : float or None
-        Largest relative error of a charge; None stands for that of the scene.
+        Maximum relative error of a charge. None for the scene's value.
     sigma : float
-        Relative standard deviation of readings.
+        Relative standard deviation of readings, from which the default tolerance is computed.
     progress : bool or None
-        Whether builds show their progress; None shows it on a terminal.
+        Whether builds show their progress. None shows it on a terminal only.
     """
 
     file: Path | None
@@ -98,19 +98,20 @@ class ResponseChoice:
 
     @classmethod
     def from_options(cls, options: argparse.Namespace, errors: list[str]) -> ResponseChoice:
-        """Return the choice of a command line.
+        """Parse the options of `add_response_options`.
 
         Parameters
         ----------
         options : argparse.Namespace
-            Options of `add_response_options`, and `sigma` where the command has it.
+            Options of `add_response_options`, and `sigma` if the subcommand has this option.
         errors : list of str
-            Receives messages about wrong values. The command itself reports a wrong ``--sigma``.
+            Error messages; those about invalid values are appended. The subcommand itself reports
+            an invalid ``--sigma``.
 
         Returns
         -------
         ResponseChoice
-            The choice, which counts only if there are no errors.
+            Must not be used if there are errors.
         """
         reach_mm = parse_optional_number("--reach", options.reach, errors)
         force_range_N = _parse_force_range(options.force_range, errors)
@@ -127,9 +128,10 @@ class ResponseChoice:
         )
 
     def resolve_settings(self, scene: Scene) -> tuple[Domain, float]:
-        """Return the touches for which a response must hold, and its tolerance.
+        """Return the domain of touches that the response must cover, and its tolerance.
 
-        Options come before the scene's table [model], and that before the defaults.
+        Options take precedence over the scene's table [model], which takes precedence over the
+        defaults.
         """
         from pvdf_fem.surrogate.touch_domain import resolve_response_settings
 
@@ -141,22 +143,23 @@ class ResponseChoice:
         return domain, tolerance if self.tolerance is None else self.tolerance
 
     def find_path(self, scene: Scene, scene_file: str) -> Path:
-        """Return the file of the response of a scene.
+        """Return the path of the response file to load or to write.
 
-        This is the file that ``--model`` names, or that of just this response, or the first file
-        beside the scene file that can be used; where none exists, the file to be written.
+        This is the file of ``--model``; without it, the default file of exactly this response;
+        if that does not exist, the first usable file beside the scene file; if there is none, the
+        default file.
 
         Parameters
         ----------
         scene : Scene
             The sensor.
         scene_file : str
-            Path of its file.
+            Path of the scene's file.
 
         Returns
         -------
         Path
-            The file, which may not exist.
+            The file does not exist if the response has to be built.
         """
         from pvdf_fem.surrogate.response_key import make_response_key
 
@@ -172,26 +175,28 @@ class ResponseChoice:
         return own
 
     def list_files(self, scene: Scene, scene_file: str) -> Iterator[tuple[Path, str]]:
-        """List the files of responses beside a scene file.
+        """Yield the response files beside a scene file.
 
         Parameters
         ----------
         scene : Scene
             The sensor.
         scene_file : str
-            Path of its file.
+            Path of the scene's file.
 
         Yields
         ------
-        tuple of Path and str
-            A file, and the reason why it cannot be used; the reason is empty if it can.
+        path : Path
+            A response file.
+        reason : str
+            Reason why it cannot be used, or an empty text if it can.
         """
         stem = Path(scene_file).stem
         for path in sorted(Path(scene_file).parent.glob(f"{stem}-*.response")):
             yield path, self._explain_rejection(path, scene, scene_file)
 
     def _explain_rejection(self, path: Path, scene: Scene, scene_file: str) -> str:
-        """Return the reason why a file of a response cannot be used for a scene, or nothing."""
+        """Return the reason why a response file cannot be used for a scene, or an empty text."""
         from pvdf_fem.surrogate.response import Response
         from pvdf_fem.surrogate.response_key import make_mechanical_key, make_response_key
 
@@ -212,24 +217,24 @@ class ResponseChoice:
         return ""
 
     def find_errors(self, scene: Scene, scene_file: str) -> list[str]:
-        """Find the reasons for which a new response could not be built.
+        """Return error messages if a new response would be needed but could not be built.
 
         Parameters
         ----------
         scene : Scene
             The sensor.
         scene_file : str
-            Path of its file.
+            Path of the scene's file.
 
         Returns
         -------
         list of str
-            Error messages; none where a file exists, whose reach and forces are used.
+            Empty if the response file exists, since its reach and forces are then used.
 
         Raises
         ------
         FileError
-            If the file of the response could not be written.
+            If the response file cannot be written.
         """
         path = self.find_path(scene, scene_file)
         if path.is_file():
@@ -250,28 +255,31 @@ def load_or_build_response(
 ) -> Response:
     """Load the response of a scene from its file, or build it and write the file.
 
+    A response that is evaluated for other electrodes, d31 or d32 is also written to a file, unless
+    ``--model`` is used.
+
     Parameters
     ----------
     scene : Scene
         The sensor.
     scene_file : str
-        Path of its file.
+        Path of the scene's file.
     choice : ResponseChoice
-        The response that is needed.
-    as_stored : bool, optional
-        Whether to return a stored response as it is, which may have other electrodes.
+        Options that describe the response.
+    as_stored : bool
+        Whether to return a stored response unchanged, even if it has other electrodes.
 
     Returns
     -------
     Response
-        The response, for the electrodes of the scene unless `as_stored`.
+        Response for the electrodes of the scene, unless `as_stored` is used.
 
     Raises
     ------
     InputError
-        If the file is of another film or probe, or cannot be read.
+        If the response in the file is for another film or probe, or if it cannot be read.
     NotConvergedError
-        If a solve of the build fails.
+        If the response has to be built and one of the solves fails.
     """
     from pvdf_fem.log import logger
     from pvdf_fem.surrogate.response import Response
@@ -294,13 +302,25 @@ def load_or_build_response(
         raise ValueError(f"--model {path}: {error}, or name another file") from error
     is_new = response.spline is not stored.spline
     if is_new and not choice.file:
-        with suppress(FileError):  # without a file it is evaluated again next time
+        with suppress(FileError):  # if it cannot be written, it is evaluated again next time
             response.for_scene(centre_probe(scene)).save(path)
     return response
 
 
 def _build_response(scene: Scene, scene_file: str, choice: ResponseChoice, path: Path) -> Response:
-    """Build the response of a scene, write it to `path`, and report this on standard error."""
+    """Build the response of a scene, write it to `path`, and report the steps on standard error.
+
+    Parameters
+    ----------
+    scene : Scene
+        The sensor.
+    scene_file : str
+        Path of the scene's file.
+    choice : ResponseChoice
+        Options that describe the response.
+    path : Path
+        The file to write.
+    """
     from pvdf_fem.surrogate.response_builder import build_response
     from pvdf_fem.surrogate.touch_domain import centre_probe
 
@@ -332,14 +352,14 @@ def _build_response(scene: Scene, scene_file: str, choice: ResponseChoice, path:
 
 
 class _EstimatedProgress:
-    """A `Progress` that first prints the expected duration of a build."""
+    """A `Progress` that also prints the expected duration of a build, at its first call."""
 
     def __init__(self, show: Progress) -> None:
         self.show = show
         self.has_estimate = False
 
     def __call__(self, done: float, total: float) -> None:
-        """Show finished and total work in seconds of one core."""
+        """Show finished and total work, both in seconds of one core."""
         if not self.has_estimate:
             duration = format_remaining_time(total)
             print(f"  this takes {duration} of one core, by the first solves", file=sys.stderr)
@@ -348,14 +368,15 @@ class _EstimatedProgress:
 
 
 def _make_default_path(scene_file: str, key: str) -> Path:
-    """Return the path beside a scene file for the response with a key."""
+    """Return the default path of a response: beside the scene file, with a part of its key."""
     return Path(scene_file).with_name(f"{Path(scene_file).stem}-{key[:16]}.response")
 
 
 def _parse_force_range(text: str | None, errors: list[str]) -> tuple[float, float] | None:
-    """Return the least and the largest force in N of ``--force-range``; None without a valid one.
+    """Parse the minimum and maximum force in N of ``--force-range``.
 
-    A message about a wrong value is added to `errors`.
+    Returns None if the option is not used or invalid. In the latter case a message is added to
+    `errors`.
     """
     if text is None:
         return None

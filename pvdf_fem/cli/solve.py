@@ -19,7 +19,7 @@ from pvdf_fem.cli.program import ExitCode, InputError
 _DESCRIPTION = """\
 Charges of the electrodes in pC, each with its estimated discretisation error,
 and the largest deflection in mm. With `uncertain` in the scene there are also the
-standard deviations due to uncertain values of film, force and place.
+standard deviations due to uncertain values of film, force and position.
 Meshes are refined until the relative error of every charge is at most
 numerics.tolerance of the scene."""
 
@@ -40,7 +40,7 @@ _DEFAULT_QUANTITY = "deflection"
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command to the commands of an argument parser."""
+    """Register the `solve` subcommand."""
     parser = add_scene_command(
         commands,
         "solve",
@@ -53,7 +53,7 @@ def add_parser(commands: Any) -> None:
         "--mesh",
         metavar="FILE",
         type=Path,
-        help="solve on this mesh only: of `pvdf-fem mesh`, or your own in mm or m (.msh ...)",
+        help="solve only on this mesh, from `pvdf-fem mesh` or your own in mm or m (.msh ...)",
     )
     parser.add_argument(
         "--vtu",
@@ -64,7 +64,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--plan",
         action="store_true",
-        help="print the resolved problem with its film model, loads and outputs; make no mesh",
+        help="print the resolved problem with its film model, loads and outputs, and do not solve",
     )
     add_plot(parser, "a map of the film")
     parser.add_argument(
@@ -76,11 +76,16 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command, and return its exit code."""
+    """Run the `solve` subcommand, and return its exit code."""
     errors = find_output_errors(options.vtu, [".vtu"], options.scene, options.mesh)
     errors += find_plot_errors(options, options.scene, options.mesh, options.vtu)
     if options.quantity is not None and not options.plot:
         errors.append("--quantity: is the quantity of --plot; add --plot FILE, or remove it")
+    if options.plan:
+        outputs = {"--plot": options.plot, "--vtu": options.vtu}
+        for option, path in outputs.items():
+            if path is not None:
+                errors.append(f"--plan: incompatible with {option}; remove one")
     scene = read_scene(options, *errors)
     quantity = options.quantity or _DEFAULT_QUANTITY
     if options.plan:

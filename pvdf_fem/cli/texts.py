@@ -35,7 +35,7 @@ exit codes: 0 printed, 2 no key has such a word"""
 
 
 def add_parser(commands: Any) -> None:
-    """Add both commands to the commands of an argument parser."""
+    """Register the `example` and `keys` subcommands."""
     example = add_command(
         commands,
         "example",
@@ -61,7 +61,7 @@ def add_parser(commands: Any) -> None:
 
 
 def _print_example(options: argparse.Namespace) -> int:
-    """Print an example, or the list of all with their first lines."""
+    """Print an example, or without a name the list of all examples with their first lines."""
     examples = read_examples()
     if options.name is not None:
         print(get_example_text(options.name, examples), end="")
@@ -74,11 +74,11 @@ def _print_example(options: argparse.Namespace) -> int:
 
 
 def _print_keys(options: argparse.Namespace) -> int:
-    """Print the texts of all keys, or of those with a word."""
+    """Print the texts of all keys, or of the keys in which one of the words occurs."""
     if not options.words:
         print(read_examples()["four_electrodes"], end="")
         return ExitCode.CONVERGED
-    # the beginning of a word, or of a part of a name between underscores
+    # match the beginning of a word, or of a part of a name between underscores
     beginnings = [rf"(?<![^\W_]){re.escape(word.casefold())}" for word in options.words]
     pattern = re.compile("|".join(beginnings))
     keys = list(read_key_texts())
@@ -87,7 +87,7 @@ def _print_keys(options: argparse.Namespace) -> int:
         word = options.words[0]
         names = list(dict.fromkeys(key.name for key in keys))
         near = suggest(word.casefold(), names)
-        raise InputError(f"{word[:MAX_QUOTED]}: is in no key and in no meaning of one; {near}")
+        raise InputError(f"{word[:MAX_QUOTED]}: does not occur in the keys or their texts; {near}")
     for table, group in groupby(matches, lambda key: key.table):
         print(table)
         for key in group:

@@ -1,4 +1,4 @@
-"""The page about a calibration: its outcome, and figures of readings, residuals and places."""
+"""The page about a calibration: its outcome, and plots of readings, residuals and positions."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ code {{ overflow-wrap: anywhere }}
 
 @dataclass(frozen=True, eq=False)
 class CalibrationData:
-    """Touches as measured, and as the calibrated sensor predicts them.
+    """Measured touches, and the predictions of the calibrated sensor.
 
     Parameters
     ----------
@@ -53,13 +53,13 @@ class CalibrationData:
     unit : str
         Unit of the readings.
     rows : ndarray of int, shape (n,)
-        Rows of the touches in their file.
+        Row numbers of the touches in their file.
     is_outlier : ndarray of bool, shape (n,)
-        Touches that did not count.
+        Whether a touch was rejected as an outlier.
     readings, predicted : ndarray, shape (n, m)
-        Measured and predicted readings.
-    given_mm, found_mm : ndarray, shape (n, 2)
-        Places on the stage in mm, as in the file and as calibrated.
+        Measured and predicted readings in `unit`.
+    file_positions_mm, calibrated_positions_mm : ndarray, shape (n, 2)
+        Positions on the stage in mm, as in the file and as calibrated.
     """
 
     scene: Scene
@@ -76,20 +76,20 @@ class CalibrationData:
 def write_calibration_page(
     data: CalibrationData, verdict: str, summary: str, about: Mapping[str, str], path: Path
 ) -> None:
-    """Write the page about a calibration, one self-contained HTML file.
+    """Write the page about a calibration as a self-contained HTML file.
 
     Parameters
     ----------
     data : CalibrationData
-        The touches.
+        Measured and predicted touches.
     verdict : str
-        Status of the calibration.
+        Status of the calibration, the heading of the page.
     summary : str
-        Its summary as HTML.
+        Summary of the calibration as HTML.
     about : mapping of str to str
-        Texts by name, such as the files that were read.
+        Texts by name at the top of the page, such as the files that were read.
     path : Path
-        The file.
+        The file to write.
     """
     with use_style():
         figures = [_draw_parity(data), _draw_residuals(data), _draw_positions(data)]
@@ -108,7 +108,7 @@ def write_calibration_page(
 
 
 def _draw_parity(data: CalibrationData) -> Figure:
-    """Draw the measured readings over the predicted ones."""
+    """Draw measured readings against predicted readings."""
     figure = make_figure(SIZE_MM, SIZE_MM)
     ax = figure.subplots()
     _plot_by_channel(ax, data, data.predicted.T, data.readings.T)
@@ -123,28 +123,28 @@ def _draw_parity(data: CalibrationData) -> Figure:
 
 
 def _draw_residuals(data: CalibrationData) -> Figure:
-    """Draw the relative differences of measured from predicted readings by row."""
+    """Draw the differences of measured and predicted readings in percent of the latter, by row."""
     figure = make_figure(SIZE_MM, SIZE_MM)
     ax = figure.subplots()
     percent = 100.0 * (data.readings / data.predicted - 1.0)
     rows = np.tile(data.rows.astype(float), (len(data.channels), 1))
     _plot_by_channel(ax, data, rows, percent.T)
     ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
-    ax.set(xlabel="row", ylabel="reading over the sensor's, less 1 (%)", title="Residuals")
+    ax.set(xlabel="row", ylabel="reading / predicted reading − 1 (%)", title="Residuals")
     used = percent[~data.is_outlier]
     ax.set_ylim(*_find_limits([used, np.zeros_like(used)]))
     return figure
 
 
 def _plot_by_channel(ax: Axes, data: CalibrationData, x: Array, y: Array) -> None:
-    """Plot values by channel, with outliers crossed out.
+    """Plot y against x for each channel, with outliers crossed out.
 
     Parameters
     ----------
     ax : Axes
-        The axes.
+        Axes in the units of the values.
     data : CalibrationData
-        The touches.
+        Measured and predicted touches, with the outliers.
     x, y : ndarray, shape (m, n)
         Values by channel and touch.
     """
@@ -154,7 +154,10 @@ def _plot_by_channel(ax: Axes, data: CalibrationData, x: Array, y: Array) -> Non
 
 
 def _find_limits(values: Sequence[Array], margin: float = 0.05) -> Array:
-    """Return limits (2,) of an axis with a margin about all values."""
+    """Return the lower and upper limit of an axis, with a margin around all values.
+
+    The margin is a fraction of the range of the values; NaN is ignored.
+    """
     low = np.nanmin(values)
     high = np.nanmax(values)
     width = margin * (high - low)
@@ -162,7 +165,7 @@ def _find_limits(values: Sequence[Array], margin: float = 0.05) -> Array:
 
 
 def _draw_positions(data: CalibrationData) -> Figure:
-    """Draw the places on the stage as in the file and as calibrated."""
+    """Draw the positions on the stage, as in the file and as calibrated."""
     stage = data.scene.stage or Stage()
     farthest_touch = np.abs(data.file_positions_mm - [stage.x_mm, stage.y_mm]).max()
     bounds = [electrode.outline.inscribed_polygon.bounds for electrode in data.scene.electrode_list]
@@ -175,7 +178,7 @@ def _draw_positions(data: CalibrationData) -> Figure:
     pairs = np.stack([data.file_positions_mm, data.calibrated_positions_mm], axis=1)
     ax.plot(*pairs.T, color=GREY, linewidth=0.8, zorder=0)
     outliers = data.file_positions_mm[data.is_outlier]
-    ax.plot(*outliers.T, "x", color="black", markersize=9.0, label="left out")
-    ax.set(xlabel="x on the stage (mm)", ylabel="y on the stage (mm)", title="Places")
+    ax.plot(*outliers.T, "x", color="black", markersize=9.0, label="rejected")
+    ax.set(xlabel="x on the stage (mm)", ylabel="y on the stage (mm)", title="Positions")
     figure.legend(loc="outside lower center", ncols=3)
     return figure

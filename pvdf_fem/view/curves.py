@@ -1,4 +1,4 @@
-"""Curves of charges in panels: data as rings with strips of differences, names at curve ends."""
+"""Curves of charges in panels, with readings as rings and labels at the ends of curves."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ from pvdf_fem.view.figures import (
     make_figure,
 )
 
-#: Look of charges of data.
+#: Style of readings.
 RING: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "white"}
 DOT_SIZE = 2.4  #: Size in points of the dots at solved scenes.
 SAMPLES = 121  #: Number of points of a smooth curve.
-#: Room for one letter of the names at curve ends, over the width of all panels.
+#: Width of a character of the labels at curve ends, as a fraction of the width of all panels.
 LETTER_WIDTH = 0.018
-#: Largest distance between the ends of curves that have names beside them, over a panel's width.
+#: Maximum distance between the ends of labelled curves, as a fraction of a panel's width.
 MAX_END_DISTANCE = 0.2
 LEGEND_COLUMNS = 7
-LINE_HEIGHT = 1.15  #: Distance of neighbouring labels over their size.
-MAX_PASSES = 60  #: Largest number of passes over the labels to move them apart.
+LINE_HEIGHT = 1.15  #: Distance between neighbouring labels divided by their font size.
+MAX_PASSES = 60  #: Maximum number of iterations that move labels apart.
 
 
 class Panel(NamedTuple):
     """The curves of one panel.
 
     The rows of `frame` have the columns ``curve`` (a name), ``x``, ``computed_pC`` and
-    ``charge_pC``. Rows without a ``charge_pC`` are points of the curves. The others are data:
-    rings, with their differences from ``computed_pC`` in a strip below the panel.
+    ``charge_pC``. Rows without ``charge_pC`` are points of the curves. The others are readings,
+    drawn as rings, with their differences from ``computed_pC`` in a strip below the panel.
     """
 
     title: str
@@ -51,19 +51,19 @@ class Panel(NamedTuple):
 
     @property
     def has_data(self) -> bool:
-        """Whether there are charges of data."""
+        """Whether the panel has readings."""
         return bool(self.frame.charge_pC.notna().any())
 
 
 class PanelAxes(NamedTuple):
-    """The axes of a panel, and of the strip of differences below it where there are data."""
+    """The axes of a panel, and of the strip of differences below it if it has readings."""
 
     main: Axes
     strip: Axes | None
 
 
 class LabelledPoint(NamedTuple):
-    """A name with its colour at a point, such as the last point of a curve."""
+    """A point with a name and a colour, such as the last point of a curve."""
 
     x: float
     y: float
@@ -72,7 +72,7 @@ class LabelledPoint(NamedTuple):
 
 
 def choose_curve_colours(count: int) -> list[Any]:
-    """Return colours of curves: the common colours for a few, ordered shades for many."""
+    """Return colours for curves: `COLOURS` for a few curves, a graded colour map for many."""
     if count <= len(COLOURS):
         return list(COLOURS[:count])
     shades = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, count))
@@ -80,12 +80,12 @@ def choose_curve_colours(count: int) -> list[Any]:
 
 
 def make_curve_axes(rows: Sequence[Sequence[Panel]]) -> list[list[PanelAxes]]:
-    """Return empty axes of a new figure for panels in rows.
+    """Make a new figure with empty axes for panels in rows.
 
     Parameters
     ----------
     rows : sequence of sequence of Panel
-        The panels row by row, equally many in each row.
+        The panels row by row, with the same number in each row.
 
     Returns
     -------
@@ -130,14 +130,14 @@ def draw_curves(
     y_label: str,
     is_logarithmic: bool = False,
 ) -> None:
-    """Draw panels with smooth curves through computed charges, and rings for data.
+    """Draw panels with smooth curves through computed charges, and readings as rings.
 
     Parameters
     ----------
     rows : sequence of sequence of Panel
         The panels row by row.
     axes : sequence of sequence of PanelAxes
-        Their axes, as `make_curve_axes` returns them.
+        The axes of the panels, as `make_curve_axes` returns them.
     x_label, y_label : str
         Labels of the axes, with units.
     is_logarithmic : bool
@@ -174,16 +174,16 @@ def _label_curves(
     room: float,
     is_logarithmic: bool,
 ) -> None:
-    """Write the names of curves at their ends, or above all panels where some end early.
+    """Label curves at their ends, or in a legend above all panels if some curves end early.
 
     Parameters
     ----------
-    colours : mapping of str to colours
+    colours : mapping of str to colour
         Colours of the curves by name.
-    ends : sequence of (Axes, sequence of CurveEnd)
-        The panels with the ends of their curves.
+    ends : sequence of tuple of Axes and sequence of LabelledPoint
+        The panels with the last points of their curves.
     room : float
-        Width of the longest name over the width of a panel.
+        Width of the longest name as a fraction of the width of a panel.
     is_logarithmic : bool
         Whether the axes have logarithmic scales.
     """
@@ -204,7 +204,7 @@ def _label_curves(
 
 
 def _draw_panel(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> list[LabelledPoint]:
-    """Draw the curves with dots, and the data as rings; return the ends of the curves."""
+    """Draw the curves with dots, and the readings as rings; return the ends of the curves."""
     ends = []
     computed = frame[frame.charge_pC.isna()]
     for name, rows in computed.groupby("curve", sort=False):
@@ -222,7 +222,7 @@ def _draw_panel(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> li
 
 
 def _draw_differences(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> None:
-    """Draw the differences of computed charges from the data in percent."""
+    """Draw the differences of computed charges and readings in percent of the readings."""
     data = frame[frame.charge_pC.notna()]
     for name, rows in data.groupby("curve"):
         percent = 100.0 * (rows.computed_pC / rows.charge_pC - 1.0)
@@ -232,7 +232,7 @@ def _draw_differences(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any])
 
 
 def _set_log_scales(ax: Axes) -> None:
-    """Give both axes logarithmic scales with plain numbers at their ticks."""
+    """Make both axes logarithmic, with plain numbers at their ticks."""
     ax.set(xscale="log", yscale="log")
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -241,7 +241,11 @@ def _set_log_scales(ax: Axes) -> None:
 
 
 def _interpolate(x: Array, y: Array) -> tuple[Array, Array]:
-    """Return a curve through points (n,) with finite y that does not oscillate between them."""
+    """Interpolate points by a modified Akima spline, which does not oscillate between them.
+
+    Returns x and y of `SAMPLES` points. Points with infinite or NaN y are ignored, and fewer than
+    two points are returned unchanged.
+    """
     is_finite = np.isfinite(y)
     x = x[is_finite]
     y = y[is_finite]
@@ -252,12 +256,12 @@ def _interpolate(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def label_points(ax: Axes, points: Sequence[LabelledPoint]) -> None:
-    """Write names right of points, moved vertically where they would overlap."""
+    """Write the names of points to their right, moved vertically so that they do not overlap."""
     if not points:
         return
     figure = get_figure(ax)
     size = LABEL_SIZE - 0.5
-    figure.draw_without_rendering()  # lays the figure out
+    figure.draw_without_rendering()  # computes the layout, which defines the pixels
     pixels_per_point = figure.dpi / 72.0
     pixels = ax.transData.transform([(point.x, point.y) for point in points])
     letters = max(len(point.name) for point in points)
@@ -277,21 +281,21 @@ def label_points(ax: Axes, points: Sequence[LabelledPoint]) -> None:
 
 
 def space_labels(places: Array, width: float, gap: float) -> Array:
-    """Return heights of labels that do not overlap.
+    """Compute vertical positions of labels that do not overlap.
 
     Parameters
     ----------
     places : ndarray, shape (n, 2)
-        Where the labels begin, in pixels.
+        Preferred positions of the left ends of the labels in pixels.
     width : float
         Width of the longest label in pixels.
     gap : float
-        Smallest distance in height of labels that are within a width, in pixels.
+        Minimum vertical distance in pixels between labels that overlap horizontally.
 
     Returns
     -------
     ndarray, shape (n,)
-        Heights close to those of the places.
+        Vertical positions in pixels, close to the preferred ones.
     """
     heights = places[:, 1].copy()
     order = np.argsort(heights, kind="stable").tolist()

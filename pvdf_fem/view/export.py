@@ -1,4 +1,4 @@
-"""Solutions and meshes as files for other programs, by meshio."""
+"""Export of solutions and meshes for other programs, by meshio."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pvdf_fem.problem.contact_result import compute_contact_pressure
 
 
 class ExportError(FileError):
-    """A format cannot hold a solution or a mesh; the text says what to change."""
+    """A solution or mesh cannot be written in a format; the message says what to change."""
 
 
 def write_vtu(film: FilmData, path: str | Path) -> None:
@@ -33,33 +33,33 @@ def write_vtu(film: FilmData, path: str | Path) -> None:
     film : FilmData
         The solution.
     path : path
-        File whose name ends in ``.vtu``.
+        File to write, with the extension ``.vtu``.
 
     Raises
     ------
     ExportError
-        For another ending.
+        If the path has another extension.
     FileError
-        For a file that cannot be written.
+        If the file cannot be written.
 
     Notes
     -----
-    The grid is the reference disc in m.
+    The grid is the undeformed film in m.
 
-    Point data: ``displacement_m``, which is cubic in between (Warp By Vector shows the deformed
-    film); ``deflection_m``; the second Piola-Kirchhoff stress ``S11_Pa``, ``S22_Pa``, ``S12_Pa`` as
-    the mean over the elements around a node by area; ``principal_stress_Pa``, its larger principal
-    value; and ``contact_pressure_Pa`` of indenter tips.
+    Point data: ``displacement_m`` (Warp By Vector shows the deformed film); ``deflection_m``; the
+    second Piola-Kirchhoff stress ``S11_Pa``, ``S22_Pa``, ``S12_Pa``, averaged by area over the
+    elements around a node; ``principal_stress_Pa``, its larger principal value; and
+    ``contact_pressure_Pa`` of indenter tips.
 
-    Cell data: the stresses averaged over an element, and for each patch an array of 0 and 1 of its
-    name (``electrode A``, ``probe``).
+    Cell data: the stresses averaged over each element, and for each patch (``electrode A``,
+    ``probe``) an array with 1 inside and 0 outside.
 
     Field data: ``charge_pC A`` and ``charge_error_pC A`` for every electrode, and as UTF-8 bytes
     ``scene_toml``, the scene, and ``included``, the included effects.
     """
     path = Path(path)
     if path.suffix.lower() != ".vtu":
-        raise ExportError(f"{path}: is written as VTU; give a name that ends in .vtu")
+        raise ExportError(f"{path}: has no extension .vtu; give a name that ends in .vtu")
     displacement, stress = _compute_nodal_values(film)
     point_data = {
         "displacement_m": displacement,
@@ -77,7 +77,7 @@ def write_vtu(film: FilmData, path: str | Path) -> None:
 
 
 def _make_field_data(film: FilmData) -> dict[str, Array]:
-    """Return charges with their errors by electrode, and texts as the numbers of their bytes."""
+    """Return the charges and their errors by electrode, and texts as arrays of UTF-8 bytes."""
     data: dict[str, Any] = {}
     for name, charge in film.charges_pC.items():
         data[f"charge_pC {name}"] = np.array([charge])
@@ -91,14 +91,22 @@ def _make_field_data(film: FilmData) -> dict[str, Array]:
 
 
 def _compute_mean_stress(film: FilmData) -> Array:
-    """Return the mean stress (elements, 3) of elements in Pa."""
+    """Compute the mean stress of each element in Pa, an array of shape (elements, 3)."""
     points = film.in_elements(film.equilibrium.space.basis.X)
     weights = film.equilibrium.space.weights[..., None]
     return 1e6 * (points.stress_MPa * weights).sum(axis=1) / weights.sum(axis=1)
 
 
 def _compute_nodal_values(film: FilmData) -> tuple[Array, Array]:
-    """Return displacement (nodes, 3) in m and averaged stress (nodes, 3) in Pa at the nodes."""
+    """Compute displacements and averaged stresses at the nodes.
+
+    Returns
+    -------
+    displacement : ndarray, shape (nodes, 3)
+        Displacements in m.
+    stress : ndarray, shape (nodes, 3)
+        Components S11, S22 and S12 in Pa, averaged over the elements around each node.
+    """
     nodes = film.mesh.dofs.element_dofs.T
     points = film.in_elements(ElementTriP2.doflocs.T)
     displacement = np.zeros((film.mesh.doflocs.shape[1], 3))
@@ -110,7 +118,10 @@ def _compute_nodal_values(film: FilmData) -> tuple[Array, Array]:
 
 
 def _compute_nodal_pressure(film: FilmData) -> Array:
-    """Return the mean pressure (nodes,) of tips around nodes in Pa, zero beside tips."""
+    """Compute the mean contact pressure around each node in Pa, zero outside of contacts.
+
+    The mean is taken over the areas in contact only.
+    """
     nodes = film.mesh.dofs.element_dofs.T
     weights = film.equilibrium.space.weights
     pressure = compute_contact_pressure(film.equilibrium, film.state)
@@ -121,16 +132,16 @@ def _compute_nodal_pressure(film: FilmData) -> Array:
 
 
 def _average_at_nodes(nodes: Indices, values: Array, areas: Array) -> Array:
-    """Average values of elements about each node, weighted by area.
+    """Average the values of the elements around each node, weighted by area.
 
     Parameters
     ----------
     nodes : ndarray of int, shape (elements, 6)
         Nodes of the elements.
-    values : ndarray, shape (elements, 6 or 1)
-        Values at the nodes of an element, or of the whole element.
+    values : ndarray, shape (elements, 6) or (elements, 1)
+        Values at the nodes of an element, or one value of the whole element.
     areas : ndarray, shape (elements, 1)
-        Areas of the elements.
+        Weights of the elements. A node whose elements have zero area gets the value 0.
 
     Returns
     -------
@@ -144,7 +155,7 @@ def _average_at_nodes(nodes: Indices, values: Array, areas: Array) -> Array:
 
 
 def _split_components(stress: Array) -> dict[str, Array]:
-    """Return the components of stresses (n, 3) by name."""
+    """Return the components S11, S22 and S12 of stresses, shape (n, 3), by name."""
     s11, s22, s12 = np.moveaxis(stress, -1, 0)
     return {"S11_Pa": s11, "S22_Pa": s22, "S12_Pa": s12}
 
@@ -156,11 +167,11 @@ class MeshFormat:
     Parameters
     ----------
     name : str
-        meshio's name of the format.
+        Name of the format in meshio.
     patches : {"arrays", "groups", "sets"}
-        How the format holds patches: as cell data of 0 and 1 by patch; as named groups without
-        overlap, one for each combination of patches; or as named sets, which may overlap.
-    options : tuple of (str, value)
+        How the format stores patches: as cell data of 0 and 1 for each patch; as named groups
+        without overlap, one for each combination of patches; or as named sets, which may overlap.
+    options : tuple of tuple of str and value
         Keyword arguments of meshio's writer.
     """
 
@@ -175,7 +186,7 @@ FORMATS = {
     ".inp": MeshFormat("abaqus", "sets"),
     ".vtu": MeshFormat("vtu", "arrays"),
     ".vtk": MeshFormat("vtk", "arrays"),
-    # other forms of data than XML would need a second file
+    # data in other forms than XML would need a second file
     ".xdmf": MeshFormat("xdmf", "arrays", (("data_format", "XML"),)),
 }
 
@@ -188,14 +199,15 @@ def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
     mesh : MeshTri2
         A mesh of the film with its patches, in m.
     path : path
-        The file.
+        The file to write.
 
     Raises
     ------
     ExportError
-        For an unknown extension, or where meshio misses a library for the format.
+        If the extension is unknown, if two electrodes would get the same name, or if meshio lacks
+        a library for the format.
     FileError
-        For a file that cannot be written.
+        If the file cannot be written.
 
     Notes
     -----
@@ -233,7 +245,7 @@ def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
 
 
 def _add_groups(grid: Any, mesh: MeshTri2) -> None:
-    """Add gmsh's physical groups to a grid: combinations of patches, and the rim."""
+    """Add gmsh's physical groups to a grid in place: combinations of patches, and the rim."""
     masks = _make_masks(mesh)
     stacked = np.array(list(masks.values())).reshape(len(masks), -1)
     combinations, group = np.unique(stacked, axis=1, return_inverse=True)
@@ -252,7 +264,7 @@ def _add_groups(grid: Any, mesh: MeshTri2) -> None:
 
 
 def _make_masks(mesh: MeshTri2) -> dict[str, NDArray[np.int32]]:
-    """Return masks (elements,) of the patches by name: 1 in the patch and 0 elsewhere."""
+    """Return a mask of the elements for each patch by name: 1 inside and 0 outside."""
     masks = {}
     for name, elements in mesh.subdomains.items():
         if name != FILM:
@@ -263,24 +275,30 @@ def _make_masks(mesh: MeshTri2) -> dict[str, NDArray[np.int32]]:
 
 
 def _replace_blanks(masks: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Return masks by names without blanks; `ExportError` where two names become equal."""
+    """Return masks by names in which underscores replace blanks.
+
+    Raises
+    ------
+    ExportError
+        If two names become equal.
+    """
     renamed = {re.sub(r"\s", "_", name): mask for name, mask in masks.items()}
     if len(renamed) < len(masks):
         raise ExportError(
-            f"{path}: this format has no blanks in names, and without them two electrodes have "
-            "one name; rename an electrode"
+            f"{path}: this format does not allow blanks in names, and without them two electrodes "
+            "have the same name; rename an electrode"
         )
     return renamed
 
 
 def _find_rim_lines(mesh: MeshTri2) -> Indices:
-    """Return the nodes (lines, 3) of the rim's three-node lines."""
+    """Return the nodes of the rim's three-node lines, an array of shape (lines, 3)."""
     facets = mesh.boundaries[RIM]
     return np.vstack([mesh.facets[:, facets], mesh.dofs.facet_dofs[0, facets]]).T
 
 
 def _import_meshio() -> Any:
-    """Import meshio, which takes a quarter of a second."""
+    """Import meshio only when it is needed, because this takes a quarter of a second."""
     import meshio
 
     return meshio
@@ -289,7 +307,7 @@ def _import_meshio() -> Any:
 def _make_grid(
     mesh: MeshTri2, cell_data: Mapping[str, NDArray[Any]] | None = None, **data: Any
 ) -> Any:
-    """Return a mesh as meshio's.
+    """Convert a mesh to a mesh of meshio.
 
     Parameters
     ----------
@@ -298,7 +316,7 @@ def _make_grid(
     cell_data : mapping of str to ndarray, shape (elements,), optional
         Values of the elements by name.
     **data
-        Further data as meshio takes them.
+        Additional arguments of `meshio.Mesh`.
     """
     points = np.column_stack([mesh.doflocs.T, np.zeros(mesh.doflocs.shape[1])])
     triangles = [("triangle6", _orient_elements(mesh))]
@@ -307,7 +325,13 @@ def _make_grid(
 
 
 def _orient_elements(mesh: MeshTri2) -> Indices:
-    """Return the nodes (elements, 6) counter-clockwise: the vertices, then the mid-side nodes."""
+    """Return the nodes of the elements in counter-clockwise order.
+
+    Returns
+    -------
+    ndarray of int, shape (elements, 6)
+        The vertices, then the mid-side nodes.
+    """
     nodes = np.asarray(mesh.dofs.element_dofs.T)
     a, b, c = mesh.doflocs.T[nodes[:, :3]].swapaxes(0, 1)
     x1, y1 = (b - a).T
@@ -317,18 +341,18 @@ def _orient_elements(mesh: MeshTri2) -> Indices:
 
 
 def _write_grid(grid: Any, path: Path, name: str, **options: Any) -> None:
-    """Write meshio's grid to a file.
+    """Write a grid to a file, with its field data in a VTU file.
 
     Parameters
     ----------
     grid : meshio.Mesh
         The grid.
     path : Path
-        The file.
+        The file to write.
     name : str
-        meshio's name of the format.
+        Name of the format in meshio.
     **options
-        Arguments of meshio's writer.
+        Keyword arguments of meshio's writer.
     """
     if name == "vtu":  # meshio does not escape names for XML
         grid.cell_data = {_escape_xml(key): values for key, values in grid.cell_data.items()}
@@ -345,12 +369,12 @@ def _write_grid(grid: Any, path: Path, name: str, **options: Any) -> None:
 
 
 def _escape_xml(name: str) -> str:
-    """Return a name for XML in ASCII."""
+    """Escape a name for an XML file in ASCII."""
     return escape(name).encode("ascii", "xmlcharrefreplace").decode()
 
 
 def _add_field_data(path: Path, arrays: dict[str, Array]) -> None:
-    """Add arrays to a VTU file; meshio reads field data there, but does not write them."""
+    """Add arrays as field data to a VTU file, since meshio can read but not write these."""
     types = {"f": "Float64", "u": "UInt8"}
     elements = []
     for name, array in arrays.items():

@@ -1,4 +1,4 @@
-"""Fields on a square grid, as an xarray dataset."""
+"""Fields of a solution on a square grid, as an xarray dataset."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.point_values import COMPONENT_NAMES, PointValues
 from pvdf_fem.scene.arguments import coerce
 
-#: Largest number of coordinates of a grid.
+#: Maximum number of coordinates along an axis of a grid.
 MAX_COORDINATES = 2001
 
 
 def make_grid_coordinates(
     radius_mm: float, step_mm: float, max_coordinates: int = MAX_COORDINATES
 ) -> Array:
-    """Return the coordinates of a square grid about the film's centre.
+    """Return the coordinates along one axis of a square grid around the film's centre.
 
     Parameters
     ----------
     radius_mm : float
         Radius of the film in mm.
     step_mm : float
-        Distance of neighbouring coordinates in mm.
+        Distance between neighbouring coordinates in mm.
     max_coordinates : int
-        Largest number of coordinates.
+        Maximum number of coordinates.
 
     Returns
     -------
     ndarray, shape (n,)
-        In mm, within the radius.
+        Multiples of the step in mm, from minus to plus the radius.
 
     Raises
     ------
     ValueError
-        For too many coordinates, or a step beyond the radius.
+        If the step is larger than the radius, or so small that there are too many coordinates.
     """
     least_mm = 2.0 * radius_mm / max_coordinates
     step_mm = coerce("step_mm", step_mm, float, (least_mm, radius_mm), "mm")
@@ -47,18 +47,19 @@ def make_grid_coordinates(
 
 
 def make_field_dataset(values: PointValues, scene: str) -> xarray.Dataset:
-    """Return the fields on a grid as a dataset.
+    """Make a dataset of the fields on a grid.
 
     Parameters
     ----------
     values : PointValues
-        Values at the points (n, n) of a grid, with constant y along a row.
+        Values at n x n points; y is constant along a row.
     scene : str
-        Text of the scene, for the attributes.
+        Text of the scene, which becomes an attribute of the dataset.
 
     Returns
     -------
     xarray.Dataset
+        Fields with the dimensions ``y_mm`` and ``x_mm``, and a third one for components.
     """
     grid = ("y_mm", "x_mm")
     variables: dict[str, Any] = {

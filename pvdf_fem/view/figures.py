@@ -1,7 +1,7 @@
 """Figures: their common style, reproducible files, and drawings of the film with electrodes.
 
-Nothing here changes matplotlib's global state: make a figure by `make_figure` within `use_style()`,
-draw on its axes, and write it by `save_figure`.
+Nothing here changes matplotlib's global state. Make a figure with `make_figure` within
+`use_style()`, draw on its axes, and write it with `save_figure`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.placed.electrode import Electrode
 from pvdf_fem.view.placed_label import PlacedLabel
 
-# The look of all figures; matplotlib's stubs ask for literal keys.
+# The style of all figures. Its keys have the type Any, because matplotlib's stubs ask for literals.
 _STYLE: dict[Any, Any] = matplotlib.rc_params_from_file(
     Path(__file__).with_suffix(".mplstyle"), use_default_template=False
 )
@@ -38,16 +38,16 @@ _STYLE: dict[Any, Any] = matplotlib.rc_params_from_file(
 COLOURS: tuple[str, ...] = tuple(_STYLE["axes.prop_cycle"].by_key()["color"])
 GREY = "0.45"
 WIDTH_MM = 120.0  #: Width of a figure in a report: readable on a phone.
-DIVERGING = "RdBu_r"  #: Colour map for values of both signs, white at zero.
+DIVERGING = "RdBu_r"  #: Colour map for values of both signs; zero is white.
 MARKERS = "os^Dv<>pP*"  #: A marker for each electrode, besides its colour.
 LABEL_SIZE = 8.0  #: Size of labels in points.
-#: A white edge that makes lines and texts visible on any colour.
+#: A white outline that makes lines and texts readable on any colour.
 HALO = withStroke(linewidth=1.8, foreground="white")
-DPI = 200.0  #: Pixels per inch of pictures without lines.
+DPI = 200.0  #: Resolution of raster images in pixels per inch.
 
-# Settings without which SVG files have random identifiers.
+# Without these settings SVG files would have random identifiers.
 _REPRODUCIBLE: dict[Any, Any] = {"svg.hashsalt": "pvdf_fem", "svg.fonttype": "path"}
-# Metadata with a date or a version, by format; None leaves it out.
+# Metadata with a date or a version by format; None removes them.
 _NO_DATE: dict[str, dict[str, None]] = {
     ".svg": {"Date": None},
     ".pdf": {"CreationDate": None},
@@ -57,63 +57,64 @@ _NO_DATE: dict[str, dict[str, None]] = {
 
 @contextmanager
 def use_style() -> Iterator[None]:
-    """Give figures that are made within this context the common look."""
+    """Apply the common style to figures that are made within this context."""
     with matplotlib.rc_context(_STYLE):
         yield
 
 
 class NotebookFigure(Figure):
-    """A figure without a window that notebooks show."""
+    """A figure without a window, which notebooks show as PNG."""
 
     def _repr_png_(self) -> bytes:
         return render_figure(self, ".png")
 
 
 def make_figure(width_mm: float = 160.0, height_mm: float = 100.0) -> Figure:
-    """Return an empty figure that belongs to no window."""
+    """Return an empty figure that does not belong to a window."""
     mm_per_inch = 25.4
     return NotebookFigure(figsize=(width_mm / mm_per_inch, height_mm / mm_per_inch), dpi=DPI)
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure to a file; equal figures give equal bytes.
+    """Write a figure to a file; the same figure always gives the same bytes.
 
     Parameters
     ----------
     figure : Figure
         The figure.
     path : path
-        File whose extension names the format.
+        File to write; its extension chooses the format.
 
     Raises
     ------
     FileError
-        For a file that cannot be written.
+        If the file cannot be written.
     ValueError
-        For an unknown format, with those that matplotlib knows.
+        If the format is unknown. The message lists the formats of matplotlib.
     """
     path = Path(path)
-    content = render_figure(figure, path.suffix.lower())  # some writers fail on a full disk
+    # rendered to memory first, because some of matplotlib's writers fail on a full disk
+    content = render_figure(figure, path.suffix.lower())
     with replace_file(path) as temporary:
         temporary.write_bytes(content)
 
 
 def render_figure(figure: Figure, suffix: str) -> bytes:
-    """Return the content of the file that `save_figure` writes for an extension with its dot."""
+    """Render a figure to the bytes of a file with the extension `suffix`, such as ``.svg``."""
     with matplotlib.rc_context({**_STYLE, **_REPRODUCIBLE}):
         layout = figure.get_layout_engine()
         if layout is not None:
             layout.execute(figure)
-            figure.set_layout_engine("none")  # or matplotlib lays the figure out twice more
+            figure.set_layout_engine("none")  # otherwise the layout is computed twice more
         content = io.BytesIO()
         figure.savefig(content, format=suffix[1:], dpi=DPI, metadata=_NO_DATE.get(suffix))
     return content.getvalue()
 
 
 def make_map_axes() -> Axes:
-    """Return the axes of a new figure for a map with a colour bar."""
+    """Make a new figure for a map with a colour bar, and return its axes."""
     figure = make_figure(120.0, 100.0)
-    figure.set_layout_engine("compressed")  # the default one cuts labels beside a colour bar
+    figure.set_layout_engine("compressed")  # the default layout cuts labels beside a colour bar
     return figure.subplots()
 
 
@@ -132,17 +133,17 @@ def add_colour_bar(ax: Axes, drawn: ScalarMappable, label: str, **options: Any) 
     ax : Axes
         The map.
     drawn : ScalarMappable
-        The coloured artist on it.
+        The artist whose colours the bar explains.
     label : str
         Label of the colour bar, with unit.
     **options
-        Further arguments of matplotlib's `Figure.colorbar`.
+        Additional arguments of matplotlib's `Figure.colorbar`.
     """
     get_figure(ax).colorbar(drawn, ax=ax, label=label, fraction=0.046, pad=0.03, **options)
 
 
 def get_line_style(number: int) -> dict[str, Any]:
-    """Return colour, dashes and marker for the curve of an electrode."""
+    """Return the colour, line style and marker of the curve with an index."""
     cycle, colour = divmod(number, len(COLOURS))
     return {
         "color": COLOURS[colour],
@@ -166,13 +167,13 @@ def choose_colours(
 
     Parameters
     ----------
-    values : array
+    values : array_like
         The values to show.
     sequential : str
-        Colour map for values of one sign, reversed for negative values.
+        Colour map for values of one sign. It is reversed for negative values.
     both_signs : float
-        Values count as of both signs, and get `DIVERGING` about zero, where the largest magnitude
-        of the rarer sign is above this share of the largest magnitude.
+        Values count as of both signs if the largest magnitude of each sign is above this fraction
+        of the largest magnitude of all values. They then get `DIVERGING`, centred at zero.
 
     Returns
     -------
@@ -202,7 +203,7 @@ def draw_rim(
         Radius of the film in mm.
     reach_mm : float
         Half the width of the visible region in mm.
-    centre_mm : ndarray, shape (2,)
+    centre_mm : array_like, shape (2,)
         Centre of the film in mm.
     """
     x, y = np.asarray(centre_mm, dtype=float)
@@ -220,7 +221,7 @@ def draw_rim(
 
 
 def draw_electrode(ax: Axes, outline: Outline, lines: Sequence[str], veil: float = 0.0) -> None:
-    """Draw an electrode's outline with lines of text beside it, or in it where there is room.
+    """Draw an electrode's outline with lines of text beside it or inside it.
 
     Parameters
     ----------
@@ -229,9 +230,10 @@ def draw_electrode(ax: Axes, outline: Outline, lines: Sequence[str], veil: float
     outline : Outline
         Outline in m.
     lines : sequence of str
-        Lines of text, its name first.
+        Lines of text, with the electrode's name first. If there is little room, only the name is
+        drawn.
     veil : float
-        Opacity of a white area over the map below the electrode, 0 to 1.
+        Opacity of a white area inside the outline that covers the map, from 0 to 1.
     """
     corners_mm = 1e3 * np.array(outline.inscribed_polygon.exterior.coords)
     ax.add_patch(Patch(corners_mm, facecolor="white", edgecolor="none", alpha=veil))
@@ -252,10 +254,10 @@ def draw_film(
     radius_mm : float
         Radius of the film in mm.
     electrodes : iterable of Electrode
-        The electrodes.
+        Electrodes of the film.
     reach_mm : float, optional
-        Half the width of the visible region in mm, by default the whole film. The region is
-        enlarged where it would cut an electrode.
+        Half the width of the visible region in mm. Default: the whole film. The region is enlarged
+        if it would cut an electrode.
     """
     electrodes = list(electrodes)
     reach = radius_mm if reach_mm is None else reach_mm
@@ -280,24 +282,24 @@ def draw_labelled_contours(
     min_size: float = 0.25,
     inner: float = 0.75,
 ) -> None:
-    """Draw contours of values, each with its value written once.
+    """Draw contours of values, each with one label.
 
     Parameters
     ----------
     ax : Axes
         Axes in mm.
     x, y : ndarray, shape (n, m)
-        Coordinates in mm.
+        Coordinates of the points in mm.
     values : ndarray, shape (n, m)
-        Values at the places.
+        Values at the points.
     levels : iterable of float
-        Values of the contours.
+        Values of the contours. Levels outside of the range of values are skipped.
     occupied : ndarray, shape (k, 2)
-        Places in mm from which the labels keep away.
+        Points in mm from which the labels keep their distance.
     min_size : float
-        Size of the smallest contour with a label, over the width of the map.
+        Minimum size of a contour with a label, as a fraction of the width of the map.
     inner : float
-        Labels stay within this share of the largest x.
+        Labels are preferably within this fraction of the largest x from the origin.
     """
     visible = [level for level in levels if values.min() < level < values.max()]
     if not visible:
@@ -320,18 +322,18 @@ def draw_labelled_contours(
 def make_panels(
     count: int, abreast: int = 2, panel_mm: float = 45.0, share_y: bool = True
 ) -> tuple[Figure, list[Axes]]:
-    """Return a new figure with square panels, two side by side for a phone.
+    """Make a new figure with square panels in rows, by default two in a row for a phone.
 
     Parameters
     ----------
     count : int
         Number of panels.
     abreast : int
-        Largest number of panels side by side.
+        Maximum number of panels in a row.
     panel_mm : float
         Width of a panel in mm.
     share_y : bool
-        Whether panels have the same vertical axis; they share the horizontal one.
+        Whether panels have a common vertical axis. The horizontal axis is always common.
 
     Returns
     -------
@@ -345,6 +347,6 @@ def make_panels(
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=share_y)
     for ax in axes.flat[count:]:
         ax.remove()
-    for ax in axes.flat[count - columns : count]:  # also above an empty place
+    for ax in axes.flat[count - columns : count]:  # also panels above an empty position
         ax.tick_params(labelbottom=True)
     return figure, list(axes.flat[:count])

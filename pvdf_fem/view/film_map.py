@@ -22,35 +22,36 @@ from pvdf_fem.view.figures import (
 )
 from pvdf_fem.view.film_quantities import resolve_map
 
-#: Number of electrodes above which their charges have no room on the map, only their names.
+#: Maximum number of electrodes whose charges are written on the map.
 MAX_CHARGES = 7
 
 
 def draw_film_map(
     film: FilmData, name: str, ax: Axes | None = None, reach_mm: float | None = None
 ) -> Figure:
-    """Draw a quantity over the film, with electrodes, charges and probes.
+    """Draw a map of a quantity on the film, with electrodes, charges and probes.
 
     Parameters
     ----------
     film : FilmData
         The solution.
     name : str
-        A key of `MAPS`.
+        Name of the quantity, a key of `MAPS`.
     ax : Axes, optional
-        Axes in mm, by default those of a new figure.
+        Axes in mm to draw on. Default: axes of a new figure.
     reach_mm : float, optional
-        Half the width of the visible region in mm. By default the whole film, or the surroundings
-        of a contact.
+        Half the width of the visible region in mm. Default: the whole film, or the surroundings of
+        the contacts for contact pressures.
 
     Returns
     -------
     Figure
+        The figure to which the axes belong.
 
     Raises
     ------
     ValueError
-        For an unknown name, or a quantity that the scene does not have.
+        If the name is not a key of `MAPS`, or if the scene does not have this quantity.
     """
     scene = film.scene
     film_map = resolve_map(name, scene)
@@ -78,7 +79,7 @@ def draw_film_map(
 
 
 def _draw_electrodes(ax: Axes, film: FilmData, veil: float) -> None:
-    """Draw the electrodes with their names, and with their charges where there are few.
+    """Draw the electrodes with their names, and if there are few also with their charges.
 
     Parameters
     ----------
@@ -87,7 +88,7 @@ def _draw_electrodes(ax: Axes, film: FilmData, veil: float) -> None:
     film : FilmData
         The solution.
     veil : float
-        Opacity of the electrodes over the map, 0 to 1.
+        Opacity of a white area inside each electrode that covers the map, from 0 to 1.
     """
     electrodes = film.scene.electrode_list
     for electrode in electrodes:
@@ -100,7 +101,7 @@ def _draw_electrodes(ax: Axes, film: FilmData, veil: float) -> None:
 
 
 def _describe_probes(scene: Scene) -> str:
-    """Return which probes press with which forces or depths, for a title."""
+    """Describe the probes with their positions and their forces or depths, for a title."""
     probe_loads = scene.loaded_probes
     if not probe_loads:
         return "nothing presses"
@@ -118,18 +119,18 @@ def _describe_probes(scene: Scene) -> str:
 
 
 def _zoom_to_points(ax: Axes, points_mm: Array, radius_mm: float, margin: float = 0.2) -> None:
-    """Show only the surroundings of points, and in a corner where on the film they are.
+    """Zoom axes to the surroundings of points, with an overview of the film in a corner.
 
     Parameters
     ----------
     ax : Axes
         Axes in mm.
     points_mm : ndarray, shape (n, 2)
-        The points in mm.
+        Points in mm.
     radius_mm : float
         Radius of the film in mm.
     margin : float
-        Margin about the points over the width of their region.
+        Margin around the points as a fraction of the width of their region.
     """
     low = points_mm.min(axis=0)
     high = points_mm.max(axis=0)

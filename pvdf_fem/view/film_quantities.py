@@ -1,4 +1,4 @@
-"""Quantities of a solution that are drawn over the film, by name (`MAPS`)."""
+"""Quantities of a solution that can be drawn as maps of the film, by name (`MAPS`)."""
 
 from __future__ import annotations
 
@@ -29,29 +29,30 @@ from pvdf_fem.view.figures import (
     choose_colours,
 )
 
-MAX_TRIANGLES = 6e4  #: Number of small triangles above which elements are not divided further.
+MAX_TRIANGLES = 6e4  #: Maximum number of triangles into which all elements are divided.
 
 
 @dataclass(frozen=True)
 class FilmMap:
-    """A quantity to draw over the film.
+    """A quantity that can be drawn as a map of the film.
 
     Parameters
     ----------
     label : str
-        Label of the colour bar, with unit and sign.
+        Label of the colour bar, with unit and sign convention.
     draw : callable
-        Draws the quantity on axes in mm, and returns the artist for a colour bar, if any.
+        Function that draws the quantity on axes in mm. It returns the artist for a colour bar, or
+        None for a map without a colour bar.
     values : callable, optional
-        Returns the values of a field at points, in the label's unit. None for a quantity that is
-        not a field, such as the mesh.
+        Function that returns the values of a field at points, in the unit of the label. None for a
+        quantity that is not a field, such as the mesh.
     colours : str
-        A colour map of matplotlib.
+        Name of a colour map of matplotlib.
     veil : float
-        Opacity of the electrodes over the map, 0 to 1.
+        Opacity of a white area inside each electrode that covers the map, from 0 to 1.
     region : callable, optional
-        Returns points in mm (n, 2). The map is enlarged to their surroundings, and shows the whole
-        film in a corner.
+        Function that returns points in mm, shape (n, 2), to whose surroundings the map is zoomed.
+        Default: the map shows the whole film.
     """
 
     label: str
@@ -63,10 +64,17 @@ class FilmMap:
 
 
 class SampledField(NamedTuple):
-    """A field on small triangles in the elements.
+    """A field sampled on small triangles inside the elements.
 
-    `points` are (elements, points), `triangles` (n, 3) numbers of these points, and `values`
-    (elements, points). Elements share no points, because stresses jump between them.
+    Attributes
+    ----------
+    points : PointValues
+        The points with shape (elements, points). Elements do not share points, because stresses
+        jump between elements.
+    triangles : ndarray of int, shape (n, 3)
+        Indices of the corners of each triangle in the flattened points.
+    values : ndarray, shape (elements, points)
+        Values of the field at the points.
     """
 
     points: PointValues
@@ -84,10 +92,10 @@ def sample_field(
     film : FilmData
         The solution.
     film_map : FilmMap
-        The field.
+        The field to sample.
     max_triangles : float
-        Every element is divided into four triangles, and these again, while the number of all
-        triangles stays below this one. Elements are divided once at least.
+        Every element is divided into four triangles, and these again, as long as the total number
+        of triangles stays below this limit. Elements are divided at least once.
 
     Returns
     -------
@@ -96,11 +104,11 @@ def sample_field(
     Raises
     ------
     ValueError
-        For a quantity that is not a field.
+        If the quantity is not a field.
     """
     if film_map.values is None:
         fields = ", ".join(name for name, other in MAPS.items() if other.values)
-        raise ValueError(f"quantity: is no field of the film; choose from {fields}")
+        raise ValueError(f"quantity: is not a field of the film; choose from {fields}")
     elements = film.mesh.nelements
     divisions = max(1, int(np.log(max_triangles / elements) / np.log(4.0)))
     reference = MeshTri1.init_refdom().refined(divisions)
@@ -111,13 +119,13 @@ def sample_field(
 
 
 def _triangulate(film: FilmData, film_map: FilmMap) -> tuple[Triangulation, Array]:
-    """Return the triangles of a field, and the values (points,) at their corners."""
+    """Return the triangulation of a field, and its values at the flattened points."""
     points, triangles, values = sample_field(film, film_map)
     return Triangulation(points.x_mm.ravel(), points.y_mm.ravel(), triangles), values.ravel()
 
 
 def _draw_filled_contours(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
-    """Draw a field with about ten colours between round levels.
+    """Draw a field by filled contours between about ten round levels.
 
     Parameters
     ----------
@@ -126,20 +134,21 @@ def _draw_filled_contours(ax: Axes, film: FilmData, film_map: FilmMap) -> Scalar
     film : FilmData
         The solution.
     film_map : FilmMap
-        The field.
+        Field and colours.
     """
     triangulation, values = _triangulate(film, film_map)
     colours = choose_colours([0.0, *values], film_map.colours)
-    high = colours.high if colours.high > colours.low else colours.low + 1e-9  # a flat film
+    # a flat film has a range of zero
+    high = colours.high if colours.high > colours.low else colours.low + 1e-9
     levels = MaxNLocator(10, min_n_ticks=2).tick_values(colours.low, high)
     return ax.tricontourf(triangulation, values, levels=levels, cmap=colours.name)
 
 
 def _draw_continuous_field(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
-    """Draw a field with continuous colours between its extreme values.
+    """Draw a field with continuous colours between its minimum and maximum.
 
-    The colours follow the square root of the distance from zero, or from the extreme value that is
-    closest to zero, which shows small values far from the probe, too.
+    The colour scale is the square root of the distance from zero, or from the extreme value closest
+    to zero, so that small values far from the probe are also visible.
 
     Parameters
     ----------
@@ -148,7 +157,7 @@ def _draw_continuous_field(ax: Axes, film: FilmData, film_map: FilmMap) -> Scala
     film : FilmData
         The solution.
     film_map : FilmMap
-        The field.
+        Field and colours.
     """
     triangulation, values = _triangulate(film, film_map)
     colours = choose_colours(values, film_map.colours)
@@ -167,20 +176,20 @@ def _draw_continuous_field(ax: Axes, film: FilmData, film_map: FilmMap) -> Scala
 def _draw_interpolated_triangles(
     ax: Axes, triangulation: Triangulation, values: Array, norm: Normalize, colours: str
 ) -> ScalarMappable:
-    """Draw triangles with colours interpolated between their corners.
+    """Draw triangles with colours interpolated between their corners (Gouraud shading).
 
     Parameters
     ----------
     ax : Axes
         Axes in mm.
     triangulation : Triangulation
-        The triangles.
+        Triangles with corners in mm.
     values : ndarray, shape (points,)
-        Values at their corners.
+        Values at the corners.
     norm : Normalize
         Scale of the colours.
     colours : str
-        A colour map of matplotlib.
+        Name of a colour map of matplotlib.
     """
     return ax.tripcolor(
         triangulation, values, shading="gouraud", norm=norm, cmap=colours, rasterized=True
@@ -190,8 +199,8 @@ def _draw_interpolated_triangles(
 def _draw_principal_directions(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
     """Draw the larger principal stress, with strokes along its direction.
 
-    The length of a stroke is in proportion to the difference of the principal stresses over the sum
-    of their magnitudes.
+    The length of a stroke is proportional to the anisotropy (S_1 - S_2) / (|S_1| + |S_2|) of the
+    principal stresses S_1 >= S_2.
 
     Parameters
     ----------
@@ -220,7 +229,7 @@ def _draw_principal_directions(ax: Axes, film: FilmData, film_map: FilmMap) -> S
 
 
 def _draw_mesh(ax: Axes, film: FilmData, film_map: FilmMap) -> None:
-    """Draw the elements, with those of electrodes and probes filled.
+    """Draw the element edges, and fill the elements of electrodes and probes.
 
     Parameters
     ----------
@@ -229,7 +238,7 @@ def _draw_mesh(ax: Axes, film: FilmData, film_map: FilmMap) -> None:
     film : FilmData
         The solution.
     film_map : FilmMap
-        Not used.
+        Not used, but all drawing functions have this parameter.
     """
     sides = _trace_element_boundaries_mm(film)
     electrodes = {make_subdomain_name(name) for name in film.charges_pC}
@@ -243,7 +252,9 @@ def _draw_mesh(ax: Axes, film: FilmData, film_map: FilmMap) -> None:
 
 
 def _draw_error_contributions(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
-    """Draw the largest share of each element in the errors of charges.
+    """Draw the contribution of each element to the estimated errors of the charges.
+
+    For each element this is the largest contribution to the error of any charge, in pC.
 
     Parameters
     ----------
@@ -292,12 +303,25 @@ def _draw_contact_pressure(ax: Axes, film: FilmData, film_map: FilmMap) -> Scala
 
 
 def _get_contact_edges(film: FilmData) -> Array:
-    """Return the edges (n, 2) of all contacts in mm."""
+    """Return the points on the edges of all contacts in mm, an array of shape (n, 2)."""
     return np.concatenate([contact.edge_mm for contact in film.contacts.values()])
 
 
 def _trace_element_boundaries_mm(film: FilmData, segments: int = 5) -> list[Array]:
-    """Return points (points, 2) in mm along the curved sides of each element."""
+    """Return points in mm along the curved sides of each element.
+
+    Parameters
+    ----------
+    film : FilmData
+        The solution.
+    segments : int
+        Number of straight segments along a side.
+
+    Returns
+    -------
+    list of ndarray, shape (points, 2)
+        A closed polygon for each element.
+    """
     corners = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
     t = np.linspace(0.0, 3.0, 3 * segments + 1)
     boundary = np.stack([np.interp(t, range(4), coordinate) for coordinate in corners])
@@ -331,7 +355,7 @@ MAPS = {
     ),
     "mesh": FilmMap("", _draw_mesh),
     "error": FilmMap(
-        "share in the errors of charges (pC)", _draw_error_contributions, colours="magma_r"
+        "contribution to the errors of charges (pC)", _draw_error_contributions, colours="magma_r"
     ),
     "contact": FilmMap(
         "contact pressure (MPa), compression positive",
@@ -342,12 +366,12 @@ MAPS = {
 
 
 def resolve_map(name: str, scene: Scene) -> FilmMap:
-    """Return the quantity of a name.
+    """Return the map of a quantity, if the scene has this quantity.
 
     Parameters
     ----------
     name : str
-        A key of `MAPS`.
+        Name of the quantity, a key of `MAPS`.
     scene : Scene
         The scene of the solution.
 
@@ -358,12 +382,12 @@ def resolve_map(name: str, scene: Scene) -> FilmMap:
     Raises
     ------
     ValueError
-        For an unknown name, or a quantity that the scene does not have.
+        If the name is not a key of `MAPS`, or if it is ``"contact"`` and the scene has no contact.
     """
     if coerce("quantity", name, str) not in MAPS:
         raise ValueError(f"quantity {name!r}: is unknown; choose from {', '.join(MAPS)}")
     has_contact = any(probe_load.load.kind == "contact" for probe_load in scene.loaded_probes)
     if name == "contact" and not has_contact:
-        advice = 'load.kind = "contact" and a probe with a round edge make one'
+        advice = 'use load.kind = "contact" and a probe with a round edge'
         raise ValueError(f"quantity 'contact': the scene has no contact; {advice}")
     return MAPS[name]

@@ -1,4 +1,4 @@
-"""A solution in 3-D: the deflected film for pyvista, and as an HTML page without a server."""
+"""3-D views of a solution: the deflected film in pyvista, or as a self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.view.figures import COLOURS, choose_colours
 from pvdf_fem.view.film_quantities import FilmMap, resolve_map, sample_field
 
-#: A program that returns 0 where VTK renders, and crashes where VTK misses libraries.
+#: A program that exits with 0 if VTK can render, and crashes if VTK lacks libraries.
 RENDERING_TEST = """
 from vtkmodules import vtkRenderingOpenGL2
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
@@ -33,12 +33,16 @@ window.Render()
 
 
 class NoRenderingError(ImportError):
-    """VTK cannot render on this machine; the text says what to install."""
+    """VTK cannot render on this machine; the message says what to install."""
 
 
 @cache
 def require_rendering() -> None:
-    """Raise `NoRenderingError` where VTK would crash Python; tried once, in another process."""
+    """Raise `NoRenderingError` if VTK cannot render on this machine.
+
+    Rendering is tested in another process, because VTK crashes Python if it lacks libraries. The
+    result is cached.
+    """
     trial = subprocess.run([sys.executable, "-c", RENDERING_TEST], capture_output=True)
     if trial.returncode != 0:
         raise NoRenderingError(
@@ -47,19 +51,19 @@ def require_rendering() -> None:
 
 
 def make_film_view(data: FilmData, name: str, scale: float | None, html: str | Path | None) -> Any:
-    """Show a field on the deflected film in 3-D.
+    """Make a 3-D view of a field on the deflected film, and optionally write it as HTML.
 
     Parameters
     ----------
     data : FilmData
         The solution.
     name : str
-        A field of `MAPS`.
+        Name of a field, a key of `MAPS`.
     scale : float, optional
-        Factor of the displacements, by default one with which the deflection is a quarter of the
-        radius.
+        Factor by which displacements are multiplied. By default the largest deflection in the view
+        is a quarter of the film's radius.
     html : path, optional
-        HTML file to write.
+        HTML file to write. The view is then rendered off-screen.
 
     Returns
     -------
@@ -68,9 +72,9 @@ def make_film_view(data: FilmData, name: str, scale: float | None, html: str | P
     Raises
     ------
     ImportError
-        Without pyvista, or where it cannot render.
+        If pyvista is not installed, or if it cannot render on this machine.
     ValueError
-        For an unknown name, or a quantity that is not a field.
+        If the name is not a key of `MAPS`, or if the quantity is not a field.
     """
     scene = data.scene
     film_map = resolve_map(name, scene)
@@ -96,7 +100,8 @@ def make_film_view(data: FilmData, name: str, scale: float | None, html: str | P
         },
         smooth_shading=True,
     )
-    above = np.array([0.0, 0.0, 2e-3 * scene.film.radius_mm])  # or the film would hide lines
+    # lines are drawn slightly above the film, which would otherwise hide them
+    above = np.array([0.0, 0.0, 2e-3 * scene.film.radius_mm])
     contours = film.contour(9, scalars=film.points[:, 2]).translate(above)
     if contours.n_points:  # a flat film has none
         plotter.add_mesh(contours, color="white", opacity=0.5)
@@ -116,7 +121,7 @@ def make_film_view(data: FilmData, name: str, scale: float | None, html: str | P
 
 
 def make_film_surface(data: FilmData, film_map: FilmMap, scale: float = 1.0) -> Any:
-    """Return the deflected film with a field as a pyvista surface.
+    """Make a pyvista surface of the deflected film with the values of a field.
 
     Parameters
     ----------
@@ -125,12 +130,12 @@ def make_film_surface(data: FilmData, film_map: FilmMap, scale: float = 1.0) -> 
     film_map : FilmMap
         The field.
     scale : float
-        Factor of the displacements.
+        Factor by which displacements are multiplied.
 
     Returns
     -------
     pyvista.PolyData
-        With coordinates in mm.
+        Surface with coordinates in mm, and the field as point data.
     """
     field = sample_field(data, film_map)
     points = _compute_displaced_points(field.points, scale).reshape(-1, 3)
@@ -140,18 +145,30 @@ def make_film_surface(data: FilmData, film_map: FilmMap, scale: float = 1.0) -> 
 
 
 def _compute_displaced_points(points: PointValues, scale: float) -> Array:
-    """Return displaced points (..., 3) in mm, deflected downwards as by a probe from above."""
+    """Compute displaced points in mm, with positive deflections downwards.
+
+    Parameters
+    ----------
+    points : PointValues
+        Points with their displacements.
+    scale : float
+        Factor by which displacements are multiplied.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+    """
     u, v, w = scale * np.moveaxis(points.displacement_mm, -1, 0)
     return np.stack([points.x_mm + u, points.y_mm + v, -w], axis=-1)
 
 
 def _remove_formula_marks(label: str) -> str:
-    """Return a label without the marks of formulas."""
+    """Return a label without the formula marks ``$ { } _``, which VTK would show."""
     return label.translate(str.maketrans("", "", "${}_"))
 
 
 def _import_module(name: str) -> Any:
-    """Import an optional module; the error of a missing one says what to install."""
+    """Import an optional module; if it is missing, the error message says what to install."""
     try:
         return import_module(name)
     except ImportError as error:
@@ -160,7 +177,7 @@ def _import_module(name: str) -> Any:
 
 
 def _render_page(window: Any) -> str:
-    """Return an HTML page with the content of a render window and its viewer."""
+    """Serialize the content of a render window to an HTML page that contains its viewer."""
     serializers = _import_module("trame_vtk.modules.vtk.serializers")
     window.Render()
     serializers.initialize_serializers()

@@ -1,4 +1,4 @@
-"""Texts in figures and captions: labels of axes, numbers, and lists of words."""
+"""Texts in figures and captions: axis labels, numbers, and lists of words."""
 
 from __future__ import annotations
 
@@ -10,18 +10,21 @@ from pvdf_fem.scene.keys import split_unit
 
 #: Labels of axes with charges, by reading.
 READING_LABELS = {"total": "charge (pC)", "change": "change by the touch (pC)"}
-MAX_DIGITS = 5  #: Largest number of digits of a value.
+MAX_DIGITS = 5  #: Maximum number of significant digits of a value.
 
 
 def format_axis_label(key: str) -> str:
-    """Return a key of a scene in words: ``film.thickness_um`` becomes film thickness (µm)."""
+    """Format a scene key in words: ``film.thickness_um`` becomes ``film thickness (µm)``."""
     words, unit = split_unit(key)
     words = words.removeprefix("load ").removeprefix("numerics ")
     return f"{words} ({unit.replace('degrees', '°')})" if unit else words
 
 
 def format_value(key: str, value: Any) -> str:
-    """Format a value of a key of a scene, a number with its unit: ``25 µm``."""
+    """Format the value of a scene key: a number with its unit, such as ``25 µm``, or a text.
+
+    A number without a unit is formatted as ``key = value``.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float):
         return str(value)
     unit = split_unit(key)[1].replace("degrees", "°")
@@ -31,18 +34,19 @@ def format_value(key: str, value: Any) -> str:
 
 
 def format_significant(value: float, error: float = 0.0) -> str:
-    """Format a value with the digits that its error leaves.
+    """Format a value with the digits that are significant in view of its error.
 
     Parameters
     ----------
     value : float
-        A number; a dash stands for NaN and infinity.
+        A number. NaN and infinity become a dash.
     error : float
-        Its error, zero for `MAX_DIGITS` digits.
+        Absolute error of the value. Zero stands for `MAX_DIGITS` digits.
 
     Returns
     -------
     str
+        At most `MAX_DIGITS` digits, the last one about a tenth of the error.
     """
     if not math.isfinite(value):
         return "–"
@@ -56,12 +60,12 @@ def format_significant(value: float, error: float = 0.0) -> str:
 
 
 def format_signed(value: float, decimals: int = 1) -> str:
-    """Format a number with its sign; a dash stands for NaN and infinity."""
+    """Format a number with its sign; NaN and infinity become a dash."""
     return f"{value:+.{decimals}f}".replace("-", "−") if math.isfinite(value) else "–"
 
 
 def join_words(words: Sequence[str]) -> str:
-    """Join words as in a sentence: ``A, B and C``."""
+    """Join words as in a sentence, such as ``A, B and C``."""
     if len(words) < 2:
         return "".join(words)
     return f"{', '.join(words[:-1])} and {words[-1]}"

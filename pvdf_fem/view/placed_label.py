@@ -1,4 +1,4 @@
-"""A label that places itself beside a box where it hides few lines and texts."""
+"""A label that finds the position beside a box where it covers the fewest lines and texts."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from matplotlib.transforms import Bbox, IdentityTransform
 
 from pvdf_fem.arrays import Array
 
-MARGIN = 2.0  #: Distance of a label from its box in points.
+MARGIN = 2.0  #: Distance between a label and its box in points.
 
 
 class _Position(NamedTuple):
-    """The middle of a label in pixels, and the number of lines and texts that it hides there."""
+    """The centre of a label in pixels, and the number of lines and texts that it covers there."""
 
     x: float
     y: float
@@ -24,16 +24,18 @@ class _Position(NamedTuple):
 
 
 class PlacedLabel(Text):
-    """Text beside a box in mm.
+    """A text beside a box, in axes in mm.
 
-    The text is placed when it is drawn, because its size in mm depends on the scale of the axes.
+    The position is computed when the text is drawn, because the size of the text in mm depends on
+    the scale of the axes.
 
     Parameters
     ----------
     box_mm : Bbox
-        The box in the coordinates of the axes.
+        The box in mm.
     text : str
-        Lines of text; the first line alone is drawn where all lines would hide something.
+        Lines of text. Only the first line is drawn if all lines would cover something at every
+        position.
     size : float
         Font size in points.
     """
@@ -46,7 +48,7 @@ class PlacedLabel(Text):
         self.full_text = text
 
     def draw(self, renderer: RendererBase) -> None:
-        """Draw the text where it hides least, if its box is visible."""
+        """Draw the text where it covers the fewest lines and texts, if its box is visible."""
         ax: Any = self.axes
         visible = Bbox.intersection(self.box_mm.transformed(ax.transData), ax.bbox)
         if visible is None:
@@ -61,7 +63,10 @@ class PlacedLabel(Text):
         super().draw(renderer)
 
     def _find_position(self, renderer: RendererBase, box: Bbox) -> _Position:
-        """Return the position beside a box in pixels where the text hides least."""
+        """Find the position beside a box in pixels where the text covers the least.
+
+        Only texts that were added to the axes before this one are avoided.
+        """
         ax: Any = self.axes
         margin: Any = renderer.points_to_pixels(MARGIN)
         half_size = 0.5 * np.array(self.get_window_extent(renderer).size) + margin
@@ -85,10 +90,10 @@ class PlacedLabel(Text):
         return min(positions, key=lambda position: position.hidden)
 
     def _list_candidate_directions(self) -> Array:
-        """Return directions (n, 2) from the middle of the box, the preferred ones first.
+        """Return candidate directions from the centre of the box, an array of shape (n, 2).
 
-        To its sides, beginning with the side away from the film's centre; then towards its corners;
-        then none, for a label in the middle of the box.
+        The four sides come first, beginning with the side away from the film's centre, then the
+        corners, then zero for a label in the centre of the box.
         """
         steps = np.linspace(1.0, -1.0, 5)
         grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""Maps over the places of touches: charges of a response, and the likelihood of a location."""
+"""Maps by the position of a touch: charges of a response, and the likelihood of a location."""
 
 from __future__ import annotations
 
@@ -31,32 +31,33 @@ from pvdf_fem.view.figures import (
     use_style,
 )
 
-RADII = 33  #: Number of radii in the raster of a map.
-ANGLES = 97  #: Number of angles in the raster of a map, the first direction twice.
-MARGIN = 1.15  #: Half the width of a map over the reach of the touches.
-#: Limits of the colours of a likelihood, in standard deviations.
+RADII = 33  #: Number of radii in the polar raster of a map.
+ANGLES = 97  #: Number of angles in the polar raster of a map; the first angle is repeated.
+MARGIN = 1.15  #: Half the width of a map divided by the reach of the touches.
+#: Levels of the colours of a likelihood, in standard deviations.
 LEVELS: Array = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 1000.0])
 MIN_OPACITY = 0.2  #: Opacity of the least likely touches.
-LINE_LENGTH = 62  #: Letters in a line of remarks.
+LINE_LENGTH = 62  #: Maximum number of characters in a line of remarks.
 
 
 def draw_charge_map(
     scene: Scene, reach_mm: float, charge: Callable[[Array], Array], title: str, ax: Axes | None
 ) -> Figure:
-    """Draw the charge of an electrode by the probe's place, with lines of equal charge.
+    """Draw the charge of an electrode by the probe's position, with lines of equal charge.
 
     Parameters
     ----------
     scene : Scene
         The film with its electrodes.
     reach_mm : float
-        Largest distance in mm of a place from the film's centre.
+        Maximum distance of a touch from the film's centre in mm.
     charge : callable
-        Returns the charges (n,) in pC of probes at places (n, 2) in mm.
+        Function that returns the charges in pC, shape (n,), for positions of the probe in mm,
+        shape (n, 2).
     title : str
         Title of the map.
-    ax : Axes, optional
-        Axes in mm, by default those of a new figure.
+    ax : Axes or None
+        Axes in mm to draw on. None for axes of a new figure.
 
     Returns
     -------
@@ -90,20 +91,21 @@ def draw_likelihood_map(
     deviation: Callable[[Array], Array],
     remarks: Sequence[str],
 ) -> Figure:
-    """Draw the likelihood of places over the film, and near the most likely touch.
+    """Draw the likelihood of a touch by position, on the whole film and near its maximum.
 
     Parameters
     ----------
     scene : Scene
-        The film with its electrodes on the stage.
+        The film with its electrodes and its position on the stage.
     reach_mm : float
-        Largest distance in mm of a place from the film's centre.
+        Maximum distance of a touch from the film's centre in mm.
     touches : sequence of mapping
         Located touches in JSON form, the most likely one first.
     deviation : callable
-        Returns √(2 ln(L_max/L)) (n,) for the likelihood L of places (n, 2) in mm.
+        Function that returns √(2 ln(L_max/L)), shape (n,), with the likelihood L of positions on
+        the stage in mm, shape (n, 2), and its maximum L_max.
     remarks : sequence of str
-        Lines above the maps.
+        Paragraphs above the maps.
 
     Returns
     -------
@@ -116,7 +118,7 @@ def draw_likelihood_map(
     deviations = best["standard_deviations"]
     half_width = min(6.0 * max(deviations["x_mm"], deviations["y_mm"]), reach_mm)
     with use_style():
-        figure = make_figure(120.0, 190.0)  # one map above the other: a phone shows them
+        figure = make_figure(120.0, 190.0)  # one map above the other, for a phone
         figure.set_layout_engine("compressed")
         film, near = figure.subplots(2)
         raster = make_polar_grid(reach_mm, RADII, ANGLES) + centre
@@ -150,11 +152,11 @@ def draw_touch_ellipses(
     Parameters
     ----------
     scene : Scene
-        The film with its electrodes on the stage.
+        The film with its electrodes and its position on the stage.
     reach_mm : float
-        Largest distance in mm of a place from the film's centre.
+        Maximum distance of a touch from the film's centre in mm.
     touches : sequence of mapping
-        Located touches in JSON form.
+        Located touches in JSON form. The opacity of a touch is its weight.
     keys : sequence of str
         Keys of the probes' x coordinates in a touch.
 
@@ -181,7 +183,7 @@ def draw_touch_ellipses(
 def compute_deviation_ellipse(
     touch: Mapping[str, Any], x_key: str = "x_mm", points: int = 97
 ) -> Array:
-    """Compute the ellipse of one standard deviation around the place of a touch.
+    """Compute the ellipse of one standard deviation around the position of a touch.
 
     Parameters
     ----------
@@ -195,12 +197,13 @@ def compute_deviation_ellipse(
     Returns
     -------
     ndarray, shape (points, 2)
-        Places in mm.
+        Points in mm, with the first one repeated at the end.
 
     Notes
     -----
-    With the covariance C = V diag(λ) Vᵀ of the place, the points are V diag(√λ) (cos t, sin t). The
-    projections of the ellipse on the axes are the standard deviations of x and y.
+    With the position p and its covariance C = V diag(λ) Vᵀ, the points are
+    p + V diag(√λ) (cos t, sin t) for angles t from 0 to 2π. Half the width and half the height of
+    the ellipse are the standard deviations of x and y.
     """
     keys = [x_key, x_key.replace("x_mm", "y_mm")]
     names = list(touch["standard_deviations"])
@@ -215,30 +218,30 @@ def compute_deviation_ellipse(
 
 
 def _mark_touches(ax: Axes, touches: Sequence[Mapping[str, Any]]) -> None:
-    """Mark the most likely touch, and its rivals with their shares of the likelihood."""
+    """Mark the most likely touch, and the alternatives with their posterior weights in percent."""
     for number, touch in enumerate(touches):
         place = (touch["x_mm"], touch["y_mm"])
         look: dict[str, Any] = {"color": COLOURS[1], "linestyle": "none"}
         if number == 0:
-            ax.plot(*place, marker="x", label="the likeliest", **look)
+            ax.plot(*place, marker="x", label="most likely", **look)
             continue
-        ax.plot(*place, marker="+", label="rivals" if number == 1 else None, **look)
+        ax.plot(*place, marker="+", label="alternatives" if number == 1 else None, **look)
         share = f"{100.0 * touch['weight']:.2g} %"
         text = ax.annotate(share, place, (5, -11), textcoords="offset points")
         text.set(clip_on=True, path_effects=[HALO])
 
 
 def _draw_likelihood(ax: Axes, deviation: Callable[[Array], Array], places: Array) -> Any:
-    """Fill places (n, m, 2) in mm with the colours of their likelihood, and return the artist.
+    """Draw the likelihood at points as filled contours, and return the artist.
 
     Parameters
     ----------
     ax : Axes
         Axes in mm.
     deviation : callable
-        Returns √(2 ln(L_max/L)) (n,) for the likelihood L of places (n, 2) in mm.
+        See `draw_likelihood_map`.
     places : ndarray, shape (n, m, 2)
-        Places in mm.
+        Positions on the stage in mm.
     """
     deviations = deviation(places.reshape(-1, 2)).reshape(places.shape[:2])
     shades = np.minimum(deviations, LEVELS[-1])
@@ -249,16 +252,16 @@ def _draw_likelihood(ax: Axes, deviation: Callable[[Array], Array], places: Arra
 
 
 def draw_sensor_on_stage(ax: Axes, scene: Scene, reach_mm: float) -> None:
-    """Draw rim and electrodes in the coordinates of the stage.
+    """Draw the rim and the electrodes in the coordinates of the stage.
 
     Parameters
     ----------
     ax : Axes
         Axes in mm.
     scene : Scene
-        The sensor, with its place and rotation on the stage.
+        The sensor, with its position and rotation on the stage.
     reach_mm : float
-        Half the width of the visible region about the film's centre in mm.
+        Half the width of the visible region around the film's centre in mm.
     """
     stage = scene.stage or Stage()
     centre_mm = np.array([stage.x_mm, stage.y_mm])

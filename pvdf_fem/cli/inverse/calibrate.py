@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from pvdf_fem.inverse.calibration.calibration import Calibration
 
 _DESCRIPTION = """\
-Find the parameters of a sensor from touches with known place, rotation and force:
-film, channels and place under the stage that explain the readings best. The ±
+Fit the parameters of a sensor to touches with known position, rotation and force: the
+film, the channels and the position on the stage that explain the readings best. The ±
 are standard deviations. Touches that do not fit are rejected and named; files
 with exchanged channels, mirrored axes, wrong units and the like are recognised."""
 
@@ -51,7 +51,7 @@ exit codes: 0 calibrated, 2 bad input, 3 not calibrated (the status says why)"""
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command to the commands of an argument parser."""
+    """Register the `calibrate` subcommand."""
     parser = add_scene_command(
         commands,
         "calibrate",
@@ -82,14 +82,14 @@ def add_parser(commands: Any) -> None:
         parser,
         "--noise",
         "VALUE",
-        about="further standard deviation of every reading, in its unit (default: "
+        about="additional standard deviation of every reading, in its unit (default: "
         "readout.noise_V, or 0)",
     )
     add_text_option(
         parser,
         "--place-sd",
         "MM",
-        about="standard deviation of x and y of the touches' places",
+        about="standard deviation of the coordinates x and y of the touches",
         default="0",
     )
     parser.add_argument(
@@ -108,11 +108,11 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument("--output", metavar="FILE.toml", type=Path, help="write the sensor's scene")
     add_progress(parser)
-    parser.add_argument("--page", metavar="FILE.html", type=Path, help="write a page with pictures")
+    parser.add_argument("--page", metavar="FILE.html", type=Path, help="write a page with plots")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command, and return its exit code."""
+    """Run the `calibrate` subcommand, and return its exit code."""
     inputs = Path(options.scene), Path(options.touches)
     errors = find_output_errors(options.output, [".toml"], *inputs)
     errors += find_output_errors(options.page, [".html"], *inputs, options.output)
@@ -145,7 +145,7 @@ def run(options: argparse.Namespace) -> int:
             place_sd=place_sd,
             progress=options.progress,
         )
-    except SceneError:  # has a message for each of its problems already
+    except SceneError:  # `run_program` prints its problems
         raise
     except ValueError as error:
         raise InputError(*_split_messages(error)) from None
@@ -165,7 +165,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _parse_priors(texts: list[str], errors: list[str]) -> dict[str, float]:
-    """Return the values of ``--prior`` by name; messages about wrong ones are added to `errors`."""
+    """Parse the values of ``--prior``; messages about invalid ones are added to `errors`."""
     priors: dict[str, float] = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -175,7 +175,7 @@ def _parse_priors(texts: list[str], errors: list[str]) -> dict[str, float]:
 
 
 def _split_messages(error: ValueError) -> list[str]:
-    """Return the lines of all arguments of an exception."""
+    """Return the lines of all arguments of an exception, one error message each."""
     messages: list[str] = []
     for argument in error.args:
         messages += str(argument).split("\n")
@@ -183,7 +183,7 @@ def _split_messages(error: ValueError) -> list[str]:
 
 
 def _write_page(calibration: Calibration, options: argparse.Namespace) -> None:
-    """Write the page about a calibration, with the files and the command that it is from."""
+    """Write the page about a calibration, with its input files, its command and the date."""
     about = {
         "sensor": options.scene,
         "touches": options.touches,

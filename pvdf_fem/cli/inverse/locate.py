@@ -1,4 +1,4 @@
-"""The command ``pvdf-fem locate``: the touch that explains readings."""
+"""The command ``pvdf-fem locate``: the most likely touch for given readings."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ touch explains them, or a solve failed"""
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command to the commands of an argument parser."""
+    """Register the `locate` subcommand."""
     parser = add_scene_command(
         commands,
         "locate",
@@ -132,7 +132,7 @@ def add_parser(commands: Any) -> None:
         parser,
         "--noise",
         "VALUE",
-        about="further standard deviation of every reading, in its unit (default: "
+        about="additional standard deviation of every reading, in its unit (default: "
         "readout.noise_V, or 0)",
     )
     add_text_option(parser, "--unknown", "NAMES", about=UNKNOWN_HELP, default="x,y,force")
@@ -153,11 +153,11 @@ def add_parser(commands: Any) -> None:
         "compared by likelihood. May be repeated",
     )
     add_response_options(parser)
-    add_plot(parser, "the likelihood of places of the touch")
+    add_plot(parser, "the likelihood of the touch by position")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command, and return its exit code."""
+    """Run the `locate` subcommand, and return its exit code."""
     request = Request.from_options(options)
     scenes = _read_scenes(options, request)
     from pvdf_fem.cli.inverse.locate_table import locate_table
@@ -176,9 +176,12 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _read_scenes(options: argparse.Namespace, request: Request) -> dict[str, Scene]:
-    """Return the scenes of a command line by file, the sensor's first.
+    """Read the sensor's scene and the scenes of ``--or``, and return them by file in this order.
 
-    Raises `InputError` with all errors of the request and of the scenes.
+    Raises
+    ------
+    InputError
+        If the request or a scene is invalid. The exception lists all errors.
     """
     errors = list(request.errors)
     scenes: dict[str, Scene] = {}
@@ -203,19 +206,20 @@ def _locate(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
     Parameters
     ----------
     scenes : mapping of str to Scene
-        Scenes by file. Known quantities are those of the first one.
+        Scenes by file. The known quantities of the touch are those of the first scene. If full
+        solves are needed, only the first scene is used.
     request : Request
-        The readings and the unknown quantities.
+        Readings and unknown quantities.
 
     Returns
     -------
     tuple of ProbeMatch
-        A location for each scene, the likeliest first.
+        A location for each scene, the most likely first.
 
     Raises
     ------
     ValueError
-        With a line for each error of the request.
+        If the request is invalid. The message has a line for each error.
     """
     from pvdf_fem.inverse.touch.locate import get_scene_quantities, locate, rank_probes
 
@@ -242,7 +246,7 @@ def _locate(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
         if name not in request.unknown
     }
     require_locatable(scenes, request, request.readings_pC(sensor), known)
-    # all responses first, so that no build fails after a search
+    # build all responses first, so that no build can fail after a search
     responses = {
         name: load_or_build_response(scene, name, request.response)
         for name, scene in scenes.items()
@@ -255,7 +259,7 @@ def _locate(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
 
 
 def _with_response_table(sensor: Scene, request: Request) -> Scene:
-    """Return a scene whose table [model] has the reach and the forces of the options."""
+    """Return a copy of the scene whose table [model] has the reach and forces of the options."""
     changes: dict[str, Any] = {}
     if request.response.reach_mm is not None:
         changes["reach_mm"] = request.response.reach_mm
@@ -266,7 +270,7 @@ def _with_response_table(sensor: Scene, request: Request) -> Scene:
 
 
 def _print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:
-    """Print locations, the likeliest first; several with the probabilities of their scenes."""
+    """Print locations in order, with the probabilities of their scenes if there are several."""
     if as_json:
         objects = [
             {"scene": match.name, "weight": match.weight, **match.location.to_json()}

@@ -1,4 +1,4 @@
-"""The request that the options of ``pvdf-fem locate`` make, and the errors in it."""
+"""The options of ``pvdf-fem locate`` as a validated request."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from pvdf_fem.cli.response_choice import ResponseChoice
 if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
 
-#: Quantities that a response can find, by their names on the command line.
+#: Quantities of a touch that can be located by a response, by their names on the command line.
 FOUND_BY_RESPONSES = {"x": "x_mm", "y": "y_mm", "force": "force_N", "rotation": "rotation_deg"}
-#: Quantities that full solves can find.
+#: Quantities of a touch that can be located by full solves.
 FOUND_BY_SOLVES = {
     **FOUND_BY_RESPONSES,
     "tangential": "tangential_N",
@@ -29,26 +29,26 @@ UNKNOWN_HELP = f"unknown quantities, of {', '.join(FOUND_BY_SOLVES)}"
 class Request:
     """A request to locate touches, as the options describe it.
 
-    Attributes
+    Parameters
     ----------
-    readings : dict
-        Readings by electrode, in the unit; empty for a table.
+    readings : dict of str to float
+        Readings by electrode, in `unit`. Empty for a table.
     unit : {"pC", "V"}
         Unit of readings and of `noise`.
     reading : {"change", "total"} or None
-        Kind of the readings; None stands for that of the scene.
+        Kind of the readings. None for the scene's kind.
     sigma : float
         Relative standard deviation of readings.
     noise : float or None
-        Further standard deviation in the unit; None stands for that of the scene.
+        Additional standard deviation in `unit`. None for the scene's value.
     unknown : tuple of str
         Unknown quantities of a touch, such as ``x_mm``.
     touches : int
         Number of probes that touch at once.
     response : ResponseChoice
-        The response to locate with.
+        Options that describe the response.
     errors : tuple of str
-        Errors in the options; the other attributes count only if there are none.
+        Messages about errors in the options. If there are any, the other fields must not be used.
     """
 
     readings: dict[str, float]
@@ -63,7 +63,7 @@ class Request:
 
     @classmethod
     def from_options(cls, options: argparse.Namespace) -> Request:
-        """Return the request of a command line."""
+        """Parse the options of ``pvdf-fem locate``; errors are collected in `errors`."""
         errors = _find_misplaced_options(options)
         reading = options.reading
         readings: dict[str, float] = {}
@@ -80,7 +80,7 @@ class Request:
             errors += _find_options_without_solves(options)
         errors += find_plot_errors(options, options.scene)
         if options.plot and not {"x_mm", "y_mm"} <= set(unknown):
-            errors.append("--plot: draws places; have x and y among --unknown")
+            errors.append("--plot: needs an unknown position; add x and y to --unknown")
         response = ResponseChoice.from_options(options, errors)
         if options.model and options.others:
             errors.append("--model: is the response of one scene; remove it, or remove --or")
@@ -98,18 +98,18 @@ class Request:
 
     @property
     def needs_solves(self) -> bool:
-        """Whether full solves are needed, since responses cannot find the touch."""
+        """Whether full solves are needed because a response is not sufficient."""
         return needs_solves(self.touches, self.unknown)
 
     def readings_pC(self, scene: Scene) -> dict[str, float]:
-        """Return the readings in nominal pC, by electrode."""
+        """Return the readings by electrode, converted to nominal pC."""
         from pvdf_fem.inverse.touch.measurement import get_units_pC
 
         units = get_units_pC(scene, self.unit)
         return {name: units.get(name, 1.0) * value for name, value in self.readings.items()}
 
     def noise_pC(self, scene: Scene) -> dict[str, float] | None:
-        """Return the noise in nominal pC, by electrode; None stands for that of the readout."""
+        """Return the noise by electrode in nominal pC, or None for the noise of the readout."""
         from pvdf_fem.inverse.touch.measurement import get_units_pC
 
         if self.noise is None:
@@ -118,24 +118,24 @@ class Request:
 
 
 def needs_solves(touches: int, unknown: Sequence[str]) -> bool:
-    """Return whether full solves are needed for so many touches and these unknowns."""
+    """Return whether full solves are needed to locate the touches, instead of a response."""
     return touches > 1 or not set(unknown) <= set(FOUND_BY_RESPONSES.values())
 
 
 def parse_unknowns(text: str, errors: list[str]) -> tuple[str, ...]:
-    """Return the quantities that ``--unknown`` names.
+    """Parse the value of ``--unknown``.
 
     Parameters
     ----------
     text : str
-        Names with commas between them: ``x`` or ``x_mm``.
+        Names separated by commas, in the form ``x`` or ``x_mm``.
     errors : list of str
-        Receives a message about each unknown name.
+        Error messages; one is appended for each invalid name.
 
     Returns
     -------
     tuple of str
-        The quantities, such as ``x_mm``, each once.
+        Names of the quantities, such as ``x_mm``, without repetitions.
     """
     quantities = {name: name for name in FOUND_BY_SOLVES.values()}
     quantities |= FOUND_BY_SOLVES
@@ -157,14 +157,14 @@ def require_locatable(
     readings_pC: Mapping[str, float],
     known: Mapping[str, float],
 ) -> None:
-    """Check, before any response is built, that touches can be located.
+    """Raise `ValueError` if touches cannot be located, before any response is built.
 
     Parameters
     ----------
     scenes : mapping of str to Scene
-        Scenes by file; the first one is that of the sensor.
+        Scenes by file, the sensor's scene first.
     request : Request
-        The request.
+        Validated options.
     readings_pC : mapping of str to float
         Readings in nominal pC, by electrode.
     known : mapping of str to float
@@ -173,7 +173,7 @@ def require_locatable(
     Raises
     ------
     ValueError
-        With a line for each error.
+        If readings, quantities or responses are invalid. The message has a line for each error.
     """
     from pvdf_fem.inverse.touch.measurement import get_centre_mm
     from pvdf_fem.inverse.touch.validation import find_quantity_errors, find_reading_errors
@@ -196,7 +196,7 @@ def require_locatable(
 
 
 def _find_misplaced_options(options: argparse.Namespace) -> list[str]:
-    """Return messages about options of tables without ``--csv``, and of single touches with it."""
+    """Return error messages about options that are not possible with or without ``--csv``."""
     if options.csv is not None:
         return [
             f"{option}: is only for single touches; remove it"
@@ -215,15 +215,15 @@ def _find_misplaced_options(options: argparse.Namespace) -> list[str]:
 
 
 def _find_options_without_solves(options: argparse.Namespace) -> list[str]:
-    """Return messages about options that are incompatible with full solves."""
-    # with a table, options of single touches are reported already
+    """Return error messages about options that are incompatible with full solves."""
+    # with a table, `_find_misplaced_options` has already reported options of single touches
     used = ["--csv"] if options.csv is not None else _list_single_touch_options(options)
     with_solves = "--touches 2 and --unknown tangential or temperature"
     return [f"{option}: is incompatible with {with_solves}; remove it" for option in used]
 
 
 def _list_single_touch_options(options: argparse.Namespace) -> list[str]:
-    """Return the options of single touches by responses that are used."""
+    """Return the options in use that are only for a single touch located by responses."""
     used = []
     if options.others:
         used.append("--or")
@@ -233,9 +233,9 @@ def _list_single_touch_options(options: argparse.Namespace) -> list[str]:
 
 
 def _parse_readings(option: str, text: str, errors: list[str]) -> dict[str, float]:
-    """Return readings by electrode, from ``A=905.1,B=731.4``.
+    """Parse readings by electrode from a text such as ``A=905.1,B=731.4``.
 
-    Messages about wrong items are added to `errors`.
+    Messages about invalid items are added to `errors`.
     """
     readings: dict[str, float] = {}
     for item in text.split(","):

@@ -1,4 +1,4 @@
-"""``pvdf-fem locate --csv``: a table of readings in, a table of touches out, row by row."""
+"""``pvdf-fem locate --csv``: locating the rows of a table of readings one after the other."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from pvdf_fem.progress import show_progress
 if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
 
-#: Rows with calibrated deviations, which take milliseconds each, that are written together.
+#: Number of rows with calibrated deviations, of milliseconds each, that are written together.
 CALIBRATED_ROWS = 32
-#: Columns with known quantities of a touch, and the arguments of `locate_many` for them.
+#: Arguments of `locate_many` by the columns with known quantities of a touch.
 KNOWN = {"rotation_deg": "rotations_deg", "force_N": "forces_N"}
-MISTAKE_PREFIX = "explained if"  #: Begins a remark about a mistake in the readings of a row.
-MAX_MISTAKES = 3  #: Number of mistakes that are named for a whole table.
+MISTAKE_PREFIX = "explained if"  #: Prefix of a remark about a mistake in the readings of a row.
+MAX_MISTAKES = 3  #: Maximum number of mistakes in the summary of a table.
 
 
 def locate_table(scene: Scene, request: Request, options: argparse.Namespace) -> int:
@@ -47,19 +47,19 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
     scene : Scene
         The sensor.
     request : Request
-        The unknown quantities, the noise, and the response.
+        Validated options: unknown quantities, noise, and response.
     options : argparse.Namespace
-        The options of ``pvdf-fem locate``.
+        Options of ``pvdf-fem locate``, with the paths of the tables.
 
     Returns
     -------
     int
-        The exit code.
+        The exit code, see `_print_summary`.
 
     Raises
     ------
     InputError, ValueError
-        With all errors in the options and in the header of the table.
+        If options or the header of the table are invalid. The exception lists the errors.
     """
     source = None if options.csv == "-" else Path(options.csv)
     target = None if options.output == "-" else Path(options.output)
@@ -79,7 +79,7 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
             stack, target, choose_format(target, options.json), locator.output_columns
         )
         line_count = _count_lines(source)
-        # no progress beside rows on a terminal, nor of a pipe, whose length is unknown
+        # no progress between rows on a terminal, nor for a pipe, whose length is unknown
         progress = options.progress if target and line_count else False
         show = stack.enter_context(show_progress("rows", progress))
         for batch in batches:
@@ -91,14 +91,14 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
                     mistakes.update(_list_mistakes(row["remark"]))
                 write(rows)
                 show(counts.total(), max(line_count, counts.total()))
-    return _report(counts, mistakes)
+    return _print_summary(counts, mistakes)
 
 
 class _RowLocator:
-    """Locates rows of a table.
+    """A locator of the rows of a table, which loads or builds the response.
 
-    Raises `ValueError` or `InputError` with all errors of the request and the header, before a
-    response is built.
+    Raises `ValueError` or `InputError` if the request or the header is invalid, before a response
+    is built.
     """
 
     def __init__(
@@ -128,13 +128,13 @@ class _RowLocator:
             for name, value in get_scene_quantities(scene).items()
             if name not in request.unknown and name not in columns
         }
-        any_charge_pC = np.pi  # readings of the rows are checked one by one
+        any_charge_pC = np.pi  # only a placeholder, since each row is checked later
         readings_pC = dict.fromkeys(self.electrodes, any_charge_pC)
         require_locatable({options.scene: scene}, request, readings_pC, self.known)
         self.response = load_or_build_response(scene, options.scene, request.response)
 
     def locate(self, rows: Sequence[Row]) -> list[dict[str, Any]]:
-        """Return the cells of some rows by column, located."""
+        """Locate rows, and return the cells of their output rows by column."""
         from pvdf_fem.inverse.touch.locate_many import locate_many
 
         known: dict[str, Any] = {}
@@ -165,14 +165,14 @@ class _RowLocator:
 
 
 def _make_malformed(columns: dict[str, Any]) -> dict[str, Any]:
-    """Return the cells of a row that cannot be read."""
+    """Return the output cells of a malformed row."""
     from pvdf_fem.inverse.touch.touch import TouchStatus
 
     return {**dict.fromkeys(columns), "status": str(TouchStatus.MALFORMED), "remark": ""}
 
 
 def _describe_clash(file: str, column: str) -> str:
-    """Return a message about a column of the input that has the name of an output column."""
+    """Return the error message about an input column with the name of an output column."""
     return (
         f"{file}: column {column}: has the name of a column of the output; rename it, such as to "
         f"given_{column}"
@@ -180,40 +180,41 @@ def _describe_clash(file: str, column: str) -> str:
 
 
 def _read_column(rows: Sequence[Row], column: str) -> Array:
-    """Return the numbers in a column, (rows,), NaN where there is none."""
+    """Return the numbers in a column of all rows, NaN for other cells."""
     return np.array([parse_cell(row.cells.get(column)) for row in rows])
 
 
 def _list_mistakes(remark: str) -> list[str]:
-    """Return the parts of a remark that name a mistake in the readings."""
+    """Return the parts of a remark that describe a mistake in the readings."""
     return [part for part in remark.split("; ") if part.startswith(MISTAKE_PREFIX)]
 
 
 def _count_lines(source: Path | None) -> int:
-    """Return the number of lines of a file; 0 for standard input."""
+    """Return the number of lines of a file, or 0 for standard input."""
     if source is None:
         return 0
     with source.open("rb") as file:
         return sum(1 for _ in file)
 
 
-def _report(counts: Counter[str], mistakes: Counter[str]) -> int:
+def _print_summary(counts: Counter[str], mistakes: Counter[str]) -> int:
     """Print a summary of all rows on standard error, and return the exit code.
 
-    Single rows with a mistake may fit a touch by chance. The table therefore counts as located only
-    if at least as many rows fit as they are as there are rows that one mistake explains.
+    If all readings contain a mistake, such as exchanged channels, some rows may still fit a touch
+    by chance. The table therefore counts as located only if the rows that fit without a correction
+    are at least as many as the rows that the most frequent mistake explains.
 
     Parameters
     ----------
-    counts : Counter
+    counts : Counter of str
         Number of rows by status.
-    mistakes : Counter
+    mistakes : Counter of str
         Number of rows by the mistake that explains their readings.
 
     Returns
     -------
     int
-        The exit code.
+        `ExitCode.CONVERGED` if the table counts as located or has no rows.
     """
     from pvdf_fem.inverse.touch.touch import EXPLAINED_STATUSES
 

@@ -1,4 +1,4 @@
-"""Tables of readings, read while their rows arrive, and tables of touches, written row by row."""
+"""Streaming tables: reading rows as they arrive, and writing rows one after the other."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from pvdf_fem.files import (
     require_utf8_lines,
 )
 
-MAX_ROW_BYTES = 1 << 20  #: Largest size of a line of CSV, or of a JSON object.
-CHUNK_BYTES = 1 << 18  #: Largest number of bytes that are read at once; a pipe may return fewer.
+MAX_ROW_BYTES = 1 << 20  #: Maximum size of a CSV line or of a JSON object.
+CHUNK_BYTES = 1 << 18  #: Maximum number of bytes that are read at once; a pipe may return fewer.
 EXTENSIONS = [".csv", ".json", ".jsonl"]
 
 
 class Row(NamedTuple):
-    """A row of a table: its cells by column, and whether there is one for each column."""
+    """A row of a table: its cells by column, and whether it has a cell for each column."""
 
     cells: dict[str, Any]
     is_complete: bool
@@ -40,14 +40,14 @@ def choose_format(path: Path | None, as_json: bool) -> str:
     Parameters
     ----------
     path : Path or None
-        The file; None stands for standard input or output.
+        The file, or None for standard input or output.
     as_json : bool
-        Whether standard input and output have JSON.
+        Whether standard input and output are JSON.
 
     Returns
     -------
     str
-        The extension of the format; a file with another extension is CSV.
+        The extension of the format. A file with any other extension is CSV.
     """
     if path is None:
         return ".json" if as_json else ".csv"
@@ -58,16 +58,16 @@ def choose_format(path: Path | None, as_json: bool) -> str:
 def read_rows(
     stack: ExitStack, source: Path | None, table_format: str, electrodes: Sequence[str]
 ) -> tuple[list[str], Iterator[list[Row]]]:
-    """Read the columns of a table, and prepare to read its rows.
+    """Read the columns of a table, and return an iterator over its rows.
 
-    A warning on standard error names electrodes without a column.
+    Electrodes without a column are reported as a warning on standard error.
 
     Parameters
     ----------
     stack : ExitStack
-        Closes the file.
+        Context in which the file stays open.
     source : Path or None
-        The file; None stands for standard input.
+        The file, or None for standard input.
     table_format : str
         One of `EXTENSIONS`.
     electrodes : sequence of str
@@ -78,12 +78,12 @@ def read_rows(
     columns : list of str
         Names of the columns.
     batches : iterator of list of Row
-        The rows, in each list those that have arrived.
+        Each list has the rows that have arrived since the previous one.
 
     Raises
     ------
     InputError
-        If no column has the name of an electrode, or standard input is closed.
+        If no column has the name of an electrode, or if standard input is closed.
     FileError
         If the file is not a table.
     """
@@ -106,7 +106,7 @@ def read_rows(
 
 
 def _check_columns(columns: Sequence[str], electrodes: Sequence[str], name: str) -> None:
-    """Raise `InputError` for columns without any electrode; warn where some are missing."""
+    """Raise `InputError` if no column is an electrode; print a warning if some are missing."""
     missing = [electrode for electrode in electrodes if electrode not in columns]
     if len(missing) == len(electrodes):
         shown = ", ".join(columns)
@@ -123,7 +123,7 @@ def _check_columns(columns: Sequence[str], electrodes: Sequence[str], name: str)
 
 
 def parse_cell(cell: Any) -> float:
-    """Return the number in a cell, NaN where there is none."""
+    """Return the number in a cell, or NaN if it is not a finite number."""
     is_number = isinstance(cell, int | float) and not isinstance(cell, bool)
     if not is_number and not isinstance(cell, str):
         return math.nan
@@ -132,7 +132,7 @@ def parse_cell(cell: Any) -> float:
 
 
 def to_plain(value: Any) -> Any:
-    """Return a value as JSON has it: numbers with nine digits, None for NaN."""
+    """Convert a value to a plain JSON value: floats get nine digits, and NaN becomes None."""
     if isinstance(value, float):
         return None if math.isnan(value) else float(f"{value:.9g}")
     if value is None or isinstance(value, int):
@@ -148,18 +148,18 @@ def open_writer(
     Parameters
     ----------
     stack : ExitStack
-        Closes the file, which appears at the end as a whole.
+        Context in which the table is written. A file replaces an existing one only at its end.
     target : Path or None
-        The file; None stands for standard output, where rows appear at once.
+        The file, or None for standard output, where rows are flushed at once.
     table_format : str
         One of `EXTENSIONS`.
     columns : sequence of str
-        Names of the columns; other cells of CSV rows are dropped.
+        Names of the columns. Other cells of CSV rows are dropped.
 
     Returns
     -------
     callable
-        Writes a list of rows, each a dictionary by column.
+        Function that writes a list of rows, each a dictionary by column.
     """
     file: TextIO = sys.stdout
     if target:
@@ -179,7 +179,7 @@ def open_writer(
 def _open_csv_writer(
     file: TextIO, columns: Sequence[str]
 ) -> Callable[[list[dict[str, Any]]], None]:
-    """Write the header of a CSV table, and return the function that writes rows."""
+    """Write the header of a CSV table, and return a function that writes rows."""
     table = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
     table.writeheader()
 
@@ -191,14 +191,17 @@ def _open_csv_writer(
 
 
 class _JsonWriter:
-    """Writes rows as JSON objects, with texts before, between and after them."""
+    """A writer of rows as JSON objects, with texts before, between and after them."""
 
     def __init__(self, file: TextIO, *, before: str, between: str, after: str) -> None:
-        self.file, self.before, self.between, self.after = file, before, between, after
+        self.file = file
+        self.before = before
+        self.between = between
+        self.after = after
         self.is_first = True
 
     def __call__(self, rows: list[dict[str, Any]]) -> None:
-        """Write rows."""
+        """Write rows and flush the file."""
         for row in rows:
             if not self.is_first:
                 self.file.write(self.between)
@@ -209,12 +212,12 @@ class _JsonWriter:
 
 
 def _parse_csv(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
-    """Yield a row with the columns of a CSV table, then its rows as they arrive."""
+    """Yield a row whose cells are the columns of a CSV table, then its rows as they arrive."""
     header, *others = next(lines)
     columns = [column.strip() for column in _split_cells(header, header)]
     for column in sorted(columns):
         if columns.count(column) > 1:
-            raise FileError(f"{name}: column {column} is there twice; rename one")
+            raise FileError(f"{name}: column {column} occurs twice; rename one")
     yield [Row(dict.fromkeys(columns), True)]
     batches = itertools.chain([others], lines) if others else lines
     for batch in batches:
@@ -227,7 +230,7 @@ def _parse_csv(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
 
 
 def _split_cells(line: str, header: str) -> list[str]:
-    """Return the cells of a line of CSV; none if a quotation mark is missing."""
+    """Return the cells of a line of CSV; empty if a quotation mark is missing."""
     try:
         return next(read_csv_rows([line], header), [])
     except csv.Error:
@@ -235,9 +238,9 @@ def _split_cells(line: str, header: str) -> list[str]:
 
 
 def _parse_json(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
-    """Yield a row with the keys of the first object, then all objects as they arrive.
+    """Yield a row with the keys of the first JSON object, then all objects as they arrive.
 
-    The objects may be those of a list, or stand one on each line.
+    The text is a list of objects, or has an object on each line.
     """
     text = ""
     is_header_due = True
@@ -267,17 +270,17 @@ def _parse_json(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
 
 
 def _parse_finite(text: str) -> float | None:
-    """Return a number of JSON, None for one that is not finite."""
+    """Parse a number of JSON; return None if it is not finite."""
     value = float(text)
     return value if math.isfinite(value) else None
 
 
 _DECODER = json.JSONDecoder(parse_float=_parse_finite, parse_constant=_parse_finite)
-_AROUND_OBJECTS = "[], \t"  #: Characters before, between and after the objects of a list.
+_AROUND_OBJECTS = "[], \t"  #: Characters around the objects of a list, which are stripped.
 
 
 def _read_lines(stream: BinaryIO, name: str) -> Iterator[list[str]]:
-    """Yield lists of the lines that have arrived, without blank ones."""
+    """Yield lists of the lines that have arrived since the previous list, without blank lines."""
     rest = b""
     while chunk := stream.read1(CHUNK_BYTES):  # type: ignore[attr-defined]
         *lines, rest = (rest + chunk).split(b"\n")
@@ -291,6 +294,6 @@ def _read_lines(stream: BinaryIO, name: str) -> Iterator[list[str]]:
 
 
 def _decode_line(line: bytes) -> str:
-    """Return the text of a line; bytes that are not UTF-8 become surrogates."""
+    """Decode a line as UTF-8, without a line end or byte order mark; invalid bytes are escaped."""
     text = line.decode("utf-8", "surrogateescape")
     return text.removesuffix("\r").removeprefix("\ufeff")

@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from pvdf_fem.inverse.tracking.results import TrackRow
     from pvdf_fem.inverse.tracking.tracker import Tracker
 
-TIME_UNITS_S = {"t_s": 1.0, "t_ms": 1e-3}  #: Columns of times, and their units in s.
+TIME_UNITS_S = {"t_s": 1.0, "t_ms": 1e-3}  #: Units in s by the possible columns of times.
 STATUSES_WITHOUT_TOUCH = ("", "quiet", "settling")
-#: Statuses of touches that a wrong unit of the readings may explain.
+#: Statuses of touches that may be due to a wrong unit of the readings.
 DOUBTFUL_STATUSES = ("too_strong", "unexplained")
-#: Texts of cells that stand for a missing reading.
+#: Texts of cells that mean a missing reading.
 MISSING = {"", "nan", "NaN"}
 
 _DESCRIPTION = """\
@@ -58,7 +58,7 @@ status of a row, and of a touch that has ended:
   unexplained  no touch of this probe gives such charges
   lost         a touch can no longer be distinguished from the drift, or the readings
                paused
-  clock        the time did not increase, and everything starts again
+  clock        the time did not increase, and the tracker restarts
   malformed    a cell is not a number, or there is no time; the row is skipped
 
 examples:
@@ -69,7 +69,7 @@ exit codes: 0 done, 2 bad input, or no row that can be used"""
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command to the commands of an argument parser."""
+    """Register the `track` subcommand."""
     parser = add_scene_command(
         commands,
         "track",
@@ -88,7 +88,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command, and return its exit code."""
+    """Run the `track` subcommand, and return its exit code."""
     scene = read_scene(options)
     from pvdf_fem.inverse.tracking.tracker import Tracker
     from pvdf_fem.problem.problem import Problem
@@ -128,7 +128,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _find_time_column(columns: Sequence[str], name: str) -> str:
-    """Return the column of times; raises `InputError` if there is none."""
+    """Return the name of the column with times; raise `InputError` if there is none."""
     for column in TIME_UNITS_S:
         if column in columns:
             return column
@@ -138,10 +138,7 @@ def _find_time_column(columns: Sequence[str], name: str) -> str:
 
 
 class _Session:
-    """A stream of readings that a tracker follows.
-
-    Rows go to standard output, and messages to standard error.
-    """
+    """A tracker with its output: rows on standard output, and messages on standard error."""
 
     def __init__(
         self, tracker: Tracker, name: str, options: argparse.Namespace, stack: ExitStack
@@ -161,7 +158,19 @@ class _Session:
         self.has_announced_settling = False
 
     def process(self, row: Row, time_column: str, electrodes: Sequence[str]) -> None:
-        """Answer a row of the table, and report touches that have ended."""
+        """Update the tracker by a row of readings, and write the tracked row and ended touches.
+
+        A malformed row does not change the tracker.
+
+        Parameters
+        ----------
+        row : Row
+            A row of the input.
+        time_column : str
+            Name of the column with times.
+        electrodes : sequence of str
+            Names of the columns with readings.
+        """
         from pvdf_fem.inverse.touch.touch import TouchStatus
         from pvdf_fem.inverse.tracking.results import TrackRow
 
@@ -182,7 +191,7 @@ class _Session:
         self._report_touches()
 
     def finish(self) -> int:
-        """Report malformed rows and a touch that has not ended, and return the exit code."""
+        """Report malformed rows and an unfinished touch, and return the exit code."""
         if self.malformed_rows:
             count = f"{self.malformed_rows} of {self.rows} rows are malformed"
             self._print(f"{self.name}: {count} and were skipped")
@@ -195,14 +204,14 @@ class _Session:
         return ExitCode.CONVERGED
 
     def _report_malformed(self, defect: str, columns: int) -> None:
-        """Count a malformed row, and report the first one."""
+        """Count a malformed row, and print a message about the first one."""
         self.malformed_rows += 1
         if self.malformed_rows == 1:
             advice = f"give {columns} numbers, or nan for missing readings"
             self._print(f"{self.name}: row {self.rows} has {defect}; {advice}")
 
     def _announce_settling(self, tracked: TrackRow) -> None:
-        """Report once until when the baseline is learned."""
+        """Print once until which time the baseline is learned."""
         end_s = self.tracker.settling_ends_s
         is_due = tracked.status == "settling" and not self.has_announced_settling
         if is_due and math.isfinite(end_s):
@@ -210,7 +219,7 @@ class _Session:
             self._print(f"settling until t_s = {end_s:.4g}: do not touch")
 
     def _report_touches(self) -> None:
-        """Report touches that have ended since the last row."""
+        """Write or print the touches that have ended since the previous row."""
         for summary in self.tracker.touches[self.reported_touches :]:
             if self.as_json:
                 self.write([{"summary": _to_plain_row(summary)}])
@@ -220,26 +229,27 @@ class _Session:
         self.reported_touches = len(self.tracker.touches)
 
     def _print(self, message: str) -> None:
-        """Print a message on standard error at once."""
+        """Print a message on standard error, and flush it."""
         print(message, file=sys.stderr, flush=True)
 
 
 def _find_defect(row: Row, sample: dict[str, str], time_column: str) -> str:
-    """Return the reason why a row cannot be used, or nothing.
+    """Return the reason why a row cannot be used, or an empty text.
 
     Parameters
     ----------
     row : Row
-        The row.
+        A row of the input.
     sample : dict
-        Its texts of time and readings, by column.
+        Text cells of the time and the readings, by column.
     time_column : str
         The column of the time.
 
     Returns
     -------
     str
-        The cells that are no numbers, the number of cells, or that there is no time.
+        The cells that are not numbers, the number of cells, or that the time is missing. Empty if
+        the row is valid.
     """
     wrong = {
         text for text in sample.values() if math.isnan(parse_cell(text)) and text not in MISSING
@@ -254,7 +264,7 @@ def _find_defect(row: Row, sample: dict[str, str], time_column: str) -> str:
 
 
 def _to_plain_row(row: TrackRow) -> dict[str, Any]:
-    """Return a row as JSON and CSV have it; times keep all their digits."""
+    """Convert a row to plain values for JSON and CSV; only times keep all their digits."""
     values = asdict(row)
     plain = {name: to_plain(value) for name, value in values.items()}
     if not math.isnan(values["t_s"]):

@@ -25,7 +25,7 @@ from pvdf_fem.cli.response_choice import (
 _DESCRIPTION = """\
 Random touches of a sensor, with the charges of its electrodes, a bound on the error
 of each charge, and readings with noise: to train and to test estimators of touches.
-Touches are evenly distributed over place, rotation and the logarithm of the force,
+Touches are uniformly distributed in position, rotation and the logarithm of the force,
 within the reach and the forces of the scene's [model].
 
 Readings are total charges or changes by the touch, with the gains, offsets and
@@ -48,7 +48,7 @@ _EXTENSIONS = [".nc", ".parquet", ".csv"]
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command to the commands of an argument parser."""
+    """Register the `dataset` subcommand."""
     parser = add_scene_command(
         commands,
         "dataset",
@@ -63,7 +63,7 @@ def add_parser(commands: Any) -> None:
         parser,
         "--seed",
         "N",
-        about="seed of touches and noise; equal seeds give equal ones",
+        about="seed of the random numbers; the same seed reproduces the data",
         default="0",
     )
     add_text_option(
@@ -77,7 +77,7 @@ def add_parser(commands: Any) -> None:
         parser,
         "--noise",
         "PC",
-        about="further standard deviation of every reading (default: readout.noise_V, or 0)",
+        about="additional standard deviation of every reading (default: readout.noise_V, or 0)",
     )
     parser.add_argument(
         "--reading",
@@ -95,7 +95,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command, and return its exit code."""
+    """Run the `dataset` subcommand, and return its exit code."""
     errors: list[str] = []
     sigma = parse_number("--sigma", options.sigma, errors, allow_zero=True)
     noise_pC = parse_optional_number("--noise", options.noise, errors, allow_zero=True)
@@ -129,5 +129,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _to_integer(text: str) -> Any:
-    """Return the integer that a text is; another text stays one, and is reported later."""
+    """Convert a text of digits to an integer; return any other text unchanged.
+
+    `find_request_errors` then reports it.
+    """
     return int(text) if text.isdecimal() else text

@@ -1,4 +1,4 @@
-"""The command ``pvdf-fem design``: which electrodes, and which film, determine touches best."""
+"""The command ``pvdf-fem design``: how well electrode layouts and films determine touches."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from pvdf_fem.surrogate.response import Response
 
 _DESCRIPTION = """\
-How well each of some designs determines touches all over the reach: the least
-standard deviation of place and force that readings with noise allow (the Cramér-Rao
-bound), and the share of ambiguous places, whose readings another touch explains
-as well. Place and force are unknown, the probe's rotation is known.
+How well each of several designs determines touches within the reach: the smallest
+standard deviation of position and force that noisy readings allow (the Cramér-Rao
+bound), and the fraction of ambiguous positions, whose readings another touch explains
+equally well. Position and force are unknown, the probe's rotation is known.
 
 Each design is computed from a response, in a second or a few. A key that changes the
 film or the probe needs a response of its own, which is built and stored as for
@@ -71,7 +71,7 @@ _JSON_KEYS = {
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command to the commands of an argument parser."""
+    """Register the `design` subcommand."""
     parser = add_scene_command(
         commands,
         "design",
@@ -98,13 +98,13 @@ def add_parser(commands: Any) -> None:
         parser,
         "--noise-pC",
         "PC",
-        about="further standard deviation of every reading (default: readout.noise_V, or 0)",
+        about="additional standard deviation of every reading (default: readout.noise_V, or 0)",
     )
     add_text_option(
         parser,
         "--step",
         "MM",
-        about="distance of neighbouring places (default: a twelfth of the reach)",
+        about="distance between neighbouring positions (default: a twelfth of the reach)",
     )
     parser.add_argument(
         "--output", metavar="FILE", type=Path, help="file to write: .nc, or .csv without the maps"
@@ -114,7 +114,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command, and return its exit code."""
+    """Run the `design` subcommand, and return its exit code."""
     errors: list[str] = []
     vary = _parse_variations(options.vary, errors)
     sigma = parse_number("--sigma", options.sigma, errors, allow_zero=True)
@@ -152,12 +152,12 @@ def run(options: argparse.Namespace) -> int:
             response=provide_response,
             progress=options.progress,
         )
-    _write(data, options)
+    _write_designs(data, options)
     return ExitCode.CONVERGED
 
 
 def _check_films(films: list[Scene], choice: ResponseChoice, options: argparse.Namespace) -> None:
-    """Raise `InputError` if the responses of some films could not be built or stored."""
+    """Raise `InputError` if responses of the films could not be built or written."""
     errors: list[str] = []
     for film in films:
         errors += choice.find_errors(film, options.scene)
@@ -167,8 +167,8 @@ def _check_films(films: list[Scene], choice: ResponseChoice, options: argparse.N
         raise InputError(*dict.fromkeys(errors))
 
 
-def _write(data: xarray.Dataset, options: argparse.Namespace) -> None:
-    """Print a table of the designs, and write the files of the options."""
+def _write_designs(data: xarray.Dataset, options: argparse.Namespace) -> None:
+    """Print a table of the designs, and write the files of ``--plot`` and ``--output``."""
     from pvdf_fem.studies.design import find_best_design, make_table
     from pvdf_fem.studies.sweep_dataset import write_netcdf
     from pvdf_fem.view.charts.design import draw_designs
@@ -192,9 +192,9 @@ def _write(data: xarray.Dataset, options: argparse.Namespace) -> None:
 
 
 def _parse_variations(texts: list[str], errors: list[str]) -> dict[str, Any]:
-    """Return the values of ``--vary`` by key.
+    """Parse the values of ``--vary``, and return them by key.
 
-    Messages about wrong texts, and about a key that is given twice, are added to `errors`.
+    Messages about invalid texts and repeated keys are added to `errors`.
     """
     vary: dict[str, Any] = {}
     for text in texts:
@@ -206,21 +206,21 @@ def _parse_variations(texts: list[str], errors: list[str]) -> dict[str, Any]:
 
 
 def _parse_variation(text: str, errors: list[str]) -> tuple[str, Any]:
-    """Return the key and the values of ``KEY=VALUES``.
+    """Parse the key and the values of ``KEY=VALUES``.
 
     Parameters
     ----------
     text : str
         A key with values: separated by commas, a list in brackets, or a table in braces.
     errors : list of str
-        Receives messages about a wrong text.
+        Error messages; those about an invalid text are appended.
 
     Returns
     -------
     key : str
-        The key.
+        The dotted key.
     values : list or dict
-        The values, or the table.
+        The values, or the table of a range. An empty list if the text is invalid.
     """
     key, _, values = text.partition("=")
     is_list_or_table = values.lstrip()[:1] in ("[", "{")

@@ -39,7 +39,7 @@ exit codes: 0 all figures and tables are complete, 2 bad input, 3 some lack char
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command to the commands of an argument parser."""
+    """Register the `report` subcommand."""
     parser = add_command(
         commands,
         "report",
@@ -59,7 +59,7 @@ def add_parser(commands: Any) -> None:
         "--kinds",
         metavar="FILE.py",
         type=Path,
-        help="Python file to run, whose classes of Kind are further kinds of figures",
+        help="Python file to run, whose subclasses of Kind are additional kinds of figures",
     )
     size = parser.add_mutually_exclusive_group()
     size.add_argument(
@@ -77,7 +77,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command, and return its exit code."""
+    """Run the `report` subcommand, and return its exit code."""
     from pvdf_fem.report.registry import load_kinds
     from pvdf_fem.report.report import Report
     from pvdf_fem.scene.scene_file import SceneError

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 _DESCRIPTION = """\
 Charges over a grid of scenes, as a NetCDF file with a dimension for each axis.
-Scenes whose films deform equally are solved together: electrodes and d31, d32 only
-read the stress, a turned or mirrored film deforms equally, and so does a thicker
-film under a force in proportion. Solved scenes are kept in a store: after an
+Scenes with the same deformation are solved together: electrodes and d31, d32 only
+read the stress, a rotated or reflected film deforms in the same way, and so does a
+thicker film under a proportional force. Solved scenes are saved in a store: after an
 interruption of any kind the command continues with the remaining scenes."""
 
 _EPILOG = """\
@@ -57,7 +57,7 @@ exit codes: 0 all converged, 2 bad input, 3 some scenes have no charges (their
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command to the commands of an argument parser."""
+    """Register the `sweep` subcommand."""
     parser = add_command(
         commands,
         "sweep",
@@ -77,12 +77,14 @@ def add_parser(commands: Any) -> None:
         "--store",
         metavar="FILE",
         type=Path,
-        help="where solved scenes are kept (default: the output's name with .db)",
+        help="file in which solved scenes are saved (default: the output's name with .db)",
     )
     where = parser.add_mutually_exclusive_group()
     add_processes(where)
     where.add_argument(
-        "--scheduler", metavar="ADDRESS", help="address of a Dask cluster that solves (see below)"
+        "--scheduler",
+        metavar="ADDRESS",
+        help="solve the scenes on the Dask cluster at this address (see below)",
     )
     add_plot(parser, "the charges over one or two axes")
     add_progress(parser)
@@ -93,7 +95,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command, and return its exit code."""
+    """Run the `sweep` subcommand, and return its exit code."""
     from pvdf_fem.batch.workers import ClusterError, ClusterLostError
 
     output = options.output or Path(f"{options.sweep.stem}.nc")
@@ -115,7 +117,7 @@ def run(options: argparse.Namespace) -> int:
                 print(plan, flush=True)
             if options.plan:
                 return ExitCode.CONVERGED
-            return _solve(grid, plan, store, output, options)
+            return _solve_planned_scenes(grid, plan, store, output, options)
     except ClusterLostError as error:
         print(error, file=sys.stderr)
         return ExitCode.NOT_CONVERGED
@@ -124,9 +126,19 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _read_grid(options: argparse.Namespace, output: Path) -> SceneGrid:
-    """Return the grid of a sweep file, whose scenes are valid.
+    """Read the grid of scenes from the sweep file of the options, and validate all options.
 
-    Raises `InputError` with all errors of the options, the grid and its scenes.
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Options of ``pvdf-fem sweep``.
+    output : Path
+        The NetCDF file to write.
+
+    Raises
+    ------
+    InputError
+        If options, the grid or its scenes are invalid. The exception lists all errors.
     """
     from pvdf_fem.scene.scene_file import SceneError
     from pvdf_fem.studies.scene_grid import SceneGrid
@@ -150,28 +162,28 @@ def _read_grid(options: argparse.Namespace, output: Path) -> SceneGrid:
     return grid
 
 
-def _solve(
+def _solve_planned_scenes(
     grid: SceneGrid, plan: SweepPlan, store: Store, output: Path, options: argparse.Namespace
 ) -> int:
-    """Solve planned scenes, write the dataset, and return the exit code.
+    """Solve the planned scenes, write the dataset and the plot, and print a summary.
 
     Parameters
     ----------
     grid : SceneGrid
         The grid of all scenes.
     plan : SweepPlan
-        The scenes to be solved.
+        The blocks of scenes that are not yet in the store.
     store : Store
-        Where solved scenes are kept.
+        Store in which solved scenes are saved.
     output : Path
-        The NetCDF file.
+        The NetCDF file to write.
     options : argparse.Namespace
-        The options of ``pvdf-fem sweep``.
+        Options of ``pvdf-fem sweep``.
 
     Returns
     -------
     int
-        The exit code.
+        `ExitCode.CONVERGED` if all scenes have charges, else `ExitCode.NOT_CONVERGED`.
     """
     from pvdf_fem.batch.batch import solve_planned
     from pvdf_fem.progress import show_progress

@@ -1,4 +1,4 @@
-"""Axes of figures for the dimensions of a dataset: labels, scales and ticks."""
+"""Axes for the dimensions of a dataset: labels, scales and ticks."""
 
 from __future__ import annotations
 
@@ -14,20 +14,23 @@ from pvdf_fem.arrays import Array
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
-UNIT_SIGNS = {"um": "µm", "degree": "°"}  #: Units of datasets as figures show them.
-MAX_TICKS = 5  #: Largest number of ticks for texts and for values of equal ratios.
-MAX_TEXT = 20  #: Letters of the longest text at a tick.
+UNIT_SIGNS = {"um": "µm", "degree": "°"}  #: Symbols in figures by the units of datasets.
+MAX_TICKS = 5  #: Maximum number of ticks for texts and for geometrically spaced values.
+MAX_TEXT = 20  #: Maximum number of characters of a text at a tick.
 
 
 def find_varied_keys(data: Dataset, dimension: str) -> list[DataArray]:
-    """Return the keys of the scene that vary together along a dimension."""
+    """Return the coordinates of the scene keys that vary together along a dimension.
+
+    If the dimension has none, its own coordinate is returned.
+    """
     coordinates = [values for values in data.coords.values() if values.dims == (dimension,)]
     keys = [values for values in coordinates if "key" in values.attrs]
     return keys if keys else [data[dimension]]
 
 
 def format_keys(keys: list[DataArray]) -> str:
-    """Return the names of keys with their units."""
+    """Return the names of keys with their units, joined by commas."""
     names = []
     for key in keys:
         name = str(key.attrs.get("long_name", key.name))
@@ -37,33 +40,38 @@ def format_keys(keys: list[DataArray]) -> str:
 
 
 def format_values(key: DataArray) -> list[str]:
-    """Return the numbers of a key, or the beginnings of its texts, which may be JSON tables."""
+    """Format the values of a key: numbers with four digits, or the beginnings of texts.
+
+    The braces and quotation marks of JSON tables are removed.
+    """
     if key.dtype.kind == "f":
         return [f"{value:.4g}" for value in key.values]
     return [re.sub('[{}"]', "", str(value))[:MAX_TEXT] for value in key.values]
 
 
 def format_rows(keys: list[DataArray]) -> list[str]:
-    """Return the values of keys that vary together, joined by commas."""
+    """Format each row of values of keys that vary together, joined by commas."""
     columns = [format_values(key) for key in keys]
     return [", ".join(row) for row in zip(*columns, strict=True)]
 
 
 def scale_axis(axis: XAxis | YAxis, keys: list[DataArray]) -> Array:
-    """Scale an axis to the values of keys that vary together.
+    """Set the scale and the ticks of an axis for the values of keys that vary together.
+
+    Numbers of a single key are drawn at their values, on a logarithmic scale if they are spaced
+    geometrically. Texts, and values of several keys, are drawn at equal distances.
 
     Parameters
     ----------
     axis : XAxis or YAxis
-        The axis.
-    keys : list of DataArray (n,)
-        Numbers of one key are placed at their values, logarithmically where they have equal
-        ratios. Texts, and values of several keys, are placed at equal distances.
+        The axis to change.
+    keys : list of DataArray
+        The n values of each key.
 
     Returns
     -------
     ndarray, shape (n,)
-        Places of the values on the axis.
+        Coordinates of the values on the axis.
     """
     values = keys[0].values
     thinned = slice(None, None, -(-values.size // MAX_TICKS))
@@ -77,13 +85,13 @@ def scale_axis(axis: XAxis | YAxis, keys: list[DataArray]) -> Array:
         axis.axes.set(**{f"{axis.axis_name}scale": "log"})
         axis.set_ticks(values[thinned], [f"{value:.3g}" for value in values[thinned]])
         axis.set_ticks([], minor=True)
-    elif np.array_equal(values, np.round(values)):  # counts have no ticks between them
+    elif np.array_equal(values, np.round(values)):  # no ticks between integers
         axis.set_major_locator(MaxNLocator(integer=True))
     return np.asarray(values)
 
 
 def _is_geometric(values: Array) -> bool:
-    """Return whether there are three or more positive values of equal ratios."""
+    """Return whether values are three or more positive numbers with a constant ratio."""
     if values.size < 3 or values.min() <= 0.0:
         return False
     steps = np.diff(np.log(values))

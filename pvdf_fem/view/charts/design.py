@@ -1,4 +1,4 @@
-"""Charts of designs: deviations of the place by key, and the map of one design."""
+"""Charts of designs: deviations of the position by key, and the map of one design."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ if TYPE_CHECKING:
 
 
 def draw_designs(data: Dataset, chosen: Dataset) -> Figure:
-    """Draw the deviations of designs, and the map of one of them.
+    """Draw the position deviations of designs, and the map of one of them.
 
-    The median deviation of the place is drawn along the longest dimension, with a curve for each
-    value of the second one; of further dimensions the values of the chosen design are drawn.
+    The median deviation of the position is drawn against the longest dimension, with a curve for
+    each value of the second longest. Further dimensions are fixed at the chosen design.
 
     Parameters
     ----------
     data : Dataset
         The designs, as `design` returns them.
     chosen : Dataset
-        The design of the map.
+        The design whose map is drawn.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def _draw_deviations(ax: Axes, medians: DataArray, dimensions: list[str]) -> Non
 
 
 def draw_design_map(ax: Axes, chosen: Dataset, max_deviation_mm: float | None = None) -> None:
-    """Draw the map of one design: the deviation of the place, and dots at ambiguous places.
+    """Draw the map of one design: the deviation of the position, and dots where it is ambiguous.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def draw_design_map(ax: Axes, chosen: Dataset, max_deviation_mm: float | None = 
     chosen : Dataset
         The design.
     max_deviation_mm : float, optional
-        Deviation at the end of the colours in mm, by default twice the median.
+        Deviation in mm at the upper end of the colour bar. Default: twice the median.
     """
     median_mm = float(chosen.place_deviation_median_mm)
     if max_deviation_mm is None:
@@ -107,7 +107,7 @@ def draw_design_map(ax: Axes, chosen: Dataset, max_deviation_mm: float | None = 
 
 
 def _format_key_value(key: DataArray) -> str:
-    """Return the single value of a key with its unit, or without a unit with its name."""
+    """Format the single value of a key with its unit, or with its name if it has no unit."""
     [value] = format_values(key.expand_dims("one"))
     unit = key.attrs.get("units")
     return f"{value} {UNIT_SIGNS.get(unit, unit)}" if unit else f"{key.name} {value}"

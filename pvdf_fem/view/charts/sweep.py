@@ -1,4 +1,4 @@
-"""Charts of sweeps: charges as curves, as families of curves, or as maps."""
+"""Charts of sweeps: charges as curves, families of curves, or maps."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from pvdf_fem.view.figures import (
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
-MAX_CURVES = 5  #: Largest number of values of a dimension that are drawn as a curve each.
+MAX_CURVES = 5  #: Maximum number of values of a dimension that are drawn as separate curves.
 
 
 def draw_sweep(data: Dataset) -> Figure:
     """Draw the charges of a sweep.
 
-    Charges along one dimension are curves. With two dimensions, each electrode has a panel, with a
-    curve for each value of the shorter dimension, or a map where this has more than `MAX_CURVES`
-    values. Scenes without charges are marked with their status.
+    With one dimension, each electrode is a curve. With two dimensions, each electrode has a panel
+    with a curve for each value of the shorter dimension, or with a map if this dimension has more
+    than `MAX_CURVES` values. Scenes without charges are marked with their status.
 
     Parameters
     ----------
@@ -45,7 +45,8 @@ def draw_sweep(data: Dataset) -> Figure:
     Raises
     ------
     ValueError
-        For other numbers of dimensions, with advice how to select from them.
+        If the number of dimensions with several values is not one or two. The message says how to
+        select from them.
     """
     single = [dimension for dimension, size in data.status.sizes.items() if size == 1]
     data = data.squeeze(single)
@@ -69,7 +70,7 @@ def draw_sweep(data: Dataset) -> Figure:
 
 
 def _sort_along(data: Dataset, dimension: str) -> Dataset:
-    """Return the sweep with increasing numbers along a dimension; texts stay as they are."""
+    """Return a copy of the sweep sorted along a dimension with numbers; others are unchanged."""
     keys = find_varied_keys(data, dimension)
     if len(keys) > 1 or keys[0].dtype.kind != "f":
         return data
@@ -77,7 +78,7 @@ def _sort_along(data: Dataset, dimension: str) -> Dataset:
 
 
 def _draw_curves(data: Dataset, along: str) -> Figure:
-    """Draw a curve for each electrode along a dimension."""
+    """Draw the charges of each electrode as a curve along a dimension."""
     keys = find_varied_keys(data, along)
     figure = make_figure(130.0, 95.0)
     ax = figure.subplots()
@@ -133,7 +134,7 @@ def _draw_families(data: Dataset, family: str, along: str) -> Figure:
 
 
 def _draw_maps(data: Dataset, down: str, across: str) -> Figure:
-    """Draw a map for each electrode, each with its own colours.
+    """Draw a map for each electrode, each with its own colour scale.
 
     Parameters
     ----------
@@ -171,9 +172,17 @@ def _draw_maps(data: Dataset, down: str, across: str) -> Figure:
 
 
 def _find_cell_edges(values: Array) -> Array:
-    """Return the limits (n + 1,) of cells about values (n,).
+    """Return the edges of the cells around values.
 
-    These are halfway to the next values; the first and the last are the outer values themselves.
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Increasing values.
+
+    Returns
+    -------
+    ndarray, shape (n + 1,)
+        The first value, the midpoints between neighbouring values, and the last value.
     """
     middles = 0.5 * (values[1:] + values[:-1])
     return np.concatenate([values[:1], middles, values[-1:]])
@@ -182,18 +191,18 @@ def _find_cell_edges(values: Array) -> Array:
 def _mark_failures(
     ax: Axes, x: Array, y: Array, status: DataArray | Array, **look: Any
 ) -> list[Line2D]:
-    """Mark scenes without charges, with a label for each status.
+    """Mark scenes without charges, with a different mark and label for each status.
 
     Parameters
     ----------
     ax : Axes
-        The axes.
-    x, y : array
-        Places of all scenes.
-    status : array of str
-        Their statuses.
+        Axes in which the scenes are drawn.
+    x, y : ndarray
+        Coordinates of all scenes.
+    status : DataArray or ndarray of str
+        Statuses of all scenes, in the shape of x and y.
     **look
-        Further properties of the marks.
+        Additional properties of the marks.
 
     Returns
     -------
@@ -211,7 +220,7 @@ def _mark_failures(
 
 
 def _mark_failures_below(ax: Axes, x: Array, status: Array) -> list[Line2D]:
-    """Mark scenes without charges at the lower end of axes, and return the marks."""
+    """Mark scenes without charges at the lower edge of axes, and return the marks."""
     heights = np.full(x.size, 0.02)
     transform = ax.get_xaxis_transform()
     return _mark_failures(ax, x, heights, status, transform=transform, clip_on=False)

@@ -23,29 +23,29 @@ from pvdf_fem.view.figures import (
     use_style,
 )
 
-RESONANCE_ROOM = 0.05  #: Width of a resonance's name, over the width of the axes.
+RESONANCE_ROOM = 0.05  #: Width of a resonance's label as a fraction of the width of the axes.
 PHASE_STEP_DEG = 45.0  #: Phases have ticks at multiples of this angle.
-MAX_PHASE_RANGE_DEG = 225.0  #: Largest range of phases with a tick at every multiple.
+MAX_PHASE_RANGE_DEG = 225.0  #: Maximum range of phases with a tick at every multiple.
 
 
 def draw_frequency_response(
     frequencies: Array, charges: Mapping[str, Any], resonances: Array, scene: Scene
 ) -> Figure:
-    """Draw the charges of an oscillating force by frequency.
+    """Draw the charges due to an oscillating force against frequency.
 
-    Amplitudes have marks at the resonances. Where the film's material or sound damps the film, as
-    the title says, phases without jumps are drawn below.
+    Resonances are marked above the amplitudes. If the film's material or the emitted sound damps
+    the film, the unwrapped phases are drawn below, and the title describes the damping.
 
     Parameters
     ----------
     frequencies : ndarray, shape (n,)
-        In Hz.
+        Frequencies in Hz.
     charges : mapping of str to ndarray of complex, shape (n,)
-        Amplitudes of the charges over that of the force in pC/N, by electrode.
+        Complex amplitudes of the charges divided by that of the force in pC/N, by electrode.
     resonances : ndarray, shape (m,)
         Frequencies in Hz of the modes that the force excites.
     scene : Scene
-        The scene, which says what damps the film.
+        The scene, whose loss tangent and air define the damping.
 
     Returns
     -------
@@ -81,9 +81,9 @@ def draw_frequency_response(
 
 
 def _mark_resonances(ax: Axes, resonances: Array) -> None:
-    """Mark resonances (n,) in Hz above axes of frequencies, with their names where there is room.
+    """Mark resonances in Hz at the top of axes, and label them if there is room.
 
-    The axes then begin at most a decade below the first resonance.
+    The axes are cut so that they begin at most a decade below the first resonance.
     """
     if not resonances.size:
         return
@@ -113,7 +113,7 @@ def _mark_resonances(ax: Axes, resonances: Array) -> None:
 
 
 def _scale_to_phases(ax: Axes, phases: Array) -> None:
-    """Scale axes to phases in degrees, with ticks at multiples of `PHASE_STEP_DEG`."""
+    """Fit the vertical axis to phases in degrees, with ticks at multiples of `PHASE_STEP_DEG`."""
     low = PHASE_STEP_DEG * np.floor(phases.min() / PHASE_STEP_DEG)
     high = PHASE_STEP_DEG * np.ceil(phases.max() / PHASE_STEP_DEG)
     ax.set(ylabel="phase against the force (°)", ylim=(low - 9.0, high + 9.0))
@@ -124,14 +124,14 @@ def _scale_to_phases(ax: Axes, phases: Array) -> None:
 def draw_mode_shapes(
     shapes: Sequence[tuple[str, Array]], basis: Basis, radius_mm: float, title: str
 ) -> Figure:
-    """Draw the deflections of modes over their largest.
+    """Draw the normalized deflections of modes.
 
     Parameters
     ----------
-    shapes : sequence of (str, ndarray, shape (dofs,))
-        Titles of the modes with their deflections, whose largest magnitude is 1.
+    shapes : sequence of tuple of str and ndarray, shape (dofs,)
+        Titles of the modes, and their deflections with a largest magnitude of 1.
     basis : Basis
-        The space of the deflections.
+        The finite-element basis of the deflections.
     radius_mm : float
         Radius of the film in mm.
     title : str
@@ -153,10 +153,10 @@ def draw_mode_shapes(
             filled = ax.tricontourf(triangles, w, levels=levels, cmap="RdBu_r")
             ax.set_title(mode_title)
             ax.label_outer()
-        for ax in panels[-2:]:  # also above an empty place
+        for ax in panels[-2:]:  # also the panel above an empty position
             ax.set_xlabel("x (mm)")
             ax.tick_params(labelbottom=True)
-        label = "deflection over its largest"
+        label = "deflection / largest deflection"
         figure.colorbar(filled, ax=panels, label=label, shrink=0.8, aspect=10 * len(panels))
         figure.suptitle(title, x=0.02, ha="left", fontsize=9)
     return figure
