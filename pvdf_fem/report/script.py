@@ -17,7 +17,7 @@ from pvdf_fem.report.registry import FIGURES, TABLES
 from pvdf_fem.report.task import Task
 from pvdf_fem.scene.keys import Section, make_validation_error
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import MOST_BYTES, SceneError, format_error, parse_toml, suggest
+from pvdf_fem.scene.scene_file import MAX_BYTES, SceneError, format_error, parse_toml, suggest
 from pvdf_fem.scene.validation.errors import MAX_ERRORS, describe_errors, join_key
 
 MAX_WORDS = 120  #: Largest number of words in a text.
@@ -232,7 +232,7 @@ def load_script(path: Path, kinds: Kinds) -> ReportPlan:
         With all mistakes of the script, its scene and its data.
     """
     try:
-        table = parse_toml(read_text(path, MOST_BYTES, "a report script"), str(path))
+        table = parse_toml(read_text(path, MAX_BYTES, "a report script"), str(path))
     except FileError as error:
         raise SceneError([str(error)], str(path)) from None
     reader = _ScriptReader({"figure": {**FIGURES, **kinds}, "table": TABLES}, [path])
