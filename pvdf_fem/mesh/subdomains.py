@@ -1,4 +1,4 @@
-"""The named parts of a mesh: subdomains below outlines, the rim and mirror lines."""
+"""The named parts of a mesh: subdomains inside of outlines, the rim and mirror lines."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ from pvdf_fem.scene.scene import Scene
 RIM = "rim"
 FILM = "film"
 PROBE = "probe"
-#: Boundaries where the first and the second coordinate change sign between a sector and its
-#: reflection.
+#: Names of the mirror lines x = 0 and y = 0 of a sector.
 MIRRORS = ("mirror x", "mirror y")
 
 
 def make_subdomain_name(electrode: str) -> str:
-    """Make the name of the mesh subdomain below an electrode."""
+    """Return the name of the subdomain that is covered by an electrode."""
     return f"electrode {electrode}"
 
 
@@ -48,20 +47,21 @@ def collect_outlines(scene: Scene) -> dict[str, Outline]:
 def name_mesh_parts(
     mesh: MeshTri2, subdomains: dict[str, Indices], sector: SymmetrySector
 ) -> MeshTri2:
-    """Give a mesh its subdomains, and its rim and mirror lines as boundaries.
+    """Return a copy of a mesh with named subdomains and boundaries.
 
     Parameters
     ----------
     mesh : MeshTri2
-        With coordinates in m.
+        With coordinates in m, and with nodes exactly on the mirror lines of the sector.
     subdomains : dict of str to ndarray of int
-        Elements by the name of the subdomain.
+        Indices of the elements by the name of the subdomain.
     sector : SymmetrySector
         The part of the film that the mesh covers.
 
     Returns
     -------
     MeshTri2
+        With the boundary facets divided into `RIM` and the `MIRRORS` of the sector.
     """
     rim = mesh.boundary_facets()
     boundaries = {}
