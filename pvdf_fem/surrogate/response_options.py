@@ -201,7 +201,7 @@ def find_validation_errors(
         yield format_error("tolerance", tolerance, reason)
     if not has_forces:
         reason = "must be a range of positive forces; give the minimum and the maximum"
-        yield format_error("force_N", domain.force_N, reason)
+        yield format_error("force_range_N", domain.force_N, reason)
     yield from _find_incompatible_keys(scene)
     if has_tolerance and has_forces:
         if options is None:
