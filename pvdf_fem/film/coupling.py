@@ -46,7 +46,7 @@ class FloatingElectrode:
 
     @cached_property
     def e(self) -> Array:
-        """Stress over electric field in C/m², (3,)."""
+        """Stress over electric field in C/m², shape (3,)."""
         return self.film.stiffness @ [self.film.d31, self.film.d32, 0.0]
 
     @cached_property
@@ -57,17 +57,21 @@ class FloatingElectrode:
 
     @cached_property
     def coupling_matrix(self) -> Array:
-        """Stress integrals X, Y by the voltage over those by the strain, (2, 2)."""
+        """Stress integrals X, Y by the voltage over those by the strain, shape (2, 2)."""
         factor = self.outline.area / self.film.thickness / self.capacitance
         return factor * np.outer(self.e[:2], [self.film.d31, self.film.d32])
 
     def with_voltage(self, integrals: Array) -> Array:
-        """Return stress integrals X, Y of the whole stress in N, (2,).
+        """Return stress integrals X, Y of the whole stress in N.
 
         Parameters
         ----------
-        integrals : (2,) array
+        integrals : ndarray, shape (2,)
             Integrals of the strain's stress in N.
+
+        Returns
+        -------
+        ndarray, shape (2,)
         """
         unloaded = self.film.prestress[:2] * self.outline.area
         return np.asarray(integrals + self.coupling_matrix @ (integrals - unloaded))
@@ -112,7 +116,12 @@ class Coupling(Term):
         self._weighted_e = space.weights[self.elements, :, None] * electrode.e
 
     def charge(self, strain: Array) -> float:
-        """Return q in C of the whole film's strain, (elements, points, 3)."""
+        """Return q in C of the whole film's strain.
+
+        Returns
+        -------
+        ndarray, shape (elements, points, 3)
+        """
         return float((strain[self.elements] * self._weighted_e).sum())
 
     def voltage(self, state: State) -> float:
@@ -124,16 +133,25 @@ class Coupling(Term):
         return 0.5 * self.voltage(state) * self.charge(state.strain)
 
     def charge_gradient(self, state: State) -> Array:
-        """Return the derivative of q by the dofs in C/m, (dofs,).
+        """Return the derivative of q by the dofs in C/m.
 
         It has the integrals of e : sym(Fᵀ grad v) over the electrode.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
         """
         flux = state.deformation_gradient[self.elements] * self._weighted_e[:, :, None, :2]
         parts = np.matmul(self.space.gradients[self.elements], flux.swapaxes(2, 3))
         return self.space.sum_at_dofs(parts.sum(axis=1), self.elements)
 
     def residual(self, state: State) -> Array:
-        """Return the derivative of the energy in N, (dofs,)."""
+        """Return the derivative of the energy in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         return self.voltage(state) * self.charge_gradient(state)
 
     def added_stress(self, state: State) -> ElementStress:
@@ -146,7 +164,12 @@ class Coupling(Term):
         return self.charge_gradient(state) / np.sqrt(self.electrode.capacitance)
 
     def action(self, state: State, x: Array) -> Array:
-        """Return the tangent without the geometric stiffness times `x` in N, (dofs,)."""
+        """Return the tangent without the geometric stiffness times `x` in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         column = self.tangent_column(state)
         return column * (column @ x)
 

@@ -14,9 +14,9 @@ class LowRankUpdate(LinearOperator):  # type: ignore[misc]
 
     Parameters
     ----------
-    sparse : (n, n) sparse matrix
+    sparse : sparse matrix, shape (n, n)
         A.
-    columns : (n, m) array
+    columns : ndarray, shape (n, m)
         B, with few columns.
     """
 
@@ -64,14 +64,14 @@ class LowRankFactors:
 
         Parameters
         ----------
-        right : (n,) or (n, m) array
+        right : ndarray, shape (n,) or (n, m)
             Right-hand sides.
         trans : str
             "N", or "T" for the transposed matrix.
 
         Returns
         -------
-        (n,) or (n, m) array
+        ndarray, shape (n,) or (n, m)
             The solutions.
         """
         x = self.factors.solve(right, trans)

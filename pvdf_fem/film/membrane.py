@@ -36,7 +36,7 @@ class Membrane(Laminate, Term):
 
     @cached_property
     def volumes(self) -> Array:
-        """Quadrature weights times area times thickness in m³, (elements, points)."""
+        """Quadrature weights times area times thickness in m³, shape (elements, points)."""
         return self.film.thickness * self.space.weights
 
     def state(self, x: Array) -> State:
@@ -54,7 +54,7 @@ class Membrane(Laminate, Term):
 
         Returns
         -------
-        (3, 3) or (elements, points, 3, 3) array
+        ndarray, shape (3, 3) or (elements, points, 3, 3)
             A single matrix where it is the same everywhere.
         """
         if state.tangent_stiffness is not None:
@@ -76,7 +76,7 @@ class Membrane(Laminate, Term):
 
     @cached_property
     def _prestress_forces(self) -> Array:
-        """Forces in N of the part of the flat film's stress that balances inside the rim, (dofs,).
+        """Forces in N of the part of the flat film's stress that balances inside the rim, shape (dofs,).
 
         It is the whole stress if that is uniform, otherwise its mean.
         """
@@ -90,12 +90,22 @@ class Membrane(Laminate, Term):
         )
 
     def internal_forces(self, state: State) -> Array:
-        """Return the forces of the strain's stress in N, (dofs,)."""
+        """Return the forces of the strain's stress in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         flux = self._first_piola(state.deformation_gradient, self.constitutive_stress(state))
         return self.space.sum_at_dofs(self.space.integrate_flux(flux))
 
     def element_action(self, state: State, x: Array) -> Array:
-        """Return the tangent times the dofs `x` in N, (elements, element dofs)."""
+        """Return the tangent times the dofs `x` in N.
+
+        Returns
+        -------
+        ndarray, shape (elements, element dofs)
+        """
         F = state.deformation_gradient
         step = self.space.displacement_gradient(x)
         stress_rate = apply_matrix(self.tangent_stiffness(state), compute_strain_rate(F, step))
@@ -106,11 +116,21 @@ class Membrane(Laminate, Term):
         return forces
 
     def diagonal(self, state: State) -> Array:
-        """Return the diagonal of the tangent in N/m, (dofs,)."""
+        """Return the diagonal of the tangent in N/m.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         return self.space.sum_at_dofs(self.element_diagonal(state))
 
     def element_diagonal(self, state: State) -> Array:
-        """Return the diagonals of the element tangents in N/m, (elements, element dofs)."""
+        """Return the diagonals of the element tangents in N/m.
+
+        Returns
+        -------
+        ndarray, shape (elements, element dofs)
+        """
         moduli = self.tangent_stiffness(state)
         factors = np.empty((*self.volumes.shape, 3, 3))
         for i in range(3):
@@ -144,7 +164,7 @@ class Membrane(Laminate, Term):
 
         Returns
         -------
-        (elements, element dofs, element dofs) array
+        ndarray, shape (elements, element dofs, element dofs)
             Tangents in N/m. Damping keeps those of a wrinkling film regular where the film is
             slack; the residual is exact, so that the damping changes no solution.
         """
@@ -168,14 +188,14 @@ class Membrane(Laminate, Term):
         ----------
         state : State
             The state of the film.
-        moduli : (3, 3) or (elements, points, 3, 3) array
+        moduli : ndarray, shape (3, 3) or (elements, points, 3, 3)
             Moduli in Pa.
         chunk : slice
             The elements.
 
         Returns
         -------
-        (elements, functions, component pairs, functions) array
+        ndarray, shape (elements, functions, component pairs, functions)
             Blocks in N/m.
         """
         rows = self.space.gradient_rows[chunk]
@@ -198,7 +218,7 @@ class Membrane(Laminate, Term):
         ----------
         state : State
             The state of the film.
-        moduli : (3, 3) or (elements, points, 3, 3) array
+        moduli : ndarray, shape (3, 3) or (elements, points, 3, 3)
             Moduli in Pa. Uniform moduli are those of the film's axes: they do not couple shear with
             normal strain.
         i, j : int
@@ -240,12 +260,12 @@ class Membrane(Laminate, Term):
         ----------
         state : State
             The state at s = 0.
-        x : (dofs,) array
+        x : ndarray, shape (dofs,)
             The direction in m.
 
         Returns
         -------
-        (5,) array
+        ndarray, shape (5,)
             Coefficients in J of 1, s, ... s⁴, with the moduli of the state. They are exact for a
             linear law: the strain is quadratic in s, and the energy is quadratic in the strain.
         """
@@ -277,14 +297,14 @@ class Membrane(Laminate, Term):
 
         Parameters
         ----------
-        deformation_gradient : (elements, points, 3, 2) array
+        deformation_gradient : ndarray, shape (elements, points, 3, 2)
             F.
-        stress : (elements, points, 3) array
+        stress : ndarray, shape (elements, points, 3)
             S in Pa.
 
         Returns
         -------
-        (2, 3, elements, points) array
+        ndarray, shape (2, 3, elements, points)
             By direction and component, in N m.
         """
         s11, s22, s12 = (stress[..., i] * self.volumes for i in range(3))
@@ -300,7 +320,7 @@ class Membrane(Laminate, Term):
 
         Returns
         -------
-        (elements, element dofs, element dofs) array
+        ndarray, shape (elements, element dofs, element dofs)
             Element matrices.
         """
         return (state.damping + self.floor) * self.mean_tension(state) * self._laplace
@@ -323,7 +343,7 @@ class Membrane(Laminate, Term):
         ----------
         state : State
             The state of the film.
-        stress : (elements, points, 3) array
+        stress : ndarray, shape (elements, points, 3)
             The stress in Pa that is predicted for the next step.
         damping : float
             Artificial tension over the mean tension.
@@ -334,7 +354,12 @@ class Membrane(Laminate, Term):
 
 
 def compute_strain(gradient: Array) -> Array:
-    """Compute the Green-Lagrange strain (..., 3) of a displacement gradient (..., 3, 2)."""
+    """Compute the Green-Lagrange strain (..., 3) of a displacement gradient.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 2)
+    """
     return compute_strain_rate(IDENTITY + 0.5 * gradient, gradient)
 
 
@@ -343,9 +368,9 @@ def compute_strain_rate(deformation_gradient: Array, step: Array) -> Array:
 
     Parameters
     ----------
-    deformation_gradient : (..., 3, 2) array
+    deformation_gradient : ndarray, shape (..., 3, 2)
         F.
-    step : (..., 3, 2) array
+    step : ndarray, shape (..., 3, 2)
         grad v.
     """
     f1, f2 = deformation_gradient[..., 0], deformation_gradient[..., 1]
@@ -360,14 +385,24 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def compute_principal_values(tensor: Array) -> tuple[Array, Array]:
-    """Compute the smaller and the larger principal value, both (...), of stresses (..., 3)."""
+    """Compute the smaller and the larger principal value, both (...), of stresses.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+    """
     mean = 0.5 * (tensor[..., 0] + tensor[..., 1])
     radius = np.hypot(0.5 * (tensor[..., 0] - tensor[..., 1]), tensor[..., 2])
     return mean - radius, mean + radius
 
 
 def compute_tensile_part(stress: Array) -> Array:
-    """Compute the stress without its compressive principal values, (..., 3)."""
+    """Compute the stress without its compressive principal values.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+    """
     smallest, largest = (value[..., None] for value in compute_principal_values(stress))
     # two equal principal stresses have no direction to project on, and need none
     difference = np.where(largest > smallest, largest - smallest, 1.0)

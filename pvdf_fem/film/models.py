@@ -90,7 +90,7 @@ class CompressedArea(NamedTuple):
     """A part of the film with compression, wrinkles or no tension."""
 
     text: str  #: A note with a place ``{}`` for the part's area.
-    where: Mask  #: At the quadrature points, (elements, points).
+    where: Mask  #: At the quadrature points, shape (elements, points).
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +170,7 @@ class FilmModel:
         ----------
         terms : list of Term
             The terms of the solution's equations.
-        expansion : (dofs, unknowns) sparse matrix
+        expansion : sparse matrix, shape (dofs, unknowns)
             The map from unknowns to dofs.
         state : State
             The solution's state.
@@ -217,7 +217,7 @@ class FilmModel:
 
         Parameters
         ----------
-        smallest, largest : (elements, points) arrays
+        smallest, largest : ndarray, shape (elements, points)
             Principal stresses in Pa.
 
         Yields

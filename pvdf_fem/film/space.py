@@ -48,9 +48,9 @@ INTEGRATION_ORDER = {1: 1, 2: 4, 3: 6, 4: 8}
 class Quadrature(NamedTuple):
     """Points of a quadrature in some elements."""
 
-    points: Array  #: In m, (n, points, 2).
-    values: Array  #: Of the scalar functions, (n, points, functions).
-    weights: Array  #: Times area in m², (n, points).
+    points: Array  #: In m, shape (n, points, 2).
+    values: Array  #: Of the scalar functions, shape (n, points, functions).
+    weights: Array  #: Times area in m², shape (n, points).
 
 
 class Space:
@@ -67,13 +67,13 @@ class Space:
 
     Attributes
     ----------
-    gradients : (elements, points, functions, 2) array
+    gradients : ndarray, shape (elements, points, functions, 2)
         Gradients of the scalar functions at the quadrature points in 1/m.
-    gradient_rows : (elements, 2 points, functions) array
+    gradient_rows : ndarray, shape (elements, 2 points, functions)
         The same; both components of a point are neighbours.
-    weights : (elements, points) array
+    weights : ndarray, shape (elements, points)
         Quadrature weights times area in m².
-    element_dofs : (elements, element dofs) array
+    element_dofs : ndarray, shape (elements, element dofs)
         Dofs of the elements.
     dof_count : int
         Number of dofs, with those of the auxiliary nodes.
@@ -96,22 +96,22 @@ class Space:
 
     @property
     def auxiliary_dofs(self) -> Indices:
-        """Dofs of the auxiliary nodes, (3 auxiliary nodes,)."""
+        """Dofs of the auxiliary nodes, shape (3 auxiliary nodes,)."""
         return np.arange(3 * self.basis.N, self.dof_count)
 
     @property
     def nodes(self) -> Indices:
-        """Scalar dofs of the elements, (elements, functions)."""
+        """Scalar dofs of the elements, shape (elements, functions)."""
         return np.asarray(self.basis.element_dofs.T)
 
     @property
     def quadrature_points(self) -> Array:
-        """The quadrature points in m, (elements, points, 2)."""
+        """The quadrature points in m, shape (elements, points, 2)."""
         return np.moveaxis(np.asarray(self.basis.global_coordinates()), 0, -1)
 
     @cached_property
     def values(self) -> Array:
-        """Values of the functions at the quadrature points, (elements, points, functions)."""
+        """Values of the functions at the quadrature points, shape (elements, points, functions)."""
         shape = self.weights.shape
         return np.stack([np.broadcast_to(s[0], shape) for s in self.basis.basis], axis=-1)
 
@@ -120,7 +120,7 @@ class Space:
 
         Parameters
         ----------
-        elements : (n,) array
+        elements : ndarray, shape (n,)
             Elements.
         order : int
             Degree up to which the quadrature is exact on straight-sided elements.
@@ -131,14 +131,18 @@ class Space:
         return Quadrature(quadrature_points, np.stack(values, axis=-1), basis.dx)
 
     def displacement_gradient(self, x: Array, elements: Selection = ALL) -> Array:
-        """Return the displacement gradient at the quadrature points, (elements, points, 3, 2).
+        """Return the displacement gradient at the quadrature points.
 
         Parameters
         ----------
-        x : (dofs,) array
+        x : ndarray, shape (dofs,)
             Dofs of the displacement in m.
-        elements : slice or (n,) array
+        elements : slice or ndarray, shape (n,)
             Elements.
+
+        Returns
+        -------
+        ndarray, shape (elements, points, 3, 2)
         """
         rows = self.gradient_rows[elements]
         nodes = self.nodes[elements]
@@ -150,12 +154,12 @@ class Space:
 
         Parameters
         ----------
-        flux : (2, 3, elements, points) array
+        flux : ndarray, shape (2, 3, elements, points)
             By direction and component, times the quadrature weights.
 
         Returns
         -------
-        (elements, element dofs) array
+        ndarray, shape (elements, element dofs)
             The integrals for every function v.
         """
         stacked = flux.transpose(2, 3, 0, 1).reshape(len(self.gradient_rows), -1, 3)
@@ -163,20 +167,35 @@ class Space:
         return forces.reshape(self.element_dofs.shape)
 
     def sum_at_dofs(self, element_vectors: Array, elements: Selection = ALL) -> Array:
-        """Return the sum of vectors of elements, (elements, element dofs), at the dofs, (dofs,)."""
+        """Return the sum of vectors of elements, (elements, element dofs), at the dofs.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         dofs = self.element_dofs[elements]
         total = np.bincount(dofs.ravel(), element_vectors.ravel(), self.dof_count)
         return np.asarray(total, dtype=np.float64)
 
     def laplace_matrices(self) -> Array:
-        """Return integrals of grad v . grad u, (elements, element dofs, element dofs)."""
+        """Return integrals of grad v . grad u.
+
+        Returns
+        -------
+        ndarray, shape (elements, element dofs, element dofs)
+        """
         weighted = self.gradients * self.weights[..., None, None]
         return self.expand_to_components(
             np.matmul(weighted, self.gradients.swapaxes(2, 3)).sum(axis=1)
         )
 
     def mass_matrices(self) -> Array:
-        """Return integrals of v . u in m², (elements, element dofs, element dofs)."""
+        """Return integrals of v . u in m².
+
+        Returns
+        -------
+        ndarray, shape (elements, element dofs, element dofs)
+        """
         weighted = self.values * self.weights[..., None]
         return self.expand_to_components(np.matmul(weighted.swapaxes(1, 2), self.values))
 
@@ -185,12 +204,12 @@ class Space:
 
         Parameters
         ----------
-        scalar : (elements, functions, functions) array
+        scalar : ndarray, shape (elements, functions, functions)
             Matrices for a scalar function.
 
         Returns
         -------
-        (elements, element dofs, element dofs) array
+        ndarray, shape (elements, element dofs, element dofs)
             The same for each component, without coupling.
         """
         blocks = np.einsum("eab,ij->eaibj", scalar, np.eye(3))
@@ -201,14 +220,14 @@ class Space:
 
         Parameters
         ----------
-        elements : (n,) array
+        elements : ndarray, shape (n,)
             Elements.
-        points : (2, n, points) array
+        points : ndarray, shape (2, n, points)
             Local coordinates of the points in each element.
 
         Returns
         -------
-        (n, points, functions, 2) array
+        ndarray, shape (n, points, functions, 2)
             Gradients in 1/m.
         """
         local = evaluate_shape_gradients(self.basis.elem, points.reshape(2, -1))
@@ -221,7 +240,7 @@ class Space:
 
         Parameters
         ----------
-        points : (2, n) array
+        points : ndarray, shape (2, n)
             Places in m.
         candidates : int
             Number of elements, with the nearest centroids, in which a point is looked for. A point
@@ -229,7 +248,7 @@ class Space:
 
         Returns
         -------
-        (n, scalar dofs) sparse matrix
+        sparse matrix, shape (n, scalar dofs)
             Values of the scalar functions at the points.
         """
         elements, _ = find_nearest_elements(self.mesh, points, candidates)
@@ -241,35 +260,48 @@ class Space:
 
 
 def evaluate_shape_functions(element: Element, points: Array) -> Array:
-    """Evaluate an element's functions, (..., functions), at local points (2, ...)."""
+    """Evaluate an element's functions, (..., functions), at local points.
+
+    Returns
+    -------
+    ndarray, shape (2, ...)
+    """
     flat = points.reshape(2, -1)
     values = [element.lbasis(flat, i)[0] for i in range(len(element.doflocs))]
     return np.stack(values, axis=-1).reshape(*points.shape[1:], -1)
 
 
 def evaluate_shape_gradients(element: Element, points: Array) -> Array:
-    """Evaluate first derivatives by the local coordinates, (points, functions, 2).
+    """Evaluate first derivatives by the local coordinates.
 
     Parameters
     ----------
     element : Element
         Element with the functions.
-    points : (2, points) array
+    points : ndarray, shape (2, points)
         Local coordinates.
+
+    Returns
+    -------
+    ndarray, shape (points, functions, 2)
     """
     gradients = [element.lbasis(points, i)[1] for i in range(len(element.doflocs))]
     return np.array(gradients).transpose(2, 0, 1)
 
 
 def evaluate_shape_hessians(element: Element, points: Array) -> Array:
-    """Evaluate second derivatives by the local coordinates, (points, functions, 2, 2).
+    """Evaluate second derivatives by the local coordinates.
 
     Parameters
     ----------
     element : Element
         Element with the functions.
-    points : (2, points) array
+    points : ndarray, shape (2, points)
         Local coordinates.
+
+    Returns
+    -------
+    ndarray, shape (points, functions, 2, 2)
 
     Notes
     -----
@@ -289,14 +321,14 @@ def transfer_dofs(space: Space, x: Array, target: Space) -> Array:
     ----------
     space : Space
         The space of the displacement.
-    x : (dofs,) array
+    x : ndarray, shape (dofs,)
         Its dofs in m.
     target : Space
         The space on the other mesh, with as many auxiliary nodes.
 
     Returns
     -------
-    (target dofs,) array
+    ndarray, shape (target dofs,)
         Dofs in m. Auxiliary dofs are copied.
     """
     nodal = x.reshape(-1, 3)[: space.basis.N]

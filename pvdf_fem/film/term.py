@@ -30,14 +30,14 @@ class State:
 
     #: (elements, points, 3, 2)
     deformation_gradient: Array
-    #: Green-Lagrange strain, Voigt with engineering shear, (elements, points, 3).
+    #: Green-Lagrange strain, Voigt with engineering shear, shape (elements, points, 3).
     strain: Array
     #: Second Piola-Kirchhoff stress in Pa, Voigt, (elements, points, 3), with the stress that terms
     #: add.
     stress: Array
-    #: The displacement in m, (dofs,).
+    #: The displacement in m, shape (dofs,).
     dofs: Array
-    #: Stress that terms add to the strain's stress, if any does, (elements, 1, 3).
+    #: Stress that terms add to the strain's stress, if any does, shape (elements, 1, 3).
     added: Array | None = field(default=None, kw_only=True)
     #: Moduli in Pa that replace the strain's moduli in a tangent.
     tangent_stiffness: Array | None = field(default=None, kw_only=True)
@@ -56,28 +56,28 @@ class ElementStress(NamedTuple):
     """A stress that is constant over some elements."""
 
     elements: Indices  #: (n,)
-    stress: Array  #: Voigt, in Pa, (3,).
+    stress: Array  #: Voigt, in Pa, shape (3,).
 
 
 class ElementForces(NamedTuple):
     """Forces on some elements, against the film's face."""
 
     elements: Selection  #: (n,)
-    forces: Array  #: In N, (n,).
+    forces: Array  #: In N, shape (n,).
 
 
 class CombinedMotion(NamedTuple):
     """Dofs that move together, by a combination of a few functions."""
 
     dofs: Indices  #: (n,)
-    functions: Array  #: The functions' values at the dofs, (n, functions).
+    functions: Array  #: The functions' values at the dofs, shape (n, functions).
 
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
     """Constraints of a term on the dofs. They add no equation, but map unknowns to dofs."""
 
-    #: Dofs that stay zero, (n,).
+    #: Dofs that stay zero, shape (n,).
     fixed_dofs: Indices = field(default_factory=NO_INDICES.copy)
     #: Groups of dofs; the dofs of a group have a common value.
     shared_dofs: tuple[Indices, ...] = ()
@@ -103,7 +103,12 @@ class MatrixAssembler(Protocol):
         """Reduce a matrix (scalar dofs, scalar dofs) of the deflections."""
 
     def of_dofs(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
-        """Reduce a matrix (dofs, dofs)."""
+        """Reduce a matrix.
+
+        Returns
+        -------
+        ndarray, shape (dofs, dofs)
+        """
 
 
 class SolverHints:
@@ -126,7 +131,12 @@ class NonlocalTangent:
     """Parts of a tangent that are no element matrices. By default there are none."""
 
     def coupled_tangent(self, assembly: MatrixAssembler, state: State) -> sp.csc_matrix | None:
-        """Return a sparse part in N/m that couples elements, (unknowns, unknowns)."""
+        """Return a sparse part in N/m that couples elements.
+
+        Returns
+        -------
+        ndarray, shape (unknowns, unknowns)
+        """
         return None
 
     def tangent_column(self, state: State) -> Array | None:
@@ -163,7 +173,12 @@ class Term(SolverHints, NonlocalTangent, ABC):
 
     @abstractmethod
     def residual(self, state: State) -> Array:
-        """Return the derivative of the energy: internal less external forces in N, (dofs,)."""
+        """Return the derivative of the energy: internal less external forces in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
 
     def element_tangent(self, state: State) -> ElementMatrices | None:
         """Return the derivative of `residual` in N/m, element by element; None if it is zero."""
@@ -172,10 +187,14 @@ class Term(SolverHints, NonlocalTangent, ABC):
     # --- derived from the members above; overridden where there is a faster or more exact way
 
     def element_action(self, state: State, x: Array) -> Array | None:
-        """Return the symmetric tangent times the dofs `x` in N, (elements, element dofs).
+        """Return the symmetric tangent times the dofs `x` in N.
 
         None where there is no tangent, and for a nonconservative load: leaving out its small
         tangent keeps the sum over all terms symmetric.
+
+        Returns
+        -------
+        ndarray, shape (elements, element dofs)
         """
         tangent = self.element_tangent(state) if self.conservative else None
         if tangent is None:
@@ -186,7 +205,12 @@ class Term(SolverHints, NonlocalTangent, ABC):
         return actions
 
     def action(self, state: State, x: Array) -> Array | None:
-        """Return the sum of `element_action` at the dofs in N, (dofs,)."""
+        """Return the sum of `element_action` at the dofs in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         forces = self.element_action(state, x)
         return None if forces is None else self.space.sum_at_dofs(forces)
 
@@ -204,12 +228,12 @@ class Term(SolverHints, NonlocalTangent, ABC):
         ----------
         state : State
             The state at s = 0.
-        x : (dofs,) array
+        x : ndarray, shape (dofs,)
             The direction in m.
 
         Returns
         -------
-        (5,) array
+        ndarray, shape (5,)
             Coefficients in J of 1, s, ... s⁴: by default of the second order, which is exact for a
             quadratic energy and for dead loads. They do not hold for a wrinkling film, whose energy
             is no polynomial.
@@ -235,7 +259,12 @@ class LoadTerm(Term):
 
     @abstractmethod
     def forces(self, state: State) -> Array:
-        """Return the external forces in N, (dofs,)."""
+        """Return the external forces in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
 
     @abstractmethod
     def scaled(self, factor: float) -> Self:
@@ -246,7 +275,12 @@ class LoadTerm(Term):
         return -float(self.forces(state) @ state.dofs)
 
     def residual(self, state: State) -> Array:
-        """Return the forces with a minus sign in N, (dofs,)."""
+        """Return the forces with a minus sign in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         return -self.forces(state)
 
     def through_thickness_forces(self, state: State, residual: Array) -> ElementForces | None:
@@ -256,7 +290,7 @@ class LoadTerm(Term):
         ----------
         state : State
             The state of the film.
-        residual : (dofs,) array
+        residual : ndarray, shape (dofs,)
             The residual of all terms at this state in N, which has the reactions of constraints.
 
         Returns

@@ -32,16 +32,16 @@ class Unknowns:
     ----------
     dof_count : int
         Number of dofs.
-    fixed : (n,) array
+    fixed : ndarray, shape (n,)
         Dofs that are zero.
-    shared : sequence of (n,) arrays
+    shared : sequence of ndarray, shape (n,)
         Groups of dofs with a common value. A group with a fixed dof is zero.
     motions : sequence of CombinedMotion
         Dofs that move by combinations of functions.
 
     Attributes
     ----------
-    of_dof : (dofs,) array
+    of_dof : ndarray, shape (dofs,)
         Slot of each dof; `FIXED` where it has none.
     slot_count, count : int
         Number of slots, and of unknowns.
@@ -89,7 +89,7 @@ class Unknowns:
         ----------
         space : Space
             The finite-element space.
-        clamped : (n,) array
+        clamped : ndarray, shape (n,)
             Dofs that the rim and mirror lines fix.
         terms : sequence of Term
             All terms.
@@ -122,9 +122,13 @@ class Unknowns:
         return np.append(slots, 0.0)[self.of_dof]
 
     def fold(self, forces: Array) -> Array:
-        """Return the forces on the unknowns, (unknowns, ...), of forces on the dofs, (dofs, ...).
+        """Return the forces on the unknowns, (unknowns, ...), of forces on the dofs.
 
         Forces on fixed dofs drop out.
+
+        Returns
+        -------
+        ndarray, shape (dofs, ...)
         """
         if forces.ndim > 1:
             return np.asarray(self.expansion.T @ forces)
@@ -134,12 +138,16 @@ class Unknowns:
         return np.asarray(total, dtype=np.float64)
 
     def fold_diagonal(self, diagonal: Array) -> Array:
-        """Return the diagonal for unknowns of a matrix with a diagonal for dofs, (unknowns,).
+        """Return the diagonal for unknowns of a matrix with a diagonal for dofs.
 
         Parameters
         ----------
-        diagonal : (dofs,) array
+        diagonal : ndarray, shape (dofs,)
             The diagonal; coupling between dofs that share an unknown is neglected.
+
+        Returns
+        -------
+        ndarray, shape (unknowns,)
         """
         total = self._sum_in_slots(diagonal)
         if self.slots_of_unknowns is not None:
@@ -153,7 +161,12 @@ class Unknowns:
         return np.asarray(mean if self.unknowns_of_slots is None else self.unknowns_of_slots @ mean)
 
     def deflections(self) -> Mask:
-        """Return which unknowns are deflections, not in-plane displacements, (unknowns,)."""
+        """Return which unknowns are deflections, not in-plane displacements.
+
+        Returns
+        -------
+        ndarray, shape (unknowns,)
+        """
         slots = np.zeros(self.slot_count + 1, dtype=bool)
         slots[self.of_dof[2::3]] = True  # the last, surplus slot takes the fixed dofs
         slots = slots[:-1]
@@ -162,7 +175,7 @@ class Unknowns:
         return np.asarray(self.slots_of_unknowns.T @ slots != 0.0)
 
     def _sum_in_slots(self, values: Array) -> Array:
-        """Return the sum of values (dofs,) in each slot, (slots,)."""
+        """Return the sum of values (dofs,) in each slot, shape (slots,)."""
         # the first bin is that of fixed dofs
         return np.asarray(np.bincount(self.of_dof + 1, values, self.slot_count + 1)[1:])
 
@@ -177,12 +190,16 @@ class Assembly:
         self._slots = np.where(slots == FIXED, unknowns.slot_count, slots).astype(np.int32)
 
     def matrix(self, element_matrices: Array) -> sp.csc_matrix:
-        """Return the sum of element matrices, (unknowns, unknowns).
+        """Return the sum of element matrices.
 
         Parameters
         ----------
-        element_matrices : (elements, element dofs, element dofs) array
+        element_matrices : ndarray, shape (elements, element dofs, element dofs)
             Matrices of all elements.
+
+        Returns
+        -------
+        ndarray, shape (unknowns, unknowns)
         """
         count = self.unknowns.slot_count
         rows = np.broadcast_to(self._slots[:, :, None], element_matrices.shape)
@@ -193,12 +210,22 @@ class Assembly:
         return total if expansion is None else (expansion.T @ total @ expansion).tocsc()
 
     def of_dofs(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
-        """Reduce a matrix (dofs, dofs) to (unknowns, unknowns)."""
+        """Reduce a matrix (dofs, dofs) to.
+
+        Returns
+        -------
+        ndarray, shape (unknowns, unknowns)
+        """
         expansion = self.unknowns.expansion
         return (expansion.T @ matrix @ expansion).tocsc()
 
     def of_deflections(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
-        """Reduce a matrix (scalar dofs, scalar dofs) of the deflections to (unknowns, unknowns)."""
+        """Reduce a matrix (scalar dofs, scalar dofs) of the deflections to.
+
+        Returns
+        -------
+        ndarray, shape (unknowns, unknowns)
+        """
         expansion = self.unknowns.expansion[2::3]
         return (expansion.T @ matrix @ expansion).tocsc()
 
@@ -219,7 +246,7 @@ class _Interpolation(NamedTuple):
     """Values at points of the functions of a coarse space."""
 
     values: Array  # (points, functions)
-    nodes: Indices  # scalar dofs of the functions, (points, functions)
+    nodes: Indices  # scalar dofs of the functions, shape (points, functions)
 
 
 def make_prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
@@ -232,7 +259,7 @@ def make_prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
 
     Returns
     -------
-    (rich unknowns, coarse unknowns) sparse matrix
+    sparse matrix, shape (rich unknowns, coarse unknowns)
         The map of unknowns.
     """
     unknowns = rich.unknowns
@@ -269,7 +296,7 @@ def _interpolate_at_nodes(coarse: Space, rich: Space, nodes: Indices) -> _Interp
 
 
 def _find_first_indices(labels: Indices, count: int) -> Indices:
-    """Return where each of the labels 0 ... count - 1 stands first in `labels`, (count,).
+    """Return where each of the labels 0 ... count - 1 stands first in `labels`, shape (count,).
 
     Negative labels are ignored.
     """

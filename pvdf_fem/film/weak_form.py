@@ -64,30 +64,30 @@ def make_tangent_form(film: Film) -> BilinearForm:
 
 
 def _deformation_gradient(displacement: Any) -> Array:
-    """Return F = [I; 0] + grad u, (3, 2, elements, points)."""
+    """Return F = [I; 0] + grad u, shape (3, 2, elements, points)."""
     return np.eye(3, 2)[:, :, None, None] + displacement.grad
 
 
 def _sym(F: Array, gradient: Array) -> Array:
-    """Return sym(F^T grad v), (2, 2, elements, points)."""
+    """Return sym(F^T grad v), shape (2, 2, elements, points)."""
     product = np.einsum("ca...,cb...->ab...", F, gradient)
     return 0.5 * (product + product.swapaxes(0, 1))
 
 
 def _double_contraction(A: Array, B: Array) -> Array:
-    """Return A : B, (elements, points)."""
+    """Return A : B, shape (elements, points)."""
     return np.einsum("ab...,ab...", A, B)
 
 
 def _apply_stiffness(E: Array, film: Film) -> Array:
-    """Return C : E in Pa, (2, 2, elements, points)."""
+    """Return C : E in Pa, shape (2, 2, elements, points)."""
     voigt = [E[0, 0], E[1, 1], 2 * E[0, 1]]
     s11, s22, s12 = np.einsum("ij,j...->i...", film.stiffness, voigt)
     return np.array([[s11, s12], [s12, s22]])
 
 
 def _stress(F: Array, film: Film) -> Array:
-    """Return S = C : (E + E0) in Pa, (2, 2, elements, points)."""
+    """Return S = C : (E + E0) in Pa, shape (2, 2, elements, points)."""
     identity = np.eye(2)[:, :, None, None]
     E = 0.5 * (np.einsum("ca...,cb...->ab...", F, F) - identity)
     e11, e22, e12 = film.prestrain

@@ -37,7 +37,7 @@ def estimate_uncertain_fraction(
 
     Parameters
     ----------
-    widths : (...) array
+    widths : ndarray, shape (...)
         Element sizes in bending lengths.
     most : float
         The fraction in very wide elements.
@@ -52,7 +52,7 @@ def estimate_missing_fraction(widths: Array, most: float = 0.06, half_width: flo
 
     Parameters
     ----------
-    widths : (...) array
+    widths : ndarray, shape (...)
         Element sizes in bending lengths.
     most, half_width : float
         Numbers of the error that a space of the next order sees, measured in a plate stretched from
@@ -67,11 +67,11 @@ class BendingLayers:
     """Bending forces in the elements, with the uncertain part of the forces."""
 
     plate: Plate
-    expansion: sp.csr_matrix  #: From unknowns to dofs, (dofs, unknowns).
-    #: Bending length sqrt(D/N) for the largest tension in each element in m, (elements,).
+    expansion: sp.csr_matrix  #: From unknowns to dofs, shape (dofs, unknowns).
+    #: Bending length sqrt(D/N) for the largest tension in each element in m, shape (elements,).
     lengths: Array
-    widths: Array  #: Element sizes in bending lengths, (elements,).
-    values: Array  #: Bending forces of the values of ``plate.form.strains``, (values,).
+    widths: Array  #: Element sizes in bending lengths, shape (elements,).
+    values: Array  #: Bending forces of the values of ``plate.form.strains``, shape (values,).
 
     @classmethod
     def from_state(cls, plate: Plate, expansion: sp.csr_matrix, state: State) -> BendingLayers:
@@ -81,7 +81,7 @@ class BendingLayers:
         ----------
         plate : Plate
             The plate term of its equations.
-        expansion : (dofs, unknowns) sparse matrix
+        expansion : sparse matrix, shape (dofs, unknowns)
             The map from unknowns to dofs.
         state : State
             The solution's state.
@@ -101,28 +101,36 @@ class BendingLayers:
 
     @property
     def _deflections(self) -> sp.csr_matrix:
-        """Matrix from unknowns to deflections, (scalar dofs, unknowns)."""
+        """Matrix from unknowns to deflections, shape (scalar dofs, unknowns)."""
         return self.expansion[2::3]
 
     def compute_change(self, factors: SuperLU) -> Array:
-        """Return the change of the unknowns by the uncertain forces, (unknowns,).
+        """Return the change of the unknowns by the uncertain forces.
 
         Parameters
         ----------
         factors : SuperLU
             Factors of the tangent.
+
+        Returns
+        -------
+        ndarray, shape (unknowns,)
         """
         form = self.plate.form
         values = estimate_uncertain_fraction(self.widths)[form.elements] * self.values
         return -factors.solve(np.asarray(self._deflections.T @ (form.strains.T @ values)))
 
     def compute_effects(self, duals: Array) -> Array:
-        """Return the absolute changes of outputs by bending forces, (elements, outputs).
+        """Return the absolute changes of outputs by bending forces.
 
         Parameters
         ----------
-        duals : (unknowns, outputs) array
+        duals : ndarray, shape (unknowns, outputs)
             Dual solutions of the outputs.
+
+        Returns
+        -------
+        ndarray, shape (elements, outputs)
         """
         form = self.plate.form
         work = self.values[:, None] * (form.strains @ (self._deflections @ duals))
@@ -136,7 +144,7 @@ class BendingLayers:
 
         Parameters
         ----------
-        effects : (elements,) array
+        effects : ndarray, shape (elements,)
             Effects by the bending forces on an output.
         remaining : float
             Error of the output that the next mesh may have.
@@ -146,7 +154,7 @@ class BendingLayers:
 
         Returns
         -------
-        (elements,) array
+        ndarray, shape (elements,)
             Sizes in m. Elements with half of `remaining` together may stay as they are: their size
             is infinite. The others get the same size in bending lengths.
         """

@@ -65,7 +65,7 @@ class Plate(Term):
         A space of order 2 to 4.
     film : Film
         The film.
-    rigid_elements : (n,) array
+    rigid_elements : ndarray, shape (n,)
         Elements under rigid punches, which do not bend.
     rim_tension, punch_tension : float
         Tensions in N/m that are expected at the rim and at the punches' edges. Where elements are
@@ -93,7 +93,7 @@ class Plate(Term):
 
     @cached_property
     def matrix(self) -> sp.csr_matrix:
-        """Stiffness of the deflections in N/m, (scalar dofs, scalar dofs)."""
+        """Stiffness of the deflections in N/m, shape (scalar dofs, scalar dofs)."""
         return self.form.matrix
 
     def energy(self, state: State) -> float:
@@ -106,7 +106,12 @@ class Plate(Term):
         return 0.5 * float(w @ self.form.forces(w))
 
     def residual(self, state: State) -> Array:
-        """Return the bending forces in N, (dofs,)."""
+        """Return the bending forces in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         return self._place_at_dofs(self.form.forces(state.dofs[2::3]))
 
     def _place_at_dofs(self, deflection_forces: Array) -> Array:
@@ -122,9 +127,13 @@ class Plate(Term):
         return self._last_tangent[1]
 
     def element_action(self, state: State, x: Array) -> Array:
-        """Return the bending forces of the dofs `x` in N, (elements, element dofs).
+        """Return the bending forces of the dofs `x` in N.
 
         The elements around a node share its force equally.
+
+        Returns
+        -------
+        ndarray, shape (elements, element dofs)
         """
         nodes = self.space.nodes
         forces = np.zeros((*nodes.shape, 3))
@@ -133,11 +142,21 @@ class Plate(Term):
         return forces.reshape(self.space.element_dofs.shape)
 
     def action(self, state: State, x: Array) -> Array:
-        """Return the stiffness times the dofs `x` in N, (dofs,)."""
+        """Return the stiffness times the dofs `x` in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         return self._place_at_dofs(self.matrix @ x[2::3])
 
     def diagonal(self, state: State) -> Array:
-        """Return the diagonal of the stiffness in N/m, (dofs,)."""
+        """Return the diagonal of the stiffness in N/m.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         return self._place_at_dofs(self.matrix.diagonal())
 
     def energy_along(self, state: State, x: Array) -> Array:
@@ -150,7 +169,12 @@ class Plate(Term):
 
 
 def compute_plate_stiffness(film: Film) -> Array:
-    """Compute D = h^3/12 C in N m, (3, 3), for the curvatures (w_xx, w_yy, 2 w_xy)."""
+    """Compute D = h^3/12 C in N m, (3, 3), for the curvatures.
+
+    Returns
+    -------
+    ndarray, shape (w_xx, w_yy, 2 w_xy)
+    """
     return film.thickness**3 / 12.0 * film.stiffness
 
 
@@ -165,17 +189,22 @@ class BendingForm:
     #: G: curvatures at points of elements, slope jumps and mean moments at points of edges,
     #: (values, scalar dofs).
     strains: sp.csr_matrix
-    stiffness: sp.csr_matrix  #: B, (values, values).
-    #: Element of each value; of an edge between two elements the first, (values,).
+    stiffness: sp.csr_matrix  #: B, shape (values, values).
+    #: Element of each value; of an edge between two elements the first, shape (values,).
     elements: Indices
 
     @property
     def matrix(self) -> sp.csr_matrix:
-        """Stiffness in N/m, (scalar dofs, scalar dofs)."""
+        """Stiffness in N/m, shape (scalar dofs, scalar dofs)."""
         return (self.strains.T @ (self.stiffness @ self.strains)).tocsr()
 
     def forces(self, w: Array) -> Array:
-        """Return the forces in N of the deflections `w` in m, both (scalar dofs,)."""
+        """Return the forces in N of the deflections `w` in m, both.
+
+        Returns
+        -------
+        ndarray, shape (scalar dofs,)
+        """
         return np.asarray(self.strains.T @ (self.stiffness @ (self.strains @ w)))
 
 
@@ -194,7 +223,7 @@ def make_bending_form(
         A space of order 2 to 4.
     film : Film
         The film.
-    rigid_elements : (n,) array
+    rigid_elements : ndarray, shape (n,)
         Elements under rigid punches, which do not bend.
     rim_tension, punch_tension : float
         Tensions in N/m that are expected at the rim and at the punches' edges.
@@ -247,8 +276,8 @@ class _ShapeValues:
 
     inverse_jacobian: Array  # (elements, points, 2, 2)
     area_ratio: Array  # area over that in the reference triangle, (elements, points)
-    gradient: Array  # in 1/m, (elements, points, functions, 2)
-    curvature: Array  # w_xx, w_yy, 2 w_xy in 1/m², (elements, points, functions, 3)
+    gradient: Array  # in 1/m, shape (elements, points, functions, 2)
+    curvature: Array  # w_xx, w_yy, 2 w_xy in 1/m², shape (elements, points, functions, 3)
 
     @classmethod
     def at_points(cls, space: Space, points: Array) -> _ShapeValues:
@@ -282,26 +311,31 @@ class _ShapeValues:
 class _JoinedEdges(NamedTuple):
     """Values at points of edges, from the elements on one or both of their sides."""
 
-    slope_jump: Array  # sum of the outward normal slopes, (edges, points, functions)
-    mean_moment: Array  # in N m, (edges, points, functions)
-    penalty: Array  # tau in N, (edges, points)
-    weights: Array  # of an integral along the edge in m, (edges, points)
+    slope_jump: Array  # sum of the outward normal slopes, shape (edges, points, functions)
+    mean_moment: Array  # in N m, shape (edges, points, functions)
+    penalty: Array  # tau in N, shape (edges, points)
+    weights: Array  # of an integral along the edge in m, shape (edges, points)
 
 
 @dataclass(frozen=True)
 class _EdgeValues:
     """Slopes and moments along the edges of elements; side i n + e is edge i of element e of n."""
 
-    slope: Array  # outward normal slope dw/dn, (sides, points, functions)
-    moment: Array  # M_nn, (sides, points, functions)
-    weights: Array  # of an integral along the edge in m, (sides, points)
-    stiffness: Array  # D_nn in N m, (sides, points)
-    height: Array  # area over length of the edge in m, (sides, 1)
-    penalty: Array  # tau height/D_nn, (sides, 1)
+    slope: Array  # outward normal slope dw/dn, shape (sides, points, functions)
+    moment: Array  # M_nn, shape (sides, points, functions)
+    weights: Array  # of an integral along the edge in m, shape (sides, points)
+    stiffness: Array  # D_nn in N m, shape (sides, points)
+    height: Array  # area over length of the edge in m, shape (sides, 1)
+    penalty: Array  # tau height/D_nn, shape (sides, 1)
 
     @classmethod
     def of_space(cls, space: Space, D: Array) -> _EdgeValues:
-        """Evaluate the functions along all edges, with the plate stiffness `D` (3, 3)."""
+        """Evaluate the functions along all edges, with the plate stiffness `D`.
+
+        Returns
+        -------
+        ndarray, shape (3, 3)
+        """
         places, lengths = leggauss(space.order + 1)
         # edges of the reference triangle: origin, direction, and outward normal as long as the edge
         reference_edges = (
@@ -346,7 +380,7 @@ class _EdgeValues:
 
         Parameters
         ----------
-        sides : (edges, 1 or 2) array
+        sides : ndarray, shape (edges, 1 or 2)
             Sides of each edge.
         tension : float
             Tension in N/m that is expected there, for the energy of an unresolved layer.
@@ -373,7 +407,7 @@ def _find_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
     ----------
     mesh : MeshTri2
         The mesh.
-    elements : (n,) array
+    elements : ndarray, shape (n,)
         The elements.
 
     Returns
@@ -398,9 +432,9 @@ def _make_operator(dofs: Indices, values: Array, count: int) -> sp.csr_matrix:
 
     Parameters
     ----------
-    dofs : (n, m) array
+    dofs : ndarray, shape (n, m)
         Columns of each element's or edge's values.
-    values : (n, ..., m) array
+    values : ndarray, shape (n, ..., m)
         The rows.
     count : int
         Number of columns.

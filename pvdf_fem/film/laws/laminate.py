@@ -28,15 +28,19 @@ class Ply:
     law: Law
     elements: Selection
     thickness_ratio: float  #: Thickness over the film's.
-    prestrain: Array  #: Elastic strain of the flat sheet, (3,) or (elements, points, 3).
+    prestrain: Array  #: Elastic strain of the flat sheet, shape (3,) or (elements, points, 3).
 
     def stress(self, strain: Array) -> Array:
-        """Return the stress over the film's thickness in Pa, (elements, points, 3).
+        """Return the stress over the film's thickness in Pa.
 
         Parameters
         ----------
-        strain : (elements, points, 3) array
+        strain : ndarray, shape (elements, points, 3)
             Strain in the ply's elements.
+
+        Returns
+        -------
+        ndarray, shape (elements, points, 3)
         """
         stress = self.law.stress(strain, self.prestrain)
         return stress if self.thickness_ratio == 1.0 else self.thickness_ratio * stress
@@ -57,7 +61,7 @@ class Laminate:
         The film's law; by default the one of ``film.law``.
     added : UnevenStrain, optional
         Strain by heat and by the rim's displacement, which is not the same everywhere.
-    frame : (2, 2) array
+    frame : ndarray, shape (2, 2)
         Orthogonal matrix from the scene's axes to the axes of the space.
     """
 
@@ -73,9 +77,9 @@ class Laminate:
         self.film = film
         self.added = added
         self.law: Law = LAWS[film.law](film.stiffness) if law is None else law
-        #: Elastic strain of the flat film, (3,); after `at` with the added strain, (..., 3).
+        #: Elastic strain of the flat film, (3,); after `at` with the added strain, shape (..., 3).
         self.prestrain: Array = self.law.compute_prestrain(film)
-        #: Stress in Pa that `stress` subtracts, (..., 3).
+        #: Stress in Pa that `stress` subtracts, shape (..., 3).
         self._subtracted: Array | None = None
         self.plies = self._make_plies(frame)
 
@@ -111,12 +115,16 @@ class Laminate:
         return plies
 
     def stress(self, strain: Array) -> Array:
-        """Return the film's stress without that of the added strain in Pa, (..., 3).
+        """Return the film's stress without that of the added strain in Pa.
 
         Parameters
         ----------
-        strain : (..., 3) array
+        strain : ndarray, shape (..., 3)
             Green-Lagrange strain.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
         """
         stress = self.law.stress(strain, self.prestrain)
         return stress if self._subtracted is None else stress - self._subtracted
@@ -126,7 +134,7 @@ class Laminate:
 
         Parameters
         ----------
-        places : (..., 2) array
+        places : ndarray, shape (..., 2)
             Places in m on the whole film.
 
         Returns
@@ -143,25 +151,33 @@ class Laminate:
         return other
 
     def film_stress(self, strain: Array, places: Array) -> Array:
-        """Return the film's whole stress in Pa, (..., 3).
+        """Return the film's whole stress in Pa.
 
         Parameters
         ----------
-        strain : (..., 3) array
+        strain : ndarray, shape (..., 3)
             Green-Lagrange strain.
-        places : (..., 2) array
+        places : ndarray, shape (..., 2)
             Its places in m on the whole film.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
         """
         stress = self.at_points(places).stress(strain)
         return stress if self.added is None else stress + self.added.stress(places)
 
     def resultant(self, strain: Array) -> Array:
-        """Return the stress of all plies over the film's thickness in Pa, (elements, points, 3).
+        """Return the stress of all plies over the film's thickness in Pa.
 
         Parameters
         ----------
-        strain : (elements, points, 3) array
+        strain : ndarray, shape (elements, points, 3)
             Green-Lagrange strain.
+
+        Returns
+        -------
+        ndarray, shape (elements, points, 3)
         """
         if len(self.plies) == 1:
             return self.plies[0].stress(strain)
@@ -175,12 +191,12 @@ class Laminate:
 
         Parameters
         ----------
-        strain : (elements, points, 3) array
+        strain : ndarray, shape (elements, points, 3)
             Green-Lagrange strain.
 
         Returns
         -------
-        (3, 3) or (elements, points or 1, 3, 3) array
+        ndarray, shape (3, 3) or (elements, points or 1, 3, 3)
             A single matrix where it is the same everywhere.
         """
         film, *layers = self.plies
@@ -198,9 +214,9 @@ class Laminate:
 
         Parameters
         ----------
-        strain : (elements, points, 3) array
+        strain : ndarray, shape (elements, points, 3)
             Green-Lagrange strain.
-        volumes : (elements, points) array
+        volumes : ndarray, shape (elements, points)
             Volumes of the film in m³.
         """
         total = 0.0

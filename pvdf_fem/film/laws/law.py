@@ -24,7 +24,7 @@ class Law:
 
     Parameters
     ----------
-    stiffness : (3, 3) array
+    stiffness : ndarray, shape (3, 3)
         Plane-stress stiffness of the unstrained sheet in Pa.
     """
 
@@ -97,7 +97,12 @@ class Law:
         return np.asarray(stress + 1j * (ahead - behind) / (2.0 * h))
 
     def tangent_stiffness(self, strain: Array, prestrain: Array) -> Array:
-        """Return the derivative of the stress by the strain in Pa, (3, 3) or (..., 3, 3)."""
+        """Return the derivative of the stress by the strain in Pa.
+
+        Returns
+        -------
+        ndarray, shape (3, 3) or (..., 3, 3)
+        """
         columns = []
         for direction in np.eye(3):
             stress = self.stress(strain + 1j * COMPLEX_STEP * direction, prestrain)
@@ -105,7 +110,7 @@ class Law:
         return np.stack(columns, axis=-1)
 
     def compute_prestrain(self, film: Film, max_steps: int = 30) -> Array:
-        """Compute the elastic strain of the flat clamped film, (3,).
+        """Compute the elastic strain of the flat clamped film.
 
         Parameters
         ----------
@@ -113,6 +118,10 @@ class Law:
             The film. It is strained by its cooling, or by a given pretension.
         max_steps : int
             Largest number of Newton steps from Hooke's strain.
+
+        Returns
+        -------
+        ndarray, shape (3,)
 
         Notes
         -----
@@ -142,15 +151,30 @@ class Hooke(Law):
     beyond_limit = "is no longer linear elastic"
 
     def energy(self, strain: Array, prestrain: Array) -> Array:
-        """Return e : C : e/2 in J/m³, (...)."""
+        """Return e : C : e/2 in J/m³.
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         elastic = strain + prestrain
         return 0.5 * np.asarray((elastic * apply_matrix(self.stiffness, elastic)).sum(axis=-1))
 
     def stress(self, strain: Array, prestrain: Array) -> Array:
-        """Return C : e in Pa, (..., 3)."""
+        """Return C : e in Pa.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+        """
         # the flat film's stress is added, so that a small strain loses no digits
         return apply_matrix(self.stiffness, strain) + prestrain @ self.stiffness
 
     def tangent_stiffness(self, strain: Array, prestrain: Array) -> Array:
-        """Return the stiffness in Pa, (3, 3)."""
+        """Return the stiffness in Pa.
+
+        Returns
+        -------
+        ndarray, shape (3, 3)
+        """
         return self.stiffness

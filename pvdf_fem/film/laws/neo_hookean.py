@@ -29,15 +29,15 @@ from pvdf_fem.film.laws.law import Law
 class _Prestrained(NamedTuple):
     """Quantities of the prestrained flat film."""
 
-    power: Array  # c0^-m, (...)
-    modulus: Array  # mu/J0 in Pa, (...)
+    power: Array  # c0^-m, shape (...)
+    modulus: Array  # mu/J0 in Pa, shape (...)
 
 
 class _Deformed(NamedTuple):
     """Quantities of the film's deformation."""
 
-    inverse: Array  # C^-1, (..., 3)
-    power: Array  # c^-m, (...)
+    inverse: Array  # C^-1, shape (..., 3)
+    power: Array  # c^-m, shape (...)
 
 
 class NeoHookean(Law):
@@ -45,7 +45,7 @@ class NeoHookean(Law):
 
     Parameters
     ----------
-    stiffness : (3, 3) array
+    stiffness : ndarray, shape (3, 3)
         Isotropic stiffness of the unstrained film in Pa.
     """
 
@@ -61,7 +61,12 @@ class NeoHookean(Law):
         self.m = nu / (1.0 - nu)
 
     def stress(self, strain: Array, prestrain: Array) -> Array:
-        """Return the stress in Pa, (..., 3)."""
+        """Return the stress in Pa.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+        """
         flat = self._describe_prestrained(prestrain)
         inverse, power = self._describe_deformed(strain)
         no_engineering_shear = np.array([1.0, 1.0, 0.5])
@@ -69,7 +74,12 @@ class NeoHookean(Law):
         return flat.modulus[..., None] * (C0 - (flat.power * power)[..., None] * inverse)
 
     def tangent_stiffness(self, strain: Array, prestrain: Array) -> Array:
-        """Return the derivative of the stress by the strain in Pa, (..., 3, 3)."""
+        """Return the derivative of the stress by the strain in Pa.
+
+        Returns
+        -------
+        ndarray, shape (..., 3, 3)
+        """
         flat = self._describe_prestrained(prestrain)
         B, power = self._describe_deformed(strain)
         b11, b22, b12 = np.moveaxis(B, -1, 0)
@@ -83,7 +93,12 @@ class NeoHookean(Law):
         return np.asarray(factor[..., None, None] * moduli)
 
     def energy(self, strain: Array, prestrain: Array) -> Array:
-        """Return the stored energy in J/m³ of the flat film, (...)."""
+        """Return the stored energy in J/m³ of the flat film.
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         flat = self._describe_prestrained(prestrain)
         e11, e22, e12 = np.moveaxis(strain, -1, 0)
         p11, p22, p12 = np.moveaxis(prestrain, -1, 0)
@@ -107,6 +122,6 @@ class NeoHookean(Law):
 
 
 def _compute_determinant(strain: Array) -> Array:
-    """Return det (I + 2 E), (...)."""
+    """Return det (I + 2 E), shape (...)."""
     e11, e22, e12 = np.moveaxis(strain, -1, 0)
     return np.asarray((1.0 + 2.0 * e11) * (1.0 + 2.0 * e22) - e12 * e12)

@@ -39,7 +39,7 @@ class TensionField(Hooke):
 
     Parameters
     ----------
-    stiffness : (3, 3) array
+    stiffness : ndarray, shape (3, 3)
         Stiffness of the taut film in Pa.
     """
 
@@ -58,10 +58,14 @@ class TensionField(Hooke):
         return film.prestrain
 
     def stress(self, strain: Array, prestrain: Array | float = 0.0) -> Array:
-        """Return the stress in Pa, (..., 3).
+        """Return the stress in Pa.
 
         Where a complex strain has a small step as its imaginary part, the imaginary part of the
         stress is the derivative times the step.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
         """
         elastic = strain + prestrain
         if np.iscomplexobj(elastic):
@@ -76,13 +80,23 @@ class TensionField(Hooke):
         return stress
 
     def tangent_stiffness(self, strain: Array, prestrain: Array) -> Array:
-        """Return the derivative of the stress by the strain in Pa, (..., 3, 3)."""
+        """Return the derivative of the stress by the strain in Pa.
+
+        Returns
+        -------
+        ndarray, shape (..., 3, 3)
+        """
         elastic = strain + prestrain
         root = self._factorise_tangent_stiffness(elastic, self.stress(elastic))
         return np.matmul(root.swapaxes(-1, -2), root)
 
     def energy(self, strain: Array, prestrain: Array) -> Array:
-        """Return the stored energy in J/m³, (...)."""
+        """Return the stored energy in J/m³.
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         elastic = strain + prestrain
         return 0.5 * np.asarray((elastic * self.stress(elastic)).sum(axis=-1))
 
@@ -133,14 +147,14 @@ class TensionField(Hooke):
 
         Parameters
         ----------
-        strain : (..., 3) array
+        strain : ndarray, shape (..., 3)
             Elastic strain e.
-        stress : (..., 3) array
+        stress : ndarray, shape (..., 3)
             Its stress S in Pa.
 
         Returns
         -------
-        (..., 3, 3) array
+        ndarray, shape (..., 3, 3)
             R with dS/de = R^T R.
 
         Notes
@@ -172,11 +186,11 @@ class TensionField(Hooke):
 
 
 def _is_nowhere_compressive(stress: Array) -> Mask:
-    """Return whether both principal values of stresses (..., 3) are positive or zero, (...)."""
+    """Return whether both principal values of stresses (..., 3) are positive or zero, shape (...)."""
     s11, s22, s12 = np.moveaxis(stress, -1, 0)
     return np.asarray((s11 + s22 >= 0.0) & (s11 * s22 >= s12**2))
 
 
 def _contract(a: Array, b: Array, matrix: Array) -> Array:
-    """Return a : matrix : b, (...), of tensors (..., 3)."""
+    """Return a : matrix : b, (...), of tensors, shape (..., 3)."""
     return np.asarray(((a @ matrix) * b).sum(axis=-1))

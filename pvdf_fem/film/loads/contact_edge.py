@@ -26,15 +26,15 @@ POORER_DEGREE = 3
 class _Rays(NamedTuple):
     """Rays from a tip's core outwards."""
 
-    origins: Array  # on the core's outline in m, (rays, 2)
-    directions: Array  # unit vectors, (rays, 2)
+    origins: Array  # on the core's outline in m, shape (rays, 2)
+    directions: Array  # unit vectors, shape (rays, 2)
 
 
 class _Gaps(NamedTuple):
     """Where points of the film are relative to a tip."""
 
-    distances: Array  # from the core in m, seen along z, (...)
-    values: Array  # gaps between tip and film in m, negative in an overlap, (...)
+    distances: Array  # from the core in m, seen along z, shape (...)
+    values: Array  # gaps between tip and film in m, negative in an overlap, shape (...)
 
 
 def locate_contact_edge(
@@ -55,7 +55,7 @@ def locate_contact_edge(
 
     Returns
     -------
-    (RAY_COUNT, 2) array
+    ndarray, shape (RAY_COUNT, 2)
         Points on the undeformed film in m.
 
     Notes
@@ -132,7 +132,7 @@ def _find_last_touching(tip: RigidTip, state: State, rays: _Rays, width: float) 
 
 
 def _interpolate_displacement(tip: RigidTip, state: State, points: Array) -> Array:
-    """Interpolate the film's displacement (n, 3) in m at points (n, 2)."""
+    """Interpolate the film's displacement (n, 3) in m at points, shape (n, 2)."""
     nodal = state.dofs.reshape(-1, 3)[: tip.space.basis.N]
     return np.asarray(tip.space.interpolation_matrix(points.T) @ nodal)
 

@@ -54,12 +54,17 @@ class FilmLoad(LoadTerm):
         return other
 
     def forces(self, state: State) -> Array:
-        """Return the forces in N, (dofs,)."""
+        """Return the forces in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         return self.pressure * self._forces_per_pascal
 
     @cached_property
     def _forces_per_pascal(self) -> Array:
-        """Forces of a unit traction along z in m², (dofs,)."""
+        """Forces of a unit traction along z in m², shape (dofs,)."""
         unit = np.broadcast_to(UP, (*self.space.weights.shape, 3))
         return integrate_traction(self.space, ALL, unit)
 
@@ -80,7 +85,12 @@ class FilmPressure(FilmLoad):
         return self.film.pressure_Pa or 0.0
 
     def forces(self, state: State) -> Array:
-        """Return the forces in N, (dofs,)."""
+        """Return the forces in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         if self.conservative:
             return super().forces(state)
         traction = self.pressure * compute_normal(state.deformation_gradient)

@@ -73,7 +73,7 @@ def find_rigid_elements(terms: Iterable[Term], *, horizontal_only: bool = False)
 
     Returns
     -------
-    (n,) array
+    ndarray, shape (n,)
         Elements.
     """
     patches = [np.empty(0, dtype=np.int64)]

@@ -51,9 +51,9 @@ class ProbeLoad(LoadTerm):
         self.spec = spec
         self.space = space
         self.sector = sector
-        #: Elements of the probe's patch, (n,).
+        #: Elements of the probe's patch, shape (n,).
         self.patch: Indices = space.mesh.subdomains[spec.patch]
-        #: Total force on the whole film in N, in the sector's axes, (3,).
+        #: Total force on the whole film in N, in the sector's axes, shape (3,).
         self.components: Array = np.array(spec.load.components)
         self.components[:2] = sector.frame @ self.components[:2]
 
@@ -67,7 +67,12 @@ class ProbeLoad(LoadTerm):
         return self.with_components(factor * self.components)
 
     def with_components(self, components: Array) -> Self:
-        """Return the same load with another total force in N, (3,)."""
+        """Return the same load with another total force in N.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+        """
         other = copy(self)
         other.components = components
         return other
@@ -77,7 +82,7 @@ class ProbeLoad(LoadTerm):
 
         Parameters
         ----------
-        weighted : (patch elements, points) array
+        weighted : ndarray, shape (patch elements, points)
             Values times quadrature weights on the solved sector.
         """
         image_count = len(self.sector.signs)
@@ -98,16 +103,25 @@ class PatchLoad(ProbeLoad):
 
     @abstractmethod
     def traction(self, deformation_gradient: Array) -> Array:
-        """Return the traction per undeformed area in Pa, (..., 3).
+        """Return the traction per undeformed area in Pa.
 
         Parameters
         ----------
-        deformation_gradient : (..., 3, 2) array
+        deformation_gradient : ndarray, shape (..., 3, 2)
             Deformation gradient of the film.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
         """
 
     def forces(self, state: State) -> Array:
-        """Return the integral of the traction over the patch in N, (dofs,)."""
+        """Return the integral of the traction over the patch in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         traction = self.traction(state.deformation_gradient[self.patch])
         return integrate_traction(self.space, self.patch, traction)
 
@@ -128,29 +142,44 @@ class DeadPressure(PatchLoad):
     """A traction in the direction of the force, which does not depend on the displacement."""
 
     def traction(self, deformation_gradient: Array) -> Array:
-        """Return the mean traction per undeformed area in Pa, (..., 3)."""
+        """Return the mean traction per undeformed area in Pa.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+        """
         force = self.force
         direction = self.components / force if force else UP
         return np.broadcast_to(self.pressure * direction, deformation_gradient.shape[:-1])
 
     def forces(self, state: State) -> Array:
-        """Return the forces of the traction with its profile in N, (dofs,)."""
+        """Return the forces of the traction with its profile in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         return self._dead_forces
 
     def with_components(self, components: Array) -> Self:
-        """Return the same load with another total force in N, (3,)."""
+        """Return the same load with another total force in N.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+        """
         other = super().with_components(components)
         other.__dict__.pop("_dead_forces", None)  # it is kept for one force
         return other
 
     @cached_property
     def _dead_forces(self) -> Array:
-        """The forces in N, (dofs,)."""
+        """The forces in N, shape (dofs,)."""
         return np.outer(self._nodal_fractions, self.components).ravel()
 
     @cached_property
     def _nodal_fractions(self) -> Array:
-        """Force at each scalar dof over the total force, (scalar dofs with auxiliary nodes,)."""
+        """Force at each scalar dof over the total force, shape (scalar dofs with auxiliary nodes,)."""
         node_count = self.space.dof_count // 3
         if not len(self.patch):
             return np.zeros(node_count)
@@ -189,7 +218,12 @@ class FollowerPressure(PatchLoad):
     conservative = False
 
     def traction(self, deformation_gradient: Array) -> Array:
-        """Return the traction per undeformed area in Pa, (..., 3)."""
+        """Return the traction per undeformed area in Pa.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+        """
         return self.pressure * compute_normal(deformation_gradient)
 
     def element_tangent(self, state: State) -> ElementMatrices | None:
@@ -216,14 +250,14 @@ def integrate_traction(space: Space, elements: Selection, traction: Array) -> Ar
     ----------
     space : Space
         The finite-element space.
-    elements : slice or (n,) array
+    elements : slice or ndarray, shape (n,)
         Elements on which the traction acts.
-    traction : (n, points, 3) array
+    traction : ndarray, shape (n, points, 3)
         Force per undeformed area at the quadrature points in Pa.
 
     Returns
     -------
-    (dofs,) array
+    ndarray, shape (dofs,)
         Forces in N.
     """
     weighted = space.weights[elements][..., None] * traction
@@ -232,7 +266,12 @@ def integrate_traction(space: Space, elements: Selection, traction: Array) -> Ar
 
 
 def compute_normal(deformation_gradient: Array) -> Array:
-    """Return the film's normal, as long as the ratio of deformed to undeformed area, (..., 3)."""
+    """Return the film's normal, as long as the ratio of deformed to undeformed area.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+    """
     return np.cross(deformation_gradient[..., 0], deformation_gradient[..., 1])
 
 
@@ -245,7 +284,7 @@ def compute_normal_stiffness(
     ----------
     space : Space
         The finite-element space.
-    elements : slice or (n,) array
+    elements : slice or ndarray, shape (n,)
         Elements on which the pressure acts.
     pressure : float
         The pressure in Pa.
@@ -254,7 +293,7 @@ def compute_normal_stiffness(
 
     Returns
     -------
-    (n, element dofs, element dofs) array
+    ndarray, shape (n, element dofs, element dofs)
         Derivative of the forces by the element's dofs in N/m.
 
     Notes

@@ -29,7 +29,7 @@ from pvdf_fem.scene.registry import DIGEST_MARK, PROFILE_ENTRIES
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import format_error
 
-#: A pressure at places (..., 2) in mm in the probe's own axes, (...).
+#: A pressure at places (..., 2) in mm in the probe's own axes, shape (...).
 GridFunction: TypeAlias = Callable[[Array], Array]
 
 

@@ -39,7 +39,7 @@ class Punch(DeadPressure):
     def __init__(self, spec: LoadSpec, space: Space, sector: SymmetrySector = WHOLE_FILM) -> None:
         super().__init__(spec, space, sector)
         self._nodes: Indices = np.unique(space.basis.element_dofs[:, self.patch])
-        #: From the punch's centroid to the nodes in m, in the sector's axes, (nodes, 2).
+        #: From the punch's centroid to the nodes in m, in the sector's axes, shape (nodes, 2).
         self._arms: Array = (
             space.basis.doflocs.T[self._nodes] - sector.frame @ spec.outline.centroid
         )
@@ -84,7 +84,7 @@ class Punch(DeadPressure):
         ----------
         state : State
             The state of the whole film.
-        residual : (dofs,) array
+        residual : ndarray, shape (dofs,)
             The residual of all terms at this state in N.
         """
         w = 3 * self._nodes + 2

@@ -43,14 +43,14 @@ class Overlap:
     """The overlap of film and tip at the quadrature points of all elements."""
 
     depth: float  #: Depth of the tip's lowest point in m.
-    value: Array  #: The overlap in m, negative where there is a gap, (elements, points).
-    #: Derivatives of the overlap by the displacement, -z_x, -z_y and -1, (elements, points, 3).
+    value: Array  #: The overlap in m, negative where there is a gap, shape (elements, points).
+    #: Derivatives of the overlap by the displacement, -z_x, -z_y and -1, shape (elements, points, 3).
     rates: Array
-    hessian: Array  #: Second derivatives of the tip's height in 1/m, (elements, points, 2, 2).
+    hessian: Array  #: Second derivatives of the tip's height in 1/m, shape (elements, points, 2, 2).
 
     @property
     def is_touching(self) -> Mask:
-        """Whether the film touches the tip, (elements, points)."""
+        """Whether the film touches the tip, shape (elements, points)."""
         return self.value > 0.0
 
 
@@ -58,7 +58,7 @@ class _Tractions(NamedTuple):
     """Tractions along z in the elements that touch the tip."""
 
     elements: Indices  # (n,)
-    weighted: Array  # times the quadrature weights, in N, (n, points)
+    weighted: Array  # times the quadrature weights, in N, shape (n, points)
 
 
 class RigidTip(ProbeLoad):
@@ -78,7 +78,7 @@ class RigidTip(ProbeLoad):
         #: Approximate overlap in the middle of the contact, over the depth.
         self.softness: float = spec.contact.softness
         self.components[2] = spec.contact.force
-        #: The dof of an unknown depth, (1,) or (0,).
+        #: The dof of an unknown depth, shape (1,) or (0,).
         self.depth_dof: Indices = NO_INDICES
         # where only a mirror image of the tip presses on the solved sector, nothing moves
         if spec.auxiliary_node is not None and len(self.patch):
@@ -206,7 +206,12 @@ class RigidTip(ProbeLoad):
     # --- the term
 
     def tractions(self, state: State) -> Array:
-        """Return tractions along z times quadrature weights in N, (elements, points)."""
+        """Return tractions along z times quadrature weights in N.
+
+        Returns
+        -------
+        ndarray, shape (elements, points)
+        """
         return self.penalty * np.maximum(self.overlap(state).value, 0.0) * self.space.weights
 
     def _touching_tractions(self, state: State) -> _Tractions:
@@ -224,7 +229,7 @@ class RigidTip(ProbeLoad):
         return forces
 
     def _sum_at_dofs(self, weighted: Array, elements: Indices) -> Array:
-        """Return the forces in N, (dofs,), of tractions times weights (elements, points, 3)."""
+        """Return the forces in N, (dofs,), of tractions times weights, shape (elements, points, 3)."""
         values = self.space.values[elements]
         return self.space.sum_at_dofs(np.matmul(values.swapaxes(1, 2), weighted), elements)
 
@@ -250,14 +255,14 @@ class RigidTip(ProbeLoad):
         ----------
         state : State
             The state of the film.
-        elements : (n,) array
+        elements : ndarray, shape (n,)
             Elements that touch.
-        weighted : (n, points) array
+        weighted : ndarray, shape (n, points)
             Tractions along z times weights in N.
 
         Returns
         -------
-        (n, points, 3, 3) array
+        ndarray, shape (n, points, 3, 3)
             Derivatives by the displacement, times weights, in N/m.
         """
         overlap = self.overlap(state)
@@ -269,7 +274,12 @@ class RigidTip(ProbeLoad):
         return stiffness
 
     def coupled_tangent(self, assembly: MatrixAssembler, state: State) -> sp.csc_matrix | None:
-        """Return the row and column of the depth in N/m, (unknowns, unknowns)."""
+        """Return the row and column of the depth in N/m.
+
+        Returns
+        -------
+        ndarray, shape (unknowns, unknowns)
+        """
         if not self.has_unknown_depth:
             return None
         force_rates, total_rate = self._depth_rates(state)
@@ -296,7 +306,12 @@ class RigidTip(ProbeLoad):
     # Products that make no element matrices take a small part of the time of `element_tangent`.
 
     def element_action(self, state: State, x: Array) -> Array:
-        """Return the tangent at a constant depth times `x` in N, (elements, element dofs)."""
+        """Return the tangent at a constant depth times `x` in N.
+
+        Returns
+        -------
+        ndarray, shape (elements, element dofs)
+        """
         actions = np.zeros(self.space.element_dofs.shape)
         elements, weighted = self._touching_tractions(state)
         values = self.space.values[elements]
@@ -307,7 +322,12 @@ class RigidTip(ProbeLoad):
         return actions
 
     def action(self, state: State, x: Array) -> Array:
-        """Return the whole tangent times the dofs `x` in N, (dofs,)."""
+        """Return the whole tangent times the dofs `x` in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         forces = self.space.sum_at_dofs(self.element_action(state, x))
         if self.has_unknown_depth:
             force_rates, total_rate = self._depth_rates(state)
@@ -317,7 +337,12 @@ class RigidTip(ProbeLoad):
         return forces
 
     def diagonal(self, state: State) -> Array:
-        """Return the diagonal of the tangent in N/m, (dofs,)."""
+        """Return the diagonal of the tangent in N/m.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         elements, weighted = self._touching_tractions(state)
         stiffness = np.einsum("epii->epi", self._point_stiffness(state, elements, weighted))
         values = self.space.values[elements]
@@ -352,7 +377,7 @@ class RigidTip(ProbeLoad):
 
         Returns
         -------
-        (elements, points) array
+        ndarray, shape (elements, points)
             Pressure in Pa; 0 where the film does not touch.
 
         Notes

@@ -147,7 +147,12 @@ class UnevenStrain:
         return None
 
     def temperature(self, places: Array) -> Array:
-        """Return the mean warming through the film in K, (...)."""
+        """Return the mean warming through the film in K.
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         from scipy.special import erfc  # most scenes have no heat
 
         points = places.reshape(-1, 2)
@@ -165,10 +170,20 @@ class UnevenStrain:
         return total.reshape(places.shape[:-1])
 
     def strain(self, places: Array) -> Array:
-        """Return the added elastic strain, (..., 3)."""
+        """Return the added elastic strain.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+        """
         thermal = self.film.thermal_expansion_per_K * self.temperature(places)
         return self.film.compute_rim_strain(places) - thermal[..., None] * [1.0, 1.0, 0.0]
 
     def stress(self, places: Array) -> Array:
-        """Return the stress of the added strain in Pa, (..., 3)."""
+        """Return the stress of the added strain in Pa.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+        """
         return self.strain(places) @ self.film.stiffness
