@@ -1,4 +1,4 @@
-"""The weak form of the membrane, as scikit-fem forms: the page to read first.
+"""The weak form of the membrane as scikit-fem forms, written for reading, not for speed.
 
 Reference disc in the plane z = 0, displacement u = (u, v, w), total Lagrangian::
 
@@ -9,9 +9,10 @@ Reference disc in the plane z = 0, displacement u = (u, v, w), total Lagrangian:
     residual = integral of h S : dE,       dE = sym(F^T grad v)
     tangent  = integral of h (dE : C : DE + S : sym(grad v^T grad u))
 
-with the prestrain E0 of the flat film, -alpha dT I of one that is cooled.
+with the displacements u and v of trial and test functions, the thickness h, the plane-stress
+stiffness C and the prestrain E0 of the flat film, which is -alpha dT I for a film cooled by dT.
 `pvdf_fem.film.membrane` evaluates the same equations for all elements at once, about fifty times
-faster; a test holds the two equal.
+faster; a test checks that both agree.
 """
 
 from __future__ import annotations
@@ -27,15 +28,15 @@ from pvdf_fem.scene.film import Film
 
 
 def make_vector_basis(space: Space) -> Basis:
-    """Make the three-component basis on which the forms assemble."""
+    """Make the basis of three-component displacements on which the forms are assembled."""
     element = ElementVector(ELEMENTS[space.order](), 3)
     return Basis(space.mesh, element, intorder=INTEGRATION_ORDER[space.order])
 
 
 def make_residual_form(film: Film) -> LinearForm:
-    """Make the form h S : sym(F^T grad v).
+    """Make the linear form h S : sym(F^T grad v) of the membrane's residual.
 
-    It is to be assembled with the field `displacement`.
+    Assemble it with the interpolated displacement as the keyword ``displacement``.
     """
 
     def form(v: Any, p: Any) -> Array:
@@ -47,9 +48,9 @@ def make_residual_form(film: Film) -> LinearForm:
 
 
 def make_tangent_form(film: Film) -> BilinearForm:
-    """Make the form h (dE : C : DE + S : sym(grad v^T grad u)).
+    """Make the bilinear form h (dE : C : DE + S : sym(grad v^T grad u)) of the tangent.
 
-    It is to be assembled with the field `displacement`.
+    Assemble it with the interpolated displacement as the keyword ``displacement``.
     """
 
     def form(u: Any, v: Any, p: Any) -> Array:
