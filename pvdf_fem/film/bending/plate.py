@@ -1,16 +1,18 @@
 """The plate term: the film's bending stiffness in von Kármán's equations.
 
-A Kirchhoff plate of stiffness D = h^3/12 C has the energy 1/2 integral kappa : D : kappa of its
-curvature kappa = grad grad w. The membrane's deflection is continuous, but its slope is not, so the
-normal slopes of neighbours are joined by an interior penalty (Engel and others, Comput. Methods
-Appl. Mech. Eng. 191, 2002, 3669-3750; Brenner and Sung, J. Sci. Comput. 22, 2005, 83-118)::
+A Kirchhoff plate of thickness h and stiffness D = h^3/12 C has the energy
+1/2 integral kappa : D : kappa with the curvature kappa = grad grad w of the deflection w. In the
+membrane's space the deflection is continuous, but its slope is not. Therefore the normal slopes
+dw/dn of neighbouring elements are joined by an interior penalty tau (Engel and others, Comput.
+Methods Appl. Mech. Eng. 191, 2002, 3669-3750; Brenner and Sung, J. Sci. Comput. 22, 2005, 83-118)::
 
     integral of M(w) : grad grad v over the elements,                  M(w) = D : grad grad w
     - integral of {M_nn(w)} [dv/dn] + {M_nn(v)} [dw/dn] - tau [dw/dn] [dv/dn] over the edges
 
-where [ ] is the sum of the outward slopes of both sides and { } the mean of their moments. The
-clamped rim has one side; the edge of a rigid punch has it, too: the punch is flat for every moment
-beside it. The energy is quadratic in w and free of the in-plane displacement: a constant matrix.
+where v is a test function, [ ] is the sum of the outward slopes of both sides of an edge, and { }
+the mean of their normal moments M_nn. An edge at the clamped rim has one side only; so has an edge
+of a rigid punch, which stays flat whatever the moment beside it. The energy is quadratic in w and
+does not depend on the in-plane displacement, so that the stiffness is a constant matrix.
 """
 
 from __future__ import annotations
@@ -34,30 +36,33 @@ from pvdf_fem.scene.film import Film
 
 @dataclass(frozen=True)
 class Penalty:
-    """Numbers of the penalty tau on the slopes' jumps along the edges."""
+    """Numbers of the penalty tau on jumps of the slope across the edges of elements."""
 
-    #: tau over D_nn times the mean of |e|/area of both sides. The form is positive definite from 3
-    #: on for order 3 and from 6 on for order 4 (measured, isotropic to E1/E2 = 50; inverse
-    #: inequalities bound them by 9 and 18). The number does not depend on the order, so that a
-    #: function keeps its energy in a space of higher order. A larger number clamps too stiffly
-    #: where an element at the rim is larger than the bending length.
+    #: tau divided by D_nn times the mean of |e|/area over both sides of the edge e. The form is
+    #: positive definite for numbers above 3 with order 3 and above 6 with order 4 (measured, from
+    #: isotropic films to E1/E2 = 50; inverse inequalities bound them by 9 and 18). The number does
+    #: not depend on the order, so that a function has the same energy in a space of higher order. A
+    #: larger number clamps too stiffly where an element at the rim is larger than the bending
+    #: length.
     regular: float = 9.0
-    #: An element whose area is compressed to the part c somewhere, as a curved one beside a cusp,
-    #: has at least this number times 1/c^2 - 1, with which its own form is semidefinite (measured).
+    #: Where the Jacobian of an element falls to a fraction c of its mean, such as in a curved
+    #: element beside a cusp, the number above is at least this one times 1/c^2 - 1. Then the form
+    #: of the element is positive semidefinite (measured).
     distorted: float = 16.0
-    #: Functions of order 3 turn within an element of height H, beside a clamped edge, more easily
-    #: than the film outside its layer with length l. The layer's penalty divided by
-    #: 1 - turning l/H corrects the energy, within 6 % for all l/H (measured; without the correction
-    #: up to 20 % of the layer's effect are missing at H = 20 l).
+    #: Beside a clamped edge, functions of order 3 in an element of height H change their slope more
+    #: easily than the film does outside its bending layer of length l. Dividing the penalty of the
+    #: layer by 1 - turning l/H corrects the energy to within 6 % for all l/H (measured; without the
+    #: correction up to 20 % of the effect of the layer are missing at H = 20 l).
     turning: float = 5.5
-    max_turning: float = 0.75  #: Where turning l/H is larger, the regular penalty takes over.
+    #: Upper bound of turning l/H; beyond it the regular penalty is larger.
+    max_turning: float = 0.75
 
 
 PENALTY = Penalty()
 
 
 class Plate(Term):
-    """The bending energy of a film.
+    """The bending energy of a film as a plate.
 
     Parameters
     ----------
@@ -68,9 +73,9 @@ class Plate(Term):
     rigid_elements : ndarray, shape (n,)
         Elements under rigid punches, which do not bend.
     rim_tension, punch_tension : float
-        Tensions in N/m that are expected at the rim and at the punches' edges. Where elements are
-        much larger than the bending length, √(D N)/2 (dw/dn)² is the energy per length of the layer
-        in which a film that stretches from a clamped edge turns by dw/dn.
+        Tensions N in N/m that are expected at the rim and at the edges of punches. Where elements
+        are much larger than the bending length, the penalty represents the bending layer there: its
+        energy per length of the edge is √(D N)/2 (dw/dn)² if the slope changes by dw/dn.
 
     Raises
     ------
@@ -101,7 +106,7 @@ class Plate(Term):
         return self._compute_energy(state.dofs)
 
     def _compute_energy(self, x: Array) -> float:
-        """Compute the bending energy in J of the dofs `x`."""
+        """Compute the bending energy in J at the dofs `x`."""
         w = x[2::3]
         return 0.5 * float(w @ self.form.forces(w))
 
@@ -115,21 +120,27 @@ class Plate(Term):
         return self._place_at_dofs(self.form.forces(state.dofs[2::3]))
 
     def _place_at_dofs(self, deflection_forces: Array) -> Array:
-        """Return forces of the deflections, (scalar dofs,), as forces of the dofs."""
+        """Return forces on the deflections, shape (scalar dofs,), as forces on all dofs."""
         forces = np.zeros(self.space.dof_count)
         forces[2::3] = deflection_forces
         return forces
 
     def coupled_tangent(self, assembly: MatrixAssembler, state: State) -> sp.csc_matrix:
-        """Return the stiffness in N/m, (unknowns, unknowns). The last one is kept."""
+        """Return the stiffness of the unknowns; the matrix for the last `assembly` is cached.
+
+        Returns
+        -------
+        sparse matrix, shape (unknowns, unknowns)
+            In N/m.
+        """
         if self._last_tangent is None or self._last_tangent[0] is not assembly:
             self._last_tangent = assembly, assembly.of_deflections(self.matrix)
         return self._last_tangent[1]
 
     def element_action(self, state: State, x: Array) -> Array:
-        """Return the bending forces of the dofs `x` in N.
+        """Distribute the bending forces at the dofs `x` to the elements.
 
-        The elements around a node share its force equally.
+        The force at a node is divided equally between the elements around it.
 
         Returns
         -------
@@ -137,12 +148,12 @@ class Plate(Term):
         """
         nodes = self.space.nodes
         forces = np.zeros((*nodes.shape, 3))
-        shares = self.form.forces(x[2::3]) / np.bincount(nodes.ravel())
-        forces[..., 2] = shares[nodes]
+        force_per_element = self.form.forces(x[2::3]) / np.bincount(nodes.ravel())
+        forces[..., 2] = force_per_element[nodes]
         return forces.reshape(self.space.element_dofs.shape)
 
     def action(self, state: State, x: Array) -> Array:
-        """Return the stiffness times the dofs `x` in N.
+        """Multiply the stiffness by the dofs `x`; return forces in N.
 
         Returns
         -------
@@ -160,20 +171,25 @@ class Plate(Term):
         return self._place_at_dofs(self.matrix.diagonal())
 
     def energy_along(self, state: State, x: Array) -> Array:
-        """Return the energy of the dofs moved by s `x`, as coefficients (5,) in J of 1, s, ... s⁴.
+        """Return the energy at the dofs plus s times `x`, as a polynomial in s.
 
-        Unlike the default it is computed factor by factor, which keeps more digits.
+        Returns
+        -------
+        ndarray, shape (5,)
+            Coefficients in J of 1, s, ..., s⁴. Unlike the default they are computed factor by
+            factor, which keeps more digits.
         """
         slope = float(x[2::3] @ self.form.forces(state.dofs[2::3]))
         return np.array([self.energy(state), slope, self._compute_energy(x), 0.0, 0.0])
 
 
 def compute_plate_stiffness(film: Film) -> Array:
-    """Compute D = h^3/12 C in N m, (3, 3), for the curvatures.
+    """Compute the plate stiffness D = h^3/12 C of a film of thickness h and stiffness C.
 
     Returns
     -------
-    ndarray, shape (w_xx, w_yy, 2 w_xy)
+    ndarray, shape (3, 3)
+        In N m, for the curvatures w_xx, w_yy and 2 w_xy.
     """
     return film.thickness**3 / 12.0 * film.stiffness
 
@@ -182,24 +198,29 @@ def compute_plate_stiffness(film: Film) -> Array:
 class BendingForm:
     """The quadratic form G^T B G of the deflections at the scalar dofs.
 
-    Forces are computed factor by factor: the product K w of the whole matrix would lose
-    (radius/element size)^4 in rounding.
+    Forces are computed factor by factor, because round-off in a product with the assembled matrix
+    is amplified by (film radius/element size)^4.
     """
 
-    #: G: curvatures at points of elements, slope jumps and mean moments at points of edges,
-    #: (values, scalar dofs).
+    #: G, shape (values, scalar dofs). It maps deflections to the form's values: curvatures at
+    #: points of elements, and slope jumps and mean moments at points of edges.
     strains: sp.csr_matrix
-    stiffness: sp.csr_matrix  #: B, shape (values, values).
-    #: Element of each value; of an edge between two elements the first, shape (values,).
+    stiffness: sp.csr_matrix  #: B with quadrature weights, shape (values, values).
+    #: Element of each value, shape (values,); for an edge between two elements the first one.
     elements: Indices
 
     @property
     def matrix(self) -> sp.csr_matrix:
-        """Stiffness in N/m, shape (scalar dofs, scalar dofs)."""
+        """The assembled stiffness G^T B G in N/m, shape (scalar dofs, scalar dofs)."""
         return (self.strains.T @ (self.stiffness @ self.strains)).tocsr()
 
     def forces(self, w: Array) -> Array:
-        """Return the forces in N of the deflections `w` in m, both.
+        """Compute the bending forces in N of deflections.
+
+        Parameters
+        ----------
+        w : ndarray, shape (scalar dofs,)
+            Deflections in m.
 
         Returns
         -------
@@ -272,20 +293,29 @@ def make_bending_form(
 
 @dataclass(frozen=True)
 class _ShapeValues:
-    """Derivatives of the shape functions at points of the elements."""
+    """Derivatives of the shape functions at the same local points of all elements."""
 
-    inverse_jacobian: Array  # (elements, points, 2, 2)
+    inverse_jacobian: Array  # J^-1 of the mapping, in 1/m, shape (elements, points, 2, 2)
     area_ratio: Array  # area over that in the reference triangle, (elements, points)
     gradient: Array  # in 1/m, shape (elements, points, functions, 2)
     curvature: Array  # w_xx, w_yy, 2 w_xy in 1/m², shape (elements, points, functions, 3)
 
     @classmethod
     def at_points(cls, space: Space, points: Array) -> _ShapeValues:
-        """Evaluate the functions at points (2, points) of the reference triangle.
+        """Evaluate the derivatives of the shape functions in all elements.
+
+        Parameters
+        ----------
+        space : Space
+            The finite-element space.
+        points : ndarray, shape (2, points)
+            Points in local coordinates of the reference triangle.
 
         Notes
         -----
-        grad grad w = J^-T (w'' - sum over i of w_,i x_i'') J^-1, with ' in reference coordinates.
+        grad grad w = J^-T (w'' - sum over i of w_,i x_i'') J^-1, with the Jacobian J of the mapping
+        to the coordinates x_i, w_,i = dw/dx_i, and second derivatives '' with respect to the
+        reference coordinates.
         """
         mesh = space.mesh
         mapping = mesh.mapping()
@@ -311,33 +341,40 @@ class _ShapeValues:
 class _JoinedEdges(NamedTuple):
     """Values at points of edges, from the elements on one or both of their sides."""
 
-    slope_jump: Array  # sum of the outward normal slopes, shape (edges, points, functions)
-    mean_moment: Array  # in N m, shape (edges, points, functions)
+    slope_jump: Array  # [dw/dn], sum of the outward normal slopes, shape (edges, points, functions)
+    mean_moment: Array  # {M_nn} in N m, shape (edges, points, functions)
     penalty: Array  # tau in N, shape (edges, points)
-    weights: Array  # of an integral along the edge in m, shape (edges, points)
+    weights: Array  # quadrature weights along the edge in m, shape (edges, points)
 
 
 @dataclass(frozen=True)
 class _EdgeValues:
-    """Slopes and moments along the edges of elements; side i n + e is edge i of element e of n."""
+    """Slopes and moments along the edges of all elements.
+
+    A side is an edge as seen from one of its elements: among n elements, side i n + e is edge i of
+    element e.
+    """
 
     slope: Array  # outward normal slope dw/dn, shape (sides, points, functions)
-    moment: Array  # M_nn, shape (sides, points, functions)
-    weights: Array  # of an integral along the edge in m, shape (sides, points)
+    moment: Array  # normal bending moment M_nn, shape (sides, points, functions)
+    weights: Array  # quadrature weights along the edge in m, shape (sides, points)
     stiffness: Array  # D_nn in N m, shape (sides, points)
-    height: Array  # area over length of the edge in m, shape (sides, 1)
-    penalty: Array  # tau height/D_nn, shape (sides, 1)
+    height: Array  # area of the element divided by length of the edge in m, shape (sides, 1)
+    penalty: Array  # dimensionless penalty, tau times height divided by D_nn, shape (sides, 1)
 
     @classmethod
     def of_space(cls, space: Space, D: Array) -> _EdgeValues:
-        """Evaluate the functions along all edges, with the plate stiffness `D`.
+        """Evaluate slopes and moments along the edges of all elements.
 
-        Returns
-        -------
-        ndarray, shape (3, 3)
+        Parameters
+        ----------
+        space : Space
+            The finite-element space.
+        D : ndarray, shape (3, 3)
+            Plate stiffness in N m.
         """
-        places, lengths = leggauss(space.order + 1)
-        # edges of the reference triangle: origin, direction, and outward normal as long as the edge
+        gauss_points, gauss_weights = leggauss(space.order + 1)
+        # edges of the reference triangle: start, direction, and outward normal of equal length
         reference_edges = (
             ((0.0, 0.0), (1.0, 0.0), (0.0, -1.0)),
             ((1.0, 0.0), (-1.0, 1.0), (1.0, 1.0)),
@@ -347,15 +384,15 @@ class _EdgeValues:
         penalty = np.maximum(needed, PENALTY.regular)
         edges = []
         for origin, direction, outward in reference_edges:
-            points = np.add.outer(origin, np.zeros(len(places)))
-            points = points + np.outer(direction, (places + 1) / 2)
+            points = np.add.outer(origin, np.zeros(len(gauss_points)))
+            points = points + np.outer(direction, (gauss_points + 1) / 2)
             shapes = _ShapeValues.at_points(space, points)
             normal = np.matmul(outward, shapes.inverse_jacobian)
             length = np.linalg.norm(normal, axis=-1)
             x, y = np.moveaxis(normal / length[..., None], -1, 0)
-            weights = 0.5 * lengths * shapes.area_ratio * length
-            bending = np.stack([x * x, y * y, 2.0 * x * y], axis=-1)  # n n, as a curvature
-            direction_column = np.stack([x, y], axis=-1)[..., None]
+            weights = 0.5 * gauss_weights * shapes.area_ratio * length
+            bending = np.stack([x * x, y * y, 2.0 * x * y], axis=-1)  # n n in the order of
+            curvatures direction_column = np.stack([x, y], axis=-1)[..., None]
             edges.append(
                 cls(
                     slope=np.matmul(shapes.gradient, direction_column)[..., 0],
@@ -376,14 +413,15 @@ class _EdgeValues:
         )
 
     def join(self, sides: Indices, tension: float) -> _JoinedEdges:
-        """Join the values of elements along edges.
+        """Join the values of the elements on the sides of edges.
 
         Parameters
         ----------
         sides : ndarray, shape (edges, 1 or 2)
-            Sides of each edge.
+            The side, or the two sides, of each edge.
         tension : float
-            Tension in N/m that is expected there, for the energy of an unresolved layer.
+            Tension in N/m that is expected there, for the energy of a bending layer that the
+            elements do not resolve; 0 for none.
         """
         D = self.stiffness[sides[:, 0]]
         penalty = D * (self.penalty / self.height)[sides].mean(axis=1)
@@ -401,20 +439,20 @@ class _EdgeValues:
 
 
 def _find_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
-    """Find the sides of all edges of some elements.
+    """Find the sides of all edges of some elements, sorted by the number of sides.
 
     Parameters
     ----------
     mesh : MeshTri2
         The mesh.
     elements : ndarray, shape (n,)
-        The elements.
+        Numbers of the elements.
 
     Returns
     -------
-    list of arrays
-        Sides (edges, 1) of edges at the border of the elements, and sides (edges, 2) of edges
-        between two of them.
+    list of ndarray
+        Two arrays: the sides of edges on the boundary of the elements, shape (edges, 1), and of
+        edges between two of them, shape (edges, 2).
     """
     sides = (np.arange(3)[:, None] * mesh.nelements + elements).ravel()
     facets = mesh.t2f[:, elements].ravel()
@@ -422,22 +460,26 @@ def _find_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
     _, first, count = np.unique(facets[order], return_index=True, return_counts=True)
     by_count = []
     for number in (1, 2):
-        places = first[count == number][:, None] + np.arange(number)
-        by_count.append(sides[order[places]])
+        positions = first[count == number][:, None] + np.arange(number)
+        by_count.append(sides[order[positions]])
     return by_count
 
 
 def _make_operator(dofs: Indices, values: Array, count: int) -> sp.csr_matrix:
-    """Make a matrix with `count` columns from rows of elements or edges.
+    """Make a sparse matrix from dense rows of elements or edges.
 
     Parameters
     ----------
     dofs : ndarray, shape (n, m)
-        Columns of each element's or edge's values.
+        Column indices of the values of each element or edge.
     values : ndarray, shape (n, ..., m)
-        The rows.
+        Rows of the matrix; those of an element or edge have the same columns.
     count : int
-        Number of columns.
+        Number of columns of the matrix.
+
+    Returns
+    -------
+    sparse matrix, shape (rows, count)
     """
     columns = dofs.reshape(len(dofs), *(1,) * (values.ndim - 2), dofs.shape[1])
     columns = np.broadcast_to(columns, values.shape).ravel()

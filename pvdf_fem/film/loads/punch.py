@@ -49,7 +49,8 @@ class Punch(DeadPressure):
     def __init__(self, spec: LoadSpec, space: Space, sector: SymmetrySector = WHOLE_FILM) -> None:
         super().__init__(spec, space, sector)
         self._nodes: Indices = np.unique(space.basis.element_dofs[:, self.patch])
-        #: Vectors from the punch's centroid to its nodes in m, in the sector's axes, shape (nodes, 2).
+        #: Vectors from the punch's centroid to its nodes in m, in the sector's axes, shape
+        #: (nodes, 2).
         self._arms: Array = (
             space.basis.doflocs.T[self._nodes] - sector.frame @ spec.outline.centroid
         )
