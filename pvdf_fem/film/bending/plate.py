@@ -391,8 +391,9 @@ class _EdgeValues:
             length = np.linalg.norm(normal, axis=-1)
             x, y = np.moveaxis(normal / length[..., None], -1, 0)
             weights = 0.5 * gauss_weights * shapes.area_ratio * length
-            bending = np.stack([x * x, y * y, 2.0 * x * y], axis=-1)  # n n in the order of
-            curvatures direction_column = np.stack([x, y], axis=-1)[..., None]
+            # the tensor n n in the order of the curvatures
+            bending = np.stack([x * x, y * y, 2.0 * x * y], axis=-1)
+            direction_column = np.stack([x, y], axis=-1)[..., None]
             edges.append(
                 cls(
                     slope=np.matmul(shapes.gradient, direction_column)[..., 0],
