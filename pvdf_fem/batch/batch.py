@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ from pvdf_fem.problem.problem import Problem
 from pvdf_fem.progress import Progress, ignore_progress
 from pvdf_fem.scene.scene import Scene
 
+logger = logging.getLogger(__name__)
 #: Status of a scene after an exception or a dead process in its solve. Such records are not
 #: stored: the next run tries the scenes again.
 CRASHED = "crashed"
@@ -94,6 +96,12 @@ def solve_planned(
         Index of a distinct scene of the plan, in order of completion.
     record : Record
     """
+    logger.info(
+        "%d stored scenes; %d scenes need %d solves",
+        len(plan.stored),
+        plan.missing,
+        len(plan.blocks),
+    )
     if store is not None:
         for index in plan.stored:
             record = store.get(plan.scenes[index])

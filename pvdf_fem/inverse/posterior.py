@@ -173,7 +173,15 @@ def _make_mixture(
     least_share: float,
     freedom: float,
 ) -> _Mixture:
-    """Make the mixture to draw from; see `sample_posterior` for the parameters."""
+    """Make the mixture to draw from.
+
+    Parameters
+    ----------
+    problem, touches, widening, least_share, freedom
+        As for `sample_posterior`.
+    maxima : ndarray, shape (components, k)
+        Coordinates of the touches.
+    """
     # The covariances of touches are in N, those of coordinates in logarithms of the force.
     is_force = problem.unknown == TouchColumn.FORCE
     per_coordinate = np.where(is_force, np.exp(maxima[:, TouchColumn.FORCE, None]), 1.0)
@@ -203,7 +211,17 @@ class _StandardDraws(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _draw_standard(dimension: int, draws: int, freedom: float) -> _StandardDraws:
-    """Draw standard numbers, the same ones in each call."""
+    """Draw standard numbers, the same ones in each call.
+
+    Parameters
+    ----------
+    dimension : int
+        Number of unknowns.
+    draws : int
+        Number of draws.
+    freedom : float
+        Degrees of freedom of Student's t distribution.
+    """
     random = np.random.default_rng(0)
     normal = random.standard_normal((draws, dimension))
     radius = np.sqrt(freedom / random.chisquare(freedom, draws))

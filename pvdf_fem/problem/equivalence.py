@@ -106,9 +106,9 @@ def _can_be_rotated(scene: Scene) -> bool:
 
 @lru_cache(maxsize=4096)
 def _find_canonical_pose(probe: Probe, radius: float, isotropy: str) -> tuple[str, Array]:
-    """Find the canonical position of a probe among its equivalent ones, and the frame that leads there.
+    """Find the canonical position among a probe's equivalent ones, and the frame that leads there.
 
-    Several frames lead a symmetric probe there; the one with the smallest rotation is taken.
+    Of several frames, which a symmetric probe has, the one with the smallest rotation is used.
     """
     outline = probe.outline
     points = outline.defining_points / radius
@@ -123,7 +123,7 @@ def _find_canonical_pose(probe: Probe, radius: float, isotropy: str) -> tuple[st
 
 
 def _list_frames(points: Array, centre: Array, isotropy: str) -> list[Array]:
-    """List the rotations and reflections of the film that may bring a probe to its canonical pose."""
+    """List rotations and reflections of the film that may bring a probe to its canonical pose."""
     if isotropy != "isotropic":
         flips = [np.diag(signs) for signs in product((1.0, -1.0), repeat=2)]
         if isotropy == "axes":

@@ -136,7 +136,7 @@ class Problem(Result):
 
     @cached_property
     def sector(self) -> SymmetrySector:
-        """The sector of a symmetric film whose reflections make the whole film, or the whole film."""
+        """The sector of a symmetric film whose reflections make the whole, or the whole film."""
         leaning = any(load.load.tilt == "free" for load in self.scene.loaded_probes)
         if self.scene.tips or leaning or self.pressure is not None:
             return WHOLE_FILM

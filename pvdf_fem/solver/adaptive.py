@@ -90,7 +90,7 @@ class UnloadedFilmError(SceneError):
             reason = "it is in compression; stretch it more"
             if not film.has_unbalanced_prestress:
                 reason += ', or let it wrinkle (film.compression = "tension-field")'
-        text = f"leaves the untouched film without charges at rest ({status}): {reason}"
+        text = f"the unloaded film has no charges ({status}): {reason}"
         return cls([format_error(f"film.{key}", getattr(film, key), text)])
 
 
@@ -117,7 +117,7 @@ def solve_problem(
     Returns
     -------
     Solution
-        Its status tells whether there is a result.
+        Its status says whether there is a result.
     """
     start = time.perf_counter()
     if budget is None:
@@ -220,7 +220,7 @@ def solve_outputs(
         problem.scene.require_no_tips("a mesh that is given")
     if budget is None:
         budget = Budget.for_problem(problem)
-    logger.info("solve a %s with %d outputs", type(problem.film).__name__, len(problem.outputs))
+    logger.info("solve a %s with %d outputs", problem.film_model_name, len(problem.outputs))
     run = SolveRun(problem, order, budget=budget, timer=StageTimer())
     loop = _make_adaptive_loop(run, is_mesh_given=mesh is not None)
     if mesh is not None:
@@ -280,13 +280,13 @@ def _find_contact_outlines(problem: Problem, level: MeshLevel | None) -> dict[st
 
 @dataclass(frozen=True, eq=False)
 class WrinklingEffect:
-    """What wrinkles would change in a membrane in compression."""
+    """Changes that wrinkles would make in a membrane in compression."""
 
     changes: Array  #: Changes of the stress integrals in N, (outputs, 2).
     relative: float  #: Largest change of a charge, relative to its scale.
 
     @classmethod
-    def of(cls, level: MeshLevel) -> WrinklingEffect | None:
+    def estimate(cls, level: MeshLevel) -> WrinklingEffect | None:
         """Estimate the effect at a level; None where wrinkles change nothing."""
         changes = estimate_wrinkling_changes(level)
         if changes is None:
@@ -300,7 +300,7 @@ def _make_solution(level: MeshLevel, stop: Stop, history: Sequence[MeshRecord]) 
     """Make the solution of the last level, with its status, effects and warnings."""
     problem = level.problem
     discrete = level.discrete
-    wrinkling = WrinklingEffect.of(level)
+    wrinkling = WrinklingEffect.estimate(level)
     if wrinkling is not None:
         integrals = discrete.stress_integrals
         errors = select_larger_errors(integrals.errors, wrinkling.changes, problem.outputs)

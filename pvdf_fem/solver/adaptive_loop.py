@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 
 
 class Level(Protocol):
-    """What the loop has to know of a solve on a mesh."""
+    """A solve on one mesh, as the adaptive loop uses it."""
 
     @property
     def status(self) -> Status:
@@ -162,9 +162,21 @@ class AdaptiveLoop(Generic[T]):
         return level, Stop.ACCURATE if has_converged else Stop.NO_EQUILIBRIUM
 
     def _find_affordable_unknowns(self, level: T, seconds: float) -> tuple[float, Stop]:
-        """Find the most unknowns of the next mesh after `level` took `seconds` of work.
+        """Find how many unknowns the next mesh may have.
 
-        Returns also what limits them.
+        Parameters
+        ----------
+        level : Level
+            The last solve.
+        seconds : float
+            Work that it took, in s.
+
+        Returns
+        -------
+        most : float
+            Largest number of unknowns.
+        limit : Stop
+            The limit that is reached with it.
         """
         work = self.budget.remaining_seconds / seconds
         by_work = work**self.rules.work_exponent * level.unknowns

@@ -64,7 +64,7 @@ MAX_DUALS = 32
 
 @dataclass(frozen=True, eq=False)
 class SolveRun:
-    """What the solves on all meshes of a problem share."""
+    """Problem, order, budget and timer, which the solves on all meshes share."""
 
     problem: Problem
     order: int  #: Polynomial order of the displacement.
@@ -84,7 +84,7 @@ class MeshLevel:
     correction: Correction | None = None
     #: Bending layers that the elements do not resolve.
     layers: BendingLayers | None = None
-    #: What the errors of `discrete` are made of: errors of X and Y in N by name, (outputs, 2).
+    #: Contributions to the errors of `discrete`: errors of X and Y in N by name, (outputs, 2).
     error_contributions: Mapping[str, Array] = field(default_factory=dict)
 
     @property
@@ -164,12 +164,12 @@ def solve_on_mesh(
     Returns
     -------
     MeshLevel
-        Its status tells whether there is a result.
+        Its status says whether there is a result.
     """
     problem = run.problem
     with run.timer("solve"):
         equilibrium = Equilibrium(problem, mesh, run.order, sector=sector)
-        result = _equilibrate(run, equilibrium, coarser)
+        result = _find_equilibrium_on_mesh(run, equilibrium, coarser)
         run.budget.spend(equilibrium, result.tangent_count)
         values = _integrate(problem.outputs, equilibrium, result.q)
     integrals = StressIntegrals(values, np.zeros_like(values))
@@ -313,22 +313,33 @@ def compute_error_indicators(
     return duals, compute_indicators(correction, duals, gradients)
 
 
-def _equilibrate(
+def _find_equilibrium_on_mesh(
     run: SolveRun, equilibrium: Equilibrium, coarser: MeshLevel | None
 ) -> NewtonResult:
-    """Find the equilibrium, from the coarser mesh's solution or from solutions of lower orders."""
-    # stress from the coarser mesh leads nowhere in compressed film, and in film that
-    # wrinkles takes longer than a start on the same mesh
-    is_compressed = equilibrium.film.prestress[:2].min() < 0.0
-    if coarser is not None and not (is_compressed or equilibrium.model.wrinkles):
+    """Find the equilibrium, from the coarser mesh's solution or from solutions of lower orders.
+
+    Parameters
+    ----------
+    run : SolveRun
+        The budget.
+    equilibrium : Equilibrium
+        The equations on the mesh.
+    coarser : MeshLevel or None
+        The solve on a coarser mesh.
+    """
+    # Newton's method rarely converges from a coarser mesh's compressive stress. In a film that
+    # wrinkles it takes longer from there than from a lower order on the same mesh.
+    has_compression = equilibrium.film.prestress[:2].min() < 0.0
+    if coarser is not None and not (has_compression or equilibrium.model.wrinkles):
         x = transfer_dofs(
             coarser.equilibrium.space, coarser.discrete.solved_dofs, equilibrium.space
         )
         return find_equilibrium(equilibrium, equilibrium.restrict(x), budget=run.budget)
-    start = _solve_lower_orders(equilibrium, run.budget)
-    if isinstance(start, Status):
-        return NewtonResult(np.zeros(equilibrium.unknowns.count), start, (), None)
-    return find_equilibrium(equilibrium, start, budget=run.budget)
+    initial_guess = _solve_lower_orders(equilibrium, run.budget)
+    if isinstance(initial_guess, Status):
+        flat = np.zeros(equilibrium.unknowns.count)
+        return NewtonResult(flat, status=initial_guess, iterations=(), factors=None)
+    return find_equilibrium(equilibrium, initial_guess, budget=run.budget)
 
 
 def _solve_lower_orders(equilibrium: Equilibrium, budget: Budget) -> Array | Status | None:
@@ -350,10 +361,10 @@ def _solve_lower_orders(equilibrium: Equilibrium, budget: Budget) -> Array | Sta
     if equilibrium.model.wrinkles and is_barely_loaded(equilibrium.scene):
         return None  # the solution of another order is far away
     lower = equilibrium.at_order(order - 1).map_terms(lambda term: term.relaxed())
-    start = _solve_lower_orders(lower, budget)
-    if isinstance(start, Status):
-        return start
-    result = find_equilibrium(lower, start, tolerance=LOWER_ORDER_TOLERANCE, budget=budget)
+    initial_guess = _solve_lower_orders(lower, budget)
+    if isinstance(initial_guess, Status):
+        return initial_guess
+    result = find_equilibrium(lower, initial_guess, tolerance=LOWER_ORDER_TOLERANCE, budget=budget)
     budget.spend(lower, result.tangent_count)
     if result.status is Status.UNSTABLE and lower.model.bends:
         return result.status

@@ -54,7 +54,7 @@ def _make_charge_table(result: dict[str, Any]) -> TextTable:
     """Return the charges by electrode, with those of the unloaded film if there are any."""
     heading = [f"charges ({result['observable']})", "total, pC", "± pC"]
     if result["rest_charges_pC"]:  # a film without a stable unloaded state has none
-        heading += ["at rest, pC", "± pC", "change by touch, pC", "± pC"]
+        heading += ["unloaded, pC", "± pC", "change by load, pC", "± pC"]
     rows = [(name, *_format_charge(result, name)) for name in result["charges_pC"]]
     return TextTable(tuple(heading), tuple(rows))
 

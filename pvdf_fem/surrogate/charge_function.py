@@ -25,7 +25,7 @@ class ChargeFunction(Hashable, Protocol):
     """Charges of the electrodes as a smooth function of a touch."""
 
     @property
-    def quantities(self) -> tuple[str, ...]:
+    def quantity_names(self) -> tuple[str, ...]:
         """Names of a touch's k quantities.
 
         `TOUCH_QUANTITIES` for one probe; for a list of probes these by key (``probe[1].x_mm``) for
@@ -76,7 +76,7 @@ class ChargeFunction(Hashable, Protocol):
 @lru_cache(maxsize=8)
 def count_probes(response: ChargeFunction) -> int:
     """Return the number of probes that load the film at once."""
-    return sum(name.endswith("force_N") for name in response.quantities)
+    return sum(name.endswith("force_N") for name in response.quantity_names)
 
 
 def find_rotation_period_deg(response: ChargeFunction) -> float:

@@ -50,12 +50,12 @@ class Response(Result):
     Examples
     --------
     >>> response = build_response("sensor.toml", tolerance=3e-2)
-    >>> response.save("model.npz")
+    >>> response.save("sensor.response")
     >>> charges_pC, derivatives = response.evaluate([[2.0, 1.0, 0.0, 0.5]])  # x, y, rotation, force
     """
 
     #: Names of a touch's quantities.
-    quantities: ClassVar[tuple[str, ...]] = TOUCH_QUANTITIES
+    quantity_names: ClassVar[tuple[str, ...]] = TOUCH_QUANTITIES
     #: Whether thousands of evaluations take less than a second.
     is_fast: ClassVar[bool] = True
     #: Film, electrodes and probe; the probe's place and the force have no effect.

@@ -31,7 +31,7 @@ from pvdf_fem.surrogate.validation_solves import ValidationSolves, make_solve_ta
 def build_response(
     scene: SceneLike,
     reach_mm: float | None = None,
-    force_N: tuple[float, float] | None = None,
+    force_range_N: tuple[float, float] | None = None,
     tolerance: float | None = None,
     processes: int | None = None,
     *,
@@ -48,8 +48,8 @@ def build_response(
     reach_mm : float, optional
         Largest distance of the probe from the film's centre; by default that of the scene's
         ``[model]``.
-    force_N : tuple of float, optional
-        Least and largest force; by default those of the scene's ``[model]``.
+    force_range_N : tuple of float, optional
+        Minimum and maximum force; by default those of the scene's ``[model]``.
     tolerance : float, optional
         Largest error bound; by default that of the scene's ``[model]``. A response that exceeds it
         is returned with its true bound, and its `notes` say what would help.
@@ -80,18 +80,19 @@ def build_response(
 
     Examples
     --------
-    >>> response = build_response("sensor.toml", reach_mm=4.0, force_N=(0.3, 1.0), tolerance=3e-2)
+    >>> domain = {"reach_mm": 4.0, "force_range_N": (0.3, 1.0)}
+    >>> response = build_response("sensor.toml", **domain, tolerance=3e-2)
     >>> response.error_bound
     """
     scene = as_scene(scene)
     make_mechanical_key(scene)  # rejects a scene without a probe, which has no default domain
     default = resolve_response_settings(scene)
     reach_mm = default.domain.reach_mm if reach_mm is None else reach_mm
-    if force_N is None:
-        force_N = default.domain.force_N
+    if force_range_N is None:
+        force_range_N = default.domain.force_N
     else:
-        force_N = coerce("force_N", force_N, tuple[float, float])
-    domain = Domain(coerce("reach_mm", reach_mm, float), force_N)
+        force_range_N = coerce("force_range_N", force_range_N, tuple[float, float])
+    domain = Domain(coerce("reach_mm", reach_mm, float), force_range_N)
     tolerance = coerce("tolerance", default.tolerance if tolerance is None else tolerance, float)
     errors = [*find_validation_errors(scene, domain, tolerance, options)]
     if errors:
@@ -155,7 +156,9 @@ def _build_within_tolerance(
         solve_tasks = []
         if validation is None:
             validation = ValidationSolves.collect(touches, results.solves)
-        axes = make_axes(scene, domain, options.compute_cell_mm(scene, domain), options.step_share)
+        axes = make_axes(
+            scene, domain, options.compute_cell_mm(scene, domain), options.step_fraction
+        )
         spline = tabulate_charges(results.stress_modes, scene, domain, axes, runner)
         response = Response(
             scene,

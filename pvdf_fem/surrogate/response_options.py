@@ -21,7 +21,7 @@ from pvdf_fem.surrogate.touch_domain import Domain
 from pvdf_fem.surrogate.uniform_spline import PADDING_STEPS
 
 #: Least tolerance of a response, which full solves can still confirm.
-LEAST_TOLERANCE = 1e-6
+MIN_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -39,15 +39,15 @@ class ResponseOptions:
     #: Largest number of builds, each with finer options, until the tolerance is met.
     max_builds: int = 3
     #: Cell of the spline's grid over the root of the probe's area.
-    cell_share: float = 1 / 9
+    cell_fraction: float = 1 / 9
     #: The same over the root of the area of a tip's least contact, at whose edge the pressure is
     #: zero.
-    tip_cell_share: float = 1 / 5
+    tip_cell_fraction: float = 1 / 5
     #: Largest cell of the spline's grid.
-    largest_cell_mm: float = 0.6
+    max_cell_mm: float = 0.6
     #: Over the cell: the movement of the probe's corners from one rotation to the next, the step of
     #: the polar grid of the stress, and twice the distance of its rays at the probe's corners.
-    step_share: float = 0.8
+    step_fraction: float = 0.8
 
     @property
     def decades(self) -> float:
@@ -63,8 +63,8 @@ class ResponseOptions:
         """Return the cell of the spline's grid over the places of the probe."""
         pressed = estimate_pressed_outline(scene, domain.force_N[0])
         pressed_size_mm = 1e3 * float(np.sqrt(pressed.area))
-        share = self.tip_cell_share if scene.tips else self.cell_share
-        return self.size_factor * min(share * pressed_size_mm, self.largest_cell_mm)
+        share = self.tip_cell_fraction if scene.tips else self.cell_fraction
+        return self.size_factor * min(share * pressed_size_mm, self.max_cell_mm)
 
     def compute_forces_N(self, domain: Domain) -> Array:
         """Return the forces under which the stress is solved.
@@ -124,14 +124,14 @@ class ResponseOptions:
         """
         cell_mm = self.compute_cell_mm(scene, domain)
         corners_mm = 1e3 * float(estimate_pressed_outline(scene, domain.force_N[0]).reach)
-        rays = 4.0 * np.pi * corners_mm / (self.step_share * cell_mm)
+        rays = 4.0 * np.pi * corners_mm / (self.step_fraction * cell_mm)
         angle_count = centre_grid.angle_count * math.ceil(rays / centre_grid.angle_count)
         # from the corner of the spline's square grid to the rim on the other side
         reach_mm = math.sqrt(2.0) * (domain.reach_mm + (PADDING_STEPS + 1) * cell_mm)
         reach_mm += scene.film.radius_mm
         return PolarGrid(
             reach_mm,
-            self.step_share * cell_mm,
+            self.step_fraction * cell_mm,
             angle_count=angle_count,
             stretch_mm=2.5 * corners_mm,
         )
@@ -182,14 +182,14 @@ def find_validation_errors(
         yield from str(error).splitlines()
         return
     lowest, highest = domain.force_N
-    has_tolerance = LEAST_TOLERANCE <= tolerance < np.inf
+    has_tolerance = MIN_TOLERANCE <= tolerance < np.inf
     has_forces = 0.0 < lowest < highest < np.inf
     if not has_tolerance:
-        reason = f"must be a finite number; give one from {LEAST_TOLERANCE:g} on"
+        reason = f"must be a finite number; give one from {MIN_TOLERANCE:g} on"
         yield format_error("tolerance", tolerance, reason)
     if not has_forces:
         reason = "must be a range of positive forces; give the least and the largest"
-        yield format_error("force_N", domain.force_N, reason)
+        yield format_error("force_range_N", domain.force_N, reason)
     yield from _find_incompatible_keys(scene)
     if has_tolerance and has_forces:
         if options is None:

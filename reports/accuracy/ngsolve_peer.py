@@ -73,7 +73,7 @@ def _face(outline: Outline) -> Any:
 
 
 def _mesh(scene: Scene, patches: Mapping[str, float], film: float, grading: float = 0.3) -> Any:
-    """The disc cut by electrodes and probe; the name of a face tells in which of them it lies.
+    """Mesh the disc, cut by electrodes and probe; the name of a face says in which of them it lies.
 
     `patches` and `film` are edge lengths in m; `grading` is Netgen's, small for slow growth.
     """

@@ -193,7 +193,17 @@ class Taps(Task):
         return BarycentricInterpolator(nodes, np.array(changes))
 
     def _make_signals(self, scene: Scene, touch: Array, duration_s: float) -> TapSignals:
-        """Make the readings of a tap whose force is a squared half sine."""
+        """Make the readings of a tap whose force is a squared half sine.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene with its readout.
+        touch : ndarray, shape (4,)
+            The touch at the peak.
+        duration_s : float
+            Duration of the tap.
+        """
         channel = make_channels(scene)[0]  # all channels are equal
         times = np.arange(round((BEGIN_S + duration_s + REST_S) * RATE_HZ)) / RATE_HZ
         fine_times = np.linspace(times[0], times[-1], (len(times) - 1) * STEPS + 1)

@@ -73,10 +73,10 @@ def built(folder, monkeypatch):
     coefficients."""
     calls = []
 
-    def build_response(scene, reach_mm, force_N, tolerance, *, file, progress):
+    def build_response(scene, reach_mm, force_range_N, tolerance, *, file, progress):
         progress(1, 40)
-        calls.append((reach_mm, force_N, tolerance))
-        found = {"domain": Domain(reach_mm, force_N), "tolerance": tolerance}
+        calls.append((reach_mm, force_range_N, tolerance))
+        found = {"domain": Domain(reach_mm, force_range_N), "tolerance": tolerance}
         bound = {"error_bound": 0.5 * tolerance, "notes": ("a note",)}
         model = replace(random_response.make_response(), scene=scene, **found, **bound)
         model.save(file)

@@ -23,7 +23,7 @@ class BumpResponse:
     the electrode's centre e, the width s and the charge Q0 without a touch.
     """
 
-    quantities: ClassVar = TOUCH_QUANTITIES
+    quantity_names: ClassVar = TOUCH_QUANTITIES
     is_fast: ClassVar = True
     unloaded_charges_pC: ClassVar = None
     scene: Scene

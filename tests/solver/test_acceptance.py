@@ -20,7 +20,7 @@ from pvdf_fem.solver.nonlinear.status import Status
 from reports.reference.axisymmetric import axisymmetric_membrane
 from reports.reference.axisymmetric_wrinkled import wrinkled_membrane
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, free_disc, graded_mesh, values
-from tests.helpers.solvers import newton_result
+from tests.helpers.solvers import solve_by_newton
 
 NO_INTEGRALS = StressIntegrals(np.zeros((0, 2)), np.zeros((0, 2)))
 #: Under this probe a film without pretension is in compression.
@@ -34,7 +34,7 @@ NEAR_RIM = {
 @pytest.fixture(scope="module")
 def solved():
     problem = Equilibrium(Problem.from_scene(TRIANGLE), graded_mesh(TRIANGLE, 2.5, 12.0))
-    return problem, newton_result(problem)
+    return problem, solve_by_newton(problem)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_rejects_a_following_pressure_beyond_its_limit_load():
     """Beyond a limit load the number of negative pivots is odd, although the forces balance."""
     scene = TRIANGLE.with_(**LOADS["follower"])
     problem = Equilibrium(Problem.from_scene(scene), graded_mesh(scene, 6.0, 14.0))
-    result = newton_result(problem)
+    result = solve_by_newton(problem)
     fields = DiscreteSolution(problem, result.q, NO_INTEGRALS)
     assert acceptance.find_rejection_status(fields, result.factors, None) is None
     tangent = problem.tangent(fields.solved_state).tolil()
@@ -86,13 +86,14 @@ def test_scenes_of_the_thesis_have_no_warning(scene):
 
 def number_after(text, warnings):
     [warning] = [warning for warning in warnings if re.search(text, warning)]
-    found = re.search(text + r" ([0-9.e+-]+)", warning)
-    assert found
-    return float(found[1]), warning
+    match = re.search(text + r" ([0-9.e+-]+)", warning)
+    assert match
+    return float(match[1]), warning
 
 
 def test_values_and_places_in_warnings_agree_with_the_axisymmetric_film():
-    force, patch = 0.1, 0.2
+    force = 0.1
+    patch = 0.2
     reference = axisymmetric_membrane(force, poisson_ratio=0.34, patch_radius=patch)
     warnings = solve(free_disc(force, poisson_ratio=0.34, patch_radius=patch)).warnings
     radii = np.linspace(0.0, 1.0, 2001)
@@ -109,7 +110,8 @@ def test_values_and_places_in_warnings_agree_with_the_axisymmetric_film():
 
 
 def test_wrinkled_area_agrees_with_the_axisymmetric_film():
-    strain, shape = 1.1e-3, {"poisson_ratio": 0.34, "patch_radius": 0.2}
+    strain = 1.1e-3
+    shape = {"poisson_ratio": 0.34, "patch_radius": 0.2}
     reference = wrinkled_membrane(4.444e-4, **shape, thermal_strain=strain)
     radii = np.linspace(0.01, 1.0, 2000)
     wrinkled = 1.0 - radii[reference.hoop_tension(radii) <= 0.0][0] ** 2

@@ -53,7 +53,8 @@ def test_a_tip_off_the_centre_is_pushed_towards_the_steeper_side():
     assert contact.force_N == pytest.approx(1.0, rel=1e-9)
     assert aside.force_balance < 1e-9
     assert contact.overlap_mm < 1e-4 * contact.depth_mm
-    least, mean = contact.least_pressure_MPa, contact.mean_pressure_MPa
+    least = contact.least_pressure_MPa
+    mean = contact.mean_pressure_MPa
     assert 0.0 < least < mean < contact.largest_pressure_MPa < 1.2 * mean
     # a tip without friction is pushed along the line to the film's centre, towards the steeper side
     along = contact.lateral_N @ [14.0, 6.0]

@@ -28,15 +28,15 @@ def ramped():
 
 
 def test_finer_derivatives_use_the_pressure(ramped):
-    found = gradients(ramped, ["load.force_N"], tolerance=2e-4)
-    rate, error = (table["load.force_N"]["A"] for table in (found, found.errors))
+    derivatives = gradients(ramped, ["load.force_N"], tolerance=2e-4)
+    rate, error = (table["load.force_N"]["A"] for table in (derivatives, derivatives.errors))
     forces = (SCENE.with_(**{"load.force_N": f, "numerics.tolerance": 1e-4}) for f in (1.02, 0.98))
     more, less = (solve(scene, pressure=ramp).charges_pC["A"] for scene in forces)
     assert rate == pytest.approx((more - less) / 0.04, rel=4e-4)
     assert error < 2e-4 * rate
     assert abs(rate - gradients(COARSE)["load.force_N"]["A"]) > 1e-2 * rate
-    assert found.solution.scene.numerics.tolerance < COARSE.numerics.tolerance
-    assert found.solution.pressure is ramp
+    assert derivatives.solution.scene.numerics.tolerance < COARSE.numerics.tolerance
+    assert derivatives.solution.pressure is ramp
 
 
 def test_places_have_no_derivative_and_slow_oscillations_follow_the_force(ramped):

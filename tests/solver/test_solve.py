@@ -74,9 +74,9 @@ def test_the_tolerance_is_relative_to_the_charge_itself():
 def test_the_largest_deflection_may_be_between_nodes():
     solution = on_mesh(TRIANGLE)
     x_mm, y_mm = np.meshgrid(np.linspace(4.5, 5.5, 51), np.linspace(0.4, 1.4, 51))
-    found = solution.at(x_mm, y_mm).deflection_mm.max()
-    assert solution.deflection_max_mm == pytest.approx(found, rel=2e-5)  # its parabola: 8e-6
-    assert found > 1.005e3 * solution.displacement[:, 2].max()
+    largest = solution.at(x_mm, y_mm).deflection_mm.max()
+    assert solution.deflection_max_mm == pytest.approx(largest, rel=2e-5)  # its parabola: 8e-6
+    assert largest > 1.005e3 * solution.displacement[:, 2].max()
 
 
 # why a solve stops
@@ -149,9 +149,9 @@ def test_accepts_no_charge_whose_likely_error_exceeds_the_tolerance(monkeypatch,
         adaptive, "AdaptiveLoop", partial(AdaptiveLoop, rules=AdaptiveRules(most_meshes=1))
     )
     likely = SAFETY * worst(solve(RECTANGLE.with_(**{"numerics.tolerance": 0.1}), order=2))
-    given = solve(RECTANGLE.with_(**{"numerics.tolerance": likely / excess}), order=2)
+    solution = solve(RECTANGLE.with_(**{"numerics.tolerance": likely / excess}), order=2)
     ends = (Status.CONVERGED, Stop.ACCURATE), (Status.TOLERANCE, Stop.MESHES)
-    assert (given.status, given.stop) == ends[excess > 1.0]
+    assert (solution.status, solution.stop) == ends[excess > 1.0]
 
 
 # the budget

@@ -140,7 +140,7 @@ def test_a_touch_outside_of_the_domain_is_rejected(touch, others):
         ({"numerics.observable": "thesis-edge"}, {}, "take 'material'"),
         ({}, {"reach_mm": 40.0}, "reach_mm = 40"),
         ({"probe.radius_mm": 44.0}, {"reach_mm": 1.0}, "smaller probe"),
-        ({}, {"force_N": (0.0, 1.0)}, "force_N"),
+        ({}, {"force_range_N": (0.0, 1.0)}, "force_range_N"),
     ],
 )
 def test_scenes_without_a_response_are_rejected(changes, arguments, match):

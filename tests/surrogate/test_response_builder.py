@@ -28,7 +28,7 @@ DISC = Scene().with_(**{"probe.shape": "circle", "probe.radius_mm": 5.0, "film.d
 SPHERE = Scene(probe={"shape": "sphere", "radius_mm": 5.0}, load={"kind": "contact"})
 OPTIONS = ResponseOptions(error=1e-2, validation_touches=4, max_builds=1)
 COARSE = ResponseOptions(error=0.1, validation_touches=4, max_builds=1)
-SMALL = {"reach_mm": 3.0, "force_N": (0.8, 1.6), "processes": 1}
+SMALL = {"reach_mm": 3.0, "force_range_N": (0.8, 1.6), "processes": 1}
 
 
 @pytest.fixture(scope="module")

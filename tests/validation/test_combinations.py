@@ -148,7 +148,7 @@ def test_gradients_are_those_of_fresh_solves(changes, data):
 @settings(drawn(0.01), suppress_health_check=[HealthCheck.filter_too_much])
 def test_responses_have_the_charges_of_fresh_solves(changes):
     scene = scene_of(changes)
-    how = {"reach_mm": 1.5, "force_N": (0.5, 1.5), "tolerance": 0.1, "processes": 1}
+    how = {"reach_mm": 1.5, "force_range_N": (0.5, 1.5), "tolerance": 0.1, "processes": 1}
     try:
         response: Response = build_response(scene, **how, options=COARSE, progress=ignore_progress)
     except ValueError as error:

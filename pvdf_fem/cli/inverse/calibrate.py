@@ -191,4 +191,4 @@ def _write_page(calibration: Calibration, options: argparse.Namespace) -> None:
         "command": shlex.join(["pvdf-fem", *sys.argv[1:]]),
         "date": str(date.today()),
     }
-    calibration.write_page(options.page, about)
+    calibration.write_html_page(options.page, about)

@@ -1,4 +1,4 @@
-"""Calibration of a sensor by touches with known place, rotation and force."""
+"""Calibration of a sensor from touches at known positions, rotations and forces."""
 
 from __future__ import annotations
 
@@ -44,58 +44,59 @@ def calibrate(
     progress: Progress | bool | None = None,
     options: CalibrateOptions = DEFAULTS,
 ) -> Calibration:
-    """Fit the parameters of a sensor to touches with known place, rotation and force.
+    """Fit the parameters of a sensor to touches at known positions, rotations and forces.
 
     Parameters
     ----------
     scene : Scene, or anything that `solve` accepts as a scene
-        The sensor as it is thought to be, with the probe.
+        Nominal sensor with the probe; its values are the initial guess and the means of the priors.
     touches : path, mapping of columns, or table with `columns`
         ``x_mm``, ``y_mm`` and ``rotation_deg`` of the probe on the stage, ``force_N``, and a column
-        for each electrode with the readings of its channel. A cell that is empty or NaN is left
-        out.
+        for each electrode with the readings of its channel. Cells that are empty or NaN are
+        missing; touches without a position, a force or any reading are left out.
     unknown : sequence of str
-        Parameters to fit: keys of the film by which `gradients` differentiates; ``gain.A``,
-        ``offset.A`` (V), ``stage.x_mm``, ``stage.y_mm``, ``stage.rotation_deg``; ``gains``,
-        ``offsets``, ``shift`` and ``turn`` for groups of these.
+        Parameters to fit: the keys of the film that `gradients` differentiates with respect to,
+        ``gain.A``, ``offset.A`` (V), ``stage.x_mm``, ``stage.y_mm`` and ``stage.rotation_deg``. The
+        words ``gains``, ``offsets``, ``shift`` and ``turn`` stand for groups of these.
     reading : {"change", "total"}, optional
-        Whether readings are changes of the charge by the touch or total charges; by default as the
-        scene's ``[readout]`` says, else ``change``.
+        Whether the readings are the changes of the charges due to the touch, or total charges.
+        Default: the value of the scene's ``[readout]``, ``change`` without one.
     unit : {"pC", "V"}
         Unit of the readings. Readings in nominal pC are readings in V times the capacitance of
         their channel.
     sigma : float
-        Standard deviation of a reading, relative to it.
+        Relative standard deviation of the readings.
     noise_pC : float or mapping of str to float, optional
-        Absolute standard deviation of a reading in nominal pC, one for all electrodes or one for
-        each; by default the ``noise_V`` of the scene's ``[readout]``.
+        Absolute standard deviation of the readings in nominal pC, for all electrodes or by name.
+        Default: the ``noise_V`` of the scene's ``[readout]``.
     place_sd : float
-        Standard deviation in mm of each coordinate of the touches' places.
+        Standard deviation in mm of the coordinates x and y of the touches.
     priors : mapping of str to float, optional
-        Standard deviations of the priors by parameter or group, relative but for shift, turn (mm,
-        degrees) and offsets (V). By default gains 10 %, d31 and d32 20 %, pretension 30 %, other
-        film parameters 20 %, shift 1 mm, turn 3°, offsets 0.1 V.
+        Standard deviations of the priors by parameter or group. They are relative, except those of
+        shift (mm), turn (degrees) and offsets (V). Default: gains 10 %, pretension 30 %, other film
+        parameters 20 %, shift 1 mm, turn 3°, offsets 0.1 V.
     progress : callable or bool, optional
-        Called with the numbers of finished and of expected solves; or whether these are shown, see
-        `pvdf_fem.progress.show_progress`.
+        Function that is called with the numbers of finished and expected solves, or whether to
+        show these; see `pvdf_fem.progress.show_progress`.
     options : CalibrateOptions
-        When the fit has converged, and when touches do not fit.
+        Criteria of convergence, of outliers and of the diagnosis.
 
     Returns
     -------
     Calibration
-        The parameters with their uncertainties, or a status that names the mistake in the touches.
+        Parameters with their uncertainties, or a status that names the mistake in the touches.
 
     Raises
     ------
     ValueError
-        If arguments are wrong, with a line for each error (`TouchesError`: in the touches).
+        If arguments are wrong; the message has a line for each error. It is a `TouchesError` if
+        the error is in the touches.
 
     Notes
     -----
-    Parameters p and errors e of the places minimise the squares of the whitened residuals of
-    readings, places and priors; see `pvdf_fem.inverse.calibration.fit`. Touches that are far from a
-    fit to the other touches are rejected.
+    The parameters p and the position errors e minimise the sum of squares of the whitened residuals
+    of readings, positions and priors; see `pvdf_fem.inverse.calibration.fit`. Outliers, touches
+    that are far from a fit to the other touches, are rejected.
 
     Examples
     --------
@@ -127,15 +128,15 @@ def calibrate(
     noise = ReadingNoise(sigma, absolute=np.array(absolute_pC) / units_pC, place_mm=place_sd)
     parameters = select_parameters(scene, unknown, coerce("priors", priors or {}, dict[str, Any]))
     table = read_touches(touches, scene)
-    wanted = options.tolerance_share * sigma
-    tolerance = min(max(wanted, options.min_tolerance), options.max_tolerance)
+    tolerance = max(options.tolerance_fraction * sigma, options.min_tolerance)
+    tolerance = min(tolerance, options.max_tolerance)
     with show_progress("solves", progress) as show:
         count_solve = SolveCounter(show, options.expected_rounds * len(table))
         model = ReadingModel(
             parameters, table, reading, unit, tolerance, options, count_solve=count_solve
         )
         diagnosis = fit_and_diagnose(model, noise)
-    status, reason = _judge(diagnosis)
+    status, reason = _determine_status(diagnosis)
     return Calibration(
         status,
         reason,
@@ -146,7 +147,7 @@ def calibrate(
 
 
 def _list_noise_pC(scene: Scene, noise_pC: float | Mapping[str, float] | None) -> list[float]:
-    """Return the absolute noise of each channel in nominal pC, by default that of the readout."""
+    """Return the absolute noise of each channel in nominal pC; None stands for the readout's."""
     channels = make_channels(scene)
     if noise_pC is None:
         return [1e12 * channel.capacitance * channel.noise for channel in channels]
@@ -160,40 +161,40 @@ def _list_noise_pC(scene: Scene, noise_pC: float | Mapping[str, float] | None) -
 
 
 def _find_scene_errors(scene: Scene) -> Iterator[str]:
-    """Find out whether the scene has a probe that touches can be calibrated with."""
+    """Find errors of a scene without a single probe, or with a rigid one."""
     if scene.single_probe is None:
         yield "probe: is required; add the [probe] that touched the film"
     elif PROBE_LOADS[scene.load.kind].is_rigid:
-        reason = "has no derivatives by the place; choose dead or follower"
+        reason = "has no derivatives with respect to the position; choose dead or follower"
         yield f'load.kind = "{scene.load.kind}": {reason}'
 
 
 def _find_choice_errors(name: str, value: str, allowed: Sequence[str]) -> Iterator[str]:
-    """Find a value that is not allowed.
+    """Find an error of a choice argument: a value that is not among the allowed ones.
 
     Parameters
     ----------
     name : str
-        Name of the argument.
+        Name of the argument, for the message.
     value : str
-        Its value.
+        Value to check.
     allowed : sequence of str
-        All allowed values.
+        Allowed values.
     """
     if value not in allowed:
         yield f"{name} = {value!r}: choose from {', '.join(allowed)}"
 
 
 def _find_deviation_errors(name: str, *values: float) -> Iterator[str]:
-    """Find the first standard deviation that is negative or not finite."""
+    """Find an error of standard deviations: the first that is negative or not finite."""
     for value in values:
         if not 0.0 <= value < np.inf:
-            yield f"{name} = {value:g}: give a standard deviation that is not negative"
+            yield f"{name} = {value:g}: must be a standard deviation; give a number from 0 on"
             return
 
 
-def _judge(diagnosis: Diagnosis) -> tuple[CalibrationStatus, str]:
-    """Return the status of a diagnosed fit, with its reason."""
+def _determine_status(diagnosis: Diagnosis) -> tuple[CalibrationStatus, str]:
+    """Determine the status of a diagnosed fit, and the reason in words."""
     fit, corrections = diagnosis
     options = fit.model.options
     count = int(fit.is_used.sum())
@@ -207,19 +208,21 @@ def _judge(diagnosis: Diagnosis) -> tuple[CalibrationStatus, str]:
         texts = [each.correction.text for each in corrections]
         return corrections[0].correction.status, "; or ".join(texts)
     if not fit.is_converged:
-        text = "solves of the touches fail, or do not converge; correct scene and touches"
+        text = (
+            "the touches cannot be solved, or the fit does not converge; correct scene and touches"
+        )
         return CalibrationStatus.NOT_CONVERGED, text
     if is_scattered and np.ptp(fit.model.table.forces_N) == 0.0:
         text = "force_N is the same in every row, and other forces would explain the readings"
         return CalibrationStatus.FORCE, text
     if is_scattered:
-        text = f"readings scatter {fit.scatter:.2g} times as much as their noise about any sensor"
+        text = f"residuals are {fit.scatter:.2g} times as large as the noise for any sensor"
         return CalibrationStatus.NOT_EXPLAINED, f"{text} like the scene's"
     return CalibrationStatus.CALIBRATED, f"{parameters} parameters from {count} touches"
 
 
 def _list_outliers(fit: CalibrationFit, status: CalibrationStatus) -> dict[int, str]:
-    """Return the reasons why touches did not count, by their rows."""
+    """Return the reasons why touches were not used, by row; rejected ones only if calibrated."""
     model = fit.model
     rows = model.table.rows.tolist()
     outliers = {rows[index]: reason for index, reason in model.failures.items()}
@@ -230,7 +233,7 @@ def _list_outliers(fit: CalibrationFit, status: CalibrationStatus) -> dict[int, 
 
 
 def _list_notes(diagnosis: Diagnosis) -> Iterator[str]:
-    """List notes about forces, parameters far from the scene's, scatter and corrections."""
+    """List notes on forces, on parameters far from their priors, on residuals and corrections."""
     fit = diagnosis.fit
     options = fit.model.options
     forces_N: Array = fit.model.table.forces_N
@@ -238,11 +241,14 @@ def _list_notes(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"force_N is {forces_N[0]:g} in every row; touches with several forces determine more"
     for index in np.flatnonzero(fit.pulls > options.max_pull):
         name = fit.model.parameters.names[index]
-        yield f"{name}: is {fit.pulls[index]:.2g} deviations of its prior from the scene's value"
+        distance = f"{fit.pulls[index]:.2g} standard deviations of its prior"
+        yield f"{name}: is {distance} away from the scene's value"
     if fit.p_value < options.min_p_value:
-        text = f"readings scatter {fit.scatter:.2g} times as much as their noise, so do the ±"
-        advice = "" if fit.noise.place_mm else "; if the places are uncertain, give place_sd"
+        text = (
+            f"residuals are {fit.scatter:.2g} times as large as the noise; ± is enlarged likewise"
+        )
+        advice = "" if fit.noise.place_mm else "; if the positions are uncertain, give place_sd"
         yield text + advice
     for correction, better in diagnosis.corrections:
         values = f"{fit.chi_square:.3g} to {better.chi_square:.3g}"
-        yield f"{correction.text}: chi-square falls from {values}"
+        yield f"{correction.text}: with this correction chi-square falls from {values}"

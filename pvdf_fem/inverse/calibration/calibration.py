@@ -1,4 +1,4 @@
-"""The result of a calibration: parameters, their uncertainties, and touches that do not fit."""
+"""The result of a calibration: parameters, their uncertainties, and outliers."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.sensitivity.parameters import expand_pair_key
 from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
-#: Parameters whose share of a direction is below this, over the largest, are not named.
-NAMED_SHARE = 0.15
+#: Parameters that contribute less than this fraction of the largest component to an undetermined
+#: direction are not named.
+MIN_NAMED_FRACTION = 0.15
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -26,22 +27,28 @@ class Calibration(Result):
     """Result of a calibration."""
 
     status: CalibrationStatus
-    reason: str  #: The status in words.
-    notes: tuple[str, ...]  #: Sentences about touches and parameters that deserve a look.
-    #: Rows of touches that did not count, with the reasons.
+    reason: str  #: Explanation of the status in words.
+    notes: tuple[str, ...]  #: Sentences about touches and parameters that should be checked.
+    #: Reasons why touches were not used, by their rows.
     outliers: dict[int, str]
-    fit: CalibrationFit  #: With `degrees_of_freedom` and `p_value`.
+    fit: CalibrationFit  #: Fit with its residuals, `degrees_of_freedom` and `p_value`.
 
     @property
     def is_calibrated(self) -> bool:
-        """Whether the parameters are of use."""
+        """Whether the status is ``calibrated``, so that the parameters can be used."""
         return self.status is CalibrationStatus.CALIBRATED
 
     @cached_property
     def scene(self) -> Scene:
-        """The calibrated scene; raises ValueError unless calibrated.
+        """Scene with the calibrated parameters.
 
-        Parameters in the scene's ``[uncertain]`` get the standard deviations of the calibration.
+        Parameters in the scene's ``[uncertain]`` get the standard deviations of the calibration;
+        a pair such as ``film.pretension_N_m`` gets the mean of its two.
+
+        Raises
+        ------
+        ValueError
+            If the status is not ``calibrated``.
         """
         if not self.is_calibrated:
             raise ValueError(f"{self.status}: {self.reason}")
@@ -50,13 +57,16 @@ class Calibration(Result):
         for key in scene.uncertain or ():
             names = expand_pair_key(key, self.parameters)
             if names:
-                of_each = [self.parameters[name]["deviation"] for name in names]
-                deviations[key] = float(np.mean(of_each))
+                pair_deviations = [self.parameters[name]["deviation"] for name in names]
+                deviations[key] = float(np.mean(pair_deviations))
         return scene.with_(uncertain=deviations) if deviations else scene
 
     @cached_property
     def parameters(self) -> dict[str, dict[str, float]]:
-        """Value and standard deviation by name, in the name's unit; offsets in V."""
+        """Dicts of ``value`` and ``deviation`` by parameter, in the unit of the name; offsets in V.
+
+        ``deviation`` is the posterior standard deviation.
+        """
         values = self.fit.values.tolist()
         deviations = np.sqrt(np.diag(self.fit.covariance)).tolist()
         parameters = {}
@@ -67,22 +77,22 @@ class Calibration(Result):
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the parameters, (parameters, parameters)."""
+        """Posterior covariance of the parameters, see `CalibrationFit.covariance`."""
         return self.fit.covariance
 
     @property
     def places_mm(self) -> Array:
-        """Corrected places of the touches on the stage, (touches, 2)."""
+        """Corrected positions of the touches on the stage, as an array of shape (touches, 2)."""
         return self.fit.model.table.places_mm + self.fit.place_corrections_mm
 
     @cached_property
     def leave_one_out(self) -> dict[str, float]:
-        """Errors of the calibration at touches that it does not use.
+        """Leave-one-out errors: ``charge``, ``place_mm`` and ``force``.
 
-        Each touch is compared with a fit to the other touches. ``charge`` is the root mean square
-        of the differences of readings, over that of the readings. ``place_mm`` and ``force`` are
-        the medians of the errors with which such a touch would be located, in mm and relative to
-        the force, by a linear step.
+        Each used touch is compared with a fit to the other touches. ``charge`` is the root mean
+        square of the residuals, as a fraction of the root mean square of the readings. ``place_mm``
+        and ``force`` estimate by one Gauss-Newton step how far from its true position and force
+        such a touch would be located: medians over the touches, in mm and relative to the force.
         """
         fit = self.fit
         is_used = fit.is_used
@@ -101,25 +111,30 @@ class Calibration(Result):
 
     @cached_property
     def undetermined(self) -> tuple[str, ...]:
-        """Combinations of parameters that the priors determine rather than the readings."""
+        """Descriptions of the combinations of parameters that only the priors determine.
+
+        In these directions of the parameter space, the standard deviation of the prior is smaller
+        than the one that the readings alone would give.
+        """
         parameters = self.fit.model.parameters
         information = self.fit.information
         texts = []
         for direction in np.abs(information.directions[information.singular_values < 1.0]):
-            indices = np.flatnonzero(direction > NAMED_SHARE * direction.max()).tolist()
+            indices = np.flatnonzero(direction > MIN_NAMED_FRACTION * direction.max()).tolist()
             names = " and ".join(parameters.names[i] for i in indices)
             priors = []
             for i in indices:
                 prior = f"{parameters.initial[i]:.4g} ± {parameters.prior_deviations[i]:.2g}"
                 priors.append(f"{parameters.names[i]} {prior}")
-            reason = f"decided by the priors {', '.join(priors)}"
-            texts.append(f"{names}: hardly seen in the readings; {reason}")
+            reason = f"determined by the priors {', '.join(priors)}"
+            texts.append(f"{names}: have little effect on the readings; {reason}")
         return tuple(texts)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the object that `pvdf-fem calibrate --json` prints.
+        """Return the dict that `pvdf-fem calibrate --json` prints.
 
-        It has no parameters unless the status is ``calibrated``.
+        The parameters and the results that depend on them are left out unless the status is
+        ``calibrated``.
         """
         fit = self.fit
         values: dict[str, Any] = {"status": str(self.status), "reason": self.reason}
@@ -141,35 +156,35 @@ class Calibration(Result):
             "unit": fit.model.unit,
         }
 
-    def write_page(self, path: Path, about: Mapping[str, str] | None = None) -> None:
-        """Write one self-contained HTML page with pictures of readings, residuals and places.
+    def write_html_page(self, path: Path, about: Mapping[str, str] | None = None) -> None:
+        """Write a self-contained HTML page with plots of readings, residuals and positions.
 
         Parameters
         ----------
         path : Path
-            The file to write.
+            Path of the HTML file; an existing file is replaced.
         about : mapping of str to str, optional
-            Lines below the verdict by their names, such as the file and the date.
+            Labels and texts of additional lines below the status, such as the file and the date.
         """
         from pvdf_fem.view.calibration_page import CalibrationData, write_calibration_page
 
         model = self.fit.model
         table = model.table
         data = CalibrationData(
-            model.parameters.apply(self.fit.values, model.reading),
-            [channel.name for channel in model.channels],
-            model.unit,
-            table.rows,
-            np.isin(table.rows, list(self.outliers)),
-            table.readings,
-            self.fit.prediction.readings,
-            table.places_mm,
-            self.places_mm,
+            scene=model.parameters.apply(self.fit.values, model.reading),
+            channels=[channel.name for channel in model.channels],
+            unit=model.unit,
+            rows=table.rows,
+            is_outlier=np.isin(table.rows, list(self.outliers)),
+            readings=table.readings,
+            predicted=self.fit.prediction.readings,
+            file_positions_mm=table.places_mm,
+            calibrated_positions_mm=self.places_mm,
         )
         write_calibration_page(data, self.status, self._repr_html_(), about or {}, path)
 
     def summary(self) -> Summary:
-        """Return the status, the table of parameters, and notes below it."""
+        """Return the status with its reason, the table of parameters, and notes."""
         fit = self.fit
         freedom = f"{fit.degrees_of_freedom} degrees of freedom (p = {fit.p_value:.2g})"
         notes = [f"chi-square: {fit.chi_square:.1f} with {freedom}"]
@@ -180,7 +195,7 @@ class Calibration(Result):
                 rows.append((name, *texts))
             errors = self.leave_one_out
             notes.append(
-                f"leave-one-out: readings {100 * errors['charge']:.2g} %, places"
+                f"leave-one-out errors: readings {100 * errors['charge']:.2g} %, positions"
                 f" {errors['place_mm']:.2g} mm, forces {100 * errors['force']:.2g} %"
             )
             notes += [f"undetermined: {text}" for text in self.undetermined]

@@ -1,9 +1,9 @@
 """Diagnosis of touches that no sensor like the scene's explains.
 
-A common mistake in a file of touches is undone by a correction of the touches. Corrections of
-readings are ranked by the solves at hand. Corrections of places and forces are tried where no
-correction of readings explains the touches for sure; they are ranked by solves of a few touches.
-The best corrections are fitted in full.
+For each common mistake in a file of touches there is a correction that undoes it. Corrections of
+readings are ranked first, with the solves that exist already. Unless one of them clearly explains
+the touches, corrections of positions and forces are ranked by solves of a few touches. Then the
+parameters are fitted to the touches of the best corrections.
 """
 
 from __future__ import annotations
@@ -23,77 +23,77 @@ from pvdf_fem.inverse.calibration.fit import CalibrationFit, ReadingNoise, fit_p
 from pvdf_fem.inverse.calibration.reading_model import ReadingModel
 from pvdf_fem.inverse.calibration.touch_table import TouchTable
 
-#: Newtons in other units of the force.
+#: Units of force in newtons.
 FORCE_UNITS_N = {"gram-force (grams)": 1e-3 * g, "kgf": g, "mN": 1e-3, "kN": 1e3}
-#: Factor of the best score up to which other corrections are fitted, beside the margin.
+#: Corrections are fitted up to this factor of the best score, plus `CalibrateOptions.score_margin`.
 SCORE_FACTOR = 1.5
 
 
 class CalibrationStatus(StrEnum):
-    """How a calibration ended."""
+    """Outcome of a calibration."""
 
-    CALIBRATED = "calibrated"
-    TOO_FEW = "too_few_touches"
-    SWAPPED = "swapped_channels"
-    FRAME = "wrong_frame"
-    UNIT = "wrong_unit"
-    SIGN = "wrong_sign"
-    FORCE = "wrong_force"
-    READING = "wrong_reading"
-    CHANNEL = "wrong_channel"
-    NOT_EXPLAINED = "not_explained"
-    NOT_CONVERGED = "not_converged"
+    CALIBRATED = "calibrated"  #: The parameters explain the touches.
+    TOO_FEW = "too_few_touches"  #: There are fewer usable touches than parameters.
+    SWAPPED = "swapped_channels"  #: Channels are swapped.
+    FRAME = "wrong_frame"  #: Positions or rotations are in another frame.
+    UNIT = "wrong_unit"  #: Readings are in another unit.
+    SIGN = "wrong_sign"  #: Readings have the wrong sign.
+    FORCE = "wrong_force"  #: Forces are in another unit, or wrong.
+    READING = "wrong_reading"  #: Readings are totals instead of changes, or vice versa.
+    CHANNEL = "wrong_channel"  #: One channel does not fit.
+    NOT_EXPLAINED = "not_explained"  #: No parameters and no correction explain the touches.
+    NOT_CONVERGED = "not_converged"  #: The fit did not converge.
 
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """Touches as they would be without a mistake that may be in the file."""
+    """Touches from which a mistake that the file may contain is removed."""
 
-    status: CalibrationStatus
-    text: str  #: The mistake in words.
-    table: TouchTable
-    reading: str
+    status: CalibrationStatus  #: Status of the calibration if this is the mistake.
+    text: str  #: Description of the mistake.
+    table: TouchTable  #: Corrected touches.
+    reading: str  #: Corrected meaning of the readings.
 
 
 class ScoredCorrection(NamedTuple):
-    """A correction with its score, which is lower for a better fit."""
+    """Correction with its score; a lower score is a better fit."""
 
     score: float
     correction: Correction
 
 
 class FittedCorrection(NamedTuple):
-    """A correction with which a sensor like the scene's explains the touches."""
+    """Correction with the fit to its touches."""
 
     correction: Correction
     fit: CalibrationFit
 
 
 class Diagnosis(NamedTuple):
-    """The fit of the touches, and corrections with which a sensor fits them better."""
+    """Fit of the touches as given, and the corrections that explain them better."""
 
     fit: CalibrationFit
     corrections: list[FittedCorrection]
 
 
 def fit_and_diagnose(model: ReadingModel, noise: ReadingNoise) -> Diagnosis:
-    """Fit the parameters, and find corrections where the fit is suspect.
+    """Fit the parameters, and look for mistakes in the touches if the fit is suspect.
 
-    A fit whose first solves leave a hopeless scatter is given up, since the cause is likely a
-    mistake in the file. It is made to the end only if no correction explains the touches.
+    If the first solves leave a very large scatter, the fit is abandoned, since the cause is
+    probably a mistake in the file. It is completed only if no correction explains the touches.
 
     Parameters
     ----------
     model : ReadingModel
-        Readings as a function of the parameters.
+        Readings as a function of the parameters. Its solves are updated in place.
     noise : ReadingNoise
-        Standard deviations of readings and places.
+        Standard deviations of readings and positions.
     """
     options = model.options
     has_enough = len(model.table) >= len(model.parameters)
     max_scatter = options.hopeless_scatter if has_enough else np.inf
     fit = fit_parameters(model, noise, max_scatter)
-    # The readings, or the parameters they lead to, are not those of such a sensor.
+    # A fit is suspect if the residuals or the parameters are implausible for such a sensor.
     is_suspect = not fit.is_converged or fit.p_value < options.min_p_value
     is_suspect |= bool((fit.pulls > options.max_pull).any())
     corrections = _find_corrections(fit) if has_enough and is_suspect else []
@@ -103,29 +103,43 @@ def fit_and_diagnose(model: ReadingModel, noise: ReadingNoise) -> Diagnosis:
 
 
 def _find_corrections(fit: CalibrationFit) -> list[FittedCorrection]:
-    """Find the corrections with which a sensor like the scene's explains the touches."""
+    """Find the corrections with which a sensor like the scene's explains the touches.
+
+    Returns
+    -------
+    list of FittedCorrection
+        Corrections that are about as good as the best one; empty if no correction is good.
+    """
     fitted = []
     if fit.model.is_solved.any():
         fitted = _fit_corrections(fit, _propose_reading_corrections(fit.model))
-    # Swapped or dead channels may look like a wrong frame; other wrong readings do not.
+    # A wrong frame may look like swapped or dead channels, but not like other wrong readings.
     ambiguous = {CalibrationStatus.SWAPPED, CalibrationStatus.CHANNEL}
     if {each.correction.status for each in fitted} <= ambiguous:
         fitted += _fit_corrections(fit, _propose_touch_corrections(fit))
-    # Without one of the channels the fit is always better, so that others come first.
+    # Leaving out a channel always improves the fit, so that other corrections are preferred.
     others = [each for each in fitted if each.correction.status is not CalibrationStatus.CHANNEL]
     if others:
         fitted = others
     if not fitted:
         return []
-    least_chi_square = min(each.fit.chi_square for each in fitted)
-    limit = least_chi_square + fit.model.options.chi_square_margin
+    min_chi_square = min(each.fit.chi_square for each in fitted)
+    limit = min_chi_square + fit.model.options.chi_square_margin
     return [each for each in fitted if each.fit.chi_square < limit]
 
 
 def _fit_corrections(
     fit: CalibrationFit, corrections: Iterable[Correction]
 ) -> list[FittedCorrection]:
-    """Fit the best of some corrections in full, and return those that explain the touches."""
+    """Fit the corrections with the best scores, and return those that explain the touches.
+
+    Parameters
+    ----------
+    fit : CalibrationFit
+        Fit of the touches without correction.
+    corrections : iterable of Correction
+        Corrections to rank.
+    """
     options = fit.model.options
     scored = []
     for correction in corrections:
@@ -133,7 +147,7 @@ def _fit_corrections(
     scored.sort(key=attrgetter("score"))
     fitted = []
     for score, correction in scored[: options.max_fits]:
-        # The score is infinite where no touch is solved.
+        # If no touch is solved, all scores are infinite, and this comparison is false.
         if not score < options.score_margin + SCORE_FACTOR * scored[0].score:
             break
         corrected = fit.model.with_table(correction.table, correction.reading)
@@ -144,26 +158,27 @@ def _fit_corrections(
 
 
 def _is_explanation(fit: CalibrationFit, corrected: CalibrationFit) -> bool:
-    """Whether the fit of corrected touches is plausible, and better than that of the touches."""
+    """Decide whether the fit of corrected touches is plausible and clearly the better one."""
     options = fit.model.options
     is_likely = corrected.p_value > options.min_p_value
     is_plausible = is_likely or corrected.scatter < options.plausible_scatter
     is_better = fit.chi_square > options.min_improvement * corrected.chi_square
-    # A likely fit is suspect only for its parameters.
+    # If the residuals of the uncorrected fit are fine, it was suspect only for its parameters.
     is_better |= fit.p_value > options.min_p_value
     return is_plausible and is_better and bool((corrected.pulls < options.max_pull).all())
 
 
 def _score_correction(fit: CalibrationFit, correction: Correction) -> float:
-    """Score how badly corrected touches fit a sensor; infinite if none is solved.
+    """Compute the score of a correction from a robust fit: the lower, the better.
 
-    The score is by the solves at hand, or by solves of a few touches where places or forces are
-    corrected.
+    Corrections of readings use the solves of `fit`. For corrections of positions or forces, a few
+    touches are solved. The score is infinite if no touch is solved.
 
     Notes
     -----
-    The score is the sum of log(1 + χ²/n) over touches with n readings, and of log(1 + p²) over
-    parameters with the pull p. By the logarithm a few outliers hardly count.
+    The score is the sum of log(1 + χ²/n) over the touches with n readings and squared residuals χ²,
+    plus the sum of log(1 + p²) over the parameters, whose pull p is the distance from the scene's
+    value in standard deviations of the prior. The logarithm limits the influence of outliers.
     """
     initial = fit.model.parameters.initial
     model = fit.model.with_table(correction.table, correction.reading)
@@ -172,11 +187,19 @@ def _score_correction(fit: CalibrationFit, correction: Correction) -> float:
         few = np.linspace(0, len(correction.table) - 1, count).astype(int)
         table = correction.table.select(np.unique(few).tolist())
         model = model.with_table(table, correction.reading)
-        uncorrected_places = np.zeros((len(table), 2))
-        every = np.ones(len(table), dtype=bool)
-        model.solve_touches(initial, uncorrected_places, every, model.options.first_tolerance)
-    uncorrected_places = np.zeros((len(model.table), 2))
-    start = CalibrationFit(model, fit.noise, initial, uncorrected_places, model.is_solved)
+        model.solve_touches(
+            initial,
+            np.zeros((len(table), 2)),
+            which=np.ones(len(table), dtype=bool),
+            tolerance=model.options.first_tolerance,
+        )
+    start = CalibrationFit(
+        model,
+        fit.noise,
+        values=initial,
+        place_corrections_mm=np.zeros((len(model.table), 2)),
+        is_used=model.is_solved,
+    )
     robust_fit = start.refit(model.is_solved, is_robust=True)
     if not robust_fit.is_used.any():
         return np.inf
@@ -186,7 +209,10 @@ def _score_correction(fit: CalibrationFit, correction: Correction) -> float:
 
 
 def _propose_reading_corrections(model: ReadingModel) -> Iterator[Correction]:
-    """Propose corrections of readings, which need no solve."""
+    """Propose corrections of the readings: units, signs, channels, and change or total.
+
+    They need no further solve.
+    """
     table = model.table
     for misreading in list_misreadings(model.channels, model.unit):
         status = CalibrationStatus(misreading.kind)
@@ -194,7 +220,8 @@ def _propose_reading_corrections(model: ReadingModel) -> Iterator[Correction]:
         yield Correction(status, misreading.text, corrected, model.reading)
     if np.isfinite(model.unloaded_integrals).all():
         other = "total" if model.reading == "change" else "change"
-        text = f"readings are of the {other} of the charge, not of the {model.reading};"
+        meanings = {"change": "changes of the charge", "total": "total charges"}
+        text = f"readings are {meanings[other]}, not {meanings[model.reading]};"
         yield Correction(
             CalibrationStatus.READING, f"{text} give reading = {other}", table, reading=other
         )
@@ -210,15 +237,15 @@ def _propose_reading_corrections(model: ReadingModel) -> Iterator[Correction]:
 
 
 def _propose_touch_corrections(fit: CalibrationFit) -> Iterator[Correction]:
-    """Propose corrections that need solves.
+    """Propose corrections of positions, rotations and forces, which need further solves.
 
-    Frames are corrected where the readings have about the size of the scene's, forces where they
-    have another size.
+    If the readings have about the predicted size, other frames are proposed; otherwise other units
+    of the force.
     """
     table = fit.model.table
     size = _compute_size_ratio(fit)
-    is_of_size = abs(np.log(max(size, 1e-300))) < np.log(fit.model.options.max_size_ratio)
-    if is_of_size:
+    has_predicted_size = abs(np.log(max(size, 1e-300))) < np.log(fit.model.options.max_size_ratio)
+    if has_predicted_size:
         yield from _propose_frame_corrections(fit.model)
         return
     # Readings that are too small come from forces in a smaller unit than newton.
@@ -231,7 +258,10 @@ def _propose_touch_corrections(fit: CalibrationFit) -> Iterator[Correction]:
 
 
 def _compute_size_ratio(fit: CalibrationFit) -> float:
-    """Compute the median ratio of the readings to the scene's; 0 if no touch is solved."""
+    """Compute the median ratio of the readings to those predicted for the scene.
+
+    The ratios are those of the solved touches; the result is 0 if there are none.
+    """
     model = fit.model
     is_solved = model.is_solved
     if not is_solved.any():
@@ -242,7 +272,7 @@ def _compute_size_ratio(fit: CalibrationFit) -> float:
 
 
 def _propose_frame_corrections(model: ReadingModel) -> Iterator[Correction]:
-    """Propose other frames, but for those that leave all touches where they are."""
+    """Propose corrections of the frame, except those that do not change any touch."""
     table = model.table
     probe = model.parameters.scene.single_probe
     has_rotation = probe is None or bool(probe.period_deg)
@@ -255,39 +285,54 @@ def _propose_frame_corrections(model: ReadingModel) -> Iterator[Correction]:
 
 
 def _list_frames(probe_loads: Array, has_rotation: bool) -> Iterator[tuple[str, Array]]:
-    """List the probe loads in other frames in which they may have been written.
+    """Convert probe loads from frames in which they may have been written by mistake.
 
     Parameters
     ----------
-    probe_loads : array, (touches, 4)
-        Place x, y in mm, rotation in degrees and force in N, as written.
+    probe_loads : ndarray, shape (touches, 4)
+        Positions x, y in mm, rotations in degrees and forces in N, as in the file.
     has_rotation : bool
-        Whether the rotation of the probe counts.
+        Whether the probe has a rotation; if not, rotations are not changed.
+
+    Yields
+    ------
+    text : str
+        Description of the mistake.
+    probe_loads : ndarray, shape (touches, 4)
+        Corrected probe loads.
     """
-    x, y, turn, force = probe_loads.T
+    x, y, rotation, force = probe_loads.T
     frames = {
-        "x_mm has the wrong sign (a mirrored axis)": (-x, y, turn),
-        "y_mm has the wrong sign (a mirrored axis)": (x, -y, turn),
-        "x_mm and rotation_deg have the wrong sign (a mirrored frame)": (-x, y, -turn),
-        "y_mm and rotation_deg have the wrong sign (a mirrored frame)": (x, -y, -turn),
-        "y_mm points the other way (a mirrored frame)": (x, -y, 180.0 - turn),
-        "x_mm and y_mm are swapped": (y, x, turn),
-        "x and y are swapped (a mirrored frame)": (y, x, 90.0 - turn),
-        "rotation_deg is clockwise": (x, y, -turn),
-        "the frame is turned by 180°": (-x, -y, turn + 180.0),
-        "the frame is turned by 90°": (-y, x, turn + 90.0),
-        "the frame is turned by -90°": (y, -x, turn - 90.0),
+        "x_mm has the wrong sign (a mirrored axis)": (-x, y, rotation),
+        "y_mm has the wrong sign (a mirrored axis)": (x, -y, rotation),
+        "x_mm and rotation_deg have the wrong sign (a mirrored frame)": (-x, y, -rotation),
+        "y_mm and rotation_deg have the wrong sign (a mirrored frame)": (x, -y, -rotation),
+        "y_mm points the other way (a mirrored frame)": (x, -y, 180.0 - rotation),
+        "x_mm and y_mm are swapped": (y, x, rotation),
+        "x and y are swapped (a mirrored frame)": (y, x, 90.0 - rotation),
+        "rotation_deg is clockwise": (x, y, -rotation),
+        "the frame is rotated by 180°": (-x, -y, rotation + 180.0),
+        "the frame is rotated by 90°": (-y, x, rotation + 90.0),
+        "the frame is rotated by -90°": (y, -x, rotation - 90.0),
     }
-    for text, (new_x, new_y, new_turn) in frames.items():
-        rotation = new_turn if has_rotation else turn
-        yield text, np.column_stack([new_x, new_y, rotation, force])
+    for text, (new_x, new_y, new_rotation) in frames.items():
+        if not has_rotation:
+            new_rotation = rotation
+        yield text, np.column_stack([new_x, new_y, new_rotation, force])
 
 
 def describe_outlier(fit: CalibrationFit, index: int) -> str:
-    """Describe why a touch does not fit.
+    """Describe why a touch does not fit: its position, or its force or readings.
 
-    A linear step of its place is compared with a linear step of its force: the text names the one
-    that leaves the smaller residuals.
+    The best change of the position and the best change of the force are compared by linear least
+    squares; the text names the one with the smaller remaining residuals.
+
+    Parameters
+    ----------
+    fit : CalibrationFit
+        Fit that rejects the touch.
+    index : int
+        Index of the touch in the table.
     """
     system = fit.whitened
     slopes = np.linalg.solve(system.roots[index], fit.prediction.by_touch[index])
@@ -295,11 +340,11 @@ def describe_outlier(fit: CalibrationFit, index: int) -> str:
     by_place = _compute_misfit(slopes[:, :2], residuals)
     by_force = _compute_misfit(slopes[:, 2:], residuals)
     if by_place < by_force:
-        return "its readings are rather those of another place: misplaced?"
-    return "its readings are rather those of another force; force_N or the readings are wrong"
+        return "its readings match another position; x_mm, y_mm may be wrong"
+    return "its readings match another force; force_N or the readings may be wrong"
 
 
 def _compute_misfit(slopes: Array, residuals: Array) -> float:
-    """Compute the sum of squares that the best linear step leaves of residuals."""
+    """Compute the sum of squared residuals that remains after a linear least-squares step."""
     step = np.linalg.lstsq(slopes, residuals)[0]
     return float(np.sum((residuals - slopes @ step) ** 2))

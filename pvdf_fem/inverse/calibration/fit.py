@@ -1,12 +1,13 @@
-"""Least-squares fit of parameters and places: errors in variables, robust against outliers.
+"""Least-squares fit of parameters and positions: errors in variables, robust against outliers.
 
-The errors e of a touch's place are eliminated. With the derivatives E of the readings by the place
-and the prior covariance S of e, the residual r + E e of the linearised touch has the covariance
+The position error e of each touch is eliminated. Let E be the derivatives of the readings of the
+touch with respect to its position, S the prior covariance of e, and σ the standard deviations of
+the readings. The residual r of the touch, linearised about e = 0, then has the covariance
 
     V = diag(σ²) + E S Eᵀ
 
-(separable least squares: Golub and Pereyra, Inverse Problems 19 (2003) R1-R26). What is left is a
-least-squares problem for the parameters alone, whose priors are a row each.
+(separable least squares: Golub and Pereyra, Inverse Problems 19 (2003) R1-R26). The remaining
+least-squares problem has only the parameters as unknowns, and each prior adds one residual.
 """
 
 from __future__ import annotations
@@ -28,71 +29,84 @@ from pvdf_fem.inverse.least_squares import (
     run_levenberg_marquardt,
 )
 
-#: Searches between two rounds of solves.
+#: Options of the Levenberg-Marquardt search between two rounds of solves.
 SEARCH = SearchOptions(max_steps=25, chi_square_tolerance=1e-6, step_tolerance=1e-3)
-#: Factor of the standard deviation of a missing reading, with which it counts for nothing.
+#: Factor that enlarges the standard deviation of a missing reading, so that it has no weight.
 MISSING = 1e6
 
 
 @dataclass(frozen=True)
 class ReadingNoise:
-    """Standard deviations of readings and places."""
+    """Standard deviations of readings and positions."""
 
-    sigma: float  #: Relative, of a reading.
-    absolute: Array  #: Absolute, of a reading in its unit, (electrodes,).
-    place_mm: float  #: Of each coordinate of a touch's place.
+    sigma: float  #: Relative standard deviation of the readings.
+    #: Absolute standard deviations in the unit of the readings, shape (electrodes,).
+    absolute: Array
+    place_mm: float  #: Standard deviation of the coordinates x and y of a touch.
 
 
 class WhitenedSystem(NamedTuple):
-    """Residuals and slopes of the readings over the roots of their covariances."""
+    """Residuals and derivatives of the readings, whitened by L⁻¹ with V = L Lᵀ."""
 
-    roots: Array  #: Lower Cholesky factors of V, (touches, electrodes, electrodes).
-    residuals: Array  #: (touches, electrodes)
-    slopes: Array  #: By the parameters, (touches, electrodes, parameters).
+    #: Lower Cholesky factors L of V, shape (touches, electrodes, electrodes).
+    roots: Array
+    residuals: Array  #: Whitened residuals, shape (touches, electrodes).
+    #: Whitened derivatives with respect to the parameters, shape (touches, electrodes, parameters).
+    slopes: Array
 
 
 class Information(NamedTuple):
-    """Singular value decomposition of the slopes by parameters over their priors' deviations."""
+    """Right singular vectors and values of the whitened derivatives of all readings.
 
-    #: Standard deviations of the directions by the priors over those by the readings,
-    #: (parameters,).
+    Derivatives are with respect to the parameters in units of their priors' standard deviations.
+    """
+
+    #: Ratio, for each direction, of the standard deviation of the prior to the one that the
+    #: readings alone give, shape (parameters,).
     singular_values: Array
-    directions: Array  #: (parameters, parameters), one in each row.
+    #: Orthonormal directions in the space of scaled parameters, one per row, shape
+    #: (parameters, parameters).
+    directions: Array
 
 
 class DeletedResiduals(NamedTuple):
     """Residuals of each touch from a fit to the other touches."""
 
-    residuals: Array  #: Whitened, (touches, electrodes).
-    #: Squared lengths over the covariance that the residuals of a good touch have, (touches,).
+    residuals: Array  #: Whitened residuals, shape (touches, electrodes).
+    #: Squared Mahalanobis lengths of the residuals, chi-square distributed for touches that are
+    #: not outliers, shape (touches,).
     squared_lengths: Array
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationFit(LeastSquaresProblem):
-    """Parameters and places that explain the readings, and their uncertainties.
+    """Parameters and positions fitted to the readings, and their uncertainties.
 
-    The coordinates of the least-squares problem are the parameters over the standard deviations of
-    their priors.
+    As a least-squares problem, its coordinates are the parameters, each divided by the standard
+    deviation of its prior.
     """
 
     model: ReadingModel
     noise: ReadingNoise
-    values: Array  #: Of the parameters, (parameters,).
-    place_corrections_mm: Array  #: Of the touches' places on the stage, (touches, 2).
-    is_used: Mask  #: Which touches count, (touches,).
+    values: Array  #: Values of the parameters, shape (parameters,).
+    #: Corrections of the positions x, y of the touches on the stage, shape (touches, 2).
+    place_corrections_mm: Array
+    is_used: Mask  #: Mask of the touches that are fitted, shape (touches,).
     is_converged: bool = True
-    #: Whether touches count the less the farther they are from the fit.
+    #: Whether touches far from the fit have less weight (`apply_robust_loss`).
     is_robust: bool = False
 
     @cached_property
     def prediction(self) -> Prediction:
-        """Readings with these values, and their derivatives."""
+        """Predicted readings for these parameters and positions, with their derivatives."""
         return self.model.predict(self.values, self.place_corrections_mm)
 
     @cached_property
     def deviations(self) -> Array:
-        """Standard deviations of readings without errors of places, (touches, electrodes)."""
+        """Standard deviations σ of the readings, as an array of shape (touches, electrodes).
+
+        They include the noise and the error of the solves, but not the errors of the positions.
+        """
         readings = self.model.table.readings
         size = np.fmax(np.abs(readings), np.abs(self.prediction.readings))
         relative = self.noise.sigma**2 + self.model.charge_errors**2
@@ -103,7 +117,11 @@ class CalibrationFit(LeastSquaresProblem):
 
     @cached_property
     def whitened(self) -> WhitenedSystem:
-        """Whitened residuals and slopes of the readings."""
+        """Whitened residuals and derivatives of the readings, with the position errors eliminated.
+
+        The residuals are referred to the measured positions: their linear change due to the current
+        position corrections is added back.
+        """
         by_place = self.prediction.by_touch[..., :2]
         covariance = self.noise.place_mm**2 * by_place @ by_place.swapaxes(1, 2)
         covariance += self.deviations[:, :, None] ** 2 * np.eye(covariance.shape[1])
@@ -116,21 +134,21 @@ class CalibrationFit(LeastSquaresProblem):
 
     @property
     def squared_residuals(self) -> Array:
-        """Squared lengths of the whitened residuals, (touches,)."""
+        """Squared norm of the whitened residuals of each touch, as an array of shape (touches,)."""
         return np.asarray((self.whitened.residuals**2).sum(axis=1))
 
     @property
     def reading_counts(self) -> Array:
-        """Number of readings of each touch, (touches,)."""
+        """Number of readings of each touch, as an array of shape (touches,)."""
         return np.asarray(np.isfinite(self.model.table.readings).sum(axis=1))
 
     @cached_property
     def scatter(self) -> float:
-        """Scatter of the readings over their noise, at least 1.
+        """Robust scale of the residuals relative to the noise, at least 1.
 
-        A robust scale: the root of the median, over the solved touches, of the squared residuals
-        over the median of their chi-square distribution (Huber and Ronchetti, Robust Statistics,
-        2009, section 5.1).
+        For each solved touch, the squared norm of the residuals is divided by the median of its
+        chi-square distribution. The scale is the square root of the median of these ratios (Huber
+        and Ronchetti, Robust Statistics, 2009, section 5.1). Infinite if no touch is solved.
         """
         medians = chi2.ppf(0.5, self.reading_counts)
         ratios = (self.squared_residuals / medians)[self.model.is_solved]
@@ -140,20 +158,21 @@ class CalibrationFit(LeastSquaresProblem):
 
     @property
     def chi_square(self) -> float:
-        """Chi-square of the touches that count, without the priors."""
+        """Chi-square of the readings of the used touches, without the priors."""
         return float(self.squared_residuals[self.is_used].sum())
 
     @property
     def pulls(self) -> Array:
-        """Distances of the parameters from the scene's values over their priors' deviations."""
+        """Distances of the parameters from the scene's values, in prior standard deviations."""
         parameters = self.model.parameters
         return np.asarray(np.abs(self.values - parameters.initial) / parameters.prior_deviations)
 
     @cached_property
     def information(self) -> Information:
-        """Information of the readings on directions in the parameters' space.
+        """Information of the readings of the used touches on directions in the parameter space.
 
-        Where a singular value is below 1, priors determine the direction better than readings do.
+        A direction with a singular value below 1 is determined by the priors more precisely than by
+        the readings.
         """
         slopes = self.whitened.slopes[self.is_used].reshape(-1, len(self.values))
         slopes = slopes * self.model.parameters.prior_deviations
@@ -162,21 +181,28 @@ class CalibrationFit(LeastSquaresProblem):
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Number of readings less the number of directions that they determine."""
+        """Number of readings minus the number of directions that the readings determine."""
         determined = int((self.information.singular_values >= 1.0).sum())
         return int(self.reading_counts[self.is_used].sum()) - determined
 
     @property
     def p_value(self) -> float:
-        """Probability of a chi-square that is at least as large."""
+        """Probability that noise alone would give a chi-square at least as large."""
         return float(chi2.sf(self.chi_square, max(self.degrees_of_freedom, 1)))
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance of the parameters, (parameters, parameters).
+        """Posterior covariance of the parameters, as an array of shape (parameters, parameters).
 
-        It is inflated by the square of the scatter where the readings scatter more than by their
-        noise.
+        It combines the readings of the used touches with the priors. If the residuals are
+        significantly larger than the noise explains (a p-value below `false_outlier_probability`),
+        the whole matrix is multiplied by `scatter` squared, also in directions that only the priors
+        determine.
+
+        Notes
+        -----
+        With the singular values s and directions U of `information` and the diagonal matrix D of
+        the priors' standard deviations, the covariance is D Uᵀ (diag(s²) + 1)⁻¹ U D.
         """
         singular_values, directions = self.information
         scaled = directions.T * (1.0 / (singular_values**2 + 1.0))
@@ -187,22 +213,29 @@ class CalibrationFit(LeastSquaresProblem):
 
     @cached_property
     def outlier_limits(self) -> Array:
-        """Squared lengths that the residuals of good touches do not exceed, (touches,)."""
+        """Limits of the squared lengths of deleted residuals, beyond which touches are outliers.
+
+        The probability that any of the touches exceeds its limit by chance is
+        `false_outlier_probability`. An array of shape (touches,).
+        """
         probability = self.model.options.false_outlier_probability / len(self.is_used)
         return np.asarray(chi2.isf(probability, self.reading_counts) * self.scatter**2)
 
     @property
     def longest_steps(self) -> Array:
-        """Longest steps of the coordinates, (parameters,)."""
+        """Longest steps of the coordinates, as an array of shape (parameters,)."""
         return np.full(len(self.values), self.model.options.longest_step)
 
     def project_onto_bounds(self, coordinates: Array) -> Array:
-        """Return coordinates near those of the solves, where moduli and tension keep their signs.
+        """Return the nearest coordinates within the trust region about the present values.
+
+        No coordinate moves farther than `longest_steps`. Film parameters lose at most half of their
+        value, so that moduli, thickness and tension keep their signs.
 
         Parameters
         ----------
-        coordinates : array, (n, parameters)
-            Parameters over the standard deviations of their priors.
+        coordinates : ndarray, shape (n, parameters)
+            Parameters divided by the standard deviations of their priors.
         """
         start = self.values / self.model.parameters.prior_deviations
         lowest = -self.longest_steps
@@ -211,18 +244,19 @@ class CalibrationFit(LeastSquaresProblem):
         return start + np.clip(coordinates - start, lowest, self.longest_steps)
 
     def linearise(self, coordinates: Array, rows: Indices | None = None) -> Array:
-        """Return the residuals of readings and priors with their slopes.
+        """Compute the whitened residuals of readings and priors with their derivatives.
 
         Parameters
         ----------
-        coordinates : array, (1, parameters)
-            Parameters over the standard deviations of their priors.
-        rows : array of int, optional
-            Not used: there is one set of readings.
+        coordinates : ndarray, shape (1, parameters)
+            Parameters divided by the standard deviations of their priors.
+        rows : ndarray of int, optional
+            Not used, since there is only one set of readings.
 
         Returns
         -------
-        array, (1, residuals, 1 + parameters)
+        ndarray, shape (1, residuals, 1 + parameters)
+            Residuals in the first column, then their derivatives with respect to the coordinates.
         """
         parameters = self.model.parameters
         fit = replace(self, values=parameters.prior_deviations * coordinates[0])
@@ -230,64 +264,66 @@ class CalibrationFit(LeastSquaresProblem):
         slopes = slopes * parameters.prior_deviations
         system = np.concatenate([-residuals[..., None], slopes], axis=2)
         limits = self.outlier_limits if self.is_robust else np.full(len(self.is_used), np.inf)
-        counted = apply_robust_loss(system[self.is_used], limits[self.is_used])
+        weighted = apply_robust_loss(system[self.is_used], limits[self.is_used])
         prior_residuals = (fit.values - parameters.initial) / parameters.prior_deviations
-        return append_prior_rows(counted, prior_residuals, np.ones(len(prior_residuals)))
+        return append_prior_rows(weighted, prior_residuals, np.ones(len(prior_residuals)))
 
     def refit(self, is_used: Mask, is_robust: bool = False) -> CalibrationFit:
-        """Fit parameters and places anew between solves, by some touches.
+        """Return a new fit of parameters and positions to some touches, without further solves.
 
         Parameters
         ----------
-        is_used : array of bool, (touches,)
-            Touches that count.
+        is_used : ndarray of bool, shape (touches,)
+            Mask of the touches to fit.
         is_robust : bool
-            Whether touches count the less the farther they are from the fit.
+            Whether touches far from the fit have less weight.
 
         Notes
         -----
-        Given the parameters, the likeliest error of a place is S Eᵀ V⁻¹ r.
+        For fixed parameters, the most probable position error is e = S Eᵀ V⁻¹ r.
         """
         deviations = self.model.parameters.prior_deviations
-        begun = replace(self, is_used=is_used, is_robust=is_robust)
+        initial_fit = replace(self, is_used=is_used, is_robust=is_robust)
         start = (self.values / deviations)[None]
-        end = run_levenberg_marquardt(begun, start, options=SEARCH)
-        fit = replace(begun, values=deviations * end.coordinates[0])
+        end = run_levenberg_marquardt(initial_fit, start, options=SEARCH)
+        fit = replace(initial_fit, values=deviations * end.coordinates[0])
         roots, residuals, _ = fit.whitened
         by_place = np.linalg.solve(roots, fit.prediction.by_touch[..., :2])
         projected = (by_place.swapaxes(1, 2) @ residuals[..., None])[..., 0]
         corrections = self.noise.place_mm**2 * projected
-        # The correction of an outlier would lead far away.
+        # The correction of an outlier would be far outside the range of the linearisation.
         longest = self.model.options.longest_correction * self.noise.place_mm
         lengths = np.maximum(np.linalg.norm(corrections, axis=1, keepdims=True), 1e-12)
         return replace(fit, place_corrections_mm=corrections * np.minimum(1.0, longest / lengths))
 
     def reject_outliers(self) -> CalibrationFit:
-        """Fit anew without the touches that are too far from a fit to the other touches.
+        """Return a new fit without outliers: touches that are far from a fit to the others.
 
-        A robust fit comes first. If more touches would be rejected than may be outliers, it is
-        returned.
+        A robust fit to all solved touches comes first. Then touches beyond `outlier_limits` are
+        removed and the rest is fitted again, until no more are removed. If more than
+        `max_outlier_fraction` of the touches would be removed, the robust fit is returned instead.
         """
         robust_fit = self.refit(self.model.is_solved, is_robust=True)
-        least_count = (1.0 - self.model.options.max_outlier_share) * len(self.is_used) - 1.0
+        min_count = (1.0 - self.model.options.max_outlier_fraction) * len(self.is_used) - 1.0
         fit = robust_fit
         while True:
             squared_lengths = fit.compute_deleted_residuals().squared_lengths
             is_used = fit.is_used & (squared_lengths <= fit.outlier_limits)
-            if is_used.sum() < least_count:
+            if is_used.sum() < min_count:
                 return robust_fit
             if not fit.is_robust and (is_used == fit.is_used).all():
                 return fit
             fit = fit.refit(is_used)
 
     def compute_deleted_residuals(self) -> DeletedResiduals:
-        """Compute the residuals of each touch from a fit to the others, by linear steps.
+        """Compute the residuals of each touch from a fit to the other touches, by linearisation.
 
         Notes
         -----
-        With the leverage H of a touch, the block of J (JᵀJ + 1)⁻¹ Jᵀ that belongs to it, its
-        residual from a fit without it is (1 - H)⁻¹ r, with the covariance (1 - H)⁻¹. The residual
-        of a touch that does not count has the covariance 1 + H. See Cook and Weisberg, Residuals
+        Let r be the whitened residuals of a touch and H its block of the leverage matrix
+        J (JᵀJ + 1)⁻¹ Jᵀ, where J are the scaled derivatives of the used touches. The residual from
+        a fit without a used touch is (1 - H)⁻¹ r, with the covariance (1 - H)⁻¹. A touch that is
+        not used keeps the residual r, with the covariance 1 + H. See Cook and Weisberg, Residuals
         and Influence in Regression (1982), section 2.2.
         """
         _, residuals, slopes = self.whitened
@@ -305,22 +341,25 @@ class CalibrationFit(LeastSquaresProblem):
 def fit_parameters(
     model: ReadingModel, noise: ReadingNoise, max_scatter: float = np.inf
 ) -> CalibrationFit:
-    """Fit the parameters: solve touches anew until linear steps between solves are small.
+    """Fit the parameters by rounds of solves and linearised fits until the steps are small.
+
+    Each round solves the touches whose stress integrals have changed too much for the
+    linearisation, then fits parameters and positions and rejects outliers.
 
     Parameters
     ----------
     model : ReadingModel
-        Readings as a function of the parameters; solves are added to it.
+        Readings as a function of the parameters. Its solves are updated in place.
     noise : ReadingNoise
-        Standard deviations of readings and places.
+        Standard deviations of readings and positions.
     max_scatter : float
-        The fit is given up where the first solves leave a larger scatter.
+        The fit is abandoned after the first round if the scatter exceeds this.
 
     Returns
     -------
     CalibrationFit
-        Without convergence (`is_converged`) if half of the touches have no solution, the scatter
-        is too large, or the rounds are used up.
+        Last fit. It is not converged (`is_converged`) if more than half of the touches cannot be
+        solved, the fit is abandoned, or the maximum number of rounds is reached.
     """
     options = model.options
     values = model.parameters.initial.copy()
@@ -338,11 +377,11 @@ def fit_parameters(
             return replace(fit, is_converged=False)
         values = fit.values
         place_corrections_mm = fit.place_corrections_mm
-        # The relative error of a linear step is about its square.
+        # The relative error of the linearisation is about the square of the relative change.
         step_error = np.square(_compute_relative_change(fit))
         step_error = step_error / max(noise.sigma, 10.0 * options.min_tolerance)
         is_pending = model.is_solved & (step_error >= options.step_error_tolerance)
-        if number == 0:  # The first solves are coarse.
+        if number == 0:  # The first solves have a coarse tolerance, so that all are repeated.
             is_pending = model.is_solved
         if not (is_pending & fit.is_used).any():
             return fit
@@ -350,9 +389,13 @@ def fit_parameters(
 
 
 def _compute_relative_change(fit: CalibrationFit) -> Array:
-    """Compute the relative change of the stress integrals since the solves, (touches,)."""
+    """Compute the relative change of the stress integrals of each touch since its solve.
+
+    Small integrals are compared with a thousandth of the largest one of their touch.
+    """
     model = fit.model
-    arguments = model.compute_arguments(fit.values, model.correct_places(fit.place_corrections_mm))
+    probe_loads = model.correct_positions(fit.place_corrections_mm)
+    arguments = model.compute_solve_arguments(fit.values, probe_loads)
     steps = np.nan_to_num(arguments - model.solved_at)
     change = np.einsum("tk,tkex->tex", steps, model.integrals[:, 1:])
     size = np.abs(model.integrals[:, 0])

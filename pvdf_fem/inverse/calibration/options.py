@@ -1,4 +1,4 @@
-"""Options of a calibration: when the fit has converged, and when touches do not fit."""
+"""Options of a calibration: criteria of convergence, of outliers and of the diagnosis."""
 
 from __future__ import annotations
 
@@ -9,44 +9,49 @@ from dataclasses import dataclass
 class CalibrateOptions:
     """Thresholds of a calibration."""
 
-    #: Tolerance of the solves over the relative noise, and its least and largest value.
-    tolerance_share: float = 0.05
+    #: Tolerance of the solves as a fraction of the relative noise `sigma`; the two bounds follow.
+    tolerance_fraction: float = 0.05
     min_tolerance: float = 1e-5
     max_tolerance: float = 1e-3
-    #: Tolerance of the first solves, which only lead to better parameters, and of solves by which
-    #: corrections are ranked.
+    #: Tolerance of the first solves, which only improve the initial guess, and of the solves that
+    #: rank corrections.
     first_tolerance: float = 2e-3
-    max_rounds: int = 12  #: Largest number of rounds, in each of which touches are solved anew.
-    expected_rounds: int = 3  #: Number of rounds that the progress expects.
-    #: The fit has converged when the error of the linear step between solves is below this, over
-    #: the standard deviation of the readings.
+    max_rounds: int = 12  #: Maximum number of rounds; each solves the touches that have changed.
+    expected_rounds: int = 3  #: Number of rounds from which the progress estimates the solves.
+    #: The fit has converged when the error of linearising the stress integrals about the last
+    #: solves is below this, as a fraction of the standard deviation of the readings.
     step_error_tolerance: float = 0.02
-    #: Longest step of a parameter between solves, over the standard deviation of its prior.
+    #: Longest step of a parameter between solves, in standard deviations of its prior.
     longest_step: float = 2.0
-    #: Longest correction of a place, over its standard deviation.
+    #: Longest correction of a position, in standard deviations of the positions.
     longest_correction: float = 4.0
 
-    #: Probability that one of the good touches is rejected as an outlier.
+    #: Probability that any good touch of a calibration is rejected as an outlier.
     false_outlier_probability: float = 1e-3
-    max_outlier_share: float = 0.2  #: Largest share of the touches that may be outliers.
-    min_p_value: float = 1e-4  #: A p-value below this is no chance: the model does not fit.
-    #: Scatter over the noise: up to this it is plausible, above the second value parameters are of
-    #: no use, and above the third one corrections are tried after the first solves.
+    max_outlier_fraction: float = 0.2  #: Maximum fraction of the touches that may be outliers.
+    #: The residuals are significantly larger than the noise if the p-value is below this.
+    min_p_value: float = 1e-4
+    #: Limits of the scatter (`CalibrationFit.scatter`): a correction may explain the touches up to
+    #: `plausible_scatter`; the parameters are useless above `max_scatter`; and a fit is abandoned
+    #: in favour of corrections if its first solves leave more than `hopeless_scatter`.
     plausible_scatter: float = 1.5
     max_scatter: float = 4.0
     hopeless_scatter: float = 10.0
-    #: Largest distance of a parameter from the scene's value, in standard deviations of its prior.
+    #: Maximum distance of a parameter from the scene's value, in standard deviations of its prior.
     max_pull: float = 4.0
 
-    ranking_touches: int = 8  #: Touches that are solved to rank corrections of places and forces.
-    max_fits: int = 3  #: Number of corrections that are fitted in full ...
-    score_margin: float = 5.0  #: ... if their score is no farther than this from the best one.
-    #: A correction is reported if its chi-square is no farther than this from the best one, and
-    #: that of the uncorrected touches is larger by a factor.
+    #: Number of touches that are solved to rank corrections of positions and forces.
+    ranking_touches: int = 8
+    #: At most this number of corrections are fitted, ...
+    max_fits: int = 3
+    #: ... and only those whose score is close to the best one within this margin.
+    score_margin: float = 5.0
+    #: A correction is reported if its chi-square exceeds the best one by less than this margin, ...
     chi_square_margin: float = 20.0
+    #: ... and that of the uncorrected touches is larger than its own by this factor.
     min_improvement: float = 2.0
-    #: Readings that are larger or smaller than the scene's by this factor are not due to a wrong
-    #: frame.
+    #: A wrong frame is not considered if the readings are larger or smaller than predicted by more
+    #: than this factor.
     max_size_ratio: float = 3.0
 
 

@@ -1,8 +1,8 @@
-"""Unknown parameters of a calibration, with their priors, and scenes that have their values.
+"""Unknown parameters of a calibration and their priors.
 
-The prior of a parameter is a normal distribution about the scene's value. It decides parameters
-that the readings leave undetermined, and hardly moves parameters that the readings determine
-better.
+The prior of a parameter is a normal distribution about the scene's value. It determines parameters
+on which the readings hardly depend, and has little influence on parameters that the readings
+determine more precisely.
 """
 
 from __future__ import annotations
@@ -32,55 +32,65 @@ GAIN = "gain."
 OFFSET = "offset."
 READOUT_KEYS = {"gain": "gain", "offset": "offset_V"}
 SHIFT = ("stage.x_mm", "stage.y_mm")
-TURN = "stage.rotation_deg"
-#: Relative standard deviations of priors; other film parameters have the one of ``film``.
+STAGE_ROTATION = "stage.rotation_deg"
+#: Relative standard deviations of the priors; ``film`` is for the film parameters not named here.
 RELATIVE_PRIORS = {"gain": 0.1, PRETENSION: 0.3, "film": 0.2}
-#: Standard deviations of priors in mm, degrees and V.
-ABSOLUTE_PRIORS = {"stage.x_mm": 1.0, "stage.y_mm": 1.0, TURN: 3.0, "offset": 0.1}
+#: Absolute standard deviations of the priors in mm, degrees and V.
+ABSOLUTE_PRIORS = {"stage.x_mm": 1.0, "stage.y_mm": 1.0, STAGE_ROTATION: 3.0, "offset": 0.1}
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationParameters:
-    """Unknown parameters of a calibration, in the units of their names."""
+    """Unknown parameters of a calibration with their priors, in the units of their names."""
 
-    scene: Scene  #: Has the values of all other parameters.
+    scene: Scene  #: Nominal scene, from which all other parameters are taken.
     names: tuple[str, ...]
-    initial: Array  #: The scene's values, which are the means of the priors, (parameters,).
-    prior_deviations: Array  #: Standard deviations of the priors, (parameters,).
+    #: Means of the priors and initial guess: the scene's values, shape (parameters,).
+    initial: Array
+    prior_deviations: Array  #: Standard deviations of the priors, shape (parameters,).
 
     def __len__(self) -> int:
         return len(self.names)
 
     @cached_property
     def film_keys(self) -> tuple[str, ...]:
-        """Keys of the parameters that change the film's stress."""
-        return tuple(n for n in self.names if n.startswith("film.") and n not in COEFFICIENTS)
+        """Keys of the parameters that change the stress of the film (not d31 and d32)."""
+        keys = [name for name in self.names if name.startswith("film.")]
+        return tuple(key for key in keys if key not in COEFFICIENTS)
 
     @cached_property
     def film_indices(self) -> Indices:
-        """Indices of the parameters that change the film's stress."""
+        """Indices of `film_keys` in `names`."""
         return np.array([self.names.index(key) for key in self.film_keys], dtype=np.int64)
 
     def extract(self, key: str, values: Array) -> Array:
-        """Return one parameter, or the scene's value if it is not unknown.
+        """Return the values of one parameter; those of the scene if it is not an unknown.
 
         Parameters
         ----------
         key : str
             Name of the parameter.
-        values : array, (..., parameters)
+        values : ndarray, shape (..., parameters)
             Values of the unknown parameters.
 
         Returns
         -------
-        array, (...)
+        ndarray, shape (...)
         """
         if key in self.names:
             return values[..., self.names.index(key)]
         return np.full(values.shape[:-1], get_parameter(self.scene, key))
 
     def apply(self, values: Array, reading: str | None = None) -> Scene:
-        """Return the scene with values of the parameters, (parameters,), and another reading."""
+        """Return a copy of the scene with other values of the parameters.
+
+        Parameters
+        ----------
+        values : ndarray, shape (parameters,)
+            Values of the unknown parameters.
+        reading : {"change", "total"}, optional
+            Value of ``readout.reading``. Default: None, keep the scene's.
+        """
         changes: dict[str, Any] = {}
         if reading is not None:
             changes["readout.reading"] = reading
@@ -102,7 +112,7 @@ class CalibrationParameters:
 
 
 def get_parameter(scene: Scene, key: str) -> float:
-    """Return the scene's value of a parameter."""
+    """Return the value of a parameter in a scene; a missing stage or readout has its defaults."""
     section, _, name = key.partition(".")
     if section in READOUT_KEYS:
         readout = scene.readout or Readout()
@@ -113,21 +123,26 @@ def get_parameter(scene: Scene, key: str) -> float:
 def select_parameters(
     scene: Scene, words: Sequence[str], priors: Mapping[str, float]
 ) -> CalibrationParameters:
-    """Select the unknown parameters, with their priors.
+    """Make the unknown parameters and their priors from the words of a user.
+
+    If the pretension is among them and the film is pretensioned by cooling, the scene of the result
+    has that pretension in N/m instead, see `prescribe_pretension`.
 
     Parameters
     ----------
     scene : Scene
-        The sensor, whose values are the means of the priors.
+        Nominal sensor, whose values are the means of the priors.
     words : sequence of str
-        Names of parameters, or of groups of them such as ``gains``.
+        Names of parameters, or of groups of parameters such as ``gains``.
     priors : mapping of str to float
-        Standard deviations of priors by the same words.
+        Standard deviations of the priors by parameter or group. Parameters without an entry have
+        the default.
 
     Raises
     ------
     ValueError
-        If words are unknown or deviations are not positive, with a line for each error.
+        If words are unknown, a prior is not positive or of a parameter that is not fitted, or the
+        thickness is not allowed; the message has a line for each error.
     """
     if any(word.startswith(PRETENSION) for word in words):
         scene = prescribe_pretension(scene)
@@ -156,43 +171,43 @@ def select_parameters(
 
 
 def _list_groups(scene: Scene) -> dict[str, list[str]]:
-    """Return the parameters that each word names; a parameter's name stands for itself."""
+    """Return the parameters that each word stands for; a parameter's name stands for itself."""
     electrodes = [electrode.name for electrode in scene.electrode_list]
     film = [key for key in list_parameters(Problem.from_scene(scene)) if key.startswith("film.")]
     groups = {
         "gains": [f"{GAIN}{name}" for name in electrodes],
         "offsets": [f"{OFFSET}{name}" for name in electrodes],
         "shift": list(SHIFT),
-        "turn": [TURN],
+        "turn": [STAGE_ROTATION],
     }
     for key in film:
         if key.endswith(".0"):
             stem = key.removesuffix(".0")
             groups[stem] = expand_pair_key(stem, film)
-    single = [*film, *groups["gains"], *groups["offsets"], *SHIFT, TURN]
+    single = [*film, *groups["gains"], *groups["offsets"], *SHIFT, STAGE_ROTATION]
     return {**groups, **{name: [name] for name in single}}
 
 
 def _find_word_errors(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    """Find unknown words among the unknown parameters."""
+    """Find errors of the words to fit: misspelt words, or none at all."""
     for word in words:
         if word not in groups:
             yield f"unknown {word[:60]}: {suggest(word, list(groups))}"
     if not words:
-        yield f"unknown: no parameter; choose from {', '.join(groups)}"
+        yield f"unknown: is empty; choose from {', '.join(groups)}"
 
 
 def _find_prior_errors(
     priors: Mapping[str, float], groups: Mapping[str, Sequence[str]], names: Sequence[str]
 ) -> Iterator[str]:
-    """Find priors of unknown words, of parameters that are not fitted, and without width.
+    """Find errors of the priors: misspelt words, parameters not fitted, values not positive.
 
     Parameters
     ----------
     priors : mapping of str to float
-        Standard deviations by word.
+        Standard deviations by parameter or group.
     groups : mapping of str to sequence of str
-        Parameters that each word names.
+        Parameters that each word stands for.
     names : sequence of str
         Parameters that are fitted.
     """
@@ -206,7 +221,7 @@ def _find_prior_errors(
 
 
 def _find_thickness_errors(scene: Scene, names: Sequence[str]) -> Iterator[str]:
-    """Find an unknown thickness that would also change the capacitance of a channel."""
+    """Find the error of a fitted thickness that would also change the capacitance of a channel."""
     if scene.readout is None or "film.thickness_um" not in names:
         return
     kinds = [scene.readout.get_value("kind", electrode.name) for electrode in scene.electrode_list]
@@ -216,21 +231,22 @@ def _find_thickness_errors(scene: Scene, names: Sequence[str]) -> Iterator[str]:
 
 
 def _compute_prior_deviation(name: str, value: float, deviations: Mapping[str, float]) -> float:
-    """Return the standard deviation of a parameter's prior in the parameter's unit.
+    """Compute the standard deviation of the prior of a parameter, in the parameter's unit.
 
     Parameters
     ----------
     name : str
         Name of the parameter.
     value : float
-        The scene's value.
+        Value in the scene, which relative deviations are multiplied by (by 1 if it is zero).
     deviations : mapping of str to float
-        Standard deviations by name that replace the default; relative but for `ABSOLUTE_PRIORS`.
+        Standard deviations by name that replace the defaults; absolute for the kinds of parameters
+        in `ABSOLUTE_PRIORS`, relative for others.
     """
     section = name.partition(".")[0]
     kind = section if section in READOUT_KEYS else name
     if kind in ABSOLUTE_PRIORS:
         return deviations.get(name, ABSOLUTE_PRIORS[kind])
     stem = kind.removesuffix(".0").removesuffix(".1")
-    share = deviations.get(name, RELATIVE_PRIORS.get(stem, RELATIVE_PRIORS["film"]))
-    return share * (abs(value) if value else 1.0)
+    relative = deviations.get(name, RELATIVE_PRIORS.get(stem, RELATIVE_PRIORS["film"]))
+    return relative * (abs(value) if value else 1.0)

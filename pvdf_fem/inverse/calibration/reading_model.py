@@ -1,8 +1,8 @@
-"""Readings of touches as a function of the parameters, by a solve of each touch.
+"""Readings of touches as a function of the parameters, linearised about a solve of each touch.
 
-The stress integrals X, Y of the electrodes are continued linearly from the last solve of each
-touch, with derivatives by adjoint solutions. Between solves readings are then an analytic function
-of parameters and places, whose derivatives are taken by complex steps.
+The stress integrals X, Y of the electrodes are extrapolated linearly from the last solve of each
+touch; their derivatives come from adjoint solutions. So between solves the readings are an analytic
+function of parameters and positions, which is differentiated by complex steps.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pvdf_fem.inverse.calibration.parameters import (
     GAIN,
     OFFSET,
     SHIFT,
-    TURN,
+    STAGE_ROTATION,
     CalibrationParameters,
     get_parameter,
 )
@@ -34,38 +34,41 @@ from pvdf_fem.solver.sensitivity.parameters import COEFFICIENTS
 from pvdf_fem.solver.sensitivity.rates import compute_integral_rates
 from pvdf_fem.surrogate.touch_domain import TOUCH_SCENE_KEYS, TouchColumn
 
-#: Relative step of central differences for the unloaded film.
+#: Relative step of the central differences of the unloaded film.
 UNLOADED_STEP = 1e-4
+#: Imaginary step; it has no cancellation error, so that it can be this small.
 COMPLEX_STEP = 1e-30
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Readings of touches with their derivatives."""
+    """Predicted readings of touches with their derivatives."""
 
-    readings: Array  #: (touches, electrodes)
-    by_parameter: Array  #: By the parameters, (touches, electrodes, parameters).
-    #: By the place x, y on the stage in mm and by the force in N, (touches, electrodes, 3).
+    readings: Array  #: Readings, shape (touches, electrodes).
+    #: Derivatives with respect to the parameters, shape (touches, electrodes, parameters).
+    by_parameter: Array
+    #: Derivatives with respect to x, y on the stage in mm and the force in N, shape
+    #: (touches, electrodes, 3).
     by_touch: Array
 
 
 @dataclass(eq=False)
 class ReadingModel:
-    """Readings of touches as a function of the parameters and of corrections of the places.
+    """Readings of touches as a function of the parameters and of the touches' positions.
 
-    Arrays of the solves are by touch. `keys` are the arguments by which stress integrals are
-    differentiated: place, rotation and force of the probe, then the film's unknown parameters.
+    It stores the last solve of each touch. The arguments of a solve (`keys`) are position,
+    rotation and force of the probe relative to the film, then the unknown parameters of the film.
     """
 
     parameters: CalibrationParameters
     table: TouchTable
-    reading: str  #: ``change`` or ``total``.
-    unit: str  #: ``V`` or ``pC``.
-    tolerance: float  #: Of the solves.
+    reading: str  #: Meaning of the readings, ``change`` or ``total`` charges.
+    unit: str  #: Unit of the readings, ``V`` or ``pC``.
+    tolerance: float  #: Default tolerance of the solves.
     options: CalibrateOptions = DEFAULTS
-    #: Reasons why touches have no solution, by index.
+    #: Reasons why touches could not be solved, by index.
     failures: dict[int, str] = field(default_factory=dict)
-    #: Called before each solve.
+    #: Function that is called before each solve.
     count_solve: Callable[[], None] = field(
         default_factory=lambda: SolveCounter(ignore_progress, 0)
     )
@@ -74,22 +77,24 @@ class ReadingModel:
         touches = len(self.table)
         electrodes = len(self.channels)
         keys = len(self.keys)
-        #: Values of `keys` with which each touch was solved; NaN until it is solved.
+        #: Values of `keys` at the last solve of each touch; NaN if it is not solved. Shape
+        #: (touches, keys).
         self.solved_at = np.full((touches, keys), np.nan)
-        #: Stress integrals (X, Y) in N, then their derivatives by `keys`, of the pressed film and
-        #: of the unloaded film, (touches, 1 + keys, electrodes, 2).
+        #: Stress integrals (X, Y) in N of the loaded film, then their derivatives with respect to
+        #: `keys`, shape (touches, 1 + keys, electrodes, 2).
         self.integrals = np.zeros((touches, 1 + keys, electrodes, 2))
+        #: The same of the unloaded film at the same parameters.
         self.unloaded_integrals = np.zeros_like(self.integrals)
-        #: Estimated relative errors of the solved charges, (touches, electrodes).
+        #: Estimated relative errors of the solved charges, shape (touches, electrodes).
         self.charge_errors = np.zeros((touches, electrodes))
 
     def with_table(self, table: TouchTable, reading: str) -> ReadingModel:
-        """Return a model of corrected touches, which keeps the solves if only readings differ.
+        """Return a model of other touches; it has copies of the solves if the loads are the same.
 
         Parameters
         ----------
         table : TouchTable
-            The corrected touches.
+            Touches with other readings or other probe loads.
         reading : {"change", "total"}
             Meaning of their readings.
         """
@@ -103,47 +108,60 @@ class ReadingModel:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Keys by which stress integrals are differentiated."""
+        """Keys with respect to which the stress integrals are differentiated."""
         return (*TOUCH_SCENE_KEYS, *self.parameters.film_keys)
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
-        """Channels of the electrodes."""
+        """Readout channels of the nominal scene, in the order of the electrodes."""
         return make_channels(self.parameters.scene)
 
     @property
     def is_solved(self) -> Mask:
-        """Which touches have a solution, (touches,)."""
+        """Mask of the touches that are solved, shape (touches,)."""
         return np.isfinite(self.solved_at).all(axis=1)
 
-    def correct_places(self, place_corrections_mm: Array) -> Array:
-        """Return the probe loads on the stage, (touches, 4), with corrected places.
+    def correct_positions(self, place_corrections_mm: Array) -> Array:
+        """Return a copy of the probe loads with corrected positions.
 
         Parameters
         ----------
-        place_corrections_mm : array, (touches, 2)
-            Corrections of x and y in mm.
+        place_corrections_mm : ndarray, shape (touches, 2)
+            Corrections of x and y on the stage in mm.
+
+        Returns
+        -------
+        ndarray, shape (touches, 4)
+            Probe loads on the stage as in `TouchTable.probe_loads`.
         """
         return self.table.probe_loads + np.pad(place_corrections_mm, ((0, 0), (0, 2)))
 
-    def compute_arguments(self, values: Array, probe_loads: Array) -> Array:
-        """Compute the values of `keys`, (..., touches, keys), with places on the film.
+    def compute_solve_arguments(self, values: Array, probe_loads: Array) -> Array:
+        """Compute the arguments of the solves: probe loads relative to the film, film parameters.
+
+        Shift and rotation of the stage transform the probe loads from the stage to the film.
 
         Parameters
         ----------
-        values : array, (..., parameters)
-            Values of the parameters, complex ones too.
-        probe_loads : array, (..., touches, 4)
-            Probe loads on the stage.
+        values : ndarray, shape (..., parameters)
+            Values of the parameters; may be complex for complex-step derivatives.
+        probe_loads : ndarray, shape (..., touches, 4)
+            Probe loads on the stage: x, y in mm, rotation in degrees, force in N.
+
+        Returns
+        -------
+        ndarray, shape (..., touches, keys)
+            Values of `keys`.
         """
         shift_x = self.parameters.extract(SHIFT[0], values)[..., None]
         shift_y = self.parameters.extract(SHIFT[1], values)[..., None]
-        turn = self.parameters.extract(TURN, values)[..., None]
-        cosine = np.cos(turn * np.pi / 180.0)
-        sine = np.sin(turn * np.pi / 180.0)
+        stage_rotation = self.parameters.extract(STAGE_ROTATION, values)[..., None]
+        # np.radians does not accept complex numbers.
+        cosine = np.cos(stage_rotation * np.pi / 180.0)
+        sine = np.sin(stage_rotation * np.pi / 180.0)
         x = probe_loads[..., TouchColumn.X] - shift_x
         y = probe_loads[..., TouchColumn.Y] - shift_y
-        rotation = probe_loads[..., TouchColumn.ROTATION] - turn
+        rotation = probe_loads[..., TouchColumn.ROTATION] - stage_rotation
         force = probe_loads[..., TouchColumn.FORCE]
         film = np.moveaxis(values[..., None, self.parameters.film_indices], -1, 0)
         columns = (cosine * x + sine * y, cosine * y - sine * x, rotation, force, *film)
@@ -156,22 +174,25 @@ class ReadingModel:
         which: Mask,
         tolerance: float | None = None,
     ) -> None:
-        """Solve some touches anew; those that cannot be solved join `failures`.
+        """Solve some touches, and store their stress integrals with derivatives in the model.
+
+        Touches that cannot be solved become unsolved, with a reason in `failures`.
 
         Parameters
         ----------
-        values : array, (parameters,)
+        values : ndarray, shape (parameters,)
             Values of the parameters.
-        place_corrections_mm : array, (touches, 2)
-            Corrections of the places.
-        which : array of bool, (touches,)
-            The touches to solve.
+        place_corrections_mm : ndarray, shape (touches, 2)
+            Corrections of the positions on the stage in mm.
+        which : ndarray of bool, shape (touches,)
+            Mask of the touches to solve.
         tolerance : float, optional
-            Tolerance of the solves, by default that of the model.
+            Tolerance of the solves. Default: that of the model.
         """
         scene = self.parameters.apply(values)
         unloaded = self._solve_unloaded(scene)
-        arguments = self.compute_arguments(values, self.correct_places(place_corrections_mm))
+        probe_loads = self.correct_positions(place_corrections_mm)
+        arguments = self.compute_solve_arguments(values, probe_loads)
         if tolerance is None:
             tolerance = self.tolerance
         scene = scene.with_(**{"numerics.tolerance": tolerance})
@@ -179,7 +200,7 @@ class ReadingModel:
             self.solved_at[i] = np.nan
             loaded = place_probe(scene, arguments[i, : len(TOUCH_SCENE_KEYS)])
             if loaded is None:
-                self.failures[i] = "the touch is over the film's rim"
+                self.failures[i] = "the probe extends over the film's rim"
                 continue
             self.count_solve()
             solution = solve_outputs(Problem.from_scene(loaded))
@@ -196,13 +217,21 @@ class ReadingModel:
                 self.charge_errors[i, j] = error / max(abs(charge), 1e-12)
 
     def _solve_unloaded(self, scene: Scene) -> Array:
-        """Solve the unloaded film, with differences by the film's parameters.
+        """Compute the stress integrals of the unloaded film and their derivatives.
+
+        Derivatives with respect to the film's parameters are central differences; those with
+        respect to the probe load are zero.
+
+        Parameters
+        ----------
+        scene : Scene
+            Scene with the present values of the parameters.
 
         Returns
         -------
-        array, (1 + keys, electrodes, 2)
-            Stress integrals in N, then their derivatives by `keys`. NaN where the unloaded film
-            has none and readings are totals.
+        ndarray, shape (1 + keys, electrodes, 2)
+            Stress integrals in N, then their derivatives with respect to `keys`. NaN if the film
+            has no unloaded equilibrium and the readings are total charges, which do not need it.
         """
         is_required = self.reading == "change"
 
@@ -222,21 +251,32 @@ class ReadingModel:
         return integrals
 
     def compute_readings(self, values: Array, probe_loads: Array) -> Array:
-        """Compute readings, (..., touches, electrodes), by linear steps from the solves.
+        """Compute the readings by linear extrapolation from the solves.
 
         Parameters
         ----------
-        values : array, (..., parameters)
-            Values of the parameters, complex ones too.
-        probe_loads : array, (..., touches, 4)
-            Probe loads on the stage.
+        values : ndarray, shape (..., parameters)
+            Values of the parameters; may be complex for complex-step derivatives.
+        probe_loads : ndarray, shape (..., touches, 4)
+            Probe loads on the stage; may be complex, too.
+
+        Returns
+        -------
+        ndarray, shape (..., touches, electrodes)
+            Readings in the unit of the model. Those of unsolved touches are meaningless.
+
+        Notes
+        -----
+        With the stress integrals X, Y, minus those of the unloaded film if the reading is
+        ``change``, the charge is Q = d31 X + d32 Y, and the reading in volts is gain Q/C + offset.
         """
         integrals = self.integrals
         if self.reading == "change":
             integrals = integrals - self.unloaded_integrals
-        steps = np.nan_to_num(self.compute_arguments(values, probe_loads) - self.solved_at)
-        linear = np.einsum("...tk,tkex->...tex", steps, integrals[:, 1:])
-        stress_integrals = integrals[:, 0] + linear
+        arguments = self.compute_solve_arguments(values, probe_loads)
+        steps = np.nan_to_num(arguments - self.solved_at)
+        changes = np.einsum("...tk,tkex->...tex", steps, integrals[:, 1:])
+        stress_integrals = integrals[:, 0] + changes
         names = [channel.name for channel in self.channels]
         coefficients = self._extract_many(COEFFICIENTS, values)
         gain = self._extract_many([GAIN + name for name in names], values)
@@ -249,24 +289,37 @@ class ReadingModel:
         return np.asarray(units_per_pC * gain * charges_pC + units_per_volt * offset)
 
     def _extract_many(self, keys: tuple[str, ...] | list[str], values: Array) -> Array:
-        """Return several parameters by touch, (..., 1, keys)."""
+        """Return the values of several parameters, with an axis for the touches.
+
+        Parameters
+        ----------
+        keys : sequence of str
+            Names of the parameters.
+        values : ndarray, shape (..., parameters)
+            Values of the unknown parameters.
+
+        Returns
+        -------
+        ndarray, shape (..., 1, keys)
+        """
         columns = [self.parameters.extract(key, values) for key in keys]
         return np.stack(columns, axis=-1)[..., None, :]
 
     def predict(self, values: Array, place_corrections_mm: Array) -> Prediction:
-        """Predict readings, with derivatives by complex steps.
+        """Predict the readings and their derivatives, which are computed by complex steps.
 
         Parameters
         ----------
-        values : array, (parameters,)
+        values : ndarray, shape (parameters,)
             Values of the parameters.
-        place_corrections_mm : array, (touches, 2)
-            Corrections of the places.
+        place_corrections_mm : ndarray, shape (touches, 2)
+            Corrections of the positions on the stage in mm.
         """
         count = len(values)
         step = COMPLEX_STEP
-        probe_loads = self.correct_places(place_corrections_mm)
-        # One evaluation for each parameter, then for x, y and force.
+        probe_loads = self.correct_positions(place_corrections_mm)
+        # Row i of the stacked arguments has an imaginary step of argument i: first the parameters,
+        # then x, y and force. The real parts are the same in all rows.
         stepped_values = values + 1j * step * np.eye(count + 3, count)
         stepped_loads = np.tile(probe_loads.astype(complex), (count + 3, 1, 1))
         stepped_columns = (TouchColumn.X, TouchColumn.Y, TouchColumn.FORCE)

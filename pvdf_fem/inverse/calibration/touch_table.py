@@ -1,4 +1,4 @@
-"""The touches of a calibration: read from a file or from columns, and checked before any solve."""
+"""The touches of a calibration: reading them from a file or columns, and validation."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import format_error, suggest
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TOUCH_SCENE_KEYS, TouchColumn
 
-MAX_FILE_SIZE = 10_000_000  #: Largest file that is read, in bytes.
-#: A column of readings whose relative range is below this is constant.
+MAX_FILE_SIZE = 10_000_000  #: Maximum size of a file in bytes.
+#: A column of readings is constant if its range, relative to its largest value, is not above this.
 CONSTANT_RANGE = 1e-6
-#: Places farther than this from the centre, over the film's radius, look like µm; places that are
-#: all nearer than the second value look like m.
-FAR_SHARE = 2.0
-NEAR_SHARE = 1e-3
+#: Distances from the centre, in radii of the film, that suggest a wrong unit: positions in µm if
+#: the median is above the first, positions in m if the maximum is below the second.
+MICROMETRE_RADII = 2.0
+METRE_RADII = 1e-3
 
 
 class TouchesError(ValueError):
-    """Touches that nothing can be calibrated with; each argument is a line about an error."""
+    """Error in the touches of a calibration; each argument is the line of one error."""
 
     def __str__(self) -> str:
         return "\n".join(self.args)
@@ -35,48 +35,55 @@ class TouchesError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class TouchTable:
-    """Touches with known place, rotation and force, and the readings of the channels."""
+    """Touches at known positions, rotations and forces, with the readings of the channels."""
 
-    rows: Indices  #: Numbers of the rows in the file, from 1, (touches,).
-    #: Probe loads on the stage, (touches, 4): x and y in mm, rotation in degrees, force in N.
+    rows: Indices  #: Row numbers in the file, starting at 1, shape (touches,).
+    #: Probe loads on the stage: x and y in mm, rotation in degrees, force in N; shape (touches, 4).
     probe_loads: Array
-    readings: Array  #: In V or nominal pC, NaN where missing, (touches, electrodes).
-    notes: tuple[str, ...] = ()  #: Sentences about rows and readings that were left out.
+    #: Readings in V or nominal pC, NaN where missing, shape (touches, electrodes).
+    readings: Array
+    notes: tuple[str, ...] = ()  #: Sentences about rows and readings that are left out.
 
     def __len__(self) -> int:
         return len(self.rows)
 
     @property
     def places_mm(self) -> Array:
-        """Places of the touches on the stage, (touches, 2)."""
+        """Positions x, y of the touches on the stage, as an array of shape (touches, 2)."""
         return self.probe_loads[:, : TouchColumn.ROTATION]
 
     @property
     def forces_N(self) -> Array:
-        """Forces of the touches, (touches,)."""
+        """Forces of the touches, as an array of shape (touches,)."""
         return self.probe_loads[:, TouchColumn.FORCE]
 
     def select(self, indices: Sequence[int]) -> TouchTable:
-        """Return some of the touches, by index."""
+        """Return a table of the touches with the given indices, without notes."""
         return TouchTable(self.rows[indices], self.probe_loads[indices], self.readings[indices])
 
 
 def read_touches(source: Any, scene: Scene) -> TouchTable:
-    """Read the touches of a CSV file, a mapping of columns or a table with `columns`.
+    """Read and validate touches from a CSV file, a mapping of columns or a dataframe.
 
     Parameters
     ----------
     source : path, mapping of str to sequence, or table with `columns`
-        Columns ``x_mm``, ``y_mm``, ``rotation_deg`` (not for a round probe), ``force_N``, and the
-        readings of each electrode by its name.
+        Columns ``x_mm``, ``y_mm``, ``rotation_deg`` (optional for a round probe), ``force_N``, and
+        the readings of each electrode under its name.
     scene : Scene
-        The sensor with its probe.
+        Scene with the electrodes and a single probe.
+
+    Returns
+    -------
+    TouchTable
+        Touches that have a position, a force and at least one reading; `notes` names the rows and
+        readings that are left out.
 
     Raises
     ------
     TouchesError
-        If columns are missing, unknown or constant, cells are no numbers, or places are off the
-        film; with a line for each error.
+        If columns are missing, unknown or constant, cells are not numbers, or positions are not on
+        the film; with a line for each error.
     """
     columns = _read_columns(source)
     electrodes = [electrode.name for electrode in scene.electrode_list]
@@ -92,7 +99,8 @@ def read_touches(source: Any, scene: Scene) -> TouchTable:
         raise TouchesError("touches: columns differ in length; give a value for every touch")
     values = np.empty((len(columns["x_mm"]), len(names)))
     for index, name in enumerate(names):
-        values[:, index] = _parse_numbers(name, columns[name], errors)
+        values[:, index], column_errors = _parse_column(name, columns[name])
+        errors += column_errors
     if errors:
         raise TouchesError(*errors)
 
@@ -102,7 +110,7 @@ def read_touches(source: Any, scene: Scene) -> TouchTable:
     has_reading = np.isfinite(readings).any(axis=1)
     is_used = has_load & has_reading
     rows = np.arange(1, len(values) + 1)
-    notes = [f"row {row}: has no place, force or reading; left out" for row in rows[~is_used]]
+    notes = [f"row {row}: has no position, force or reading; left out" for row in rows[~is_used]]
     is_missing = np.isnan(readings)
     is_missing[~is_used] = False
     for row, column in np.argwhere(is_missing):
@@ -115,18 +123,18 @@ def read_touches(source: Any, scene: Scene) -> TouchTable:
 
 
 def _read_columns(source: Any) -> dict[str, Sequence[Any]]:
-    """Return the columns of a file or a table by their names."""
+    """Return the columns of a CSV file, a mapping or a dataframe by their names."""
     if isinstance(source, str | Path):
         return _read_csv_columns(Path(source))
     names = source if isinstance(source, Mapping) else getattr(source, "columns", None)
     if names is None:
-        reason = "is no table; give the path of a CSV file, or a dict of columns"
+        reason = "is not a table; give the path of a CSV file, or a dict of columns"
         raise TouchesError(format_error("touches", source, reason))
     return {str(name): list(source[name]) for name in names}
 
 
 def _read_csv_columns(path: Path) -> dict[str, Sequence[Any]]:
-    """Return the columns of a CSV file by their names, as texts."""
+    """Read the columns of a CSV file by their names, as text without surrounding spaces."""
     text = read_text(path, MAX_FILE_SIZE, "a CSV file of touches")
     lines = []
     try:
@@ -135,14 +143,14 @@ def _read_csv_columns(path: Path) -> dict[str, Sequence[Any]]:
             if any(stripped):
                 lines.append(stripped)
     except csv.Error as error:
-        raise TouchesError(f"{path}: is no CSV file ({error}); save it as one") from None
+        raise TouchesError(f"{path}: is not a CSV file ({error}); save it as CSV") from None
     heading = lines[0] if lines else []
     rows = lines[1:]
     if len(set(heading)) < len(heading):
         raise TouchesError(f"{path}: two columns have the same name; rename or remove one")
     for number, row in enumerate(rows, 1):
         if len(row) != len(heading):
-            reason = f"{len(row)} cells below {len(heading)} names; correct the row"
+            reason = f"{len(row)} cells, but the heading has {len(heading)}; correct the row"
             raise TouchesError(f"{path}: row {number} has {reason}")
     columns: dict[str, Sequence[Any]] = {}
     for index, name in enumerate(heading):
@@ -151,7 +159,7 @@ def _read_csv_columns(path: Path) -> dict[str, Sequence[Any]]:
 
 
 def _find_heading_errors(columns: Sequence[str], needed: Sequence[str]) -> Iterator[str]:
-    """Find columns that are missing or unknown."""
+    """Find errors of the headings: columns that are missing or not expected."""
     missing = [name for name in needed if name not in columns]
     candidates = missing if missing else needed
     for name in missing:
@@ -162,53 +170,69 @@ def _find_heading_errors(columns: Sequence[str], needed: Sequence[str]) -> Itera
             yield f"column {name[:40]}: is not expected; {advice}"
 
 
-def _parse_numbers(name: str, cells: Sequence[Any], errors: list[str]) -> list[float]:
-    """Return the numbers of a column, NaN for empty cells.
+def _parse_column(name: str, cells: Sequence[Any]) -> tuple[list[float], list[str]]:
+    """Convert the cells of a column to numbers.
 
     Parameters
     ----------
     name : str
-        Name of the column.
+        Name of the column, for the messages.
     cells : sequence
         Texts or numbers.
+
+    Returns
+    -------
+    values : list of float
+        Numbers; NaN for cells that are empty, infinite or not numbers.
     errors : list of str
-        Errors are appended.
+        Line for each cell that is neither empty nor a number.
     """
     values = []
+    errors = []
     for row, cell in enumerate(cells, 1):
         value = np.nan
         try:
             if str(cell).strip():
                 value = float(cell)
         except (TypeError, ValueError):
-            errors.append(f"row {row}: {name} = {str(cell)[:40]!r} is no number; correct it")
+            errors.append(f"row {row}: {name} = {str(cell)[:40]!r} is not a number; correct it")
         values.append(value if np.isfinite(value) else np.nan)
-    return values
+    return values, errors
 
 
 def _find_value_errors(table: TouchTable, electrodes: Sequence[str]) -> Iterator[str]:
-    """Find too few touches, and channels that are dead."""
+    """Find errors of the readings: fewer than two touches, and empty or constant columns."""
     if len(table) < 2:
-        yield f"touches: {len(table)} with numbers; give more of them than unknowns"
+        yield f"touches: {len(table)} complete rows; give more touches than unknown parameters"
         return
     for name, column in zip(electrodes, table.readings.T, strict=True):
         measured = column[np.isfinite(column)]
         if not len(measured):
             yield f"column {name}: is empty; the channel is dead or not connected"
         elif np.ptp(measured) <= CONSTANT_RANGE * np.abs(measured).max():
-            value = f"{measured[0]:g} in every row"
-            yield f"column {name}: is {value}; the channel is dead or not connected"
+            value = f"is {measured[0]:g} in every row"
+            yield f"column {name}: {value}; the channel is dead or not connected"
 
 
 def _find_load_errors(table: TouchTable, scene: Scene) -> Iterator[str]:
-    """Find forces that are not positive, and places that are constant or off the film."""
+    """Find errors of the probe loads: forces that are not positive, positions off the film.
+
+    Positions that are the same in every row, or in µm or m by mistake, are errors, too.
+
+    Parameters
+    ----------
+    table : TouchTable
+        Touches to check.
+    scene : Scene
+        Scene with the film and the probe.
+    """
     if len(table) < 2:
         return
     places_mm = table.places_mm
     if (np.ptp(places_mm, axis=0) == 0.0).all():
-        yield "columns x_mm, y_mm: the same in every row; touch at places all over the film"
+        yield "columns x_mm, y_mm: the same in every row; touch the film at different positions"
     for row in table.rows[table.forces_N <= 0.0]:
-        yield f"row {row}: force_N is not positive; a touch presses with more than 0 N"
+        yield f"row {row}: force_N is not positive; give a force above 0 N"
 
     radius_mm = scene.film.radius_mm
     distances_mm = np.hypot(places_mm[:, 0], places_mm[:, 1])
@@ -216,28 +240,31 @@ def _find_load_errors(table: TouchTable, scene: Scene) -> Iterator[str]:
     for index, probe_load in enumerate(table.probe_loads):
         if place_probe(scene, probe_load) is None:
             outside.append(index)
-    if 2 * len(outside) > len(table) and np.median(distances_mm) > FAR_SHARE * radius_mm:
+    if 2 * len(outside) > len(table) and np.median(distances_mm) > MICROMETRE_RADII * radius_mm:
         distance = f"{np.median(distances_mm):.3g} mm from the centre"
-        reason = f"places are {distance} of a film of {radius_mm:g} mm; they look like µm, give mm"
-        yield f"columns x_mm, y_mm: {reason}"
-    elif not outside and 0.0 < distances_mm.max() < NEAR_SHARE * radius_mm:
+        film = f"of a film with the radius {radius_mm:g} mm"
+        yield f"columns x_mm, y_mm: positions {distance} {film} look like µm, give mm"
+    elif not outside and 0.0 < distances_mm.max() < METRE_RADII * radius_mm:
         distance = f"within {distances_mm.max():.2g} mm of the centre"
-        yield f"columns x_mm, y_mm: all places are {distance}; they look like m, give mm"
+        yield f"columns x_mm, y_mm: positions {distance} look like m, give mm"
     else:
         for index in outside:
             x_mm, y_mm = places_mm[index]
-            yield f"row {table.rows[index]}: x_mm, y_mm = {x_mm:g}, {y_mm:g} is over the film's rim"
+            position = f"x_mm, y_mm = {x_mm:g}, {y_mm:g}"
+            yield f"row {table.rows[index]}: {position}: the probe extends over the film's rim"
 
 
 def place_probe(scene: Scene, probe_load: Array) -> Scene | None:
-    """Return the scene with its probe at a place on the film, or None over the film's rim.
+    """Return a copy of the scene with another probe load, or None if it is not valid.
+
+    A load is not valid if, for example, the probe extends over the film's rim.
 
     Parameters
     ----------
     scene : Scene
-        The sensor with its probe.
-    probe_load : array, (4,)
-        Place x, y in mm, rotation in degrees and force in N.
+        Scene with a single probe.
+    probe_load : ndarray, shape (4,)
+        Position x, y on the film in mm, rotation in degrees and force in N.
     """
     changes = dict(zip(TOUCH_SCENE_KEYS, map(float, probe_load), strict=True))
     try:

@@ -168,8 +168,15 @@ class CoarseGrid:
     def _fit_forces(
         self, problem: LocationProblem, rows: Indices, rotation: int, log_forces: Array | None
     ) -> _ForceFit:
-        """Minimise chi-square on tangents over the force at every node; see `select_nodes`.
+        """Minimise chi-square over the force at every node of one rotation.
 
+        Parameters
+        ----------
+        problem, rows, rotation, log_forces
+            As for `select_nodes`.
+
+        Notes
+        -----
         Along a tangent Q + D t of the charges, with the step t of the logarithm of the force, the
         sum of w (Q + D t - q)² is a parabola with the minimum t = Σ w D (q - Q) / Σ w D².
         """

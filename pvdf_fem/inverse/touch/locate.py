@@ -4,7 +4,7 @@
 likely touch for each of many rows of readings. Both maximise the likelihood of the charges under
 independent normal errors. The result of `locate` also says why the best touch may not be the
 answer: other touches are as likely, the charges do not determine a direction, no touch explains the
-charges, or the touch is at the edge of the response's domain. `rank_probes` tells which of several
+charges, or the touch is at the edge of the response's domain. `rank_probes` says which of several
 probes touched.
 """
 
@@ -176,7 +176,17 @@ class _Request:
 
 
 def _convert_to_pC(scene: Scene, readings: Mapping[str, float], unit: str) -> Mapping[str, float]:
-    """Convert readings to nominal pC; values that are not numbers stay as they are."""
+    """Convert readings to nominal pC.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with the readout.
+    readings : mapping
+        Readings by electrode. Values that are not numbers stay as they are, for the validation.
+    unit : str
+        Unit of the readings.
+    """
     if unit == "pC" or not isinstance(readings, Mapping):
         return readings
     units_pC = get_units_pC(scene, unit)
@@ -258,7 +268,17 @@ def _fix_coordinates(
 def _locate_by_solves(
     scene: Scene, request: _Request, progress: Progress | bool | None
 ) -> Location:
-    """Locate one touch or two at once by full solves of a scene."""
+    """Locate one touch or two at once by full solves of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene with the probes.
+    request : _Request
+        Readings and options.
+    progress : callable or bool, optional
+        As for `locate`.
+    """
     from pvdf_fem.inverse.touch.solved_charges import SolvedResponse  # imports gmsh
     from pvdf_fem.inverse.touch.superposition import search_by_solves
 

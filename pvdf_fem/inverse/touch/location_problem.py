@@ -112,7 +112,7 @@ def evaluate_on_stage(
 @lru_cache(maxsize=8)
 def compute_longest_steps(response: ChargeFunction) -> Array:
     """Compute the longest step of searches along each coordinate, (k,)."""
-    steps = np.array([LONGEST_STEPS[get_base_quantity(name)] for name in response.quantities])
+    steps = np.array([LONGEST_STEPS[get_base_quantity(name)] for name in response.quantity_names])
     for column in (TouchColumn.X, TouchColumn.Y):
         steps[slice_quantity(response, column)] *= response.domain.reach_mm
     return steps
@@ -299,9 +299,8 @@ class LocationProblem:
             distance = np.hypot(probes[..., TouchColumn.X], probes[..., TouchColumn.Y])
             probes[..., PLACE] *= (reach_mm / np.maximum(distance, reach_mm))[..., None]
         else:
-            free, fixed = TouchColumn.X, TouchColumn.Y
-            if is_y_free:
-                free, fixed = fixed, free
+            free = TouchColumn.X if is_x_free else TouchColumn.Y
+            fixed = TouchColumn.Y if is_x_free else TouchColumn.X
             half_chord = np.sqrt(np.maximum(reach_mm**2 - probes[..., fixed] ** 2, 0.0))
             probes[..., free] = np.clip(probes[..., free], -half_chord, half_chord)
         return projected
@@ -364,7 +363,7 @@ class LocationProblem:
     @cached_property
     def _is_free(self) -> Mask:
         """Whether coordinates are free and charges depend on them, (k,)."""
-        is_free = np.zeros(len(self.response.quantities), dtype=bool)
+        is_free = np.zeros(len(self.response.quantity_names), dtype=bool)
         is_free[self.unknown] = True
         if not is_rotation_dependent(self.response):
             is_free[slice_quantity(self.response, TouchColumn.ROTATION)] = False

@@ -203,7 +203,7 @@ def make_location(
     With a normal prior whose standard deviations are the extents S of the response's domain,
     Laplace's method gives exp(-χ²/2) / √det(1 + SJᵀJS) for the integral about a maximum.
     """
-    quantities = problem.response.quantities
+    quantities = problem.response.quantity_names
     unknown = tuple(quantities[column] for column in problem.unknown.tolist())
     if ends is not None:
         ends = ends.select(find_distinct(problem, ends, options))
@@ -220,7 +220,7 @@ def make_location(
     touches = []
     for index in range(len(weights)):
         touch = Touch(
-            quantities=quantities,
+            quantity_names=quantities,
             unknown=unknown,
             values=described.values[index],
             covariance_root=described.covariance_roots[index],

@@ -43,7 +43,7 @@ class SolvedResponse:
     """A `ChargeFunction` of one or two probes at once that solves the scene for each touch."""
 
     scene: Scene  #: The scene with a list of probes.
-    quantities: tuple[str, ...]  #: Names of the quantities of all probes, (k,).
+    quantity_names: tuple[str, ...]  #: Names of the quantities of all probes, (k,).
     free: tuple[str, ...]  #: Quantities that are free: charges have derivatives by these alone.
     domain: Domain
     error_bound: float  #: Tolerance of the solves.
@@ -103,7 +103,7 @@ class SolvedResponse:
             raise ValueError(f"unknown: charges have no derivative by {keys}; leave it out")
         return cls(
             scene=listed,
-            quantities=quantities,
+            quantity_names=quantities,
             free=tuple(free),
             domain=_choose_domain(listed, touches),
             error_bound=tolerance,
@@ -113,7 +113,7 @@ class SolvedResponse:
     @property
     def unknown(self) -> Indices:
         """Columns of the free quantities."""
-        return np.array([i for i, name in enumerate(self.quantities) if name in self.free])
+        return np.array([i for i, name in enumerate(self.quantity_names) if name in self.free])
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -123,7 +123,7 @@ class SolvedResponse:
     @property
     def scene_touch(self) -> Array:
         """Quantities of the scene's probes in the frame of its stage, (k,)."""
-        touch = np.array([get_number(self.scene, _make_key(name)) for name in self.quantities])
+        touch = np.array([get_number(self.scene, _make_key(name)) for name in self.quantity_names])
         stage = self.scene.stage or Stage()
         width = len(TOUCH_QUANTITIES)
         for probe in range(count_probes(self)):
@@ -142,10 +142,10 @@ class SolvedResponse:
         if first != make_single_probe_scene(self.scene, 1):
             return np.array([], dtype=int)
         columns = []
-        for name in self.quantities:
+        for name in self.quantity_names:
             probe = _get_probe_index(name)
             swapped = name.replace(f"probe[{probe}]", f"probe[{1 - probe}]", 1)
-            columns.append(self.quantities.index(swapped))
+            columns.append(self.quantity_names.index(swapped))
         return np.array(columns)
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
@@ -181,7 +181,7 @@ class SolvedResponse:
     def _make_scene(self, touch: Array) -> Scene:
         """Return the scene with the quantities of a touch (k,)."""
         changes: dict[str, Any] = {"numerics.tolerance": self.error_bound}
-        for name, value in zip(self.quantities, touch.tolist(), strict=True):
+        for name, value in zip(self.quantity_names, touch.tolist(), strict=True):
             changes[_make_key(name)] = value
         return self.scene.with_(**changes)
 
@@ -253,7 +253,22 @@ def _list_probes(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
 
 
 def _find_errors(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator[str]:
-    """Find the reasons why a scene's touches cannot be located by solves, by key."""
+    """Find the reasons why a scene's touches cannot be located by solves.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    touches : int
+        Number of probes that touch at once.
+    unknown : sequence of str
+        Base names of the free quantities.
+
+    Yields
+    ------
+    str
+        One line for each reason, which begins with a key or an argument.
+    """
     probes = scene.loaded_probes
     if touches not in (1, 2):
         yield f"touches = {touches}: must be 1 or 2"

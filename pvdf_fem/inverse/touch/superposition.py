@@ -94,7 +94,17 @@ def search_by_solves(
 def _make_coarse_problem(
     problem: LocationProblem, response: SolvedResponse, options: LocateOptions
 ) -> LocationProblem:
-    """Return the problem with coarse solves, whose error counts as a deviation of the charges."""
+    """Return the problem with coarse solves, whose error counts as a deviation of the charges.
+
+    Parameters
+    ----------
+    problem : LocationProblem
+        One row of charges.
+    response : SolvedResponse
+        The response with fine solves.
+    options : LocateOptions
+        Tolerance of the coarse solves.
+    """
     coarse_response = replace(response, error_bound=options.coarse_tolerance)
     solve_error = options.coarse_tolerance / 3**0.5 * problem.charges_pC
     deviations = np.hypot(problem.deviations_pC, solve_error)
@@ -153,7 +163,7 @@ def _make_cold_problems(problem: LocationProblem) -> Iterator[LocationProblem]:
     The first one has the charges of all electrodes. If a temperature is unknown, others without
     each electrode in turn follow, since a warm probe may be above that electrode.
     """
-    quantities = problem.response.quantities
+    quantities = problem.response.quantity_names
     cold_columns = []
     for column in problem.unknown.tolist():
         if get_base_quantity(quantities[column]) != "temperature_K":
@@ -174,7 +184,22 @@ def _make_cold_problems(problem: LocationProblem) -> Iterator[LocationProblem]:
 def _take_preliminary_steps(
     problem: LocationProblem, scene_touch: Array, options: LocateOptions
 ) -> Array:
-    """Return the coordinates (n, k) after a few steps from all candidates, the best first."""
+    """Take a few steps from all candidates.
+
+    Parameters
+    ----------
+    problem : LocationProblem
+        One row of charges.
+    scene_touch : ndarray, shape (k,)
+        Values of the fixed quantities.
+    options : LocateOptions
+        Candidates, and number of steps.
+
+    Returns
+    -------
+    ndarray, shape (n, k)
+        Coordinates after these steps, the best first.
+    """
     preliminary = replace(options.solved_search, max_steps=options.preliminary_steps)
     candidates = find_superposed_candidates(problem, scene_touch, options)
     ends = run_levenberg_marquardt(problem, candidates, options=preliminary)
@@ -395,10 +420,10 @@ def _tabulate_single_touches(
     solved = [index for index, record in enumerate(records) if record.converged]
     if len(solved) < 3:
         raise NotConvergedError(f"{records[0].status}: one touch alone: {records[0].reason}")
-    d31, d32 = scene.film.d31_pC_N, scene.film.d32_pC_N
+    film = scene.film
     charges = []
     for index in solved:
-        by_name = records[index].charges_pC(d31, d32, scene.numerics.observable)
+        by_name = records[index].charges_pC(film.d31_pC_N, film.d32_pC_N, scene.numerics.observable)
         charges.append(list(by_name.values()))
     ticks = np.arange(-reach_mm, reach_mm + 0.5 * fine_pitch_mm, fine_pitch_mm)
     raster = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)

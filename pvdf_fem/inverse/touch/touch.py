@@ -161,7 +161,7 @@ def decide_status(explained: bool, ambiguous: bool, at_edge: bool) -> TouchStatu
 class Touch(Result):
     """A touch at a local maximum of the likelihood of the measured charges."""
 
-    quantities: tuple[str, ...]  #: Names of the response's quantities, (k,).
+    quantity_names: tuple[str, ...]  #: Names of the response's quantities, (k,).
     unknown: tuple[str, ...]  #: Quantities that were free; the order of all matrices.
     #: All quantities in their units, (k,): mm, N, and degrees from 0 to the period.
     values: Array
@@ -214,7 +214,7 @@ class Touch(Result):
     @cached_property
     def by_name(self) -> dict[str, float]:
         """All values by the quantity's name."""
-        return dict(zip(self.quantities, self.values.tolist(), strict=True))
+        return dict(zip(self.quantity_names, self.values.tolist(), strict=True))
 
     @property
     def x_mm(self) -> float:

@@ -100,7 +100,22 @@ def find_reading_errors(
 
 
 def _explain_bad_reading(value: Any, channel: ChannelValues, noise_pC: float | None) -> str:
-    """Return why one reading is invalid, and an advice; an empty text if it is valid."""
+    """Return why one reading is invalid, with advice.
+
+    Parameters
+    ----------
+    value : object
+        The reading in nominal pC, if it is a number.
+    channel : ChannelValues
+        The electrode's channel.
+    noise_pC : float or None
+        Standard deviation in pC; None for that of the channel.
+
+    Returns
+    -------
+    str
+        Reason and advice; empty for a valid reading.
+    """
     number = as_float(value)
     if not abs(number) <= LARGEST_PC:
         return f"must be a number of pC, at most {LARGEST_PC:g}; check the unit"
@@ -114,7 +129,19 @@ def _explain_bad_reading(value: Any, channel: ChannelValues, noise_pC: float | N
 def _find_deviation_errors(
     key: str, deviations: Deviations, readings: Mapping[str, Any], most: float
 ) -> Iterator[str]:
-    """Find validation errors of standard deviations, which are from 0 to `most`."""
+    """Find validation errors of standard deviations.
+
+    Parameters
+    ----------
+    key : str
+        Name of the argument.
+    deviations : float or mapping
+        A standard deviation for all electrodes or by electrode.
+    readings : mapping
+        Readings by electrode, each of which needs a deviation.
+    most : float
+        Largest deviation: 1 for a share of the charge, infinity for pC.
+    """
     values: dict[str, Any] = {key: deviations}
     if isinstance(deviations, Mapping):
         values = {f"{key}.{name}": value for name, value in deviations.items()}
@@ -193,7 +220,17 @@ def find_quantity_errors(
 def _find_domain_errors(
     domain: Domain, fixed: Mapping[str, float], centre_mm: Sequence[float]
 ) -> Iterator[str]:
-    """Find fixed quantities outside of a response's domain."""
+    """Find fixed quantities outside of a response's domain.
+
+    Parameters
+    ----------
+    domain : Domain
+        The domain.
+    fixed : mapping
+        Fixed quantities by name, in the frame of the scene's stage.
+    centre_mm : sequence of two floats
+        Place of the film's centre in the same frame.
+    """
     places = []
     offsets_mm = []
     for name, centre in zip(("x_mm", "y_mm"), centre_mm, strict=True):

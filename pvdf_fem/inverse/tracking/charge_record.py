@@ -1,4 +1,4 @@
-"""The charges of a contact since its onset: their peak, the end of the contact, and its errors."""
+"""The charges of a contact since its onset: their peak, their errors and the end of the contact."""
 
 from __future__ import annotations
 
@@ -16,50 +16,57 @@ from pvdf_fem.inverse.tracking.options import TrackOptions
 
 
 class ChargeRecord:
-    """Charges of a contact, sample by sample, from the onset on."""
+    """Charges of a contact, sample by sample, since its onset."""
 
     def __init__(
         self, circuit: ReadoutCircuit, onset_s: float, residual: Array, options: TrackOptions
     ) -> None:
-        """Start at the onset.
+        """Start an empty record at the onset of a contact.
 
         Parameters
         ----------
         circuit : ReadoutCircuit
             Capacitances and resistances of the channels.
         onset_s : float
-            Time just before the contact.
-        residual : array, (electrodes,)
-            Voltages in V that the contact before has left at this time.
+            Time just before the first sample of the contact.
+        residual : ndarray, shape (electrodes,)
+            Voltages in V at this time that are left from the previous contact.
         options : TrackOptions
-            When the contact has ended.
+            Thresholds by which the end of the contact is detected.
         """
         self.circuit = circuit
         self.options = options
         self.onset_s = onset_s
-        self.end_s = onset_s  #: Time of the last sample, or of the end once it is known.
+        #: Time of the last sample; after `subtract_drift` the time of the end of the contact.
+        self.end_s = onset_s
         self.samples: list[ChargeSample] = []
         self.largest_index = 0  #: Index of the sample with the largest charges.
-        self.still_count = 0  #: Number of samples after the end, as `detect_end` has found it.
-        self._voltages = [residual]  # Over the baseline's line, from the onset on.
+        self.still_count = 0  #: Number of samples after the end; set by `detect_end`.
+        self._voltages = [residual]  # Above the line of the baseline, starting at the onset.
         self._integrator = ChargeIntegrator(circuit, onset_s, residual)
 
     def __len__(self) -> int:
         return len(self.samples)
 
     def add(self, time_s: float, voltages: Array, noise_V: Array, drift_pC: Array) -> ChargeSample:
-        """Add a sample, and return its charges.
+        """Integrate the voltages of a sample, append its charges to the record and return them.
 
         Parameters
         ----------
         time_s : float
             Time of the sample.
-        voltages : array, (electrodes,)
-            Voltages over the baseline's line in V, NaN where they are missing.
-        noise_V : array, (electrodes,)
+        voltages : ndarray, shape (electrodes,)
+            Voltages in V above the line of the baseline, NaN where they are missing.
+        noise_V : ndarray, shape (electrodes,)
             Standard deviations of the voltages.
-        drift_pC : array, (electrodes,)
-            Standard deviations of the charges that the error of the baseline has added by now.
+        drift_pC : ndarray, shape (electrodes,)
+            Standard deviations of the charges that are due to the error of the baseline and have
+            accumulated since the onset.
+
+        Returns
+        -------
+        ChargeSample
+            Charges since the onset, with their variances.
         """
         charges_pC = self._integrator.add(time_s, voltages, noise_V)
         noise_variance = np.square(self.circuit.capacitance * noise_V)
@@ -81,37 +88,43 @@ class ChargeRecord:
 
     @property
     def largest(self) -> ChargeSample:
-        """The sample with the largest charges."""
+        """Sample with the largest charges (Euclidean norm over the electrodes)."""
         return self.samples[self.largest_index]
 
     @property
     def charges_pC(self) -> Array:
-        """Charges of all samples, (samples, electrodes), in pC."""
+        """Charges of all samples in pC, as an array of shape (samples, electrodes)."""
         return np.array([sample.charges_pC for sample in self.samples])
 
     @property
     def accumulated_variance(self) -> Array:
-        """Variances in pC² of the errors that have accumulated since the onset, (electrodes,)."""
+        """Variance in pC² of the errors that have accumulated since the onset, per electrode."""
         last = self.samples[-1]
         along = np.square(self.largest.direction)
         return last.walk_variance + np.square(last.drift_pC) + last.sampling_variance * along
 
     @property
     def relative_error(self) -> float:
-        """Standard deviation of the accumulated errors over the largest charges."""
+        """Standard deviation of the accumulated errors as a fraction of the largest charges."""
         deviation = np.linalg.norm(np.sqrt(self.accumulated_variance))
         largest = np.linalg.norm(self.largest.charges_pC)
         return float(deviation / largest) if largest else math.inf
 
     def compute_peak(self) -> ChargeSample:
-        """Return the charges at the peak of the contact, smoothed over its flat top.
+        """Compute the charges at the peak of the contact by smoothing.
+
+        Returns
+        -------
+        ChargeSample
+            Smoothed charges at the time of the window's centre, with the reduced variance of their
+            noise. Channels without a reading in most of the window count as missing.
 
         Notes
         -----
-        The largest of many noisy charges is too large in the mean. So a parabola is fitted to the
-        charges in a window, and its value at the centre is taken, with the variance of its noise.
-        The window is as long as the number of samples within three standard deviations of the
-        largest, and placed where its mean charge is largest.
+        The maximum of many noisy charges is biased upwards. Therefore a parabola is fitted to the
+        charges in a window and evaluated at its centre. The length of the window is the number of
+        samples whose charges are within three standard deviations of the maximum; the window is
+        placed where its mean charge is largest.
         """
         charges = self.charges_pC
         sizes = np.linalg.norm(charges, axis=1)
@@ -122,8 +135,8 @@ class ChargeRecord:
         top_count = int((sizes >= sizes.max() - 3.0 * deviation).sum())
         half = (top_count - 1) // 2
         offsets = np.arange(-half, half + 1)
-        degrees = min(3, len(offsets))  # Number of coefficients: 3 of a parabola.
-        weights = np.linalg.pinv(np.vander(offsets, degrees))[-1]
+        coefficient_count = min(3, len(offsets))  # A parabola has three coefficients.
+        weights = np.linalg.pinv(np.vander(offsets, coefficient_count))[-1]
         first = int(np.argmax(np.convolve(sizes, np.ones(len(offsets)), "valid")))
         window = slice(first, first + len(offsets))
 
@@ -131,7 +144,7 @@ class ChargeRecord:
         weights_by_channel = weights[:, None] * (noise < ChargeSample.MISSING)
         total = weights_by_channel.sum(axis=0)
         noise_variance = (np.square(weights_by_channel) * noise).sum(axis=0)
-        # A channel counts if it is measured in the greater part of the window.
+        # A channel counts as measured if its readings carry most of the weight of the window.
         is_measured = total > 0.5
         total = np.where(is_measured, total, 1.0)
         return replace(
@@ -143,14 +156,20 @@ class ChargeRecord:
         )
 
     def detect_end(self) -> bool:
-        """Return whether the contact has ended, and remember its `still_count`.
+        """Decide whether the contact has ended, and set `still_count`.
 
-        A contact has ended when the charges have stopped changing and are zero within their
-        errors. Where they are small, but not zero within their errors, they must have stopped for
-        four times as long.
+        A contact has ended when its charges have stopped changing and are zero within their
+        errors. If they are small but not zero within their errors, they must have been constant
+        for four times as long. Charges that have never been significantly above the noise end the
+        contact only after `TrackOptions.patience_samples`.
+
+        Returns
+        -------
+        bool
+            Whether the last `still_count` samples are after the end of the contact.
         """
         options = self.options
-        count = self._count_still_samples(options.still_share)
+        count = self._count_still_samples(options.still_fraction)
         self.still_count = count
         if not count:
             return False
@@ -158,20 +177,26 @@ class ChargeRecord:
         residual, noise_variance = self._average(-count, count)
         variance = self.accumulated_variance + noise_variance
         if _is_within_noise(residual, variance):
-            # Charges that are no larger than their noise yet may still grow.
+            # Charges that have not exceeded their noise so far may still grow.
             change = largest.charges_pC - residual
             has_risen = not _is_within_noise(change, variance + largest.noise_variance)
             return has_risen or len(self.samples) > options.patience_samples
         projection = residual @ largest.charges_pC
-        limit = options.max_residual_share * np.square(largest.charges_pC).sum()
-        return bool(projection < limit and self._count_still_samples(4.0 * options.still_share))
+        limit = options.max_residual_fraction * np.square(largest.charges_pC).sum()
+        return bool(projection < limit and self._count_still_samples(4.0 * options.still_fraction))
 
-    def _count_still_samples(self, share: float) -> int:
-        """Return how many of the last samples have the same mean as as many before, or 0.
+    def _count_still_samples(self, fraction: float) -> int:
+        """Return the number of last samples in which the charges were constant, or 0.
 
-        `share` is the number of these samples over the number of all samples.
+        The charges were constant if the mean of these samples equals, within its error, the mean
+        of equally many samples before them.
+
+        Parameters
+        ----------
+        fraction : float
+            Number of samples to compare, as a fraction of all samples of the contact.
         """
-        count = max(self.options.min_still_samples, int(share * len(self.samples)))
+        count = max(self.options.min_still_samples, int(fraction * len(self.samples)))
         if len(self.samples) <= 2 * count:
             return 0
         earlier, earlier_noise = self._average(-2 * count, count)
@@ -181,7 +206,22 @@ class ChargeRecord:
         return count if is_still else 0
 
     def _average(self, first: int, count: int) -> tuple[Array, Array]:
-        """Return the mean charges of `count` samples from `first` on, and its variance by noise."""
+        """Average the charges of consecutive samples, weighted by the inverse noise variance.
+
+        Parameters
+        ----------
+        first : int
+            Index of the first sample; negative indices count from the end.
+        count : int
+            Number of samples.
+
+        Returns
+        -------
+        mean : ndarray, shape (electrodes,)
+            Mean charges in pC.
+        variance : ndarray, shape (electrodes,)
+            Variance of the mean in pC² due to the noise of the samples.
+        """
         samples = self.samples[first:][:count]
         weights = 1.0 / np.array([sample.noise_variance for sample in samples])
         variance = 1.0 / weights.sum(axis=0)
@@ -189,23 +229,32 @@ class ChargeRecord:
         return variance * (weights * charges).sum(axis=0), variance
 
     def _compute_variance_since(self, sample: ChargeSample) -> Array:
-        """Compute the variances in pC² of the errors accumulated since a sample, (electrodes,)."""
+        """Compute the variance in pC² of the errors accumulated since a sample, per electrode."""
         last = self.samples[-1]
         walk = last.walk_variance - sample.walk_variance
         return walk + np.square(last.drift_pC - sample.drift_pC)
 
     def get_voltages_after_end(self) -> tuple[float, Array]:
-        """Return the time of the end, and the voltages (samples, electrodes) after it."""
+        """Return the voltages measured after the end of the contact.
+
+        Returns
+        -------
+        end_s : float
+            Time of the last sample before these voltages.
+        voltages : ndarray, shape (samples, electrodes)
+            Voltages in V above the line of the baseline, at least those of the last sample.
+        """
         count = max(self.still_count, 1)
         times_s = [self.onset_s, *(sample.time_s for sample in self.samples)]
         return times_s[-1 - count], np.array(self._voltages[-count:])
 
     def subtract_drift(self) -> None:
-        """Correct the charges of a finished contact by the charge that is left at its end.
+        """Subtract the drift from the charges of a finished contact.
 
-        The residual charge of a finished contact must be zero, so the random-walk drift is
-        conditioned on that end point (Brownian bridge) and subtracted. The end becomes the last
-        time at which the charges differed from the residual.
+        After the contact the charge must be zero, so that the measured residual is a drift. The
+        errors of all samples are conditioned on this residual (Brownian bridge), and their
+        conditional mean is subtracted. `end_s` becomes the last time at which the charges differed
+        significantly from the residual.
         """
         residual, noise_variance = self._average(-self.still_count, self.still_count)
         direction = self.largest.direction
@@ -224,25 +273,27 @@ class ChargeRecord:
         self.largest_index = int(np.argmax(np.linalg.norm(self.charges_pC, axis=1)))
 
     def _condition(self, sample: ChargeSample, residual: Array, total: Array) -> ChargeSample:
-        """Condition the errors of a sample on the residual at the end.
+        """Return a copy of a sample whose errors are conditioned on the residual at the end.
 
         Parameters
         ----------
         sample : ChargeSample
-            The sample to correct.
-        residual : array, (electrodes,)
-            Mean charges in pC after the end, which are errors.
-        total : array, (electrodes,)
-            Variance of these errors in pC².
+            Sample to correct.
+        residual : ndarray, shape (electrodes,)
+            Mean charges r in pC after the end. The true charges are zero there, so that r is the
+            accumulated error.
+        total : ndarray, shape (electrodes,)
+            Variance v of the residual in pC².
 
         Notes
         -----
-        Errors e(t) are normal with the covariance c(t) = cov(e(t), e(T)) with those at the end T:
-        the variance of the walk at t, the product of the drifts at t and T, and the sampling
-        variance at t. Given e(T) = r, e(t) has the mean r c/v and the variance var(e(t)) - c²/v,
-        with the variance v of r (Rasmussen and Williams, Gaussian Processes for Machine Learning,
-        2006, eq. A.6). The direction of the sampling error is that of the charges; the other
-        errors along it count as its noise.
+        The errors e(t) are normally distributed. Their covariance with the error at the end T,
+        c(t) = cov(e(t), e(T)), is the sum of the random-walk variance at t, the product of the
+        drifts at t and T, and the sampling variance at t. Conditional on e(T) = r, the error e(t)
+        has the mean r c/v and the variance var(e(t)) - c²/v (Rasmussen and Williams, Gaussian
+        Processes for Machine Learning, 2006, eq. A.6). The variance of the sampling error is kept
+        as a scalar along the direction of the charges; for its correction, the projections of the
+        other errors onto this direction count as noise.
         """
         last = self.samples[-1]
         along = np.square(self.largest.direction)
@@ -263,6 +314,6 @@ class ChargeRecord:
 
 
 def _is_within_noise(difference: Array, variance: Array) -> bool:
-    """Test whether a difference (electrodes,) is common for errors with a variance."""
+    """Test by chi-square whether a difference of charges is explained by its variance."""
     statistic = np.square(difference) @ (1.0 / variance)
     return bool(statistic < compute_chi_square_limit(len(difference)))

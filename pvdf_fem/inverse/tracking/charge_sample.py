@@ -1,4 +1,4 @@
-"""The charges of a contact at one time, with the variances of their errors."""
+"""The charges of a contact at one instant, with the variances of their errors."""
 
 from __future__ import annotations
 
@@ -13,39 +13,40 @@ from pvdf_fem.arrays import Array, Mask
 
 @dataclass(frozen=True, eq=False)
 class ChargeSample:
-    """Charges in pC that a contact has added at one time. Arrays are (electrodes,).
+    """Charges in pC that a contact has generated until one instant. Arrays are (electrodes,).
 
-    Their errors have four independent parts: noise of this sample alone; a random walk since the
-    onset, by noise in the integrated voltages; a drift of the baseline, which grows steadily; and
-    the charge that sampling misses, which is a random walk along the direction of the charges.
+    The errors of the charges have four independent contributions: the noise of this sample; a
+    random walk since the onset, due to the noise of the integrated voltages; a drift, due to the
+    error of the baseline, which grows linearly; and the sampling error, that is the charge missed
+    between samples, a random walk along the direction of the charges.
     """
 
-    #: Variance in pC² of the noise of a channel whose reading is missing.
+    #: Noise variance in pC² that stands for a missing reading.
     MISSING: ClassVar[float] = 1e12
 
     time_s: float
     charges_pC: Array
-    noise_variance: Array  #: In pC².
-    walk_variance: Array  #: In pC².
+    noise_variance: Array  #: Variance in pC² of the noise of this sample.
+    walk_variance: Array  #: Variance in pC² of the random walk.
     drift_pC: Array  #: Standard deviation of the drift.
-    sampling_variance: float  #: In pC², along the direction of the charges.
+    sampling_variance: float  #: Variance in pC² along the direction of the charges.
 
     @property
     def is_measured(self) -> Mask:
-        """Which channels have a reading."""
+        """Mask of the channels that have a reading."""
         return self.noise_variance < self.MISSING
 
     @property
     def variance(self) -> Array:
-        """Variances of the charges in pC², without the part that sampling misses."""
+        """Variances of the charges in pC², without the sampling error."""
         return self.noise_variance + self.walk_variance + np.square(self.drift_pC)
 
     @property
     def direction(self) -> Array:
-        """Unit vector along the charges; zero if there are none."""
+        """Unit vector along the charges; the zero vector if all charges are zero."""
         return self.charges_pC / max(float(np.linalg.norm(self.charges_pC)), math.ulp(0.0))
 
     @property
     def significance(self) -> float:
-        """Size of the charges in standard deviations."""
+        """Norm of the charges, each divided by its standard deviation."""
         return float(np.linalg.norm(self.charges_pC / np.sqrt(self.variance)))

@@ -1,4 +1,4 @@
-"""The readout circuit: voltages of the channels, and their decay through the resistances."""
+"""The readout circuit: channel voltages, and their decay through the resistances."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from pvdf_fem.electrodes.channel import Channel
 
 @dataclass(frozen=True, eq=False)
 class ReadoutCircuit:
-    """Readout channels as arrays over the electrodes, (electrodes,)."""
+    """Properties of all readout channels, as arrays of shape (electrodes,)."""
 
     capacitance: Array  #: In pF, so that charges are in pC.
-    #: Inverse resistances in pA/V; zero where nothing discharges the capacitance.
+    #: Conductance 1/R in pA/V; zero where no resistance discharges the capacitance.
     conductance: Array
-    gain: Array
-    offset: Array  #: Of readings, in V.
-    noise: Array  #: Standard deviation of the voltages before the gain, in V.
+    gain: Array  #: Factor between the voltage and the reading.
+    offset: Array  #: Reading at zero voltage, in V.
+    noise: Array  #: Standard deviation in V of the voltage before the gain.
 
     @classmethod
     def from_channels(cls, channels: Sequence[Channel]) -> ReadoutCircuit:
-        """Collect the values of channels."""
+        """Make the circuit of a sequence of channels, converted to pF, pA/V and V."""
         return cls(
             capacitance=np.array([1e12 * channel.capacitance for channel in channels]),
             conductance=np.array([1e12 / channel.resistance for channel in channels]),
@@ -34,18 +34,34 @@ class ReadoutCircuit:
         )
 
     def compute_voltages(self, readings: Array, unit: str) -> Array:
-        """Compute the voltages before the gain, (electrodes,), in V.
+        """Convert readings to the voltages before gain and offset.
 
         Parameters
         ----------
-        readings : array, (electrodes,)
+        readings : ndarray, shape (electrodes,)
             Readings of the channels.
         unit : {"V", "pC"}
             Unit of the readings. Readings in nominal pC are readings in V times the capacitance.
+
+        Returns
+        -------
+        ndarray, shape (electrodes,)
+            Voltages in V.
         """
         readings_V = readings / self.capacitance if unit == "pC" else readings
         return (readings_V - self.offset) / self.gain
 
     def compute_decay(self, duration_s: float | Array) -> Array:
-        """Compute the share that is left of voltages after a duration, (..., electrodes)."""
+        """Compute the fraction of each voltage that remains after one or several durations.
+
+        Parameters
+        ----------
+        duration_s : float or ndarray, shape (n,)
+            Durations.
+
+        Returns
+        -------
+        ndarray, shape (electrodes,) or (n, electrodes)
+            Factors exp(-t/(R C)).
+        """
         return np.exp(-np.multiply.outer(duration_s, self.conductance / self.capacitance))

@@ -1,4 +1,4 @@
-"""The clock of a sampled stream: its sampling interval, pauses, and times that go back."""
+"""The clock of a sampled stream: sampling interval, pauses, and times that do not increase."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ INTERVAL_WEIGHT = 1.0 / 16.0
 
 
 class ClockEvent(Enum):
-    """Relation of a sample's time to the time of the sample before."""
+    """Relation between the times of a sample and of the previous one."""
 
-    FIRST = auto()  #: There is no sample before.
-    TICK = auto()  #: The time grew by about a sampling interval.
-    PAUSE = auto()  #: The time grew by more intervals than are allowed.
-    BACKWARD = auto()  #: The time did not grow, or is no number.
+    FIRST = auto()  #: There is no previous sample.
+    TICK = auto()  #: The time increased by no more than the allowed pause.
+    PAUSE = auto()  #: The time increased by more than the allowed pause.
+    BACKWARD = auto()  #: The time did not increase, or is NaN.
 
 
 class SampleClock:
@@ -23,17 +23,17 @@ class SampleClock:
 
     def __init__(self) -> None:
         self.time_s = -math.inf
-        self.interval_s = math.inf  #: Infinite until two samples have come.
+        self.interval_s = math.inf  #: Infinite until two samples have been received.
 
     def classify(self, time_s: float, max_pause: float) -> ClockEvent:
-        """Compare the time of a new sample with the last one.
+        """Classify the time of a new sample; the clock is not changed.
 
         Parameters
         ----------
         time_s : float
-            Time of the new sample in s.
+            Time of the new sample.
         max_pause : float
-            Longest pause that is no `ClockEvent.PAUSE`, in sampling intervals.
+            Longest allowed pause, in sampling intervals.
         """
         step = time_s - self.time_s
         if math.isfinite(step) and 0.0 < step <= max_pause * self.interval_s:
@@ -43,7 +43,7 @@ class SampleClock:
         return ClockEvent.PAUSE if time_s > self.time_s else ClockEvent.BACKWARD
 
     def tick(self, time_s: float) -> None:
-        """Advance to a sample, and update the sampling interval."""
+        """Advance the clock to a sample, and update the mean sampling interval."""
         step = time_s - self.time_s
         mean = self.interval_s if math.isfinite(self.interval_s) else step
         # A pause of several intervals counts as two, so that it hardly changes the mean.
@@ -51,6 +51,6 @@ class SampleClock:
         self.time_s = time_s
 
     def restart(self, time_s: float) -> None:
-        """Start anew at a sample; the sampling interval is unknown until the next one."""
+        """Restart the clock at a sample; the sampling interval is unknown until the next one."""
         self.interval_s = math.inf
         self.time_s = time_s

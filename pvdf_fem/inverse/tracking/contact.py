@@ -1,4 +1,4 @@
-"""A contact in progress: its charges from the onset on, and where it may be."""
+"""A contact in progress: its charges since the onset, its candidate touches and its force."""
 
 from __future__ import annotations
 
@@ -10,87 +10,96 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.charge_record import ChargeRecord
 from pvdf_fem.inverse.tracking.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.circuit import ReadoutCircuit
-from pvdf_fem.inverse.tracking.contact_problem import CandidatePlaces, ContactProblem
+from pvdf_fem.inverse.tracking.contact_problem import CandidateTouches, ContactProblem
 from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 
 class ContactLocator:
-    """Place and force of a contact, updated as its charges grow.
+    """Estimates the position and the force of a contact while its charges change.
 
-    The place is found by the charges at their peak, and again when the number of samples has grown
-    by a share. At each sample the force at that place is fitted.
+    The position is located from the peak of the charges, first as soon as they are significant and
+    then each time the number of samples has grown by `TrackOptions.relocation_growth`. At every
+    sample the force at this position is fitted.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+        Template of the least-squares problems, and the options.
     """
 
     def __init__(self, problem: ContactProblem) -> None:
         self.problem = problem
         self.options = problem.options
-        self.places: CandidatePlaces | None = None  #: None until the contact is located.
-        self.coordinates = np.full(4, math.nan)  #: Likeliest touch at the last sample, (4,).
-        self.chi_square = math.nan  #: Of the charges of the last sample.
-        self.impulse_N_s = 0.0  #: Integral of the force over time.
+        self.candidates: CandidateTouches | None = None  #: None until the contact is located.
+        #: Coordinates of the likeliest touch at the last sample, shape (4,).
+        self.coordinates = np.full(4, math.nan)
+        self.chi_square = math.nan  #: Chi-square of the charges of the last sample.
+        self.impulse_N_s = 0.0  #: Integral of the force over time, from the first location on.
         self._located_count = self.options.min_location_samples
 
     def update(self, record: ChargeRecord, sample: ChargeSample, step_s: float) -> None:
-        """Update place and force by the newest sample of a record.
+        """Update position, force and impulse with the newest sample of a contact.
 
         Parameters
         ----------
         record : ChargeRecord
-            All samples of the contact.
+            All samples of the contact, including the newest.
         sample : ChargeSample
-            The newest of them.
+            The newest sample.
         step_s : float
-            Time since the sample before, in s.
+            Time since the previous sample.
         """
-        growth = 0.0 if self.places is None else self.options.relocation_growth
+        growth = 0.0 if self.candidates is None else self.options.relocation_growth
         if len(record) >= (1.0 + growth) * self._located_count:
             peak = record.compute_peak()
             if peak.significance > self.options.min_significance:
                 self._located_count = len(record)
-                places = self.problem.locate(peak)
-                if places is not None:
-                    self.places = places
-        if self.places is not None:
+                candidates = self.problem.locate(peak)
+                if candidates is not None:
+                    self.candidates = candidates
+        if self.candidates is not None:
             self.coordinates, self.chi_square = self.problem.fit_force(
-                self.places.likeliest, sample
+                self.candidates.likeliest, sample
             )
             self.impulse_N_s += step_s * math.exp(self.coordinates[TouchColumn.FORCE])
 
     def relocate(self, record: ChargeRecord) -> None:
-        """Locate the contact anew by the peak of its corrected charges."""
-        self.places = self.problem.locate(record.compute_peak())
+        """Locate the contact again from the peak of its corrected charges; may find nothing."""
+        self.candidates = self.problem.locate(record.compute_peak())
 
 
 class Contact:
-    """A contact in progress."""
+    """A contact in progress: the record of its charges and its locator."""
 
     def __init__(
         self, problem: ContactProblem, circuit: ReadoutCircuit, onset_s: float, residual: Array
     ) -> None:
-        """Start just before the contact; see `ChargeRecord` for the arguments."""
+        """Start an empty contact; see `ChargeRecord` for the arguments."""
         self.options = problem.options
         self.record = ChargeRecord(circuit, onset_s, residual, problem.options)
         self.locator = ContactLocator(problem)
 
     def add(self, time_s: float, voltages: Array, noise_V: Array, drift_pC: Array) -> None:
-        """Add a sample; see `ChargeRecord.add` for the arguments."""
+        """Record a sample and update the location; see `ChargeRecord.add` for the arguments."""
         step_s = time_s - self.record.end_s
         sample = self.record.add(time_s, voltages, noise_V, drift_pC)
         self.locator.update(self.record, sample, step_s)
 
     @property
     def is_lost(self) -> bool:
-        """Whether the contact lasts for long, and is not located or drowned in errors."""
+        """Whether a long contact is still not located, or its errors exceed the allowed fraction.
+
+        A contact is long if it has more than `TrackOptions.memory_samples` samples.
+        """
         if len(self.record) <= self.options.memory_samples:
             return False
-        is_drowned = self.record.relative_error > self.options.max_relative_error
-        return self.locator.places is None or is_drowned
+        is_hidden_by_errors = self.record.relative_error > self.options.max_relative_error
+        return self.locator.candidates is None or is_hidden_by_errors
 
     def close(self) -> None:
-        """Re-locate a finished contact.
+        """Subtract the drift from the charges of a finished contact, and locate it again.
 
-        Its residual charge must be zero, so condition the random-walk drift on that end point
-        (Brownian bridge) and subtract it.
+        See `ChargeRecord.subtract_drift`.
         """
         self.record.subtract_drift()
         self.locator.relocate(self.record)

@@ -1,4 +1,4 @@
-"""Detection of contacts: deviations of the voltages from the baseline that are no noise."""
+"""Detection of contacts: deviations of the voltages from the baseline beyond their noise."""
 
 from __future__ import annotations
 
@@ -13,23 +13,32 @@ from pvdf_fem.inverse.tracking.options import TrackOptions
 
 
 class VoltageSample(NamedTuple):
-    """Voltages of the channels at one time."""
+    """Voltages of the channels at one instant."""
 
     time_s: float
-    voltages: Array  #: In V, (electrodes,), NaN where they are missing.
-    deviations: Array  #: From the baseline, over the noise, (electrodes,).
+    voltages: Array  #: Voltages in V, NaN where they are missing, shape (electrodes,).
+    #: Deviations from the baseline divided by the noise, shape (electrodes,).
+    deviations: Array
 
 
 class ContactDetector:
-    """Tests the last samples for the begin of a contact.
+    """Tests whether a contact begins in the last samples.
+
+    Parameters
+    ----------
+    channel_count : int
+        Number of channels.
+    options : TrackOptions
+        Window lengths and probability of a false alarm.
 
     Notes
     -----
-    Deviations from the baseline are summed over windows of 1, 2, 4, ... samples, which end at the
-    last one. The sum of squares over the channels, each over its variance, has the chi-square
-    distribution as long as nothing touches. A contact is detected when one of the windows exceeds
-    the quantile for the probability of a false alarm (a generalized likelihood-ratio test for a
-    change of the mean: Basseville and Nikiforov, Detection of Abrupt Changes, 1993, section 2.4).
+    The deviations from the baseline are summed over windows of 1, 2, 4, ... samples that end at the
+    last sample. Each sum is squared and divided by its variance; without a contact, the total over
+    the channels has a chi-square distribution. A contact is detected when the total of any window
+    exceeds the quantile for the probability of a false alarm (generalized likelihood-ratio test
+    for a change of the mean: Basseville and Nikiforov, Detection of Abrupt Changes, 1993,
+    section 2.4).
     """
 
     def __init__(self, channel_count: int, options: TrackOptions) -> None:
@@ -40,22 +49,23 @@ class ContactDetector:
 
     @property
     def is_full(self) -> bool:
-        """Whether the oldest sample is beyond the longest window."""
+        """Whether there are more samples than the longest window holds."""
         return len(self.samples) > self.windows[-1]
 
     def count_contact_samples(self, baseline_error: Array) -> int:
-        """Return how many of the last samples belong to a contact, 0 if none is detected.
+        """Count the last samples that belong to a contact; 0 if no contact is detected.
 
         Parameters
         ----------
-        baseline_error : array, (electrodes,)
-            Standard deviation of the baseline over that of the noise.
+        baseline_error : ndarray, shape (electrodes,)
+            Standard deviation of the baseline divided by that of the noise.
 
         Notes
         -----
-        Backwards from the window that detects the contact, further samples are added as long as
-        they make the mean deviation more significant. A quarter of that number and two samples
-        more are a margin for the begin.
+        The window that exceeds the quantile the most gives the direction of the deviations. The
+        contact consists of the last n samples, with the n for which their sum along this direction,
+        divided by √n, is largest. A quarter of n and two samples are added as a margin, so that the
+        first weak samples of the contact are not missed.
         """
         newest_first = [sample.deviations for sample in reversed(self.samples)]
         sums = np.cumsum(newest_first, axis=0)

@@ -1,4 +1,4 @@
-"""The least-squares problem of a contact: its place and force from the changes of the charges."""
+"""The least-squares problem of a contact: position and force from the changes of the charges."""
 
 from __future__ import annotations
 
@@ -21,24 +21,26 @@ from pvdf_fem.scene.stage import Stage
 from pvdf_fem.surrogate.charge_function import ChargeFunction
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
-#: A force is followed in few steps from the force at the sample before.
+#: The force changes little between samples, so that few steps from its last value suffice.
 FORCE_SEARCH = SearchOptions(max_steps=8, chi_square_tolerance=np.inf, step_tolerance=0.05)
 
 
 @dataclass(frozen=True, eq=False)
-class CandidatePlaces:
-    """Touches that explain the charges of a sample, the likeliest first."""
+class CandidateTouches:
+    """Touches that may explain the charges of a sample, the likeliest first."""
 
     sample: ChargeSample
-    coordinates: Array  #: Coordinates of a `ContactProblem`, (candidates, 4).
-    #: Standard deviations about the likeliest coordinates, (4,), over the mixture of candidates.
+    #: Coordinates of the touches as in `ContactProblem`, shape (candidates, 4).
+    coordinates: Array
+    #: Standard deviations of the coordinates about the likeliest touch, for the mixture of all
+    #: candidates, shape (4,).
     deviations: Array
-    chi_square: float  #: Of the likeliest touch.
+    chi_square: float  #: Chi-square of the likeliest touch.
     is_explained: bool  #: Whether the likeliest touch fits the charges within their errors.
 
     @property
     def likeliest(self) -> Array:
-        """Coordinates of the likeliest touch, (4,)."""
+        """Coordinates of the likeliest touch, as an array of shape (4,)."""
         return np.asarray(self.coordinates[0])
 
     def __len__(self) -> int:
@@ -47,31 +49,35 @@ class CandidatePlaces:
 
 @dataclass(frozen=True, eq=False)
 class ContactProblem(LocationProblem):
-    """Least-squares problem of a contact with any force.
+    """Least-squares problem of a contact whose force may be outside the range of the response.
 
-    Coordinates are x, y in mm, the rotation in degrees and the logarithm of the force in N. Beyond
-    the forces of the response, the changes of the charges are continued by the power of the force
-    with which they grow at its least or largest force.
+    The coordinates are x and y in mm, the rotation in degrees and the logarithm of the force in N.
+    Outside its range of forces, the response is extrapolated: the changes of the charges follow the
+    power law of the force that is tangent at the minimum or maximum force (see `linearise`).
     """
 
-    unloaded_pC: Array = field(kw_only=True)  #: Charges of the unloaded film, (electrodes,).
-    fixed: Mapping[int, float] = field(kw_only=True)  #: Values of coordinates that are not free.
+    #: Charges of the unloaded film in pC, shape (electrodes,).
+    unloaded_pC: Array = field(kw_only=True)
+    #: Values of the fixed coordinates, by index.
+    fixed: Mapping[int, float] = field(kw_only=True)
     options: TrackOptions = field(kw_only=True)
 
     @classmethod
     def from_response(
         cls, response: ChargeFunction, fixed: Mapping[int, float], options: TrackOptions
     ) -> ContactProblem:
-        """Make the problem without charges yet; `with_sample` adds these.
+        """Make the template from which `with_sample` makes the problem of each sample.
+
+        The template itself has the charges of the unloaded film, with unit standard deviations.
 
         Parameters
         ----------
-        response : Response
+        response : ChargeFunction
             Charges as a function of the touch.
         fixed : mapping of int to float
-            Values of the coordinates that are not free, by index.
+            Values of the fixed coordinates, by index.
         options : TrackOptions
-            How far forces are followed, and the errors of sampling.
+            How far the force is extrapolated, and the skew of the sampling error.
         """
         unloaded_pC = compute_unloaded_charges(response, "change")[0]
         free = [i for i in range(len(TOUCH_QUANTITIES)) if i not in fixed]
@@ -88,10 +94,24 @@ class ContactProblem(LocationProblem):
         )
 
     def with_sample(self, sample: ChargeSample, unknown: Indices) -> ContactProblem:
-        """Return the problem for the charges of a sample, with some unknown coordinates."""
+        """Return a copy of the problem with the charges of a sample.
+
+        Parameters
+        ----------
+        sample : ChargeSample
+            Changes of the charges, with their variances. Missing channels are left out.
+        unknown : ndarray of int, shape (k,)
+            Indices of the coordinates to find.
+
+        Notes
+        -----
+        The variance of a charge q is that of the sample, plus (b q)²/3 for the error of the
+        response, plus the part of the sampling error that is not along the direction of the
+        charges (`TrackOptions.sampling_skew`).
+        """
         measured = np.flatnonzero(sample.is_measured)
         charges_pC = (self.unloaded_pC + sample.charges_pC)[None, measured]
-        # The error of the response is taken to be evenly distributed within its bound.
+        # The error of the response is assumed to be uniformly distributed within its bound ±b.
         response_error = self.response.error_bound / math.sqrt(3.0)
         sampling_deviation = math.sqrt(sample.sampling_variance)
         skew = self.options.sampling_skew * sampling_deviation * sample.direction[measured]
@@ -107,23 +127,31 @@ class ContactProblem(LocationProblem):
 
     @property
     def log_force_range(self) -> tuple[float, float]:
-        """Logarithms of the least and the largest force that are followed."""
+        """Logarithms of the minimum and the maximum force, including the extrapolation."""
         lowest, highest = self.response.domain.log_force
         return lowest - self.options.log_margin_below, highest + self.options.log_margin_above
 
     def project_onto_bounds(self, at: Array) -> Array:
-        """Move coordinates (n, 4) into the reach, and to forces that are followed."""
+        """Return the nearest coordinates within the search area and the extended force range.
+
+        Parameters
+        ----------
+        at : ndarray, shape (n, 4)
+            Coordinates.
+        """
         reach_mm = SEARCH_MARGIN * self.response.domain.reach_mm
         return self.project_onto(at, reach_mm, *self.log_force_range)
 
     def linearise(self, at: Array, rows: Indices | None = None) -> Array:
-        """Return whitened residuals and slopes, see `LocationProblem.linearise`.
+        """Compute whitened residuals and their derivatives, also outside the response's forces.
+
+        See `LocationProblem.linearise` for parameters and returns.
 
         Notes
         -----
-        Where the logarithm of the force is a distance d beyond the response's forces, the changes
-        c of the charges at the edge are multiplied by exp(p d). Their power p is the projection of
-        the slope dc/d(log F) on c at the edge.
+        Let F₀ be the minimum or maximum force of the response, c the changes of the charges at F₀,
+        and d = log F - log F₀ the distance beyond it. The changes at F are c (F/F₀)^p = c exp(p d),
+        with the exponent p = c · (dc/dlog F)/|c|², in whitened units.
         """
         edge = at.copy()
         edge[:, TouchColumn.FORCE] = np.clip(
@@ -147,36 +175,39 @@ class ContactProblem(LocationProblem):
         return system
 
     def fit_force(self, coordinates: Array, sample: ChargeSample) -> tuple[Array, float]:
-        """Fit the force of a sample at a place.
+        """Fit the force of a touch at a fixed position to the charges of a sample.
 
         Parameters
         ----------
-        coordinates : array, (4,)
-            The place, and the force to start from.
+        coordinates : ndarray, shape (4,)
+            Position, rotation and initial guess of the force.
         sample : ChargeSample
-            The charges to explain.
+            Charges to fit.
 
         Returns
         -------
-        coordinates : array, (4,)
-            The place with the fitted force.
+        coordinates : ndarray, shape (4,)
+            Coordinates with the fitted force.
         chi_square : float
-            Chi-square of the charges.
+            Chi-square of the charges after the fit.
         """
         problem = self.with_sample(sample, np.array([TouchColumn.FORCE]))
         end = run_levenberg_marquardt(problem, coordinates[None], options=FORCE_SEARCH)
         return end.coordinates[0], float(end.chi_square[0])
 
-    def locate(self, sample: ChargeSample) -> CandidatePlaces | None:
+    def locate(self, sample: ChargeSample) -> CandidateTouches | None:
         """Find the touches that explain the charges of a sample.
 
-        Returns None where fewer channels are measured than coordinates are free, and where the
-        likeliest touch is lighter than those of the response.
+        Returns
+        -------
+        CandidateTouches or None
+            None if fewer channels are measured than coordinates are free, if no touch is found, or
+            if the force of the likeliest touch is below those of the response.
         """
         problem = self.with_sample(sample, self.unknown)
         if not problem.is_determinable:
             return None
-        # Charges that no touch explains may overflow on the way.
+        # The search may overflow for charges that no touch explains.
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = search_everywhere(problem, self.fixed, DEFAULT_OPTIONS)
             location = make_location(problem, ends)
@@ -184,7 +215,7 @@ class ContactProblem(LocationProblem):
         if not touches or touches[0].force_N < self.response.domain.force_N[0]:
             return None
         coordinates = problem.to_coordinates(np.array([touch.values for touch in touches]))
-        return CandidatePlaces(
+        return CandidateTouches(
             sample,
             coordinates,
             problem.compute_mixture_deviations(touches, coordinates, sample),
@@ -195,22 +226,30 @@ class ContactProblem(LocationProblem):
     def compute_mixture_deviations(
         self, touches: Sequence[Touch], coordinates: Array, sample: ChargeSample
     ) -> Array:
-        """Compute standard deviations about the likeliest of several touches, (4,).
+        """Compute the standard deviations of the coordinates about the likeliest touch.
+
+        Call it on the problem of the sample, see `with_sample`.
 
         Parameters
         ----------
         touches : sequence of Touch
-            The likely touches, the likeliest first.
-        coordinates : array, (touches, 4)
-            Their coordinates.
+            Candidates with their weights and covariances, the likeliest first.
+        coordinates : ndarray, shape (touches, 4)
+            Coordinates of the candidates.
         sample : ChargeSample
-            The charges that they explain, with the variance that sampling misses.
+            Charges that were located, with the variance of the sampling error.
+
+        Returns
+        -------
+        ndarray, shape (4,)
+            Standard deviations of x, y, rotation and logarithm of the force.
 
         Notes
         -----
-        The second moment of a mixture about its first member: each touch counts, by its weight,
-        with its squared distance from the likeliest one, its variance by the noise, and the shift
-        by one standard deviation of the charge that sampling misses.
+        The variance is the second moment of the mixture of the touches about the likeliest one: the
+        weighted mean of d² + v + s². For each touch, d is its distance from the likeliest, v its
+        variance due to the noise, and s the shift that one standard deviation of the sampling error
+        causes.
         """
         sampling_pC = math.sqrt(sample.sampling_variance) * sample.direction[self.electrodes]
         whitened = (sampling_pC / self.deviations_pC[0])[:, None]

@@ -11,45 +11,47 @@ from pvdf_fem.summary import Result, Summary, format_with_error
 
 
 class TrackStatus(StrEnum):
-    """State of the tracker at a sample, and of a touch that has ended."""
+    """State of the tracker at a sample, and outcome of a touch that has ended."""
 
-    SETTLING = "settling"  #: The baseline is being learned.
-    QUIET = "quiet"  #: Nothing touches.
-    STARTING = "starting"  #: A contact that is not located yet.
-    TOUCH = "touch"  #: A located touch.
+    SETTLING = "settling"  #: The baseline is being estimated; contacts are not detected yet.
+    QUIET = "quiet"  #: Nothing touches the film.
+    STARTING = "starting"  #: There is a contact that is not located yet.
+    TOUCH = "touch"  #: The touch is located.
     TOO_LIGHT = "too_light"  #: The force is below those of the response.
     TOO_STRONG = "too_strong"  #: The force is above those of the response.
-    UNEXPLAINED = "unexplained"  #: No touch of this probe gives such charges.
-    LOST = "lost"  #: Drift hides the contact, or the readings paused: a new baseline begins.
-    CLOCK = "clock"  #: The time did not grow: everything begins anew.
+    UNEXPLAINED = "unexplained"  #: No touch of this probe explains the charges.
+    #: The contact is hidden by drift, or the readings paused for too long.
+    LOST = "lost"
+    CLOCK = "clock"  #: The time did not increase, and the tracker restarted.
 
 
 @dataclass(frozen=True, repr=False)
 class TrackRow(Result):
     """State of the tracker at one sample; unknown numbers are NaN.
 
-    The force is NaN where it is far above the largest force of the response. While the status is
-    ``too_light``, the place is that of the samples before.
+    The force is NaN where it is far above the maximum force of the response. Position and rotation
+    are those of the last location, which may be some samples old; only the force is fitted to each
+    sample.
     """
 
     t_s: float
-    status: str  #: Of `TrackStatus`.
-    touch: int = 0  #: Number of the touch, from 1; 0 for none.
+    status: str  #: A value of `TrackStatus`.
+    touch: int = 0  #: Number of the touch, starting at 1; 0 without a contact.
     x_mm: float = math.nan
     y_mm: float = math.nan
     force_N: float = math.nan
     rotation_deg: float = math.nan
-    #: Standard deviations about this place, over the mixture of the likely places.
+    #: Standard deviations about these values, for the mixture of all likely touches.
     x_deviation_mm: float = math.nan
     y_deviation_mm: float = math.nan
     force_deviation_N: float = math.nan
     rotation_deviation_deg: float = math.nan
-    #: Chi-square of the sample's charges; degrees of freedom: number of channels less 1.
+    #: Chi-square of the charges of the sample, with one degree of freedom less than channels.
     chi_square: float = math.nan
-    alternatives: int = 0  #: Number of places with a hundredth of the likelihood or more.
-    #: Seconds until contacts are detected, if samples come as before; NaN while unknown.
+    alternatives: int = 0  #: Number of likely touches, including the reported one.
+    #: Seconds until contacts are detected, at the present sampling rate; NaN while unknown.
     settling_s: float = 0.0
-    missing: str = ""  #: Channels without a reading, by name: ``A C``.
+    missing: str = ""  #: Names of the channels without a reading, separated by spaces: ``A C``.
 
     def summary(self) -> Summary:
         """Return the row as a line of text."""
@@ -67,7 +69,7 @@ class TrackRow(Result):
         return Summary(f"touch {self.touch}" if self.touch else self.status, [line])
 
     def _format_quantities(self) -> str:
-        """Format place, force and rotation with their deviations, where these are known."""
+        """Format position, force and rotation with their standard deviations, if located."""
         if not self.alternatives:
             return ""
         quantities = (
@@ -78,7 +80,8 @@ class TrackRow(Result):
         )
         text = ""
         for name, value, deviation, unit in quantities:
-            if deviation > 0.0:  # A fixed quantity has none, and an unknown one NaN.
+            # The deviation of a fixed quantity is 0, that of an unknown quantity is NaN.
+            if deviation > 0.0:
                 text += f", {name} {' ± '.join(format_with_error(value, deviation))} {unit}"
         return text
 
@@ -86,7 +89,7 @@ class TrackRow(Result):
         return f"{self.t_s:.4f}"
 
     def to_json(self) -> dict[str, Any]:
-        """Return the values by name, None in place of NaN."""
+        """Return the values by name, with None in place of NaN."""
         values = {}
         for name, value in asdict(self).items():
             is_nan = isinstance(value, float) and math.isnan(value)
@@ -96,15 +99,16 @@ class TrackRow(Result):
 
 @dataclass(frozen=True, repr=False)
 class TouchSummary(TrackRow):
-    """A touch that has ended: its row at the peak of its charges, by the whole course.
+    """A touch that has ended: the row at the peak of its charges, located from all its samples.
 
-    The status is ``starting`` if the touch was not located; `missing` are the channels that had no
-    reading for a while.
+    The status is ``starting`` if the touch was never located. `missing` names the channels that
+    had no reading in some samples of the touch.
     """
 
     onset_s: float = math.nan
     end_s: float = math.nan
-    impulse_N_s: float = math.nan  #: Integral of the force over time.
+    #: Integral of the force over time since the touch was first located; NaN without a force.
+    impulse_N_s: float = math.nan
 
     def _format_time(self) -> str:
         return f"{self.onset_s:.4f} to {self.end_s:.4f}"

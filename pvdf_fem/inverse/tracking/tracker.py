@@ -1,9 +1,10 @@
-"""The tracker: touches in a stream of readings, when they begin and end, where, and their force.
+"""The tracker: detects and locates touches in a stream of readings.
 
-Each sample passes through four stages: the `SampleClock` (is it in time?), the `Baseline` (which
-voltages without a contact?), the `ContactDetector` (does a contact begin?), and during a contact
-the `Contact` (charges, end, place and force). Readings are those of the channels of the response's
-scene (`scene.readout`). Places and rotations are in the frame of its stage.
+Each sample passes through up to four stages: the `SampleClock` checks its time, the `Baseline`
+predicts the voltages without a contact, the `ContactDetector` tests whether a contact begins, and
+during a contact the `Contact` integrates the charges, detects the end, and estimates position and
+force. The readings are those of the channels of the response's scene (`scene.readout`). Positions
+and rotations are in the frame of its stage.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from pvdf_fem.inverse.tracking.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.clock import ClockEvent, SampleClock
 from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.contact_detector import ContactDetector, VoltageSample
-from pvdf_fem.inverse.tracking.contact_problem import CandidatePlaces, ContactProblem
+from pvdf_fem.inverse.tracking.contact_problem import CandidateTouches, ContactProblem
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
 from pvdf_fem.scene.arguments import Names, as_response, coerce, coerce_array
@@ -36,20 +37,19 @@ UNITS = ("V", "pC")  #: Units of readings.
 
 
 class Tracker:
-    """A tracker of touches in a stream of readings.
+    """Tracker of touches in a stream of readings.
 
     Parameters
     ----------
     response : Response
-        Charges as a function of the touch. Its scene has the readout of the channels and the
-        stage.
+        Charges as a function of the touch. Its scene defines the readout channels and the stage.
     unknown : sequence of str
-        Quantities to find, of ``x_mm``, ``y_mm``, ``rotation_deg`` and ``force_N``. The force must
-        be among them; other quantities that are left out have the values of the scene.
+        Quantities to find, from ``x_mm``, ``y_mm``, ``rotation_deg`` and ``force_N``. The force is
+        required; the other quantities are fixed at the values of the scene if they are left out.
     unit : {"V", "pC"}
         Unit of the readings. Readings in nominal pC are readings in V times the capacitance.
     options : TrackOptions
-        When contacts begin and end, and when they are located.
+        Thresholds to detect, locate and end contacts.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Tracker:
     Raises
     ------
     ValueError
-        If an argument is wrong, with a line for each error.
+        If arguments are wrong; the message has a line for each error.
 
     Examples
     --------
@@ -111,22 +111,31 @@ class Tracker:
         self._restart()
 
     def _restart(self) -> None:
-        """Forget the baseline and the contact; touches that have ended stay."""
+        """Restart without a baseline and a contact; the list of finished touches is kept."""
         self._baseline = Baseline(self._circuit, self._options)
         self._detector = ContactDetector(len(self.response.names), self._options)
         self._contact: Contact | None = None
         self._missing = set[str]()
 
     def update(self, t: float, readings: Mapping[str, float] | Sequence[float]) -> TrackRow:
-        """Process a sample, and return the state of the tracker.
+        """Process a sample and return the state of the tracker.
+
+        When a contact ends, its summary is appended to `touches`. The tracker restarts, without
+        using the readings of the sample, if the time does not increase or if the pause before the
+        sample is too long; a contact in progress is then cut off.
 
         Parameters
         ----------
         t : float
-            Time of the sample in s. If it does not grow, everything begins anew.
+            Time of the sample in s.
         readings : mapping of str to float, or sequence of float
-            Readings of the channels, by name or in the order of the response's electrodes; NaN
-            where there is none.
+            Readings of the channels, by name or in the order of the response's electrodes. A
+            reading is missing if it is NaN or infinite, or if its name is not in the mapping.
+
+        Returns
+        -------
+        TrackRow
+            Status, and position and force of the touch if there is one.
 
         Raises
         ------
@@ -156,7 +165,7 @@ class Tracker:
         return replace(row, missing=" ".join(missing)) if missing else row
 
     def _coerce_readings(self, readings: Mapping[str, float] | Sequence[float]) -> Array:
-        """Return the readings as an array, (electrodes,), NaN where there is none."""
+        """Convert the readings to an array of shape (electrodes,), NaN where they are missing."""
         names = self.response.names
         if isinstance(readings, Mapping):
             unknown = readings.keys() - {*names}
@@ -173,10 +182,10 @@ class Tracker:
 
     @property
     def settling_ends_s(self) -> float:
-        """Time from which contacts are detected, if samples come as before; NaN while unknown.
+        """Time in s from which contacts are detected, at the present sampling rate.
 
-        Until then the baseline and its noise are learned, from `TrackOptions.settling_samples`
-        samples.
+        Until then, the baseline and its noise are estimated from `TrackOptions.settling_samples`
+        samples. NaN as long as the sampling interval is unknown.
         """
         needed = self._options.settling_samples + int(self._detector.windows[-1])
         left = needed - self._baseline.sample_count - len(self._detector.samples)
@@ -185,7 +194,17 @@ class Tracker:
         return self._clock.time_s + left * self._clock.interval_s
 
     def _restart_at(self, t: float, event: ClockEvent) -> TrackRow:
-        """Restart at a sample: the first one, one after a pause, or one whose time did not grow."""
+        """Restart at the first sample, after a long pause, or if the time does not increase.
+
+        A contact in progress is finished with the status ``lost`` or ``clock``.
+
+        Parameters
+        ----------
+        t : float
+            Time of the sample in s.
+        event : ClockEvent
+            Reason of the restart.
+        """
         status = TrackStatus.LOST if event is ClockEvent.PAUSE else TrackStatus.CLOCK
         if self._contact:
             self._finish_contact(self._clock.time_s, self._contact, status)
@@ -193,7 +212,17 @@ class Tracker:
         return TrackRow(t, TrackStatus.SETTLING if event is ClockEvent.FIRST else status)
 
     def _watch_baseline(self, t: float, voltages: Array) -> TrackRow:
-        """Process a sample without a contact: detect the begin of one, or follow the baseline."""
+        """Process a sample outside of contacts: begin a contact, or update the baseline.
+
+        While the baseline settles, the deviations count as zero, so that no contact is detected.
+
+        Parameters
+        ----------
+        t : float
+            Time of the sample in s.
+        voltages : ndarray, shape (electrodes,)
+            Voltages of the channels in V.
+        """
         baseline = self._baseline
         detector = self._detector
         is_settling = baseline.sample_count < self._options.settling_samples
@@ -208,19 +237,25 @@ class Tracker:
         if count:
             return self._begin_contact(count)
         if detector.is_full:
-            self._follow_oldest_sample()
+            self._move_oldest_sample_to_baseline()
         return TrackRow(t, TrackStatus.SETTLING if is_settling else TrackStatus.QUIET)
 
-    def _follow_oldest_sample(self) -> None:
+    def _move_oldest_sample_to_baseline(self) -> None:
         """Move the oldest sample from the detector into the baseline."""
         oldest = self._detector.samples.popleft()
         self._baseline.add(oldest.time_s, oldest.voltages)
 
     def _begin_contact(self, count: int) -> TrackRow:
-        """Begin a contact with the last `count` samples."""
+        """Begin a contact with the last samples of the detector; earlier ones join the baseline.
+
+        Parameters
+        ----------
+        count : int
+            Number of samples that belong to the contact.
+        """
         samples = self._detector.samples
         while len(samples) > count:
-            self._follow_oldest_sample()
+            self._move_oldest_sample_to_baseline()
         self._missing = set()
         onset_s = samples[0].time_s - self._clock.interval_s
         residual = self._baseline.predict_residual(onset_s)
@@ -231,36 +266,41 @@ class Tracker:
         return self._make_contact_row(samples[-1].time_s, contact)
 
     def _add_to_contact(self, contact: Contact, t: float, voltages: Array) -> None:
-        """Add a sample to a contact, with the drift that the error of the baseline adds.
+        """Add a sample to a contact, and estimate the drift due to the error of the baseline.
 
         Parameters
         ----------
         contact : Contact
-            The contact in progress.
+            Contact in progress.
         t : float
             Time of the sample in s.
-        voltages : array, (electrodes,)
+        voltages : ndarray, shape (electrodes,)
             Voltages of the channels in V.
+
+        Notes
+        -----
+        A constant error e of the baseline voltage, integrated for a time t, adds the charge
+        (C + t/R) e.
         """
         baseline = self._baseline
         elapsed_s = t - contact.record.onset_s
         extrapolated = elapsed_s / self._clock.interval_s
         error_V = baseline.noise_V * baseline.compute_relative_error(t, extrapolated)
         drift_pC = (self._circuit.capacitance + self._circuit.conductance * elapsed_s) * error_V
-        over_line = voltages - baseline.predict(t) + baseline.predict_residual(t)
-        contact.add(t, over_line, baseline.noise_V, drift_pC)
+        above_line = voltages - baseline.predict(t) + baseline.predict_residual(t)
+        contact.add(t, above_line, baseline.noise_V, drift_pC)
 
     def _continue_contact(self, t: float, voltages: Array, contact: Contact) -> TrackRow:
-        """Process a sample during a contact, which may end with it.
+        """Process a sample during a contact, and finish the contact if it has ended or is lost.
 
         Parameters
         ----------
         t : float
             Time of the sample in s.
-        voltages : array, (electrodes,)
+        voltages : ndarray, shape (electrodes,)
             Voltages of the channels in V.
         contact : Contact
-            The contact in progress.
+            Contact in progress.
         """
         self._add_to_contact(contact, t, voltages)
         if contact.record.detect_end():
@@ -275,16 +315,19 @@ class Tracker:
     def _finish_contact(
         self, t: float, contact: Contact, status: TrackStatus | None = None
     ) -> None:
-        """Summarise a contact, and watch the baseline again.
+        """Append the summary of a contact to `touches`, and return to watching the baseline.
+
+        The voltages after the contact become the residual of the baseline, and the detector starts
+        without samples.
 
         Parameters
         ----------
         t : float
             Time of the last sample.
         contact : Contact
-            The contact that has ended.
+            Contact that has ended or is cut off.
         status : TrackStatus, optional
-            Why the contact was cut off; None for a plain end.
+            Reason why the contact was cut off. Default: None, the contact has ended.
         """
         self.touches.append(self._summarise(contact, status))
         end_s, voltages = contact.record.get_voltages_after_end()
@@ -293,15 +336,27 @@ class Tracker:
         self._detector = ContactDetector(len(self.response.names), self._options)
 
     def _summarise(self, contact: Contact, status: TrackStatus | None) -> TouchSummary:
-        """Return the summary of a contact, with another status if one is given."""
+        """Summarise a contact at the sample from which it was last located.
+
+        Parameters
+        ----------
+        contact : Contact
+            Contact that has ended or is cut off.
+        status : TrackStatus, optional
+            Status that replaces the one of the located touch. Default: None, keep that status.
+        """
         record = contact.record
         locator = contact.locator
-        places = locator.places
-        if places is None:
+        candidates = locator.candidates
+        if candidates is None:
             row = TrackRow(record.largest.time_s, TrackStatus.STARTING, len(self.touches) + 1)
         else:
-            time_s = places.sample.time_s
-            row = self._make_touch_row(time_s, places, places.likeliest, places.chi_square)
+            row = self._make_touch_row(
+                candidates.sample.time_s,
+                candidates,
+                coordinates=candidates.likeliest,
+                chi_square=candidates.chi_square,
+            )
         values = {field.name: getattr(row, field.name) for field in fields(row)}
         values["missing"] = " ".join(sorted(self._missing))
         if status is not None:
@@ -314,33 +369,38 @@ class Tracker:
         )
 
     def _make_contact_row(self, t: float, contact: Contact) -> TrackRow:
-        """Return the row of the last sample of a contact."""
+        """Make the row of the last sample of a contact; without a position until it is located."""
         locator = contact.locator
-        if locator.places is None:
+        if locator.candidates is None:
             return TrackRow(t, TrackStatus.STARTING, len(self.touches) + 1)
-        return self._make_touch_row(t, locator.places, locator.coordinates, locator.chi_square)
+        return self._make_touch_row(
+            t,
+            locator.candidates,
+            coordinates=locator.coordinates,
+            chi_square=locator.chi_square,
+        )
 
     def _make_touch_row(
-        self, t: float, places: CandidatePlaces, coordinates: Array, chi_square: float
+        self, t: float, candidates: CandidateTouches, coordinates: Array, chi_square: float
     ) -> TrackRow:
-        """Return the row of a located touch, in the frame of the stage.
+        """Make the row of a located touch, in the frame of the stage.
 
         Parameters
         ----------
         t : float
             Time of the sample in s.
-        places : CandidatePlaces
-            Candidates for the place, with their deviations.
-        coordinates : array, (4,)
+        candidates : CandidateTouches
+            Candidates of the last location, with the standard deviations of the coordinates.
+        coordinates : ndarray, shape (4,)
             Coordinates of the touch at this time.
         chi_square : float
             Chi-square of the charges at this time.
         """
         problem = self._problem
         x_mm, y_mm, rotation_deg, force_N = problem.to_touches(coordinates[None])[0].tolist()
-        x_deviation, y_deviation, rotation_deviation, log_deviation = places.deviations.tolist()
+        x_deviation, y_deviation, rotation_deviation, log_deviation = candidates.deviations.tolist()
         lowest_N, highest_N = self.response.domain.force_N
-        if not places.is_explained:
+        if not candidates.is_explained:
             status = TrackStatus.UNEXPLAINED
         elif force_N < lowest_N:
             status = TrackStatus.TOO_LIGHT
@@ -348,6 +408,7 @@ class Tracker:
             status = TrackStatus.TOO_STRONG
         else:
             status = TrackStatus.TOUCH
+        # A force at the upper end of the extrapolated range is unknown.
         if coordinates[TouchColumn.FORCE] >= problem.log_force_range[1]:
             force_N = math.nan
         return TrackRow(
@@ -363,5 +424,5 @@ class Tracker:
             force_deviation_N=log_deviation * force_N,
             rotation_deviation_deg=rotation_deviation,
             chi_square=chi_square,
-            alternatives=len(places),
+            alternatives=len(candidates),
         )

@@ -113,9 +113,8 @@ class NewtonVariant(ABC):
     """
 
     max_iterations = 60
-    factors: SuperLU | None = (
-        None  #: Factors of the tangent at the solution, when it has converged.
-    )
+    #: Factors of the tangent at the solution, when the iteration has converged.
+    factors: SuperLU | None = None
 
     def __init__(self, equilibrium: Equilibrium) -> None:
         self.equilibrium = equilibrium
@@ -147,9 +146,22 @@ class NewtonVariant(ABC):
         Returns
         -------
         float
-            The norm over that of the displacement, whose square is the work of the loads.
+            The norm over that of the displacement; infinite where that is zero.
         """
-        return float(np.sqrt(abs(slope / self.equilibrium.work(state, q))))
+        squared_norm = abs(self.compute_squared_norm(q, state))
+        return float(np.sqrt(abs(slope) / squared_norm)) if squared_norm > 0.0 else np.inf
+
+    def compute_squared_norm(self, q: Array, state: State) -> float:
+        """Compute the squared energy norm of a displacement in J: here the work of the loads.
+
+        Parameters
+        ----------
+        q : ndarray, shape (unknowns,)
+            Unknowns of the displacement.
+        state : State
+            Its state.
+        """
+        return self.equilibrium.work(state, q)
 
     def choose_length(self, step: NewtonStep) -> float:
         """Choose the part of a full step that is made; here all of it."""
@@ -216,8 +228,7 @@ def run_newton(variant: NewtonVariant, q: Array) -> NewtonResult:
             q = q + change
             state = equilibrium.state(q)
             status = variant.find_end(step, state, iterations)
-    except (FloatingPointError, ZeroDivisionError):
-        # the steps diverge, or lead to a state in which the loads do no work, off all tips
+    except FloatingPointError:  # the steps diverge
         status = Status.MAX_ITERATIONS
     except RuntimeError:  # SuperLU: exactly singular
         status = Status.SINGULAR

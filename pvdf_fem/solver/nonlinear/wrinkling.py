@@ -115,15 +115,14 @@ class PredictedStressNewton(NewtonVariant):
         return FactorisedTangent(factorise(self.equilibrium.tangent(predicted)))
 
     def measure_step(self, q: Array, state: State, slope: float) -> float:
-        """Compute the relative size of a full step in the energy norm.
-
-        The squared norm of the displacement is the smaller of the loads' work and twice the energy.
-        """
-        work = self.equilibrium.work(state, q)
-        energy = self.equilibrium.membrane.energy(state)
-        scale = abs(min(work, 2.0 * energy))
-        self._last_size = float(np.sqrt(abs(slope) / scale)) if scale > 0.0 else np.inf
+        """Compute the relative size of a full step in the energy norm, and keep it."""
+        self._last_size = super().measure_step(q, state, slope)
         return self._last_size
+
+    def compute_squared_norm(self, q: Array, state: State) -> float:
+        """Compute the smaller of the loads' work and twice the energy in J."""
+        work = super().compute_squared_norm(q, state)
+        return min(work, 2.0 * self.equilibrium.membrane.energy(state))
 
     def choose_length(self, step: NewtonStep) -> float:
         """Choose where the energy along a full step nearly stops falling.
@@ -223,10 +222,11 @@ def continue_from_larger_loads(
     while True:
         is_last_load = factor == 1.0
         loaded = equilibrium.with_scaled_loads(factor)
-        variant = PredictedStressNewton(loaded, passing_tolerance)
         if is_last_load:
-            remaining = WrinklingOptions(max_iterations=most - len(iterations))
-            variant = PredictedStressNewton(loaded, tolerance, options=remaining)
+            options = WrinklingOptions(max_iterations=most - len(iterations))
+            variant = PredictedStressNewton(loaded, tolerance, options=options)
+        else:
+            variant = PredictedStressNewton(loaded, passing_tolerance)
         initial_guess = compute_initial_guess(loaded) if solved_q is None else solved_q
         result = run_newton(variant, initial_guess)
         iterations.extend(result.iterations)
@@ -237,9 +237,9 @@ def continue_from_larger_loads(
             solved_q = result.q
             solved_factor = factor
         elif solved_q is not None:
-            ratio = (solved_factor / factor) ** 0.5
+            ratio = (solved_factor / factor) ** 0.5  # a smaller step down from the last load
         if solved_q is None:
-            factor *= growth
+            factor *= growth  # no load was large enough yet
         else:
             factor = max(solved_factor / ratio, 1.0)
     status = Status.CONVERGED if has_converged else Status.MAX_ITERATIONS

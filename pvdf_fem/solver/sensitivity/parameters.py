@@ -39,8 +39,8 @@ def list_parameters(problem: Problem) -> tuple[str, ...]:
     ``film.pretension_N_m`` has this key, or ``.0`` and ``.1``, in place of
     ``film.temperature_change_K``, and its other keys are at this pretension; loads on the whole
     film add their keys. A rigid probe has no derivative with respect to its position, as the
-    tractions along its edge are singular. A film that bends or wrinkles has no derivatives by its stiffness; a film
-    that feels electrode voltages has none by d31 and d32 either.
+    tractions along its edge are singular. A film that bends or wrinkles has no derivatives by its
+    stiffness; a film that feels electrode voltages has none by d31 and d32 either.
 
     Parameters
     ----------

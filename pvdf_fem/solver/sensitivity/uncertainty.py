@@ -62,7 +62,7 @@ class Uncertainty(Result):
         return _combine_parts(self.change_parts_pC)
 
     def shares(self) -> dict[str, dict[str, float]]:
-        """Return the fraction of each charge's variance due to each number, by key and electrode."""
+        """Return the share of each number in each charge's variance, by key and electrode."""
         deviations = self.charges_pC
         shares: dict[str, dict[str, float]] = {}
         for key, parts in self.parts_pC.items():
@@ -83,7 +83,7 @@ class Uncertainty(Result):
     @property
     def table(self) -> TextTable:
         """Charges and changes with their deviations, and the shares in percent."""
-        heading = ["charges, uncertain values", "total, pC", "± pC", "change by touch, pC", "± pC"]
+        heading = ["charges, uncertain values", "total, pC", "± pC", "change by load, pC", "± pC"]
         charges = self.charges_pC
         changes = self.charge_changes_pC
         shares = self.shares()

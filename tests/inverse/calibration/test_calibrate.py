@@ -245,7 +245,9 @@ def test_a_robust_loss_grows_as_the_logarithm_beyond_its_limit(limit, loss):
     assert np.square(residuals).sum() == pytest.approx(3.0 * loss)
 
 
-@pytest.mark.parametrize(("column", "word"), [("x_mm", "misplaced"), ("force_N", "force_N")])
+@pytest.mark.parametrize(
+    ("column", "word"), [("x_mm", "another position"), ("force_N", "another force")]
+)
 def test_one_wrong_touch_is_named_and_does_not_bias(calibration, column, word):
     columns = make_columns(sigma=0.01, place_sd=0.3)
     columns[column][4] = 1.5 * columns[column][4] + 4.0 * (column == "x_mm")

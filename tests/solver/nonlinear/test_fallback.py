@@ -53,7 +53,7 @@ def test_wrinkling_film_converges_from_a_far_initial_guess(mesh):
     result = find_equilibrium(equilibrium, 1e3 * near.q)
     assert near.status is result.status is Status.CONVERGED
     assert near.failed_attempts == ()
-    stresses = [equilibrium.state(found.q).stress for found in (near, result)]
+    stresses = [equilibrium.state(each.q).stress for each in (near, result)]
     assert stresses[1] == pytest.approx(stresses[0], abs=1e-6 * np.abs(stresses[0]).max())
 
 
@@ -71,12 +71,13 @@ def test_is_barely_loaded_compares_the_load_strain_with_the_excess(mesh, factor)
 def test_line_search_ends_where_the_energy_nearly_stops_falling(mesh, stretch, length):
     equilibrium = Equilibrium(Problem.from_scene(TRIANGLE.with_(**WRINKLING)), mesh)
     solution = find_equilibrium(equilibrium).q
-    q, change = 0.8 * solution, 0.2 * stretch * solution
+    q = 0.8 * solution
+    change = 0.2 * stretch * solution
     state = equilibrium.state(q)
     slope = float(equilibrium.residual(state) @ change)
     step = NewtonStep(q, state, change, slope=slope, size=1.0)
-    found = PredictedStressNewton(equilibrium, 1e-6).choose_length(step)
-    assert found == pytest.approx(length, rel=0.25 if length < 1.0 else 0.0)
+    chosen = PredictedStressNewton(equilibrium, 1e-6).choose_length(step)
+    assert chosen == pytest.approx(length, rel=0.25 if length < 1.0 else 0.0)
 
 
 # the budget

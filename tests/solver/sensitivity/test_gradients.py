@@ -36,7 +36,7 @@ SPHERE = {"shape": "sphere", "radius_mm": 5.0, "x_mm": 5.0, "y_mm": 1.0}
 
 
 def difference(scene, direction, step, **how):
-    """Derivative of the charges along changes by key, central and extrapolated: O(step^4)."""
+    """Compute the derivative of charges along changes by key: central, extrapolated, O(step^4)."""
 
     def at(s):
         changes = {key: get_number(scene, key) + s * d for key, d in direction.items()}
@@ -46,8 +46,8 @@ def difference(scene, direction, step, **how):
     return (4 * fine - coarse) / 3
 
 
-def along(found, direction):
-    return sum(d * values(found[key]) for key, d in direction.items())
+def along(derivatives, direction):
+    return sum(d * values(derivatives[key]) for key, d in direction.items())
 
 
 @pytest.mark.parametrize(
@@ -73,15 +73,18 @@ def along(found, direction):
 def test_derivatives_other_than_by_place_on_one_mesh(changes, keys):
     """On one mesh the adjoint gives the exact derivative of the discrete charges."""
     scene = TURNED.with_(**changes)
-    mesh, signs = graded_mesh(scene, 3.0, 15.0), np.random.default_rng(5)
-    known = [
+    mesh = graded_mesh(scene, 3.0, 15.0)
+    signs = np.random.default_rng(5)
+    keys_but_place = [
         key for key in list_parameters(Problem.from_scene(scene)) if not key.endswith(PLACE_NAMES)
     ]
-    assert keys <= set(known)
-    direction = {k: signs.choice([-1.0, 1.0]) * (get_number(scene, k) or 0.1) for k in known}
-    found = gradients(solve(scene, mesh=mesh, order=2), known)
+    assert keys <= set(keys_but_place)
+    direction = {
+        k: signs.choice([-1.0, 1.0]) * (get_number(scene, k) or 0.1) for k in keys_but_place
+    }
+    derivatives = gradients(solve(scene, mesh=mesh, order=2), keys_but_place)
     expected = difference(scene, direction, 3e-3, mesh=mesh, order=2)
-    assert along(found, direction) == pytest.approx(expected, rel=2e-6)
+    assert along(derivatives, direction) == pytest.approx(expected, rel=2e-6)
 
 
 @pytest.mark.parametrize(
@@ -102,21 +105,23 @@ def test_derivatives_other_than_by_place_on_one_mesh(changes, keys):
 def test_derivatives_by_places_of_probes_and_tips(scene, direction):
     """Each place has its own mesh, so that both sides have discretisation errors."""
     scene = scene.with_(**{"numerics.tolerance": 1e-4})
-    found = gradients(solve(scene), list(direction))
+    derivatives = gradients(solve(scene), list(direction))
     ends = (
         scene.with_(**{key: get_number(scene, key) + s * d for key, d in direction.items()})
         for s in (0.5, -0.5)
     )
     plus, minus = (charges(end) for end in ends)
-    wrong, most = np.abs(along(found, direction) - plus + minus), np.abs(plus - minus).max()
-    stated = along(found.errors, {key: abs(d) for key, d in direction.items()})
-    assert (wrong <= stated + 4e-3 * most).all()
-    assert stated.max() < 5e-2 * most
+    change = plus - minus
+    true_errors = np.abs(along(derivatives, direction) - change)
+    largest = np.abs(change).max()
+    estimated = along(derivatives.errors, {key: abs(d) for key, d in direction.items()})
+    assert (true_errors <= estimated + 4e-3 * largest).all()
+    assert estimated.max() < 5e-2 * largest
 
 
 def test_a_pressure_up_to_the_clamped_rim_has_no_derivative_by_place():
-    found = gradients(Scene(probe={"shape": "circle", "radius_mm": 45.0}), ["probe.x_mm"])
-    assert np.abs(values(found["probe.x_mm"])).max() < 1e-9
+    derivatives = gradients(Scene(probe={"shape": "circle", "radius_mm": 45.0}), ["probe.x_mm"])
+    assert np.abs(values(derivatives["probe.x_mm"])).max() < 1e-9
 
 
 @pytest.fixture(scope="module")
@@ -126,43 +131,47 @@ def turned():
 
 def test_rates_of_stress_integrals_combine_to_those_of_charges(turned):
     keys = ["load.force_N", "probe.x_mm", "film.thickness_um"]
-    found, by_integrals = gradients(turned, keys), compute_integral_rates(turned, keys) @ [8.0, 3.0]
+    derivatives = gradients(turned, keys)
+    by_integrals = compute_integral_rates(turned, keys) @ [8.0, 3.0]
     for key, rates in zip(keys, by_integrals, strict=True):
-        assert values(found[key]) == pytest.approx(rates, rel=1e-9)
+        assert values(derivatives[key]) == pytest.approx(rates, rel=1e-9)
 
 
 def test_relative_errors_of_vanishing_derivatives_refer_to_the_charge_per_scale():
     """Opposite coefficients cancel under a disc at the centre, whatever is changed."""
     disc = {"shape": "circle", "radius_mm": 6.0, "x_mm": 0.0, "y_mm": 0.0}
     scene = Scene(film={"d32_pC_N": -8.0}, probe={**disc, "radius_mm": 4.0}, load={"force_N": 0.5})
-    found = gradients(scene.with_(electrodes=[{"name": "A", **disc}]))
-    charge = found.solution.charges_by(8.0, 0.0)["A"] + found.solution.charges_by(0.0, 8.0)["A"]
+    derivatives = gradients(scene.with_(electrodes=[{"name": "A", **disc}]))
+    charge = (
+        derivatives.solution.charges_by(8.0, 0.0)["A"]
+        + derivatives.solution.charges_by(0.0, 8.0)["A"]
+    )
     scales = {"probe.x_mm": 4.0, "load.force_N": 0.5, "film.thickness_um": 25.0}
     for key, scale in scales.items():
-        assert abs(found[key]["A"]) < 1e-3 * charge / scale
-        part = found.errors[key]["A"] * scale / charge
-        assert found.relative_errors[key] == pytest.approx(1e3 * part, rel=1e-6)
+        assert abs(derivatives[key]["A"]) < 1e-3 * charge / scale
+        part = derivatives.errors[key]["A"] * scale / charge
+        assert derivatives.relative_errors[key] == pytest.approx(1e3 * part, rel=1e-6)
         assert part > 0.0
-    for table in (found, found.errors):  # a disc has no orientation
+    for table in (derivatives, derivatives.errors):  # a disc has no orientation
         assert table["probe.rotation_deg"] == {"A": 0.0}
-    assert found.relative_errors["probe.rotation_deg"] == 0.0
+    assert derivatives.relative_errors["probe.rotation_deg"] == 0.0
 
 
 def test_a_film_without_a_probe_has_only_its_own_parameters():
     """N0 alone: Q = A (d31 + d32) E α|ΔT|/(1 - ν), and Q = A (d31 N1 + d32 N2)/h of a given one."""
-    given = Scene().with_(**UNEQUAL, **{"film.d31_pC_N": 3.0})
+    tensioned = Scene().with_(**UNEQUAL, **{"film.d31_pC_N": 3.0})
     by_tension = 9.0 * np.array([3.0, 8.0]) / 25.0
     rates = {
         Scene(): {"film.temperature_change_K": -48.0, "film.poisson_ratio": 48.0 / (1 - 0.34)},
-        given: {f"film.pretension_N_m.{i}": by_tension[i] for i in (0, 1)}
+        tensioned: {f"film.pretension_N_m.{i}": by_tension[i] for i in (0, 1)}
         | {"film.thickness_um": -by_tension @ [12.0, 5.0] / 25.0}
         | {"film.poisson_ratio": 0.0, "film.youngs_modulus_GPa.0": 0.0},
     }
     for scene, expected in rates.items():
-        found = gradients(solve(scene))
-        assert not any(key.startswith(("probe", "load")) for key in found)
+        derivatives = gradients(solve(scene))
+        assert not any(key.startswith(("probe", "load")) for key in derivatives)
         for key, rate in expected.items():
-            assert values(found[key]) == pytest.approx(rate, rel=1e-9, abs=1e-7)
+            assert values(derivatives[key]) == pytest.approx(rate, rel=1e-9, abs=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -188,17 +197,17 @@ def test_refuses_a_solution_that_is_not_converged():
 
 @pytest.mark.parametrize("seed", [2, 4])
 def test_estimated_errors_have_the_right_size(seed):
-    """Against a much finer tolerance, whose own errors count for it and against it."""
+    """The reference is a much finer solve, whose errors are allowed for."""
     scene = make_random_scene(np.random.default_rng(seed), **{"numerics.tolerance": 5e-3})
     coarse = gradients(scene)
     fine = gradients(scene.with_(**{"numerics.tolerance": 1e-4}))
-    found, expected, stated, left = (
+    coarse_values, expected, estimated, fine_errors = (
         np.array([list(table[key].values()) for key in coarse])
         for table in (coarse, fine, coarse.errors, fine.errors)
     )
-    true = np.abs(found - expected)
-    assert np.all(stated >= 0.3 * (true - left))
-    assert np.mean(stated <= 10.0 * (true + left)) > 0.6
+    true_errors = np.abs(coarse_values - expected)
+    assert np.all(estimated >= 0.3 * (true_errors - fine_errors))
+    assert np.mean(estimated <= 10.0 * (true_errors + fine_errors)) > 0.6
 
 
 def test_errors_do_not_depend_on_what_else_is_asked_for(turned):
@@ -211,23 +220,27 @@ def test_errors_do_not_depend_on_what_else_is_asked_for(turned):
 
 def test_a_tolerance_of_derivatives(turned):
     """The rotation changes charges so little that its derivative needs finer charges."""
-    key, tolerance = "probe.rotation_deg", 3e-2
-    rough, found = gradients(turned, [key]), gradients(TURNED, [key], tolerance=tolerance)
+    key = "probe.rotation_deg"
+    tolerance = 3e-2
+    rough = gradients(turned, [key])
+    derivatives = gradients(TURNED, [key], tolerance=tolerance)
     expected = values(gradients(solve(TURNED.with_(**{"numerics.tolerance": 1e-5})), [key])[key])
-    errors = [np.abs(values(table[key]) - expected).max() for table in (rough, found)]
+    errors = [np.abs(values(table[key]) - expected).max() for table in (rough, derivatives)]
     assert errors[1] <= tolerance * np.abs(expected).max() < errors[0]
-    assert found.relative_errors[key] <= tolerance < rough.relative_errors[key]
-    assert found.solution.scene.numerics.tolerance < TURNED.numerics.tolerance
+    assert derivatives.relative_errors[key] <= tolerance < rough.relative_errors[key]
+    assert derivatives.solution.scene.numerics.tolerance < TURNED.numerics.tolerance
     assert gradients(turned, [key], tolerance=0.5).solution is turned
 
 
 def test_a_finer_tolerance_keeps_the_film_model():
     """At the usual tolerance this film is a membrane; but for finer charges it would bend."""
     auto = TURNED.with_(**{"film.bending": "auto", "film.thickness_um": 5.0})
-    found = gradients(auto, ["film.thickness_um"], tolerance=2e-4)
-    assert found.relative_errors["film.thickness_um"] <= 2e-4
-    assert not found.solution.included
-    assert Problem.from_scene(found.solution.scene.with_(**{"film.bending": "auto"})).film.bends
+    derivatives = gradients(auto, ["film.thickness_um"], tolerance=2e-4)
+    assert derivatives.relative_errors["film.thickness_um"] <= 2e-4
+    assert not derivatives.solution.included
+    assert Problem.from_scene(
+        derivatives.solution.scene.with_(**{"film.bending": "auto"})
+    ).film.bends
 
 
 def test_an_unreachable_tolerance_names_the_key_to_change():

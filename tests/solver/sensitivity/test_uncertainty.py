@@ -30,30 +30,30 @@ def by_solves(scene, key, size, part=0.05):
 
 
 @pytest.fixture(scope="module")
-def found():
+def result():
     return uncertainty(SCENE, UNCERTAIN)
 
 
 @pytest.mark.parametrize("key", UNCERTAIN)
-def test_parts_agree_with_solves_at_changed_values(found, key):
-    total, change = by_solves(SCENE, key, found.deviations[key])
-    assert values(found.parts_pC[key]) == pytest.approx(total, rel=5e-3)
-    assert values(found.change_parts_pC[key]) == pytest.approx(change, rel=5e-3)
+def test_parts_agree_with_solves_at_changed_values(result, key):
+    total, change = by_solves(SCENE, key, result.deviations[key])
+    assert values(result.parts_pC[key]) == pytest.approx(total, rel=5e-3)
+    assert values(result.change_parts_pC[key]) == pytest.approx(change, rel=5e-3)
 
 
-def test_deviations_are_roots_of_sums_of_squares_and_shares_add_up_to_one(found):
-    for name, whole in found.charges_pC.items():
-        parts = [of[name] for of in found.parts_pC.values()]
-        assert whole == pytest.approx(np.sqrt(np.sum(np.square(parts))))
-        assert sum(of[name] for of in found.shares().values()) == pytest.approx(1.0)
+def test_deviations_are_roots_of_sums_of_squares_and_shares_add_up_to_one(result):
+    for name, deviation in result.charges_pC.items():
+        parts = [of_key[name] for of_key in result.parts_pC.values()]
+        assert deviation == pytest.approx(np.sqrt(np.sum(np.square(parts))))
+        assert sum(of_key[name] for of_key in result.shares().values()) == pytest.approx(1.0)
 
 
 def test_a_cooled_film_has_an_uncertain_pretension():
     """Other values are uncertain at this pretension."""
     tension = float(SCENE.film.prestress[0] * SCENE.film.thickness)
-    given = SCENE.with_({"film.pretension_N_m": tension})
+    tensioned = SCENE.with_({"film.pretension_N_m": tension})
     uncertain = {"film.pretension_N_m": "30 %", "film.thickness_um": "5 %"}
-    cooled, same = (uncertainty(scene, uncertain) for scene in (SCENE, given))
+    cooled, same = (uncertainty(scene, uncertain) for scene in (SCENE, tensioned))
     assert cooled.deviations == pytest.approx(same.deviations)
     assert cooled.charge_changes_pC == pytest.approx(same.charge_changes_pC, rel=1e-3)
 
@@ -61,18 +61,18 @@ def test_a_cooled_film_has_an_uncertain_pretension():
 def test_both_numbers_of_a_pair_deviate_together():
     """By similarity, at no force and a given strain charges go with the moduli."""
     flat = SCENE.with_({"film.youngs_modulus_GPa": [2.4, 1.8], "probe": None})
-    found = uncertainty(flat, {"film.youngs_modulus_GPa": "10 %"})
+    result = uncertainty(flat, {"film.youngs_modulus_GPa": "10 %"})
     expected = {name: 0.1 * charge for name, charge in solve(flat).charges_pC.items()}
-    assert found.charges_pC == pytest.approx(expected, rel=1e-6)
+    assert result.charges_pC == pytest.approx(expected, rel=1e-6)
 
 
 def test_charges_of_a_solved_unloaded_film_have_deviations():
     patch = {"shape": "circle", "radius_mm": 2.0, "x_mm": 6.0, "y_mm": 0.0, "thickness_um": 9.0}
     scene = SCENE.with_({"film.patches": [{**patch, "youngs_modulus_GPa": 3.0}]})
     key = "film.thickness_um"
-    found = uncertainty(scene, {key: "5 %"})
-    _, change = by_solves(scene, key, found.deviations[key])
-    assert values(found.charge_changes_pC) == pytest.approx(change, rel=1e-2)
+    result = uncertainty(scene, {key: "5 %"})
+    _, change = by_solves(scene, key, result.deviations[key])
+    assert values(result.charge_changes_pC) == pytest.approx(change, rel=1e-2)
 
 
 @pytest.mark.parametrize(
