@@ -2,8 +2,8 @@
 
 Beside a clamped edge, a punch or the edge of a pressure the slope of a film changes within the
 bending length l = sqrt(D/N), with the bending stiffness D and the tension N. In much longer
-elements the penalty along the edge (`pvdf_fem.film.bending.plate`) represents the energy of this
-bending layer, but not its curvature. The penalty is constant, and it leaves out that the film
+elements the penalty along the edge (`pvdf_fem.film.bending.plate_form`) represents the energy of
+this bending layer, but not its curvature. The penalty is constant, and it leaves out that the film
 becomes longer by bending. A space of higher order on the same mesh hardly shows this error.
 Therefore a fraction of the bending forces in wide elements is regarded as uncertain. The uncertain
 forces are applied to the solution once more; their effect is a second estimate of the error, and
@@ -23,7 +23,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.bending.plate import Plate, compute_plate_stiffness
+from pvdf_fem.film.bending.plate import Plate
+from pvdf_fem.film.bending.plate_form import compute_plate_stiffness
 from pvdf_fem.film.membrane import compute_principal_values
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.size_field import compute_element_sizes

@@ -360,12 +360,7 @@ class RigidTip(ProbeLoad):
     # The products below form no element matrices and so take much less time than `element_tangent`.
 
     def element_action(self, state: State, x: Array) -> Array:
-        """Multiply the element tangents at constant depth by the dofs `x`; return forces in N.
-
-        Returns
-        -------
-        ndarray, shape (elements, element dofs)
-        """
+        """Multiply the element tangents at constant depth by the dofs `x`; return forces in N."""
         actions = np.zeros(self.space.element_dofs.shape)
         elements, weighted = self._touching_tractions(state)
         values = self.space.values[elements]
@@ -376,12 +371,7 @@ class RigidTip(ProbeLoad):
         return actions
 
     def action(self, state: State, x: Array) -> Array:
-        """Multiply the tangent, with the row and column of the depth, by the dofs `x`.
-
-        Returns
-        -------
-        ndarray, shape (dofs,)
-        """
+        """Multiply the tangent, with the row and column of the depth, by the dofs `x`."""
         forces = self.space.sum_at_dofs(self.element_action(state, x))
         if self.has_unknown_depth:
             force_rates, total_rate = self._depth_rates(state)
@@ -391,12 +381,7 @@ class RigidTip(ProbeLoad):
         return forces
 
     def diagonal(self, state: State) -> Array:
-        """Return the diagonal of the tangent in N/m, with that of an unknown depth.
-
-        Returns
-        -------
-        ndarray, shape (dofs,)
-        """
+        """Return the diagonal of the tangent in N/m, with that of an unknown depth."""
         elements, weighted = self._touching_tractions(state)
         stiffness = np.einsum("epii->epi", self._point_stiffness(state, elements, weighted))
         values = self.space.values[elements]
