@@ -42,7 +42,7 @@ def bulge_arcs(
     radius: float,
     near: float = 2.5e-9,
 ) -> None:
-    """Move the midside nodes on a smooth outline outwards, so that the elements have its area.
+    """Move the midside nodes on a curved outline in place, so that the elements have its area.
 
     Parameters
     ----------

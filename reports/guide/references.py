@@ -15,7 +15,7 @@ from pvdf_fem.report.data import DataSource
 from pvdf_fem.report.kind import Kind
 from pvdf_fem.report.registry import FIGURES
 from pvdf_fem.report.registry import TABLES as REPORT_TABLES
-from pvdf_fem.report.script import Other, Script, ScriptSection
+from pvdf_fem.report.script_keys import Other, Script, ScriptSection
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene_file import get_example_text, read_examples
 from pvdf_fem.scene.validation.table_forms import TableForm

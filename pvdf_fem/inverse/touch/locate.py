@@ -4,7 +4,7 @@
 likely touch for each of many rows of readings. Both maximise the likelihood of the charges under
 independent normal errors. The result of `locate` also says why the best touch may not be the
 answer: other touches are as likely, the charges do not determine a direction, no touch explains the
-charges, or the touch is at the edge of the response's domain. `rank_probes` tells which of several
+charges, or the touch is at the edge of the response's domain. `rank_probes` says which of several
 probes touched.
 """
 
