@@ -31,6 +31,10 @@ class GmshMissingError(ImportError):
     """gmsh cannot be imported; the message says which packages to install."""
 
 
+class GmshInUseError(RuntimeError):
+    """Another part of the program has a gmsh session, whose options and models would be lost."""
+
+
 def find_missing_packages() -> Iterator[str]:
     """Yield the Debian packages of libraries that cannot be loaded; none on other systems."""
     if sys.platform != "linux":

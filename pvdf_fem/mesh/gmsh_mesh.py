@@ -13,22 +13,27 @@ the size of the film.
 
 from __future__ import annotations
 
-import os
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Indices
-from pvdf_fem.mesh.gmsh_libraries import GmshMissingError, describe_missing_gmsh
+from pvdf_fem.mesh.gmsh_libraries import GmshInUseError, GmshMissingError, describe_missing_gmsh
+from pvdf_fem.mesh.gmsh_lock import GMSH_LOCK
 from pvdf_fem.mesh.six_node import bulge_arcs, repair_distorted_elements, sort_vertices
-from pvdf_fem.mesh.size_field import GMSH_SIZE_RATIO, GradedSizes, SizeField, compute_element_sizes
+from pvdf_fem.mesh.size_field import (
+    GMSH_SIZE_RATIO,
+    GradedSizes,
+    SizeField,
+    compute_element_sizes,
+    count_arcs,
+)
 from pvdf_fem.mesh.subdomains import (
     FILM,
+    add_reflected_sizes,
     collect_outlines,
     make_subdomain_name,
     name_mesh_parts,
@@ -43,26 +48,15 @@ try:
 except (ImportError, OSError) as error:  # reported when a mesh is needed
     _LOADING_ERROR = describe_missing_gmsh(error)
 
-# gmsh has a single state per process, and a worker of a cluster may have several threads.
-_GMSH_LOCK = threading.Lock()
-# A fork waits until no thread meshes: the child must not inherit a lock that is never released.
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(
-        before=_GMSH_LOCK.acquire,
-        after_in_parent=_GMSH_LOCK.release,
-        after_in_child=_GMSH_LOCK.release,
-    )
 _OPTIONS = {
     "General.Terminal": 0,
     "General.Verbosity": 1,
-    # raise exceptions
-    "General.AbortOnError": 2,
+    "General.AbortOnError": 2,  # raise exceptions
     "General.NumThreads": 1,
     # no other sources of element sizes
     "Mesh.MeshSizeFromPoints": 0,
     "Mesh.MeshSizeExtendFromBoundary": 0,
-    # frontal Delaunay
-    "Mesh.Algorithm": 6,
+    "Mesh.Algorithm": 6,  # frontal Delaunay
     # tolerance of the integral that gives the number of elements on a curve: with gmsh's default
     # 1e-9 this integral takes most of the time
     "Mesh.LcIntegrationPrecision": 1e-2,
@@ -75,10 +69,6 @@ _ON_MIRROR_LINE = 1e-8
 
 class MeshError(RuntimeError):
     """A scene that gmsh cannot mesh."""
-
-
-class GmshInUseError(RuntimeError):
-    """Another part of the program has a gmsh session, whose options and models would be lost."""
 
 
 def mesh_scene(
@@ -138,7 +128,7 @@ def mesh_scene(
     if isinstance(sizes, GradedSizes):
         film = scene.film.outline
         whole_count = sizes.estimate_element_count(
-            film.area, {FILM: film, **outlines}, arcs=_count_arcs(scene.numerics.tolerance)
+            film.area, {FILM: film, **outlines}, arcs=count_arcs(scene.numerics.tolerance)
         )
         require(whole_count / len(sector.signs))
     for _ in range(attempts):
@@ -183,11 +173,6 @@ def _mesh_once(
     -------
     MeshTri2
         With coordinates in m, in the axes of the sector.
-
-    Raises
-    ------
-    MeshError
-        If any step fails in gmsh, or a subdomain has no element.
     """
     unit = scene.film.radius / _GMSH_RADIUS
     shapes: dict[str, Outline] = {FILM: scene.film.outline}
@@ -195,13 +180,13 @@ def _mesh_once(
         shapes[name] = outline.transform(sector.frame)
     for name, reflected in sector.reflected_electrodes.items():
         shapes[make_subdomain_name(name)] = reflected.outline
-    with _GMSH_LOCK, _open_gmsh():
+    with GMSH_LOCK, _open_gmsh():
         try:
             surfaces = _fragment_film(shapes, unit, sector=sector)
-            arcs = _count_arcs(scene.numerics.tolerance)
+            arcs = count_arcs(scene.numerics.tolerance)
             gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", arcs)
             if isinstance(sizes, GradedSizes):
-                sizes = _add_reflected_sizes(sizes, sector)
+                sizes = add_reflected_sizes(sizes, sector)
                 curves = {
                     name: _find_outer_curves(surfaces[name], shapes[name], sector=sector)
                     for name in sizes.patches
@@ -217,15 +202,6 @@ def _mesh_once(
         curved_outlines = [shape for shape in shapes.values() if shape.is_curved]
         surfaces_by_name = {name: surfaces.get(name) for name in shapes}
         return _read_mesh(surfaces_by_name, unit, curved_outlines=curved_outlines, sector=sector)
-
-
-def _count_arcs(tolerance: float) -> int:
-    """Return the minimum number of curved sides around a circle for a tolerance of charges.
-
-    The rule is empirical: 16 quadratic arcs with the area of the circle change the charges under a
-    disc by less than 2e-7.
-    """
-    return int(np.ceil(max(12.0, 16.0 * (1e-5 / tolerance) ** 0.25)))
 
 
 @contextmanager
@@ -345,16 +321,6 @@ def _find_outer_curves(surfaces: list[int], shape: Outline, sector: SymmetrySect
     return sorted(curves)
 
 
-def _add_reflected_sizes(sizes: GradedSizes, sector: SymmetrySector) -> GradedSizes:
-    """Return a copy of the sizes that gives reflected electrodes the sizes of their originals."""
-    reflected_sizes = {}
-    for name, reflected in sector.reflected_electrodes.items():
-        size = sizes.patches.get(make_subdomain_name(reflected.electrode))
-        if size is not None:
-            reflected_sizes[make_subdomain_name(name)] = size
-    return replace(sizes, patches=sizes.patches | reflected_sizes)
-
-
 def _set_graded_sizes(curves: dict[str, list[int]], sizes: GradedSizes, unit: float) -> None:
     """Tell gmsh element sizes that grow with the distance from outlines.
 
@@ -431,11 +397,6 @@ def _read_mesh(
     -------
     MeshTri2
         With coordinates in m.
-
-    Raises
-    ------
-    MeshError
-        If a subdomain in the sector has no element.
     """
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     row = np.empty(int(tags.max()) + 1, dtype=np.int64)
@@ -467,12 +428,7 @@ def _read_mesh(
 
 
 def _read_triangles(row: Indices) -> tuple[Indices, dict[int, Indices]]:
-    """Read the triangles from gmsh.
-
-    Parameters
-    ----------
-    row : ndarray of int, shape (max_tag + 1,)
-        Index of each node by its tag in gmsh.
+    """Read the triangles from gmsh; `row` has the index of each node by its tag.
 
     Returns
     -------

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Indices
+from pvdf_fem.mesh.size_field import GradedSizes
 from pvdf_fem.mesh.symmetry import SymmetrySector
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
@@ -42,6 +45,16 @@ def collect_outlines(scene: Scene) -> dict[str, Outline]:
     for probe in scene.loaded_probes:
         outlines[probe.patch] = probe.outline
     return outlines
+
+
+def add_reflected_sizes(sizes: GradedSizes, sector: SymmetrySector) -> GradedSizes:
+    """Return a copy of the sizes that gives reflected electrodes the sizes of their originals."""
+    reflected_sizes = {}
+    for name, reflected in sector.reflected_electrodes.items():
+        size = sizes.patches.get(make_subdomain_name(reflected.electrode))
+        if size is not None:
+            reflected_sizes[make_subdomain_name(name)] = size
+    return replace(sizes, patches=sizes.patches | reflected_sizes)
 
 
 def name_mesh_parts(

@@ -98,8 +98,8 @@ class LoadOverrides(Section):
         if info.data.get("contact") == "sliding":
             reason = "cannot act on the film through a sliding punch, which has no friction"
             raise make_validation_error(f'{reason}; remove it or give contact = "stuck"')
-        if kind not in ("dead", "rigid"):
-            reason = f'is a force of load.kind = "dead" or "rigid", here "{kind}"'
+        if kind not in (None, "dead", "rigid"):  # None stands for the kind of the scene's load
+            reason = 'requires load.kind = "dead" or "rigid"'
             raise make_validation_error(f"{reason}; remove it or give one of these")
         return value
 

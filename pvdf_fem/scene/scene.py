@@ -20,11 +20,11 @@ from pvdf_fem.scene.changes import Replaced, apply_changes
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.keys import Affects, Key, Section
 from pvdf_fem.scene.load import FORCE_KEYS, Load, LoadOverrides
+from pvdf_fem.scene.numerics import Numerics
 from pvdf_fem.scene.placed.electrode import Electrode, Electrodes, Layout
 from pvdf_fem.scene.placed.loaded_probe import LoadedProbe
 from pvdf_fem.scene.placed.probe import Probe, Probes
 from pvdf_fem.scene.readout import Readout, Uncertain
-from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
 from pvdf_fem.scene.response_domain import ResponseDomain
 from pvdf_fem.scene.scene_file import (
     SceneError,
@@ -60,25 +60,6 @@ __all__ = [
     "SceneError",
     "Stage",
 ]
-
-
-class Numerics(Section):
-    """The requested accuracy of charges, the definition of a charge, and limits of a solve."""
-
-    tolerance: Annotated[float, Key("", (2e-8, 0.49))] = 1e-3
-    """Requested error of every charge, relative to the charge. If the two parts of the charge, from
-    d31 S11 and d32 S22, cancel to less than 5 % of them, the error is relative to 5 % of them, and
-    there is a warning."""
-    observable: Annotated[str, Key(affects=Affects.READING, words=OBSERVABLE_ENTRIES)] = "material"
-    """Definition of a charge. material: the integral of d31 S11 + d32 S22 over the electrode.
-    thesis-edge: the mean stress on opposite edges times the area."""
-    max_unknowns: Annotated[int | None, Key("unknowns", (100, 10_000_000), example=60000)] = None
-    """Maximum number of unknowns of a refined mesh; by default 60000, 30000 if the film wrinkles,
-    and more for tolerances below 1e-3."""
-    max_seconds: Annotated[float | None, Key("s", (0.1, 1e6), example=20.0)] = None
-    """Maximum work of a solve in seconds of one core, estimated from unknowns and iterations so
-    that results do not depend on the load of the machine; by default 20, and more for tolerances
-    below 1e-3."""
 
 
 class Scene(Result, Section):
@@ -235,7 +216,6 @@ class Scene(Result, Section):
         Returns
         -------
         Scene
-            In a scene with a list, each probe then overrides all keys of the load.
         """
         if not loaded_probes:
             return self.model_copy(update={"probe": None})
@@ -403,7 +383,6 @@ class Scene(Result, Section):
         Returns
         -------
         Scene
-            The original scene does not change.
 
         Raises
         ------
@@ -451,13 +430,9 @@ class Scene(Result, Section):
         tables : dict
             The tables of the scene.
         source : str
-            Where the tables come from, for error messages; may be empty.
+            Path or name of the text; may be empty.
         problems : sequence of str
-            Errors that are known before validation. With any of them, the scene is refused.
-
-        Returns
-        -------
-        Scene
+            Errors that were found before validation. If there are any, the scene is refused.
 
         Raises
         ------
