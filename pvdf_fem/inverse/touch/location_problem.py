@@ -31,7 +31,7 @@ from pvdf_fem.surrogate.charge_function import (
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn, is_within
 
 #: Columns of the place among the quantities of one probe.
-PLACE = slice(TouchColumn.X, TouchColumn.Y + 1)
+POSITION = slice(TouchColumn.X, TouchColumn.Y + 1)
 #: Searches may go this far beyond the response's domain, over its reach and over its forces.
 SEARCH_MARGIN = 1.05
 #: Longest steps of searches by base quantity: of a place over the reach, of a rotation in degrees,
@@ -176,7 +176,7 @@ class LocationProblem:
     def to_touches(self, coordinates: Array) -> Array:
         """Convert coordinates (n, k) to touches: places on the stage, forces in N."""
         touches = coordinates.copy()
-        self.view_by_probe(touches)[..., PLACE] += self.centre_mm
+        self.view_by_probe(touches)[..., POSITION] += self.centre_mm
         if TouchColumn.ROTATION in self.unknown:
             rotations = slice_quantity(self.response, TouchColumn.ROTATION)
             touches[:, rotations] %= find_rotation_periods_deg(self.response)
@@ -186,7 +186,7 @@ class LocationProblem:
     def to_coordinates(self, touches: Array) -> Array:
         """Convert touches (n, k) to coordinates, with the logarithm of forces."""
         coordinates = touches.copy()
-        self.view_by_probe(coordinates)[..., PLACE] -= self.centre_mm
+        self.view_by_probe(coordinates)[..., POSITION] -= self.centre_mm
         coordinates[:, self.force_columns] = np.log(touches[:, self.force_columns])
         return coordinates
 
@@ -263,16 +263,16 @@ class LocationProblem:
     def project_onto_domain(self, coordinates: Array) -> Array:
         """Return the nearest coordinates (n, k) in the domain; the same array if all are inside."""
         lowest, highest = self.response.domain.log_force
-        return self.project_onto(coordinates, self.response.domain.reach_mm, lowest, highest)
+        return self.project_within(coordinates, self.response.domain.reach_mm, lowest, highest)
 
     def project_onto_bounds(self, coordinates: Array) -> Array:
         """Return the nearest coordinates (n, k) in the larger domain of searches."""
         reach_mm = SEARCH_MARGIN * self.response.domain.reach_mm
         lowest, highest = self.response.domain.log_force
         margin = math.log(SEARCH_MARGIN)
-        return self.project_onto(coordinates, reach_mm, lowest - margin, highest + margin)
+        return self.project_within(coordinates, reach_mm, lowest - margin, highest + margin)
 
-    def project_onto(
+    def project_within(
         self, coordinates: Array, reach_mm: float, lowest: float, highest: float
     ) -> Array:
         """Return the nearest coordinates within a reach and within limits of the force.
@@ -297,7 +297,7 @@ class LocationProblem:
         is_x_free, is_y_free = self._is_free[[TouchColumn.X, TouchColumn.Y]]
         if is_x_free == is_y_free:
             distance = np.hypot(probes[..., TouchColumn.X], probes[..., TouchColumn.Y])
-            probes[..., PLACE] *= (reach_mm / np.maximum(distance, reach_mm))[..., None]
+            probes[..., POSITION] *= (reach_mm / np.maximum(distance, reach_mm))[..., None]
         else:
             free = TouchColumn.X if is_x_free else TouchColumn.Y
             fixed = TouchColumn.Y if is_x_free else TouchColumn.X

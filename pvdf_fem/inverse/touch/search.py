@@ -52,7 +52,7 @@ class LocateOptions:
     #: Share of the charges that the linear step to a candidate neglects. A candidate is left out if
     #: its charges are farther from the measured ones than those of the best candidate, by more than
     #: this share and the root of `max_excess` standard deviations.
-    neglected_share: float = 0.01
+    neglected_fraction: float = 0.01
     retry_candidates: int = 8  #: Candidates of the second search for a row of `locate_many`.
 
     # ---- by full solves
@@ -118,7 +118,7 @@ def search_everywhere(
     chi_square = candidates.chi_square[0]
     distance = np.sqrt(chi_square)
     size = np.linalg.norm(problem.charges_pC / problem.deviations_pC)
-    allowance = options.max_excess**0.5 + options.neglected_share * size
+    allowance = options.max_excess**0.5 + options.neglected_fraction * size
     is_unlikely = distance > distance.min(axis=1, keepdims=True) + allowance
     coordinates = coordinates[~is_unlikely]
     distances = np.array(options.candidate_distances)
@@ -206,7 +206,7 @@ def make_location(
     quantities = problem.response.quantity_names
     unknown = tuple(quantities[column] for column in problem.unknown.tolist())
     if ends is not None:
-        ends = ends.select(find_distinct(problem, ends, options))
+        ends = ends.select(find_distinct_ends(problem, ends, options))
     if ends is None or not ends.converged.size:
         return Location((), unknown, log_evidence=-np.inf, problem=problem)
     scaled_jacobian = ends.jacobian * compute_extents(problem.response)
@@ -269,7 +269,9 @@ def describe_touches(problem: LocationProblem, ends: SearchResult) -> TouchDescr
     )
 
 
-def find_distinct(problem: LocationProblem, ends: SearchResult, options: LocateOptions) -> Indices:
+def find_distinct_ends(
+    problem: LocationProblem, ends: SearchResult, options: LocateOptions
+) -> Indices:
     """Find the likely ends of searches that are not duplicates of a better one.
 
     Parameters

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, PLACE, get_base_quantity
+from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, POSITION, get_base_quantity
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.changes import get_number, parse_key, to_plain_value
 from pvdf_fem.scene.placed.probe import HEAT_KEYS, ListedProbe
@@ -128,13 +128,13 @@ class SolvedResponse:
         width = len(TOUCH_QUANTITIES)
         for probe in range(count_probes(self)):
             values = touch[width * probe : width * (probe + 1)]  # a view
-            place_mm, rotation_deg = stage.to_stage(values[PLACE], values[TouchColumn.ROTATION])
-            values[PLACE] = place_mm
+            place_mm, rotation_deg = stage.to_stage(values[POSITION], values[TouchColumn.ROTATION])
+            values[POSITION] = place_mm
             values[TouchColumn.ROTATION] = rotation_deg
         return touch
 
     @property
-    def other_probe(self) -> Indices:
+    def swapped_columns(self) -> Indices:
         """Column of each quantity for the other one of two equal probes; empty for other probes."""
         if count_probes(self) < 2:
             return np.array([], dtype=int)

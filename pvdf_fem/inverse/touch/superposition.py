@@ -24,8 +24,8 @@ from pvdf_fem.inverse.least_squares import (
     concatenate_results,
     run_levenberg_marquardt,
 )
-from pvdf_fem.inverse.touch.location_problem import PLACE, LocationProblem, get_base_quantity
-from pvdf_fem.inverse.touch.search import LocateOptions, find_distinct
+from pvdf_fem.inverse.touch.location_problem import POSITION, LocationProblem, get_base_quantity
+from pvdf_fem.inverse.touch.search import LocateOptions, find_distinct_ends
 from pvdf_fem.inverse.touch.solved_charges import (
     UNSOLVED_PC,
     SolvedResponse,
@@ -42,7 +42,7 @@ from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 #: touch, since the common tension stiffens the film.
 STIFFENING = 0.35
 #: Least share of a touch in the sum of the forces.
-LEAST_SHARE = 0.03
+MIN_FORCE_FRACTION = 0.03
 
 
 def search_by_solves(
@@ -68,7 +68,7 @@ def search_by_solves(
         The distinct ends, the best first.
     """
     coarse = _make_coarse_problem(problem, response, options)
-    other_probe = response.other_probe
+    swapped_columns = response.swapped_columns
     candidates = []
     for cold in _make_cold_problems(coarse):
         candidates.append(_take_preliminary_steps(cold, response.scene_touch, options))
@@ -78,7 +78,7 @@ def search_by_solves(
         initial = np.concatenate([likely[part] for likely in candidates])
         ends = run_levenberg_marquardt(coarse, initial, options=options.solved_search)
         ends = search_along_weak_direction(coarse, ends, options)
-        ends = _select_distinct(coarse, ends, other_probe, options)
+        ends = _select_distinct(coarse, ends, swapped_columns, options)
         if not ends.coordinates.size:
             continue
         finished = run_levenberg_marquardt(problem, ends.coordinates, options=options.solved_search)
@@ -88,7 +88,7 @@ def search_by_solves(
             break
     if not found:
         return ends
-    return _select_distinct(problem, concatenate_results(found), other_probe, options)
+    return _select_distinct(problem, concatenate_results(found), swapped_columns, options)
 
 
 def _make_coarse_problem(
@@ -207,7 +207,7 @@ def _take_preliminary_steps(
 
 
 def _select_distinct(
-    problem: LocationProblem, ends: SearchResult, other_probe: Indices, options: LocateOptions
+    problem: LocationProblem, ends: SearchResult, swapped_columns: Indices, options: LocateOptions
 ) -> SearchResult:
     """Select the distinct ends of searches where the scene could be solved.
 
@@ -217,22 +217,22 @@ def _select_distinct(
         One row of charges.
     ends : SearchResult
         All ends; equal probes are exchanged in place so that the first has the smaller x.
-    other_probe : ndarray of int
-        As `SolvedResponse.other_probe`.
+    swapped_columns : ndarray of int
+        As `SolvedResponse.swapped_columns`.
     options : LocateOptions
         Which ends are duplicates.
     """
-    if other_probe.size:
+    if swapped_columns.size:
         first_x = ends.coordinates[:, TouchColumn.X]
         second_x = ends.coordinates[:, len(TOUCH_QUANTITIES) + TouchColumn.X]
         is_swapped = first_x > second_x
-        ends.coordinates[is_swapped] = ends.coordinates[is_swapped][:, other_probe]
-        ends.jacobian[is_swapped] = ends.jacobian[is_swapped][..., other_probe]
+        ends.coordinates[is_swapped] = ends.coordinates[is_swapped][:, swapped_columns]
+        ends.jacobian[is_swapped] = ends.jacobian[is_swapped][..., swapped_columns]
     chi_square_unsolved = np.square(UNSOLVED_PC / problem.deviations_pC).min()
     ends = ends.select(np.flatnonzero(ends.chi_square < 1e-6 * chi_square_unsolved))
     if not ends.coordinates.size:
         return ends
-    return ends.select(find_distinct(problem, ends, options))
+    return ends.select(find_distinct_ends(problem, ends, options))
 
 
 class SingleTouches(NamedTuple):
@@ -292,7 +292,7 @@ def find_superposed_candidates(
     candidates = coordinates.copy()
     probes = problem.view_by_probe(candidates)
     stage = response.scene.stage or Stage()
-    probes[..., PLACE] = superpositions.places_mm[chosen] @ stage.rotation.T
+    probes[..., POSITION] = superpositions.places_mm[chosen] @ stage.rotation.T
     log_stiffening = STIFFENING * np.log(shares.sum(axis=1))
     probes[..., TouchColumn.FORCE] = np.log(shares) + log_stiffening[:, None]
     is_unknown = np.isin(np.arange(coordinates.shape[1]), problem.unknown)
@@ -339,7 +339,7 @@ def _fit_superpositions(
     shares = solved[:, :, 0]
     explained = (right_sides * shares).sum(axis=1)
     total = np.abs(shares).sum(axis=1, keepdims=True)
-    is_pressing = (shares > LEAST_SHARE * total).all(axis=1)
+    is_pressing = (shares > MIN_FORCE_FRACTION * total).all(axis=1)
     order = np.argsort(-np.where(is_pressing, explained, -np.inf))[: is_pressing.sum()]
     places = np.concatenate([table.places_mm for table in tables])
     return _Superpositions(places[members[order]], shares[order])
