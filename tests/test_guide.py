@@ -149,6 +149,17 @@ def test_names_in_texts_exist(text, words_of_sources):
     assert not names - words_of_sources - find_words(code)
 
 
+def test_new_names_in_the_change_log_exist(words_of_sources):
+    rows = re.findall(
+        r"^\| (.+) \| (.+) \|$", ROOT.joinpath("CHANGELOG.md").read_text("utf-8"), re.MULTILINE
+    )
+    assert len(rows) > 20
+    names = find_words(
+        " ".join(itertools.chain(*(re.findall(r"`([^`]+)`", new) for _, new in rows)))
+    )
+    assert not names - words_of_sources
+
+
 #: A row of CONTRIBUTING's table of folders.
 FOLDER_ROW = re.compile(r"^\| `(\w+)/` \| [^|]+ \| `\1/[^|]+ \|$", re.MULTILINE)
 

@@ -168,7 +168,7 @@ def compute_readings_V(scene: Scene, charges_pC: ArrayLike, changes_pC: ArrayLik
     Parameters
     ----------
     scene : Scene
-        The scene, whose readout tells whether total charges or changes are read.
+        The scene, whose readout says whether total charges or changes are read.
     charges_pC : array_like, shape (electrodes,)
         Total charges.
     changes_pC : array_like, shape (electrodes,)

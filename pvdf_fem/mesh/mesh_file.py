@@ -233,7 +233,7 @@ def _find_patch_errors(
         With coordinates in m.
     outlines : dict of str to Outline
         Outlines of the film and its patches by name. Those that reach over the rim are left out.
-    elements_inside : dict of str to array
+    elements_inside : dict of str to ndarray of int
         Elements inside of each outline.
     slack : float
         See `read_mesh`.

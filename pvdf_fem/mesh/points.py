@@ -20,7 +20,7 @@ def find_nearest_elements(
     ----------
     mesh : MeshTri2
         With coordinates in m.
-    points : array (2, n)
+    points : ndarray, shape (2, n)
         In m.
     candidates : int
         Number of elements with the nearest centroids among which a point is searched. A point
@@ -28,8 +28,8 @@ def find_nearest_elements(
 
     Returns
     -------
-    elements : array of int (n,)
-    local : array (2, n)
+    elements : ndarray of int, shape (n,)
+    local : ndarray, shape (2, n)
         Local coordinates in the elements.
     """
     from scipy.spatial import cKDTree  # many scenes are solved without
@@ -55,15 +55,15 @@ def locate_points(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indic
     ----------
     mesh : MeshTri2
         With coordinates in m.
-    points : array (2, n)
+    points : ndarray, shape (2, n)
         In m.
     steps : int
         Largest number of steps of a walk, see Notes.
 
     Returns
     -------
-    elements : array of int (n,)
-    local : array (2, n)
+    elements : ndarray of int, shape (n,)
+    local : ndarray, shape (2, n)
         Local coordinates in the elements. A point just beyond the rim stays in the element there,
         with local coordinates outside.
 
@@ -97,16 +97,16 @@ def compute_local_coordinates(
     ----------
     mesh : MeshTri2
         With coordinates in m.
-    elements : array of int (n,)
+    elements : ndarray of int, shape (n,)
         The element of each row of points.
-    points : array (n, points, 2)
+    points : ndarray, shape (n, points, 2)
         In m.
     newton_steps : int
         Number of Newton steps in curved elements.
 
     Returns
     -------
-    array (2, n, points)
+    ndarray, shape (2, n, points)
     """
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs[:, elements]]
     jacobian = np.stack([nodes[:, 1] - nodes[:, 0], nodes[:, 2] - nodes[:, 0]], axis=1)
@@ -132,13 +132,13 @@ class PlacedQuadrature:
 
     Parameters
     ----------
-    owners : array of int (n,)
+    owners : ndarray of int, shape (n,)
         Index of the outline, line or facet that each row of points belongs to.
-    elements : array of int (n,)
+    elements : ndarray of int, shape (n,)
         The element in which each row of points lies.
-    points : array (2, n, points)
+    points : ndarray, shape (2, n, points)
         Local coordinates in the element.
-    weights : array (n, points)
+    weights : ndarray, shape (n, points)
         In m² over an area, in m along a line.
     """
 
@@ -157,9 +157,9 @@ def make_facet_quadrature(
     ----------
     mesh : MeshTri2
         With coordinates in m.
-    facets : array of int (n,)
+    facets : ndarray of int, shape (n,)
         The facets.
-    elements : array of int (n,)
+    elements : ndarray of int, shape (n,)
         One of the elements of each facet.
     count : int
         Number of points on a facet.
@@ -168,7 +168,7 @@ def make_facet_quadrature(
     -------
     quadrature : PlacedQuadrature
         Owners are positions in `facets`.
-    tangents : array (n, count, 2)
+    tangents : ndarray, shape (n, count, 2)
         Unit tangents from the first vertex of the facet to the second one.
 
     Notes

@@ -35,13 +35,13 @@ def bulge_arcs(
 
     Parameters
     ----------
-    points : array (2, nodes)
+    points : ndarray, shape (2, nodes)
         In m; changed in place.
-    triangles : array of int (elements, 6)
+    triangles : ndarray of int, shape (elements, 6)
         Nodes of the triangles.
     outline : Outline
         The outline whose area the elements get.
-    is_curved : array of bool (nodes,)
+    is_curved : ndarray of bool, shape (nodes,)
         Nodes inside of curved pieces of boundaries. Their distance alone is not enough: a short
         chord is equally near to the outline.
     radius : float
@@ -64,7 +64,7 @@ def find_curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
 
     Parameters
     ----------
-    nodes : array (2, 6, elements)
+    nodes : ndarray, shape (2, 6, elements)
         Places of the elements' nodes.
     bent : float
         An edge is curved where its midside node is farther from its middle than this share of the
@@ -72,7 +72,7 @@ def find_curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
 
     Returns
     -------
-    array of bool (elements,)
+    ndarray of bool, shape (elements,)
     """
     corners = nodes[:, :3]
     middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
@@ -101,7 +101,7 @@ def bend_sides(
     ----------
     mesh : MeshTri2
         With coordinates in m.
-    is_distorted : array of bool (elements,)
+    is_distorted : ndarray of bool, shape (elements,)
         Elements with a Jacobian ratio below `min_jacobian_ratio`.
     min_jacobian_ratio : float
         Least Jacobian of an element over its mean.
@@ -109,7 +109,7 @@ def bend_sides(
     Returns
     -------
     mesh : MeshTri2
-    is_distorted : array of bool (elements,)
+    is_distorted : ndarray of bool, shape (elements,)
         Elements that are still distorted.
 
     Notes
@@ -167,7 +167,7 @@ def straighten_sides(
     Returns
     -------
     mesh : MeshTri2
-    is_distorted : array of bool (elements,)
+    is_distorted : ndarray of bool, shape (elements,)
         Elements that are still distorted.
     """
     is_distorted = compute_jacobian_ratios(mesh) < min_jacobian_ratio

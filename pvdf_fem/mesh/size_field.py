@@ -80,7 +80,7 @@ class SizeField:
     ----------
     mesh : MeshTri2
         With coordinates in m.
-    sizes : array (vertices,)
+    sizes : ndarray, shape (vertices,)
         In m.
     """
 
@@ -95,7 +95,7 @@ class SizeField:
         ----------
         mesh : MeshTri2
             With coordinates in m.
-        sizes : array (elements,)
+        sizes : ndarray, shape (elements,)
             In m.
         growth : float
             Largest growth of the size per length; larger sizes are reduced.
@@ -144,7 +144,7 @@ def compute_element_sizes(mesh: MeshTri2, sliver: float = 0.5) -> Array:
 
     Returns
     -------
-    array (elements,)
+    ndarray, shape (elements,)
         Edge in m of an equilateral triangle with the element's area, or `sliver` times the longest
         edge where that is larger.
 
@@ -176,14 +176,14 @@ def compute_refined_sizes(
     ----------
     mesh : MeshTri2
         With coordinates in m.
-    shares : array (elements,)
+    shares : ndarray, shape (elements,)
         Contributions of the elements to the error, in any unit. Where all are zero, on a slack
         film, they count as equal.
     reduction : float
         Wanted error over the error.
-    most : array (elements,) or float
+    most : ndarray, shape (elements,) or float
         Largest sizes in m.
-    stiff : array of int, optional
+    stiff : ndarray of int, optional
         Elements that do not deform. They contribute nothing, and their neighbours decide their
         sizes.
     order : float

@@ -54,7 +54,7 @@ def name_mesh_parts(
     ----------
     mesh : MeshTri2
         With coordinates in m.
-    subdomains : dict of str to array
+    subdomains : dict of str to ndarray of int
         Elements by the name of the subdomain.
     sector : SymmetrySector
         The part of the film that the mesh covers.

@@ -46,7 +46,7 @@ class SymmetrySector:
 
     Parameters
     ----------
-    frame : array (2, 2)
+    frame : ndarray, shape (2, 2)
         Orthogonal matrix from the scene's axes to the sector's axes.
     mirror_axes : tuple of int
         Coordinates, 0 or 1, whose signs the reflections change: they are positive in the sector.
@@ -235,7 +235,7 @@ def _match_patches(matrix: Array, scene: Scene, slack: float) -> dict[str, str] 
 
     Parameters
     ----------
-    matrix : array (2, 2)
+    matrix : ndarray, shape (2, 2)
         An orthogonal matrix in the scene's axes.
     scene : Scene
         The scene.

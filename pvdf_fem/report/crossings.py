@@ -1,9 +1,9 @@
-"""The place of a touch where isocharge contours cross: the method of Mirbagheri's thesis.
+"""Location of a touch by intersecting isocharge contours, the method of Mirbagheri's thesis.
 
-Of three electrodes, the contours of each pair cross at a point; the mean of the three points is the
-place by these electrodes. The place of the touch is the mean over all triples of electrodes whose
-contours cross (section 3.1 of the thesis). Two contours with a small gap between them count as
-crossing in the middle of the gap.
+For three electrodes, the contours of each pair intersect at a point; the mean of the three points
+is the estimate from this triple. The position of the touch is the mean over all triples of
+electrodes whose contours intersect (section 3.1 of the thesis). Two contours with a small gap
+between them count as intersecting in the middle of the gap.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.report.charge_map import ChargeMap
 
 RASTER = 201  #: Rows of the raster for contours; chords deviate from a contour by less than 1e-3.
-MAX_GAP = 0.02  #: Largest gap between contours that count as crossing, over the reach.
+#: Maximum gap between contours that count as intersecting, as a fraction of the map's radius.
+MAX_GAP = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,13 +32,13 @@ class Contours:
     Parameters
     ----------
     map : ChargeMap
-        Charges by place.
+        Charges by position of the probe.
     """
 
     map: ChargeMap
 
     def trace(self, name: str, charge_pC: float) -> shapely.Geometry:
-        """Return the places in mm within the reach at which an electrode has a charge.
+        """Return the contour of positions at which an electrode has a certain charge.
 
         Parameters
         ----------
@@ -49,7 +50,8 @@ class Contours:
         Returns
         -------
         shapely.Geometry
-            Lines, empty where the electrode has this charge nowhere.
+            Lines in mm within the radius of the map. Empty if the electrode has this charge
+            nowhere.
         """
         number = self.map.names.index(name)
         ticks, charges = self._raster
@@ -59,7 +61,7 @@ class Contours:
         return shapely.intersection(shapely.MultiLineString(lines), disc)
 
     def find_triangles(self, charges_pC: Mapping[str, float]) -> dict[tuple[str, ...], Array]:
-        """Find where the contours of three electrodes cross.
+        """Find the triangles of intersections for all triples of electrodes.
 
         Parameters
         ----------
@@ -68,8 +70,8 @@ class Contours:
 
         Returns
         -------
-        dict of tuple of str to array (3, 2)
-            For every three electrodes whose contours cross pair by pair, the crossings in mm.
+        dict of tuple of str to ndarray, shape (3, 2)
+            Intersections in mm for every three electrodes whose contours intersect pairwise.
         """
         lines = {name: self.trace(name, charge) for name, charge in charges_pC.items()}
         max_gap = MAX_GAP * self.map.domain.reach_mm
@@ -84,13 +86,19 @@ class Contours:
         return triangles
 
     def locate(self, charges_pC: Mapping[str, float]) -> Array:
-        """Return the place (2,) of a touch in mm from its charges, NaN where no contours cross."""
+        """Return the position of a touch in mm from its charges.
+
+        The position is NaN if no triple of electrodes has intersecting contours.
+        """
         places = [corners.mean(axis=0) for corners in self.find_triangles(charges_pC).values()]
         return np.mean(places, axis=0) if places else np.full(2, np.nan)
 
     @cached_property
     def _raster(self) -> tuple[Array, Array]:
-        """Coordinates (n,) in mm, and charges (n, n, electrodes) with y along the rows."""
+        """Coordinates in mm, shape (n,), and charges in pC, shape (n, n, electrodes).
+
+        The first axis of the charges is y, the second x.
+        """
         reach = self.map.domain.reach_mm
         ticks = np.linspace(-reach, reach, RASTER)
         places = np.stack(np.meshgrid(ticks, ticks), axis=-1)
@@ -99,19 +107,19 @@ class Contours:
 
 
 def _find_crossings(a: shapely.Geometry, b: shapely.Geometry, max_gap_mm: float) -> Array:
-    """Return where two contours cross, or the middle of a small gap between them.
+    """Find the intersections of two contours, or the middle of a small gap between them.
 
     Parameters
     ----------
     a, b : shapely.Geometry
         The contours in mm.
     max_gap_mm : float
-        Largest gap in mm between contours that count as crossing.
+        Maximum gap in mm between contours that count as intersecting.
 
     Returns
     -------
-    array (n, 2)
-        Places in mm, n = 0 where the contours do not cross.
+    ndarray, shape (n, 2)
+        Points in mm; n = 0 if the contours do not intersect.
     """
     nowhere = np.zeros((0, 2))
     if a.is_empty or b.is_empty:
@@ -125,9 +133,17 @@ def _find_crossings(a: shapely.Geometry, b: shapely.Geometry, max_gap_mm: float)
 
 
 def _choose_corners(crossings: list[Array]) -> Array | None:
-    """Choose one crossing (2,) of each of three pairs so that these are closest together.
+    """Choose one intersection of each pair such that the longest side of the triangle is shortest.
 
-    Returns an array (3, 2), or None where a pair has no crossing.
+    Parameters
+    ----------
+    crossings : list of ndarray, shape (n, 2)
+        Intersections of the three pairs in mm; n differs between pairs.
+
+    Returns
+    -------
+    ndarray, shape (3, 2), or None
+        None if a pair has no intersection.
     """
     choices = [np.array(corners) for corners in product(*crossings)]
     if not choices:

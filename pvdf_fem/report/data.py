@@ -1,7 +1,8 @@
-"""Readings of electrodes in tables: measured, printed in a publication, or made up.
+"""Tables of electrode readings from measurements, publications or other computations.
 
-Each row of a table belongs to a scene. Columns named by keys change the report's scene; columns
-named by electrodes hold their readings. An empty cell keeps the scene's value, or has no reading.
+Each row of a table describes a scene. Columns named after scene keys change the report's scene;
+columns named after electrodes hold their readings. An empty cell keeps the scene's value, or means
+that there is no reading.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TOUCH_SCENE_KEYS
 
 MAX_BYTES = 5_000_000  #: Size of the largest table.
 PREVIEW_ROWS = 8  #: Approximate number of rows in a preview.
-ERROR_MM = "error_mm"  #: Column with the errors of places that the data's authors located.
+ERROR_MM = "error_mm"  #: Column with the position errors that the authors of the data report.
 #: Keys of a scene by the short names of a touch's quantities.
 SHORT_KEYS = dict(zip(TOUCH_QUANTITIES, TOUCH_SCENE_KEYS, strict=True))
 
@@ -41,15 +42,15 @@ Name = Annotated[str, Field(min_length=1, max_length=60)]
 
 
 class DataSource(Section):
-    """A table ``[data.NAME]``: where its rows come from, and what its readings are.
+    """The keys of a table ``[data.NAME]``: the source and the meaning of its readings.
 
-    `file` is the path of a CSV file, relative to the script; or `table` has the text of the CSV
-    file. Columns are keys of a scene (``x_mm``, ``force_N``, ``film.thickness_um``, ...),
-    electrodes, or labels named in `labels`. The column ``error_mm`` has the error of a place that
-    was located elsewhere. `where` keeps the rows with these values in these columns; `set` changes
-    the scene of every row. Readings are in `unit`, by default pC. `reading` is ``"total"`` or
-    ``"change"``, by default as the scene's `[readout]` reads, or else total. `what` is the word
-    for the readings on the page.
+    `file` is the path of a CSV file, relative to the script. Alternatively, `table` is the text of
+    the CSV file. Columns are keys of a scene (``x_mm``, ``force_N``, ``film.thickness_um``, ...),
+    electrodes, or labels listed in `labels`. The column ``error_mm`` has position errors that the
+    authors of the data report. `where` selects rows by the values in columns; `set` changes the
+    scene of every row. Readings are in `unit`, by default pC. `reading` is ``"total"`` or
+    ``"change"``; by default it is that of the scene's `[readout]`, or ``"total"`` without one.
+    `what` is the word for the readings on the page.
     """
 
     file: str | None = None
@@ -71,13 +72,13 @@ class Readings:
     name : str
         Name of the table ``[data.NAME]``.
     source : DataSource
-        The keys of the table.
+        Keys of the table in the script.
     frame : DataFrame
-        The rows.
+        The selected rows of the CSV text, with readings as floats.
     names : tuple of str
         Electrodes that have readings.
     reading : {"total", "change"}
-        Whether readings include the charge of the unloaded film.
+        Whether the readings include the charges of the unloaded film.
     """
 
     name: str
@@ -87,12 +88,12 @@ class Readings:
     reading: str = "total"
 
     def make_scenes(self, base: Scene) -> list[Scene]:
-        """Return the scene of each row: a base scene changed by `set` and the row's cells.
+        """Return the scene of each row: the base scene changed by `set` and the row's cells.
 
         Raises
         ------
         SceneError
-            With the distinct mistakes of all rows.
+            If scenes are invalid. The exception lists the distinct errors of all rows.
         """
         columns = [column for column in self.key_frame if column in SHORT_KEYS or "." in column]
         scenes = []
@@ -113,26 +114,27 @@ class Readings:
         return scenes
 
     def get_charges(self, scenes: Sequence[Scene], names: Sequence[str], reading: str) -> Array:
-        """Return the readings as charges.
+        """Return the readings as charges on the film.
 
         Parameters
         ----------
-        scenes : sequence of n Scenes
-            The scenes of the n rows.
-        names : sequence of m str
+        scenes : sequence of Scene, length n
+            The scenes of the rows, as `make_scenes` returns them.
+        names : sequence of str, length m
             Names of the electrodes.
         reading : {"total", "change"}
-            Whether the charges include those of the unloaded film.
+            Whether the returned charges include those of the unloaded film. These are computed
+            and added or subtracted if the readings are of the other kind.
 
         Returns
         -------
-        array (n, m)
+        ndarray, shape (n, m)
             In pC; NaN where there is no reading.
         """
         charges = self.frame.reindex(columns=list(names)).to_numpy(float, copy=True)
         if self.source.unit == "V":
-            for row, scene in zip(charges, scenes, strict=True):
-                _convert_volts(row, scene, names)
+            for i, scene in enumerate(scenes):
+                charges[i] = _convert_volts_to_pC(charges[i], scene, names)
         if reading == self.reading:
             return charges
         unloaded = _compute_unloaded_charges(scenes, names)
@@ -140,11 +142,11 @@ class Readings:
 
     @property
     def key_frame(self) -> pd.DataFrame:
-        """Labels and keys of the rows, without readings and errors."""
+        """The columns with labels and scene keys, without readings and position errors."""
         return self.frame.drop(columns=[*self.names, ERROR_MM], errors="ignore")
 
     def make_row_names(self) -> list[str]:
-        """Return names of the rows: their labels, or without labels their keys."""
+        """Return a name for each row: its labels, or its cells in `key_frame` without labels."""
         cells = self.frame[list(self.source.labels)] if self.source.labels else self.key_frame
         names = []
         for row in cells.itertuples(index=False):
@@ -152,14 +154,14 @@ class Readings:
             names.append(", ".join(text for text in texts if text))
         return names
 
-    def thin(self) -> Self:
-        """Return about `PREVIEW_ROWS` of the rows, at equal intervals."""
+    def select_preview_rows(self) -> Self:
+        """Return a copy with only about `PREVIEW_ROWS` of the rows, at equal intervals."""
         step = max(1, round(len(self.frame) / PREVIEW_ROWS))
         return replace(self, frame=self.frame.iloc[::step].reset_index(drop=True))
 
 
 def expand_key(key: str) -> str:
-    """Return the full key of a scene for a short name of a touch's quantity, or for a key."""
+    """Return the full scene key of a short name such as ``x_mm``, or the normalized key itself."""
     return SHORT_KEYS[key] if key in SHORT_KEYS else normalize_key(key)
 
 
@@ -176,11 +178,11 @@ def read_data(name: str, source: DataSource, scene: Scene, folder: Path) -> Read
     name : str
         Name of the table ``[data.NAME]``.
     source : DataSource
-        The keys of the table.
+        Keys of the table in the script.
     scene : Scene
         The report's scene.
     folder : Path
-        Folder of the script.
+        Folder of the script, to which `source.file` is relative.
 
     Returns
     -------
@@ -189,11 +191,11 @@ def read_data(name: str, source: DataSource, scene: Scene, folder: Path) -> Read
     Raises
     ------
     SceneError
-        With all mistakes of the table.
+        If the table is invalid. The exception lists all errors of the first failing check.
     """
     where = f"data.{name}"
-    frame = _select_rows(where, source, _read_frame(where, source, folder))
-    # rows may have electrodes of their own
+    frame = _select_rows(where, source, _read_dataframe(where, source, folder))
+    # the scene of a row may have other electrodes than the report's scene
     scenes = Readings(name, source, frame, names=()).make_scenes(scene)
     electrodes: dict[str, None] = {}
     for row_scene in (scene, *scenes):
@@ -205,7 +207,7 @@ def read_data(name: str, source: DataSource, scene: Scene, folder: Path) -> Read
             problems += _find_bad_numbers(where, frame[column])
             frame = frame.assign(**{column: _parse_numbers(frame[column])})
         elif column not in columns and "." not in column:
-            reason = f"is no key of a scene and no electrode; {suggest(column, columns)}"
+            reason = f"is neither a scene key nor an electrode; {suggest(column, columns)}"
             reason += ", or name it in `labels`"
             problems.append(format_error(f"{where}.columns", column, reason))
     if source.unit == "V" and any(row_scene.readout is None for row_scene in scenes):
@@ -222,43 +224,43 @@ def read_data(name: str, source: DataSource, scene: Scene, folder: Path) -> Read
 
 def _parse_numbers(column: pd.Series) -> pd.Series:
     """Return the numbers of a column, NaN for empty and invalid cells."""
-    # by way of text, because an integer may be too large for a float
+    # converted to text first, because an integer may be too large for a float
     numbers = pd.to_numeric(column.astype(str), errors="coerce")
     return numbers.astype(float)
 
 
 def _find_bad_numbers(where: str, column: pd.Series) -> list[str]:
-    """Return a problem for each cell of a column that is not empty and no finite number."""
+    """Return an error message for each cell of a column that is neither empty nor finite."""
     problems = []
     is_bad = column.notna() & ~np.isfinite(_parse_numbers(column))
     for row in column.index[is_bad]:
-        reason = f"is no finite number, in row {row + 1}; correct the cell"
+        reason = f"is not a finite number, in row {row + 1}; correct the cell"
         problems.append(format_error(f"{where}.{column.name}", column[row], reason))
     return problems
 
 
 def _select_rows(where: str, source: DataSource, frame: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows that `where` keeps, without empty columns.
+    """Return the rows that `source.where` selects, without empty columns.
 
     Parameters
     ----------
     where : str
         Key of the table in the script, for messages.
     source : DataSource
-        The keys of the table.
+        Keys of the table in the script, with the selection and the names of labels.
     frame : DataFrame
         All rows.
 
     Raises
     ------
     SceneError
-        For unknown columns, or where no row is left.
+        If a column of `where` or `labels` does not exist, or if no row is left.
     """
     problems = []
     for key, columns in (("where", source.where), ("labels", source.labels)):
         for column in columns:
             if column not in frame.columns:
-                reason = f"is no column; {suggest(column, list(frame.columns))}"
+                reason = f"is not a column; {suggest(column, list(frame.columns))}"
                 problems.append(format_error(f"{where}.{key}", column, reason))
     if problems:
         raise SceneError(problems[:MAX_ERRORS])
@@ -270,22 +272,22 @@ def _select_rows(where: str, source: DataSource, frame: pd.DataFrame) -> pd.Data
     return frame.dropna(axis="columns", how="all")
 
 
-def _read_frame(where: str, source: DataSource, folder: Path) -> pd.DataFrame:
-    """Read the CSV text of a table.
+def _read_dataframe(where: str, source: DataSource, folder: Path) -> pd.DataFrame:
+    """Read the rows of a table from its CSV file or from its text in the script.
 
     Parameters
     ----------
     where : str
         Key of the table in the script, for messages.
     source : DataSource
-        The keys of the table.
+        Keys of the table in the script, with either `file` or `table`.
     folder : Path
-        Folder of the script.
+        Folder of the script, to which `source.file` is relative.
 
     Raises
     ------
     SceneError
-        For a file or text that is no table.
+        If the file cannot be read, or if the text is not a CSV table.
     """
     if (source.file is None) == (source.table is None):
         raise SceneError([f"{where}.file: give either `file`, a path, or `table`, the text"])
@@ -296,13 +298,21 @@ def _read_frame(where: str, source: DataSource, folder: Path) -> pd.DataFrame:
         return _parse_csv(text.strip())
     except (FileError, ValueError) as error:
         first_line = str(error).partition("\n")[0]
-        reason = f"is no table ({first_line}); give a CSV file with a header"
+        reason = f"is not a table ({first_line}); give a CSV file with a header"
         problem = format_error(f"{where}.file", source.file or "(table)", reason)
         raise SceneError([problem]) from None
 
 
 def _parse_csv(text: str) -> pd.DataFrame:
-    """Return the rows of a CSV text; ValueError for a column that occurs twice."""
+    """Parse the rows of a CSV text.
+
+    Cells are separated by commas, or by semicolons with decimal points or decimal commas.
+
+    Raises
+    ------
+    ValueError
+        If a column occurs twice, or if the text cannot be parsed.
+    """
     header = text.partition("\n")[0]
     # spreadsheets in countries with decimal commas separate cells by semicolons
     separator = ";" if ";" in header and "," not in header else ","
@@ -310,7 +320,7 @@ def _parse_csv(text: str) -> pd.DataFrame:
     columns = [column.strip() for column in header.split(separator)]
     repeated = {column for column in columns if columns.count(column) > 1}
     if repeated:
-        raise ValueError(f"the column {min(repeated)!r} is there twice")
+        raise ValueError(f"the column {min(repeated)!r} occurs twice")
     return pd.read_csv(
         io.StringIO(text),
         sep=separator,
@@ -321,18 +331,41 @@ def _parse_csv(text: str) -> pd.DataFrame:
     )
 
 
-def _convert_volts(readings: Array, scene: Scene, names: Sequence[str]) -> None:
-    """Convert readings (names,) of a scene's amplifiers in place, from V to pC."""
+def _convert_volts_to_pC(readings_V: Array, scene: Scene, names: Sequence[str]) -> Array:
+    """Convert the readings of a scene's amplifiers from V to pC.
+
+    Parameters
+    ----------
+    readings_V : ndarray, shape (m,)
+        Output voltages in V.
+    scene : Scene
+        The scene whose `[readout]` describes the amplifiers.
+    names : sequence of str, length m
+        Names of the electrodes. A value without an amplifier is returned unchanged.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        Charges in pC.
+    """
+    charges_pC = readings_V.copy()
     columns = {name: j for j, name in enumerate(names)}
     for channel in make_channels(scene):
         if channel.name in columns:
             j = columns[channel.name]
-            volts = (readings[j] - channel.offset) / channel.gain
-            readings[j] = 1e12 * channel.capacitance * volts
+            volts = (readings_V[j] - channel.offset) / channel.gain
+            charges_pC[j] = 1e12 * channel.capacitance * volts
+    return charges_pC
 
 
 def _compute_unloaded_charges(scenes: Sequence[Scene], names: Sequence[str]) -> Array:
-    """Return the charges (scenes, names) of the unloaded films in pC."""
+    """Compute the charges of the unloaded films in pC.
+
+    Returns
+    -------
+    ndarray, shape (scenes, names)
+        NaN for an electrode that a scene does not have.
+    """
     charges = np.full((len(scenes), len(names)), np.nan)
     for i, scene in enumerate(scenes):
         integrals = compute_unloaded_integrals(Problem.from_scene(scene), required=False)

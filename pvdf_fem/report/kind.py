@@ -1,8 +1,8 @@
-"""Kinds of figures and tables of a report, and what they share.
+"""Base classes for the kinds of figures and tables in a report.
 
-A kind is a frozen class whose fields are its keys in a report script. It says what to compute, by
-changes of the scene or by tasks, and draws the computed data on axes. Solving, placing figures on
-the page, colours and files are the report's work.
+A kind is a frozen class whose fields are its keys in a report script. It lists the scenes to solve
+and the tasks to run, and draws the results on axes. The report solves the scenes, lays out the
+page and writes the files.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from pvdf_fem.scene.scene_file import SceneError, format_error, suggest
 from pvdf_fem.view.figures import WIDTH_MM, get_figure, make_figure
 
 QUICK_TOLERANCE = 1e-2  #: Finest tolerance of the scenes of a preview.
-PLACE = ("probe.x_mm", "probe.y_mm")  #: Keys of the probe's place.
+PROBE_POSITION_KEYS = ("probe.x_mm", "probe.y_mm")  #: Keys of the probe's position.
 
 
 @contextmanager
 def prefix_errors(key: str) -> Iterator[None]:
-    """Raise errors about scenes within the context as `SceneError` at a key of the script."""
+    """Raise errors about scenes within the context as `SceneError` with a script key in front."""
     try:
         yield
     except SceneError as error:
@@ -64,22 +64,22 @@ class Inputs:
     quick: bool = False
 
     def change_scene(self, *changes: Mapping[str, Any]) -> Scene:
-        """Return the report's scene with changes.
+        """Return a copy of the report's scene with changes.
 
         Parameters
         ----------
-        *changes : mapping of str to values
-            Values by dotted key, applied one after the other.
+        *changes : mapping of str to value
+            New values by dotted key. The mappings are applied one after the other.
 
         Returns
         -------
         Scene
-            In a preview with a tolerance no finer than `QUICK_TOLERANCE`.
+            In a preview its tolerance is at least `QUICK_TOLERANCE`.
 
         Raises
         ------
         SceneError
-            For changes that the scene refuses, at the key `set`.
+            If the changed scene is invalid. The messages begin with the key `set`.
         """
         scene = self.scene
         with prefix_errors("set"):
@@ -106,7 +106,7 @@ class Content:
     table : DataFrame, optional
         Cells of text for the table on the page.
     claim : str
-        The finding with its number: a clause of the verdict, empty without one.
+        The main finding with its number, as a clause of the page's verdict. Empty if there is none.
     """
 
     caption: str
@@ -119,11 +119,11 @@ class Content:
 class Kind(Section):
     """Keys of every figure and table.
 
-    `title` is the heading, `name` the name of the files. `set` changes the report's scene here: ``{
-    "film.d31_pC_N" = 18.0 }``. `data` names a table ``[data.NAME]``. `reading` says whether charges
-    are shown in ``total``, or as the ``change`` by the touch; by default as in the data. `summary`
-    shows the picture on the first screen. `full` has values of keys for reports made with
-    ``--full``: ``{ touches = 2000 }``.
+    `title` is the heading and `name` the name of the files. `set` changes the report's scene for
+    this item: ``{ "film.d31_pC_N" = 18.0 }``. `data` names a table ``[data.NAME]``. `reading` is
+    ``"total"`` for total charges or ``"change"`` for their change due to the touch; by default it
+    agrees with the data. `summary` puts a preview of the figure at the top of the page. `full` has
+    values of keys for reports made with ``--full``: ``{ touches = 2000 }``.
     """
 
     title: str = ""
@@ -134,39 +134,46 @@ class Kind(Section):
     summary: bool = False
     full: dict[str, Any] = Field(default_factory=dict)
 
-    stem: ClassVar[str] = "figure"  #: Name of the files where the script gives none.
-    rank: ClassVar[int] = 9  #: Place among the candidates for the first screen, from 0.
+    stem: ClassVar[str] = "figure"  #: Default name of the files.
+    rank: ClassVar[int] = 9  #: Priority for a preview at the top of the page; 0 comes first.
 
     # What to compute
 
     def list_changes(self) -> Sequence[Changes]:
-        """Return changes of the scene, a mapping by dotted key for each scene to solve."""
+        """Return the changes by dotted key for each scene to solve.
+
+        Default: no scenes. Subclasses override this method or `list_scenes`.
+        """
         return ()
 
     def list_scenes(self, inputs: Inputs) -> list[Scene]:
-        """Return the scenes to solve: by default the report's scene with `set` and each change.
+        """Return the scenes to solve.
+
+        Default: one scene for each entry of `list_changes`, which is applied after `set`.
 
         Raises
         ------
         SceneError
-            With all mistakes, by the keys of this kind.
+            If keys of this kind are invalid. The exception lists all errors.
         """
         return [inputs.change_scene(self.set, changes) for changes in self.list_changes()]
 
     def list_tasks(self, inputs: Inputs) -> Sequence[Task]:
-        """Return the computations besides solves of scenes.
+        """Return the tasks to run besides the scenes to solve.
+
+        Default: no tasks. Subclasses override this method.
 
         Raises
         ------
         SceneError
-            With all mistakes, by the keys of this kind.
+            If keys of this kind are invalid. The exception lists all errors.
         """
         return ()
 
     # What to show
 
     def collect_data(self, inputs: Inputs, results: ReportResults) -> Any:
-        """Return the data to show, when every scene and task is done.
+        """Collect the data to show after all scenes are solved and all tasks have run.
 
         Parameters
         ----------
@@ -177,14 +184,14 @@ class Kind(Section):
 
         Returns
         -------
-        DataFrame or object with a DataFrame `frame`
-            By default the rows of the tasks. Without tasks, a row for each change and electrode:
-            the changed keys, ``electrode``, ``computed_pC`` and ``error_pC``.
+        DataFrame or object with a DataFrame attribute `frame`
+            Default: the rows of the tasks. If these are empty, a row for each change and electrode
+            with the changed keys, ``electrode``, ``computed_pC`` and ``error_pC``.
 
         Raises
         ------
         NothingToShowError
-            Where no scene has charges, or a task has no rows.
+            If no scene has charges, or if a task failed.
         """
         rows = []
         for task in self.list_tasks(inputs):
@@ -194,24 +201,33 @@ class Kind(Section):
         return self._collect_charges(inputs, results)
 
     def make_figure(self, data: Any) -> Figure | None:
-        """Return the drawing of the data, None for a table alone."""
+        """Return the figure of the data.
+
+        Default: None, for a kind that shows only a table. `FigureKind` overrides this method.
+        """
         return None
 
     def make_caption(self, data: Any) -> str:
-        """Return the text below the figure, by default the first sentence of the docstring."""
+        """Return the text below the figure. Default: the summary line of the class docstring."""
         documentation = inspect.getdoc(type(self)) or ""
         return documentation.partition("\n\n")[0].replace("\n", " ")
 
     def make_table(self, data: Any) -> pd.DataFrame | None:
-        """Return the cells of text for the table on the page, None for no table."""
+        """Return the text cells of the table on the page.
+
+        Default: None, for no table. Subclasses override this method.
+        """
         return None
 
     def make_claim(self, data: Any) -> str:
-        """Return the finding with its number, as a clause of the page's verdict."""
+        """Return the main finding with its number, as a clause of the page's verdict.
+
+        Default: an empty string. Subclasses override this method.
+        """
         return ""
 
     def compose(self, inputs: Inputs, results: ReportResults) -> Content:
-        """Return the finished content.
+        """Compose the caption, data, figure, table and claim of this item.
 
         Parameters
         ----------
@@ -223,12 +239,11 @@ class Kind(Section):
         Returns
         -------
         Content
-            Caption, data, figure, table and claim.
 
         Raises
         ------
         NothingToShowError
-            Where too many scenes have no charges, or a task has no rows.
+            If too many scenes have no charges, or if a task failed.
         """
         data = self.collect_data(inputs, results)
         return Content(
@@ -246,45 +261,56 @@ class Kind(Section):
         return inputs.change_scene(self.set)
 
     def find_readings(self, inputs: Inputs) -> Readings | None:
-        """Return the readings that `data` names, fewer in a preview; None without `data`."""
+        """Return the readings that `data` names, or None if `data` is not set.
+
+        A preview gets only some of the rows.
+
+        Raises
+        ------
+        SceneError
+            If the report has no table ``[data.NAME]`` with this name.
+        """
         if self.data is None:
             return None
         if self.data not in inputs.data:
             names = list(inputs.data)
             advice = suggest(self.data, names) if names else "add a table [data.NAME]"
-            reason = f"is no data of the report; {advice}"
+            reason = f"is not a data table of the report; {advice}"
             raise SceneError([format_error("data", self.data, reason)])
         readings = inputs.data[self.data]
-        return readings.thin() if inputs.quick else readings
+        return readings.select_preview_rows() if inputs.quick else readings
 
     def resolve_reading(self, inputs: Inputs) -> str:
-        """Return which charges are shown, ``total`` or ``change``."""
+        """Return ``"total"`` if total charges are shown, ``"change"`` for changes by the touch.
+
+        Without the key `reading` this agrees with the data. Without data it is ``"total"``.
+        """
         if self.reading is not None:
             return self.reading
         readings = self.find_readings(inputs)
         return "total" if readings is None else readings.reading
 
     def describe_rings(self, inputs: Inputs) -> str:
-        """Return the sentence of the caption about the rings of the data, if there are any."""
+        """Return the caption's sentence about the rings of the data; empty without data."""
         readings = self.find_readings(inputs)
         return "" if readings is None else f" Rings: {readings.source.what} charges."
 
     def require_rows(self, rows: Sequence[Any], lack: str) -> None:
-        """Raise `SceneError` for data without a row that is shown.
+        """Raise `SceneError` if `data` is set but none of its rows is shown.
 
         Parameters
         ----------
         rows : sequence
             The rows of `data` that are shown.
         lack : str
-            Describes the missing rows, as in "of the scene within the reach".
+            Text after "has no row", such as "of the scene within the reach".
         """
         if self.data is not None and not rows:
             reason = f"has no row {lack}; change the data or `set`"
             raise SceneError([format_error("data", self.data, reason)])
 
     def _collect_charges(self, inputs: Inputs, results: ReportResults) -> pd.DataFrame:
-        """Return a row for each change and electrode, with the changed keys and the charge."""
+        """Collect a row for each change and electrode, with the changed keys and the charge."""
         reading = self.resolve_reading(inputs)
         frames = []
         for changes, scene in zip(self.list_changes(), self.list_scenes(inputs), strict=True):
@@ -302,24 +328,27 @@ class Kind(Section):
 
 
 class FigureKind(Kind):
-    """A kind that draws its data on axes."""
+    """Base class of kinds that draw their data on axes."""
 
     size_mm: ClassVar[tuple[float, float]] = (WIDTH_MM, 80.0)  #: Of a figure with one panel.
 
     @abstractmethod
     def draw(self, data: Any, axes: Any) -> None:
-        """Draw the data.
+        """Draw the data on the axes. Subclasses implement this method.
 
         Parameters
         ----------
         data : DataFrame or object
-            As `collect_data` returns it.
-        axes : Axes or sequence
-            As `make_axes` returns them.
+            Return value of `collect_data`.
+        axes : Axes or sequence of Axes
+            Return value of `make_axes`.
         """
 
     def make_axes(self, data: Any) -> Any:
-        """Return empty axes of a new figure: one `Axes`, or nested sequences of them."""
+        """Return the empty axes of a new figure.
+
+        Default: one `Axes`. Subclasses may return nested sequences of `Axes`.
+        """
         return make_figure(*self.size_mm).subplots()
 
     def make_figure(self, data: Any) -> Figure:
@@ -333,19 +362,25 @@ class FigureKind(Kind):
 
 
 class ElectrodeKind(FigureKind):
-    """A kind about some electrodes, by default all."""
+    """Base class of kinds with a key `electrodes`, by default all electrodes of the scene."""
 
     electrodes: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
 
     def resolve_electrodes(self, scene: Scene) -> tuple[str, ...]:
-        """Return the names of the electrodes; `SceneError` for unknown or repeated names."""
+        """Return the names of the electrodes to show.
+
+        Raises
+        ------
+        SceneError
+            If names are unknown or repeated.
+        """
         names = [electrode.name for electrode in scene.electrode_list]
         if self.electrodes is None:
             return tuple(names)
         problems = []
         for name in self.electrodes:
             if name not in names:
-                reason = f"is no electrode of the scene; {suggest(name, names)}"
+                reason = f"is not an electrode of the scene; {suggest(name, names)}"
                 problems.append(format_error("electrodes", name, reason))
         if len(set(self.electrodes)) < len(self.electrodes):
             reason = "has a name twice; remove one"
@@ -356,7 +391,7 @@ class ElectrodeKind(FigureKind):
 
 
 def differ_only_in(keys: Sequence[str], scene: Scene, other: Scene) -> bool:
-    """Return whether two scenes are equal but for numbers.
+    """Return whether two scenes are equal except for the numbers at some keys.
 
     Parameters
     ----------
@@ -368,7 +403,7 @@ def differ_only_in(keys: Sequence[str], scene: Scene, other: Scene) -> bool:
     Returns
     -------
     bool
-        False where one of the scenes has no such key.
+        False also if one of the scenes lacks one of the keys.
     """
     try:
         numbers = {key: get_number(scene, key) for key in keys}
@@ -377,24 +412,24 @@ def differ_only_in(keys: Sequence[str], scene: Scene, other: Scene) -> bool:
         return False
 
 
-def place_probe(scene: Scene, places_mm: Array) -> list[Scene]:
-    """Return the scene with its probe at each of some places.
+def place_probe(scene: Scene, positions_mm: Array) -> list[Scene]:
+    """Return copies of a scene with its probe moved to the given positions.
 
     Parameters
     ----------
     scene : Scene
         A scene with one probe.
-    places_mm : array (n, 2)
+    positions_mm : ndarray, shape (n, 2)
         Centroids of the probe in mm.
 
     Returns
     -------
-    list of Scene
+    list of Scene, length n
 
     Raises
     ------
     SceneError
-        Without a probe, or where it does not fit.
+        If the scene does not have exactly one probe, or if the probe does not fit on the film.
     """
     with prefix_errors("set"):
         if scene.single_probe is None:
@@ -402,11 +437,11 @@ def place_probe(scene: Scene, places_mm: Array) -> list[Scene]:
             raise SceneError([format_error("scene", "(no probe)", reason)])
     with prefix_errors("reach_mm"):
         scenes = []
-        for x, y in places_mm.tolist():
+        for x, y in positions_mm.tolist():
             scenes.append(scene.with_(**{"probe.x_mm": x, "probe.y_mm": y}))
         return scenes
 
 
-def get_place_mm(scene: Scene) -> Array:
-    """Return the place (2,) of the scene's probe in mm."""
-    return np.array([get_number(scene, key) for key in PLACE])
+def get_probe_position_mm(scene: Scene) -> Array:
+    """Return the coordinates x and y of the scene's probe in mm."""
+    return np.array([get_number(scene, key) for key in PROBE_POSITION_KEYS])

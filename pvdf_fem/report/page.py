@@ -14,18 +14,19 @@ from markupsafe import Markup
 
 from pvdf_fem import __version__
 from pvdf_fem.report.kind import Content
-from pvdf_fem.report.script import Item, Other, ReportPlan
+from pvdf_fem.report.script import Item, ReportPlan
+from pvdf_fem.report.script_keys import Other
 
 VERDICT = "verdict.txt"  #: File with the verdict of the page in the same folder.
-MAX_OPEN_ROWS = 12  #: Rows of the longest table that is not folded.
-MAX_ROWS = 60  #: Rows of the longest table on the page; longer ones are in their CSV files only.
-MAX_COLUMNS_BESIDE = 6  #: Columns of the widest table that stands beside its figure.
-#: Columns of the widest table that stays a table on a phone: beside a figure, and of texts.
+MAX_OPEN_ROWS = 12  #: Maximum number of rows of a table that is not folded.
+MAX_ROWS = 60  #: Maximum number of rows on the page; longer tables are only in their CSV files.
+MAX_COLUMNS_BESIDE = 6  #: Maximum number of columns of a table beside its figure.
+#: Maximum number of columns of a table that is not stacked on a phone: with and without a figure.
 MAX_COLUMNS_ON_PHONE = 5
 MAX_TEXT_COLUMNS_ON_PHONE = 3
-#: Kinds that compare with readings; where they have claims, the verdict consists of these.
-JUDGING = ("comparison", "positions")
-MAX_CLAIMS = 2  #: Number of claims in a verdict.
+#: Kinds that compare with readings; if they have claims, the verdict contains only these.
+COMPARISON_KINDS = ("comparison", "positions")
+MAX_CLAIMS = 2  #: Maximum number of claims in a verdict.
 
 
 @dataclass(frozen=True)
@@ -35,15 +36,15 @@ class Entry:
     Parameters
     ----------
     item : Item
-        Its place and keys.
+        Position in the script, and keys.
     content : Content, optional
-        Its content, None until it is composed.
+        None until the content is composed, or if it could not be made.
     svg : str
-        Its drawing.
+        The figure as SVG, empty without a figure.
     error : str
-        Why there is no content.
+        Reason why the content could not be made, or empty.
     remarks : tuple of str
-        Lines below it about failures and warnings.
+        Lines about failures and warnings, shown below the content.
     """
 
     item: Item
@@ -54,13 +55,13 @@ class Entry:
 
     @property
     def size(self) -> tuple[str, str]:
-        """Width and height of the drawing in its own units."""
+        """Width and height of the figure as written in its SVG `viewBox`; "0" without a figure."""
         match = re.search(r'viewBox="0 0 (\S+) (\S+)"', self.svg)
         return (match[1], match[2]) if match else ("0", "0")
 
     @property
-    def picture(self) -> Markup:
-        """The drawing as an element of the page, with identifiers of its own."""
+    def svg_element(self) -> Markup:
+        """The figure as an SVG element for the page, with identifiers unique on the page."""
         name = self.item.name
         body = self.svg[self.svg.find("<svg") :]
         body = re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL)
@@ -71,7 +72,7 @@ class Entry:
 
     @property
     def rows(self) -> list[dict[str, str]]:
-        """Rows of the table by heading; none for a table that is in its CSV file only."""
+        """Rows of the table as dicts by heading; empty without a table or beyond `MAX_ROWS`."""
         table = None if self.content is None else self.content.table
         if table is None or len(table) > MAX_ROWS:
             return []
@@ -79,35 +80,35 @@ class Entry:
 
 
 def render_page(plan: ReportPlan, entries: Sequence[Entry], out: Path, **state: Any) -> str:
-    """Return the HTML text of a page.
+    """Render the page of a report as HTML.
 
     Parameters
     ----------
     plan : ReportPlan
-        The report.
+        The validated report script.
     entries : sequence of Entry
-        Its figures and tables.
+        Figures and tables in the order of the script.
     out : Path
-        Folder of the page.
+        Folder of the page, to which the pages of other reports are relative.
     **state
-        Progress: the numbers of solves and tasks ``done`` and in ``total``, and whether the page
-        ``is_preview``.
+        Progress, for the template: numbers of solves and tasks ``done`` and in ``total``, and
+        whether the page ``is_preview``.
 
     Returns
     -------
     str
     """
     entry_by_name = {entry.item.name: entry for entry in entries}
-    pictures = []
+    previews = []
     for item in plan.summary:
         title = item.kind.title or plan.sections[item.section].title
-        pictures.append((entry_by_name[item.name], title))
+        previews.append((entry_by_name[item.name], title))
     return _load_template("page.html.j2").render(
         script=plan.script,
         sections=plan.sections,
         entries=entries,
         verdict=make_verdict(entries),
-        pictures=pictures,
+        previews=previews,
         others=_read_other_verdicts(plan, out),
         limits={
             "long": MAX_OPEN_ROWS,
@@ -121,16 +122,16 @@ def render_page(plan: ReportPlan, entries: Sequence[Entry], out: Path, **state: 
 
 
 def update_other_reports(page: str, plan: ReportPlan, out: Path) -> str:
-    """Return the HTML text of a page with the present verdicts of other reports.
+    """Return the HTML of a page with updated verdicts of the other reports.
 
     Parameters
     ----------
     page : str
-        HTML text of the page.
+        HTML of the page.
     plan : ReportPlan
-        The report.
+        The validated report script, which lists the other reports.
     out : Path
-        Folder of the page.
+        Folder of the page, to which the pages of other reports are relative.
     """
     template = _load_template("page.others.html.j2")
     lines = template.render(others=_read_other_verdicts(plan, out))
@@ -138,13 +139,16 @@ def update_other_reports(page: str, plan: ReportPlan, out: Path) -> str:
 
 
 def make_verdict(entries: Sequence[Entry]) -> str:
-    """Return the first claims of the composed items as a sentence, empty without claims."""
+    """Join the first claims of the composed items to a sentence; empty without claims.
+
+    If kinds that compare with readings (`COMPARISON_KINDS`) have claims, only these are used.
+    """
     claims = []
     judging_claims = []
     for entry in entries:
         if entry.content is not None and entry.content.claim:
             claims.append(entry.content.claim)
-            if getattr(entry.item.kind, "kind", "") in JUDGING:
+            if getattr(entry.item.kind, "kind", "") in COMPARISON_KINDS:
                 judging_claims.append(entry.content.claim)
     chosen = judging_claims if judging_claims else claims
     if not chosen:
@@ -154,7 +158,10 @@ def make_verdict(entries: Sequence[Entry]) -> str:
 
 
 def _read_other_verdicts(plan: ReportPlan, out: Path) -> list[tuple[Other, str | None]]:
-    """Return the other reports with their verdicts, None for a page that does not exist."""
+    """Return the other reports with their verdicts.
+
+    The verdict is None if the page does not exist, and empty if only its verdict is missing.
+    """
     others = []
     for other in plan.others:
         page = out / other.page
@@ -166,7 +173,7 @@ def _read_other_verdicts(plan: ReportPlan, out: Path) -> list[tuple[Other, str |
 
 
 def _load_template(name: str) -> Template:
-    """Return a template of this folder."""
+    """Load a template from the folder of this module."""
     environment = Environment(
         loader=PackageLoader("pvdf_fem.report", "."),
         autoescape=True,

@@ -1,4 +1,4 @@
-"""The kinds of figures and tables by the names that report scripts give."""
+"""The kinds of figures and tables by their names in report scripts."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def load_kinds(path: Path) -> dict[str, type[Kind]]:
     Raises
     ------
     SceneError
-        Where the file cannot be run, or defines no kind.
+        If the file cannot be run, or if it does not define a kind.
     """
     try:
         module = run_module(path)

@@ -1,4 +1,4 @@
-"""A report: its script, and the making of its page."""
+"""Reports: reading a script, computing its scenes and tasks, and writing its page."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.view.figures import render_figure, use_style
 
 PAGE = "index.html"
-STORE = "solved.db"  #: File with the results of solves and tasks.
+STORE = "solved.db"  #: File with the saved results of solves and tasks.
 
 
 @dataclass(frozen=True)
@@ -39,13 +39,13 @@ class MadeReport:
     scenes : int
         Number of distinct scenes of the report.
     solved : int
-        Number of scenes that were solved now; the others were in the store.
+        Number of scenes that had to be solved; the others were already in the store.
     tasks : int
         Number of distinct tasks of the report.
     ran : int
-        Number of tasks that ran now; the rows of the others were in the store.
+        Number of tasks that had to run; the rows of the others were already in the store.
     failures : tuple of str
-        Figures and tables that lack charges or rows, with the reasons.
+        A line for each reason why a figure or table lacks charges or rows.
     """
 
     page: Path
@@ -63,7 +63,12 @@ class MadeReport:
 
 @dataclass(frozen=True)
 class Report:
-    """A report script without mistakes.
+    """A validated report script, from which reports are made.
+
+    Parameters
+    ----------
+    plan : ReportPlan
+        Scene, data, and figures and tables of the script.
 
     Examples
     --------
@@ -75,19 +80,19 @@ class Report:
 
     @classmethod
     def load(cls, path: Path | str, kinds: Mapping[str, type[Kind]] | None = None) -> Self:
-        """Read a report script.
+        """Read and validate a report script.
 
         Parameters
         ----------
         path : path
             A TOML file.
-        kinds : mapping of str to Kind classes, optional
-            Kinds of figures besides the package's, by name, as `load_kinds` returns them.
+        kinds : mapping of str to type[Kind], optional
+            Additional kinds of figures by name, as `load_kinds` returns them.
 
         Raises
         ------
         SceneError
-            With all mistakes of the script, its scene and its data.
+            If the script, its scene or its data are invalid. The exception lists the errors.
         """
         return cls(load_script(coerce("path", path, Path), kinds or {}))
 
@@ -102,24 +107,24 @@ class Report:
     ) -> MadeReport:
         """Solve the scenes, run the tasks and write the page ``index.html``.
 
-        The page is written anew whenever a figure is finished. Results are kept beside it in
-        ``solved.db``, so that a stopped report goes on.
+        The page is updated whenever a figure is finished. Results are saved beside it in
+        ``solved.db``, so that an interrupted report can be continued.
 
         Parameters
         ----------
         out : path
-            Folder of the page, of ``verdict.txt`` with the verdict, and of the folders ``data``,
-            ``figures`` and ``scenes``.
+            Folder for the page, for ``verdict.txt`` with the verdict, and for the folders
+            ``data``, ``figures`` and ``scenes``. It is created if necessary.
         quick : bool
-            Make a preview, of few scenes to a coarse tolerance.
+            Whether to make a preview, with few scenes and a coarse tolerance.
         full : bool
-            Use the values of `full` in each figure and table.
+            Whether to use the values of `full` in each figure and table.
         processes : int, optional
-            Number of processes, by default one per core. With 1 everything is computed one after
-            the other, for timings.
+            Number of processes. Default: one per core. With 1, scenes and tasks are computed one
+            after the other, which is suitable for timings.
         progress : callable or bool, optional
-            Called with the number of finished scenes and tasks and their total, or whether to show
-            these numbers.
+            A function that is called with the number of finished scenes and tasks and their total,
+            or whether to show these numbers in the terminal.
 
         Returns
         -------
@@ -128,7 +133,7 @@ class Report:
         out = Path(out)
         make_directory(out, PAGE, *self.plan.files)
         inputs, requirements = self.plan.collect_requirements(quick, full)
-        work = _Work(out, self.plan, inputs=inputs, requirements=requirements)
+        work = _ReportBuilder(out, self.plan, inputs=inputs, requirements=requirements)
         work.begin()
         scenes: dict[Scene, None] = {}
         tasks: dict[str, Task] = {}
@@ -168,7 +173,7 @@ class Report:
         )
 
     def refresh(self, out: Path | str) -> None:
-        """Update the lines about other reports on the page in a folder, if there is one."""
+        """Update the lines about other reports on the page in `out`, if this page exists."""
         page = Path(out) / PAGE
         with suppress(FileNotFoundError):
             text = page.read_text("utf-8")
@@ -177,16 +182,16 @@ class Report:
 
 @dataclass
 class _PendingItem:
-    """A figure or table in progress.
+    """A figure or table whose results may still be incomplete.
 
     Parameters
     ----------
     needed : Requirements
-        Its scenes and tasks.
-    missing : set
-        Scenes without a record, and keys of tasks without rows.
+        All scenes and tasks of the item.
+    missing : set of Scene or str
+        Scenes that are not yet solved, and keys of tasks that have not yet run.
     entry : Entry
-        Its place on the page.
+        The item's current entry on the page.
     """
 
     needed: Requirements
@@ -194,8 +199,8 @@ class _PendingItem:
     entry: Entry
 
 
-class _Work:
-    """A report in progress: the results so far, and the content of the page."""
+class _ReportBuilder:
+    """A report in progress, with the results so far and the entries of the page."""
 
     def __init__(
         self, out: Path, plan: ReportPlan, inputs: Inputs, requirements: Sequence[Requirements]
@@ -214,7 +219,7 @@ class _Work:
         self.total = len(everything)
 
     def begin(self) -> None:
-        """Write the page without figures, then with figures that need no computation."""
+        """Write the scene files and the page, and compose figures that need no computation."""
         for folder in ("data", "figures", "scenes"):
             (self.out / folder).mkdir(exist_ok=True)
         write_if_changed(self.out / "scenes" / "scene.toml", self.plan.scene.to_toml())
@@ -228,14 +233,14 @@ class _Work:
                 self._compose(pending)
 
     def add(self, key: Scene | str, result: Record | Rows | WorkerDied) -> None:
-        """Add a result, and compose the items that missed nothing else.
+        """Add a result, and compose the items whose results are now complete.
 
         Parameters
         ----------
         key : Scene or str
-            A scene, or the key of a task.
-        result : Record, rows or WorkerDied
-            The scene's record, or the task's rows.
+            A solved scene, or the key of a task.
+        result : Record, list of dict or WorkerDied
+            The record of the scene, or the rows or failure of the task.
         """
         self.results[key] = result
         for pending in self.items.values():
@@ -245,7 +250,7 @@ class _Work:
                     self._compose(pending)
 
     def _compose(self, pending: _PendingItem) -> None:
-        """Compose an item, write its files and the page, and add its failures."""
+        """Compose an item, write its files and the page, and record its failures."""
         item, scenes, tasks = pending.needed
         results = ReportResults(self.results)
         failures = results.describe_failures(scenes, tasks)
@@ -262,7 +267,7 @@ class _Work:
             others = [failure for failure in failures if failure != str(error)]
             pending.entry = Entry(item, error=str(error), remarks=(*others, *warnings))
             failures = [str(error), *others]
-        except Exception as error:  # one figure must not prevent the others
+        except Exception as error:  # one figure must not stop the others
             traceback.print_exc(file=sys.stderr)
             pending.entry = Entry(item, error=f"{type(error).__name__}: {error}")
             failures = [pending.entry.error]
@@ -270,7 +275,7 @@ class _Work:
         self._write_page()
 
     def _write_files(self, entry: Entry, content: Content) -> None:
-        """Write the data of an item as CSV, and its drawing as SVG."""
+        """Write the data of an item as CSV, and its figure as SVG."""
         name = entry.item.name
         csv = content.frame.to_csv(index=False, lineterminator="\n")
         write_if_changed(self.out / "data" / f"{name}.csv", csv)
@@ -278,7 +283,7 @@ class _Work:
             write_if_changed(self.out / "figures" / f"{name}.svg", entry.svg)
 
     def _write_page(self) -> None:
-        """Write the page and the verdict with the results so far."""
+        """Write the page and the verdict from the results so far."""
         entries = [self.items[item.name].entry for item in self.plan.items]
         page = render_page(
             self.plan,
@@ -297,7 +302,7 @@ class _Work:
 
 
 def write_if_changed(path: Path, text: str) -> None:
-    """Write a text to a file, unless the file has this text already."""
+    """Write a text to a file, unless the file already has this content."""
     with suppress(FileNotFoundError):
         if path.read_text("utf-8") == text:
             return

@@ -26,35 +26,41 @@ class ReportResults:
     Parameters
     ----------
     results : mapping
-        Records by scene, and rows by the keys of tasks (`compute_key`). `WorkerDied` stands for the
-        rows of a task that failed.
+        Records by scene, and rows by the keys of tasks (`compute_key`). A failed task has
+        `WorkerDied` instead of rows.
     """
 
     def __init__(self, results: Mapping[Any, Record | Rows | WorkerDied]) -> None:
         self._results: Mapping[Any, Any] = results
 
     def get_rows(self, task: Task) -> Rows:
-        """Return the rows of a task; `NothingToShowError` where the task failed."""
+        """Return the rows of a task.
+
+        Raises
+        ------
+        NothingToShowError
+            If the task failed.
+        """
         rows: Rows | WorkerDied = self._results[compute_key(task)]
         if isinstance(rows, WorkerDied):
             raise NothingToShowError(_describe_failure(task, rows))
         return rows
 
     def get_charges(self, scenes: Sequence[Scene], names: Sequence[str], reading: str) -> Array:
-        """Return charges of electrodes by scene.
+        """Return the computed charges of electrodes by scene.
 
         Parameters
         ----------
-        scenes : sequence of n Scenes
+        scenes : sequence of Scene, length n
             Solved scenes.
-        names : sequence of m str
+        names : sequence of str, length m
             Names of the electrodes.
         reading : {"total", "change"}
             Whether the charge of the unloaded film is subtracted.
 
         Returns
         -------
-        array (n, m)
+        ndarray, shape (n, m)
             In pC; NaN for a scene without charges or without the electrode.
         """
         charges = self._read_records(scenes, names, _read_charges)
@@ -63,11 +69,11 @@ class ReportResults:
         return charges
 
     def get_unloaded_charges(self, scenes: Sequence[Scene], names: Sequence[str]) -> Array:
-        """Return the charges (scenes, names) of the unloaded films in pC."""
+        """Return the charges of the unloaded films in pC, an array of shape (scenes, names)."""
         return self._read_records(scenes, names, _read_unloaded_charges)
 
     def get_errors(self, scenes: Sequence[Scene], names: Sequence[str]) -> Array:
-        """Return the estimated discretisation errors (scenes, names) of the charges in pC."""
+        """Return estimated discretisation errors in pC, an array of shape (scenes, names)."""
         return self._read_records(scenes, names, _read_charge_errors)
 
     def make_table(
@@ -81,20 +87,21 @@ class ReportResults:
 
         Parameters
         ----------
-        scenes : sequence of n Scenes
+        scenes : sequence of Scene, length n
             Solved scenes.
-        names : sequence of m str
+        names : sequence of str, length m
             Names of the electrodes.
         reading : {"total", "change"}
             Whether the charge of the unloaded film is subtracted.
-        data_pC : array (n, m), optional
+        data_pC : ndarray, shape (n, m), optional
             Charges of the data, NaN where there is none.
 
         Returns
         -------
-        DataFrame of n m rows
-            Columns ``electrode``, ``charge_pC`` (of the data), ``computed_pC``, ``error_pC`` and
-            ``difference_percent``.
+        DataFrame
+            A row for each scene and electrode, n m in all, with the columns ``electrode``,
+            ``charge_pC`` (of the data), ``computed_pC``, ``error_pC`` and ``difference_percent``
+            (computed minus data, in percent of the data).
         """
         computed = self.get_charges(scenes, names, reading)
         if data_pC is None:
@@ -111,7 +118,7 @@ class ReportResults:
         return frame
 
     def describe_failures(self, scenes: Sequence[Scene], tasks: Sequence[Task]) -> list[str]:
-        """Return why scenes have no charges and tasks have no rows.
+        """Describe why scenes have no charges and tasks have no rows.
 
         Parameters
         ----------
@@ -123,7 +130,8 @@ class ReportResults:
         Returns
         -------
         list of str
-            A line for each reason, with the number of scenes, and for each failed task.
+            A line for each distinct reason with the number of scenes, then a line for each failed
+            task.
         """
         reasons: Counter[str] = Counter()
         for scene in dict.fromkeys(scenes):
@@ -138,7 +146,10 @@ class ReportResults:
         return lines
 
     def describe_warnings(self, scenes: Sequence[Scene]) -> list[str]:
-        """Return a line with the number of scenes that have warnings, and the first warning."""
+        """Return one line with the number of scenes with warnings and an example.
+
+        The list is empty if no scene has warnings.
+        """
         first_warnings = []
         for scene in dict.fromkeys(scenes):
             warnings = [*scene.warnings, *self._results[scene].warnings]
@@ -155,7 +166,22 @@ class ReportResults:
         names: Sequence[str],
         read: Callable[[Record, Scene], Array],
     ) -> Array:
-        """Return values (scenes, names) that `read` returns for the electrodes of a record."""
+        """Read a value of each electrode from the records of scenes.
+
+        Parameters
+        ----------
+        scenes : sequence of Scene, length n
+            Solved scenes.
+        names : sequence of str, length m
+            Names of the electrodes.
+        read : callable
+            Returns the values of a record's electrodes, shape (electrodes,).
+
+        Returns
+        -------
+        ndarray, shape (n, m)
+            NaN for electrodes that a scene does not have.
+        """
         values = np.full((len(scenes), len(names)), np.nan)
         for i, scene in enumerate(scenes):
             record = self._results[scene]
@@ -171,22 +197,22 @@ def _get_coefficients(scene: Scene) -> tuple[float, float]:
 
 
 def _read_charges(record: Record, scene: Scene) -> Array:
-    """Return the charges (electrodes,) of a record in pC by the scene's observable."""
+    """Return the charges of a record's electrodes in pC, by the scene's observable."""
     integrals = record.integrals_by(str(scene.numerics.observable))
     return integrals.charges(_get_coefficients(scene))
 
 
 def _read_unloaded_charges(record: Record, scene: Scene) -> Array:
-    """Return the charges (electrodes,) of a record's unloaded film in pC."""
+    """Return the charges of a record's electrodes in pC on the unloaded film."""
     return record.unloaded.charges(_get_coefficients(scene))
 
 
 def _read_charge_errors(record: Record, scene: Scene) -> Array:
-    """Return the errors (electrodes,) of a record's charges in pC."""
+    """Return the estimated errors of a record's charges in pC, by electrode."""
     integrals = record.integrals_by(str(scene.numerics.observable))
     return integrals.charge_errors(_get_coefficients(scene))
 
 
-def _describe_failure(task: Task, end: WorkerDied) -> str:
-    """Return the class of a task with the reason of its failure."""
-    return f"{type(task).__name__}: {end.reason}"
+def _describe_failure(task: Task, failure: WorkerDied) -> str:
+    """Return the class name of a task and the reason of its failure."""
+    return f"{type(task).__name__}: {failure.reason}"

@@ -1,83 +1,29 @@
-"""Report scripts: TOML files that say what a report shows, checked before any solve."""
+"""Report scripts: TOML files that define a report. They are validated before any solve."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-from pydantic import AfterValidator, Field, ValidationError
+from pydantic import ValidationError
 
 from pvdf_fem.batch.batch import plan_scenes
 from pvdf_fem.files import FileError, read_text
 from pvdf_fem.report.data import DataSource, Readings, read_data
 from pvdf_fem.report.kind import Inputs, Kind, prefix_errors
 from pvdf_fem.report.registry import FIGURES, TABLES
+from pvdf_fem.report.script_keys import Other, Script, ScriptSection, Table
 from pvdf_fem.report.task import Task
-from pvdf_fem.scene.keys import Section, make_validation_error
+from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import MOST_BYTES, SceneError, format_error, parse_toml, suggest
 from pvdf_fem.scene.validation.errors import MAX_ERRORS, describe_errors, join_key
 
-MAX_WORDS = 120  #: Largest number of words in a text.
-PICTURES = 3  #: Number of pictures on the first screen.
+MAX_PREVIEWS = 3  #: Maximum number of previews at the top of the page.
 Kinds = Mapping[str, type[Kind]]
 Model = TypeVar("Model", bound=Section)
-Table = dict[str, Any]
-
-
-def _check_length(text: str) -> str:
-    """Return a text; raise a validation error for one that is too long."""
-    count = len(text.split())
-    if count > MAX_WORDS:
-        raise make_validation_error(f"has {count} words, more than {MAX_WORDS}; shorten it")
-    return text
-
-
-Title = Annotated[str, Field(min_length=1, max_length=100)]
-Text = Annotated[str, AfterValidator(_check_length)]
-
-
-class ScriptSection(Section):
-    """A section of the page: a `title`, a sentence or two in `text`, figures and tables.
-
-    Consecutive sections with the same `part` stand under its heading.
-    """
-
-    title: Title
-    text: Text = ""
-    part: str = ""
-    figure: tuple[Table, ...] = ()
-    table: tuple[Table, ...] = ()
-
-
-class Other(Section):
-    """A line about another report: its `title`, its `page`, relative to this page, and `how`.
-
-    The line quotes the verdict of the other page. While that page does not exist, the line says
-    `how` to make it.
-    """
-
-    title: Title
-    page: Annotated[str, Field(min_length=1)]
-    how: Text
-
-
-class Script(Section):
-    """A report script: `title`, a `text` at its head, the scene, data, sections, other reports.
-
-    `scene` is the path of a scene file, relative to the script, or a table of keys. Instead,
-    `example` names an example of the package.
-    """
-
-    title: Title
-    text: Text = ""
-    scene: str | Table | None = Field(None, union_mode="left_to_right")
-    example: str | None = None
-    data: dict[str, Table] = Field(default_factory=dict)
-    section: Annotated[tuple[Table, ...], Field(min_length=1)]
-    other: tuple[Table, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -87,15 +33,15 @@ class Item:
     Parameters
     ----------
     section : int
-        Number of its section, from 0.
+        Index of its section, from 0.
     where : str
-        Its key in the script, as ``section[0].figure[1]``.
+        Its key in the script, such as ``section[0].figure[1]``.
     name : str
-        Name of its files.
+        Unique name, from which file names are made.
     kind : Kind
-        Its keys.
+        The item's keys.
     full : Kind
-        Its keys with the values of `full`.
+        The item's keys with the values of `full` applied.
     """
 
     section: int
@@ -120,19 +66,19 @@ class ReportPlan:
     Parameters
     ----------
     script : Script
-        The keys at its head.
+        Title, introduction, and the unparsed tables of the script.
     scene : Scene
-        The report's scene.
+        The report's scene, which figures and tables may change.
     data : mapping of str to Readings
         The tables ``[data.NAME]`` by name.
     sections : tuple of ScriptSection
-        Sections in their order.
+        Sections in the order of the page.
     items : tuple of Item
         Figures and tables of all sections.
     others : tuple of Other
         Lines about other reports.
     files : tuple of Path
-        Files that were read, the script first.
+        Files that were read, the script first. A report does not overwrite these.
     """
 
     script: Script
@@ -151,21 +97,21 @@ class ReportPlan:
         Parameters
         ----------
         quick : bool
-            For a preview, of few scenes to a coarse tolerance.
+            Whether the report is a preview, with few scenes and a coarse tolerance.
         full : bool
-            With the values of `full` in each item.
+            Whether the values of `full` are applied in each item.
 
         Returns
         -------
         inputs : Inputs
-            What the items share.
+            The scene and the data that all items share.
         requirements : list of Requirements
-            Those of the first screen first.
+            Scenes and tasks of each item. Items with previews at the top of the page come first.
 
         Raises
         ------
         SceneError
-            With all mistakes of all items.
+            If items are invalid or scenes cannot be solved. The exception lists the errors.
         """
         inputs = Inputs(self.scene, self.data, quick)
         requirements = []
@@ -184,14 +130,14 @@ class ReportPlan:
         all_scenes = []
         for needed in requirements:
             all_scenes += needed.scenes
-        plan_scenes(all_scenes)  # refuses scenes that cannot be solved
+        plan_scenes(all_scenes)  # raises an error for scenes that cannot be solved
         return inputs, requirements
 
     @property
     def summary(self) -> list[Item]:
-        """Items of the first screen, at most `PICTURES`.
+        """Items with previews at the top of the page, at most `MAX_PREVIEWS`.
 
-        First the items with `summary`, then the first item of each rank, then the other items.
+        Items with `summary` come first, then the first item of each rank, then the other items.
         """
         chosen = [item for item in self.items if item.kind.summary]
         ranked = sorted(self.items, key=lambda item: item.kind.rank)
@@ -202,10 +148,10 @@ class ReportPlan:
                 chosen.append(item)
         chosen += ranked
         distinct = [item for i, item in enumerate(chosen) if item not in chosen[:i]]
-        return distinct[:PICTURES]
+        return distinct[:MAX_PREVIEWS]
 
     def _order_items(self) -> list[Item]:
-        """Return the items of the first screen and then the others, in the script's order."""
+        """Return the items with previews, then the others, each in the order of the script."""
         first = self.summary
         return [item for item in self.items if item in first] + [
             item for item in self.items if item not in first
@@ -213,14 +159,14 @@ class ReportPlan:
 
 
 def load_script(path: Path, kinds: Kinds) -> ReportPlan:
-    """Read and check a report script.
+    """Read and validate a report script.
 
     Parameters
     ----------
     path : Path
         A TOML file.
-    kinds : mapping of str to Kind classes
-        Kinds of figures besides the package's, by name.
+    kinds : mapping of str to type[Kind]
+        Additional kinds of figures by name.
 
     Returns
     -------
@@ -229,7 +175,7 @@ def load_script(path: Path, kinds: Kinds) -> ReportPlan:
     Raises
     ------
     SceneError
-        With all mistakes of the script, its scene and its data.
+        If the script, its scene or its data are invalid. The exception lists the errors.
     """
     try:
         table = parse_toml(read_text(path, MOST_BYTES, "a report script"), str(path))
@@ -259,16 +205,16 @@ def load_script(path: Path, kinds: Kinds) -> ReportPlan:
 
 @dataclass
 class _ScriptReader:
-    """A reader of the tables of a script, which collects all mistakes.
+    """A reader of the tables of a script that collects all validation errors.
 
     Parameters
     ----------
-    kinds : mapping
+    kinds : mapping of str to mapping of str to type[Kind]
         Kinds by form, ``figure`` or ``table``, and by name.
     files : list of Path
-        Files that were read, the script first.
+        Files that were read, the script first. The methods append to it.
     problems : list of str
-        Mistakes so far.
+        Error messages. The methods append to it.
     """
 
     kinds: Mapping[str, Kinds]
@@ -276,7 +222,22 @@ class _ScriptReader:
     problems: list[str] = field(default_factory=list)
 
     def validate(self, model: type[Model], table: Any, where: str) -> Model | None:
-        """Return the model of a table at a key of the script, None for one with mistakes."""
+        """Validate a table of the script by a pydantic model.
+
+        Parameters
+        ----------
+        model : type
+            The model, a subclass of `Section`.
+        table : object
+            The table to validate.
+        where : str
+            Key of the table in the script, for error messages.
+
+        Returns
+        -------
+        Section or None
+            None if the table is invalid; the errors are then added to `problems`.
+        """
         try:
             return model.model_validate(table)
         except ValidationError as error:
@@ -284,7 +245,17 @@ class _ScriptReader:
             return None
 
     def validate_list(self, model: type[Model], table: Table, name: str) -> tuple[Model, ...]:
-        """Return the models of the valid tables in a list."""
+        """Validate the tables in a list, and return the valid ones.
+
+        Parameters
+        ----------
+        model : type
+            The model, a subclass of `Section`.
+        table : dict
+            The table that has the list.
+        name : str
+            Key of the list in the table.
+        """
         models = []
         for number, entry in _enumerate_tables(table, name):
             valid = self.validate(model, entry, f"{name}[{number}]")
@@ -293,7 +264,7 @@ class _ScriptReader:
         return tuple(models)
 
     def read_scene(self, table: Table) -> Scene | None:
-        """Return the scene of a script, None for one with mistakes."""
+        """Read the report's scene; return None if it is invalid."""
         scene = table.get("scene")
         example = table.get("example")
         try:
@@ -308,13 +279,13 @@ class _ScriptReader:
                     return Scene.from_file(self.files[-1])
                 if isinstance(scene, dict):
                     return Scene().with_(**scene)
-                return None  # the model of the script reports other types
+                return None  # the validation of `Script` reports other types
         except SceneError as error:
             self.problems += error.problems
             return None
 
     def read_data(self, table: Table, scene: Scene) -> dict[str, Readings]:
-        """Return the valid tables ``[data.NAME]`` of a script by name."""
+        """Read the tables ``[data.NAME]``, and return the valid ones by name."""
         data: dict[str, Readings] = {}
         tables = table.get("data")
         if not isinstance(tables, dict):
@@ -334,7 +305,7 @@ class _ScriptReader:
         return data
 
     def read_items(self, table: Table) -> tuple[Item, ...]:
-        """Return the valid figures and tables of every section, with unique names."""
+        """Read the figures and tables of all sections, and return the valid ones."""
         items = []
         places: dict[str, str] = {}  # keys in the script by name of the item
         for number, section in _enumerate_tables(table, "section"):
@@ -349,53 +320,55 @@ class _ScriptReader:
         return tuple(items)
 
     def _read_kind(self, kinds: Kinds, table: Table, where: str) -> Kind | None:
-        """Return the keys of a figure or table by the class of its kind, None with mistakes.
+        """Validate a figure or table by the class of its kind; return None if it is invalid.
 
         Parameters
         ----------
-        kinds : mapping of str to Kind classes
-            Kinds that are allowed there.
+        kinds : mapping of str to type[Kind]
+            Kinds that are allowed at this key, by name.
         table : dict
-            The keys.
+            The table in the script.
         where : str
-            Key of the table in the script.
+            Key of the table in the script, for error messages.
         """
         name = table.get("kind", "(nothing)")
         if isinstance(name, str) and name in kinds:
             return self.validate(kinds[name], table, where)
-        reason = f"is no kind of this table; {suggest(name, list(kinds))}"
+        reason = f"is not a kind of this table; {suggest(name, list(kinds))}"
         self.problems.append(format_error(f"{where}.kind", name, reason))
         return None
 
     def _read_full(self, kind: Kind, table: Table, where: str) -> Kind:
-        """Return the keys with the values of `full`, or the keys alone where these are mistakes.
+        """Return an item's keys with the values of `full` applied.
+
+        If these values are invalid, the keys are returned unchanged.
 
         Parameters
         ----------
         kind : Kind
-            The keys.
+            The validated keys.
         table : dict
-            The keys as in the script.
+            The table in the script.
         where : str
-            Key of the table in the script.
+            Key of the table in the script, for error messages.
         """
         for key in kind.full.keys() & {"kind", "name", "full"}:
-            reason = "is the same in every form of a report; leave it out"
+            reason = "cannot be changed for --full; remove it"
             self.problems.append(format_error(f"{where}.full.{key}", kind.full[key], reason))
         full = self.validate(type(kind), {**table, **kind.full}, f"{where}.full")
         return kind if full is None else full
 
     def _choose_name(self, kind: Kind, where: str, places: dict[str, str]) -> str:
-        """Return the name of an item's files, and add it to the places by name.
+        """Choose a unique name of an item, and add it to `places`.
 
         Parameters
         ----------
         kind : Kind
-            Its keys, which may have the name.
+            The item's keys. Without a key `name`, the name is made from `Kind.stem`.
         where : str
             Key of the item in the script.
-        places : dict
-            Keys of earlier items by their names.
+        places : dict of str to str
+            Keys in the script by name of the earlier items. This item is added.
         """
         name = kind.name
         if name is None:
@@ -412,7 +385,10 @@ class _ScriptReader:
 
 
 def _enumerate_tables(table: Table, name: str) -> Iterator[tuple[int, Table]]:
-    """Yield the tables of a list with their numbers; the list's model reports other entries."""
+    """Yield the tables of a list with their indices.
+
+    Other entries are skipped, since the validation of `Script` or `ScriptSection` reports them.
+    """
     entries = table.get(name)
     if not isinstance(entries, list):
         return

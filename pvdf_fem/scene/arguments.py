@@ -1,7 +1,7 @@
-"""Coercion of arguments to the types that functions need.
+"""Coercion of function arguments to the types that the functions need.
 
-Arguments are checked by type and limits, and refused with name, value and advice, as keys of a
-scene are.
+Arguments are checked for type and limits. As with keys of a scene, the messages name the argument,
+its value and what to give instead.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ Value = TypeVar("Value")
 
 
 class HasScene(Protocol):
-    """A result of a scene: `Solution`, `Modes`, `Response`."""
+    """A result that keeps its scene, such as `Solution`, `Modes` or `Response`."""
 
     @property
     def scene(self) -> Scene:
-        """The scene of the result."""
+        """The scene from which the result was computed."""
         ...
 
 
@@ -38,29 +38,29 @@ SceneLike: TypeAlias = Scene | str | Path | Mapping[str, Any] | HasScene
 
 
 def _as_tuple(names: Any) -> Any:
-    """Put a single name into a tuple."""
+    """Return a tuple of a single name; return anything else as it is."""
     return (names,) if isinstance(names, str) else names
 
 
-#: One name or more; a single name may stand alone.
+#: One or more names; a single name may be given without a tuple.
 Names = Annotated[tuple[str, ...], Field(min_length=1), BeforeValidator(_as_tuple)]
 
 
 class ValuesByName(dict[str, Value]):
-    """Values by name; an unknown name raises `KeyError` with the known names."""
+    """Values by name; the `KeyError` for an unknown name suggests known names."""
 
     def __missing__(self, name: Any) -> Value:
-        raise KeyError(f"{name!r:.60} is not there; {suggest(name, list(self))}")
+        raise KeyError(f"{name!r:.60} is not a valid name; {suggest(name, list(self))}")
 
 
 def as_scene(scene: SceneLike) -> Scene:
-    """Return the scene that an argument stands for.
+    """Convert an argument to a scene.
 
     Parameters
     ----------
-    scene : Scene, str, path, mapping or result
-        A scene, the path of a scene file, tables of a scene, which change the default scene, or a
-        result with a scene.
+    scene : Scene, str, Path, mapping or HasScene
+        A scene; the path of a scene file; a dict of tables, which change the default scene; or a
+        result that keeps its scene.
 
     Returns
     -------
@@ -69,9 +69,9 @@ def as_scene(scene: SceneLike) -> Scene:
     Raises
     ------
     SceneError
-        For a file or tables with errors.
+        If the file or the tables have errors.
     TypeError
-        For anything else; the text says what to give.
+        If the argument is none of these.
     """
     if isinstance(scene, Scene):
         return scene
@@ -82,12 +82,15 @@ def as_scene(scene: SceneLike) -> Scene:
     scene_of_result = getattr(scene, "scene", None)
     if isinstance(scene_of_result, Scene):
         return scene_of_result
-    reason = "is not a scene; give a Scene, the path of a scene file, a dict of its tables"
+    reason = "is not a scene; give a Scene, the path of a scene file or a dict of tables"
     raise TypeError(f"scene = {scene!r:.60}: {reason}")
 
 
 def as_response(response: T) -> T:
-    """Return a response from `build_response`; raise `TypeError` for anything else."""
+    """Return the argument if it is a response, and raise `TypeError` otherwise.
+
+    Anything with the attribute ``evaluate`` counts as a response.
+    """
     if hasattr(response, "evaluate"):
         return response
     reason = "is not a response; give build_response(scene)"
@@ -102,24 +105,25 @@ def coerce(
     Parameters
     ----------
     name : str
-        Name of the argument in errors.
+        Name of the argument in error messages.
     value : object
-        The value.
+        The argument.
     kind : type
-        A type that pydantic validates, or any class of which the value has to be an instance.
+        A type that pydantic validates, or another class of which the value must be an instance.
     limits : pair of float, optional
-        Least and largest number.
+        Minimum and maximum, both allowed; used only with the kinds ``bool``, ``int`` and ``float``.
     unit : str
-        Unit of the limits in errors.
+        Unit of the limits in error messages.
 
     Returns
     -------
     object
+        The value as an instance of `kind`.
 
     Raises
     ------
     ValueError
-        With a line for each error.
+        If the value is invalid. The message has a line for each error.
     """
     if kind in (bool, int, float):
         kind = Annotated[kind, Key(unit, limits)]
@@ -135,7 +139,10 @@ def coerce(
 
 @lru_cache(maxsize=128)
 def _make_validator(kind: Any) -> TypeAdapter[Any]:
-    """Make pydantic's validator of a type, which takes longer than `locate` does otherwise."""
+    """Make pydantic's validator of a type.
+
+    Validators are cached: to make one takes longer than to locate a touch.
+    """
     return TypeAdapter(kind)
 
 
@@ -147,29 +154,30 @@ def coerce_array(
     Parameters
     ----------
     name : str
-        Name of the argument in errors.
-    value : number or array of any shape
-        The value.
+        Name of the argument in error messages.
+    value : array_like
+        A number or an array of any shape.
     limits : pair of float, optional
-        Least and largest number; then the array must not be empty.
+        Minimum and maximum, both allowed. With limits, the array must not be empty.
     unit : str
-        Unit of the limits in errors.
+        Unit of the limits in error messages.
 
     Returns
     -------
-    array of float
+    ndarray of float
+        In the shape of `value`.
 
     Raises
     ------
     ValueError
-        For anything else than numbers within the limits.
+        If the value does not consist of integer or real numbers, or one is outside of the limits.
     """
     try:
         array = np.asarray(value)
     except ValueError:  # lists of unequal lengths
         array = np.asarray(None)
     if array.dtype.kind not in "iuf":
-        reason = "is neither a number nor an array of numbers; give one"
+        reason = "must be a number or an array of numbers; give one of them"
         raise ValueError(format_error(name, value, reason))
     if limits is not None:
         low, high = limits

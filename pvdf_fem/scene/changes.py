@@ -16,18 +16,18 @@ from pvdf_fem.scene.placed.electrode import Layout
 from pvdf_fem.scene.placed.placed_shape import SIZE_KEYS
 from pvdf_fem.scene.scene_file import format_error
 
-#: The names and the indices (int) that lead to a value of a scene.
+#: The names (str) and indices (int) of a parsed key: ("electrodes", 0, "x_mm").
 Steps = tuple[Any, ...]
 
-# Keys that decide which further keys exist, in the order of their changes.
+# Keys on which the existence of other keys depends, in the order in which they must be changed.
 _DECISIVE_KEYS = ("layout", "shape", "kind", "profile")
-# The value of a change to a table; the table's keys are changes themselves.
+# Value of the change that creates a table; the values in the table are changes of their own.
 _TABLE = object()
 _KEY = re.compile(r"[^.[\]]+(?:\.[^.[\]]+|\[[0-9]{1,9}\])*")
-# Keys that a new shape removes.
+# Keys that are removed when the shape changes.
 _KEYS_OF_A_SHAPE = SIZE_KEYS | {"edge_radius_mm"}
 _KEYS_OF_EVERY_LAYOUT = Layout.list_common_keys()
-# Reasons against a key that addresses an entry of a table, or a key of a list.
+# Messages for a key of a list without an index, or a key of a table with an index.
 _INDEX_REASONS = {
     "electrodes": "electrodes are addressed by index in a list [[electrodes]], as in"
     " electrodes[0].x_mm",
@@ -36,9 +36,9 @@ _INDEX_REASONS = {
 
 
 class Replaced(dict[str, Any]):
-    """A table that replaces a whole table of the scene.
+    """A table that replaces a whole table of the scene instead of being merged into it.
 
-    Missing keys get their defaults, while other tables are merged.
+    Keys that it does not have get their defaults.
 
     Examples
     --------
@@ -47,19 +47,19 @@ class Replaced(dict[str, Any]):
 
 
 class _Change(NamedTuple):
-    """A change as it was written, and its value."""
+    """A change of a single value."""
 
-    key: str
+    key: str  #: The key as the user wrote it.
     value: Any
 
 
 class _IndexError(ValueError):
-    """A key by name where an index is needed, or the other way round."""
+    """A list that is addressed by name, or a table that is addressed by index."""
 
 
 @lru_cache(maxsize=1024)
 def parse_key(key: str) -> Steps:
-    """Return the names and the indices (int) of a dotted key; none where it is not a key."""
+    """Parse a dotted key to names and indices; return an empty tuple if it is not a key."""
     if not _KEY.fullmatch(key):
         return ()
     steps = re.findall(r"[^.[\]]+", key)
@@ -70,7 +70,10 @@ def parse_key(key: str) -> Steps:
 
 
 def _move_beside_shape(steps: Steps) -> Steps:
-    """Lead steps to a force in the load of a listed probe to its place beside the shape."""
+    """Convert ``probe[0].load.force_N`` to ``probe[0].force_N``, where the force is stored.
+
+    The same holds for all `FORCE_KEYS`; other keys are returned unchanged.
+    """
     match steps:
         case ("probe", int() as number, "load", key, *further) if key in FORCE_KEYS:
             return ("probe", number, key, *further)
@@ -78,7 +81,24 @@ def _move_beside_shape(steps: Steps) -> Steps:
 
 
 def get_number(scene: Any, key: str) -> float:
-    """Return the number that a scene has by a key."""
+    """Return the number that a scene has under a dotted key.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    key : str
+        Such as ``load.force_N`` or ``electrodes[0].x_mm``.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    AttributeError, IndexError, TypeError
+        If the scene has no number under this key.
+    """
     value = scene
     for step in parse_key(key):
         value = value[step] if isinstance(step, int) else getattr(value, step)
@@ -86,7 +106,10 @@ def get_number(scene: Any, key: str) -> float:
 
 
 def normalize_key(key: str) -> str:
-    """Return the usual spelling of a key: ``electrodes[0].x_mm`` for ``electrodes.0.x_mm``."""
+    """Return the standard spelling of a key: ``electrodes[0].x_mm`` for ``electrodes.0.x_mm``.
+
+    A text that is not a key is returned unchanged.
+    """
     spelling = ""
     for step in parse_key(key):
         spelling += f"[{step}]" if isinstance(step, int) else f".{step}"
@@ -96,27 +119,30 @@ def normalize_key(key: str) -> str:
 def apply_changes(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) -> list[str]:
     """Change values in the tables of a scene in place.
 
+    The new values are not validated.
+
     Parameters
     ----------
     tables : dict
-        The tables of a scene.
+        The tables of a scene, which are changed.
     given : mapping or None
-        Values by keys like ``load.force_N`` or ``probe[0].x_mm``. Tables among the values are
-        merged, and missing tables on the way to a key are made.
+        New values by dotted key, such as ``load.force_N`` or ``probe[0].x_mm``. Tables among the
+        values are merged into those of the scene, and tables that a key needs are created.
     named : mapping
-        Further changes.
+        Further changes in the same form, which take precedence over equal keys of `given`.
 
     Returns
     -------
     list of str
-        Errors of keys that lead nowhere or are changed twice.
+        ``key = value: reason; advice`` for each key that is not a key of the scene or is changed
+        twice.
     """
     if not isinstance(given, Mapping | None):
         reason = 'must be a dict of keys with their values; give {"load.force_N": 2}'
         return [format_error("changes", given, reason)]
     changes, problems = _collect_changes({**(given or {}), **named})
 
-    # whole sections first, then keys that decide which further keys exist
+    # whole tables first, and decisive keys before the keys that depend on them
     for steps in sorted(changes, key=_order_of_change):
         change = changes[steps]
         alternative = changes.get((*steps[:-1], ALTERNATIVE_KEYS.get(steps[-1])))
@@ -129,13 +155,26 @@ def apply_changes(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) 
             problems.append(format_error(change.key, value, str(error)))
         except (AttributeError, LookupError, TypeError, ValueError):
             value = {} if change.value is _TABLE else change.value
-            reason = "leads nowhere; use a key of this scene"
+            reason = "is not a key of this scene; give one that it has"
             problems.append(format_error(change.key, value, reason))
     return list(dict.fromkeys(problems))
 
 
 def _collect_changes(given: Mapping[Any, Any]) -> tuple[dict[Steps, _Change], list[str]]:
-    """Collect the changes of single values by their steps, and errors of keys."""
+    """Collect the changes of single values.
+
+    Parameters
+    ----------
+    given : mapping
+        Values or tables by dotted key.
+
+    Returns
+    -------
+    changes : dict of tuple to _Change
+        Changes by the steps of their keys.
+    problems : list of str
+        Errors of invalid and repeated keys.
+    """
     changes: dict[Steps, _Change] = {}
     problems = []
     for name, table_or_value in given.items():
@@ -157,14 +196,29 @@ def _collect_changes(given: Mapping[Any, Any]) -> tuple[dict[Steps, _Change], li
 
 
 def _order_of_change(steps: Steps) -> tuple[int, int]:
-    """Order changes by depth, and then decisive keys before others."""
+    """Return the sort key of a change: by depth, and then decisive keys before others."""
     name = steps[-1]
     rank = _DECISIVE_KEYS.index(name) if name in _DECISIVE_KEYS else len(_DECISIVE_KEYS)
     return len(steps), rank
 
 
 def iterate_values(steps: Steps, value: Any) -> Iterator[tuple[Steps, Any]]:
-    """Yield steps and value of a change; a merged table is followed by the values of its keys."""
+    """Split a change into changes of single values.
+
+    Parameters
+    ----------
+    steps : tuple of str and int
+        The parsed key.
+    value : object
+        The new value. A mapping is split, unless it is `Replaced`.
+
+    Yields
+    ------
+    steps : tuple of str and int
+        The parsed key of a single value.
+    value : object
+        The value in plain types; a placeholder for a table, before the values in the table.
+    """
     if isinstance(value, Mapping) and not isinstance(value, Replaced):
         yield steps, _TABLE
         for key, item in value.items():
@@ -175,7 +229,19 @@ def iterate_values(steps: Steps, value: Any) -> Iterator[tuple[Steps, Any]]:
 
 
 def find_changed_keys(changes: Mapping[str, Any]) -> set[str]:
-    """Return the keys that changes name, such as ``load.force_N``, and replaced sections."""
+    """Return the keys that changes set.
+
+    Parameters
+    ----------
+    changes : mapping of str to object
+        Changes as in `apply_changes`.
+
+    Returns
+    -------
+    set of str
+        The first two names of each key without indices, such as ``load.force_N``; only the name of
+        the table for tables that are replaced.
+    """
     keys = set()
     for key, change in changes.items():
         for steps, value in iterate_values(parse_key(key), change):
@@ -186,7 +252,19 @@ def find_changed_keys(changes: Mapping[str, Any]) -> set[str]:
 
 
 def _apply_change(tables: dict[str, Any], steps: Steps, value: Any, alternative: Any) -> None:
-    """Change a value; `alternative` is the new value of the key's alternative, or None."""
+    """Change a single value in the tables of a scene in place.
+
+    Parameters
+    ----------
+    tables : dict
+        The tables of the scene.
+    steps : tuple of str and int
+        The parsed key.
+    value : object
+        The new value, or `_TABLE` to make sure that a table is there.
+    alternative : object
+        New value of the key's alternative (see `set_key`), or None.
+    """
     _require_index_of_list(tables, steps)
     node: Any = tables
     for step in steps[:-1]:
@@ -208,7 +286,7 @@ def _apply_change(tables: dict[str, Any], steps: Steps, value: Any, alternative:
 
 
 def _require_index_of_list(tables: dict[str, Any], steps: Steps) -> None:
-    """Raise where electrodes or probes of a list are not addressed by index, or a table's are."""
+    """Raise if a list of electrodes or probes is addressed by name, or a table by index."""
     section = steps[0]
     if section not in _INDEX_REASONS or len(steps) <= 2:
         return
@@ -219,12 +297,12 @@ def _require_index_of_list(tables: dict[str, Any], steps: Steps) -> None:
 
 
 def _escape_surrogates(key: Any) -> Any:
-    """Escape unpaired surrogates of a key, which pydantic would not name in its errors."""
+    """Escape unpaired surrogates in a key, since pydantic cannot report errors of such keys."""
     return key.encode("utf-8", "backslashreplace").decode() if isinstance(key, str) else key
 
 
 def to_plain_value(value: Any) -> Any:
-    """Convert a value to the form that a TOML parser returns."""
+    """Convert models, NumPy values, mappings and tuples to the types that a TOML parser returns."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_none=True)
     if isinstance(value, np.generic | np.ndarray):

@@ -1,4 +1,4 @@
-"""Keys that a scene's table has or loses with the value of another key."""
+"""Keys of a table whose presence depends on the value of another key."""
 
 from __future__ import annotations
 
@@ -17,7 +17,13 @@ ALTERNATIVE_KEYS = {
 
 
 def _collect_requirements() -> dict[str, tuple[str, str | None]]:
-    """Collect the keys of loads and readouts that need a value of another key."""
+    """Collect the keys of loads and readouts that require a value of another key.
+
+    Returns
+    -------
+    dict of str to (str, str or None)
+        The other key and its required value, by key; None stands for any value.
+    """
     requirements = {}
     for table in (Load, Readout):
         for name in table.model_fields:
@@ -31,21 +37,22 @@ _REQUIREMENTS = _collect_requirements()
 
 
 def set_key(table: dict[str, Any], key: str, value: Any, alternative: Any = None) -> None:
-    """Set a key of a scene's table in place, and remove the keys that it makes obsolete.
+    """Set a key of a table in place, and remove the keys that become obsolete.
 
-    Keys that need another value of the key are removed, and the key's alternative, such as
-    ``force_N`` of ``depth_mm``.
+    Obsolete are keys that require another value of the key, and the key's alternative: setting
+    ``depth_mm`` removes ``force_N``.
 
     Parameters
     ----------
     table : dict
-        A table of a scene file.
+        A table of a scene file, which is changed.
     key : str
         Name of the key in the table.
     value : object
-        Its new value. A table by channel removes no other key.
+        The new value. If it is a dict of values by channel, no other key is removed.
     alternative : object, optional
-        New value of the alternative key; then both keys stay, and validation refuses them.
+        Value that the user gives for the alternative key at the same time. Then both keys are kept,
+        and validation reports that they are incompatible.
     """
     if isinstance(value, dict):
         table[key] = value

@@ -1,4 +1,4 @@
-"""The film and its material, and the air about it."""
+"""The tables ``[film]`` and ``[air]`` of a scene: the film, its material and the air around it."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ NumberOrPair = Annotated[
     Annotated[Value, Tag("<number>")] | Annotated[tuple[Value, Value], Tag("<pair>")],
     Discriminator(lambda value: "<pair>" if isinstance(value, list | tuple) else "<number>"),
 ]
-#: A coefficient of the charge by stress.
+#: Key of a piezoelectric coefficient, the charge per force.
 COEFFICIENT = Key(
     "pC/N", (-1e5, 1e5), Affects.READING, usual_limits=(1e-6, 1e5), likely_units={"C/N": 1e12}
 )
 
 
 class Layer(NamedTuple):
-    """The layer that a patch bonds to the film, with the film's values where it gives none."""
+    """The material of a patch, where values that the patch does not give are those of the film."""
 
     patch: Patch
-    stiffness: NDArray[np.float64]  #: Of plane stress in Pa, (3, 3).
-    prestrain: NDArray[np.float64]  #: Elastic strain on the flat film, (3,).
-    expansion: float  #: In 1/K.
+    stiffness: NDArray[np.float64]  #: Plane-stress stiffness in Pa, shape (3, 3).
+    prestrain: NDArray[np.float64]  #: Elastic strain on the flat film, shape (3,).
+    expansion: float  #: Coefficient of thermal expansion in 1/K.
     density: float  #: In kg/m³.
 
 
 class Film(Section):
-    """The film: a flat disc clamped on its rim, centred on the origin."""
+    """The film: a flat disc about the origin, clamped along its rim."""
 
     radius_mm: Annotated[
         float,
@@ -58,10 +58,10 @@ class Film(Section):
     ] = 25.0
     """Thickness."""
     youngs_modulus_GPa: Annotated[NumberOrPair[float], MODULUS] = 2.0
-    """Young's modulus; of an orthotropic film a pair [E1, E2] along x and y."""
+    """Young's modulus; for an orthotropic film a pair [E1, E2] along x and y."""
     poisson_ratio: Annotated[float, Field(validate_default=True), Key("", (-10.0, 10.0))] = 0.34
-    """Poisson's ratio, from 0 to less than 0.5; of an orthotropic film ν12, where ν21 is
-    ν12 E2/E1 and ν12 ν21 is below 1."""
+    """Poisson's ratio, at least 0 and below 0.5; for an orthotropic film ν12, where ν21 is
+    ν12 E2/E1 and ν12 ν21 must be below 1."""
     shear_modulus_GPa: Annotated[float | None, replace(MODULUS, example=0.746)] = None
     """Shear modulus; by default Huber's estimate √(E1 E2)/(2(1 + √(ν12 ν21))), which is
     E/(2(1 + ν)) for an isotropic film."""
@@ -75,22 +75,22 @@ class Film(Section):
             likely_units={"g/cm³": 1e3},
         ),
     ] = 1760.0
-    """Density, for vibrations, for weight and for the heat of a warm probe."""
+    """Density, for vibrations, the weight and the heat of a warm probe."""
     thermal_expansion_per_K: Annotated[float, EXPANSION] = 110e-6
     """Coefficient of thermal expansion."""
     pretension_N_m: Annotated[
         NumberOrPair[float] | None,
         Key("N/m", (-1e6, 1e6), Affects.PRESTRAIN, example=8.333),
     ] = None
-    """Tension of the unloaded clamped film, in place of temperature_change_K; a pair [Nx, Ny] where
-    x and y differ. A negative tension is that of a film that is heated."""
+    """Tension of the unloaded clamped film, in place of temperature_change_K; a pair [Nx, Ny] if x
+    and y differ. The tension of a heated film is negative."""
     temperature_change_K: Annotated[
         float | None,
         Field(validate_default=True),
         Key("K", (-1e4, 1e4), Affects.PRESTRAIN, example=-1.0),
     ] = None
-    """Change of temperature of the clamped film: cooling stretches it. By default -1 if there is no
-    pretension_N_m."""
+    """Change of the temperature after clamping: cooling stretches the film. By default -1 if there
+    is no pretension_N_m."""
     bending: Annotated[bool | Literal["auto"], Key()] = False
     """true: the film has the bending stiffness of a plate. auto: only where bending could change a
     charge by more than numerics.tolerance."""
@@ -99,76 +99,76 @@ class Film(Section):
     d32_pC_N: Annotated[float, COEFFICIENT] = 8.0
     """Charge per stress along y."""
     permittivity: Annotated[float, Key("", (1.0, 1e6), Affects.INSTRUMENT)] = 11.0
-    """Permittivity across the thickness, relative to the permittivity of the vacuum."""
+    """Relative permittivity across the thickness."""
     loss_tangent: Annotated[
         float | None,
         Key("", (0.0, 1.0), Affects.DYNAMICS, example=0.02),
     ] = None
-    """Loss tangent of the stiffness of film and patches, for oscillations; by default they have no
-    damping."""
+    """Loss tangent of the stiffness of film and patches, for vibrations; by default there is no
+    material damping."""
     coupling: Annotated[bool | Literal["auto"], Key()] = False
-    """true: electrodes whose voltage is read (readout.kind "voltage") stiffen the film by it, as no
-    charge amplifier keeps them at zero. auto: only where that could change a charge by more than
+    """true: the voltage of electrodes with readout.kind "voltage", which no charge amplifier keeps
+    at zero, stiffens the film. auto: only where that could change a charge by more than
     numerics.tolerance."""
     compression: Literal["refuse", "tension-field"] = "refuse"
-    """refuse: compressive stress gives a warning, the change of a charge that wrinkles would make
-    is part of its error, and a change by more than a tenth gives no result. tension-field: the film
-    wrinkles."""
+    """refuse: compressive stress gives a warning. The estimated change of a charge by wrinkles is
+    part of the charge's error, and there is no result if it exceeds a tenth. tension-field: the
+    film wrinkles."""
     d33_pC_N: Annotated[float | None, replace(COEFFICIENT, affects=None, example=-15.0)] = None
-    """Charge per stress across the thickness, of PVDF negative: a probe's pressure makes a charge
-    on an electrode under it. Neglected when not given."""
+    """Charge per stress across the thickness, negative for PVDF: the pressure of a probe generates
+    charge on an electrode below it. Neglected by default."""
     warming_K: Annotated[float | None, Key("K", (-500.0, 500.0), example=1.0)] = None
-    """Warming of the unloaded film since the readings were zeroed, which loosens the film."""
+    """Warming of the unloaded film since the readings were zeroed, which reduces its tension."""
     rim_displacement_um: Annotated[
         tuple[float, ...] | None, Key("µm", (-1e4, 1e4), example=[0.0, 0.0, 0.0, 1.0, 0.0])
     ] = None
     """Outward displacement of the rim with film and patches after clamping: coefficients of 1,
-    cos θ, sin θ, cos 2θ, sin 2θ ... The disc, electrodes and probe stay in their places: an error
-    of second order, of 3e-4 in charges for 9 µm on 45 mm."""
+    cos θ, sin θ, cos 2θ, sin 2θ, ... The positions of disc, electrodes and probe do not change with
+    it: a second-order error, 3e-4 of the charges for 9 µm on 45 mm."""
     pyroelectric_uC_m2K: Annotated[
         float | None, Key("µC/(m² K)", (-1e5, 1e5), Affects.READING, example=-25.0)
     ] = None
-    """Charge per area and kelvin of a film that is free to expand; where it is not, its stress
-    makes charge by d31 and d32. Neglected when not given."""
+    """Charge per area and kelvin of a film that is free to expand; the thermal stress of a clamped
+    film adds charge by d31 and d32. Neglected by default."""
     thermal_diffusivity_m2_s: Annotated[float, Key("m²/s", (1e-10, 0.01))] = 6e-8
     """Thermal diffusivity, for the heat of a probe with temperature_K."""
     patches: Annotated[tuple[Patch, ...] | None, Field(max_length=100)] = None
-    """Layers on the film: tape, ink, solder."""
+    """Layers on the film, such as tape, ink and solder."""
     law: Annotated[str, Key(words=LAW_CLASSES)] = "hooke"
     """hooke: stress is linear in the Green-Lagrange strain. neo-hookean: rubber at large strains,
-    Hooke's law at small ones. Patches have the law of the film."""
+    equal to Hooke's law at small ones. Patches have the law of the film."""
     pressure_Pa: Annotated[float | None, Key("Pa", (-1e8, 1e8), example=300.0)] = None
-    """Uniform pressure along z on the whole film; the reference state is without it."""
+    """Uniform pressure along z on the whole film, which is absent in the reference state."""
     pressure_follows: Annotated[bool, Key(needs=("pressure_Pa", None))] = False
-    """The pressure is normal to the deformed film."""
+    """true: the pressure is normal to the deformed film."""
     gravity_m_s2: Annotated[float | None, Key("m/s²", (-1e5, 1e5), example=-9.81)] = None
-    """Acceleration along z that gives the film a weight, also in the reference state. Neglected
-    when not given."""
+    """Acceleration along z for the film's weight, which acts in the reference state, too. Neglected
+    by default."""
 
     @field_validator("poisson_ratio")
     @classmethod
     def _reject_negative_energy(cls, value: float, info: ValidationInfo) -> float:
-        """Refuse Poisson's ratios for which the elastic energy would not be positive."""
+        """Refuse Poisson's ratios for which the elastic energy is not positive definite."""
         modulus = info.data.get("youngs_modulus_GPa")
-        if modulus is None:  # refused already
+        if modulus is None:  # the modulus is invalid, which has an error of its own
             return value
         if isinstance(modulus, tuple):
             E1, E2 = modulus
-            # nearer to 1, ν12 ν21 makes a stiffness that is singular to rounding
+            # with ν12 ν21 closer to 1, the stiffness would be singular up to round-off
             if value**2 * E2 >= E1 * (1 - 1e-9):
-                reason = "makes ν12 ν21 at least 1"
+                reason = "is too large, since ν12 ν21 must be below 1"
                 advice = f"give a value below {np.sqrt(E1 / E2):.6g}"
                 raise make_validation_error(f"{reason}; {advice}")
         elif not 0 <= value < 0.5:
             reason = "must be at least 0 and below 0.5"
-            advice = "give Poisson's ratio of a real isotropic film"
+            advice = "give the Poisson's ratio of an isotropic material"
             raise make_validation_error(f"{reason}; {advice}")
         return value
 
     @field_validator("temperature_change_K")
     @classmethod
     def _resolve_cooling(cls, value: float | None, info: ValidationInfo) -> float | None:
-        """Cool the film by 1 K by default, and refuse a cooling beside a pretension."""
+        """Set the default cooling of 1 K, and refuse a temperature change beside a pretension."""
         pretension = info.data.get("pretension_N_m")
         if pretension is None:
             return -1.0 if value is None else value
@@ -183,7 +183,7 @@ class Film(Section):
         cls, value: tuple[float, ...] | None
     ) -> tuple[float, ...] | None:
         if value is not None and len(value) % 2 == 0:
-            reason = "has a cosine without its sine; give an odd number of coefficients"
+            reason = "has a cosine without the sine; give an odd number of coefficients"
             raise make_validation_error(reason)
         return value
 
@@ -192,20 +192,22 @@ class Film(Section):
     def _reject_other_words(cls, value: Any) -> Any:
         if isinstance(value, bool) or value == "auto":
             return value
-        raise make_validation_error('is not a known value; give true, false or "auto"')
+        raise make_validation_error('is not a valid value; give true, false or "auto"')
 
     @field_validator("patches")
     @classmethod
     def _reject_patches(cls, value: Any, info: ValidationInfo) -> Any:
-        """Refuse patches outside of the rim, and a thermal expansion on a film with pretension."""
+        """Refuse patches outside of the rim, and their thermal expansion beside a pretension."""
         rim_radius = info.data.get("radius_mm", np.nan) / 1e3
         rim = Circle(np.zeros(2), rim_radius)
         for number, patch in enumerate(value or ()):
             if rim_radius > 0.0 and not has_overlap(patch.outline, rim):
-                reason = f"[{number}] lies outside of the rim; move it inwards or remove it"
+                name = f"film.patches[{number}]"
+                reason = f"{name} lies outside of the rim; move it inwards or remove it"
                 raise make_validation_error(reason)
             if patch.thermal_expansion_per_K is not None and info.data.get("pretension_N_m"):
-                reason = f"[{number}].thermal_expansion_per_K requires a film that is cooled"
+                name = f"film.patches[{number}].thermal_expansion_per_K"
+                reason = f"{name} requires film.temperature_change_K"
                 raise make_validation_error(f"{reason}; remove it or film.pretension_N_m")
         return value or None
 
@@ -241,40 +243,40 @@ class Film(Section):
 
     @property
     def clamped_permittivity(self) -> float:
-        """Permittivity across the film at constant strain in F/m."""
-        from scipy.constants import epsilon_0  # scenes are read without scipy
+        """Permittivity across the thickness at constant in-plane strain, in F/m."""
+        from scipy.constants import epsilon_0  # imported here to read scenes without SciPy
 
         d = np.array([self.d31, self.d32, 0.0])
         return float(epsilon_0 * self.permittivity - d @ self.stiffness @ d)
 
     @property
     def reference_state(self) -> Film:
-        """The film before warming and pressure, from which changes of charges are counted."""
+        """A copy of the film without warming and pressure, to which changes of charges refer."""
         before = {"warming_K": None, "pressure_Pa": None, "pressure_follows": False}
         return self.model_copy(update=before)
 
     @property
     def weight(self) -> float:
-        """Weight per area along z in Pa, without patches."""
+        """Weight per area along z in Pa, without the weight of patches."""
         return self.density * self.thickness * (self.gravity_m_s2 or 0.0)
 
     @property
     def distributed_force(self) -> float:
-        """Magnitude in N of the loads on the whole film."""
+        """Magnitude of the resultant of pressure and weight in N, without the weight of patches."""
         return float(abs((self.pressure_Pa or 0.0) + self.weight) * np.pi * self.radius**2)
 
     @property
     def prestrain(self) -> NDArray[np.float64]:
-        """Elastic strain (3,) of the flat clamped film, with engineering shear."""
+        """Elastic strain of the flat clamped film with engineering shear, shape (3,)."""
         if self.temperature_change_K is not None:
             change = self.temperature_change_K + (self.warming_K or 0.0)
             strain = -self.thermal_expansion_per_K * change
-            return strain * np.array([1.0, 1.0, 0.0]) + 0.0  # no negative zeros
+            return strain * np.array([1.0, 1.0, 0.0]) + 0.0  # turn -0.0 into 0.0
         return np.asarray(np.linalg.solve(self.stiffness, self.prestress) + 0.0)
 
     @property
     def prestress(self) -> NDArray[np.float64]:
-        """Stress (3,) in Pa in the flat clamped film, without shear, if it bears compression."""
+        """Stress in the flat clamped film in Pa, shape (3,), as if it could bear compression."""
         if self.pretension_N_m is None:
             return self.stiffness @ self.prestrain
         tension = np.append(np.broadcast_to(self.pretension_N_m, 2), 0.0)
@@ -284,7 +286,7 @@ class Film(Section):
 
     @property
     def stiffness(self) -> NDArray[np.float64]:
-        """Plane-stress stiffness (3, 3) in Pa: components 11, 22, 12 with engineering shear."""
+        """Plane-stress stiffness in Pa in Voigt's notation (11, 22, 12), shape (3, 3)."""
         modulus = self.youngs_modulus_GPa
         E1, E2 = modulus if isinstance(modulus, tuple) else (modulus, modulus)
         return 1e9 * compute_plane_stress_stiffness(
@@ -293,12 +295,12 @@ class Film(Section):
 
     @property
     def layers(self) -> dict[str, Layer]:
-        """The layers of the patches, by their names in a mesh."""
+        """The materials of the patches, by the names of their subdomains in a mesh."""
         patches = self.patches or ()
         return {f"film patch {i}": self._make_layer(p) for i, p in enumerate(patches, start=1)}
 
     def _make_layer(self, patch: Patch) -> Layer:
-        """Make the layer of a patch."""
+        """Make the layer of a patch, with properties of the film where the patch has none."""
         stiffness = self.stiffness
         modulus = patch.youngs_modulus_GPa
         if modulus is not None:
@@ -317,45 +319,46 @@ class Film(Section):
 
     @property
     def has_unbalanced_prestress(self) -> bool:
-        """Whether the unloaded film moves in its plane, since its prestress is not uniform."""
+        """Whether the prestress is not uniform, so that the unloaded film deforms in its plane."""
         is_layer_stretched = any(layer.prestrain.any() for layer in self.layers.values())
         return is_layer_stretched or self.rim_displacement_um is not None
 
     @property
     def is_flat_unloaded(self) -> bool:
-        """Whether the film without probes is in equilibrium while it is flat."""
+        """Whether the film without probes is flat and undeformed in equilibrium."""
         return not (self.has_unbalanced_prestress or self.distributed_force)
 
     @property
     def is_inhomogeneous(self) -> bool:
-        """Whether stiffness or prestrain depend on the place."""
+        """Whether stiffness or prestrain vary over the film."""
         return bool(self.patches or self.rim_displacement_um)
 
-    def compute_rim_strain(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Compute the strain of a smooth displacement that is the rim's displacement there.
+    def compute_rim_strain(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Compute the strain of a smooth displacement field that equals the rim's on the rim.
 
         Parameters
         ----------
-        places : array (..., 2)
-            In m.
+        points : ndarray, shape (..., 2)
+            Points of the film in m.
 
         Returns
         -------
-        array (..., 3)
-            Strain with engineering shear.
+        ndarray, shape (..., 3)
+            Linear strain with engineering shear.
 
         Notes
         -----
-        In units of the film's radius the displacement is g (x, y) with g = Re Σ C z^n at
-        z = x + i y, where C = c - i s for the coefficients c of cos nθ and s of sin nθ.
+        With lengths in units of the film's radius, the displacement at z = x + i y is g (x, y) with
+        g = Re Σ_n C_n z^n and C_n = c_n - i s_n, where c_n and s_n are the coefficients of cos nθ
+        and sin nθ in `rim_displacement_um`. On the rim g is the outward displacement.
         """
-        x, y = np.moveaxis(places / self.radius, -1, 0)
+        x, y = np.moveaxis(points / self.radius, -1, 0)
         z = x + 1j * y
         constant, *others = self.rim_displacement_um or (0.0,)
         cosines = others[::2]
         sines = others[1::2]
         coefficients = [constant, *(c - 1j * s for c, s in zip(cosines, sines, strict=True))]
-        strain = np.zeros((*places.shape[:-1], 3))
+        strain = np.zeros((*points.shape[:-1], 3))
         for n, C in enumerate(np.array(coefficients) / 1e6 / self.radius):
             g = (C * z**n).real
             derivative = n * C * z ** max(n - 1, 0)
@@ -371,24 +374,27 @@ class Air(Section):
     density_kg_m3: Annotated[float, Key("kg/m³", (0.0, 1e5))] = 1.204
     """Density of the air."""
     baffle: Annotated[bool, Key()] = True
-    """The rim is in a rigid wall; without it air flows around the rim."""
+    """true: the rim is set in an infinite rigid wall. false: air flows around the rim."""
 
 
 def compute_plane_stress_stiffness(E1: Any, E2: Any, nu12: Any, G: Any = None) -> NDArray[Any]:
     """Compute the stiffness of an orthotropic sheet in plane stress.
 
+    All parameters may be complex (for complex-step derivatives).
+
     Parameters
     ----------
     E1, E2 : float or complex
-        Young's moduli along x and y. Numbers may be complex, for complex-step derivatives.
+        Young's moduli along x and y.
     nu12 : float or complex
-        Poisson's ratio of the contraction along y under stress along x.
+        Poisson's ratio: contraction along y under stress along x.
     G : float or complex, optional
-        Shear modulus; by default Huber's estimate √(E1 E2)/(2(1 + √(ν12 ν21))).
+        Shear modulus; by default Huber's estimate √(E1 E2)/(2(1 + √(ν12 ν21))), with
+        ν21 = ν12 E2/E1.
 
     Returns
     -------
-    array (3, 3)
+    ndarray, shape (3, 3)
         In Voigt's notation with engineering shear, in the unit of the moduli.
     """
     nu21 = nu12 * E2 / E1

@@ -1,4 +1,4 @@
-"""Keys of a scene file: unit, limits and effect."""
+"""Descriptions of the keys of a scene file: unit, limits, requirements and effect on a solve."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ _UNIT_ENDING = re.compile(rf"_({'|'.join(sorted(UNITS, key=len, reverse=True))})
 
 
 def split_unit(key: str) -> tuple[str, str]:
-    """Return the words of a key and its unit.
+    """Split a key into words and unit: ``film.thickness_um`` into ``film thickness`` and ``µm``.
 
-    ``film.thickness_um`` is ``film thickness`` in ``µm``.
+    The unit is empty for a key without one.
     """
     ending = _UNIT_ENDING.search(key)
     if ending is None:
@@ -50,21 +50,21 @@ def split_unit(key: str) -> tuple[str, str]:
 def make_validation_error(
     reason: str, *, key: str | None = None, value: Any = None
 ) -> PydanticCustomError:
-    """Make the exception that a validator raises.
+    """Make the exception that a validator of a key or of a table raises.
 
     Parameters
     ----------
     reason : str
-        What is wrong with the value, and how to correct it.
+        ``reason; advice``: what is wrong with the value, and how to correct it.
     key : str, optional
-        The key of the table that is wrong, where a validator of the whole table raises.
+        Name of the wrong key in the table, for a validator of a whole table.
     value : object, optional
         The value of this key.
 
     Returns
     -------
     PydanticCustomError
-        An error of the type ``"scene"``.
+        An error of the type ``"scene"``, with the parameters as its context.
     """
     context = {"reason": reason}
     if key is not None:
@@ -75,58 +75,56 @@ def make_validation_error(
 class Affects(Enum):
     """The part of a solve that a key affects.
 
-    Scenes that differ only in keys without effect on the mechanics share a solve. By default a key
-    affects the mechanics.
+    Scenes that differ only in keys that do not affect the mechanics share a solve.
     """
 
-    MECHANICS = auto()  #: The deformation of the film.
-    OUTLINE = auto()  #: The mechanics, only through the outline of a shape.
-    PRESTRAIN = auto()  #: The mechanics, only through the prestrain of a homogeneous film.
-    SCALE = auto()  #: The mechanics of a membrane, only through force over thickness.
-    READING = auto()  #: The charge that a stress makes.
-    DYNAMICS = auto()  #: Motions of the film, and how fast a warm probe heats the film.
-    INSTRUMENT = auto()  #: How charges are read, and the frame in which places are counted.
+    MECHANICS = auto()  #: The deformation of the film; the default.
+    OUTLINE = auto()  #: The deformation, but only through the outline of a shape.
+    PRESTRAIN = auto()  #: The deformation, but only through the prestrain of a homogeneous film.
+    SCALE = auto()  #: The deformation of a membrane, but only through force divided by thickness.
+    READING = auto()  #: The charge that is computed from the stress.
+    DYNAMICS = auto()  #: Motion of the film, and how fast a warm probe heats the film.
+    INSTRUMENT = auto()  #: How charges are read, and the frame of positions.
 
 
 @dataclass(frozen=True, eq=False)
 class Key:
-    """Description of a scene's key: an annotation on its field.
+    """Description of a key of a scene file, given as an annotation of the field.
 
-    The meaning of the key is the text below the field. Help, reference and example of the scene
-    file are written from keys, values are validated by them, and `affects` decides which scenes
-    share a solve. A table in a field has keys of its own.
+    Keys validate the values, provide help, reference and example of the scene file, and decide
+    which scenes share a solve (`affects`). The meaning of a key is the docstring below its field.
     """
 
     unit: str = ""
-    limits: tuple[float, float] | None = None  #: Least and largest number, in `unit`.
-    affects: Affects | None = None  #: None of a table leaves it to the table's keys.
-    #: A key that stands before this one in the table, and the value that it needs to have; with
-    #: None any value will do.
+    limits: tuple[float, float] | None = None  #: Minimum and maximum in `unit`, both allowed.
+    affects: Affects | None = None  #: None stands for the mechanics; in a table, its keys decide.
+    #: Another key that is above this one in the table, and the value that it must have; None
+    #: instead of the value stands for any.
     needs: tuple[str, str | None] | None = None
-    neutral: Any = None  #: A value that is valid without `needs`, as zero and false are.
-    #: Limits of usual numbers, in `unit`; by default `limits`.
+    neutral: Any = None  #: A value that is valid without `needs`, like zero, false and None.
+    #: Range of the magnitude of usual values in `unit`; by default `limits`.
     usual_limits: tuple[float, float] | None = None
-    #: Units in which a number outside of `usual_limits` was probably given, with their size.
+    #: Units in which an unusual value was probably given, each as a multiple of `unit`.
     likely_units: Mapping[str, float] = field(default_factory=dict)
-    words: Iterable[str] = ()  #: The valid texts, where the key names an entry of a registry.
-    example: Any = None  #: A value for the example scene, where the default is None.
+    words: Iterable[str] = ()  #: The valid texts of a key that names an entry of a registry.
+    example: Any = None  #: A value for the example scene if the default is None.
 
     def title(self, name: str) -> str:
-        """Return a key in words with its unit: ``thickness (µm)`` of ``thickness_um``."""
+        """Return a key as words with its unit: ``thickness (µm)`` for ``thickness_um``."""
         words, unit = split_unit(name)
         return f"{words} ({unit})" if unit else words
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
-        """Validate by type, limits, words and needs."""
+        """Make the schema that validates by type, limits, `words` and `needs`."""
         schema = self._restrict(handler(source))
         if self.needs is None:
             return schema
         return with_info_after_validator_function(self._check_needs, schema)
 
     def _restrict(self, schema: Any) -> Any:
-        """Restrict the numbers of a schema to finite ones within the limits, and texts to words.
+        """Return a schema of finite numbers within the limits, and of texts among `words`.
 
-        Tables in the schema are not changed.
+        The schema is searched recursively; schemas of models in it are not changed.
         """
         if isinstance(schema, list):
             return [self._restrict(part) for part in schema]
@@ -145,7 +143,7 @@ class Key:
         return no_info_after_validator_function(self._check_limits, strict)
 
     def _check_needs(self, value: Any, info: ValidationInfo) -> Any:
-        """Refuse a value without the key that it needs."""
+        """Refuse a value if the key that it needs is missing or has another value."""
         assert self.needs is not None
         key, needed = self.needs
         if not value or value == self.neutral or key not in info.data:
@@ -158,11 +156,11 @@ class Key:
         return value
 
     def _check_limits(self, value: float) -> float:
-        """Refuse a number out of the limits."""
+        """Refuse a number outside of the limits."""
         assert self.limits is not None
         low, high = self.limits
         if low <= value <= high:
-            return value + 0  # no negative zero, so that equal scenes have equal JSON
+            return value + 0  # turn -0.0 into 0.0, so that equal scenes have equal JSON
         if value <= 0 < low:
             reason = "must be positive"
         else:
@@ -173,7 +171,18 @@ class Key:
         raise make_validation_error("; ".join(parts))
 
     def ask_likely_unit(self, value: float) -> str:
-        """Return the question whether another unit was meant; empty for a usual number."""
+        """Return a question whether the value was meant in another unit.
+
+        Parameters
+        ----------
+        value : float
+            In `unit`.
+
+        Returns
+        -------
+        str
+            Empty if the value is usual, or is not usual in any of `likely_units` either.
+        """
         low, high = self.usual_limits or self.limits or (-1e300, 1e300)
         if value == 0.0 or low <= abs(value) <= high:
             return ""
@@ -185,7 +194,7 @@ class Key:
 
 
 def limit_to(low: float, high: float, unit: str = "") -> Key:
-    """Make the key of a number with limits, both included."""
+    """Make the key of a number between two limits, both allowed."""
     return Key(unit, (low, high))
 
 
@@ -196,20 +205,20 @@ Length = Annotated[float, limit_to(1e-6, 1e6, "mm")]
 
 
 class Section(BaseModel):
-    """A table of a scene file; it does not change, and its keys are fixed."""
+    """A table of a scene file: an immutable model that refuses unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    if not TYPE_CHECKING:  # type checkers know the attributes
+    if not TYPE_CHECKING:  # hidden from type checkers, which then report unknown attributes
 
         def __getattr__(self, name: str) -> Any:
-            """Raise AttributeError with a suggestion."""
+            """Raise `AttributeError` with a suggestion of similar attributes."""
             advice = suggest(name, [*self.table_keys])
             raise AttributeError(f"{type(self).__name__} has no {name}; {advice}")
 
     @classmethod
     def key_of(cls, name: str) -> Key:
-        """Return the `Key` of a field; a field without one has the default `Key`."""
+        """Return the `Key` in the annotation of a field, by default ``Key()``."""
         for mark in cls.model_fields[name].metadata:
             if isinstance(mark, Key):
                 return mark
@@ -217,16 +226,28 @@ class Section(BaseModel):
 
     @property
     def table_keys(self) -> Mapping[str, Key]:
-        """The keys of the table, by name."""
+        """Descriptions of the table's keys by name."""
         return _collect_keys(type(self))
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Refuse every change."""
+        """Raise `AttributeError`, since tables are immutable."""
         reason = "a scene cannot be changed; make another one by Scene.with_"
         raise AttributeError(f"{name} = {value!r:.60}: {reason}")
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Return a copy with other values, which are not validated, and without cached values."""
+        """Return a copy with other values, which are not validated, and with an empty cache.
+
+        Parameters
+        ----------
+        update : mapping of str to object, optional
+            New values by name of the field.
+        deep : bool
+            Whether to copy the values that are not replaced, too.
+
+        Returns
+        -------
+        Section
+        """
         copy = super().model_copy(update=update, deep=deep)
         for name in copy.__dict__.keys() - type(copy).model_fields.keys():
             del copy.__dict__[name]
@@ -239,20 +260,20 @@ def _collect_keys(table: type[Section]) -> dict[str, Key]:
 
 
 def select_by_effect(table: Section, *effects: Affects) -> dict[str, Any]:
-    """Select the values of a table by their effects on a solve.
+    """Select the values of a table whose keys affect given parts of a solve.
 
     Parameters
     ----------
     table : Section
-        A table of a scene.
+        A scene or one of its tables.
     *effects : Affects
-        The wanted effects.
+        Effects of the selected keys. Keys without an effect of their own affect the mechanics.
 
     Returns
     -------
     dict
-        Values by key; a table among the values becomes a list of one such dictionary, a list of
-        tables a list of several. Equal dictionaries have equal texts by `repr`.
+        Values by key. An inner table, or a list of tables, becomes a list of such dictionaries.
+        Equal selections have the same `repr`.
     """
     selected: dict[str, Any] = {}
     for name, key in table.table_keys.items():

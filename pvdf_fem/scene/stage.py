@@ -36,15 +36,15 @@ class Stage(Section):
 
         Parameters
         ----------
-        places_mm : array (..., 2)
+        places_mm : ndarray, shape (..., 2)
             Places in mm.
-        rotations_deg : array (...)
+        rotations_deg : ndarray, shape (...)
             Rotations in degrees, counter-clockwise.
 
         Returns
         -------
-        places_mm : array (..., 2)
-        rotations_deg : array (...)
+        places_mm : ndarray, shape (..., 2)
+        rotations_deg : ndarray, shape (...)
         """
         offsets = np.asarray(places_mm, dtype=float) - [self.x_mm, self.y_mm]
         rotations = np.asarray(rotations_deg, dtype=float) - self.rotation_deg
@@ -55,15 +55,15 @@ class Stage(Section):
 
         Parameters
         ----------
-        places_mm : array (..., 2)
+        places_mm : ndarray, shape (..., 2)
             Places in mm.
-        rotations_deg : array (...)
+        rotations_deg : ndarray, shape (...)
             Rotations in degrees, counter-clockwise.
 
         Returns
         -------
-        places_mm : array (..., 2)
-        rotations_deg : array (...)
+        places_mm : ndarray, shape (..., 2)
+        rotations_deg : ndarray, shape (...)
         """
         offsets = np.asarray(places_mm, dtype=float) @ self.rotation.T
         rotations = np.asarray(rotations_deg, dtype=float) + self.rotation_deg

@@ -117,7 +117,7 @@ def solve_problem(
     Returns
     -------
     Solution
-        Its status tells whether there is a result.
+        Its status says whether there is a result.
     """
     start = time.perf_counter()
     if budget is None:

@@ -164,7 +164,7 @@ def solve_on_mesh(
     Returns
     -------
     MeshLevel
-        Its status tells whether there is a result.
+        Its status says whether there is a result.
     """
     problem = run.problem
     with run.timer("solve"):

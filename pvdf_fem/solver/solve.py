@@ -61,7 +61,7 @@ def solve(
     Returns
     -------
     Solution
-        Its `status` tells whether there is a result; printed, it tells how the solve went.
+        Its `status` says whether there is a result; `print` shows how the solve went.
 
     Raises
     ------

@@ -50,7 +50,7 @@ class Response(Result):
     Examples
     --------
     >>> response = build_response("sensor.toml", tolerance=3e-2)
-    >>> response.save("model.npz")
+    >>> response.save("sensor.response")
     >>> charges_pC, derivatives = response.evaluate([[2.0, 1.0, 0.0, 0.5]])  # x, y, rotation, force
     """
 

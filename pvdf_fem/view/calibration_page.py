@@ -48,17 +48,17 @@ class CalibrationData:
     ----------
     scene : Scene
         The calibrated sensor.
-    channels : sequence of m str
+    channels : sequence of str, length m
         Names of the channels.
     unit : str
         Unit of the readings.
-    rows : int array (n,)
+    rows : ndarray of int, shape (n,)
         Rows of the touches in their file.
-    is_outlier : bool array (n,)
+    is_outlier : ndarray of bool, shape (n,)
         Touches that did not count.
-    readings, predicted : array (n, m)
+    readings, predicted : ndarray, shape (n, m)
         Measured and predicted readings.
-    given_mm, found_mm : array (n, 2)
+    given_mm, found_mm : ndarray, shape (n, 2)
         Places on the stage in mm, as in the file and as calibrated.
     """
 
@@ -69,8 +69,8 @@ class CalibrationData:
     is_outlier: Mask
     readings: Array
     predicted: Array
-    given_mm: Array
-    found_mm: Array
+    file_positions_mm: Array
+    calibrated_positions_mm: Array
 
 
 def write_calibration_page(
@@ -92,7 +92,7 @@ def write_calibration_page(
         The file.
     """
     with use_style():
-        figures = [_draw_parity(data), _draw_residuals(data), _draw_places(data)]
+        figures = [_draw_parity(data), _draw_residuals(data), _draw_positions(data)]
         texts = [render_figure(figure, ".svg").decode() for figure in figures]
     pictures = "".join(text[text.index("<svg") :] for text in texts)
     pictures = re.sub("<metadata>.*?</metadata>", "", pictures, flags=re.DOTALL)
@@ -145,7 +145,7 @@ def _plot_by_channel(ax: Axes, data: CalibrationData, x: Array, y: Array) -> Non
         The axes.
     data : CalibrationData
         The touches.
-    x, y : array (m, n)
+    x, y : ndarray, shape (m, n)
         Values by channel and touch.
     """
     for j, channel in enumerate(data.channels):
@@ -161,20 +161,20 @@ def _find_limits(values: Sequence[Array], margin: float = 0.05) -> Array:
     return np.array([low - width, high + width])
 
 
-def _draw_places(data: CalibrationData) -> Figure:
+def _draw_positions(data: CalibrationData) -> Figure:
     """Draw the places on the stage as in the file and as calibrated."""
     stage = data.scene.stage or Stage()
-    farthest_touch = np.abs(data.given_mm - [stage.x_mm, stage.y_mm]).max()
+    farthest_touch = np.abs(data.file_positions_mm - [stage.x_mm, stage.y_mm]).max()
     bounds = [electrode.outline.inscribed_polygon.bounds for electrode in data.scene.electrode_list]
     farthest_electrode = 1e3 * np.abs(bounds).max()
     figure = make_figure(SIZE_MM, SIZE_MM)
     ax = figure.subplots()
     draw_sensor_on_stage(ax, data.scene, max(1.1 * farthest_touch, farthest_electrode))
-    ax.plot(*data.given_mm.T, "o", color=COLOURS[0], label="in the file")
-    ax.plot(*data.found_mm.T, "s", color=COLOURS[1], label="as calibrated")
-    pairs = np.stack([data.given_mm, data.found_mm], axis=1)
+    ax.plot(*data.file_positions_mm.T, "o", color=COLOURS[0], label="in the file")
+    ax.plot(*data.calibrated_positions_mm.T, "s", color=COLOURS[1], label="as calibrated")
+    pairs = np.stack([data.file_positions_mm, data.calibrated_positions_mm], axis=1)
     ax.plot(*pairs.T, color=GREY, linewidth=0.8, zorder=0)
-    outliers = data.given_mm[data.is_outlier]
+    outliers = data.file_positions_mm[data.is_outlier]
     ax.plot(*outliers.T, "x", color="black", markersize=9.0, label="left out")
     ax.set(xlabel="x on the stage (mm)", ylabel="y on the stage (mm)", title="Places")
     figure.legend(loc="outside lower center", ncols=3)

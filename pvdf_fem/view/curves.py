@@ -62,7 +62,7 @@ class PanelAxes(NamedTuple):
     strip: Axes | None
 
 
-class CurveEnd(NamedTuple):
+class LabelledPoint(NamedTuple):
     """A name with its colour at a point, such as the last point of a curve."""
 
     x: float
@@ -84,7 +84,7 @@ def make_curve_axes(rows: Sequence[Sequence[Panel]]) -> list[list[PanelAxes]]:
 
     Parameters
     ----------
-    rows : sequence of sequences of Panel
+    rows : sequence of sequence of Panel
         The panels row by row, equally many in each row.
 
     Returns
@@ -134,9 +134,9 @@ def draw_curves(
 
     Parameters
     ----------
-    rows : sequence of sequences of Panel
+    rows : sequence of sequence of Panel
         The panels row by row.
-    axes : sequence of sequences of PanelAxes
+    axes : sequence of sequence of PanelAxes
         Their axes, as `make_curve_axes` returns them.
     x_label, y_label : str
         Labels of the axes, with units.
@@ -165,12 +165,12 @@ def draw_curves(
                 main.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 1.5, 3, 4.5, 9, 10]))
     get_figure(axes[0][0].main).supxlabel(x_label)
     room = LETTER_WIDTH * len(rows[0]) * max(map(len, names))
-    _name_curves(colours, ends, room=room, is_logarithmic=is_logarithmic)
+    _label_curves(colours, ends, room=room, is_logarithmic=is_logarithmic)
 
 
-def _name_curves(
+def _label_curves(
     colours: Mapping[str, Any],
-    ends: Sequence[tuple[Axes, Sequence[CurveEnd]]],
+    ends: Sequence[tuple[Axes, Sequence[LabelledPoint]]],
     room: float,
     is_logarithmic: bool,
 ) -> None:
@@ -203,7 +203,7 @@ def _name_curves(
         label_points(ax, panel_ends)
 
 
-def _draw_panel(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> list[CurveEnd]:
+def _draw_panel(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> list[LabelledPoint]:
     """Draw the curves with dots, and the data as rings; return the ends of the curves."""
     ends = []
     computed = frame[frame.charge_pC.isna()]
@@ -214,7 +214,7 @@ def _draw_panel(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> li
         ax.plot(*_interpolate(x, charges), color=colour)
         ax.plot(x, charges, "o", color=colour, markersize=DOT_SIZE)
         if charges.size and np.isfinite(charges[-1]):
-            ends.append(CurveEnd(x[-1], charges[-1], name=str(name), colour=colour))
+            ends.append(LabelledPoint(x[-1], charges[-1], name=str(name), colour=colour))
     data = frame[frame.charge_pC.notna()]
     for name, rows in data.groupby("curve"):
         ax.plot(rows.x, rows.charge_pC, **RING, markeredgecolor=colours[str(name)], zorder=4)
@@ -251,7 +251,7 @@ def _interpolate(x: Array, y: Array) -> tuple[Array, Array]:
     return dense, Akima1DInterpolator(x, y, method="makima")(dense)
 
 
-def label_points(ax: Axes, points: Sequence[CurveEnd]) -> None:
+def label_points(ax: Axes, points: Sequence[LabelledPoint]) -> None:
     """Write names right of points, moved vertically where they would overlap."""
     if not points:
         return
@@ -281,7 +281,7 @@ def space_labels(places: Array, width: float, gap: float) -> Array:
 
     Parameters
     ----------
-    places : array (n, 2)
+    places : ndarray, shape (n, 2)
         Where the labels begin, in pixels.
     width : float
         Width of the longest label in pixels.
@@ -290,7 +290,7 @@ def space_labels(places: Array, width: float, gap: float) -> Array:
 
     Returns
     -------
-    array (n,)
+    ndarray, shape (n,)
         Heights close to those of the places.
     """
     heights = places[:, 1].copy()

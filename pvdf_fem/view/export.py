@@ -125,16 +125,16 @@ def _average_at_nodes(nodes: Indices, values: Array, areas: Array) -> Array:
 
     Parameters
     ----------
-    nodes : int array (elements, 6)
+    nodes : ndarray of int, shape (elements, 6)
         Nodes of the elements.
-    values : array (elements, 6 or 1)
+    values : ndarray, shape (elements, 6 or 1)
         Values at the nodes of an element, or of the whole element.
-    areas : array (elements, 1)
+    areas : ndarray, shape (elements, 1)
         Areas of the elements.
 
     Returns
     -------
-    array (nodes,)
+    ndarray, shape (nodes,)
     """
     flat_nodes = nodes.ravel()
     weighted = np.broadcast_to(areas * values, nodes.shape).ravel()
@@ -295,7 +295,7 @@ def _make_grid(
     ----------
     mesh : MeshTri2
         The mesh in m.
-    cell_data : mapping of str to array (elements,), optional
+    cell_data : mapping of str to ndarray, shape (elements,), optional
         Values of the elements by name.
     **data
         Further data as meshio takes them.

@@ -32,7 +32,7 @@ def make_grid_coordinates(
 
     Returns
     -------
-    array (n,)
+    ndarray, shape (n,)
         In mm, within the radius.
 
     Raises

@@ -202,7 +202,7 @@ def draw_rim(
         Radius of the film in mm.
     reach_mm : float
         Half the width of the visible region in mm.
-    centre_mm : array (2,)
+    centre_mm : ndarray, shape (2,)
         Centre of the film in mm.
     """
     x, y = np.asarray(centre_mm, dtype=float)
@@ -286,13 +286,13 @@ def draw_labelled_contours(
     ----------
     ax : Axes
         Axes in mm.
-    x, y : array (n, m)
+    x, y : ndarray, shape (n, m)
         Coordinates in mm.
-    values : array (n, m)
+    values : ndarray, shape (n, m)
         Values at the places.
     levels : iterable of float
         Values of the contours.
-    occupied : array (k, 2)
+    occupied : ndarray, shape (k, 2)
         Places in mm from which the labels keep away.
     min_size : float
         Size of the smallest contour with a label, over the width of the map.

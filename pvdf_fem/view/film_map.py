@@ -73,7 +73,7 @@ def draw_film_map(
             edge_mm = film.contacts[probe_load.patch].edge_mm
         ax.plot(*edge_mm.T, color=COLOURS[1], path_effects=[HALO])
     if film_map.region is not None and reach_mm is None:
-        _enlarge(ax, film_map.region(film), radius_mm)
+        _zoom_to_points(ax, film_map.region(film), radius_mm)
     return get_figure(ax)
 
 
@@ -117,14 +117,14 @@ def _describe_probes(scene: Scene) -> str:
     return f"{probe.shape} at ({probe.x_mm:.3g}, {probe.y_mm:.3g}) mm, {forces[0]}"
 
 
-def _enlarge(ax: Axes, points_mm: Array, radius_mm: float, margin: float = 0.2) -> None:
+def _zoom_to_points(ax: Axes, points_mm: Array, radius_mm: float, margin: float = 0.2) -> None:
     """Show only the surroundings of points, and in a corner where on the film they are.
 
     Parameters
     ----------
     ax : Axes
         Axes in mm.
-    points_mm : array (n, 2)
+    points_mm : ndarray, shape (n, 2)
         The points in mm.
     radius_mm : float
         Radius of the film in mm.

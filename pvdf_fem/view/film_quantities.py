@@ -116,7 +116,7 @@ def _triangulate(film: FilmData, film_map: FilmMap) -> tuple[Triangulation, Arra
     return Triangulation(points.x_mm.ravel(), points.y_mm.ravel(), triangles), values.ravel()
 
 
-def _draw_levels(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
+def _draw_filled_contours(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
     """Draw a field with about ten colours between round levels.
 
     Parameters
@@ -135,7 +135,7 @@ def _draw_levels(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
     return ax.tricontourf(triangulation, values, levels=levels, cmap=colours.name)
 
 
-def _draw_shades(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
+def _draw_continuous_field(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
     """Draw a field with continuous colours between its extreme values.
 
     The colours follow the square root of the distance from zero, or from the extreme value that is
@@ -161,10 +161,10 @@ def _draw_shades(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
         return origin + root * np.abs(root)
 
     norm = FuncNorm((compute_root, invert_root), colours.low, colours.high)
-    return _shade(ax, triangulation, values, norm=norm, colours=colours.name)
+    return _draw_interpolated_triangles(ax, triangulation, values, norm=norm, colours=colours.name)
 
 
-def _shade(
+def _draw_interpolated_triangles(
     ax: Axes, triangulation: Triangulation, values: Array, norm: Normalize, colours: str
 ) -> ScalarMappable:
     """Draw triangles with colours interpolated between their corners.
@@ -175,7 +175,7 @@ def _shade(
         Axes in mm.
     triangulation : Triangulation
         The triangles.
-    values : array (points,)
+    values : ndarray, shape (points,)
         Values at their corners.
     norm : Normalize
         Scale of the colours.
@@ -187,7 +187,7 @@ def _shade(
     )
 
 
-def _draw_directions(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
+def _draw_principal_directions(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
     """Draw the larger principal stress, with strokes along its direction.
 
     The length of a stroke is in proportion to the difference of the principal stresses over the sum
@@ -202,7 +202,7 @@ def _draw_directions(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappa
     film_map : FilmMap
         The larger principal stress.
     """
-    drawn = _draw_shades(ax, film, film_map)
+    drawn = _draw_continuous_field(ax, film, film_map)
     reach = np.ptp(ax.get_xlim()) / 2.0
     ticks, step = np.linspace(-reach, reach, 36, retstep=True)
     places = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
@@ -231,7 +231,7 @@ def _draw_mesh(ax: Axes, film: FilmData, film_map: FilmMap) -> None:
     film_map : FilmMap
         Not used.
     """
-    sides = _trace_sides_mm(film)
+    sides = _trace_element_boundaries_mm(film)
     electrodes = {make_subdomain_name(name) for name in film.charges_pC}
     for name, elements in film.mesh.subdomains.items():
         if name != FILM:
@@ -242,7 +242,7 @@ def _draw_mesh(ax: Axes, film: FilmData, film_map: FilmMap) -> None:
     ax.set_title(f"{film.mesh.nelements} triangles, {film.unknowns} unknowns")
 
 
-def _draw_errors(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
+def _draw_error_contributions(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
     """Draw the largest share of each element in the errors of charges.
 
     Parameters
@@ -258,13 +258,13 @@ def _draw_errors(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
     largest = max(float(shares_pC.max()), np.finfo(float).eps)
     norm = LogNorm(1e-4 * largest, largest, clip=True)
     filled = PolyCollection(
-        _trace_sides_mm(film), array=shares_pC, norm=norm, cmap=film_map.colours
+        _trace_element_boundaries_mm(film), array=shares_pC, norm=norm, cmap=film_map.colours
     )
     ax.add_collection(filled)
     return filled
 
 
-def _draw_contact(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
+def _draw_contact_pressure(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
     """Draw the pressure where the film touches indenter tips.
 
     Parameters
@@ -282,7 +282,7 @@ def _draw_contact(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable
     places_mm = 1e3 * np.asarray(film.equilibrium.space.basis.global_coordinates())
     pressure = compute_contact_pressure(film.equilibrium, film.state)
     is_touching = pressure > 0.0
-    return _shade(
+    return _draw_interpolated_triangles(
         ax,
         Triangulation(*places_mm[:, is_touching]),
         1e-6 * pressure[is_touching],
@@ -296,7 +296,7 @@ def _get_contact_edges(film: FilmData) -> Array:
     return np.concatenate([contact.edge_mm for contact in film.contacts.values()])
 
 
-def _trace_sides_mm(film: FilmData, segments: int = 5) -> list[Array]:
+def _trace_element_boundaries_mm(film: FilmData, segments: int = 5) -> list[Array]:
     """Return points (points, 2) in mm along the curved sides of each element."""
     corners = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
     t = np.linspace(0.0, 3.0, 3 * segments + 1)
@@ -309,30 +309,34 @@ def _trace_sides_mm(film: FilmData, segments: int = 5) -> list[Array]:
 MAPS = {
     "deflection": FilmMap(
         "deflection away from the probe (mm)",
-        _draw_levels,
+        _draw_filled_contours,
         values=lambda points: points.deflection_mm,
         colours="Blues",
         veil=0.55,
     ),
     "stress": FilmMap(
         "$S_{11} + S_{22}$ (MPa), tension positive",
-        _draw_shades,
+        _draw_continuous_field,
         values=lambda points: points.stress_MPa[..., :2].sum(axis=-1),
     ),
     "charge density": FilmMap(
         "charge density $d_{31} S_{11} + d_{32} S_{22}$ (pC/mm²)",
-        _draw_shades,
+        _draw_continuous_field,
         values=lambda points: points.charge_density_pC_mm2,
     ),
     "principal directions": FilmMap(
         "larger principal stress (MPa), tension positive",
-        _draw_directions,
+        _draw_principal_directions,
         values=lambda points: compute_principal_values(points.stress_MPa)[1],
     ),
     "mesh": FilmMap("", _draw_mesh),
-    "error": FilmMap("share in the errors of charges (pC)", _draw_errors, colours="magma_r"),
+    "error": FilmMap(
+        "share in the errors of charges (pC)", _draw_error_contributions, colours="magma_r"
+    ),
     "contact": FilmMap(
-        "contact pressure (MPa), compression positive", _draw_contact, region=_get_contact_edges
+        "contact pressure (MPa), compression positive",
+        _draw_contact_pressure,
+        region=_get_contact_edges,
     ),
 }
 

@@ -23,7 +23,7 @@ from pvdf_fem.view.figures import COLOURS, choose_colours
 from pvdf_fem.view.film_quantities import FilmMap, resolve_map, sample_field
 
 #: A program that returns 0 where VTK renders, and crashes where VTK misses libraries.
-TRIAL = """
+RENDERING_TEST = """
 from vtkmodules import vtkRenderingOpenGL2
 from vtkmodules.vtkRenderingCore import vtkRenderWindow
 window = vtkRenderWindow()
@@ -39,7 +39,7 @@ class NoRenderingError(ImportError):
 @cache
 def require_rendering() -> None:
     """Raise `NoRenderingError` where VTK would crash Python; tried once, in another process."""
-    trial = subprocess.run([sys.executable, "-c", TRIAL], capture_output=True)
+    trial = subprocess.run([sys.executable, "-c", RENDERING_TEST], capture_output=True)
     if trial.returncode != 0:
         raise NoRenderingError(
             "a view in 3-D needs a display, or EGL: apt-get install libegl1 libgl1-mesa-dri"
@@ -89,7 +89,11 @@ def make_film_view(data: FilmData, name: str, scale: float | None, html: str | P
         film,
         cmap=colours.name,
         clim=[colours.low, colours.high],
-        scalar_bar_args={"title": _plain_text(film_map.label), "color": "black", "fmt": "%.3g"},
+        scalar_bar_args={
+            "title": _remove_formula_marks(film_map.label),
+            "color": "black",
+            "fmt": "%.3g",
+        },
         smooth_shading=True,
     )
     above = np.array([0.0, 0.0, 2e-3 * scene.film.radius_mm])  # or the film would hide lines
@@ -101,7 +105,7 @@ def make_film_view(data: FilmData, name: str, scale: float | None, html: str | P
     for outline, colour in outlines:
         corners_mm = 1e3 * np.array(outline.inscribed_polygon.exterior.coords)
         points = evaluate_along(data.equilibrium, data.state, corners_mm)
-        line = pyvista.lines_from_points(_displace(points, scale) + above)
+        line = pyvista.lines_from_points(_compute_displaced_points(points, scale) + above)
         plotter.add_mesh(line, color=colour, line_width=4)
     plotter.set_background("white")
     plotter.view_vector((-1.0, -1.5, 1.2), viewup=(0.0, 0.0, 1.0))
@@ -129,19 +133,19 @@ def make_film_surface(data: FilmData, film_map: FilmMap, scale: float = 1.0) -> 
         With coordinates in mm.
     """
     field = sample_field(data, film_map)
-    points = _displace(field.points, scale).reshape(-1, 3)
+    points = _compute_displaced_points(field.points, scale).reshape(-1, 3)
     surface = _import_module("pyvista").PolyData.from_regular_faces(points, field.triangles)
-    surface.point_data[_plain_text(film_map.label)] = field.values.ravel()
+    surface.point_data[_remove_formula_marks(film_map.label)] = field.values.ravel()
     return surface.clean()
 
 
-def _displace(points: PointValues, scale: float) -> Array:
+def _compute_displaced_points(points: PointValues, scale: float) -> Array:
     """Return displaced points (..., 3) in mm, deflected downwards as by a probe from above."""
     u, v, w = scale * np.moveaxis(points.displacement_mm, -1, 0)
     return np.stack([points.x_mm + u, points.y_mm + v, -w], axis=-1)
 
 
-def _plain_text(label: str) -> str:
+def _remove_formula_marks(label: str) -> str:
     """Return a label without the marks of formulas."""
     return label.translate(str.maketrans("", "", "${}_"))
 

@@ -69,7 +69,7 @@ class PlacedLabel(Text):
         axes_low, axes_high = np.reshape(ax.bbox.extents, (2, 2))
         middle = 0.5 * (box_low + box_high)
         distance = 0.5 * (box_high - box_low) + half_size + margin
-        candidates = middle + self._list_directions() * distance
+        candidates = middle + self._list_candidate_directions() * distance
         candidates = np.clip(candidates, axes_low + half_size, axes_high - half_size)
         paths = [line.get_path().transformed(line.get_transform()) for line in ax.lines]
         paths += [patch.get_path().transformed(patch.get_transform()) for patch in ax.patches]
@@ -84,7 +84,7 @@ class PlacedLabel(Text):
             positions.append(_Position(x, y, hidden))
         return min(positions, key=lambda position: position.hidden)
 
-    def _list_directions(self) -> Array:
+    def _list_candidate_directions(self) -> Array:
         """Return directions (n, 2) from the middle of the box, the preferred ones first.
 
         To its sides, beginning with the side away from the film's centre; then towards its corners;

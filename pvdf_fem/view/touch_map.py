@@ -98,7 +98,7 @@ def draw_likelihood_map(
         The film with its electrodes on the stage.
     reach_mm : float
         Largest distance in mm of a place from the film's centre.
-    touches : sequence of mappings
+    touches : sequence of mapping
         Located touches in JSON form, the most likely one first.
     deviation : callable
         Returns √(2 ln(L_max/L)) (n,) for the likelihood L of places (n, 2) in mm.
@@ -153,7 +153,7 @@ def draw_touch_ellipses(
         The film with its electrodes on the stage.
     reach_mm : float
         Largest distance in mm of a place from the film's centre.
-    touches : sequence of mappings
+    touches : sequence of mapping
         Located touches in JSON form.
     keys : sequence of str
         Keys of the probes' x coordinates in a touch.
@@ -194,7 +194,7 @@ def compute_deviation_ellipse(
 
     Returns
     -------
-    array (points, 2)
+    ndarray, shape (points, 2)
         Places in mm.
 
     Notes
@@ -237,7 +237,7 @@ def _draw_likelihood(ax: Axes, deviation: Callable[[Array], Array], places: Arra
         Axes in mm.
     deviation : callable
         Returns √(2 ln(L_max/L)) (n,) for the likelihood L of places (n, 2) in mm.
-    places : array (n, m, 2)
+    places : ndarray, shape (n, m, 2)
         Places in mm.
     """
     deviations = deviation(places.reshape(-1, 2)).reshape(places.shape[:2])

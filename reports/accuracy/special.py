@@ -61,7 +61,7 @@ class ErrorVsTime(CaseKind, FigureKind):
         draw_errors_against_time(axes, select_worst(data))
 
     def make_caption(self, data: pd.DataFrame) -> str:
-        """Return what curves, seconds and errors are."""
+        """Explain the curves, seconds and errors."""
         return (
             "Every curve is a case solved to tolerances from 1 % down; seconds are of one thread, "
             "with mesh and error estimate. True errors are differences from charges that are known "
@@ -151,7 +151,7 @@ class StatedErrors(CaseKind, FigureKind):
         draw_stated_against_true(axes, data.resolved)
 
     def make_caption(self, data: StatedErrorData) -> str:
-        """Return what dots and lines are."""
+        """Explain the dots and lines."""
         return (
             "A dot for each charge, both errors over the tolerance. Charges whose true error is "
             f"below {RESOLVED_RATIO:g} times the doubt about it are left out. Lines: stated errors "
@@ -182,7 +182,7 @@ class CaseTable(CaseKind):
     stem: ClassVar[str] = "cases"
 
     def make_caption(self, data: pd.DataFrame) -> str:
-        """Return what the errors are."""
+        """Explain the errors."""
         return "The worst charge at each tolerance."
 
     def make_table(self, data: pd.DataFrame) -> pd.DataFrame:
@@ -242,7 +242,7 @@ class BesideNGSolve(CaseKind, FigureKind):
         draw_beside_peer(axes, select_worst(data.frame), data.names)
 
     def make_caption(self, data: PeerData) -> str:
-        """Return what is compared, and the median ratios of the times."""
+        """Explain the comparison, and give the median ratios of the times."""
         if find_spec("ngsolve") is None:
             return "NGSolve is not installed, and left out: pip install 'pvdf-fem[peers]'."
         caption = (
@@ -343,7 +343,7 @@ class SweepCost(Kind):
         return pd.DataFrame(rows)
 
     def make_caption(self, data: pd.DataFrame) -> str:
-        """Return what the times are."""
+        """Explain the times."""
         return "Processor time of a scene."
 
     def make_table(self, data: pd.DataFrame) -> pd.DataFrame:

@@ -15,7 +15,7 @@ from pvdf_fem.report.data import DataSource
 from pvdf_fem.report.kind import Kind
 from pvdf_fem.report.registry import FIGURES
 from pvdf_fem.report.registry import TABLES as REPORT_TABLES
-from pvdf_fem.report.script import Other, Script, ScriptSection
+from pvdf_fem.report.script_keys import Other, Script, ScriptSection
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene_file import get_example_text, read_examples
 from pvdf_fem.scene.validation.table_forms import TableForm
@@ -59,7 +59,7 @@ INTERNAL = (
     *("model_config", "model_post_init", "table_keys", "summary", "film_data", "plan", "refresh"),
     *("loaded_probes", "single_probe", "tips", "warm_probes", "with_loaded_probes"),
     *("find_unused_load_keys", "require_no_tips", "require_plain_charges", "require_rows"),
-    *("discrete", "unloaded_integrals", "quantities", "empty", "store", "from_state"),
+    *("discrete", "unloaded_integrals", "quantity_names", "empty", "store", "from_state"),
     *("is_fast", "with_measured_error", "stress_modes", "validation"),
     *("unloaded_scene", "unloaded_stress", "unloaded_outputs", "check_profiles", "with_scene"),
 )

@@ -19,7 +19,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.batch.batch import solve_scenes
 from pvdf_fem.inverse.touch.touch import Touch
 from pvdf_fem.progress import ignore_progress
-from pvdf_fem.report.charge_map import make_ring_places
+from pvdf_fem.report.charge_map import make_ring_points
 from pvdf_fem.report.results import ReportResults
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.surrogate.response_options import ResponseOptions
@@ -176,7 +176,7 @@ class LocatedTouches(Task):
         It has the error of the place that 68 % of the draws of the noise do not exceed, and the
         distance of the farthest alternative touch.
         """
-        places = make_ring_places(self.reach_mm * (1.0 - 1e-6), self.pitch_mm, 90.0)
+        places = make_ring_points(self.reach_mm * (1.0 - 1e-6), self.pitch_mm, 90.0)
         unturned_1N = np.tile([0.0, 1.0], (len(places), 1))
         touches, charges = self._solve_touches(response, np.hstack([places, unturned_1N]))
         errors = np.random.default_rng(SEED).standard_normal((DRAWS, *charges.shape))

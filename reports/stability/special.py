@@ -126,7 +126,7 @@ class Ranges(FigureKind):
         get_figure(axes).legend(handles=patches, loc="outside lower center", ncols=2, fontsize=7)
 
     def make_caption(self, data: pd.DataFrame) -> str:
-        """Return what tiles and times are."""
+        """Explain the tiles and times."""
         return "Tiles are values from the first to the last; times are the largest CPU seconds."
 
     def make_table(self, data: pd.DataFrame) -> pd.DataFrame:
@@ -293,7 +293,7 @@ class Extremes(Kind):
         return figure
 
     def make_caption(self, data: ExtremeData) -> str:
-        """Return what marks and numbers are."""
+        """Explain the marks and numbers."""
         scenes = data.scenes
         if self.show == "map":
             return "Each mark is a scene; both strains span the ranges of all keys."
@@ -441,7 +441,7 @@ class Laws(Kind):
         return pd.DataFrame(rows, columns=["law", "computed", "exact", "difference"])
 
     def make_caption(self, data: pd.DataFrame) -> str:
-        """Return what is compared."""
+        """Explain the comparison."""
         return "Ratios of two solves on one mesh."
 
     def make_table(self, data: pd.DataFrame) -> pd.DataFrame:

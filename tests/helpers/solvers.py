@@ -9,7 +9,7 @@ from pvdf_fem.solver.nonlinear.initial_guess import compute_initial_guess
 from pvdf_fem.solver.nonlinear.newton import NewtonResult, run_newton
 
 
-def newton_result(
+def solve_by_newton(
     equilibrium: Equilibrium, start: Array | None = None, options: NewtonOptions | None = None
 ) -> NewtonResult:
     """Run Newton's method with an exact line search, by default from a linear deflection."""

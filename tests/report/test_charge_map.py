@@ -8,7 +8,7 @@ import shapely
 
 from pvdf_fem import Scene, locate, solve
 from pvdf_fem.batch.batch import plan_scenes, solve_scenes
-from pvdf_fem.report.charge_map import ChargeMap, MapPlaces
+from pvdf_fem.report.charge_map import ChargeMap, MapPoints
 from pvdf_fem.report.crossings import Contours
 
 SCENE = Scene().with_(
@@ -33,8 +33,8 @@ def gaussians(places, centres):
 def circles():
     """A map of made-up charges, and the electrodes' centres."""
     centres = np.array([1e3 * e.outline.centroid for e in SCENE.electrode_list])
-    map_places = MapPlaces(SCENE, 8.0, 2.5)
-    return ChargeMap.fit(map_places, gaussians(map_places.places_mm, centres)), centres
+    map_points = MapPoints(SCENE, 8.0, 2.5)
+    return ChargeMap.fit(map_points, gaussians(map_points.points_mm, centres)), centres
 
 
 def test_a_map_has_charges_whose_logarithms_are_quadratic(circles):
@@ -50,9 +50,9 @@ def test_a_map_has_charges_whose_logarithms_are_quadratic(circles):
 
 
 def test_charges_of_both_signs_are_interpolated_without_logarithms():
-    map_places = MapPlaces(SCENE, 8.0, 2.5)
-    x, y = map_places.places_mm.T
-    charge_map = ChargeMap.fit(map_places, np.stack([x, y, x + y, x * y], axis=1))
+    map_points = MapPoints(SCENE, 8.0, 2.5)
+    x, y = map_points.points_mm.T
+    charge_map = ChargeMap.fit(map_points, np.stack([x, y, x + y, x * y], axis=1))
     found = charge_map.interpolate(np.array([[1.0, -2.0]]))
     np.testing.assert_allclose(found, [[1.0, -2.0, -1.0, -2.0]], atol=1e-9)
 
@@ -76,10 +76,10 @@ def test_a_touch_is_located_by_contours_and_by_least_squares(circles):
 
 
 def test_a_map_agrees_with_solves_up_to_its_edge():
-    map_places = MapPlaces(SCENE, 8.0)
-    records = solve_scenes(map_places.scenes, processes=1)
+    map_points = MapPoints(SCENE, 8.0)
+    records = solve_scenes(map_points.scenes, processes=1)
     charges = np.array([list(r.charges_pC(8.0, 8.0).values()) for r in records])
-    charge_map = ChargeMap.fit(map_places, charges)
+    charge_map = ChargeMap.fit(map_points, charges)
     for place in ([1.0, 0.7], 8.0 * np.array([np.cos(0.3), np.sin(0.3)])):
         at = {"probe.x_mm": float(place[0]), "probe.y_mm": float(place[1])}
         fresh = list(solve(SCENE.with_(**at, **{"numerics.tolerance": 1e-3})).charges_pC.values())
@@ -90,14 +90,14 @@ def test_a_map_agrees_with_solves_up_to_its_edge():
 
 def test_rings_share_solves_by_the_symmetry_of_the_probe():
     triangle = SCENE.with_(probe={"shape": "triangle", "side_mm": 4.0, "rotation_deg": 20.0})
-    disc, turned = (MapPlaces(scene, 8.0, 2.0).scenes for scene in (SCENE, triangle))
+    disc, turned = (MapPoints(scene, 8.0, 2.0).scenes for scene in (SCENE, triangle))
     assert len(plan_scenes(disc).blocks) == 6  # the centre, and a solve for each ring
     assert len(plan_scenes(turned).blocks) < len(turned) / 4
 
 
 def test_a_map_without_enough_charges_is_refused():
-    map_places = MapPlaces(SCENE, 8.0, 4.0)
-    charges = np.full((len(map_places.places_mm), 4), 100.0)
+    map_points = MapPoints(SCENE, 8.0, 4.0)
+    charges = np.full((len(map_points.points_mm), 4), 100.0)
     charges[::4] = np.nan
     with pytest.raises(ValueError, match="charges"):
-        ChargeMap.fit(map_places, charges)
+        ChargeMap.fit(map_points, charges)

@@ -32,7 +32,7 @@ def test_a_serial_port(script, capsys):
     lines = [f"{1e3 * t},{','.join(map(str, row))}" for t, row in SAMPLES]
     port = io.BytesIO("\n".join(["3,0.4", *lines]).encode())
     module = script("serial_port", "serial", Serial=lambda device, baud, timeout: port)
-    module.main("model.npz", "/dev/ttyACM0")
+    module.main("sensor.response", "/dev/ttyACM0")
     assert len(capsys.readouterr().out.splitlines()) == 1  # of one touch
 
 
@@ -46,7 +46,7 @@ def test_a_lab_streaming_layer_stream(script):
         StreamInfo=lambda name, kind, channels, *more: channels,
         StreamOutlet=lambda channels: SimpleNamespace(push_sample=lambda *of: sent.append(of)),
     )
-    module.main("model.npz", "sensor")
+    module.main("sensor.response", "sensor")
     assert [t for _, t in sent] == [t for t, _ in SAMPLES]
     table = np.array([row for row, _ in sent])
     at = int(np.nanargmax(table[:, module.COLUMNS.index("force_N")]))

@@ -20,7 +20,7 @@ from pvdf_fem.solver.nonlinear.status import Status
 from reports.reference.axisymmetric import axisymmetric_membrane
 from reports.reference.axisymmetric_wrinkled import wrinkled_membrane
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, free_disc, graded_mesh, values
-from tests.helpers.solvers import newton_result
+from tests.helpers.solvers import solve_by_newton
 
 NO_INTEGRALS = StressIntegrals(np.zeros((0, 2)), np.zeros((0, 2)))
 #: Under this probe a film without pretension is in compression.
@@ -34,7 +34,7 @@ NEAR_RIM = {
 @pytest.fixture(scope="module")
 def solved():
     problem = Equilibrium(Problem.from_scene(TRIANGLE), graded_mesh(TRIANGLE, 2.5, 12.0))
-    return problem, newton_result(problem)
+    return problem, solve_by_newton(problem)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_rejects_a_following_pressure_beyond_its_limit_load():
     """Beyond a limit load the number of negative pivots is odd, although the forces balance."""
     scene = TRIANGLE.with_(**LOADS["follower"])
     problem = Equilibrium(Problem.from_scene(scene), graded_mesh(scene, 6.0, 14.0))
-    result = newton_result(problem)
+    result = solve_by_newton(problem)
     fields = DiscreteSolution(problem, result.q, NO_INTEGRALS)
     assert acceptance.find_rejection_status(fields, result.factors, None) is None
     tangent = problem.tangent(fields.solved_state).tolil()

@@ -17,7 +17,7 @@ from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.nonlinear.status import Status
 from tests.helpers.discs import free_disc, uniform_mesh
-from tests.helpers.solvers import newton_result
+from tests.helpers.solvers import solve_by_newton
 from tests.validation.proof import Number
 
 #: F/(E h a) and p a/(E h) at which slopes vanish, and the scales of deflection and tension there.
@@ -34,7 +34,7 @@ def solved(scene: Scene, mesh: MeshTri2) -> SimpleNamespace:
     Piola-Kirchhoff stress, which is the radial tension for small slopes.
     """
     equilibrium = Equilibrium(Problem.from_scene(scene), mesh)
-    result = newton_result(equilibrium)
+    result = solve_by_newton(equilibrium)
     assert result.status is Status.CONVERGED
     dofs, film, membrane = equilibrium.dofs(result.q), scene.film, equilibrium.membrane
     nodes = membrane.space.basis.doflocs / film.radius

@@ -233,7 +233,7 @@ def _read_profile(profile: str, most_bytes: int = 20_000_000) -> _ProfileFile:
 
 @lru_cache(maxsize=8)
 def _interpolate_table(name: str, content: bytes) -> GridFunction:
-    """Interpolate the table in the content of a file, whose format its name tells."""
+    """Interpolate the table in the content of a file, whose format follows from its name."""
     from scipy.interpolate import RegularGridInterpolator  # slow to import
 
     table = _read_netcdf(name, content) if name.endswith(".nc") else _read_csv(name, content)

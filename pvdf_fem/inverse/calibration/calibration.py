@@ -178,8 +178,8 @@ class Calibration(Result):
             is_outlier=np.isin(table.rows, list(self.outliers)),
             readings=table.readings,
             predicted=self.fit.prediction.readings,
-            given_mm=table.places_mm,
-            found_mm=self.places_mm,
+            file_positions_mm=table.places_mm,
+            calibrated_positions_mm=self.places_mm,
         )
         write_calibration_page(data, self.status, self._repr_html_(), about or {}, path)
 

@@ -1,4 +1,4 @@
-"""The table `comparison`: charges of data beside computed charges, and the differences."""
+"""The table `comparison`: readings beside computed charges, and their differences."""
 
 from __future__ import annotations
 
@@ -23,20 +23,23 @@ from pvdf_fem.solver.sensitivity.uncertainty import require_differentiable, unce
 from pvdf_fem.view.figures import GREY, HALO, WIDTH_MM, get_line_style, make_figure
 from pvdf_fem.view.labels import format_signed, format_significant
 
-NAMED = 1  #: Number of the largest differences that have a name in the figure.
-DATA_ERROR_PC = 0.5  #: Assumed error of a charge of data in the table, in pC.
-#: Columns of charges, which are no keys of a row.
+NAMED = 1  #: Number of largest differences that are labelled in the figure.
+DATA_ERROR_PC = 0.5  #: Error in pC that sets the number of digits of readings in the table.
+#: Columns that are not keys or labels of a row.
 CHARGE_COLUMNS = ("electrode", "charge_pC", "computed_pC", "error_pC", "difference_percent")
 
 
 @dataclass(frozen=True)
-class Spread(Task):
-    """Standard deviations of a scene's charges due to its uncertain values, in pC."""
+class ChargeDeviations(Task):
+    """Task that computes standard deviations of charges due to the scene's uncertain values."""
 
     scene: Scene
 
     def run(self) -> Rows:
-        """Return a row for each electrode."""
+        """Return the deviations in pC, a row for each electrode.
+
+        ``total`` is the deviation of the total charge, ``change`` that of its change by the touch.
+        """
         result = uncertainty(self.scene)
         rows = []
         for name, total in result.charges_pC.items():
@@ -46,7 +49,7 @@ class Spread(Task):
 
 
 class ComparedRows(NamedTuple):
-    """The readings to compare with, the scenes of their rows, and the electrodes."""
+    """The readings to compare with, the scenes of their rows, and the electrodes to compare."""
 
     readings: Readings
     scenes: list[Scene]
@@ -60,13 +63,14 @@ class ComparisonData:
     Parameters
     ----------
     frame : DataFrame
-        A row for each charge: the keys and labels of its scene, and `CHARGE_COLUMNS`.
+        A row for each reading: the keys and labels of its scene, `CHARGE_COLUMNS`, and
+        ``difference_over_deviation`` for scenes with uncertain values.
     row_names : list of str
-        Names of the scenes of the rows.
+        Name of the scene of each row.
     names : tuple of str
-        Electrodes that are compared.
+        Names of the electrodes that are compared.
     readings : Readings
-        The data.
+        All rows of the data.
     """
 
     frame: pd.DataFrame
@@ -76,17 +80,17 @@ class ComparisonData:
 
     @property
     def what(self) -> str:
-        """The word for the data."""
+        """The word for the readings on the page, such as "measured"."""
         return self.readings.source.what
 
 
 class Comparison(ElectrodeKind):
     """Readings in `data` beside computed charges, and a figure of the differences.
 
-    A difference is computed less measured, in percent of the measured charge. By default
-    `electrodes` are the electrodes with readings. Where the scene has `uncertain` values,
-    differences are also given over their standard deviation due to these values and to the errors
-    of our charges (ASME V&V 20).
+    A difference is the computed minus the measured charge, in percent of the measured charge. By
+    default `electrodes` are the electrodes with readings. If the scene has `uncertain` values,
+    differences are also divided by their standard deviation, which results from these values and
+    from the discretisation errors of the computed charges (ASME V&V 20).
     """
 
     kind: Literal["comparison"]
@@ -96,25 +100,25 @@ class Comparison(ElectrodeKind):
     rank: ClassVar[int] = 3
 
     def list_scenes(self, inputs: Inputs) -> list[Scene]:
-        """Return the scenes of the rows with a reading."""
+        """Return the scenes of the rows that have a reading of the electrodes."""
         readings, scenes, names = self._resolve_rows(inputs)
         charges = readings.get_charges(scenes, names, "total")
-        return [scenes[row] for row in _find_rows(charges)]
+        return [scenes[row] for row in _find_rows_with_readings(charges)]
 
     def list_tasks(self, inputs: Inputs) -> Sequence[Task]:
-        """Return the computation of deviations for each scene with uncertain values."""
+        """Return a task for the deviations of each scene with uncertain values."""
         scenes = list(dict.fromkeys(self.list_scenes(inputs)))
         with prefix_errors("scene"):
             for scene in scenes:
                 require_differentiable(Problem.from_scene(scene))
-        return [Spread(scene) for scene in scenes if scene.uncertain]
+        return [ChargeDeviations(scene) for scene in scenes if scene.uncertain]
 
     def collect_data(self, inputs: Inputs, results: ReportResults) -> ComparisonData:
-        """Return a row for each reading."""
+        """Collect the readings with computed charges, differences and deviations."""
         readings, scenes, names = self._resolve_rows(inputs)
         reading = self.resolve_reading(inputs)
         all_charges = readings.get_charges(scenes, names, reading)
-        rows = _find_rows(all_charges)
+        rows = _find_rows_with_readings(all_charges)
         scenes = [scenes[row] for row in rows]
         charges = results.make_table(scenes, names, reading, all_charges[rows])
         repeated_rows = np.repeat(rows, len(names))
@@ -133,7 +137,7 @@ class Comparison(ElectrodeKind):
         return ComparisonData(frame, row_names, names=names, readings=readings)
 
     def make_axes(self, data: ComparisonData) -> Sequence[Axes]:
-        """Return axes for charges, and for differences below them."""
+        """Return axes for charges, and axes for differences below them."""
         figure = make_figure(WIDTH_MM, 106.0)
         axes: Sequence[Axes] = figure.subplots(
             2, sharex=True, gridspec_kw={"height_ratios": [3.0, 2.0]}
@@ -141,7 +145,7 @@ class Comparison(ElectrodeKind):
         return axes
 
     def draw(self, data: ComparisonData, axes: Sequence[Axes]) -> None:
-        """Draw computed charges and their differences over the charges of the data."""
+        """Draw computed charges and their differences against the readings."""
         charges, differences = axes
         frame = data.frame
         for number, name in enumerate(data.names):
@@ -155,14 +159,14 @@ class Comparison(ElectrodeKind):
         mean = frame.charge_pC.mean()
         charges.axline((mean, mean), slope=1.0, color=GREY, linewidth=0.8, zorder=1)
         differences.axhline(0.0, color=GREY, linewidth=0.8)
-        _name_largest(differences, data)
+        _label_largest_differences(differences, data)
         charges.set_ylabel("computed charge (pC)")
         differences.set(xlabel=f"{data.what} charge (pC)", ylabel="difference (%)")
         columns = 2 if len(data.names) > 4 else 1
         charges.legend(loc="upper left", ncols=columns, title="electrode")
 
     def make_caption(self, data: ComparisonData) -> str:
-        """Return bias, median and largest difference."""
+        """Return a caption with the bias, the median and the largest difference."""
         bias = format_signed(data.frame.difference_percent.median(), 2)
         size = data.frame.difference_percent.abs()
         caption = (
@@ -171,12 +175,16 @@ class Comparison(ElectrodeKind):
         )
         if "difference_over_deviation" in data.frame:
             is_within = data.frame.difference_over_deviation.abs() <= 2.0
-            share = 100.0 * float(is_within.mean())
-            caption += f" By the uncertain values {share:.0f} % are within two standard deviations."
+            percent = 100.0 * float(is_within.mean())
+            caption += f" Of the differences {percent:.0f} % are within two standard deviations due"
+            caption += " to the uncertain values."
         return caption
 
     def make_table(self, data: ComparisonData) -> pd.DataFrame:
-        """Return labels, or all keys, and charges with significant digits."""
+        """Return a table of labels and keys, charges with significant digits, and differences.
+
+        If the data have labels, only the labels and the keys in `SHORT_KEYS` are shown.
+        """
         frame = data.frame
         labels = data.readings.source.labels
         columns = [*CHARGE_COLUMNS, "difference_over_deviation"]
@@ -197,7 +205,7 @@ class Comparison(ElectrodeKind):
         return table
 
     def make_claim(self, data: ComparisonData) -> str:
-        """Return the median and the largest difference."""
+        """Return a claim with the median and the largest difference."""
         size = data.frame.difference_percent.abs()
         return (
             f"the {size.notna().sum()} {data.what} charges and the computed ones differ by "
@@ -205,7 +213,13 @@ class Comparison(ElectrodeKind):
         )
 
     def _resolve_rows(self, inputs: Inputs) -> ComparedRows:
-        """Return the data, the scenes of their rows, and the electrodes to compare."""
+        """Find the readings, the scenes of their rows, and the electrodes to compare.
+
+        Raises
+        ------
+        SceneError
+            If the data have no readings of the electrodes, or if scenes are invalid.
+        """
         readings = self.find_readings(inputs)
         assert readings is not None  # `data` is required
         scene = self.resolve_scene(inputs)
@@ -216,15 +230,21 @@ class Comparison(ElectrodeKind):
         return ComparedRows(readings, readings.make_scenes(scene), names)
 
 
-def _find_rows(charges: Array) -> Indices:
-    """Return the numbers of the rows of charges (rows, names) that have a reading."""
+def _find_rows_with_readings(charges: Array) -> Indices:
+    """Return the indices of the rows with at least one finite charge.
+
+    Parameters
+    ----------
+    charges : ndarray, shape (rows, electrodes)
+        Charges in pC, NaN where there is no reading.
+    """
     return np.flatnonzero(np.isfinite(charges).any(axis=1))
 
 
 def _collect_deviations(
     scenes: Sequence[Scene], names: Sequence[str], results: ReportResults, reading: str
 ) -> Array:
-    """Return the standard deviations (scenes, names) of charges in pC due to uncertain values.
+    """Collect the standard deviations of charges due to uncertain values.
 
     Parameters
     ----------
@@ -233,21 +253,26 @@ def _collect_deviations(
     names : sequence of str
         Names of the electrodes.
     results : ReportResults
-        Rows of the tasks `Spread`.
+        Results with the rows of the tasks `ChargeDeviations`.
     reading : {"total", "change"}
-        Which charges are compared.
+        Whether total charges or their changes by the touch are compared.
+
+    Returns
+    -------
+    ndarray, shape (scenes, names)
+        Standard deviations in pC; NaN for an electrode that a scene does not have.
     """
     deviations = np.full((len(scenes), len(names)), np.nan)
     for i, scene in enumerate(scenes):
-        rows = results.get_rows(Spread(scene))
+        rows = results.get_rows(ChargeDeviations(scene))
         by_name = {row["electrode"]: row[reading] for row in rows}
         for j, name in enumerate(names):
             deviations[i, j] = by_name.get(name, np.nan)
     return deviations
 
 
-def _name_largest(ax: Axes, data: ComparisonData) -> None:
-    """Write the names of the rows with the largest differences beside their points."""
+def _label_largest_differences(ax: Axes, data: ComparisonData) -> None:
+    """Label the points with the largest differences by the names of their rows."""
     frame = data.frame
     middle = 0.5 * (frame.charge_pC.max() + frame.charge_pC.min())
     for row in frame.difference_percent.abs().nlargest(NAMED).index:

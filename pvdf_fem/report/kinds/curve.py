@@ -1,4 +1,4 @@
-"""The figure `curve`: charges against a key of the scene, one curve for each value of another."""
+"""The figure `curve`: charges against one scene key, with a curve for each value of another."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.studies.sweep_axis import ValueRange
 from pvdf_fem.view.labels import format_axis_label, format_value
 
-MAX_VALUES = 200  #: Largest number of values of a curve.
+MAX_VALUES = 200  #: Maximum number of points on a curve.
 
 
 def _choose_tag(value: Any) -> str:
-    """Return the tag of a list or of a range."""
+    """Return the tag by which pydantic chooses between a list and a range."""
     return "<list>" if isinstance(value, list | tuple) else "<range>"
 
 
 def _check_range(values: ValueRange) -> ValueRange:
-    """Return a range; raise a validation error for one that cannot be drawn."""
+    """Return the range unchanged; raise a validation error if it cannot be drawn."""
     if values.count > MAX_VALUES:
         raise make_validation_error(f"has a count of {values.count}; give at most {MAX_VALUES}")
     if values.spacing == "log" and not values.start * values.stop > 0.0:
-        reason = "has no equal ratios; give both ends one sign, and not 0, or no spacing"
+        reason = "is not possible with these ends; give both the same sign, and not 0"
         raise make_validation_error(reason)
     return values
 
 
-#: Numbers, or a range of numbers; the tags are no part of a key.
+#: A list of numbers, or a range. Tags in angle brackets are not shown in error messages.
 Values = Annotated[
     Annotated[tuple[Finite, ...], Field(min_length=2, max_length=MAX_VALUES), Tag("<list>")]
     | Annotated[ValueRange, AfterValidator(_check_range), Tag("<range>")],
@@ -45,12 +45,12 @@ FamilyValues = Annotated[tuple[Any, ...], Field(min_length=1)]
 
 
 class Curve(CurveKind):
-    """Charges against the key `x` of the scene at its `values`, in a panel for each electrode.
+    """Charges against the scene key `x` at its `values`, in a panel for each electrode.
 
-    `values` are a list, or a table of `start`, `stop`, `count` and `spacing` (``"linear"`` or
-    ``"log"``, which also makes the axes logarithmic). `family` has a key with a list: a curve for
-    each value. Without `family` the electrodes are curves in a single panel. Rows in `data` that
-    differ from a curve only in `x` are rings on the curve.
+    `values` is a list, or a table of `start`, `stop`, `count` and `spacing` (``"linear"`` or
+    ``"log"``, which also makes the axes logarithmic). `family` maps one key to a list of values,
+    with a curve for each value. Without `family` the electrodes are curves in a single panel. Rows
+    of `data` that differ from the scenes of a curve only in `x` are drawn as rings.
     """
 
     kind: Literal["curve"]
@@ -64,16 +64,19 @@ class Curve(CurveKind):
 
     @property
     def full_key(self) -> str:
-        """The key along the curves in full."""
+        """The full scene key of `x`."""
         return expand_key(self.x)
 
     @property
     def is_logarithmic(self) -> bool:
-        """Whether the values have equal ratios."""
+        """Whether the values are spaced logarithmically."""
         return getattr(self.values, "spacing", "") == "log"
 
     def list_series(self, inputs: Inputs) -> list[SceneSeries]:
-        """Return a series for each value of the family and electrode, or one for all electrodes."""
+        """Return a series for each value of the family and each electrode.
+
+        Without a family there is one series for all electrodes.
+        """
         base = self.resolve_scene(inputs)
         values = self._choose_values(inputs)
         all_series = []
@@ -88,13 +91,13 @@ class Curve(CurveKind):
         return all_series
 
     def find_on_curve(self, series: SceneSeries, scene: Scene) -> float | None:
-        """Return the scene's value of `x` where it differs from the curve in `x` only."""
+        """Return the scene's value of `x`, or None if it differs from the curve in other keys."""
         if differ_only_in([self.full_key], series.base, scene):
             return get_number(scene, self.full_key)
         return None
 
     def format_x_label(self) -> str:
-        """Return the key along the curves in words."""
+        """Return the key `x` in words, with its unit."""
         return format_axis_label(self.full_key)
 
     def describe_curves(self) -> str:
@@ -102,18 +105,21 @@ class Curve(CurveKind):
         return f"Charges against {self.format_x_label()}; dots are solved."
 
     def _choose_values(self, inputs: Inputs) -> tuple[float, ...]:
-        """Return the values along a curve, every second one in a preview."""
+        """Return the increasing values along a curve, every second one in a preview."""
         values = tuple(self.values)
         if inputs.quick:
-            values = (*values[:-1:2], values[-1])  # a preview reaches as far as the full curve
+            values = (*values[:-1:2], values[-1])  # a preview also ends at the last value
         if list(values) != sorted(set(values)):
             reason = "do not increase; sort them"
             raise SceneError([format_error("values", list(values), reason)])
         return values
 
     def _list_family(self) -> list[tuple[str | None, dict[str, Any]]]:
-        """Return the name of each curve with its change of the scene."""
-        for key, values in self.family.items():  # at most one
+        """Return the name and the change of the scene for each curve.
+
+        Without a family there is one curve without a name and without a change.
+        """
+        for key, values in self.family.items():  # the field allows at most one key
             full_key = expand_key(key)
             return [(format_value(full_key, value), {full_key: value}) for value in values]
         return [(None, {})]

@@ -1,4 +1,4 @@
-"""The common part of kinds that draw charges along curves, with data as rings."""
+"""The base class of kinds that draw charges along curves, with data as rings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.report.kind import ElectrodeKind, Inputs, get_place_mm
+from pvdf_fem.report.kind import ElectrodeKind, Inputs, get_probe_position_mm
 from pvdf_fem.report.results import NothingToShowError, ReportResults
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.view.curves import Panel, PanelAxes, draw_curves, make_curve_axes
@@ -20,25 +20,25 @@ from pvdf_fem.view.labels import READING_LABELS
 
 @dataclass(frozen=True, eq=False)
 class SceneSeries:
-    """The scenes along a curve.
+    """The scenes along a curve, or the scene of a row of data.
 
     Parameters
     ----------
     base : Scene
         A scene that differs from the others only in the value along the curve.
-    names : tuple of m str
-        Electrodes whose charges are drawn.
-    x : tuple of n float
+    names : tuple of str, length m
+        Names of the electrodes whose charges are drawn.
+    x : tuple of float, length n
         Values along the curve.
-    scenes : list of n Scenes
+    scenes : list of Scene, length n
         The scenes to solve.
     panel : str, optional
-        End of the panel's title.
+        Text at the end of the panel's title.
     curve : str, optional
-        Name of the curve; each electrode then has a panel. By default the electrodes are curves in
-        one panel.
-    data_pC : array (n, m), optional
-        Charges of data in pC.
+        Name of the curve; each electrode then has a panel of its own. By default the electrodes
+        are the curves of one panel.
+    data_pC : ndarray, shape (n, m), optional
+        Readings in pC. None for the points of a curve.
     """
 
     base: Scene
@@ -57,11 +57,11 @@ class CurveData:
     Parameters
     ----------
     frame : DataFrame
-        A row for each charge of the curves, then for each charge of the data.
-    rows : list of lists of Panel
+        A row for each charge on the curves, then a row for each reading.
+    rows : list of list of Panel
         The panels row by row.
     x_label, y_label : str
-        Labels of the axes.
+        Labels of the axes, with units.
     caption : str
         Text below the figure.
     """
@@ -74,34 +74,38 @@ class CurveData:
 
 
 class CurveKind(ElectrodeKind):
-    """A kind that draws charges along curves."""
+    """Base class of kinds that draw charges along curves."""
 
-    missing_rows: ClassVar[str] = "that is on a curve"  #: Describes data that lack such a row.
+    #: Text after "has no row" if no row of the data is on a curve.
+    missing_rows: ClassVar[str] = "that is on a curve"
     x_column: ClassVar[str] = "x"  #: Column of the CSV file with the values along a curve.
 
     @abstractmethod
     def list_series(self, inputs: Inputs) -> list[SceneSeries]:
-        """Return the series of scenes, panel by panel."""
+        """Return the series of scenes, panel by panel. Subclasses implement this method."""
 
     @abstractmethod
     def find_on_curve(self, series: SceneSeries, scene: Scene) -> float | None:
-        """Return the value of a scene along the curve of a series, None for one beside it."""
+        """Return the x value of a scene on the curve of a series, or None if it is not on it.
+
+        Subclasses implement this method.
+        """
 
     @abstractmethod
     def format_x_label(self) -> str:
-        """Return the label of the horizontal axis."""
+        """Return the label of the horizontal axis. Subclasses implement this method."""
 
     @abstractmethod
     def describe_curves(self) -> str:
-        """Return the sentence of the caption about the curves."""
+        """Return the caption's sentence about the curves. Subclasses implement this method."""
 
     @property
     def is_logarithmic(self) -> bool:
-        """Whether both axes have logarithmic scales."""
+        """Whether both axes have logarithmic scales. Default: False."""
         return False
 
     def list_scenes(self, inputs: Inputs) -> list[Scene]:
-        """Return the scenes of the curves, then those of the data on the curves."""
+        """Return the scenes of the curves, then the scenes of the data on the curves."""
         series = self.list_series(inputs)
         data = self._list_data(inputs, series)
         self.require_rows(data, self.missing_rows)
@@ -111,7 +115,7 @@ class CurveKind(ElectrodeKind):
         return scenes
 
     def collect_data(self, inputs: Inputs, results: ReportResults) -> CurveData:
-        """Return the charges of the curves, and of the data on the curves."""
+        """Collect the charges along the curves, and the readings on the curves."""
         series = self.list_series(inputs)
         reading = self.resolve_reading(inputs)
         tables = [_make_table(results, one, reading) for one in series]
@@ -124,7 +128,7 @@ class CurveKind(ElectrodeKind):
         caption = self.describe_curves()
         rings = self.describe_rings(inputs)
         if rings:
-            caption += f"{rings} Below: computed less these, in percent."
+            caption += f"{rings} Below: computed minus these, in percent."
         return CurveData(
             frame=frame.rename(columns={"x": self.x_column}),
             rows=_arrange_panels(frame),
@@ -138,7 +142,7 @@ class CurveKind(ElectrodeKind):
         return make_curve_axes(data.rows)
 
     def draw(self, data: CurveData, axes: list[list[PanelAxes]]) -> None:
-        """Draw the curves and the data."""
+        """Draw the curves, and the readings as rings."""
         draw_curves(
             data.rows,
             axes,
@@ -148,13 +152,13 @@ class CurveKind(ElectrodeKind):
         )
 
     def make_caption(self, data: CurveData) -> str:
-        """Return the sentences about curves and data."""
+        """Return the caption with sentences about curves and readings."""
         return data.caption
 
     def _list_data(self, inputs: Inputs, series: list[SceneSeries]) -> list[SceneSeries]:
         """Return a series of one scene for each row of the data on a curve.
 
-        A row belongs to the first such curve of each panel.
+        In each panel a row is assigned to the first curve on which it lies.
         """
         readings = self.find_readings(inputs)
         if readings is None:
@@ -172,16 +176,16 @@ class CurveKind(ElectrodeKind):
 
 
 def _make_table(results: ReportResults, series: SceneSeries, reading: str) -> pd.DataFrame:
-    """Return a row for each charge of a series, with its panel, curve and place.
+    """Return a row for each charge of a series, with panel, curve, x and probe position.
 
     Parameters
     ----------
     results : ReportResults
-        The charges.
+        Charges by scene.
     series : SceneSeries
-        The scenes.
+        Scenes and electrodes of a curve.
     reading : {"total", "change"}
-        Which charges are shown.
+        Whether total charges or their changes by the touch are shown.
     """
     count = len(series.names)
     frame = results.make_table(series.scenes, series.names, reading, series.data_pC)
@@ -197,13 +201,16 @@ def _make_table(results: ReportResults, series: SceneSeries, reading: str) -> pd
     frame.insert(1, "curve", curves)
     frame.insert(2, "x", np.repeat(series.x, count))
     if all(scene.single_probe for scene in series.scenes):
-        places = [get_place_mm(scene) for scene in series.scenes]
-        frame[["x_mm", "y_mm"]] = np.repeat(places, count, axis=0)
+        positions = [get_probe_position_mm(scene) for scene in series.scenes]
+        frame[["x_mm", "y_mm"]] = np.repeat(positions, count, axis=0)
     return frame
 
 
 def _arrange_panels(frame: pd.DataFrame) -> list[list[Panel]]:
-    """Return the panels of a table in rows of two, three or one, electrodes side by side."""
+    """Arrange panels in rows of two, three or one, with the electrodes side by side.
+
+    The number of panels in a row divides both the number of panels and of electrodes.
+    """
     panels = [Panel(str(title), rows) for title, rows in frame.groupby("panel", sort=False)]
     divisor = math.gcd(len(panels), frame.electrode.nunique())
     columns = next(count for count in (2, 3, 1) if divisor % count == 0)

@@ -1,4 +1,4 @@
-"""The figure `isocharge`: charges over the probe's place, with lines of equal charge."""
+"""The figure `isocharge`: charges by the probe's position, with lines of equal charge."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pydantic import Discriminator, Field, Tag
 
 from pvdf_fem.arrays import Array, make_polar_grid
 from pvdf_fem.report.charge_map import ChargeMap
-from pvdf_fem.report.kind import PLACE, Inputs, differ_only_in, get_place_mm
+from pvdf_fem.report.kind import PROBE_POSITION_KEYS, Inputs, differ_only_in, get_probe_position_mm
 from pvdf_fem.report.kinds.map_kind import MapKind
 from pvdf_fem.report.results import ReportResults
 from pvdf_fem.scene.keys import Finite, Whole, limit_to
@@ -33,20 +33,20 @@ from pvdf_fem.view.figures import (
 )
 from pvdf_fem.view.labels import READING_LABELS, join_words
 
-RADII = 41  #: Number of radii in the raster of a panel.
-ANGLES = 121  #: Number of angles in the raster of a panel.
-SHADES = 16  #: Number of bands of colour.
-#: Smallest distance of a level from an end of the colour bar with a number, over its height.
+RADII = 41  #: Number of radii in the polar raster of a panel.
+ANGLES = 121  #: Number of angles in the polar raster of a panel.
+SHADES = 16  #: Number of colour bands.
+#: Minimum distance of a level from a labelled end of the colour bar, as a fraction of its height.
 MIN_TICK_DISTANCE = 0.06
 POINT_COLUMNS = ["electrode", "x_mm", "y_mm", "charge_pC", "apart_mm"]
 
 
 def _choose_tag(value: Any) -> str:
-    """Return the tag of a list or of a number of levels."""
+    """Return the tag by which pydantic chooses between a list and a number of levels."""
     return "<list>" if isinstance(value, list | tuple) else "<count>"
 
 
-#: Charges of the lines, or about how many lines; the tags are no part of a key.
+#: Charges of the lines, or their approximate number. Tags are not shown in error messages.
 Levels = Annotated[
     Annotated[tuple[Finite, ...], Field(min_length=1, max_length=20), Tag("<list>")]
     | Annotated[Whole, limit_to(1, 20), Tag("<count>")],
@@ -61,19 +61,19 @@ class IsochargeData:
     Parameters
     ----------
     frame : DataFrame
-        Solved charges by place.
+        Solved charges by position of the probe.
     scene : Scene
-        Film, electrodes and probe.
-    raster_mm : array (radii, angles, 2)
-        Places of the interpolated charges in mm.
-    charges_pC : dict of str to array (radii, angles)
+        Scene with film, electrodes and probe.
+    raster_mm : ndarray, shape (radii, angles, 2)
+        Positions in mm of the interpolated charges.
+    charges_pC : dict of str to ndarray, shape (radii, angles)
         Interpolated charges by electrode.
     levels_pC : dict of str to list of float
-        Charges of the lines by electrode.
+        Charges of the lines in pC by electrode.
     points : DataFrame
-        Charges of data: `POINT_COLUMNS`.
+        Readings with the columns `POINT_COLUMNS`.
     reading : {"total", "change"}
-        Which charges are shown.
+        Whether total charges or their changes by the touch are shown.
     caption : str
         Text below the figure.
     """
@@ -89,17 +89,18 @@ class IsochargeData:
 
     @property
     def limits_pC(self) -> tuple[float, float]:
-        """Smallest and largest charge of all electrodes."""
+        """Smallest and largest charge of all electrodes in pC."""
         return _find_limits(self.charges_pC)
 
 
 class Isocharge(MapKind):
-    """Electrode charges over the place of the probe's centroid, in filled panels.
+    """Filled contour maps of electrode charges by the position of the probe's centroid.
 
-    The panels have one scale. Lines are at `levels_pC`, a list of charges or about how many. Places
-    lie within `reach_mm` of the film's centre, by default the reach of locating; they are solved
-    `pitch_mm` apart, by default from the sizes of probe and electrodes. Rows in `data` with an
-    electrode's charge are rings in the electrode's panel.
+    All panels have the same colour scale. `levels_pC` is a list with the charges of the lines, or
+    their approximate number. Positions are within `reach_mm` of the film's centre, by default the
+    maximum distance at which touches are located. They are solved about `pitch_mm` apart; the
+    default depends on the sizes of probe and electrodes. Rows of `data` with a reading of an
+    electrode are rings in its panel.
     """
 
     kind: Literal["isocharge"]
@@ -109,43 +110,44 @@ class Isocharge(MapKind):
     rank: ClassVar[int] = 2
 
     def list_scenes(self, inputs: Inputs) -> list[Scene]:
-        """Return the scenes at the places of the map."""
+        """Return the scenes at the points of the map."""
         scene = self.resolve_scene(inputs)
         self.resolve_electrodes(scene)
-        places = self.choose_places(scene, inputs)
-        scenes = places.scenes
-        rows, _ = self._find_data(inputs, scene, places.reach_mm)
+        map_points = self.choose_map_points(scene, inputs)
+        scenes = map_points.scenes
+        rows, _ = self._find_data(inputs, scene, map_points.reach_mm)
         self.require_rows(rows, "of the scene within the reach")
         return scenes
 
     def collect_data(self, inputs: Inputs, results: ReportResults) -> IsochargeData:
-        """Return the interpolated charges, the levels and the data."""
+        """Collect the interpolated charges, the levels and the readings."""
         scene = self.resolve_scene(inputs)
         reading = self.resolve_reading(inputs)
         names = self.resolve_electrodes(scene)
-        places = self.choose_places(scene, inputs)
-        charge_map = self.fit_map(places, results)
-        # the unloaded charge is the same at any place of the probe
+        map_points = self.choose_map_points(scene, inputs)
+        charge_map = self.fit_map(map_points, results)
+        # the unloaded charge does not depend on the position of the probe
         offset = np.zeros(len(charge_map.names))
         if reading == "change":
-            offset = results.get_unloaded_charges(places.scenes[:1], charge_map.names)[0]
-        raster = make_polar_grid(places.reach_mm, RADII, ANGLES)
+            offset = results.get_unloaded_charges(map_points.scenes[:1], charge_map.names)[0]
+        raster = make_polar_grid(map_points.reach_mm, RADII, ANGLES)
         values = charge_map.interpolate(raster.reshape(-1, 2)) - offset
         values = values.reshape(RADII, ANGLES, -1)
         charges = {name: values[..., charge_map.names.index(name)] for name in names}
         points = self._collect_points(inputs, charge_map, offset)
-        frame = pd.DataFrame(places.places_mm, columns=["x_mm", "y_mm"])
-        solved = results.get_charges(places.scenes, names, reading)
+        frame = pd.DataFrame(map_points.points_mm, columns=["x_mm", "y_mm"])
+        solved = results.get_charges(map_points.scenes, names, reading)
         frame[[f"{name}_pC" for name in names]] = solved
         caption = (
-            f"Charge of {join_words(names)} by the place of the probe, within "
-            f"{places.reach_mm:.3g} mm of the film's centre; {len(solved)} places are solved, and "
-            f"between them charges are known to {100.0 * charge_map.error_bound:.1g} %."
+            f"Charge of {join_words(names)} by the position of the probe, within "
+            f"{map_points.reach_mm:.3g} mm of the film's centre; {len(solved)} positions are "
+            "solved, and between them the charges are accurate to "
+            f"{100.0 * charge_map.error_bound:.1g} %."
         )
         if len(points):
             rings = self.describe_rings(inputs).removesuffix(".")
             distance = f"{points.apart_mm.median():.2g} mm"
-            caption += f"{rings} at their places, {distance} from our line of that charge in the"
+            caption += f"{rings} at their positions, {distance} from our line of that charge in the"
             caption += " median."
         return IsochargeData(
             frame=frame,
@@ -163,9 +165,9 @@ class Isocharge(MapKind):
         return _make_panels(len(data.charges_pC))
 
     def draw(self, data: IsochargeData, axes: list[Axes]) -> None:
-        """Draw the charges, their lines, and rings at the places of the data."""
+        """Draw the charges, their lines, and rings at the positions of the readings."""
         low, high = data.limits_pC
-        # charges fall by a factor: equal ratios show lines far from the electrode, too
+        # charges decay exponentially: geometric levels also resolve charges far from the electrode
         space = np.geomspace if low > 0.0 else np.linspace
         shades = space(low, high, SHADES + 1)
         for ax, name in zip(axes, data.charges_pC, strict=True):
@@ -179,7 +181,7 @@ class Isocharge(MapKind):
         bar.ax.set_ylabel(READING_LABELS[data.reading])
 
     def make_caption(self, data: IsochargeData) -> str:
-        """Return the reach, the number of places, and the errors."""
+        """Return the caption with the radius of the map, the number of solves, and the errors."""
         return data.caption
 
     def _choose_levels(
@@ -187,15 +189,15 @@ class Isocharge(MapKind):
     ) -> dict[str, list[float]]:
         """Choose the charges of the lines by electrode.
 
-        These are the charges of `levels_pC`, or those of the data where they are few, or else
-        round charges.
+        If `levels_pC` is a list, these are its charges. If it is a number, and no electrode has
+        more distinct readings, these are the readings. Otherwise they are round charges.
 
         Parameters
         ----------
-        charges : dict of str to array
-            Interpolated charges by electrode.
+        charges : dict of str to ndarray
+            Interpolated charges in pC by electrode.
         points : DataFrame
-            Charges of data.
+            Readings with the columns `POINT_COLUMNS`.
         """
         if isinstance(self.levels_pC, tuple):
             return dict.fromkeys(charges, sorted(self.levels_pC))
@@ -210,7 +212,7 @@ class Isocharge(MapKind):
     def _find_data(
         self, inputs: Inputs, scene: Scene, reach_mm: float
     ) -> tuple[list[int], list[Scene]]:
-        """Find the rows of the data within the reach that differ only in the probe's place.
+        """Find the rows of the data whose scenes differ from the map's only in the position.
 
         Parameters
         ----------
@@ -224,35 +226,40 @@ class Isocharge(MapKind):
         Returns
         -------
         rows : list of int
-            Numbers of these rows.
+            Indices of these rows, within the radius of the map.
         scenes : list of Scene
             Scenes of all rows.
         """
         readings = self.find_readings(inputs)
         scenes = [] if readings is None else readings.make_scenes(scene)
-        distances = [np.linalg.norm(get_place_mm(other)) for other in scenes]
+        distances = [np.linalg.norm(get_probe_position_mm(other)) for other in scenes]
         rows = []
         for row, other in enumerate(scenes):
-            if distances[row] <= reach_mm and differ_only_in(PLACE, scene, other):
+            if distances[row] <= reach_mm and differ_only_in(PROBE_POSITION_KEYS, scene, other):
                 rows.append(row)
         return rows, scenes
 
     def _collect_points(self, inputs: Inputs, charge_map: ChargeMap, offset: Array) -> pd.DataFrame:
-        """Return the charges of the data, and their distances from the lines of these charges.
+        """Collect the readings on the map, and their distances from the lines of equal charge.
 
         Parameters
         ----------
         inputs : Inputs
             The report's scene and data.
         charge_map : ChargeMap
-            Total charges by place.
-        offset : array (electrodes,)
+            Total charges by position.
+        offset : ndarray, shape (electrodes,)
             Charges in pC that are subtracted from the total charges.
 
         Returns
         -------
         DataFrame
-            A row for each charge with `POINT_COLUMNS`.
+            A row for each reading with the columns `POINT_COLUMNS`.
+
+        Notes
+        -----
+        ``apart_mm`` is the distance |q - d| / |grad q| to first order, with the computed charge q
+        and the reading d at the position.
         """
         readings = self.find_readings(inputs)
         if readings is None:
@@ -260,9 +267,8 @@ class Isocharge(MapKind):
         scene = self.resolve_scene(inputs)
         rows, scenes = self._find_data(inputs, scene, charge_map.domain.reach_mm)
         data = readings.get_charges(scenes, charge_map.names, self.resolve_reading(inputs))[rows]
-        places = np.array([get_place_mm(scenes[row]) for row in rows])
+        places = np.array([get_probe_position_mm(scenes[row]) for row in rows])
         computed, slopes = charge_map.evaluate(np.pad(places, ((0, 0), (0, 2))))
-        # a charge off by dq belongs to a line that is dq over the gradient away
         distances = np.abs(computed - offset - data) / np.linalg.norm(slopes, axis=-1)
         points = []
         for i, j in zip(*np.nonzero(np.isfinite(data)), strict=True):
@@ -272,7 +278,7 @@ class Isocharge(MapKind):
 
 
 def _find_limits(charges: dict[str, Array]) -> tuple[float, float]:
-    """Return the smallest and the largest charge of all electrodes."""
+    """Return the smallest and largest charge of all electrodes."""
     values = np.array(list(charges.values()))
     return float(values.min()), float(values.max())
 
@@ -299,11 +305,11 @@ def _draw_panel(ax: Axes, data: IsochargeData, name: str, shades: Array) -> Scal
     ax : Axes
         The panel.
     data : IsochargeData
-        The charges.
+        Charges of all electrodes.
     name : str
         Name of the electrode.
-    shades : array (SHADES + 1,)
-        Limits of the bands of colour in pC.
+    shades : ndarray, shape (SHADES + 1,)
+        Limits of the colour bands in pC.
     """
     colours, _, _ = choose_colours(data.limits_pC)
     x = data.raster_mm[..., 0]
@@ -323,7 +329,10 @@ def _draw_panel(ax: Axes, data: IsochargeData, name: str, shades: Array) -> Scal
 
 
 def _label_levels(data: IsochargeData, shades: Array) -> dict[float, str]:
-    """Return labels of the colour bar by charge: the levels, and the ends where there is room."""
+    """Return the labels of the colour bar by charge.
+
+    The levels are labelled, and the ends of the bar if no level is close to them.
+    """
     low, high = data.limits_pC
     levels: set[float] = set()
     for electrode_levels in data.levels_pC.values():

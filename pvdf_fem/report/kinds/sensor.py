@@ -1,4 +1,4 @@
-"""The figure `sensor`: the film with its electrodes, and the probe."""
+"""The figure `sensor`: the film with its electrodes and probes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pvdf_fem.view.figures import COLOURS, WIDTH_MM, draw_film
 
 @dataclass(frozen=True, eq=False)
 class SensorData:
-    """A scene, and a table of its electrodes."""
+    """A scene, and a table with the centres and areas of its electrodes."""
 
     scene: Scene
     frame: pd.DataFrame
@@ -34,7 +34,7 @@ class Sensor(FigureKind):
     size_mm: ClassVar[tuple[float, float]] = (WIDTH_MM, WIDTH_MM - 6.0)
 
     def list_scenes(self, inputs: Inputs) -> list[Scene]:
-        """Check the scene; none has to be solved."""
+        """Validate the scene, and return no scenes because nothing has to be solved."""
         self.resolve_scene(inputs)
         return []
 
@@ -49,7 +49,7 @@ class Sensor(FigureKind):
         return SensorData(scene, pd.DataFrame(rows))
 
     def draw(self, data: SensorData, axes: Axes) -> None:
-        """Draw rim, electrodes and the filled probe."""
+        """Draw the rim, the electrodes and the filled probes."""
         for probe_load in data.scene.loaded_probes:
             corners_mm = 1e3 * np.array(probe_load.outline.inscribed_polygon.exterior.coords)
             patch = Polygon(corners_mm, facecolor=COLOURS[1], alpha=0.45, edgecolor="none")
@@ -57,7 +57,7 @@ class Sensor(FigureKind):
         draw_film(axes, data.scene.film.radius_mm, data.scene.electrode_list)
 
     def make_caption(self, data: SensorData) -> str:
-        """Return the size of the film."""
+        """Return a caption with the diameter and thickness of the film."""
         film = data.scene.film
         probe = ", probe filled" if data.scene.loaded_probes else ""
         return f"Film of {2.0 * film.radius_mm:g} mm and {film.thickness_um:g} µm{probe}."

@@ -14,7 +14,7 @@ class Circle(Ellipse):
 
     Parameters
     ----------
-    centre : array (2,)
+    centre : ndarray, shape (2,)
         In m.
     radius : float
         In m.

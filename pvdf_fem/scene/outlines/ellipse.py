@@ -21,9 +21,9 @@ class Ellipse(Outline):
 
     Parameters
     ----------
-    centre : array (2,)
+    centre : ndarray, shape (2,)
         In m.
-    first : array (2,)
+    first : ndarray, shape (2,)
         From the centre to the end of one of the semi-axes, in m.
     second : float
         Length of the other semi-axis in m.
@@ -76,12 +76,12 @@ class Ellipse(Outline):
 
         Parameters
         ----------
-        points : array (n, 2)
+        points : ndarray, shape (n, 2)
             In m.
 
         Returns
         -------
-        array (n,)
+        ndarray, shape (n,)
             In m, exact to first order next to the boundary.
 
         Notes
@@ -134,12 +134,12 @@ class Ellipse(Outline):
 
         Parameters
         ----------
-        starts, ends : array (n, 2)
+        starts, ends : ndarray, shape (n, 2)
             Ends of the elements' sides on the ellipse, in m.
 
         Returns
         -------
-        array (n, 2)
+        ndarray, shape (n, 2)
             In m.
 
         Notes
@@ -172,9 +172,9 @@ class Ellipse(Outline):
 
         Returns
         -------
-        points : array (4 count, 2)
+        points : ndarray, shape (4 count, 2)
             In m.
-        normals : array (4 count, 2)
+        normals : ndarray, shape (4 count, 2)
             Outward unit normals times weights in m.
         """
         step = 0.5 * np.pi / count

@@ -110,9 +110,9 @@ class Outline(ABC):
 
         Parameters
         ----------
-        frame : array (2, 2)
+        frame : ndarray, shape (2, 2)
             An orthogonal matrix: a rotation or a reflection.
-        shift : array (2,) or float
+        shift : ndarray, shape (2,) or float
             In m.
 
         Returns
@@ -126,12 +126,12 @@ class Outline(ABC):
 
         Parameters
         ----------
-        points : array (n, 2)
+        points : ndarray, shape (n, 2)
             In m.
 
         Returns
         -------
-        array (n,)
+        ndarray, shape (n,)
             In m. Distances are exact to first order next to the boundary, and have the right sign
             everywhere.
         """
@@ -152,12 +152,12 @@ class Outline(ABC):
 
         Parameters
         ----------
-        starts, ends : array (n, 2)
+        starts, ends : ndarray, shape (n, 2)
             Ends in m of the elements' sides on a curved piece of the boundary.
 
         Returns
         -------
-        array (n, 2)
+        ndarray, shape (n, 2)
             In m.
         """
         raise NotImplementedError
@@ -173,9 +173,9 @@ class Outline(ABC):
 
         Returns
         -------
-        points : array (n, 2)
+        points : ndarray, shape (n, 2)
             In m.
-        normals : array (n, 2)
+        normals : ndarray, shape (n, 2)
             Outward unit normals times weights in m.
         """
 
@@ -261,14 +261,14 @@ def rotate(points: ArrayLike, angle_deg: float) -> Array:
 
     Parameters
     ----------
-    points : array (..., 2)
+    points : ndarray, shape (..., 2)
         The points.
     angle_deg : float
         Angle in degrees.
 
     Returns
     -------
-    array (..., 2)
+    ndarray, shape (..., 2)
     """
     quarters, remainder = divmod(angle_deg, 90.0)
     cosine = np.cos(np.radians(remainder))

@@ -27,7 +27,7 @@ class Polygon(Outline):
 
     Parameters
     ----------
-    vertices : array (n, 2)
+    vertices : ndarray, shape (n, 2)
         In m, in either orientation; they are stored counter-clockwise and read-only.
     """
 
@@ -111,9 +111,9 @@ class Polygon(Outline):
 
         Returns
         -------
-        points : array (sides count, 2)
+        points : ndarray, shape (sides count, 2)
             In m.
-        normals : array (sides count, 2)
+        normals : ndarray, shape (sides count, 2)
             Outward unit normals times weights in m.
         """
         local, weights = _make_gauss_rule(count)

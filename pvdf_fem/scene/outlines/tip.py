@@ -79,12 +79,12 @@ class Tip(ABC):
 
         Parameters
         ----------
-        distances : array (n,)
+        distances : ndarray, shape (n,)
             In m; 0 on the face.
 
         Returns
         -------
-        value, first, second : array (n,)
+        value, first, second : ndarray, shape (n,)
             Height in m with its first and second derivatives.
         """
         largest = STEEPEST * self.radius
@@ -116,7 +116,7 @@ class DiscTip(Tip):
 
     Parameters
     ----------
-    centre : array (2,)
+    centre : ndarray, shape (2,)
         In m.
     radius : float
         Radius of the rounding in m.
@@ -165,7 +165,7 @@ class DiscTip(Tip):
 
         Parameters
         ----------
-        points : array (n, 2)
+        points : ndarray, shape (n, 2)
             In m.
 
         Returns

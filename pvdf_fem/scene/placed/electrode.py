@@ -1,4 +1,4 @@
-"""Electrodes: a list of any, or a layout of equal ones on a ring."""
+"""Electrodes: a list of arbitrary ones, or a layout of equal ones on a ring."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from pvdf_fem.scene.shapes.shape import PLACE, SIZE
 
 
 def _check_name(name: str) -> str:
-    """Refuse a name that cannot stand in a table, a file name or a command."""
+    """Refuse a name that could not be used in tables, file names and commands."""
     if not name or name != name.strip() or not name.isprintable():
-        reason = "is not a name; give printable characters without blanks around them"
+        reason = "is not a valid name; give printable characters without blanks around them"
         raise make_validation_error(reason)
     if len(name) > 40 or re.search(r'[/\\,="]', name):
-        reason = 'is too long or contains one of / \\ , = "; choose a simpler name'
+        reason = 'has more than 40 characters or one of / \\ , = "; choose a simpler name'
         raise make_validation_error(reason)
     return name
 
 
 class Electrode(PlacedShape):
-    """An electrode."""
+    """An electrode with its own name, position and shape."""
 
     name: Annotated[str, AfterValidator(_check_name), Key(example="A")]
     """A name that no other electrode has."""
@@ -37,9 +37,9 @@ class Electrode(PlacedShape):
 
 
 class Layout(ShapedTable):
-    """Equal electrodes, evenly on a ring: A, B, C, ... counter-clockwise.
+    """Equal electrodes A, B, C, ..., evenly spaced counter-clockwise on a ring.
 
-    Electrodes are not turned: their axes are the film's, as in the thesis.
+    The electrodes are not rotated: their axes are parallel to the film's, as in the thesis.
     """
 
     shape_key: ClassVar[Key] = Key(needs=("layout", "ring"), neutral="square")
@@ -50,19 +50,19 @@ class Layout(ShapedTable):
     count: Annotated[
         int | None, Key("electrodes", (1, 25), needs=("layout", "ring"), example=6)
     ] = None
-    """Number of electrodes on the ring; by default 4."""
+    """Number of electrodes on the ring, by default 4."""
     ring_radius_mm: Annotated[float, SIZE] = 10.0
     """Distance from the film's centre to the centres of the electrodes."""
     first_angle_deg: Annotated[
         float | None, Key("degrees", (-3600.0, 3600.0), needs=("layout", "ring"), example=45.0)
     ] = None
-    """Angle from +x to A; by default 0."""
+    """Angle from +x to A, by default 0."""
     centre: Annotated[bool, Key(needs=("layout", "ring"))] = False
-    """true: one more electrode, the last, is on the film's centre."""
+    """true: there is one more electrode, the last one, at the film's centre."""
 
     @model_validator(mode="after")
     def _reject_shape(self) -> Self:
-        """Refuse other shapes than squares in the thesis's layouts."""
+        """Refuse shapes other than squares in the thesis's layouts."""
         if self.layout != "ring" and self.shape != "square":
             reason = 'requires layout = "ring"; remove it or change layout'
             raise make_validation_error(reason, key="shape", value=self.shape)
@@ -70,26 +70,26 @@ class Layout(ShapedTable):
 
     @cached_property
     def electrodes(self) -> tuple[Electrode, ...]:
-        """The electrodes on the ring, then the one on the centre."""
+        """The electrodes on the ring, then the one at the centre if there is one."""
         count = self.count or 4
         first_deg = self.first_angle_deg or 0.0
         if self.layout == "three":
             count = 3
             first_deg = 270.0
         angles_deg = first_deg + 360.0 * np.arange(count) / count
-        places = [rotate([self.ring_radius_mm, 0.0], angle) for angle in angles_deg]
+        centres_mm = [rotate([self.ring_radius_mm, 0.0], angle) for angle in angles_deg]
         if self.centre:
-            places.append(np.zeros(2))
+            centres_mm.append(np.zeros(2))
         return tuple(
             Electrode.model_validate(
                 {"name": name, "x_mm": float(x), "y_mm": float(y), "shape": self.geometry}
             )
-            for name, (x, y) in zip(ascii_uppercase, places, strict=False)
+            for name, (x, y) in zip(ascii_uppercase, centres_mm, strict=False)
         )
 
     @classmethod
     def list_common_keys(cls) -> set[str]:
-        """Return the keys that every layout has."""
+        """Return the keys that are valid for every value of ``layout``."""
         own = {name for name in cls.model_fields if cls.key_of(name).needs is None}
         return own - {"geometry"} | set(cls.shapes[cls.default_shape].list_sizes())
 

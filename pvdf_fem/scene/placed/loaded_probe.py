@@ -1,4 +1,4 @@
-"""A probe together with the load that acts on it."""
+"""A probe together with the load that it exerts on the film."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ class LoadedProbe:
     Parameters
     ----------
     key : str
-        Its key in the scene file, ``probe`` or ``probe[0]``.
+        Key of the probe in the scene file: ``probe``, or ``probe[0]`` in a list.
     patch : str
-        Its name in a mesh, ``probe`` or ``probe 1``.
+        Name of its subdomain in a mesh: ``probe``, or ``probe 1`` for ``probe[0]``.
     probe : Probe
-        The probe.
+        The shape with its position.
     load : Load
-        The load that acts on it, resolved from its own and the scene's keys.
+        The load resolved from the scene's keys and the probe's own ones.
     """
 
     key: str
@@ -38,5 +38,5 @@ class LoadedProbe:
 
     @property
     def tip(self) -> Tip:
-        """The probe as a rigid tip; raises `ValueError` for a probe with a sharp edge."""
+        """The probe as a rigid tip; raises `ValueError` if it cannot be one (see `make_tip`)."""
         return make_tip(self.probe.outline, self.probe.rounding_mm)

@@ -1,4 +1,4 @@
-"""Patches: layers that are bonded to the film."""
+"""Patches: layers of limited area that are bonded to the film."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pvdf_fem.scene.keys import Affects, Key
 from pvdf_fem.scene.placed.placed_shape import PlacedShape
 from pvdf_fem.scene.shapes.shape import PLACE
 
-#: Keys of the material of film and patches.
+# Keys that the materials of film and patches have in common.
 MODULUS = Key(
     "GPa", (1e-6, 1e4), usual_limits=(1e-6, 1500.0), likely_units={"MPa": 1e-3, "Pa": 1e-9}
 )
@@ -17,18 +17,18 @@ EXPANSION = Key("1/K", (-0.1, 0.1), Affects.PRESTRAIN)
 
 
 class Patch(PlacedShape):
-    """A layer bonded to the film, as tape, ink or solder.
+    """A layer bonded to the film, such as tape, ink or solder.
 
-    Layers may overlap electrodes, probes and further layers, and reach over the rim. Their material
-    is the film's where it is not given.
+    Layers may overlap electrodes, probes and other layers, and extend beyond the rim. Properties of
+    the material that are not given are those of the film.
     """
 
     thickness_um: Annotated[float, Key("µm", (1e-3, 1e5), example=50.0)]
-    """Thickness, of both layers together where the layer is on both sides."""
+    """Thickness; of a layer on both sides, the sum of both."""
     both_sides: Annotated[bool, Key()] = False
-    """Half of the layer is on the one side of the film and half on the other."""
+    """true: half of the thickness is on either side of the film."""
     youngs_modulus_GPa: Annotated[float | None, replace(MODULUS, example=3.0)] = None
-    """Young's modulus, of an isotropic layer."""
+    """Young's modulus of an isotropic layer."""
     poisson_ratio: Annotated[
         float | None, Key("", (0.0, 0.4999), needs=("youngs_modulus_GPa", None), example=0.3)
     ] = None
@@ -38,8 +38,8 @@ class Patch(PlacedShape):
     ] = None
     """Density."""
     bonded: Literal["at rest", "before stretching"] = "at rest"
-    """at rest: bonded to the stretched film, without stress. before stretching: the layer is
-    stretched, or cooled and clamped, together with the film."""
+    """at rest: the layer is bonded to the stretched film and is free of stress. before stretching:
+    it is stretched, or cooled and clamped, together with the film."""
     thermal_expansion_per_K: Annotated[
         float | None, Key("1/K", (-0.1, 0.1), needs=("bonded", "before stretching"), example=1e-5)
     ] = None
@@ -49,7 +49,7 @@ class Patch(PlacedShape):
 
     @classmethod
     def list_layer_keys(cls) -> set[str]:
-        """Return the keys of the layer, without its shape and its place."""
+        """Return the keys of the layer without those of its shape and position."""
         return set(cls.model_fields) - set(PlacedShape.model_fields)
 
     @property

@@ -1,4 +1,4 @@
-"""Tables of a scene file that have a shape: the shape's keys stand beside their own keys."""
+"""Tables of a scene file that have a shape; the keys of the shape stand beside the table's own."""
 
 from __future__ import annotations
 
@@ -22,14 +22,16 @@ from pvdf_fem.scene.registry import FLAT_SHAPES, PROBE_SHAPES
 from pvdf_fem.scene.shapes.shape import PLACE, Shape
 
 ROTATION = Key("degrees", (-3600.0, 3600.0), Affects.OUTLINE)
-#: Keys of a placement, in the order of a scene file.
+#: Keys of a position and rotation, in the order of a scene file.
 PLACEMENT_KEYS = ("x_mm", "y_mm", "rotation_deg")
-#: Sizes of all shapes; a change of the shape removes them.
+#: Size keys of all shapes. They are removed from a table when its shape changes.
 SIZE_KEYS = frozenset().union(*(shape.list_sizes() for shape in PROBE_SHAPES.values()))
 
 
 class OneOfShapes:
-    """Annotation of a field that holds a shape: a table with its name and its sizes.
+    """Annotation of a field that holds one of several shapes.
+
+    pydantic reads the field from a table with the key ``shape`` and the sizes of that shape.
 
     Parameters
     ----------
@@ -43,16 +45,17 @@ class OneOfShapes:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        """Validate by the model that the key ``shape`` names."""
+        """Make the schema of a union whose model is chosen by the key ``shape``."""
         choices = {name: handler.generate_schema(shape) for name, shape in self.shapes.items()}
         return tagged_union_schema(choices, discriminator="shape", from_attributes=True)
 
 
 class ShapedTable(Section):
-    """A table with a shape.
+    """A table of a scene file with a shape.
 
-    In a scene file the keys of the shape stand beside the table's own keys, ``shape = "circle"``
-    and ``radius_mm = 1.0`` beside ``x_mm = 5.0``. In Python they are attributes of the table, too.
+    In the file the keys of the shape stand beside the table's own keys: ``shape = "circle"`` and
+    ``radius_mm = 1.0`` beside ``x_mm = 5.0``. In Python the sizes are attributes of `geometry` and
+    of the table itself.
     """
 
     geometry: Annotated[Shape, OneOfShapes(FLAT_SHAPES)] = Field(alias="shape")
@@ -62,18 +65,18 @@ class ShapedTable(Section):
     shape_key: ClassVar[Key] = Key()
     #: Shapes that the table may have, by name.
     shapes: ClassVar[Mapping[str, type[Shape]]] = FLAT_SHAPES
-    #: The shape of a table that names none.
+    #: Shape of a table without the key ``shape``.
     default_shape: ClassVar[str] = "square"
-    #: Sizes by the shape's name where they are not given; further sizes are required.
+    #: Default sizes by the name of the shape; sizes without a default are required.
     default_sizes: ClassVar[Mapping[str, Mapping[str, float]]] = {"square": {"side_mm": 3.0}}
 
     @model_validator(mode="before")
     @classmethod
     def _group_shape_keys(cls, table: Any) -> Any:
-        """Move the keys of the shape into a table of their own.
+        """Move the keys of the shape into an inner table below ``shape``.
 
-        Keys that are not the table's own are left to the shape, which refuses unknown ones. The
-        sizes of an unknown shape are dropped: only the shape's name is refused.
+        All keys that are not the table's own are moved, and the shape refuses those that it does
+        not know. The sizes of an unknown shape are dropped, so that the only error is the shape.
         """
         if not isinstance(table, Mapping):
             return table
@@ -91,13 +94,13 @@ class ShapedTable(Section):
 
     @model_serializer(mode="wrap")
     def _spread_shape_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Return the table with the keys of the shape beside its own."""
+        """Move the keys of the shape back beside the table's own keys."""
         table = handler(self)
         geometry = table.pop("geometry", {})
         placement = {key: table.pop(key) for key in PLACEMENT_KEYS if key in table}
         return {**table, **placement, **geometry}
 
-    if not TYPE_CHECKING:  # type checkers shall not take every name for an attribute
+    if not TYPE_CHECKING:  # type checkers must not accept every name as an attribute
 
         def __getattr__(self, name: str) -> Any:
             """Return a size of the shape, such as ``radius_mm``."""
@@ -108,7 +111,7 @@ class ShapedTable(Section):
 
     @classmethod
     def list_required_sizes(cls, shape: str) -> list[str]:
-        """Return the size keys of a shape that a table of this kind has to give."""
+        """Return the size keys of a shape for which this table has no default."""
         defaults = cls.default_sizes.get(shape, {})
         return [name for name in cls.shapes[shape].list_sizes() if name not in defaults]
 
@@ -123,7 +126,19 @@ class ShapedTable(Section):
         return _collect_table_keys(type(self), type(self.geometry))
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Return a copy with other values; sizes of the shape are changed in the shape."""
+        """Return a copy with other values, which are not validated.
+
+        Parameters
+        ----------
+        update : mapping of str to object, optional
+            New values by key; sizes of the shape are replaced in `geometry`.
+        deep : bool
+            Whether to copy the values that are not replaced, too.
+
+        Returns
+        -------
+        ShapedTable
+        """
         changes = dict(update or {})
         sizes = {name: changes.pop(name) for name in self.geometry.list_sizes() if name in changes}
         if sizes:
@@ -144,23 +159,24 @@ def _collect_table_keys(table: type[ShapedTable], shape: type[Shape]) -> dict[st
 
 
 class PlacedShape(ShapedTable):
-    """A shape at the point (x, y), rotated counter-clockwise about it."""
+    """A shape whose reference point is at (x, y), rotated counter-clockwise about this point."""
 
     x_mm: Annotated[float, PLACE] = 0.0
-    """Place of the centre; of a triangle its centroid, of a polygon the origin of its vertices."""
+    """Position of the centre along x; of a triangle, its centroid; of a polygon, the origin of its
+    vertices."""
     y_mm: Annotated[float, PLACE] = 0.0
-    """Place of the same point along y."""
+    """Position of the same point along y."""
     rotation_deg: Annotated[float, ROTATION] = 0.0
     """Rotation about this point, counter-clockwise."""
 
     @cached_property
     def outline(self) -> Outline:
-        """Outline in m on the film."""
+        """Outline on the film in m."""
         return self.geometry.make_outline(self.x_mm, self.y_mm, self.rotation_deg)
 
     @property
     def period_deg(self) -> float:
-        """The smallest rotation that maps the shape onto itself; 0 if every rotation does."""
+        """Smallest rotation in degrees that maps the shape onto itself; 0 for a circle."""
         return self.geometry.period_deg
 
     @property
@@ -170,5 +186,5 @@ class PlacedShape(ShapedTable):
 
 
 def tag_table_or_list(value: Any) -> str:
-    """Return the tag of the model for one table, or for a list of tables."""
+    """Return the tag of a union's member: ``<list>`` for a list, ``<table>`` for anything else."""
     return "<list>" if isinstance(value, list | tuple) else "<table>"

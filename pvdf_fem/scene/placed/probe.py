@@ -1,4 +1,4 @@
-"""Probes: one table, or a list whose members may have loads of their own."""
+"""Probes: a single table, or a list whose entries may override the scene's load."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HEAT_KEYS = ("temperature_K", "contact_time_s")
 
 
 class Probe(PlacedShape):
-    """A probe, the body that presses on the film."""
+    """The body that presses on the film."""
 
     shapes: ClassVar[Mapping[str, type[Shape]]] = PROBE_SHAPES
     default_shape: ClassVar[str] = "triangle"
@@ -36,9 +36,9 @@ class Probe(PlacedShape):
     edge_radius_mm: Annotated[float | None, Key("mm", (1e-4, 1e5), example=0.5)] = None
     """Radius of the rounded edge of a rigid tip, whose shape is a circle or a convex polygon."""
     temperature_K: Annotated[float | None, Key("K", (-500.0, 500.0), example=10.0)] = None
-    """Temperature of the probe above the film's."""
+    """Temperature of the probe relative to the film's."""
     contact_time_s: Annotated[float | None, Key("s", (1e-6, 1e6), example=1.0)] = None
-    """Time since a warm probe touched the film; by default 1."""
+    """Time since a warm probe first touched the film, by default 1."""
 
     @field_validator("edge_radius_mm")
     @classmethod
@@ -50,7 +50,7 @@ class Probe(PlacedShape):
 
     @property
     def rounding_mm(self) -> float | None:
-        """Radius of a tip's rounded edge, of a sphere its radius; None for a sharp edge."""
+        """Radius of the rounded edge in mm, or of a sphere itself; None for a sharp edge."""
         if isinstance(self.geometry, SphereShape):
             return self.geometry.radius_mm
         return self.edge_radius_mm
@@ -59,8 +59,8 @@ class Probe(PlacedShape):
 class ListedProbe(Probe):
     """A probe in a list.
 
-    Its load is the scene's load except for the keys that it gives itself: a new kind removes the
-    keys that only the scene's kind has.
+    Its load has the keys of the scene's load, except for those that the probe gives itself. If the
+    probe gives another kind, the scene's keys that require the scene's kind do not apply.
     """
 
     depth_mm: Annotated[float | None, DEPTH] = None
@@ -70,12 +70,12 @@ class ListedProbe(Probe):
     tangential_N: Annotated[tuple[float, float] | None, TANGENTIAL] = None
     """Force along x and y."""
     load: Annotated[LoadOverrides | None, Key(example={"kind": "rigid"})] = None
-    """Other keys of [load] that the probe has for itself."""
+    """Keys of [load] that the probe overrides, other than the forces and the depth."""
 
     @model_validator(mode="before")
     @classmethod
     def _move_forces_out_of_load(cls, table: Any) -> Any:
-        """Move forces from ``load`` beside the shape, where they are kept."""
+        """Move forces and depth from ``load`` into the probe's own table, where they are stored."""
         load = table.get("load") if isinstance(table, Mapping) else None
         if isinstance(load, LoadOverrides):
             load = load.model_dump()
@@ -94,29 +94,29 @@ class ListedProbe(Probe):
     def _reject_repeated_force(cls, value: LoadOverrides | None) -> LoadOverrides | None:
         for key in FORCE_KEYS:
             if getattr(value, key, None) is not None:
-                reason = f"has {key}, which stands beside it too; remove one of the two"
+                reason = f"has {key}, which the probe also has outside of load; remove one of them"
                 raise make_validation_error(reason)
         return value
 
     @classmethod
     def list_load_keys(cls) -> tuple[str, ...]:
-        """Return the keys by which a listed probe overrides the scene's load."""
+        """Return the keys of a listed probe that override the scene's load."""
         return (*FORCE_KEYS, "load")
 
     @property
     def overrides(self) -> dict[str, Any]:
-        """Keys of the load given by the probe itself, `kind` first."""
+        """The values of the load's keys that the probe gives itself, by key, ``kind`` first."""
         load = {} if self.load is None else self.load.model_dump()
         forces = {key: getattr(self, key) for key in FORCE_KEYS}
         return {**load, **{key: value for key, value in forces.items() if value is not None}}
 
     def resolve_load(self, scene_load: Load) -> Load:
-        """Return the probe's load in a scene.
+        """Return the probe's load: the scene's load with the keys that the probe overrides.
 
         Parameters
         ----------
         scene_load : Load
-            The scene's load, from which the probe has the keys that it does not give itself.
+            The scene's load.
 
         Returns
         -------
@@ -125,12 +125,12 @@ class ListedProbe(Probe):
         Raises
         ------
         ValidationError
-            For keys that are incompatible with the kind of the resolved load.
+            If keys of the resolved load are incompatible with each other.
         """
         return _merge_loads(scene_load, tuple(self.overrides.items()))
 
     def inherits_load_key(self, key: str) -> bool:
-        """Return whether a key of the scene's load is part of the probe's load."""
+        """Return whether the probe takes a key of the load from the scene's load."""
         overrides = self.overrides
         return key not in overrides and key in _override({key: None}, overrides)
 
@@ -141,7 +141,10 @@ def _merge_loads(load: Load, overrides: tuple[tuple[str, Any], ...]) -> Load:
 
 
 def _override(table: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Override keys of a load's table in place, and return it."""
+    """Override keys of a load's table in place, and return the table.
+
+    Keys that the new values make obsolete are removed, see `set_key`.
+    """
     for key, value in overrides.items():
         alternative = overrides.get(ALTERNATIVE_KEYS.get(key, ""))
         set_key(table, key, value, alternative)
@@ -149,7 +152,7 @@ def _override(table: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, 
 
 
 def find_load_key(where: str, probe: Any, key: str) -> str:
-    """Find the key by which a scene gives a value of a probe's load.
+    """Find the full key that sets a value of a probe's load.
 
     Parameters
     ----------
@@ -158,12 +161,13 @@ def find_load_key(where: str, probe: Any, key: str) -> str:
     probe : Probe
         The probe.
     key : str
-        A key of loads.
+        Name of the value in [load], such as ``force_N``.
 
     Returns
     -------
     str
-        ``load.force_N`` of the scene's load, or ``probe[0].force_N`` of the probe's own.
+        ``load.force_N`` if the probe takes the value from the scene's load, and
+        ``probe[0].force_N`` or ``probe[0].load.kind`` if it overrides the value.
     """
     if not isinstance(probe, ListedProbe) or key not in probe.overrides:
         return f"load.{key}"

@@ -1,4 +1,4 @@
-"""Validation errors of a scene, described under the keys of the scene file."""
+"""Messages for the validation errors of a scene, by the keys of the scene file."""
 
 from __future__ import annotations
 
@@ -20,27 +20,28 @@ from pvdf_fem.scene.scene_file import format_error, quote, suggest
 from pvdf_fem.scene.validation.placement import find_placement_errors
 from pvdf_fem.scene.validation.table_forms import TABLES, TableForm, list_forms
 
-MAX_ERRORS = 100  #: The largest number of errors that are described of one scene.
+MAX_ERRORS = 100  #: Maximum number of errors that are described for one scene.
 
-#: Keys of neglected effects, with the size of each effect, and keys of other files.
+#: Reasons why a scene does not have a key: keys of other files, and effects that are neglected.
 UNSUPPORTED_KEYS = {
     "axes": "is a key of sweep files, not of scenes; use `pvdf-fem sweep` or sweep(scene, axes)",
     "section": "is a key of report scripts, not of scenes; use `pvdf-fem report` or Report.load",
-    "friction": "is not part of the model: film slides freely on tips. Under a 6 mm sphere and 1 N"
-    " a coefficient of 0.23 changes a charge beside the contact by 0.03 %, and film that sticks by"
-    " 0.3 %; only an electrode under the tip feels more, 3 % and up to 80 %; remove it",
+    "friction": "is not part of the model: the film slides on tips without friction. Under a 6 mm"
+    " sphere and 1 N, a coefficient of 0.23 changes a charge beside the contact by 0.03 %, and"
+    " sticking changes it by 0.3 %; only an electrode under the tip changes more, by 3 % and up to"
+    " 80 %; remove it",
 }
-#: Reasons by pydantic's types of errors.
+#: Reason and advice for each of pydantic's error types.
 REASONS = {
     "bool_type": "must be true or false; write one of them without quotes",
-    "dict_type": "must be a table of keys with their values; give one",
+    "dict_type": "must be a table; give its keys with their values",
     "finite_number": "must be finite; give a number",
     "float_type": "must be a number; write digits without quotes",
     "int_type": "must be a whole number; write digits without a point or quotes",
     "missing": "is required; add it",
     "model_attributes_type": "must be a table; put its keys below a heading in brackets",
     "model_type": "must be a table; put its keys below a heading in brackets",
-    "nameless": "is not a table with a name; use Scene.from_file(path) or Scene().with_({...})",
+    "nameless": "is given without a name; use Scene.from_file(path) or Scene().with_({...})",
     "path_type": "must be a path; give the name of a file",
     "string_unicode": "is not Unicode text; write it with other characters",
     "string_type": "must be text; put it in quotes",
@@ -54,22 +55,24 @@ def describe_scene_errors(
 ) -> list[str]:
     """Describe all errors of a scene.
 
-    pydantic compares the shapes of a scene only when each table is valid by itself. Here the valid
-    tables are compared too, to report both sorts of errors together.
+    pydantic compares the tables of a scene with each other only if every table is valid by itself.
+    Here the valid tables are compared even if others are invalid, so that users see the errors
+    within tables and the errors between tables together.
 
     Parameters
     ----------
     error : ValidationError
-        From the validation of `data`.
+        Raised by the validation of `data`.
     data : mapping
-        The tables of the scene.
-    model : type of Scene
-        The model of scenes.
+        The tables of the scene, as they were passed to `model`.
+    model : type of BaseModel
+        The class `Scene`, which names the known keys.
 
     Returns
     -------
     list of str
-        At most `MAX_ERRORS` lines, and then a line that says that there are more.
+        ``key = value: reason; advice`` for each error. After `MAX_ERRORS` of them, a last line says
+        that there are more.
     """
     errors = error.errors(include_url=False)
     lines: Iterator[str]
@@ -84,16 +87,16 @@ def describe_scene_errors(
 
 
 def describe_errors(error: ValidationError, where: str, model: type[BaseModel]) -> Iterator[str]:
-    """Describe the errors of a table.
+    """Describe the errors within a table.
 
     Parameters
     ----------
     error : ValidationError
-        From the validation of the table.
+        Raised by the validation of the table.
     where : str
-        Key of the table; empty for a whole scene.
+        Key of the table, which precedes the keys in the lines; empty for a whole scene.
     model : type of BaseModel
-        Model of the table.
+        Model of the table, which names the known keys.
 
     Yields
     ------
@@ -106,7 +109,7 @@ def describe_errors(error: ValidationError, where: str, model: type[BaseModel]) 
 
 
 def join_key(where: str, steps: Sequence[int | str]) -> str:
-    """Return the key some steps below a key: ``data.touches``, ``section[0].title``."""
+    """Return the dotted key of names and indices below a key, such as ``section[0].title``."""
     key = where
     for step in steps:
         if isinstance(step, int):
@@ -121,18 +124,19 @@ def _quote_unusual_key(key: str) -> str:
 
 
 def _is_list_with_invalid_entries(details: ErrorDetails) -> bool:
-    """Return whether a list is called too short only because invalid entries were not counted."""
+    """Return whether pydantic calls a list too short only because it skips invalid entries."""
     is_short = details["type"] == "too_short"
     return is_short and len(details["input"]) >= details["ctx"]["min_length"]
 
 
 def _describe_error(details: ErrorDetails, where: str, model: type[BaseModel]) -> str:
-    """Describe one of pydantic's errors in the words of the scene file."""
+    """Describe one of pydantic's errors as ``key = value: reason; advice``."""
     kind = details["type"]
     location = details["loc"]
     value = details["input"]
     context = details.get("ctx", {})
-    key = join_key(where, _to_file_steps(location, is_last_step_a_key=kind == "extra_forbidden"))
+    steps = _to_file_steps(location, is_last_step_a_key=kind == "extra_forbidden")
+    key = join_key(where, steps)
     reason = REASONS.get(kind, f"{details['msg'][:120]}; change it")
     if kind == "missing":
         return f"{key}: {reason}"
@@ -143,16 +147,18 @@ def _describe_error(details: ErrorDetails, where: str, model: type[BaseModel]) -
             value = context["value"]
     elif kind == "extra_forbidden":
         unsupported = UNSUPPORTED_KEYS.get(str(location[-1]))
-        reason = unsupported or f"is not a key there; {_advise_on_key(key, location, model)}"
+        table = join_key(where, steps[:-1])
+        place = f"of {table}" if table else "at the top level"
+        reason = unsupported or f"is not a key {place}; {_advise_on_key(location, model)}"
     elif kind == "tuple_type" and isinstance(value, Mapping):
         reason = f"must be a list of tables; begin each with [[{key}]]"
     elif kind == "model_type" and isinstance(value, list):
         reason = f"must be one table; begin it with [{key}]"
     elif kind == "literal_error":
-        reason = f"is not a known value; {suggest(value, _find_quoted(context['expected']))}"
+        reason = f"is not a valid value; {suggest(value, _find_quoted(context['expected']))}"
     elif kind == "union_tag_invalid":
         value = value["shape"]
-        reason = f"is not a known shape; {suggest(value, _find_quoted(context['expected_tags']))}"
+        reason = f"is not a valid shape; {suggest(value, _find_quoted(context['expected_tags']))}"
     elif kind == "float_type" and isinstance(value, int) and not isinstance(value, bool):
         reason = "is too large; give a smaller number"
     elif kind == "too_short":
@@ -163,11 +169,22 @@ def _describe_error(details: ErrorDetails, where: str, model: type[BaseModel]) -
 
 
 def _to_file_steps(location: tuple[int | str, ...], is_last_step_a_key: bool) -> list[int | str]:
-    """Convert pydantic's location of an error to the steps of a key in the scene file.
+    """Convert pydantic's location of an error to the names and indices of a key in the scene file.
 
-    Tags of unions, which begin with ``<``, are no keys. Keys of a shape stand beside the key
-    ``shape`` in the file, but two steps below it in the model: ``shape``, the shape's name, the
-    key.
+    Two sorts of steps are dropped. Tags of unions begin with ``<`` and are not keys, unless the
+    last step is an unknown key that looks like a tag. Keys of a shape stand beside the key
+    ``shape`` in the file, while in the model they are below ``shape`` and the shape's name.
+
+    Parameters
+    ----------
+    location : tuple of int and str
+        Location from pydantic's error.
+    is_last_step_a_key : bool
+        Whether the last step is a key that the user wrote.
+
+    Returns
+    -------
+    list of int and str
     """
     steps: list[int | str] = []
     position = 0
@@ -184,10 +201,10 @@ def _to_file_steps(location: tuple[int | str, ...], is_last_step_a_key: bool) ->
     return steps
 
 
-def _advise_on_key(key: str, location: tuple[int | str, ...], model: type[BaseModel]) -> str:
-    """Advise on the last step of a location, a key that its table does not have."""
+def _advise_on_key(location: tuple[int | str, ...], model: type[BaseModel]) -> str:
+    """Return advice on an unknown key, the last step of a location."""
     unknown = location[-1]
-    form = _find_form(location[:-1])
+    form = _find_shaped_table(location[:-1])
     if form is None:
         known = _find_keys(location[:-1], model)
         return suggest(unknown, known) if known else "remove it"
@@ -201,21 +218,29 @@ def _advise_on_key(key: str, location: tuple[int | str, ...], model: type[BaseMo
     return suggest(unknown, known)
 
 
-def _find_form(location: tuple[int | str, ...]) -> TableForm | None:
-    """Find the table of a scene at a location, with its shape; None if it has no shape."""
+def _find_shaped_table(location: tuple[int | str, ...]) -> TableForm | None:
+    """Find the scene's table whose shape pydantic was validating at a location.
+
+    Such a location ends with ``shape`` and the name of the shape. For all others, and for shapes
+    that the table cannot have, return None.
+    """
     steps = [str(step) for step in location if not isinstance(step, int)]
     if len(steps) < 2 or steps[-2] != "shape":
         return None
     is_list = len(location) != len(steps)
-    place = ".".join(step for step in steps[:-2] if not step.startswith("<"))
-    table = TABLES.get(f"{place}[0]" if is_list else place)
+    key = ".".join(step for step in steps[:-2] if not step.startswith("<"))
+    table = TABLES.get(f"{key}[0]" if is_list else key)
     if table is None or not issubclass(table, ShapedTable) or steps[-1] not in table.shapes:
         return None
     return TableForm(table, table.shapes[steps[-1]])
 
 
 def _find_keys(location: tuple[int | str, ...], model: type[BaseModel]) -> list[str]:
-    """Find the keys of the table at a location below a model; none where that is not known."""
+    """Find the keys of the table at a location in a model.
+
+    Only the model itself, its own tables and the load of a listed probe are covered; for any other
+    location the list is empty.
+    """
     if not location:
         return list(model.model_fields)
     names = [step for step in location if isinstance(step, str) and not step.startswith("<")]
@@ -231,12 +256,12 @@ def _find_keys(location: tuple[int | str, ...], model: type[BaseModel]) -> list[
 
 
 def _find_quoted(text: str) -> list[str]:
-    """Find the words in single quotes."""
+    """Return the words in single quotes."""
     return re.findall("'([^']*)'", text)
 
 
 def _find_errors_between_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
-    """Find placement errors between the tables of a scene that are valid by themselves."""
+    """Find placement errors between those tables of a scene that are valid by themselves."""
     film = data.get("film")
     radius = {}
     if isinstance(film, dict) and "radius_mm" in film:
@@ -262,7 +287,22 @@ def _find_errors_between_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _validate_entries(name: str, model: type[Section], tables: Any) -> dict[str, Any]:
-    """Return the models of the valid tables of a list, by their keys."""
+    """Validate the tables of a list, and return the valid ones by their keys.
+
+    Parameters
+    ----------
+    name : str
+        Key of the list.
+    model : type of Section
+        Model of its tables.
+    tables : object
+        The list; anything else has no valid tables.
+
+    Returns
+    -------
+    dict of str to Section
+        By keys such as ``probe[0]``. Tables after the first `MAX_ERRORS` are ignored.
+    """
     if not isinstance(tables, list):
         return {}
     models = {}
@@ -274,7 +314,7 @@ def _validate_entries(name: str, model: type[Section], tables: Any) -> dict[str,
 
 
 def _validate(model: Any, value: Any) -> Any:
-    """Return the model of a value; None where it is not valid."""
+    """Validate a value, and return None if it is invalid."""
     try:
         return TypeAdapter(model).validate_python(value)
     except ValidationError:

@@ -1,7 +1,7 @@
-"""Keys of a scene that exclude each other, as one table of rules.
+"""Rules for keys of a scene that exclude each other.
 
-Each setting is valid by itself, and no model of the package has both. A further rule is a line in
-`RULES`.
+Both settings of a rule are valid by themselves, but no model of the package combines them. To add
+a rule, add a line to `RULES`.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ class SceneTables(NamedTuple):
     """The tables of a scene that the rules compare."""
 
     film: Film
-    observable: str
+    observable: str  #: The value of ``numerics.observable``.
     load: Load
-    probes: Mapping[str, Probe]  #: By their keys.
+    probes: Mapping[str, Probe]  #: By their keys, ``probe`` or ``probe[0]``.
 
     def get_kind(self, key: str) -> str:
-        """Return the kind of the load of a probe."""
+        """Return the kind of a probe's load, its own or else the scene's."""
         probe = self.probes[key]
         own = probe.load if isinstance(probe, ListedProbe) else None
         return (own.kind if own else None) or self.load.kind
 
 
 class Occurrence(NamedTuple):
-    """A key of a scene where a setting is in force."""
+    """A key with a value by which a scene has a setting."""
 
     key: str
     value: Any
@@ -44,33 +44,38 @@ class Occurrence(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A setting that excludes others: its words in messages, and where a scene has it."""
+    """A setting that excludes others."""
 
-    words: str
-    find: Callable[[SceneTables], Iterable[Occurrence]]
+    words: str  #: The setting in messages; ``{key}`` stands for the key of the occurrence.
+    find: Callable[[SceneTables], Iterable[Occurrence]]  #: Finds the setting in a scene.
 
 
 @dataclass(frozen=True)
 class IncompatibleKeys:
-    """A rule: a scene has one of two settings at most. The key of the first one is refused."""
+    """A rule that a scene has at most one of two settings.
+
+    If a scene has both, the error is reported under the key of the first one.
+    """
 
     first: Setting
     second: Setting
     reason: str
-    advice: str = ""  #: By default to change the first setting or to remove the second one.
+    advice: str = ""  #: By default, to change the first setting or to remove the second one.
 
     def find_errors(self, found: Mapping[Setting, Sequence[Occurrence]]) -> Iterator[str]:
-        """Find the pairs of keys that break the rule.
+        """Find the pairs of keys that violate the rule.
+
+        Settings of two different probes do not violate it.
 
         Parameters
         ----------
         found : mapping of Setting to sequence of Occurrence
-            Where a scene has each setting.
+            The keys of a scene by the setting that they make.
 
         Yields
         ------
         str
-            ``key = value: reason; advice``.
+            ``key = value: reason; advice`` for each pair.
         """
         for refused in found[self.first]:
             for other in found[self.second]:
@@ -83,14 +88,29 @@ class IncompatibleKeys:
 
 
 def _find_in_film(tables: SceneTables, name: str, value: Any = None) -> Iterable[Occurrence]:
-    """Find a key of the film that has a value; without one any value but None, zero and false."""
+    """Find a key of the film with a value.
+
+    Parameters
+    ----------
+    tables : SceneTables
+        The tables of the scene.
+    name : str
+        Name of the key in the table ``film``.
+    value : object, optional
+        The value to look for. By default any value except None, zero and false.
+
+    Returns
+    -------
+    iterable of Occurrence
+        One occurrence or none.
+    """
     found = getattr(tables.film, name)
     is_set = bool(found) if value is None else found == value
     return (Occurrence(f"film.{name}", found),) if is_set else ()
 
 
-def _set_film(name: str, value: Any = None) -> Setting:
-    """Make the setting of a key of the film; see `_find_in_film`."""
+def _make_film_setting(name: str, value: Any = None) -> Setting:
+    """Make the setting of a key of the film, with the parameters of `_find_in_film`."""
     words = f"film.{name}"
     if value is not None:
         words += f' = "{value}"' if isinstance(value, str) else f" = {str(value).lower()}"
@@ -117,7 +137,7 @@ def _find_stretched_patches(tables: SceneTables) -> Iterator[Occurrence]:
             return
 
 
-def _find_stretched_rubber_patches(tables: SceneTables) -> Iterator[Occurrence]:
+def _find_stretched_patches_on_rubber(tables: SceneTables) -> Iterator[Occurrence]:
     if tables.film.law == "neo-hookean":
         yield from _find_stretched_patches(tables)
 
@@ -142,31 +162,31 @@ def _find_warm_probes(tables: SceneTables) -> Iterator[Occurrence]:
             yield Occurrence(f"{key}.temperature_K", probe.temperature_K, probe=key)
 
 
-BENDING = _set_film("bending")
-CERTAIN_BENDING = _set_film("bending", value=True)
-COUPLING = _set_film("coupling")
-D33 = _set_film("d33_pC_N")
-GRAVITY = _set_film("gravity_m_s2")
-NEO_HOOKEAN = _set_film("law", "neo-hookean")
-PATCHES = _set_film("patches")
-PRESSURE = _set_film("pressure_Pa")
-PRETENSION = _set_film("pretension_N_m")
-RIM_DISPLACEMENT = _set_film("rim_displacement_um")
-TENSION_FIELD = _set_film("compression", "tension-field")
-WARMING = _set_film("warming_K")
+BENDING = _make_film_setting("bending")
+CERTAIN_BENDING = _make_film_setting("bending", value=True)
+COUPLING = _make_film_setting("coupling")
+D33 = _make_film_setting("d33_pC_N")
+GRAVITY = _make_film_setting("gravity_m_s2")
+NEO_HOOKEAN = _make_film_setting("law", "neo-hookean")
+PATCHES = _make_film_setting("patches")
+PRESSURE = _make_film_setting("pressure_Pa")
+PRETENSION = _make_film_setting("pretension_N_m")
+RIM_DISPLACEMENT = _make_film_setting("rim_displacement_um")
+TENSION_FIELD = _make_film_setting("compression", "tension-field")
+WARMING = _make_film_setting("warming_K")
 ORTHOTROPY = Setting("{key}", _find_orthotropy)
 PATCHES_UNDER_PROBES = Setting("film.patches under a probe", _find_patches_under_probes)
 STRETCHED_PATCHES = Setting('film.patches bonded "before stretching"', _find_stretched_patches)
 STRETCHED_RUBBER_PATCHES = Setting(
     'film.patches bonded "before stretching" with film.law = "neo-hookean"',
-    _find_stretched_rubber_patches,
+    _find_stretched_patches_on_rubber,
 )
 THESIS_EDGES = Setting('numerics.observable = "thesis-edge"', _find_thesis_edges)
 TIP = Setting("a tip", _find_tips)
 WARM_PROBE = Setting("{key}", _find_warm_probes)
 
 NO_MODEL = "no film model has both"
-#: All pairs of settings that a scene cannot have together.
+#: All pairs of settings that a scene cannot combine.
 RULES = (
     IncompatibleKeys(TENSION_FIELD, BENDING, "a tension field has no bending stiffness"),
     IncompatibleKeys(TENSION_FIELD, COUPLING, NO_MODEL),
@@ -201,24 +221,28 @@ SETTINGS = {*(rule.first for rule in RULES), *(rule.second for rule in RULES)}
 
 
 def find_incompatible_keys(tables: SceneTables) -> Iterator[str]:
-    """Find settings of a scene that no model has together.
+    """Find keys of a scene that no model combines.
+
+    Besides `RULES`, this checks that the permittivity at constant strain is positive where the film
+    is coupled.
 
     Parameters
     ----------
     tables : SceneTables
-        The tables of a scene.
+        The tables of the scene, each of them valid by itself.
 
     Yields
     ------
     str
-        ``key = value: reason; advice``.
+        ``key = value: reason; advice`` for each error.
     """
     found = {setting: tuple(setting.find(tables)) for setting in SETTINGS}
     broken = [rule for rule in RULES if found[rule.first] and found[rule.second]]
     lines = chain.from_iterable(rule.find_errors(found) for rule in broken)
-    yield from dict.fromkeys(lines)  # several probes may have the scene's load
+    # probes that share the scene's load cause the same line several times
+    yield from dict.fromkeys(lines)
     film = tables.film
     if film.coupling and film.clamped_permittivity <= 0.0:
-        reason = "is impossible with d31 and d32 as large at film.permittivity"
-        advice = "change those or remove it"
+        reason = "is impossible, since d31 and d32 are too large for film.permittivity"
+        advice = "correct them or remove it"
         yield format_error("film.coupling", film.coupling, f"{reason}; {advice}")

@@ -1,4 +1,4 @@
-"""Placement errors: shapes that overlap or reach over the rim, and loads that do not fit them."""
+"""Placement errors: shapes that overlap or extend beyond the rim, and unsuitable loads."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
 from pvdf_fem.scene.scene_file import format_error
 from pvdf_fem.scene.shapes.sphere import SphereShape
 
-#: A layout, or the keys and electrodes of a list.
+#: A layout, or pairs of key and electrode for a list; unlike a mapping, both can be hashed.
 _HashableElectrodes: TypeAlias = Layout | tuple[tuple[str, Electrode], ...]
 
 
@@ -33,25 +33,25 @@ def find_placement_errors(
     load: Load | None,
     observable: str,
 ) -> Iterator[str]:
-    """Find errors between shapes and loads that are valid by themselves.
+    """Find errors between shapes and loads that are each valid by themselves.
 
     Parameters
     ----------
     radius_mm : float or None
-        Radius of the film; without it nothing is compared with the rim.
+        Radius of the film in mm. With None, shapes are not compared with the rim.
     electrodes : Layout or mapping of str to Electrode
-        A layout, or the electrodes of a list by their keys.
+        A layout, or the electrodes of a list by their keys, such as ``electrodes[0]``.
     probes : mapping of str to Probe
-        The probes by their keys.
+        The probes by their keys, ``probe`` or ``probe[0]``.
     load : Load or None
-        The scene's load; without it no load is checked.
+        The scene's load. With None, no load is checked, not even the own loads of probes.
     observable : str
-        The scene's ``numerics.observable``.
+        The scene's ``numerics.observable``. An unknown one requires nothing.
 
     Yields
     ------
     str
-        ``key = value: reason; advice``.
+        ``key = value: reason; advice`` for each error.
     """
     if isinstance(electrodes, Layout):
         hashable: _HashableElectrodes = electrodes
@@ -70,7 +70,24 @@ def find_placement_errors(
 def _find_load_errors(
     radius_mm: float | None, key: str, probe: Probe, scene_load: Load
 ) -> Iterator[str]:
-    """Find errors in the load of a probe, its own or the scene's."""
+    """Find errors in the load of a probe, which combines the scene's keys and the probe's own.
+
+    Parameters
+    ----------
+    radius_mm : float or None
+        Radius of the film in mm; with None, the probe is not compared with the rim.
+    key : str
+        Key of the probe.
+    probe : Probe
+        The probe.
+    scene_load : Load
+        The scene's load.
+
+    Yields
+    ------
+    str
+        ``key = value: reason; advice`` for each error.
+    """
     load = scene_load
     if isinstance(probe, ListedProbe):
         try:
@@ -87,18 +104,18 @@ def _find_load_errors(
     rim = np.inf if radius_mm is None else radius_mm / 1e3
     is_on_rim = abs(probe.outline.reach - rim) <= LENGTH_TOLERANCE * rim < np.inf
     if load.kind == "rigid" and is_on_rim:
-        reason = "a rigid probe on the clamped rim cannot move"
+        reason = "cannot move a probe that ends on the clamped rim"
         advice = "make the probe smaller or choose another kind"
         yield format_error(find_load_key(key, probe, "kind"), load.kind, f"{reason}; {advice}")
     if load.profile_entry.needs_ellipse and not isinstance(probe.outline, Ellipse):
-        reason = "requires a disc or an ellipse"
+        reason = "requires a probe with the shape of a circle or an ellipse"
         advice = f'give {key}.shape = "circle" or another profile'
         name = find_load_key(key, probe, "profile")
         yield format_error(name, load.profile, f"{reason}; {advice}")
 
 
 def _find_tip_errors(key: str, probe: Probe, load: Load) -> Iterator[str]:
-    """Find a load that does not suit a probe: contact without a tip, or a tip without contact."""
+    """Find a contact load on a probe that is not a tip, or another kind of load on a tip."""
     name = "shape" if probe.edge_radius_mm is None else "edge_radius_mm"
     value = getattr(probe, name)
     is_contact = load.kind == "contact"
@@ -110,7 +127,7 @@ def _find_tip_errors(key: str, probe: Probe, load: Load) -> Iterator[str]:
             yield format_error(f"{key}.{name}", value, f"{error}; {advice}")
         return
     if not is_contact:
-        reason = "belongs to a rigid tip, whose contact with the film has to be found"
+        reason = "makes the probe a rigid tip, which requires a load by contact"
         advice = f'give {find_load_key(key, probe, "kind")} = "contact" or another {name}'
         yield format_error(f"{key}.{name}", value, f"{reason}; {advice}")
 
@@ -119,13 +136,30 @@ def _find_tip_errors(key: str, probe: Probe, load: Load) -> Iterator[str]:
 def _are_electrodes_valid(
     radius_mm: float | None, electrodes: _HashableElectrodes, observable: str
 ) -> bool:
-    """Return whether electrodes have no errors; those of a sweep are compared once."""
+    """Return whether electrodes have no placement errors.
+
+    The answer is cached, because all scenes of a sweep often have the same electrodes.
+
+    Parameters
+    ----------
+    radius_mm : float or None
+        Radius of the film in mm; with None, electrodes are not compared with the rim.
+    electrodes : Layout or tuple of (str, Electrode)
+        A layout, or the electrodes of a list with their keys.
+    observable : str
+        The scene's ``numerics.observable``.
+
+    Returns
+    -------
+    bool
+    """
     return next(_find_electrode_errors(radius_mm, electrodes, observable), None) is None
 
 
 def _find_electrode_errors(
     radius_mm: float | None, electrodes: _HashableElectrodes, observable: str
 ) -> Iterator[str]:
+    """Find all errors of electrodes; the parameters are those of `_are_electrodes_valid`."""
     if isinstance(electrodes, Layout):
         keyed = {"electrodes": electrodes.electrodes[0]}
         yield from _find_layout_errors(radius_mm, electrodes)
@@ -138,7 +172,7 @@ def _find_electrode_errors(
 
 
 def _find_layout_errors(radius_mm: float | None, layout: Layout) -> Iterator[str]:
-    """Find electrodes of a layout that reach over the rim or overlap."""
+    """Find electrodes of a layout that extend beyond the rim, and the first two that overlap."""
     key = "electrodes.ring_radius_mm"
     value = layout.ring_radius_mm
     electrodes = layout.electrodes
@@ -158,7 +192,7 @@ def _find_layout_errors(radius_mm: float | None, layout: Layout) -> Iterator[str
 def _find_list_errors(
     radius_mm: float | None, electrodes: Mapping[str, Electrode]
 ) -> Iterator[str]:
-    """Find listed electrodes that reach over the rim, share a name or overlap."""
+    """Find listed electrodes that extend beyond the rim, have the same name or overlap."""
     if radius_mm is not None:
         for key, electrode in electrodes.items():
             yield from _find_rim_errors(key, electrode, radius_mm)
@@ -166,21 +200,39 @@ def _find_list_errors(
     for key, electrode in electrodes.items():
         other = keys_by_name.setdefault(electrode.name, key)
         if other != key:
-            reason = f"is the name of {other} too; give every electrode a name of its own"
+            reason = f"is also the name of {other}; give each electrode its own name"
             yield format_error(f"{key}.name", electrode.name, reason)
     yield from _find_overlaps(electrodes)
 
 
 def _find_overlaps(shapes: Mapping[str, PlacedShape]) -> Iterator[str]:
-    """Find pairs of shapes that overlap; the later one is refused."""
+    """Find pairs of shapes that overlap; the error is reported under the later one."""
     for (first_key, first), (key, shape) in combinations(shapes.items(), 2):
         if has_overlap(first.outline, shape.outline):
-            reason = f"{key} overlaps {first_key}; move one of them or make it smaller"
+            reason = f"{key} overlaps {first_key}; move one of them or make one smaller"
             yield format_error(f"{key}.x_mm", shape.x_mm, reason)
 
 
 def _find_rim_errors(key: str, shape: PlacedShape, radius_mm: float) -> Iterator[str]:
-    """Find a shape that reaches over the rim, or a sphere whose lowest point is beyond it."""
+    """Find a shape that extends beyond the rim.
+
+    A sphere that is not larger than the film is an exception: only its lowest point must be inside.
+
+    Parameters
+    ----------
+    key : str
+        Key of the shape's table.
+    shape : PlacedShape
+        The shape with its position.
+    radius_mm : float
+        Radius of the film in mm.
+
+    Yields
+    ------
+    str
+        ``key = value: reason; advice``, under a size of the shape if it would not fit even at the
+        centre, and else under a coordinate.
+    """
     limit_mm = radius_mm * (1 + LENGTH_TOLERANCE)
     reach_mm = shape.outline.reach * 1e3
     if reach_mm <= limit_mm:
@@ -201,15 +253,15 @@ def _find_rim_errors(key: str, shape: PlacedShape, radius_mm: float) -> Iterator
 
 
 def _describe_excess(reach_mm: float, radius_mm: float) -> str:
-    """Describe how far a shape reaches over the rim."""
+    """Describe by how much a shape extends beyond the rim, and ask for the radius's unit."""
     excess_mm = reach_mm - radius_mm
-    text = f"reaches {excess_mm:.3g} mm over the rim at film.radius_mm = {radius_mm:g}"
+    text = f"extends {excess_mm:.3g} mm beyond the rim at film.radius_mm = {radius_mm:g}"
     question = Film.key_of("radius_mm").ask_likely_unit(radius_mm)
     return f"{text} ({question})" if question else text
 
 
 def _find_edge_errors(observable: str, electrodes: Mapping[str, Electrode]) -> Iterator[str]:
-    """Find electrodes without the four edges along x and y that an observable needs."""
+    """Find electrodes that are not rectangles along x and y, as an observable requires."""
     reason = f'numerics.observable = "{observable}" requires rectangles with edges along x and y'
     for key, electrode in electrodes.items():
         if not electrode.geometry.is_rectangle:

@@ -1,4 +1,4 @@
-"""The tables of a scene file with all their keys, in each of their shapes."""
+"""The tables of a scene file and their keys, which depend on the shape in some tables."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from pvdf_fem.scene.stage import Stage
 
 @dataclass(frozen=True)
 class TableForm:
-    """The keys of a table, with those of one of its shapes where it has shapes."""
+    """A table of a scene file, together with one of its shapes if it has shapes."""
 
     table: type[Section]
-    shape: type[Shape] | None = None
+    shape: type[Shape] | None = None  #: None for a table without shapes.
 
     @cached_property
     def fields(self) -> dict[str, FieldInfo]:
-        """The fields by key: of the table, then of its placement, then of its shape."""
+        """The fields of the table by key; those of position and shape come last."""
         fields = {name: f for name, f in self.table.model_fields.items() if name != "geometry"}
         if self.shape is None or not issubclass(self.table, ShapedTable):
             return fields
@@ -44,19 +44,19 @@ class TableForm:
 
     @property
     def description(self) -> str:
-        """What the shape is, or the table where it has no shapes."""
+        """The docstring of the shape, or of the table if it has no shapes."""
         return inspect.cleandoc((self.shape or self.table).__doc__ or "")
 
     @property
     def sources(self) -> tuple[type[Section], ...]:
-        """The classes whose sources describe the keys, the most special ones first."""
+        """The classes whose source texts describe the keys, derived classes before their bases."""
         classes = list(self.table.__mro__)
         if self.shape is not None:
             classes += self.shape.__mro__
         return tuple(one for one in classes if issubclass(one, Section))
 
     def key_of(self, name: str) -> Key:
-        """Return the description of a key."""
+        """Return the description of a key of the table or its shape."""
         if name == "shape" and issubclass(self.table, ShapedTable):
             return self.table.shape_key
         table = self.table if name in self.table.model_fields else self.shape
@@ -65,7 +65,7 @@ class TableForm:
 
 
 def list_forms(table: type[Section]) -> list[TableForm]:
-    """Return a table in each of its shapes, the default shape first."""
+    """List a table with each of its shapes, the default shape first."""
     if not issubclass(table, ShapedTable):
         return [TableForm(table)]
     default = table.default_shape
@@ -73,7 +73,7 @@ def list_forms(table: type[Section]) -> list[TableForm]:
     return [TableForm(table, table.shapes[name]) for name in names]
 
 
-#: The tables of a scene file, by their place in a scene.
+#: The models of the tables by key; ``[0]`` stands for any entry of a list.
 TABLES: dict[str, type[Section]] = {
     "film": Film,
     "film.patches[0]": Patch,

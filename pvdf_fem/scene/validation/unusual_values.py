@@ -1,4 +1,4 @@
-"""Numbers of a scene that are valid, but were probably given in another unit."""
+"""Warnings about valid numbers that were probably given in another unit."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ def find_unusual_values(name: str, table: Section) -> list[str]:
     Parameters
     ----------
     name : str
-        Key of the table in the scene.
+        Key of the table, which precedes the keys in the warnings.
     table : Section
-        A table of a scene.
+        The table, such as a `Film`.
 
     Returns
     -------
     list of str
-        ``key = value: is in UNIT; did you mean ...?``
+        Warnings of the form ``key = value: is in UNIT; did you mean ...?``.
     """
     warnings = []
     for key, description in table.table_keys.items():

@@ -1,6 +1,6 @@
 """The fallback chain: solvers that are tried for an equilibrium, one after another.
 
-Each solver of the chain tells whether it applies. The first that converges ends the chain, and the
+Each solver of the chain says whether it applies. The first that converges ends the chain, and the
 result keeps a record of those that failed before. A loaded film that does not wrinkle needs
 `LineSearchNewton` only.
 """
@@ -197,7 +197,7 @@ def find_equilibrium(
     Returns
     -------
     NewtonResult
-        Its status tells whether an equilibrium was found.
+        Its status says whether an equilibrium was found.
     """
     if budget is None:
         budget = Budget.for_problem(equilibrium.problem)

@@ -113,9 +113,8 @@ class NewtonVariant(ABC):
     """
 
     max_iterations = 60
-    factors: SuperLU | None = (
-        None  #: Factors of the tangent at the solution, when it has converged.
-    )
+    #: Factors of the tangent at the solution, when the iteration has converged.
+    factors: SuperLU | None = None
 
     def __init__(self, equilibrium: Equilibrium) -> None:
         self.equilibrium = equilibrium

@@ -29,8 +29,9 @@ def is_stable(equilibrium: Equilibrium, factors: SuperLU) -> bool:
     factors : SuperLU
         Factors of their tangent at the equilibrium.
     """
-    has_telling_tangent = equilibrium.conservative and equilibrium.model.bends
-    return not has_telling_tangent or count_negative_pivots(factors) == 0
+    if not equilibrium.conservative or not equilibrium.model.bends:
+        return True
+    return count_negative_pivots(factors) == 0
 
 
 def is_balanced(equilibrium: Equilibrium, state: State, factors: SuperLU, allowed: float) -> bool:

@@ -222,10 +222,11 @@ def continue_from_larger_loads(
     while True:
         is_last_load = factor == 1.0
         loaded = equilibrium.with_scaled_loads(factor)
-        variant = PredictedStressNewton(loaded, passing_tolerance)
         if is_last_load:
-            remaining = WrinklingOptions(max_iterations=most - len(iterations))
-            variant = PredictedStressNewton(loaded, tolerance, options=remaining)
+            options = WrinklingOptions(max_iterations=most - len(iterations))
+            variant = PredictedStressNewton(loaded, tolerance, options=options)
+        else:
+            variant = PredictedStressNewton(loaded, passing_tolerance)
         initial_guess = compute_initial_guess(loaded) if solved_q is None else solved_q
         result = run_newton(variant, initial_guess)
         iterations.extend(result.iterations)
@@ -236,9 +237,9 @@ def continue_from_larger_loads(
             solved_q = result.q
             solved_factor = factor
         elif solved_q is not None:
-            ratio = (solved_factor / factor) ** 0.5
+            ratio = (solved_factor / factor) ** 0.5  # a smaller step down from the last load
         if solved_q is None:
-            factor *= growth
+            factor *= growth  # no load was large enough yet
         else:
             factor = max(solved_factor / ratio, 1.0)
     status = Status.CONVERGED if has_converged else Status.MAX_ITERATIONS

@@ -62,7 +62,7 @@ def scale_axis(axis: XAxis | YAxis, keys: list[DataArray]) -> Array:
 
     Returns
     -------
-    array (n,)
+    ndarray, shape (n,)
         Places of the values on the axis.
     """
     values = keys[0].values
@@ -73,7 +73,7 @@ def scale_axis(axis: XAxis | YAxis, keys: list[DataArray]) -> Array:
         if axis.axis_name == "x":
             axis.set_tick_params(labelrotation=90)
         return places
-    if _have_equal_ratios(values):
+    if _is_geometric(values):
         axis.axes.set(**{f"{axis.axis_name}scale": "log"})
         axis.set_ticks(values[thinned], [f"{value:.3g}" for value in values[thinned]])
         axis.set_ticks([], minor=True)
@@ -82,7 +82,7 @@ def scale_axis(axis: XAxis | YAxis, keys: list[DataArray]) -> Array:
     return np.asarray(values)
 
 
-def _have_equal_ratios(values: Array) -> bool:
+def _is_geometric(values: Array) -> bool:
     """Return whether there are three or more positive values of equal ratios."""
     if values.size < 3 or values.min() <= 0.0:
         return False

@@ -38,11 +38,11 @@ def draw_frequency_response(
 
     Parameters
     ----------
-    frequencies : array (n,)
+    frequencies : ndarray, shape (n,)
         In Hz.
-    charges : mapping of str to complex array (n,)
+    charges : mapping of str to ndarray of complex, shape (n,)
         Amplitudes of the charges over that of the force in pC/N, by electrode.
-    resonances : array (m,)
+    resonances : ndarray, shape (m,)
         Frequencies in Hz of the modes that the force excites.
     scene : Scene
         The scene, which says what damps the film.
@@ -128,7 +128,7 @@ def draw_mode_shapes(
 
     Parameters
     ----------
-    shapes : sequence of (str, array (dofs,))
+    shapes : sequence of (str, ndarray, shape (dofs,))
         Titles of the modes with their deflections, whose largest magnitude is 1.
     basis : Basis
         The space of the deflections.

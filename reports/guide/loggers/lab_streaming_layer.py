@@ -29,4 +29,4 @@ def main(response: str, name: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2])  # model.npz sensor
+    main(sys.argv[1], sys.argv[2])  # sensor.response sensor

@@ -55,4 +55,4 @@ def main(response: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])  # model.npz
+    main(sys.argv[1])  # sensor.response

@@ -35,4 +35,4 @@ def main(response: str, device: str, baud: int = 115_200) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2])  # model.npz /dev/ttyACM0
+    main(sys.argv[1], sys.argv[2])  # sensor.response /dev/ttyACM0

@@ -19,7 +19,7 @@ from pvdf_fem.solver.nonlinear.factors import (
 from pvdf_fem.solver.nonlinear.stability import is_balanced
 from pvdf_fem.solver.nonlinear.status import Status
 from tests.helpers.discs import LOADS, TRIANGLE, graded_mesh
-from tests.helpers.solvers import newton_result
+from tests.helpers.solvers import solve_by_newton
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def scene_of(force_N, temperature_change_K, kind="dead"):
 @pytest.mark.parametrize("force_N", [1e-4, 1.0, 100.0])
 def test_any_load_takes_few_iterations(mesh, force_N, temperature_change_K, kind):
     problem = Equilibrium(Problem.from_scene(scene_of(force_N, temperature_change_K, kind)), mesh)
-    result = newton_result(problem)
+    result = solve_by_newton(problem)
     assert result.status is Status.CONVERGED
     assert len(result.iterations) <= 40
     assert count_negative_pivots(result.factors) == 0
@@ -49,9 +49,9 @@ def test_any_load_takes_few_iterations(mesh, force_N, temperature_change_K, kind
 def test_steps_shrink_quadratically_or_a_tangent_is_used_again_while_they_shrink(mesh):
     problem = Equilibrium(Problem.from_scene(scene_of(1.0, -1.0)), mesh)
     usual = NewtonOptions()
-    fresh = newton_result(problem, options=NewtonOptions(defer_size=0.0)).iterations
+    fresh = solve_by_newton(problem, options=NewtonOptions(defer_size=0.0)).iterations
     assert fresh[-1].step_size < min(1e-7, 100 * fresh[-2].step_size ** 2)
-    table = newton_result(problem).iterations
+    table = solve_by_newton(problem).iterations
     assert [row.has_new_tangent for row in table[-3:]] == [False] * 3
     assert table[-1].step_size < 1e-9
     for earlier, before, row in zip(table, table[1:], table[2:], strict=False):
@@ -74,7 +74,7 @@ def test_balance_is_measured_by_energy_and_by_the_reaction_of_the_rim(mesh):
     """A displacement d changes the energy by d·K d/2. A deflection goes with the third root of the
     force, so that a share e of it changes the reaction of the rim by 3 e."""
     problem = Equilibrium(Problem.from_scene(scene_of(3.0, 0.0)), mesh)
-    result = newton_result(problem)
+    result = solve_by_newton(problem)
 
     def energy(q):
         state = problem.state(q)
@@ -134,5 +134,5 @@ def test_a_taut_film_converges_and_a_slack_one_has_a_reason(mesh):
 
 def test_flat_film_without_tension_has_a_singular_tangent(mesh):
     problem = Equilibrium(Problem.from_scene(scene_of(1.0, 0.0)), mesh)
-    result = newton_result(problem, np.zeros(problem.unknowns.count))
+    result = solve_by_newton(problem, np.zeros(problem.unknowns.count))
     assert result.status is Status.SINGULAR
