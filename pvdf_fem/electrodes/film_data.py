@@ -41,5 +41,10 @@ class FilmData:
         return self.equilibrium.space.mesh
 
     def in_elements(self, local: Array) -> PointValues:
-        """Evaluate the fields at local points (2, points) of all elements, (elements, points)."""
+        """Evaluate the fields at local points (2, points) of all elements.
+
+        Returns
+        -------
+        ndarray, shape (elements, points)
+        """
         return evaluate_in_elements(self.equilibrium, self.state, local)

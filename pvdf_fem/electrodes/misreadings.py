@@ -22,7 +22,7 @@ class Misreading:
     kind: str  #: ``swapped_channels``, ``wrong_unit`` or ``wrong_sign``.
     text: str  #: The mistake in words.
     order: tuple[int, ...]  #: The column of each channel.
-    factors: Array  #: Factors that turn the given readings into the right ones, (channels,).
+    factors: Array  #: Factors that turn the given readings into the right ones, shape (channels,).
 
     @property
     def swapped_count(self) -> int:

@@ -39,23 +39,28 @@ class PointValues(TabularResult):
 
     x_mm: Array  #: (...)
     y_mm: Array  #: (...)
-    displacement_mm: Array  #: u, v, w, (..., 3).
-    slopes: Array  #: dw/dx and dw/dy, (..., 2).
-    strain: Array  #: Green-Lagrange strain of the displacement, E11, E22, 2 E12, (..., 3).
-    #: Second Piola-Kirchhoff stress including pretension, S11, S22, S12, (..., 3).
+    displacement_mm: Array  #: u, v, w, shape (..., 3).
+    slopes: Array  #: dw/dx and dw/dy, shape (..., 2).
+    strain: Array  #: Green-Lagrange strain of the displacement, E11, E22, 2 E12, shape (..., 3).
+    #: Second Piola-Kirchhoff stress including pretension, S11, S22, S12, shape (..., 3).
     stress_MPa: Array
-    #: d31 S11 + d32 S22, also outside electrodes, (...).
+    #: d31 S11 + d32 S22, also outside electrodes, shape (...).
     charge_density_pC_mm2: Array
     #: Distance along the line from its start, (...); None for points without a line.
     distance_mm: Array | None = None
 
     @property
     def deflection_mm(self) -> Array:
-        """w, (...)."""
+        """w, shape (...)."""
         return np.asarray(self.displacement_mm[..., 2])
 
     def columns(self) -> dict[str, Array]:
-        """Return a column for each coordinate, component and density, (points,)."""
+        """Return a column for each coordinate, component and density.
+
+        Returns
+        -------
+        ndarray, shape (points,)
+        """
         columns = {"x_mm": self.x_mm, "y_mm": self.y_mm}
         if self.distance_mm is not None:
             columns["distance_mm"] = self.distance_mm
@@ -143,7 +148,7 @@ def _broadcast(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _evaluate_points(equilibrium: Equilibrium, state: State, points: Array) -> Array:
-    """Evaluate `ElementValues` at points (2, n) in m on the film, (5, n, 3)."""
+    """Evaluate `ElementValues` at points (2, n) in m on the film, shape (5, n, 3)."""
     parts = [np.empty((len(ElementValues._fields), 0, 3))]
     for first in range(0, points.shape[1], POINTS_AT_ONCE):
         chunk = points[:, first : first + POINTS_AT_ONCE]
@@ -198,7 +203,7 @@ def _make_point_values(
 def _evaluate(
     equilibrium: Equilibrium, state: State, *, elements: Indices, local: Array
 ) -> ElementValues:
-    """Evaluate a solution in elements (n,) at local points (2, n, points)."""
+    """Evaluate a solution in elements (n,) at local points, shape (2, n, points)."""
     space = equilibrium.space
     nodal = state.dofs.reshape(-1, 3)[space.nodes[elements]]
     displacement = np.matmul(evaluate_shape_functions(space.basis.elem, local), nodal)

@@ -41,18 +41,23 @@ CHORDS = 32
 class Sampling:
     """Points at which electrodes sample the stress; the points of a row lie in one element."""
 
-    outputs: Indices  #: Number of the electrode that a row belongs to, (n,).
+    outputs: Indices  #: Number of the electrode that a row belongs to, shape (n,).
     #: The stress integrals that the points add to: 0 is X (component 11 or xx), 1 is Y.
     axes: tuple[int, ...]
     elements: Indices  #: (n,)
-    gradients: Array  #: Gradients of the space's functions, 1/m, (n, points, functions, 2).
+    gradients: Array  #: Gradients of the space's functions, 1/m, shape (n, points, functions, 2).
     #: Weights of the stress in m²; they add up to the area of an electrode, (n, points).
     weights: Array
-    #: Local coordinates of the points in their elements, (2, n, points).
+    #: Local coordinates of the points in their elements, shape (2, n, points).
     local: Array
 
     def global_points(self, mesh: MeshTri2) -> Array:
-        """Return the global coordinates of the points in m, an array (n, points, 2)."""
+        """Return the global coordinates of the points in m, an array.
+
+        Returns
+        -------
+        ndarray, shape (n, points, 2)
+        """
         points = mesh.mapping().F(self.local, self.elements)
         return np.moveaxis(np.asarray(points), 0, -1)
 
@@ -65,18 +70,18 @@ class Sampling:
 class AreaPoints(NamedTuple):
     """Quadrature points inside outlines; the points of a row lie in one element."""
 
-    owners: Indices  #: Number of the outline of a row, (n,).
-    elements: Indices  #: Element of a row, (n,).
-    points: Array  #: In m, (n, points, 2).
-    weights: Array  #: In m², (n, points).
+    owners: Indices  #: Number of the outline of a row, shape (n,).
+    elements: Indices  #: Element of a row, shape (n,).
+    points: Array  #: In m, shape (n, points, 2).
+    weights: Array  #: In m², shape (n, points).
 
 
 class Pieces(NamedTuple):
     """The pieces into which elements cut polygons or lines."""
 
-    owners: Indices  #: Number of the shape that a piece is of, (n,).
-    elements: Indices  #: Element that it lies in, (n,).
-    shapes: Geometries  #: The pieces, (n,).
+    owners: Indices  #: Number of the shape that a piece is of, shape (n,).
+    elements: Indices  #: Element that it lies in, shape (n,).
+    shapes: Geometries  #: The pieces, shape (n,).
 
 
 def sample_areas(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:

@@ -32,8 +32,8 @@ CANCELLATION_FRACTION = 0.05
 class StressIntegrals:
     """Stress integrals of a solution's outputs, with their estimated errors."""
 
-    values: Array  #: X and Y of each output in N, (outputs, 2).
-    errors: Array  #: Their estimated errors in N, with signs, (outputs, 2).
+    values: Array  #: X and Y of each output in N, shape (outputs, 2).
+    errors: Array  #: Their estimated errors in N, with signs, shape (outputs, 2).
 
     @classmethod
     def unknown(cls, outputs: int) -> StressIntegrals:
@@ -210,7 +210,12 @@ def differentiate_charges(
 
 
 def combine_charges(outputs: Sequence[Output], integrals: Array) -> Array:
-    """Combine stress integrals in N, (outputs, 2), to charges in C, (outputs,)."""
+    """Combine stress integrals in N, (outputs, 2), to charges in C.
+
+    Returns
+    -------
+    ndarray, shape (outputs,)
+    """
     return _combine(integrals, piezo_coefficients(outputs))
 
 
@@ -333,7 +338,7 @@ def measure_area_defects(
 
 
 def _combine(integrals: Array, d: ArrayLike) -> Array:
-    """Compute d31 X + d32 Y of integrals (outputs, 2), with `d` (2,) or (outputs, 2)."""
+    """Compute d31 X + d32 Y of integrals (outputs, 2), with `d`, shape (2,) or (outputs, 2)."""
     return np.asarray((integrals * np.asarray(d)).sum(axis=1))
 
 

@@ -24,8 +24,8 @@ class ContactResult:
 
     depth_mm: float  #: Of the tip's lowest point.
     force_N: float  #: Along z, on the film.
-    lateral_N: Array  #: The film's force on the tip along x and y, (2,).
-    moments_N_mm: Array  #: About axes along x and y, (2,).
+    lateral_N: Array  #: The film's force on the tip along x and y, shape (2,).
+    moments_N_mm: Array  #: About axes along x and y, shape (2,).
     area_mm2: float  #: Before the film deforms.
     area_error_mm2: float  #: Estimated.
     projected_area_mm2: float  #: Deformed, seen along z.
@@ -112,7 +112,7 @@ def compute_contact_pressure(equilibrium: Equilibrium, state: State) -> Array:
 
     Returns
     -------
-    (elements, points) array
+    ndarray, shape (elements, points)
         Pressure in Pa at the quadrature points; 0 where no tip touches.
     """
     total = np.zeros(equilibrium.space.weights.shape)

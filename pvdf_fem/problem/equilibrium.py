@@ -66,7 +66,7 @@ class Equilibrium:
         self.membrane = self.model.make_membrane(space, sector)
         #: The membrane, first, the loads, coupling and, where the film bends, the plate.
         self.terms = self._make_terms()
-        #: Dofs that the rim and mirror lines hold, (n,).
+        #: Dofs that the rim and mirror lines hold, shape (n,).
         self.clamped = self._find_clamped_dofs()
 
     def _make_terms(self) -> list[Term]:
@@ -171,7 +171,12 @@ class Equilibrium:
         return replace(state, stress=state.stress + added, added=added)
 
     def film_forces(self, state: State) -> Array:
-        """Return the internal less the external forces at the dofs in N, (dofs,)."""
+        """Return the internal less the external forces at the dofs in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         first, *others = self.terms
         forces = first.residual(state)
         for term in others:
@@ -179,7 +184,12 @@ class Equilibrium:
         return forces
 
     def residual(self, state: State) -> Array:
-        """Return the internal less the external forces of the unknowns in N, (unknowns,)."""
+        """Return the internal less the external forces of the unknowns in N.
+
+        Returns
+        -------
+        ndarray, shape (unknowns,)
+        """
         return self.unknowns.fold(self.film_forces(state))
 
     def tangent(self, state: State) -> sp.csc_matrix | LowRankUpdate:
@@ -208,7 +218,12 @@ class Equilibrium:
         return self.with_coupled(self.assembly.matrix(matrices), state)
 
     def with_coupled(self, matrix: sp.csc_matrix, state: State) -> sp.csc_matrix:
-        """Add the parts of the tangent that couple elements to a matrix (unknowns, unknowns)."""
+        """Add the parts of the tangent that couple elements to a matrix.
+
+        Returns
+        -------
+        ndarray, shape (unknowns, unknowns)
+        """
         for term in self.terms:
             coupled = term.coupled_tangent(self.assembly, state)
             if coupled is not None:
@@ -216,20 +231,34 @@ class Equilibrium:
         return matrix
 
     def element_action(self, state: State, step: Array) -> Array:
-        """Return the element forces of a small step in N, (elements, dofs of an element).
+        """Return the element forces of a small step in N.
 
         The matrices are symmetric: follower loads have no part in the tangent here.
+
+        Returns
+        -------
+        ndarray, shape (elements, dofs of an element)
         """
         x = self.unknowns.expand(step)
         return _add_existing(term.element_action(state, x) for term in self.terms)
 
     def action(self, state: State, step: Array) -> Array:
-        """Return the tangent without follower loads, times a step, in N, (unknowns,)."""
+        """Return the tangent without follower loads, times a step, in N.
+
+        Returns
+        -------
+        ndarray, shape (unknowns,)
+        """
         x = self.unknowns.expand(step)
         return self.unknowns.fold(_add_existing(term.action(state, x) for term in self.terms))
 
     def diagonal(self, state: State) -> Array:
-        """Return the diagonal of the tangent, without coupling of shared dofs, (unknowns,)."""
+        """Return the diagonal of the tangent, without coupling of shared dofs.
+
+        Returns
+        -------
+        ndarray, shape (unknowns,)
+        """
         diagonal = _add_existing(term.diagonal(state) for term in self.terms)
         return self.unknowns.fold_diagonal(diagonal)
 
@@ -259,7 +288,7 @@ class Equilibrium:
 
     @cached_property
     def flat_forces(self) -> Array:
-        """Forces that move the flat film in N, (unknowns,)."""
+        """Forces that move the flat film in N, shape (unknowns,)."""
         return -self.residual(self._flat_state)
 
     @cached_property
@@ -287,7 +316,12 @@ class Equilibrium:
         return any(term.relaxed() is not term for term in self.terms)
 
     def load_forces(self, state: State) -> Array:
-        """Return the external forces at the dofs in N, (dofs,)."""
+        """Return the external forces at the dofs in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         forces = np.zeros(self.space.dof_count)
         for term in self.terms:
             if isinstance(term, LoadTerm):
@@ -295,12 +329,22 @@ class Equilibrium:
         return forces
 
     def rim_reaction(self, state: State) -> Array:
-        """Return the force by which rim and guides of punches hold the film in N, (3,)."""
+        """Return the force by which rim and guides of punches hold the film in N.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+        """
         is_fixed = self.unknowns.of_dof == FIXED
         return self._sum_reflections(np.where(is_fixed, self.film_forces(state), 0.0))
 
     def applied_force(self, state: State) -> Array:
-        """Return the force of all loads in N, (3,)."""
+        """Return the force of all loads in N.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+        """
         return self._sum_reflections(self.load_forces(state))
 
     def imbalance(self, state: State) -> float:
@@ -313,7 +357,7 @@ class Equilibrium:
         return abs(float(along)) / size
 
     def _sum_reflections(self, forces: Array) -> Array:
-        """Sum forces (dofs,) and their reflections in the scene's axes, in N, (3,)."""
+        """Sum forces (dofs,) and their reflections in the scene's axes, in N, shape (3,)."""
         signs = self.sector.signs
         total = forces.reshape(-1, 3).sum(axis=0)
         total *= [*signs.sum(axis=0), len(signs)]

@@ -31,14 +31,14 @@ class Output:
     d: tuple[float, float]  #: d31 and d32 in C/N.
     #: The mesh's subdomain of the electrode; None if the mesh does not follow the electrode.
     patch: str | None = None
-    #: Orthogonal matrix from the axes of the electrode's scene to those of the mesh, (2, 2).
+    #: Orthogonal matrix from the axes of the electrode's scene to those of the mesh, shape (2, 2).
     frame: Array = field(default_factory=lambda: np.eye(2))
     #: The electrode's capacitances, where its voltage acts on the film.
     floating: FloatingElectrode | None = None
 
     @property
     def charge_coefficients(self) -> Array:
-        """Derivatives of the charge with respect to X and Y of the strain alone, in C/N, (2,).
+        """Derivatives of the charge with respect to X and Y of the strain alone, in C/N, shape (2,).
 
         They differ from d31 and d32 if the electrode's voltage adds stress.
         """
@@ -58,7 +58,7 @@ class Output:
 
     @cached_property
     def directions(self) -> Array:
-        """Weights of S11, S22, S12 in the normal stress along the scene's x and y, (2, 3)."""
+        """Weights of S11, S22, S12 in the normal stress along the scene's x and y, shape (2, 3)."""
         along_x, along_y = self.frame
         weights = [along_x * along_x, along_y * along_y, 2.0 * along_x * along_y]
         return np.stack(weights, axis=-1)
@@ -72,7 +72,7 @@ class Output:
 
     @property
     def corners(self) -> Array:
-        """Corners of an electrode with edges in m, (4, 2)."""
+        """Corners of an electrode with edges in m, shape (4, 2)."""
         return self.outline.corners
 
     def find_elements(self, mesh: MeshTri2) -> Indices:
@@ -145,10 +145,20 @@ def reflect_outputs(
 
 
 def output_areas(outputs: Sequence[Output]) -> Array:
-    """Return the areas of the outlines in m^2, (outputs,)."""
+    """Return the areas of the outlines in m^2.
+
+    Returns
+    -------
+    ndarray, shape (outputs,)
+    """
     return np.array([output.outline.area for output in outputs])
 
 
 def piezo_coefficients(outputs: Sequence[Output]) -> Array:
-    """Return d31 and d32 of each output in C/N, (outputs, 2)."""
+    """Return d31 and d32 of each output in C/N.
+
+    Returns
+    -------
+    ndarray, shape (outputs, 2)
+    """
     return np.reshape([output.d for output in outputs], (-1, 2))

@@ -79,7 +79,7 @@ def describe_thickness_effect(
 def _estimate_forces_on_electrodes(
     scene: Scene, load: LoadSpec, polygons: NDArray[np.object_]
 ) -> Array:
-    """Estimate the force of a probe on every electrode in N, (electrodes,).
+    """Estimate the force of a probe on every electrode in N, shape (electrodes,).
 
     A dead pressure presses by its profile; a rigid probe presses mainly along its edge.
     """
