@@ -234,18 +234,7 @@ class LocationProblem:
         return touches
 
     def to_coordinates(self, touches: Array) -> Array:
-        """Convert touches to coordinates; the inverse of `to_touches` up to whole periods.
-
-        Parameters
-        ----------
-        touches : ndarray, shape (n, k)
-            Touches in the frame of the stage, with forces in N.
-
-        Returns
-        -------
-        ndarray, shape (n, k)
-            Coordinates relative to the film's centre, with logarithms of forces.
-        """
+        """Convert touches to coordinates; the inverse of `to_touches` up to whole periods."""
         coordinates = touches.copy()
         self.view_by_probe(coordinates)[..., POSITION] -= self.centre_mm
         coordinates[:, self.force_columns] = np.log(touches[:, self.force_columns])
@@ -273,15 +262,8 @@ class LocationProblem:
     def compute_touch_scale(self, touches: Array) -> Array:
         """Compute the derivative of each quantity of touches with respect to its coordinate.
 
-        Parameters
-        ----------
-        touches : ndarray, shape (n, k)
-            Touches with forces in N.
-
-        Returns
-        -------
-        ndarray, shape (n, k)
-            The force for forces, since dF/d(ln F) = F, and 1 for other quantities.
+        It is the force F for forces, since dF/d(ln F) = F, and 1 for other quantities. The result
+        has the shape (n, k) of `touches`.
         """
         scale = np.ones(touches.shape)
         scale[:, self.force_columns] = touches[:, self.force_columns]  # dF/d(ln F) = F
@@ -352,17 +334,9 @@ class LocationProblem:
         return self.project_within(coordinates, self.response.domain.reach_mm, lowest, highest)
 
     def project_onto_bounds(self, coordinates: Array) -> Array:
-        """Project coordinates onto the domain of searches, larger by `SEARCH_MARGIN`.
+        """Project coordinates onto the domain of searches, which is larger by `SEARCH_MARGIN`.
 
-        Parameters
-        ----------
-        coordinates : ndarray, shape (n, k)
-            Coordinates of n searches.
-
-        Returns
-        -------
-        ndarray, shape (n, k)
-            Nearest coordinates in this domain; the same array if all searches are inside.
+        Arguments and results are like those of `project_onto_domain`.
         """
         reach_mm = SEARCH_MARGIN * self.response.domain.reach_mm
         lowest, highest = self.response.domain.log_force
