@@ -320,7 +320,9 @@ class Kind(Section):
             keys = {key: [value] * len(names) for key, value in changes.items()}
             frames.append(pd.concat([pd.DataFrame(keys), frame], axis=1))
         if not frames:
-            raise NothingToShowError("no scene and no task is computed")
+            raise NothingToShowError(
+                f"{type(self).__name__} has neither a list_changes nor a list_scenes that gives a scene"
+            )
         data = pd.concat(frames, ignore_index=True)
         if not data.computed_pC.notna().any():
             raise NothingToShowError("none of the scenes has charges")
