@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.inverse.touch.coarse_grid import (
+from pvdf_fem.inverse.coarse_grid import (
     Candidates,
     CoarseGrid,
     NodeSelection,
