@@ -173,8 +173,10 @@ def _evaluate_points(equilibrium: Equilibrium, state: State, points: Array) -> A
     for first in range(0, points.shape[1], POINTS_AT_ONCE):
         chunk = points[:, first : first + POINTS_AT_ONCE]
         elements, local = locate_points(equilibrium.space.mesh, chunk)
-        values = _evaluate_local_points(equilibrium, state, elements=elements, local=local[:, :,
-        None]) parts.append(np.stack(values)[:, :, 0])
+        values = _evaluate_local_points(
+            equilibrium, state, elements=elements, local=local[:, :, None]
+        )
+        parts.append(np.stack(values)[:, :, 0])
     return np.concatenate(parts, axis=1)
 
 

@@ -346,7 +346,7 @@ def measure_area_defects(
 
 
 def _combine(integrals: Array, d: ArrayLike) -> Array:
-    """Compute d31 X + d32 Y of integrals (outputs, 2), with `d`, shape (2,) or (outputs, 2)."""
+    """Compute d31 X + d32 Y of stress integrals, shape (outputs,)."""
     return np.asarray((integrals * np.asarray(d)).sum(axis=1))
 
 
