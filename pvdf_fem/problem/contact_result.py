@@ -29,7 +29,7 @@ class ContactResult:
     area_mm2: float  #: Area of the undeformed film.
     area_error_mm2: float  #: Estimated error of `area_mm2`.
     projected_area_mm2: float  #: Area of the deformed film, projected along z.
-    #: Points on the undeformed film along the contact's edge, (n, 2).
+    #: Points on the undeformed film along the contact's edge, shape (n, 2).
     edge_mm: Array = field(repr=False)
     mean_pressure_MPa: float  #: The force divided by the projected area.
     least_pressure_MPa: float  #: Minimum at the touching quadrature points.

@@ -37,7 +37,7 @@ class MechanicalKey(NamedTuple):
     #: The key. It includes the tolerance and the limits of the numerics.
     text: str
     #: Orthogonal matrix from the scene's axes to axes in which the probes of all problems with
-    #: this text coincide, (2, 2).
+    #: this text coincide, shape (2, 2).
     frame: Array
 
 

@@ -163,7 +163,7 @@ class Problem(Result):
 
     @cached_property
     def unloaded_stress(self) -> Array | None:
-        """Uniform stress S11, S22 in Pa of the unloaded film, (2,); None if it must be solved for.
+        """Uniform stress S11, S22 of the unloaded film in Pa; None if it must be solved for.
 
         A flat film has a uniform stress. A film that moves in its plane or bears its weight is not
         flat, only a bending film can carry compression, and a tension field carries none.
