@@ -38,7 +38,7 @@ class Output:
 
     @property
     def charge_coefficients(self) -> Array:
-        """Derivatives of the charge by the stress integrals X and Y of the strain, in C/N, (2,).
+        """Derivatives of the charge by the stress integrals without voltage, in C/N, shape (2,).
 
         They differ from d31 and d32 if the electrode's voltage adds stress.
         """
