@@ -321,7 +321,7 @@ class Kind(Section):
             frames.append(pd.concat([pd.DataFrame(keys), frame], axis=1))
         if not frames:
             raise NothingToShowError(
-                f"{type(self).__name__} has neither a list_changes nor a list_scenes that gives a scene"
+                f"list_changes and list_scenes of {type(self).__name__} give no scene to solve"
             )
         data = pd.concat(frames, ignore_index=True)
         if not data.computed_pC.notna().any():
