@@ -78,7 +78,7 @@ def mesh_scene(
     min_jacobian_ratio: float = 0.14,
     attempts: int = 6,
     contacts: Mapping[str, Outline] = MappingProxyType({}),
-    require: Callable[[float], object] = lambda elements: None,
+    check_element_count: Callable[[float], object] = lambda count: None,
 ) -> MeshTri2:
     """Mesh the film of a scene, or a symmetry sector of it.
 
@@ -103,7 +103,7 @@ def mesh_scene(
     contacts : mapping of str to Outline
         Boundaries of the contact areas of tips, by the names of the probes' subdomains; they
         replace the outlines of these probes.
-    require : callable
+    check_element_count : callable
         Called with the estimated number of elements before a mesh is made; may raise to prevent it.
 
     Returns
@@ -130,7 +130,7 @@ def mesh_scene(
         whole_count = sizes.estimate_element_count(
             film.area, {FILM: film, **outlines}, arcs=count_arcs(scene.numerics.tolerance)
         )
-        require(whole_count / len(sector.signs))
+        check_element_count(whole_count / len(sector.signs))
     for _ in range(attempts):
         mesh = _mesh_once(scene, outlines, sizes=sizes, sector=sector)
         # moving a node by this fraction of the shortest outline changes its area by less than 1e-6
@@ -142,7 +142,7 @@ def mesh_scene(
         finer_sizes = GMSH_SIZE_RATIO * compute_element_sizes(mesh)
         finer_sizes[is_distorted] = 0.4 * compute_element_sizes(mesh, sliver=0.1)[is_distorted]
         sizes = SizeField.from_element_sizes(mesh, finer_sizes)
-        require(sizes.element_count)
+        check_element_count(sizes.element_count)
     mesh, is_distorted = repair_distorted_elements(mesh, min_jacobian_ratio, max_move=np.inf)
     if is_distorted.any():
         reason = f"{is_distorted.sum()} elements are folded, since two outlines nearly touch"

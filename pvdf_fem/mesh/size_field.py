@@ -46,7 +46,7 @@ class GradedSizes:
         outlines : mapping of str to Outline
             Outlines of the film and all subdomains by name.
         arcs : int
-            Minimum number of element sides along a smooth outline.
+            Minimum number of element sides along an outline without corners.
         per_corner : float
             Number of elements that are added for each corner. They matter for outlines with many
             corners, whose sides are shorter than the element sizes.

@@ -27,12 +27,8 @@ _KEY = re.compile(r"[^.[\]]+(?:\.[^.[\]]+|\[[0-9]{1,9}\])*")
 # Keys that are removed when the shape changes.
 _KEYS_OF_A_SHAPE = SIZE_KEYS | {"edge_radius_mm"}
 _KEYS_OF_EVERY_LAYOUT = Layout.list_common_keys()
-# Messages for a key of a list without an index, or a key of a table with an index.
-_INDEX_REASONS = {
-    "electrodes": "electrodes are addressed by index in a list [[electrodes]], as in"
-    " electrodes[0].x_mm",
-    "probe": "probes are addressed by index in a list [[probe]], as in probe[0].x_mm",
-}
+# Tables of a scene of which there may also be a list.
+_TABLES_OR_LISTS = ("electrodes", "probe")
 
 
 class Replaced(dict[str, Any]):
@@ -288,12 +284,21 @@ def _apply_change(tables: dict[str, Any], steps: Steps, value: Any, alternative:
 def _require_index_of_list(tables: dict[str, Any], steps: Steps) -> None:
     """Raise if a list of electrodes or probes is addressed by name, or a table by index."""
     section = steps[0]
-    if section not in _INDEX_REASONS or len(steps) <= 2:
+    if section not in _TABLES_OR_LISTS or len(steps) <= 2:
         return
     entries = tables.get(section) or {}
-    is_right = isinstance(steps[1], int) if isinstance(entries, list) else steps[1] in entries
-    if not is_right:
-        raise _IndexError(_INDEX_REASONS[section])
+    has_index = isinstance(steps[1], int)
+    example = f"{section}[0].x_mm"
+    if isinstance(entries, list):
+        if not has_index:
+            reason = f"requires an index, since the scene has a list [[{section}]]"
+            raise _IndexError(f"{reason}; write it as in {example}")
+    elif steps[1] not in entries:
+        if has_index:
+            reason = f"has an index, but the scene has no list [[{section}]]"
+            raise _IndexError(f"{reason}; remove the index or give a list")
+        reason = f"requires a list [[{section}]]"
+        raise _IndexError(f"{reason}; give a list, and an index as in {example}")
 
 
 def _escape_surrogates(key: Any) -> Any:

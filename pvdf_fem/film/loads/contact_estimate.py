@@ -16,7 +16,7 @@ from pvdf_fem.film.point_load import (
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.outlines.tip import STEEPEST, Tip
+from pvdf_fem.scene.outlines.tip import MAX_RELATIVE_DISTANCE, Tip
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 #: Contact width, divided by the width for the tension of a point load. Measured for spheres: 1.07
@@ -175,7 +175,7 @@ def estimate_contact_width(probe: LoadedProbe, film: Film, halvings: int = 60) -
     """
     tip = probe.tip
     force = estimate_load_force(probe.load, film)
-    low, high = 0.0, STEEPEST * tip.radius
+    low, high = 0.0, MAX_RELATIVE_DISTANCE * tip.radius
     for _ in range(halvings):
         width = 0.5 * (low + high)
         length = tip.face_perimeter + 2.0 * np.pi * width

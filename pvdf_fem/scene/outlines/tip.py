@@ -24,7 +24,7 @@ from pvdf_fem.scene.outlines.polygon import Polygon
 
 #: Distance from the face, as a fraction of rho, up to which the height is that of a ball. Farther
 #: out a parabola continues the height, so that it is finite for all iterates of a solver.
-STEEPEST = 0.99
+MAX_RELATIVE_DISTANCE = 0.99
 
 
 class Distances(NamedTuple):
@@ -121,7 +121,7 @@ class Tip(ABC):
         first, second : ndarray, shape (n,)
             First and second derivative with respect to the distance, the second one in 1/m.
         """
-        largest = STEEPEST * self.radius
+        largest = MAX_RELATIVE_DISTANCE * self.radius
         on_ball = np.clip(distances, 0.0, largest)
         root = np.sqrt(self.radius**2 - on_ball**2)
         beyond = np.maximum(distances - largest, 0.0)
