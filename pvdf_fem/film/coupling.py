@@ -108,10 +108,10 @@ class FloatingElectrode:
         # the tension at half its radius is about the mean over an electrode under the probe
         r = max(distance - radius, pressed_radius, 0.5 * radius)
         covered = area / (math.pi * self.film.radius**2)
-        kept = own_fraction + (1.0 - own_fraction) * covered
+        remaining = own_fraction + (1.0 - own_fraction) * covered
         return (
             float(np.trace(self.coupling_matrix))
-            * kept
+            * remaining
             * estimate_load_fraction(self.film, force, r)
         )
 
@@ -130,7 +130,7 @@ class Coupling(Term):
     def __init__(self, electrode: FloatingElectrode, space: Space) -> None:
         self.electrode = electrode
         self.space = space
-        #: Elements of the electrode, (n,).
+        #: Numbers of the electrode's elements, shape (n,).
         self.elements: Indices = space.mesh.subdomains[make_subdomain_name(electrode.name)]
         self._weighted_e = space.weights[self.elements, :, None] * electrode.e
 

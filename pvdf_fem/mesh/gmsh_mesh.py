@@ -185,9 +185,9 @@ def _mesh_once(
             gmsh.model.mesh.setOrder(2)
         except Exception as error:
             raise MeshError(f"gmsh failed: {error}") from error
-        smooth = [shape for shape in shapes.values() if not len(shape.corners)]
+        curved_outlines = [shape for shape in shapes.values() if shape.is_curved]
         surfaces_by_name = {name: surfaces.get(name) for name in shapes}
-        return _read_mesh(surfaces_by_name, unit, smooth=smooth, sector=sector)
+        return _read_mesh(surfaces_by_name, unit, curved_outlines=curved_outlines, sector=sector)
 
 
 def _count_arcs(tolerance: float) -> int:
@@ -342,7 +342,7 @@ def _set_size_field(sizes: SizeField, unit: float) -> None:
 def _read_mesh(
     surfaces: dict[str, list[int] | None],
     unit: float,
-    smooth: list[Outline],
+    curved_outlines: list[Outline],
     sector: SymmetrySector,
 ) -> MeshTri2:
     """Read the model of gmsh as a mesh.
@@ -353,8 +353,8 @@ def _read_mesh(
         Tags of surfaces by the name of their subdomain; None for one outside of the sector.
     unit : float
         Unit of gmsh's lengths in m.
-    smooth : list of Outline
-        The outlines with curved sides.
+    curved_outlines : list of Outline
+        The outlines with curved pieces.
     sector : SymmetrySector
         Nodes next to its mirror lines are moved onto them.
 
@@ -384,7 +384,7 @@ def _read_mesh(
         if gmsh.model.getEntityType(1, curve) != "Line":
             curve_tags, _, _ = gmsh.model.mesh.getNodes(1, curve)
             is_curved[row[curve_tags]] = True
-    for outline in smooth:
+    for outline in curved_outlines:
         bulge_arcs(
             points, triangles, outline=outline, is_curved=is_curved, radius=_GMSH_RADIUS * unit
         )

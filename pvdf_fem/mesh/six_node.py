@@ -31,7 +31,7 @@ def bulge_arcs(
     radius: float,
     near: float = 2.5e-9,
 ) -> None:
-    """Move the midside nodes on a smooth outline in place, so that its elements have its area.
+    """Move the midside nodes on a curved outline in place, so that its elements have its area.
 
     Parameters
     ----------

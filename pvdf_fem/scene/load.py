@@ -101,6 +101,9 @@ class LoadOverrides(Section):
         if info.data.get("contact") == "sliding":
             reason = "would move a sliding punch, which has no friction"
             raise make_validation_error(f'{reason}; remove it or give contact = "stuck"')
+        if kind not in ("dead", "rigid"):
+            reason = f'is a force of load.kind = "dead" or "rigid", here "{kind}"'
+            raise make_validation_error(f"{reason}; remove it or give one of these")
         return value
 
     @field_validator("force_N")

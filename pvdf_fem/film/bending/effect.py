@@ -77,8 +77,8 @@ class BendingEffect:
             "at the probe": self.probe_length,
         }
         within = [
-            f"{1e3 * length:.2g} mm {place}"
-            for place, length in lengths.items()
+            f"{1e3 * length:.2g} mm {position}"
+            for position, length in lengths.items()
             if math.isfinite(length)
         ]
         percent = format_two_digits(100.0 * self.change)

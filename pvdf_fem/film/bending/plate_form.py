@@ -172,7 +172,7 @@ class _ShapeValues:
     """Derivatives of the shape functions at the same local points of all elements."""
 
     inverse_jacobian: Array  # J^-1 of the mapping, in 1/m, shape (elements, points, 2, 2)
-    area_ratio: Array  # area over that in the reference triangle, (elements, points)
+    area_ratio: Array  # area divided by that of the reference triangle, shape (elements, points)
     gradient: Array  # in 1/m, shape (elements, points, functions, 2)
     curvature: Array  # w_xx, w_yy, 2 w_xy in 1/m², shape (elements, points, functions, 3)
 

@@ -24,10 +24,9 @@ from pvdf_fem.inverse.calibration.reading_model import Prediction, ReadingModel
 from pvdf_fem.inverse.least_squares import (
     LeastSquaresProblem,
     SearchOptions,
-    append_prior_rows,
-    apply_robust_loss,
     run_levenberg_marquardt,
 )
+from pvdf_fem.inverse.normal_equations import append_prior_rows, apply_robust_loss
 
 #: Options of the Levenberg-Marquardt search between two rounds of solves.
 SEARCH = SearchOptions(max_steps=25, chi_square_tolerance=1e-6, step_tolerance=1e-3)

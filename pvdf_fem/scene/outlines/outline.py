@@ -55,7 +55,7 @@ class Outline(ABC):
     @cached_property
     def perimeter(self) -> float:
         """Length of the outline in m."""
-        _, normals = self.make_boundary_rule(1 if len(self.corners) else 1024)
+        _, normals = self.make_boundary_rule(1024 if self.is_curved else 1)
         return float(np.linalg.norm(normals, axis=1).sum())
 
     @property
@@ -90,6 +90,11 @@ class Outline(ABC):
     @abstractmethod
     def boundary(self) -> tuple[Line | EllipseCurve, ...]:
         """The pieces of the boundary, end to end."""
+
+    @property
+    def is_curved(self) -> bool:
+        """Whether a piece of the boundary is curved."""
+        return not all(isinstance(piece, Line) for piece in self.boundary)
 
     @property
     @abstractmethod
@@ -148,7 +153,7 @@ class Outline(ABC):
         """
 
     def compute_arc_midpoints(self, starts: Array, ends: Array) -> Array:
-        """Compute midside nodes that give curved elements the area of a smooth outline.
+        """Compute midside nodes that give curved elements the area of a curved outline.
 
         Parameters
         ----------

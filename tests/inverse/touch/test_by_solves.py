@@ -115,10 +115,10 @@ def test_only_equal_probes_can_be_exchanged():
     first = [5.0, -4.0, 0.0, 0.1]
     second = [-7.0, 3.0, 0.0, -0.9]
     coordinates = np.array([[*first, *second]])
-    assert coordinates[:, response.other_probe].tolist() == [[*second, *first]]
+    assert coordinates[:, response.swapped_columns].tolist() == [[*second, *first]]
     unequal = [{**DISC, "x_mm": -7.0}, {**DISC, "radius_mm": 3.0, "x_mm": 6.0}]
     scene = EIGHT_ELECTRODES.with_(probe=unequal)
-    assert not SolvedResponse.from_scene(scene, 2, ("x_mm",), 1e-2).other_probe.size
+    assert not SolvedResponse.from_scene(scene, 2, ("x_mm",), 1e-2).swapped_columns.size
 
 
 @pytest.mark.parametrize(
