@@ -63,7 +63,12 @@ class MappingScheme:
 
     @property
     def positions_mm(self) -> tuple[Array, ...]:
-        """Positions of the probe, an array of shape (n, 2) for each line."""
+        """Positions of the probe on each line.
+
+        Returns
+        -------
+        tuple of ndarray, shape (n, 2)
+        """
         lines = []
         for angle in self.angles_deg:
             lines.append(self._compute_positions(angle, self.list_distances(angle)))
@@ -88,9 +93,18 @@ class MappingScheme:
         return distances_mm[from_film_centre <= self.reach_mm + REACH_ROUNDING_MM]
 
     def _compute_positions(self, angle_deg: float, distances_mm: Array) -> Array:
-        """Compute positions on a line, of shape (n, 2).
+        """Compute positions on a line, rounded so that round-off does not make scenes differ.
 
-        They are rounded, so that positions that differ by round-off only give equal scenes.
+        Parameters
+        ----------
+        angle_deg : float
+            Direction of the line.
+        distances_mm : ndarray, shape (n,)
+            Distances from the centre of the electrode.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
         """
         direction = unit_vector(angle_deg)
         return np.round(self.centre_mm + distances_mm[:, None] * direction, 9)

@@ -291,7 +291,9 @@ class CalibrationFit(LeastSquaresProblem):
         return append_prior_rows(weighted, prior_residuals, np.ones(len(prior_residuals)))
 
     def refit(self, is_used: Mask, is_robust: bool = False) -> CalibrationFit:
-        """Return a new fit of parameters and positions to some touches, without further solves.
+        """Fit parameters and positions to some of the touches, without further solves.
+
+        This fit is not changed; its parameters are the initial guess of the new fit.
 
         Parameters
         ----------
@@ -319,7 +321,7 @@ class CalibrationFit(LeastSquaresProblem):
         return replace(fit, place_corrections_mm=corrections * np.minimum(1.0, longest / lengths))
 
     def reject_outliers(self) -> CalibrationFit:
-        """Return a new fit without outliers: touches that are far from a fit to the others.
+        """Fit parameters and positions without outliers, that is touches far from the others' fit.
 
         A robust fit to all solved touches comes first. Then touches beyond `outlier_limits` are
         removed and the rest is fitted again, until no more are removed. If more than
