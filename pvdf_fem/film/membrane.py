@@ -324,6 +324,7 @@ class Membrane(Laminate, Term):
 
     @cached_property
     def _laplace(self) -> Array:
+        """Element matrices of the integral of grad v : grad u, cached for `_damping`."""
         return self.space.laplace_matrices()
 
     def _damping(self, state: State) -> Array:
