@@ -145,8 +145,8 @@ class CoarseGrid:
     ) -> NodeSelection:
         """Select the nodes of one rotation whose charges are similar to rows of measured charges.
 
-        Half of the nodes of a row are at the positions with the lowest chi-square, the others at
-        the best of these positions and of those without a better neighbour.
+        Eligible are the count // 2 positions with the lowest chi-square, and all positions without
+        a better neighbour. The `count` best of these are selected.
 
         Parameters
         ----------
@@ -164,7 +164,8 @@ class CoarseGrid:
         Returns
         -------
         NodeSelection
-            Nodes of the m rows. Infinite chi-square marks surplus nodes without significance.
+            Nodes of the m rows, in no order. If fewer positions are eligible, others fill up the
+            selection, with infinite chi-square.
         """
         fit = self._fit_forces(problem, rows, rotation, log_forces)
         by_force = fit.chi_square.reshape(len(rows), -1, self.position_count)

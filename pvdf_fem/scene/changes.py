@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import BaseModel
 
-from pvdf_fem.scene.dependent_keys import ALTERNATIVE_KEYS, set_key
 from pvdf_fem.scene.load import FORCE_KEYS
 from pvdf_fem.scene.placed.electrode import Layout
 from pvdf_fem.scene.placed.placed_shape import SIZE_KEYS
 from pvdf_fem.scene.scene_file import format_error
+from pvdf_fem.scene.validation.dependent_keys import ALTERNATIVE_KEYS, set_key
 
-#: The names (str) and indices (int) of a parsed key: ("electrodes", 0, "x_mm").
+#: The names (str) and indices (int) of a parsed key, such as ``("electrodes", 0, "x_mm")``.
 Steps = tuple[Any, ...]
 
 # Keys on which the existence of other keys depends, in the order in which they must be changed.

@@ -215,14 +215,14 @@ def compute_deviation_ellipse(
 
 
 def _mark_touches(ax: Axes, touches: Sequence[Mapping[str, Any]]) -> None:
-    """Mark the most likely touch, and its rivals with their shares of the likelihood."""
+    """Mark the most likely touch, and the alternatives with their probabilities."""
     for number, touch in enumerate(touches):
         place = (touch["x_mm"], touch["y_mm"])
         look: dict[str, Any] = {"color": COLOURS[1], "linestyle": "none"}
         if number == 0:
             ax.plot(*place, marker="x", label="the likeliest", **look)
             continue
-        ax.plot(*place, marker="+", label="rivals" if number == 1 else None, **look)
+        ax.plot(*place, marker="+", label="alternatives" if number == 1 else None, **look)
         share = f"{100.0 * touch['weight']:.2g} %"
         text = ax.annotate(share, place, (5, -11), textcoords="offset points")
         text.set(clip_on=True, path_effects=[HALO])

@@ -102,9 +102,13 @@ class CalibrationFit(LeastSquaresProblem):
 
     @cached_property
     def deviations(self) -> Array:
-        """Standard deviations σ of the readings, as an array of shape (touches, electrodes).
+        """Standard deviations σ of the readings.
 
         They include the noise and the error of the solves, but not the errors of the positions.
+
+        Returns
+        -------
+        ndarray, shape (touches, electrodes)
         """
         readings = self.model.table.readings
         size = np.fmax(np.abs(readings), np.abs(self.prediction.readings))
@@ -133,12 +137,22 @@ class CalibrationFit(LeastSquaresProblem):
 
     @property
     def squared_residuals(self) -> Array:
-        """Squared norm of the whitened residuals of each touch, as an array of shape (touches,)."""
+        """Squared norm of the whitened residuals of each touch.
+
+        Returns
+        -------
+        ndarray, shape (touches,)
+        """
         return np.asarray((self.whitened.residuals**2).sum(axis=1))
 
     @property
     def reading_counts(self) -> Array:
-        """Number of readings of each touch, as an array of shape (touches,)."""
+        """Number of readings of each touch.
+
+        Returns
+        -------
+        ndarray, shape (touches,)
+        """
         return np.asarray(np.isfinite(self.model.table.readings).sum(axis=1))
 
     @cached_property
@@ -191,12 +205,16 @@ class CalibrationFit(LeastSquaresProblem):
 
     @cached_property
     def covariance(self) -> Array:
-        """Posterior covariance of the parameters, as an array of shape (parameters, parameters).
+        """Posterior covariance of the parameters.
 
         It combines the readings of the used touches with the priors. If the residuals are
         significantly larger than the noise explains (a p-value below `false_outlier_probability`),
         the whole matrix is multiplied by `scatter` squared, also in directions that only the priors
         determine.
+
+        Returns
+        -------
+        ndarray, shape (parameters, parameters)
 
         Notes
         -----
@@ -222,7 +240,12 @@ class CalibrationFit(LeastSquaresProblem):
 
     @property
     def longest_steps(self) -> Array:
-        """Longest steps of the coordinates, as an array of shape (parameters,)."""
+        """Longest steps of the coordinates.
+
+        Returns
+        -------
+        ndarray, shape (parameters,)
+        """
         return np.full(len(self.values), self.model.options.longest_step)
 
     def project_onto_bounds(self, coordinates: Array) -> Array:

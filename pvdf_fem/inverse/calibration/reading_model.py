@@ -118,7 +118,12 @@ class ReadingModel:
 
     @property
     def is_solved(self) -> Mask:
-        """Mask of the touches that are solved, shape (touches,)."""
+        """Mask of the touches that are solved.
+
+        Returns
+        -------
+        ndarray of bool, shape (touches,)
+        """
         return np.isfinite(self.solved_at).all(axis=1)
 
     def correct_positions(self, place_corrections_mm: Array) -> Array:

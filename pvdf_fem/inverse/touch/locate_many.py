@@ -95,7 +95,7 @@ def locate_many(
     errors = list(
         find_reading_errors(
             response.scene,
-            dict.fromkeys(columns.names, math.pi),  # placeholders: the rows get a status each
+            dict.fromkeys(columns.names, math.pi),  # valid numbers: rows have a status instead
             sigma=sigma,
             noise_pC=noise_pC,
             reading=reading,
@@ -297,8 +297,8 @@ def _read_columns(
         if rows.ndim != 2 or rows.shape[1] != len(names):
             raise ValueError(f"readings of shape {rows.shape}: must be (n, {len(names)})")
         return _ReadingColumns(names, rows)
-    given: Any = readings
-    columns = {name: _read_numbers(given[name], f"readings.{name}") for name in given}
+    by_name: Any = readings  # a mapping or a DataFrame, which has keys, too
+    columns = {name: _read_numbers(by_name[name], f"readings.{name}") for name in by_name}
     if len({column.shape for column in columns.values()}) > 1:
         raise ValueError("readings: columns differ in length; give one reading per row")
     if not columns:

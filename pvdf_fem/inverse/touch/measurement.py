@@ -181,7 +181,7 @@ class Measurement:
     def list_alternatives(self) -> Iterator[AlternativeReading]:
         """Yield alternative interpretations of the readings, one for each common mistake.
 
-        The mistakes are charges taken for changes or vice versa, and those of `list_misreadings`
+        The mistakes are a confusion of total charges with changes, and those of `list_misreadings`
         except for permutations of more than two electrodes.
         """
         if not np.isnan(self.unloaded_pC).any():

@@ -33,7 +33,7 @@ from pvdf_fem.surrogate.touch_domain import (
     resolve_response_settings,
 )
 
-#: Charge that stands for a scene without a solution. It is so large that searches turn away.
+#: Charge that stands for a scene without a solution. It is so large that a search rejects the step.
 UNSOLVED_PC = 1e15
 #: Further quantities of a probe, with the endings of the keys of their components.
 FURTHER_QUANTITIES = {"tangential_N": ("[0]", "[1]"), "temperature_K": ("",)}

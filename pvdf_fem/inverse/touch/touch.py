@@ -186,7 +186,7 @@ class Touch(Result):
     #: charges than unknown quantities.
     p_value: float
     explained: bool  #: Whether the touch explains the charges, see `is_plausible`.
-    #: Probability that this touch of its location's touches is the true one, from 0 to 1.
+    #: Probability that this is the true one of the touches of its location, from 0 to 1.
     weight: float
     #: Names of the limits of the response's domain at which the touch is, ``reach_mm`` or
     #: ``force_N``; empty inside. The true touch may be beyond the limits.
@@ -201,10 +201,11 @@ class Touch(Result):
         than their standard deviation.
         """
         directions = self.covariance_root.T[self.undetermined]
-        # The sign of an eigenvector is arbitrary: make the largest component positive.
+        # The sign of an eigenvector is arbitrary: make the largest component positive,
+        # in units of its deviation.
         deviations = np.sqrt(np.diag(self.covariance))
-        largest = np.abs(directions / deviations).argmax(axis=1)
-        signs = np.sign(np.take_along_axis(directions, largest[:, None], axis=1))
+        column = np.abs(directions / deviations).argmax(axis=1)
+        signs = np.sign(np.take_along_axis(directions, column[:, None], axis=1))
         return directions * signs
 
     @property

@@ -93,7 +93,12 @@ class ChargeRecord:
 
     @property
     def charges_pC(self) -> Array:
-        """Charges of all samples in pC, as an array of shape (samples, electrodes)."""
+        """Charges of all samples in pC.
+
+        Returns
+        -------
+        ndarray, shape (samples, electrodes)
+        """
         return np.array([sample.charges_pC for sample in self.samples])
 
     @property

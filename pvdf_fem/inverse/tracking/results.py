@@ -57,7 +57,7 @@ class TrackRow(Result):
         """Return the row as a line of text."""
         line = f"{self._format_time()} s{self._format_quantities()}"
         if self.alternatives > 1:
-            line += f"; {self.alternatives} places are likely"
+            line += f"; {self.alternatives} touches are likely"
         if self.touch and not self.alternatives:
             line += "; not located"
         if self.touch and self.status not in (TrackStatus.TOUCH, TrackStatus.STARTING):
