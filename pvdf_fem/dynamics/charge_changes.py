@@ -50,7 +50,7 @@ class LoadedSolution(NamedTuple):
 
 
 def resolve_loaded_solution(solution: Solution | SceneLike) -> LoadedSolution:
-    """Check that the force on a film can oscillate, and solve the scene unless it is solved.
+    """Check that the motion about a scene can be linearised, and solve it if necessary.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ class FrequencyResponse(ChargeChanges):
     neglected: tuple[str, ...]  #: Descriptions of the neglected effects, with their sizes.
 
     def plot(self) -> Figure:
-        """Plot the charges' amplitudes with the resonances, and phases if there is damping."""
+        """Plot the amplitudes of the charges with the resonances, and phases of a damped film."""
         from pvdf_fem.view.charts.vibration import draw_frequency_response
 
         return draw_frequency_response(

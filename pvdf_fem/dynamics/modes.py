@@ -66,20 +66,34 @@ class Modes(Result):
 
     @property
     def frequencies_Hz(self) -> Array:
-        """Lowest frequencies in vacuum in ascending order, as an array of shape (n,).
+        """Lowest frequencies in vacuum in ascending order.
 
         A frequency that belongs to two modes is there twice.
+
+        Returns
+        -------
+        ndarray, shape (n,)
         """
         return self.spectra[VACUUM].frequencies
 
     @property
     def frequency_errors_Hz(self) -> Array:
-        """Estimated absolute discretisation errors of `frequencies_Hz`, as an array (n,)."""
+        """Estimated absolute discretisation errors of `frequencies_Hz`.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
         return self.spectra[VACUUM].errors
 
     @property
     def frequencies_in_air_Hz(self) -> Array | None:
-        """Lowest frequencies in air in ascending order, shape (n,); None without ``[air]``."""
+        """Lowest frequencies in air in ascending order; None without ``[air]``.
+
+        Returns
+        -------
+        ndarray, shape (n,), or None
+        """
         return self.spectra[AIR].frequencies if AIR in self.spectra else None
 
     @property
@@ -92,11 +106,15 @@ class Modes(Result):
 
     @property
     def shapes(self) -> Array:
-        """Displacements u, v, w of the modes in vacuum, as an array of shape (n, dofs, 3).
+        """Displacements u, v, w of the modes in vacuum.
 
         The values are those at the degrees of freedom of `basis`. Each mode is scaled so that its
         component with the largest magnitude is 1. Two modes with the same frequency are an
         arbitrary basis of their common space.
+
+        Returns
+        -------
+        ndarray, shape (n, dofs, 3)
         """
         return self.spectra[VACUUM].shapes
 

@@ -55,7 +55,12 @@ class Spectrum:
 
     @property
     def shapes(self) -> Array:
-        """Displacements u, v, w of the modes, scaled as `Modes.shapes`, shape (n, dofs, 3)."""
+        """Displacements u, v, w of the modes, scaled as `Modes.shapes`.
+
+        Returns
+        -------
+        ndarray, shape (n, dofs, 3)
+        """
         shapes = np.array([self.equilibrium.unknowns.expand(vector) for vector in self.vectors.T])
         peaks = np.abs(shapes).argmax(axis=1)[:, None]
         normalised = shapes / np.take_along_axis(shapes, peaks, axis=1)

@@ -76,7 +76,7 @@ def list_misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misread
 
 
 def _describe_order(names: Sequence[str], order: Sequence[int]) -> str:
-    """Describe in words which channels are in which columns."""
+    """Describe in words which channels are swapped, and for more than two the columns."""
     swapped = []
     columns = []
     for channel, column in enumerate(order):

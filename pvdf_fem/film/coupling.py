@@ -53,7 +53,7 @@ class FloatingElectrode:
 
     @cached_property
     def capacitance(self) -> float:
-        """C + C_L in F."""
+        """Capacitance C + C_L of electrode and wires in F."""
         permittivity = max(self.film.clamped_permittivity, np.finfo(float).tiny)
         return permittivity * self.outline.area / self.film.thickness + self.load
 

@@ -140,10 +140,10 @@ class Membrane(Laminate, Term):
         -------
         ndarray, shape (elements, element dofs)
         """
-        moduli = self.tangent_stiffness(state)
+        stiffness = self.tangent_stiffness(state)
         factors = np.empty((*self.volumes.shape, 3, 3))
         for i in range(3):
-            m11, m12, _, m22 = self._derivatives(state, moduli, i, i)
+            m11, m12, _, m22 = self._derivatives(state, stiffness, i, i)
             factors[..., i] = np.concatenate([m11, 2.0 * m12, m22], axis=-1)
         rows = self.space.gradient_rows
         g1, g2 = rows[:, 0::2], rows[:, 1::2]
@@ -180,25 +180,25 @@ class Membrane(Laminate, Term):
         """
         count = len(self.space.gradient_rows)
         functions = self.space.gradient_rows.shape[-1]
-        moduli = self.tangent_stiffness(state)
+        stiffness = self.tangent_stiffness(state)
         blocks = np.empty((count, functions, 3, functions, 3))
         for first in range(0, count, chunk_size):
             chunk = slice(first, first + chunk_size)
-            products = self._tangent_products(state, moduli, chunk)
+            products = self._tangent_products(state, stiffness, chunk)
             for k, (i, j) in enumerate(COMPONENT_PAIRS):
                 blocks[chunk, :, i, :, j] = products[:, :, k]
                 blocks[chunk, :, j, :, i] = products[:, :, k].swapaxes(1, 2)
         matrices = blocks.reshape(count, 3 * functions, 3 * functions)
         return matrices + self._damping(state) if self.law.wrinkles else matrices
 
-    def _tangent_products(self, state: State, moduli: Array, chunk: slice) -> Array:
+    def _tangent_products(self, state: State, stiffness: Array, chunk: slice) -> Array:
         """Compute the blocks of displacement components of the tangents in a chunk of elements.
 
         Parameters
         ----------
         state : State
             The state of the film.
-        moduli : ndarray, shape (3, 3) or (elements, points, 3, 3)
+        stiffness : ndarray, shape (3, 3) or (elements, points, 3, 3)
             Tangent stiffness dS/dE in Pa.
         chunk : slice
             The elements of the chunk.
@@ -213,14 +213,14 @@ class Membrane(Laminate, Term):
         g1, g2 = rows[:, 0::2], rows[:, 1::2]
         fluxes = np.empty((elements, lines // 2, 2, len(COMPONENT_PAIRS), functions))
         for k, (i, j) in enumerate(COMPONENT_PAIRS):
-            m11, m12, m21, m22 = self._derivatives(state, moduli, i, j, chunk)
+            m11, m12, m21, m22 = self._derivatives(state, stiffness, i, j, chunk)
             fluxes[:, :, 0, k] = m11 * g1 + m12 * g2
             fluxes[:, :, 1, k] = m21 * g1 + m22 * g2
         products = np.matmul(rows.swapaxes(1, 2), fluxes.reshape(elements, lines, -1))
         return products.reshape(elements, functions, len(COMPONENT_PAIRS), functions)
 
     def _derivatives(
-        self, state: State, moduli: Array, i: int, j: int, chunk: slice = ALL
+        self, state: State, stiffness: Array, i: int, j: int, chunk: slice = ALL
     ) -> tuple[Array, Array, Array, Array]:
         """Differentiate row i of the first Piola-Kirchhoff stress F S with respect to row j of F.
 
@@ -228,7 +228,7 @@ class Membrane(Laminate, Term):
         ----------
         state : State
             The state of the film.
-        moduli : ndarray, shape (3, 3) or (elements, points, 3, 3)
+        stiffness : ndarray, shape (3, 3) or (elements, points, 3, 3)
             Tangent stiffness dS/dE in Pa. A single matrix is that of an orthotropic film in its
             axes, in which shear and normal strain do not couple.
         i, j : int
@@ -247,14 +247,14 @@ class Membrane(Laminate, Term):
         b1, b2 = F[..., j, 0, None], F[..., j, 1, None]
         is_diagonal = float(i == j)
         s11, s22, s12 = (stress[..., k, None] * is_diagonal for k in range(3))
-        C = moduli if moduli.ndim == 2 else moduli[chunk]
+        C = stiffness if stiffness.ndim == 2 else stiffness[chunk]
         c11, c12 = C[..., 0, 0, None], C[..., 0, 1, None]
         c22, c33 = C[..., 1, 1, None], C[..., 2, 2, None]
         d11 = c11 * a1 * b1 + c33 * a2 * b2 + s11
         d12 = c12 * a1 * b2 + c33 * a2 * b1 + s12
         d21 = c12 * a2 * b1 + c33 * a1 * b2 + s12
         d22 = c22 * a2 * b2 + c33 * a1 * b1 + s22
-        if moduli.ndim > 2:
+        if stiffness.ndim > 2:
             c13, c23 = C[..., 0, 2, None], C[..., 1, 2, None]
             d11 = d11 + c13 * (a1 * b2 + a2 * b1)
             d12 = d12 + c13 * a1 * b1 + c23 * a2 * b2
@@ -280,7 +280,7 @@ class Membrane(Laminate, Term):
             the strain.
         """
         step = self.space.displacement_gradient(x)
-        moduli = self.tangent_stiffness(state)
+        stiffness = self.tangent_stiffness(state)
         volumes = self.volumes[..., None]
         # strain = E + s first + s² second
         first = compute_strain_rate(state.deformation_gradient, step)
@@ -290,8 +290,8 @@ class Membrane(Laminate, Term):
             return float((stress * strain * volumes).sum())
 
         stress = self.constitutive_stress(state)
-        stress_first = apply_matrix(moduli, first)
-        stress_second = apply_matrix(moduli, second)
+        stress_first = apply_matrix(stiffness, first)
+        stress_second = apply_matrix(stiffness, second)
         return np.array(
             [
                 self.energy(state),
@@ -324,6 +324,7 @@ class Membrane(Laminate, Term):
 
     @cached_property
     def _laplace(self) -> Array:
+        """Element matrices of the integral of grad v : grad u, cached for `_damping`."""
         return self.space.laplace_matrices()
 
     def _damping(self, state: State) -> Array:

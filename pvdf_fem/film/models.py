@@ -206,7 +206,7 @@ class FilmModel:
 
     @property
     def _bending_advice(self) -> str:
-        """The change of the scene's keys with which bending would be included."""
+        """Text: which keys of the scene to change so that bending is included."""
         if self.wrinkles:
             return 'film.compression = "refuse" with film.bending = "auto" or true'
         if self.scene.film.patches:

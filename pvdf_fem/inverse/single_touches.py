@@ -65,7 +65,8 @@ def tabulate_single_touches(
     records = solve_scenes(scenes, processes=1)
     solved = [index for index, record in enumerate(records) if record.converged]
     if len(solved) < 3:
-        raise NotConvergedError(f"{records[0].status}: one touch alone: {records[0].reason}")
+        failed = next(record for record in records if not record.converged)
+        raise NotConvergedError(f"{failed.status}: one touch alone: {failed.reason}")
     film = scene.film
     charges = []
     for index in solved:

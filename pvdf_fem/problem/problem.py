@@ -191,7 +191,8 @@ class Problem(Result):
         Raises
         ------
         SceneError
-            For a profile that is not finite, or is zero on its whole probe.
+            For a profile that is negative or not finite under its probe, or whose file cannot be
+            read.
         """
         for load in self.loads:
             make_profile(load).mean(load.outline.equal_area_polygon)

@@ -210,10 +210,10 @@ class Response(Result):
         return replace(response, validation=validation).with_measured_error()
 
     def with_measured_error(self, safety: float = 5.0) -> Response:
-        """Return a copy whose error bound is measured with its validation solves.
+        """Return a copy with updated error bound, notes and charges of the unloaded film.
 
-        The copy also has new notes, which say what would help if the bound exceeds the tolerance,
-        and the charges of the unloaded film, for which the unloaded film is solved.
+        The bound is measured with the validation solves. The notes say what would help if it
+        exceeds the tolerance. For the unloaded charges the unloaded film is solved.
 
         Parameters
         ----------
@@ -286,7 +286,7 @@ class Response(Result):
         column = self.names.index(electrode)
 
         def evaluate_charge(positions_mm: Array) -> Array:
-            """Evaluate the charge in pC of the electrode at positions of shape (n, 2)."""
+            """Evaluate the charge of the electrode in pC, for positions of the probe."""
             touches = np.empty((len(positions_mm), len(TOUCH_QUANTITIES)))
             touches[:, : TouchColumn.ROTATION] = positions_mm
             touches[:, TouchColumn.ROTATION] = rotation_deg

@@ -73,10 +73,10 @@ def write_response(path: Path, response: Any) -> None:
     archive = io.BytesIO()
     np.savez(archive, *arrays, contents=np.array(text))
     with replace_file(path) as temporary:
-        temporary.write_bytes(_make_head(archive.getvalue()) + archive.getvalue())
+        temporary.write_bytes(_make_header(archive.getvalue()) + archive.getvalue())
 
 
-def _make_head(content: bytes) -> bytes:
+def _make_header(content: bytes) -> bytes:
     """Return the header line of a file: format, version and digest of the content."""
     return FORMAT + hashlib.sha256(content).hexdigest().encode() + b"\n"
 
@@ -97,12 +97,12 @@ def read_response(path: Path, kind: type[SavedType]) -> SavedType:
         If the file is damaged, or is not a response of this version.
     """
     with open_regular_file(path, "a response") as file:
-        head = file.read(len(_make_head(b"")))
-        content = file.read() if head.startswith(FORMAT) else b""
+        header = file.read(len(_make_header(b"")))
+        content = file.read() if header.startswith(FORMAT) else b""
     advice = "delete it; pvdf-fem model SCENE.toml builds it again"
-    if not head.startswith(FORMAT):
+    if not header.startswith(FORMAT):
         raise ResponseError(f"{path}: is not a response of this version; {advice}")
-    if head != _make_head(content):
+    if header != _make_header(content):
         raise ResponseError(f"{path}: is damaged, its digest is wrong; {advice}")
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         arrays = dict(archive)

@@ -42,7 +42,12 @@ class UniformAxis:
 
     @property
     def values(self) -> Array:
-        """Values of the grid, as an array of shape (count,)."""
+        """Values of the grid.
+
+        Returns
+        -------
+        ndarray, shape (count,)
+        """
         return self.start + self.step * np.arange(self.count, dtype=float)
 
 
@@ -193,7 +198,12 @@ class UniformSpline:
 
     @cached_property
     def _flat(self) -> NDArray[np.floating]:
-        """Coefficients as a matrix of shape (rows, functions)."""
+        """Coefficients as a matrix.
+
+        Returns
+        -------
+        ndarray, shape (rows, functions)
+        """
         return self.coefficients.reshape(-1, self.coefficients.shape[-1])
 
     @cached_property

@@ -74,9 +74,9 @@ class Plate(Term):
         -------
         ndarray, shape (dofs,)
         """
-        return self._place_at_dofs(self.form.forces(state.dofs[2::3]))
+        return self._expand_to_dofs(self.form.forces(state.dofs[2::3]))
 
-    def _place_at_dofs(self, deflection_forces: Array) -> Array:
+    def _expand_to_dofs(self, deflection_forces: Array) -> Array:
         """Return forces on the deflections, shape (scalar dofs,), as forces on all dofs."""
         forces = np.zeros(self.space.dof_count)
         forces[2::3] = deflection_forces
@@ -116,7 +116,7 @@ class Plate(Term):
         -------
         ndarray, shape (dofs,)
         """
-        return self._place_at_dofs(self.matrix @ x[2::3])
+        return self._expand_to_dofs(self.matrix @ x[2::3])
 
     def diagonal(self, state: State) -> Array:
         """Return the diagonal of the stiffness in N/m.
@@ -125,7 +125,7 @@ class Plate(Term):
         -------
         ndarray, shape (dofs,)
         """
-        return self._place_at_dofs(self.matrix.diagonal())
+        return self._expand_to_dofs(self.matrix.diagonal())
 
     def energy_along(self, state: State, x: Array) -> Array:
         """Return the energy at the dofs plus s times `x`, as a polynomial in s.

@@ -256,8 +256,8 @@ class _EdgeValues:
             ((1.0, 0.0), (-1.0, 1.0), (1.0, 1.0)),
             ((0.0, 0.0), (0.0, 1.0), (-1.0, 0.0)),
         )
-        needed = PENALTY.distorted * (compute_jacobian_ratios(space.mesh) ** -2.0 - 1.0)
-        penalty = np.maximum(needed, PENALTY.regular)
+        distortion_penalty = PENALTY.distorted * (compute_jacobian_ratios(space.mesh) ** -2.0 - 1.0)
+        penalty = np.maximum(distortion_penalty, PENALTY.regular)
         edges = []
         for origin, direction, outward in reference_edges:
             points = np.add.outer(origin, np.zeros(len(gauss_points)))

@@ -212,8 +212,8 @@ class Laminate:
         is_linear = all(ply.law.is_linear for ply in self.plies)
         total = np.zeros((len(strain), 1 if is_linear else strain.shape[1], 3, 3))
         for ply in self.plies:
-            moduli = ply.law.tangent_stiffness(strain[ply.elements], ply.prestrain)
-            total[ply.elements] += ply.thickness_ratio * moduli
+            stiffness = ply.law.tangent_stiffness(strain[ply.elements], ply.prestrain)
+            total[ply.elements] += ply.thickness_ratio * stiffness
         return total
 
     def stored_energy(self, strain: Array, volumes: Array) -> float:

@@ -85,14 +85,14 @@ class NeoHookean(Law):
         flat = self._describe_prestrained(prestrain)
         B, power = self._describe_deformed(strain)
         b11, b22, b12 = np.moveaxis(B, -1, 0)
-        moduli = (1.0 + self.m) * B[..., :, None] * B[..., None, :]
+        stiffness = (1.0 + self.m) * B[..., :, None] * B[..., None, :]
         # with B = C^-1, B dC B differs from the tensor product of B and B in these components
         difference = b12**2 - b11 * b22
-        moduli[..., 0, 1] += difference
-        moduli[..., 1, 0] += difference
-        moduli[..., 2, 2] -= 0.5 * difference
+        stiffness[..., 0, 1] += difference
+        stiffness[..., 1, 0] += difference
+        stiffness[..., 2, 2] -= 0.5 * difference
         factor = 2.0 * flat.modulus * flat.power * power
-        return np.asarray(factor[..., None, None] * moduli)
+        return np.asarray(factor[..., None, None] * stiffness)
 
     def energy(self, strain: Array, prestrain: Array) -> Array:
         """Return the stored energy in J/m³ of the flat film.

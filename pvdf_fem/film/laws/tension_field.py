@@ -124,24 +124,29 @@ class TensionField(Hooke):
         With the generalized eigenvectors V and eigenvalues mu_i of A and C^-1, y = V^-1 S and
         f = V^T e, the equation (C^-1 - lambda A) S = e reads y_i (1 - lambda mu_i) = f_i. On the
         cone det S = 0, mu_3 y_3^2 = -mu_1 y_1^2 - mu_2 y_2^2. The unknown
-        x = -lambda mu_1/(1 - lambda mu_1) maps lambda in [0, inf) to [0, 1). All points take Newton
-        steps at once; a step that leaves the bounds is replaced by a bisection, so that 60 steps
-        reach round-off. A scalar root finder for each point would take many times as long.
+        x = -lambda mu_1/(1 - lambda mu_1) maps lambda in [0, inf) to [0, 1). With
+        g_i = f_i sqrt(|mu_i|), a = mu_2/mu_1 - 1 and b = 1 - mu_3/mu_1 the cone reads::
+
+            g_3 = (1 - b x) sqrt(g_1^2 + g_2^2/(1 + a x)^2)
+
+        All points take Newton steps at once; a step that leaves the bounds is replaced by a
+        bisection, so that 60 steps reach round-off. A scalar root finder for each point would take
+        many times as long.
         """
         f = strain @ self._vectors
-        first, second, third = (f * np.sqrt(np.abs(self._values))).T
-        stiffer = self._values[1] / self._values[0] - 1.0
-        opening = 1.0 - self._values[2] / self._values[0]
+        g1, g2, g3 = (f * np.sqrt(np.abs(self._values))).T
+        a = self._values[1] / self._values[0] - 1.0
+        b = 1.0 - self._values[2] / self._values[0]
 
         low = np.zeros(len(f))
         high = np.ones(len(f))
         x = np.full(len(f), 0.5)
         for _ in range(max_steps):
-            denominator = 1.0 + stiffer * x
-            radius = np.hypot(first, second / denominator)
-            excess = third - (1.0 - opening * x) * radius
-            slope = opening * radius + (1.0 - opening * x) * stiffer * (
-                (second / denominator) ** 2 / denominator / radius
+            denominator = 1.0 + a * x
+            radius = np.hypot(g1, g2 / denominator)
+            excess = g3 - (1.0 - b * x) * radius
+            slope = b * radius + (1.0 - b * x) * a * (
+                (g2 / denominator) ** 2 / denominator / radius
             )
             low = np.where(excess < 0, x, low)
             high = np.where(excess > 0, x, high)
@@ -153,7 +158,7 @@ class TensionField(Hooke):
             if np.all(change <= 1e-15):
                 break
         y1 = f[:, 0] * (1.0 - x)
-        y2 = f[:, 1] * (1.0 - x) / (1.0 + stiffer * x)
+        y2 = f[:, 1] * (1.0 - x) / (1.0 + a * x)
         # the third component follows from the cone
         across = np.hypot(y1 * np.sqrt(-self._values[0]), y2 * np.sqrt(-self._values[1]))
         y3 = across / np.sqrt(self._values[2])

@@ -39,10 +39,10 @@ class LocateOptions:
     #: A touch is listed unless its chi-square exceeds the lowest one by more than this. At 25 it is
     #: less likely than the best touch by a factor of exp(12.5).
     max_excess: float = 25.0
-    #: Two minima are duplicates if the squared change of the whitened residuals between them,
-    #: predicted by the Jacobian at the better minimum, is below this ...
+    #: Maximum squared change of the whitened residuals between duplicates of one minimum, as
+    #: predicted by the Jacobian at the better end point.
     duplicate_chi_square: float = 0.1
-    #: ... and their rotations differ by less than this.
+    #: Maximum difference in rotation between duplicates of one minimum.
     duplicate_rotation_deg: float = 8.0
     #: Termination and damping of searches that use a response.
     search: SearchOptions = field(default_factory=SearchOptions)
@@ -75,9 +75,8 @@ class LocateOptions:
     #: Offsets of further searches from the best end point, in multiples of the maximum step along
     #: the direction that the charges determine least.
     side_steps: tuple[float, ...] = (-0.5, 0.5)
-    side_rounds: int = (
-        3  #: How often these are repeated at most, each time from a better end point.
-    )
+    #: Maximum number of rounds of these searches, each from a better end point than the last.
+    side_rounds: int = 3
     #: Termination and damping of searches by full solves.
     solved_search: SearchOptions = field(
         default_factory=lambda: SearchOptions(

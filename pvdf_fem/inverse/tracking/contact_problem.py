@@ -40,7 +40,12 @@ class CandidateTouches:
 
     @property
     def likeliest(self) -> Array:
-        """Coordinates of the likeliest touch, as an array of shape (4,)."""
+        """Coordinates of the likeliest touch.
+
+        Returns
+        -------
+        ndarray, shape (4,)
+        """
         return np.asarray(self.coordinates[0])
 
     def __len__(self) -> int:

@@ -165,7 +165,18 @@ class Tracker:
         return replace(row, missing=" ".join(missing)) if missing else row
 
     def _coerce_readings(self, readings: Mapping[str, float] | Sequence[float]) -> Array:
-        """Convert the readings to an array of shape (electrodes,), NaN where they are missing."""
+        """Convert the readings to an array in the order of the electrodes.
+
+        Parameters
+        ----------
+        readings : mapping of str to float, or sequence of float
+            See `update`.
+
+        Returns
+        -------
+        ndarray, shape (electrodes,)
+            Readings, NaN where they are missing.
+        """
         names = self.response.names
         if isinstance(readings, Mapping):
             unknown = readings.keys() - {*names}

@@ -114,7 +114,12 @@ class CentreGrid:
 
     @property
     def centres_mm(self) -> Array:
-        """Positions of the film's centre, as an array of shape (distances, angles, 2)."""
+        """Positions of the film's centre.
+
+        Returns
+        -------
+        ndarray, shape (distances, angles, 2)
+        """
         angle = 2.0 * np.pi * np.arange(self.angle_count) / self.angle_count
         directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         return (
@@ -123,7 +128,12 @@ class CentreGrid:
 
     @property
     def rotations_deg(self) -> Array:
-        """Rotations of the probe, as an array of shape (rotations,)."""
+        """Rotations of the probe.
+
+        Returns
+        -------
+        ndarray, shape (rotations,)
+        """
         return np.linspace(0.0, 180.0, self.rotation_count, endpoint=False)
 
     @property

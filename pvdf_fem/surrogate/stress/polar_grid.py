@@ -74,7 +74,12 @@ class PolarGrid:
 
     @property
     def samples_mm(self) -> Array:
-        """Points where the stress is sampled, as an array of shape (samples, θ, 2)."""
+        """Points where the stress is sampled.
+
+        Returns
+        -------
+        ndarray, shape (samples, θ, 2)
+        """
         theta = self.axes[1].values
         directions = np.stack([np.cos(theta), np.sin(theta)], axis=-1)
         return self._ray_rule.rho_mm[:, None, None] * directions

@@ -193,7 +193,7 @@ def solve_stresses(
             solutions = [ForceSolution(log_force, transferred)]
         else:
             equilibrium = equilibrium.of_problem(problem)
-        guess = _extrapolate(solutions, force_N)
+        guess = _extrapolate_displacement(solutions, force_N)
         if guess is not None:
             guess = equilibrium.restrict(guess)
         q = _solve_equilibrium(equilibrium, guess, force_N)
@@ -201,7 +201,7 @@ def solve_stresses(
         yield SolvedStress(equilibrium.space, equilibrium.state(q).stress)
 
 
-def _extrapolate(solutions: Sequence[ForceSolution], force_N: float) -> Array | None:
+def _extrapolate_displacement(solutions: Sequence[ForceSolution], force_N: float) -> Array | None:
     """Extrapolate the displacement from up to three last solutions; None if there are none.
 
     Parameters
