@@ -243,7 +243,7 @@ def _draw_mesh(ax: Axes, film: FilmData, film_map: FilmMap) -> None:
 
 
 def _draw_error_contributions(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
-    """Draw the largest share of each element in the errors of charges.
+    """Draw the largest contribution of each element to the errors of charges.
 
     Parameters
     ----------
@@ -254,11 +254,11 @@ def _draw_error_contributions(ax: Axes, film: FilmData, film_map: FilmMap) -> Sc
     film_map : FilmMap
         Label and colours.
     """
-    shares_pC = 1e12 * film.error_contributions().max(axis=1)
-    largest = max(float(shares_pC.max()), np.finfo(float).eps)
+    contributions_pC = 1e12 * film.error_contributions().max(axis=1)
+    largest = max(float(contributions_pC.max()), np.finfo(float).eps)
     norm = LogNorm(1e-4 * largest, largest, clip=True)
     filled = PolyCollection(
-        _trace_element_boundaries_mm(film), array=shares_pC, norm=norm, cmap=film_map.colours
+        _trace_element_boundaries_mm(film), array=contributions_pC, norm=norm, cmap=film_map.colours
     )
     ax.add_collection(filled)
     return filled
@@ -331,7 +331,7 @@ MAPS = {
     ),
     "mesh": FilmMap("", _draw_mesh),
     "error": FilmMap(
-        "share in the errors of charges (pC)", _draw_error_contributions, colours="magma_r"
+        "contribution to the errors of charges (pC)", _draw_error_contributions, colours="magma_r"
     ),
     "contact": FilmMap(
         "contact pressure (MPa), compression positive",
