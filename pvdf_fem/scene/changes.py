@@ -112,7 +112,9 @@ def normalize_key(key: str) -> str:
     return spelling.removeprefix(".") or key
 
 
-def apply_changes(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) -> list[str]:
+def apply_changes(
+    tables: dict[str, Any], new_values: Any, keywords: Mapping[str, Any]
+) -> list[str]:
     """Change values in the tables of a scene in place.
 
     The new values are not validated.
@@ -121,11 +123,11 @@ def apply_changes(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) 
     ----------
     tables : dict
         The tables of a scene, which are changed.
-    given : mapping or None
+    new_values : mapping or None
         New values by dotted key, such as ``load.force_N`` or ``probe[0].x_mm``. Tables among the
         values are merged into those of the scene, and tables that a key needs are created.
-    named : mapping
-        Further changes in the same form, which take precedence over equal keys of `given`.
+    keywords : mapping
+        Further values in the same form, which take precedence over equal keys of `new_values`.
 
     Returns
     -------
@@ -133,19 +135,18 @@ def apply_changes(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) 
         ``key = value: reason; advice`` for each key that is not a key of the scene or is changed
         twice.
     """
-    if not isinstance(given, Mapping | None):
+    if not isinstance(new_values, Mapping | None):
         reason = 'must be a dict of keys with their values; give {"load.force_N": 2}'
-        return [format_error("changes", given, reason)]
-    changes, problems = _collect_changes({**(given or {}), **named})
+        return [format_error("changes", new_values, reason)]
+    changes, problems = _collect_changes({**(new_values or {}), **keywords})
 
     # whole tables first, and decisive keys before the keys that depend on them
-    for steps in sorted(changes, key=_order_of_change):
+    for steps in sorted(changes, key=_rank_change):
         change = changes[steps]
         alternative = changes.get((*steps[:-1], ALTERNATIVE_KEYS.get(steps[-1])))
+        alternative_value = None if alternative is None else alternative.value
         try:
-            _apply_change(
-                tables, steps, value=change.value, alternative=alternative and alternative.value
-            )
+            _apply_change(tables, steps, value=change.value, alternative=alternative_value)
         except _IndexError as error:
             value = {} if change.value is _TABLE else change.value
             problems.append(format_error(change.key, value, str(error)))
@@ -156,12 +157,12 @@ def apply_changes(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) 
     return list(dict.fromkeys(problems))
 
 
-def _collect_changes(given: Mapping[Any, Any]) -> tuple[dict[Steps, _Change], list[str]]:
+def _collect_changes(values: Mapping[Any, Any]) -> tuple[dict[Steps, _Change], list[str]]:
     """Collect the changes of single values.
 
     Parameters
     ----------
-    given : mapping
+    values : mapping
         Values or tables by dotted key.
 
     Returns
@@ -173,7 +174,7 @@ def _collect_changes(given: Mapping[Any, Any]) -> tuple[dict[Steps, _Change], li
     """
     changes: dict[Steps, _Change] = {}
     problems = []
-    for name, table_or_value in given.items():
+    for name, table_or_value in values.items():
         key = _escape_surrogates(name)
         first_steps = parse_key(key) if isinstance(key, str) else ()
         if not first_steps:
@@ -191,7 +192,7 @@ def _collect_changes(given: Mapping[Any, Any]) -> tuple[dict[Steps, _Change], li
     return changes, problems
 
 
-def _order_of_change(steps: Steps) -> tuple[int, int]:
+def _rank_change(steps: Steps) -> tuple[int, int]:
     """Return the sort key of a change: by depth, and then decisive keys before others."""
     name = steps[-1]
     rank = _DECISIVE_KEYS.index(name) if name in _DECISIVE_KEYS else len(_DECISIVE_KEYS)

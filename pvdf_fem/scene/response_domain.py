@@ -19,7 +19,7 @@ class ResponseDomain(Section):
 
     reach_mm: Annotated[float | None, Key("mm", (1e-3, 1e5), example=12.0)] = None
     """Maximum distance of a touch (the probe's centroid) from the film's centre; by default 12, but
-    at most 0.6 of the film's radius, and leaving the probe's width to the rim."""
+    at most 0.6 of the film's radius, and at least the probe's width away from the rim."""
     force_range_N: Annotated[tuple[float, float], Key("N", (1e-9, 1e6))] = (0.1, 5.0)
     """Minimum and maximum force."""
     tolerance: Annotated[
