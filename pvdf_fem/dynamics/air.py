@@ -1,18 +1,20 @@
 """Air that moves with the film: its added mass, and the sound that a film in a baffle radiates.
 
-The air is incompressible, around a flat disc. Where a plane in air moves by w, the pressures on
-its sides resist with 2 rho w''/|k|, where |k| is the wavenumber. In a rigid baffle (Rayleigh's
-integral) w vanishes outside of the disc, and the kinetic energy is rho <w', w'/|k|>. Without a
-baffle the pressures are equal outside, and it is rho <w', D^-1 w'>, where D is the operator |k| on
-functions that vanish outside. On the unit disc, with s = -1/2 with a baffle and 1/2 without (Dyda,
-Kuznetsov and Kwasnicki, Constructive Approximation 46 (2017) 311-335),
+The added mass is that of incompressible air around a flat disc. For a plane in air whose deflection
+is w with the wavenumber |k|, the pressure difference between both sides is 2 rho w''/|k|, with the
+density rho of air and time derivatives w', w''. In a rigid baffle (Rayleigh's integral), w vanishes
+outside of the disc, and the kinetic energy is rho <w', w'/|k|>. Without a baffle, the pressure
+difference vanishes outside of the disc, and the energy is rho <w', D^-1 w'>, where D is |k|
+restricted to functions that vanish outside. On the unit disc with polar coordinates r, t, let
+s = -1/2 with a baffle and s = 1/2 without. Then (Dyda, Kuznetsov and Kwasnicki, Constructive
+Approximation 46 (2017) 311-335)
 
     |k|^2s (1 - r^2)^s phi_mn = lambda_mn phi_mn,   phi_mn = r^m cos(m t) P_n^(s, m)(2 r^2 - 1),
     lambda_mn = 2^2s Gamma(1 + s + n) Gamma(1 + s + m + n)/(n! (m + n)!),
 
-and likewise for sin(m t). The phi_mn are orthogonal with the weight (1 - r^2)^s. Both energies are
-sums of squares in the coefficients of w', and the added mass is a product R R^T with a column for
-each function.
+with the Jacobi polynomials P_n, and likewise for sin(m t). The phi_mn are orthogonal with the
+weight (1 - r^2)^s, so that both energies are sums of squares of the coefficients of w'. Therefore
+the added mass is a product R R^T, where R has a column for each function.
 """
 
 from __future__ import annotations
@@ -28,25 +30,33 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.scene.film import Air
 
-SOUND_SPEED = 343.2  #: Of air at 20 degrees Celsius, m/s.
-MAX_QUADRATURE_ORDER = 19  #: The highest order that scikit-fem has.
+SOUND_SPEED = 343.2  #: Speed of sound in air at 20 degrees Celsius, in m/s.
+MAX_QUADRATURE_ORDER = 19  #: Highest quadrature order of scikit-fem.
 
 
 @dataclass(frozen=True, eq=False)
 class AirLoad:
-    """The mass and the radiation of the air on both sides of a film, for its unknowns."""
+    """Added mass and sound radiation of the air on both sides of a film, for its unknowns."""
 
-    root: Array  #: R of the added mass R R^T, (unknowns, functions), in kg^(1/2).
-    volume: Array  #: v, the volume that a unit of each unknown displaces, m^2, (unknowns,).
-    #: r in the resistance r omega^2 v v^T, in kg s/m^4: for a point source on both sides of a
-    #: baffle, to leading order in the radius over the wavelength. Without a baffle both cancel.
+    #: R of the added mass R R^T in kg^(1/2), shape (unknowns, functions).
+    root: Array
+    #: Volume v displaced per unit of each unknown, in m^2, shape (unknowns,).
+    volume: Array
+    #: Coefficient r of the radiation resistance r omega^2 v v^T, in kg s/m^4. It is that of a point
+    #: source on each side of a baffle, the leading order in radius/wavelength. It is 0 without a
+    #: baffle, where the sound of both sides cancels to this order.
     radiation: float
 
     @classmethod
     def from_equilibrium(cls, equilibrium: Equilibrium) -> AirLoad:
-        """Compute the air load of a scene; zero for a scene without air.
+        """Compute the air load of a film; zero for a scene without air.
 
-        The functions phi_mn are taken up to the degree that the largest element still resolves.
+        The functions phi_mn are used up to the degree m + 2 n that the largest element resolves.
+
+        Parameters
+        ----------
+        equilibrium : Equilibrium
+            Equations of the film, with its mesh and unknowns.
         """
         scene = equilibrium.scene
         space = equilibrium.space
@@ -56,22 +66,26 @@ class AirLoad:
         degree = 10 + int(1.5 / largest_size) if scene.air else 0
         order = int(min(8.0 + degree * largest_size, float(MAX_QUADRATURE_ORDER)))
         every_element = np.arange(space.mesh.nelements)
-        places, values, weights = space.make_quadrature(every_element, order)
+        points, values, weights = space.make_quadrature(every_element, order)
 
-        # integrals over the film of the deflection by each unknown times functions at the points
-        points = np.repeat(np.arange(weights.size), values.shape[2])
+        # Matrix that integrates functions, known at the quadrature points, times the deflection
+        # per unit of each unknown.
+        columns_of_points = np.repeat(np.arange(weights.size), values.shape[2])
         nodes = np.repeat(space.nodes, weights.shape[1], axis=0).ravel()
         entries = (values * weights[..., None]).ravel()
-        by_node = sp.csr_matrix((entries, (nodes, points)), (space.basis.N, weights.size))
+        by_node = sp.csr_matrix(
+            (entries, (nodes, columns_of_points)), (space.basis.N, weights.size)
+        )
         integrate = equilibrium.unknowns.expansion[2::3].T @ by_node
 
         s = -0.5 if air.baffle else 0.5
-        unit_places = places.reshape(-1, 2) / radius
-        # The deflection is expanded in (1 - r^2)^s phi_mn with a baffle, with coefficients by
-        # integrals of w phi_mn, and in phi_mn without one, by integrals of w (1 - r^2)^s phi_mn.
-        rim_weight = np.maximum(1.0 - (unit_places**2).sum(axis=1), 0.0) ** max(s, 0.0)
+        unit_points = points.reshape(-1, 2) / radius
+        # With a baffle, the deflection w is expanded in (1 - r^2)^s phi_mn, and its coefficients
+        # are integrals of w phi_mn. Without one, it is expanded in phi_mn, and the coefficients are
+        # integrals of w (1 - r^2)^s phi_mn.
+        rim_weight = np.maximum(1.0 - (unit_points**2).sum(axis=1), 0.0) ** max(s, 0.0)
         columns = []
-        for functions in _evaluate_functions(unit_places, degree, s):
+        for functions in _evaluate_functions(unit_points, degree, s):
             columns.append(integrate @ (rim_weight[:, None] * functions))
         root = np.sqrt(2.0 * air.density_kg_m3 / radius) * np.hstack(columns)
         volume = integrate @ np.ones(weights.size)
@@ -79,28 +93,28 @@ class AirLoad:
         return cls(root, volume, radiation=radiation)
 
 
-def _evaluate_functions(unit_places: Array, degree: int, s: float) -> Iterator[Array]:
-    """Evaluate the functions phi_mn up to a degree, scaled so that sums of squares are energies.
+def _evaluate_functions(unit_points: Array, degree: int, s: float) -> Iterator[Array]:
+    """Evaluate the functions phi_mn, scaled so that sums of squared coefficients are energies.
 
     Parameters
     ----------
-    unit_places : ndarray, shape (points, 2)
+    unit_points : ndarray, shape (n, 2)
         Points on the unit disc.
     degree : int
-        Largest m + 2 n.
+        Maximum of m + 2 n.
     s : float
-        -1/2 with a baffle, 1/2 without.
+        Exponent s: -1/2 with a baffle, 1/2 without.
 
     Yields
     ------
-    ndarray, shape (points, functions)
-        The functions of m = 0, 1 ... in turn: for all n with cos(m t), then with sin(m t).
+    ndarray, shape (n, functions)
+        For each m = 0, 1, ..., the functions of all n with cos(m t), then those with sin(m t).
     """
-    r = np.hypot(unit_places[:, 0], unit_places[:, 1])
-    angle = np.arctan2(unit_places[:, 1], unit_places[:, 0])
+    r = np.hypot(unit_points[:, 0], unit_points[:, 1])
+    angle = np.arctan2(unit_points[:, 1], unit_points[:, 0])
     for m in range(degree + 1):
         n = np.arange((degree - m) // 2 + 1)
-        # quotients of Gamma functions
+        # Ratios of Gamma functions in lambda_mn and in the norm of phi_mn.
         ratio = poch(m + n + 1, s) if s < 0.0 else 1.0 / poch(n + 1, s)
         angular_norm = 2.0 * np.pi if m == 0 else np.pi
         scale = ratio * np.sqrt((2 * n + m + s + 1) / angular_norm)

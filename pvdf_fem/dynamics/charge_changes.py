@@ -1,7 +1,7 @@
-"""Changes of charges by a small further force about a solution, by frequency or by time.
+"""Changes of the charges due to a small additional force, as functions of frequency or time.
 
-Both kinds share the solution that they start from, the channels of the readout, and the effects
-that they neglect.
+Here is what both have in common: the solution that the motion is linearised about, the channels of
+the readout, the neglected effects, and the printed summary.
 """
 
 from __future__ import annotations
@@ -23,64 +23,77 @@ from pvdf_fem.summary import Summary, TabularResult, TextTable
 
 
 class ChargeChanges(TabularResult):
-    """Changes of charges and readings against a solution, by frequency or by time."""
+    """Changes of charges and readings relative to a solution, by frequency or time."""
 
-    neglected: tuple[str, ...]
+    neglected: tuple[str, ...]  #: Descriptions of the neglected effects.
 
     def summary(self) -> Summary:
-        """Return the range, the first and the last rows, and the neglected effects."""
+        """Return the range of frequency or time, a table without errors, and neglected effects."""
         columns = {k: column for k, column in self.columns().items() if "error" not in k}
         name = next(iter(columns))
         values = columns[name]
         span = f"{name} {values.min():g} to {values.max():g}" if values.size else "none"
         table = TextTable.from_columns(columns)
         notes = [f"neglected: {text}" for text in self.neglected]
-        return Summary("changes by the force", [span], tables=[table], notes=notes)
+        return Summary("changes due to the force", [span], tables=[table], notes=notes)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the columns and the neglected effects."""
+        """Return the columns by name, and the neglected effects."""
         return {**super().to_json(), "neglected": list(self.neglected)}
 
 
 class LoadedSolution(NamedTuple):
-    """A solution with a force that can change."""
+    """Solution about which the motion is linearised, with its readout channels."""
 
     solution: Solution
-    channels: Sequence[Channel]  #: Those of the readout; empty without ``[readout]``.
+    channels: Sequence[Channel]  #: Channels of the readout; empty without ``[readout]``.
 
 
 def resolve_loaded_solution(solution: Solution | SceneLike) -> LoadedSolution:
-    """Return a solution whose force can change, after solving a scene.
+    """Check that the motion about a scene can be linearised, and solve it if necessary.
+
+    Parameters
+    ----------
+    solution : Solution, Scene, or anything that `solve` accepts as a scene
+        Solution, or a scene to solve.
 
     Raises
     ------
     SceneError
-        For a scene without a single probe, with a tip, or with charges that are not those of the
-        stress alone.
+        If the scene does not have a single probe, has a tip, or has charges that do not follow from
+        the stress alone.
     """
     scene = as_scene(solution)
     scene.require_no_tips("oscillations about the load")
     scene.require_plain_charges("oscillations", "warming_K", "temperature_K")
     if scene.single_probe is None:
-        raise SceneError(["probe = (nothing): is required; add the probe whose force changes"])
+        raise SceneError(["probe: is required; add the [probe] whose force changes"])
     if not isinstance(solution, Solution):
         solution = solve_problem(Problem.from_scene(scene))
     return LoadedSolution(solution, make_channels(scene) if scene.readout is not None else ())
 
 
 def label_in_pC(solution: Solution, charges: Any) -> dict[str, Any]:
-    """Return charges in C, (electrodes, n), as charges in pC by electrode name."""
+    """Convert charges from C to pC, and return them by the name of the electrode.
+
+    Parameters
+    ----------
+    solution : Solution
+        Solution with the electrodes.
+    charges : ndarray, shape (electrodes, n)
+        Charges in C, which may be complex.
+    """
     names = [electrode.name for electrode in solution.scene.electrode_list]
     return dict(zip(names, 1e12 * charges, strict=True))
 
 
 def describe_neglected_effects(solution: Solution) -> tuple[str, ...]:
-    """Describe the effects that oscillations about a solution neglect.
+    """Describe the effects that the linearised motion about a solution neglects.
 
     Notes
     -----
-    A disc without a baffle radiates 0.03 (k a)^2 times the power with a baffle, where k is the
-    wavenumber of sound (rigid disc, to leading order).
+    A disc of radius a without a baffle radiates about 0.03 (k a)^2 times the power that it radiates
+    in a baffle, where k is the wavenumber of sound (rigid disc, leading order in k a).
     """
     scene = solution.scene
     effects = list(solution.neglected)
@@ -88,11 +101,12 @@ def describe_neglected_effects(solution: Solution) -> tuple[str, ...]:
         effects.append(describe_missing_air(scene))
     if scene.film.loss_tangent is None:
         effects.append(
-            "damping by the film: resonances are too high; to include it give film.loss_tangent"
+            "damping by the film: resonant amplitudes are too large; to include it give"
+            " film.loss_tangent"
         )
     if scene.air is not None and not scene.air.baffle:
-        share = 0.03 * (2e3 * np.pi * scene.film.radius / SOUND_SPEED) ** 2
+        fraction = 0.03 * (2e3 * np.pi * scene.film.radius / SOUND_SPEED) ** 2
         effects.append(
-            f"damping by sound: {100.0 * share:.1g} % of that with air.baffle = true at 1 kHz"
+            f"damping by sound: {100.0 * fraction:.1g} % of that with air.baffle = true at 1 kHz"
         )
     return tuple(effects)

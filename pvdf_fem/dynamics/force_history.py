@@ -1,4 +1,4 @@
-"""Forces by time, as sums of exponentials that are switched on."""
+"""Forces as functions of time: sums of exponentials that are switched on at some time."""
 
 from __future__ import annotations
 
@@ -11,30 +11,31 @@ from pvdf_fem.scene.arguments import coerce
 
 
 class SwitchedExponential(NamedTuple):
-    """The term c exp(p (t - t0)) of a force, zero before the time t0."""
+    """Term c exp(p (t - t0)) of a force, zero before the time t0."""
 
-    start_s: float  #: t0.
-    rate: complex  #: p in 1/s.
-    amplitude_N: complex  #: c.
+    start_s: float  #: Time t0 in s.
+    rate: complex  #: Rate p in 1/s.
+    amplitude_N: complex  #: Amplitude c in N.
 
 
-#: A force by time: the sum of its terms, which is real.
+#: A force as a function of time: the sum of its terms, which is real.
 ForceHistory = tuple[SwitchedExponential, ...]
 
 
 def step(force_N: float, duration_s: float = math.inf) -> ForceHistory:
-    """Make a further force that sets in at t = 0 and stays constant for some time.
+    """Make an additional force that is switched on at t = 0 and constant for some time.
 
     Parameters
     ----------
     force_N : float
-        Force beside that of the scene's load.
+        Force in addition to that of the scene's load; it may be negative.
     duration_s : float, optional
-        By default the force stays.
+        Time after which the force is switched off. Default: never.
 
     Returns
     -------
     tuple of SwitchedExponential
+        The two terms of the force.
 
     Examples
     --------
@@ -48,19 +49,19 @@ def step(force_N: float, duration_s: float = math.inf) -> ForceHistory:
 
 
 def half_sine(force_N: float, duration_s: float) -> ForceHistory:
-    """Make a further force F sin(pi t/T) from t = 0 to the duration T.
+    """Make an additional force F sin(pi t/T) that acts from t = 0 to t = T.
 
     Parameters
     ----------
     force_N : float
-        Largest force F beside that of the scene's load.
+        Amplitude F in addition to the force of the scene's load; it may be negative.
     duration_s : float
-        T.
+        Duration T.
 
     Returns
     -------
     tuple of SwitchedExponential
-        Two sines, the second of which cancels the first from T on.
+        Four terms of two sines; the second sine starts at T and cancels the first from then on.
 
     Examples
     --------
@@ -80,12 +81,12 @@ def half_sine(force_N: float, duration_s: float) -> ForceHistory:
 
 
 def _coerce_force(force_N: float) -> float:
-    """Return a further force as a number; ValueError for anything else."""
+    """Convert an additional force to a float in N; raise ValueError if it is not valid."""
     return float(coerce("force_N", force_N, float, (-1e6, 1e6), "N"))
 
 
 def _coerce_duration(duration_s: float) -> float:
-    """Return a duration as a number, which may be infinite; ValueError for anything else."""
+    """Convert a duration, which may be infinite, to a float in s; raise ValueError if invalid."""
     if duration_s == math.inf:
         return duration_s
     return float(coerce("duration_s", duration_s, float, (1e-9, 1e9), "s"))

@@ -1,4 +1,4 @@
-"""Charges of a small oscillating force about a solution, by frequency."""
+"""Frequency response: charges due to a small oscillating force about a solution."""
 
 from __future__ import annotations
 
@@ -23,23 +23,28 @@ from pvdf_fem.solver.solution import Solution
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MAX_FREQUENCY_HZ = 1e6  #: Highest frequency.
+MAX_FREQUENCY_HZ = 1e6  #: Maximum frequency that may be requested.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrequencyResponse(ChargeChanges):
-    """Complex amplitudes over the force's amplitude about a solution, (n,), by electrode."""
+    """Complex amplitudes of charges and readings per amplitude of the force, by electrode.
 
-    solution: Solution
+    Arrays have the shape (n,), one value for each of `frequencies_Hz`.
+    """
+
+    solution: Solution  #: Solution about which the motion is linearised.
     frequencies_Hz: Array
-    charges_pC_N: dict[str, ComplexArray]
-    charge_errors_pC_N: dict[str, Array]  #: Estimated discretisation errors, absolute.
-    readings_V_N: dict[str, ComplexArray]  #: Of the channels; empty without ``[readout]``.
-    resonances_Hz: Array  #: Those that the force excites, without losses, up to the last frequency.
-    neglected: tuple[str, ...]  #: Effects that the model neglects, with their sizes.
+    charges_pC_N: dict[str, ComplexArray]  #: Amplitudes of the charges.
+    charge_errors_pC_N: dict[str, Array]  #: Estimated absolute discretisation errors.
+    #: Amplitudes of the channels' readings; empty without ``[readout]``.
+    readings_V_N: dict[str, ComplexArray]
+    #: Undamped resonances that the force excites, up to the highest frequency, shape (m,).
+    resonances_Hz: Array
+    neglected: tuple[str, ...]  #: Descriptions of the neglected effects, with their sizes.
 
     def plot(self) -> Figure:
-        """Draw amplitudes with the resonances marked, and phases if something damps the film."""
+        """Plot the amplitudes of the charges with the resonances, and phases of a damped film."""
         from pvdf_fem.view.charts.vibration import draw_frequency_response
 
         return draw_frequency_response(
@@ -47,7 +52,7 @@ class FrequencyResponse(ChargeChanges):
         )
 
     def columns(self) -> dict[str, Array]:
-        """Return the columns of the table by `pvdf-fem respond`."""
+        """Return the columns of the table that `pvdf-fem respond` prints."""
         columns = {"frequency_Hz": self.frequencies_Hz}
         for name, charges in self.charges_pC_N.items():
             columns[f"{name}_real_pC_N"] = charges.real
@@ -66,27 +71,33 @@ def respond(
     refined: bool = False,
     progress: Progress | bool | None = None,
 ) -> FrequencyResponse:
-    """Compute the charges of a small oscillating force of the probe along z, by frequency.
+    """Compute the charges due to a small oscillating force of the probe along z, by frequency.
 
     Parameters
     ----------
-    solution : Solution, Scene, or whatever `solve` takes for a scene
-        The loaded state, or a scene that is solved first, with one probe that is no tip.
+    solution : Solution, Scene, or anything that `solve` accepts as a scene
+        Solution of the loaded film, or a scene to solve first. It must have a single probe that is
+        not a tip.
     frequencies_Hz : array_like
-        One or several, not below zero.
+        One or several frequencies, which may be zero.
     refined : bool, optional
-        Whether frequencies about the resonances are added.
+        Whether to add frequencies close to the resonances.
     progress : callable or bool, optional
-        As for `modes`, in vectors of each of two bases, of which few of the largest number may do.
+        Function that is called with the number of Ritz vectors so far and their maximum number, for
+        each of two bases, or whether to show these. Often few vectors suffice.
 
     Returns
     -------
     FrequencyResponse
+        Complex amplitudes per newton.
 
     Raises
     ------
+    SceneError
+        If the scene does not have a single probe, has a tip, or has charges that do not follow from
+        the stress alone.
     NotConvergedError
-        Where the frequencies are too high for the film.
+        If the frequencies are too high for the reduced basis, or the solve does not converge.
 
     Examples
     --------
@@ -123,18 +134,20 @@ def respond(
 def _refine_about_resonances(
     frequencies_Hz: Array, resonances_Hz: Array, nearest: float = 1e-3, count: int = 12
 ) -> Array:
-    """Add frequencies on both sides of resonances, at distances in a geometric series.
+    """Return the sorted frequencies together with frequencies on both sides of the resonances.
+
+    The relative distances from a resonance form a geometric sequence from `nearest` to 0.1.
 
     Parameters
     ----------
     frequencies_Hz : ndarray, shape (n,)
-        Only frequencies between the lowest and the highest are added.
+        Frequencies to refine. None are added outside of their range.
     resonances_Hz : ndarray, shape (m,)
-        Resonances to refine about.
+        Resonances.
     nearest : float, optional
-        Least distance from a resonance, relative to it; the largest is 0.1.
+        Minimum distance from a resonance, relative to it.
     count : int, optional
-        Number of frequencies on each side.
+        Number of frequencies on each side of a resonance.
     """
     distances = np.geomspace(nearest, 0.1, count)
     ratios = np.concatenate([1.0 - distances, 1.0 + distances])

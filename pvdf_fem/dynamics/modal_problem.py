@@ -1,8 +1,8 @@
-"""The modes of a film on a sequence of meshes: sizes of elements, solves and errors.
+"""The modes of a film on a sequence of meshes: element sizes, solves and errors.
 
-Frequencies converge from above, with the fourth power of the element size for quadratic elements.
-The mesh starts from that law for the flat film and is refined until the estimated errors are below
-``numerics.tolerance``.
+With quadratic elements, frequencies converge from above with the fourth power of the element size.
+The first mesh is chosen by this law for the flat film. Meshes are refined until the estimated
+errors are below ``numerics.tolerance``.
 """
 
 from __future__ import annotations
@@ -29,30 +29,31 @@ from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
 from pvdf_fem.solver.nonlinear.newton import FailedAttempt, NewtonResult
 from pvdf_fem.solver.nonlinear.status import Status
 
-#: Error of a frequency of the flat disc over (wavenumber x element size)^4, measured.
+#: Relative error of a frequency of the flat disc, divided by (wavenumber x element size)^4;
+#: measured.
 FLAT_ERROR = 4e-4
-#: Order of a frequency's error in the element size.
+#: Order of convergence of a frequency with the element size.
 ERROR_ORDER = 4.0
-#: Newton iterations that cost as much as an eigenvalue problem.
+#: Number of Newton iterations that cost as much as one eigenvalue problem.
 ITERATIONS_PER_EIGENPROBLEM = 3
 
 
 @dataclass(frozen=True, eq=False)
 class ModalLevel:
-    """The modes on one mesh, or the reason for which there are none."""
+    """Modes on one mesh, or the reason why there are none."""
 
     equilibrium: Equilibrium
-    status: Status
-    #: Newton iterations to the equilibrium.
+    status: Status  #: `Status.CONVERGED`, or why there are no modes.
+    #: Number of Newton iterations to the equilibrium.
     iterations: int = 0
-    #: Solvers that failed before.
+    #: Solvers of the fallback chain that failed.
     failed_attempts: tuple[FailedAttempt, ...] = ()
-    #: By `VACUUM` and `AIR`; empty unless converged.
+    #: Modes in `VACUUM` and `AIR`; empty unless converged.
     spectra: Mapping[str, Spectrum] = field(default_factory=dict)
 
     @property
     def worst(self) -> float:
-        """Largest relative error of a frequency; zero without modes."""
+        """Largest relative error of a frequency; zero if there are no modes."""
         largest = 0.0
         for spectrum in self.spectra.values():
             largest = max(largest, float(np.max(spectrum.errors / spectrum.frequencies)))
@@ -60,67 +61,76 @@ class ModalLevel:
 
     @property
     def bound(self) -> float:
-        """The error that is compared with the tolerance."""
+        """Error that `AdaptiveLoop` compares with the tolerance."""
         return self.worst
 
     @property
     def unknowns(self) -> int:
-        """Number of unknowns."""
+        """Number of unknowns on this mesh."""
         return self.equilibrium.unknowns.count
 
 
 @dataclass(eq=False)
 class ModalProblem:
-    """The modes of one film, to be solved on any mesh."""
+    """Problem of the lowest modes of one film, solved on a sequence of meshes."""
 
-    #: The film, with the probes that have an effect on its modes.
+    #: Film with those probes that affect its modes.
     problem: Problem
     #: Number of modes.
     count: int
-    #: Whether the film vibrates about its equilibrium under the load.
+    #: Whether the film vibrates about its loaded equilibrium.
     loaded: bool
-    #: Relative increase of the highest frequency by bending, roughly.
-    bending_share: float
+    #: Rough relative increase of the highest frequency due to bending.
+    bending_increase: float
+    #: Limits of unknowns and time.
     budget: Budget
     timer: StageTimer = field(default_factory=StageTimer)
-    #: Sizes of the last mesh.
+    #: Element sizes of the last mesh; set by `choose_first_sizes` and `choose_next_sizes`.
     sizes: GradedSizes | None = None
-    #: Called at each linear solve of an eigenvalue problem.
+    #: Function that is called at each linear solve of an eigenvalue problem.
     on_solve: Callable[[], None] = lambda: None
 
     @classmethod
     def with_default_budget(
-        cls, problem: Problem, count: int, loaded: bool, bending_share: float
+        cls, problem: Problem, count: int, loaded: bool, bending_increase: float
     ) -> ModalProblem:
-        """Make the modal problem with the budget that follows from its numerics.
+        """Make the modal problem with the budget from ``[numerics]`` of the scene.
 
         Parameters
         ----------
         problem : Problem
-            The film, with the probes that have an effect on its modes.
+            Film with those probes that affect its modes.
         count : int
             Number of modes.
         loaded : bool
-            Whether the film vibrates about its equilibrium under the load.
-        bending_share : float
-            Relative increase of the highest frequency by bending, from `estimate_bending_share`.
+            Whether the film vibrates about its loaded equilibrium.
+        bending_increase : float
+            Relative increase of the highest frequency due to bending, see
+            `estimate_bending_increase`.
         """
-        return cls(problem, count, loaded, bending_share, budget=_make_budget(problem))
+        return cls(problem, count, loaded, bending_increase, budget=_make_budget(problem))
 
     def solve(self) -> tuple[ModalLevel, Stop]:
-        """Solve on ever finer meshes, and return the best level with the reason to stop.
+        """Solve for the modes on increasingly fine meshes.
+
+        Returns
+        -------
+        level : ModalLevel
+            The best level.
+        stop : Stop
+            Reason why no finer mesh was solved.
 
         Raises
         ------
         MeshError
-            When there is no first mesh.
+            If the first mesh cannot be made.
         TooManyUnknownsError
-            When the first mesh would be too large.
+            If the first mesh would have too many unknowns.
         """
         loop = AdaptiveLoop(
             self.problem,
             self.choose_first_sizes,
-            self.solve_on,
+            self.solve_modes_on,
             self.choose_next_sizes,
             self.budget,
             self.timer,
@@ -129,7 +139,7 @@ class ModalProblem:
         return loop.run()
 
     def choose_first_sizes(self) -> GradedSizes:
-        """Choose sizes that meet half the tolerance for the flat film."""
+        """Choose and store element sizes whose error is half the tolerance for the flat film."""
         scene = self.problem.scene
         tolerance = scene.numerics.tolerance
         wavelengths = (0.5 * tolerance / FLAT_ERROR) ** (1.0 / ERROR_ORDER)
@@ -140,7 +150,7 @@ class ModalProblem:
             patch_sizes[load.patch] = min(size, width)
         if self.problem.film.bends:
             layer = choose_layer_size(
-                estimate_bending_effect(scene).rim_length, self.bending_share, tolerance
+                estimate_bending_effect(scene).rim_length, self.bending_increase, tolerance
             )
             patch_sizes[FILM] = min(size, layer)
         self.sizes = GradedSizes(patch_sizes, 0.4, size)
@@ -149,16 +159,18 @@ class ModalProblem:
     def choose_next_sizes(
         self, level: ModalLevel, tolerance: float, max_unknowns: float
     ) -> GradedSizes:
-        """Choose sizes at which the largest error would be a tolerance, by the law of its order.
+        """Choose and store element sizes whose error would be the tolerance, by extrapolation.
+
+        The sizes are scaled by a factor between 0.25 and 0.8.
 
         Parameters
         ----------
         level : ModalLevel
-            The solve with the last sizes.
+            Modes on the last mesh, with their errors.
         tolerance : float
-            Relative error of a frequency.
+            Desired relative error of the frequencies.
         max_unknowns : float
-            Largest number of unknowns.
+            Maximum number of unknowns of the next mesh.
         """
         assert self.sizes is not None
         by_error = (tolerance / level.worst) ** (1.0 / ERROR_ORDER)
@@ -166,15 +178,15 @@ class ModalProblem:
         self.sizes = self.sizes.scale(float(np.clip(by_error, smallest, 0.8)))
         return self.sizes
 
-    def solve_on(self, mesh: MeshTri2, coarser: ModalLevel | None) -> ModalLevel:
-        """Solve for the modes on a mesh.
+    def solve_modes_on(self, mesh: MeshTri2, coarser: ModalLevel | None) -> ModalLevel:
+        """Solve for the modes on a mesh, with their errors from elements of the next order.
 
         Parameters
         ----------
         mesh : MeshTri2
             Mesh of six-node triangles.
         coarser : ModalLevel or None
-            The solve on the mesh before, which is not used.
+            Not used; `AdaptiveLoop` passes the level on the previous mesh.
         """
         order = max(2, self.problem.film.kinematics.lowest_order + 1)
         coarse = Equilibrium(self.problem, mesh, order)
@@ -215,35 +227,37 @@ class ModalProblem:
 
 
 def _is_slack(equilibrium: Equilibrium) -> bool:
-    """Return whether a flat film has no stiffness in some direction, so that no mode is lowest."""
+    """Return whether a flat film without bending has no stiffness in some direction."""
     if equilibrium.model.bends:
         return False
-    least_stress = equilibrium.film.prestress[:2].min()
-    return bool(least_stress == 0.0 or (equilibrium.model.wrinkles and least_stress < 0.0))
+    min_stress = equilibrium.film.prestress[:2].min()
+    return bool(min_stress == 0.0 or (equilibrium.model.wrinkles and min_stress < 0.0))
 
 
 def _make_budget(problem: Problem, default_unknowns: int = 180_000) -> Budget:
-    """Return the budget of the modes; by default the same number of unknowns at any tolerance."""
+    """Make the budget of a modal problem; its default of unknowns is the same at any tolerance."""
     max_unknowns = problem.scene.numerics.max_unknowns or default_unknowns
     return replace(Budget.for_problem(problem), max_unknowns=max_unknowns, bounds_first_mesh=True)
 
 
-def estimate_bending_share(scene: Scene, count: int, loaded: bool) -> float:
-    """Estimate the relative increase of the highest frequency by bending, roughly.
+def estimate_bending_increase(scene: Scene, count: int, loaded: bool) -> float:
+    """Estimate roughly the relative increase of the highest frequency due to bending.
 
     Parameters
     ----------
     scene : Scene
-        Film and probes.
+        Scene with the film and the probes.
     count : int
         Number of modes.
     loaded : bool
-        Whether the film vibrates about its equilibrium under the load.
+        Whether the film vibrates about its loaded equilibrium.
 
     Notes
     -----
-    Bending stiffens the film within the length l = sqrt(D/N) of the rim, which makes the membrane
-    smaller by l all round, and by the stiffness D k^4 beside N k^2 for waves of number k.
+    Bending has two effects, which are added. At the clamped rim, a boundary layer of the length
+    l = sqrt(D/N), with the bending stiffness D and the tension N, reduces the effective radius a of
+    the membrane by l, which increases the frequencies by l/a. Waves with the wavenumber k have the
+    stiffness N k^2 + D k^4, which increases the frequencies by (k l)^2/2.
     """
     effect = estimate_bending_effect(scene)
     length = (effect.rim_length if loaded else effect.unloaded_length) / scene.film.radius
@@ -251,5 +265,8 @@ def estimate_bending_share(scene: Scene, count: int, loaded: bool) -> float:
 
 
 def estimate_wavenumber(count: int) -> float:
-    """Return k a of the disc's mode of a number n, by Weyl's law n = (k a)^2/4 - k a/2."""
+    """Estimate the wavenumber, times the radius, of the highest of several modes of a disc.
+
+    Weyl's law for n modes of a disc with the radius a is n = (k a)^2/4 - k a/2.
+    """
     return 1.0 + float(np.sqrt(1.0 + 4.0 * count))

@@ -1,10 +1,10 @@
 """Vibration of the stretched film: frequencies and shapes of its lowest modes.
 
-Small oscillations about an equilibrium: K phi = omega^2 M phi, where K is the tangent stiffness
-there and M the mass rho h of all three displacement components. Bending is part of K if the scene
-says so. Here ``film.bending = "auto"`` includes bending where it could change a frequency by more
-than the tolerance. The unknowns are those of the scene: film under a rigid, massless punch moves as
-a whole.
+Small oscillations about an equilibrium with the angular frequency omega and the shape phi satisfy
+K phi = omega^2 M phi, where K is the tangent stiffness at the equilibrium and M the mass matrix of
+all three displacement components. Bending is part of K if ``film.bending`` is true; with ``"auto"``
+it is included if it could change a frequency by more than the tolerance. The film under a rigid,
+massless punch moves as a rigid body.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from skfem import Basis
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.dynamics.modal_problem import ModalProblem, estimate_bending_share
+from pvdf_fem.dynamics.modal_problem import ModalProblem, estimate_bending_increase
 from pvdf_fem.dynamics.spectrum import AIR, VACUUM, Spectrum
 from pvdf_fem.film.coupling import describe_coupling
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
@@ -33,31 +33,32 @@ from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MAX_MODES = 200  #: Largest number of modes that may be requested.
-#: Lanczos steps of both pencils for each mode, roughly.
+MAX_MODES = 200  #: Maximum number of modes that may be requested.
+#: Rough number of linear solves per mode, for the pencils of both orders together.
 SOLVES_PER_MODE = 8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Modes(Result):
-    """The lowest modes of a film, or the reason for which there are none."""
+    """Lowest modes of a film, or the reason why there are none."""
 
     scene: Scene
-    loaded: bool  #: Whether the modes are those about the loaded film, not the flat one.
+    loaded: bool  #: Whether the film vibrates about its loaded equilibrium, not the flat state.
     status: Status  #: `Status.CONVERGED`, or why there are no modes.
-    reason: str  #: The status in words, with a change that helps.
-    neglected: tuple[str, ...] = ()  #: Effects that the model neglects, with their sizes.
-    seconds: dict[str, float] = field(default_factory=dict)  #: mesh, solve, modes, total.
+    reason: str  #: Explanation of the status, and what would help.
+    neglected: tuple[str, ...] = ()  #: Descriptions of the neglected effects, with their sizes.
+    #: Computing times by stage: mesh, solve, modes, total.
+    seconds: dict[str, float] = field(default_factory=dict)
     _spectra: Mapping[str, Spectrum] = field(default_factory=dict)
 
     @property
     def spectra(self) -> Mapping[str, Spectrum]:
-        """The modes as vectors of unknowns, in `VACUUM` and, with ``[air]``, in `AIR`.
+        """Spectra in `VACUUM` and, with ``[air]``, in `AIR`, with the modes as unknowns.
 
         Raises
         ------
         NotConvergedError
-            Unless converged.
+            If the status is not ``CONVERGED``.
         """
         if self.status is not Status.CONVERGED:
             raise NotConvergedError(f"{self.status}: {self.reason}")
@@ -65,42 +66,68 @@ class Modes(Result):
 
     @property
     def frequencies_Hz(self) -> Array:
-        """Lowest frequencies, ascending, (n,); both of a pair of equal ones."""
+        """Lowest frequencies in vacuum in ascending order.
+
+        A frequency that belongs to two modes is there twice.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
         return self.spectra[VACUUM].frequencies
 
     @property
     def frequency_errors_Hz(self) -> Array:
-        """Estimated discretisation errors of the frequencies, absolute, (n,)."""
+        """Estimated absolute discretisation errors of `frequencies_Hz`.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
         return self.spectra[VACUUM].errors
 
     @property
     def frequencies_in_air_Hz(self) -> Array | None:
-        """Lowest frequencies with the scene's air, ascending, (n,); None without ``[air]``."""
+        """Lowest frequencies in air in ascending order; None without ``[air]``.
+
+        Returns
+        -------
+        ndarray, shape (n,), or None
+        """
         return self.spectra[AIR].frequencies if AIR in self.spectra else None
 
     @property
     def basis(self) -> Basis:
-        """Scalar basis for every component in `shapes`, on a mesh in m.
+        """Scalar finite-element basis of each component of `shapes`, on a mesh in m.
 
-        The mesh has no outlines of probes that have no effect.
+        The outlines of probes that do not affect the modes are not edges of the mesh.
         """
         return self.spectra[VACUUM].equilibrium.space.basis
 
     @property
     def shapes(self) -> Array:
-        """u, v, w by mode at the dofs of `basis`, (n, dofs, 3).
+        """Displacements u, v, w of the modes in vacuum.
 
-        Scaled to a largest displacement 1, positive where largest. The shapes of two modes with
-        equal frequencies are an arbitrary pair of their combinations.
+        The values are those at the degrees of freedom of `basis`. Each mode is scaled so that its
+        component with the largest magnitude is 1. Two modes with the same frequency are an
+        arbitrary basis of their common space.
+
+        Returns
+        -------
+        ndarray, shape (n, dofs, 3)
         """
         return self.spectra[VACUUM].shapes
 
     @property
     def _film_state(self) -> str:
+        """Words for the equilibrium about which the film vibrates."""
         return "film under its load" if self.loaded else "flat film"
 
     def plot(self) -> Figure:
-        """Draw the shapes of the modes with their frequencies, with the scene's air if any."""
+        """Plot the deflections of the modes with their frequencies.
+
+        The modes are those in air if the scene has ``[air]``, otherwise those in vacuum.
+        """
         from pvdf_fem.view.charts.vibration import draw_mode_shapes
 
         medium = AIR if AIR in self.spectra else VACUUM
@@ -114,7 +141,7 @@ class Modes(Result):
         return draw_mode_shapes(shapes, basis, self.scene.film.radius_mm, title)
 
     def summary(self) -> Summary:
-        """Return the status, the film or the reason, tables of modes, and neglected effects."""
+        """Return the status, tables of the modes or the reason why there are none, and notes."""
         notes = [f"neglected: {text}" for text in self.neglected]
         if self.status is not Status.CONVERGED:
             return Summary(self.status, [self.reason], notes=notes)
@@ -125,7 +152,7 @@ class Modes(Result):
         return Summary(self.status, [sentence], tables=tables, notes=notes)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the values of `pvdf-fem modes --json`; without frequencies unless converged."""
+        """Return the dict that `pvdf-fem modes --json` prints; no frequencies unless converged."""
         values: dict[str, Any] = {"status": str(self.status)}
         if self.status is Status.CONVERGED:
             values["unknowns"] = self.spectra[VACUUM].equilibrium.unknowns.count
@@ -142,7 +169,7 @@ class Modes(Result):
 
 
 def _make_table(medium: str, spectrum: Spectrum) -> TextTable:
-    """Return the table of the frequencies with their errors."""
+    """Make the table of the frequencies in a medium, with their errors."""
     rows = []
     for i in range(len(spectrum.frequencies)):
         frequency = float(spectrum.frequencies[i])
@@ -157,24 +184,31 @@ def modes(
     loaded: bool = False,
     progress: Progress | bool | None = None,
 ) -> Modes:
-    """Compute the lowest modes of vibration of a scene's film.
+    """Compute the lowest modes of vibration of a film.
 
     Parameters
     ----------
     scene : Scene, path of its file, dict of its tables, or a result of it
-        Its ``numerics.tolerance`` is the largest relative error of a frequency.
+        Scene of the film. Its ``numerics.tolerance`` is the maximum relative error of a frequency.
     count : int, optional
         Number of modes, from 1 to 200.
     loaded : bool, optional
-        About the equilibrium under the load instead of the flat film, which has no frequencies
-        without tension in all directions.
+        Whether the film vibrates about its equilibrium under the load, instead of about the flat
+        state. A flat membrane has modes only if it is under tension in all directions.
     progress : callable or bool, optional
-        Called with the numbers of linear solves that are done and that are expected; or whether
-        these are shown, see `pvdf_fem.progress.show_progress`.
+        Function that is called with the numbers of finished and expected linear solves, or whether
+        to show these; see `pvdf_fem.progress.show_progress`.
 
     Returns
     -------
     Modes
+        Modes in vacuum and, with ``[air]``, in air. If they cannot be computed, `status` and
+        `reason` say why; no exception is raised for that.
+
+    Raises
+    ------
+    SceneError
+        If the scene is not valid, or has a tip and `loaded` is true.
 
     Examples
     --------
@@ -187,12 +221,12 @@ def modes(
     if loaded:
         scene.require_no_tips("frequencies about the load")
     film_scene = scene if loaded else _keep_rigid_probes(scene)
-    bending_share = estimate_bending_share(film_scene, count, loaded)
+    bending_increase = estimate_bending_increase(film_scene, count, loaded)
     bending = scene.film.bending
     if bending == "auto":
-        bending = bending_share > scene.numerics.tolerance
+        bending = bending_increase > scene.numerics.tolerance
     problem = Problem.from_scene(film_scene.with_(**{"film.bending": bending}))
-    modal = ModalProblem.with_default_budget(problem, count, loaded, bending_share)
+    modal = ModalProblem.with_default_budget(problem, count, loaded, bending_increase)
     pencils = 2 if scene.air else 1
     try:
         with show_progress("solves", progress) as show:
@@ -208,7 +242,7 @@ def modes(
     if status is Status.CONVERGED and level.worst > scene.numerics.tolerance:
         status = Status.TOLERANCE
         reason = f"{status.advice}, to at least {level.worst:.1e}, which was reached ({stop})"
-    neglected = list(_describe_neglected_effects(scene, bending_share, includes_bending=bending))
+    neglected = list(_describe_neglected_effects(scene, bending_increase, includes_bending=bending))
     if loaded:
         for is_included, text in describe_coupling(problem.scene):
             if not is_included:
@@ -225,9 +259,9 @@ def modes(
 
 
 def _keep_rigid_probes(scene: Scene) -> Scene:
-    """Return the scene of the flat film: rigid probes without loads or heat, and no others.
+    """Return a copy of the scene with only its rigid probes, without loads and heat.
 
-    Rigid probes bind unknowns together; other probes have no effect on the flat film.
+    Rigid probes constrain the film even without a load; other probes have no effect on a flat film.
     """
     rigid = []
     for load in scene.loaded_probes:
@@ -238,29 +272,29 @@ def _keep_rigid_probes(scene: Scene) -> Scene:
 
 
 def _describe_neglected_effects(
-    scene: Scene, bending_share: float, includes_bending: bool
+    scene: Scene, bending_increase: float, includes_bending: bool
 ) -> tuple[str, ...]:
-    """Describe bending, unless it is part of the model, and air, if the scene has no air.
+    """Describe the effects of bending and air, unless they are included.
 
     Parameters
     ----------
     scene : Scene
-        Film and air.
-    bending_share : float
-        Relative increase of the highest frequency by bending.
+        Scene with the film and the air.
+    bending_increase : float
+        Relative increase of the highest frequency due to bending.
     includes_bending : bool
-        Whether bending is part of the model.
+        Whether bending is included.
     """
     effects = []
     if not includes_bending:
-        if bending_share > 0.3:
+        if bending_increase > 0.3:
             effects.append(
                 'bending: the film vibrates as a plate; give film.bending = "auto" or true'
             )
         else:
             effects.append(
                 "bending: raises the highest of these frequencies by about"
-                f" {bending_share:.1%}; to include it give film.bending = true"
+                f" {bending_increase:.1%}; to include it give film.bending = true"
             )
     if not scene.air:
         effects.append(describe_missing_air(scene))
@@ -268,18 +302,19 @@ def _describe_neglected_effects(
 
 
 def describe_missing_air(scene: Scene, baffle_factor: float = 1.5) -> str:
-    """Describe the effect of air on a film in vacuum.
+    """Describe the added mass of air, for a scene whose air is neglected.
 
     Parameters
     ----------
     scene : Scene
-        Film and air.
+        Scene with the film.
     baffle_factor : float, optional
-        Added mass with a baffle over the added mass without one.
+        Ratio of the added mass with a baffle to that without one.
 
     Notes
     -----
-    In the lowest mode the added mass per area is about the density of air times the film's radius.
+    In the lowest mode, the added mass per area without a baffle is about the density of air times
+    the film's radius.
     """
     film = scene.film
     ratio = Air().density_kg_m3 * film.radius / (film.density * film.thickness)

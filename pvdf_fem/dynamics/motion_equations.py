@@ -1,17 +1,20 @@
-"""Small oscillations about a loaded film, and the few vectors that describe them in a band.
+"""Small oscillations about a loaded film, and their reduction to a few Ritz vectors.
 
-With the tangent K at the equilibrium, the mass M of film and air, a force F exp(i omega t) along f
-and the derivatives g of the electrodes' charges,
+Let K be the tangent stiffness at the equilibrium, M the mass of film and air, F exp(i omega t) a
+force with the load vector f per unit, and g the derivatives of the electrodes' charges. The
+amplitudes q of the unknowns and Q of the charges satisfy
 
     (K + i tan(delta) K_e - omega^2 M + i omega^3 r v v^T) q = f F,   Q = (1 + i tan(delta)) g . q.
 
-The loss tangent is that of the moduli: K_e is K without the stiffness by tension, which has no
-losses, and the charge has the phase of the stress. r v v^T is the sound of a film in a baffle.
+The loss tangent tan(delta) is that of the elastic moduli: K_e is K without the geometric stiffness
+due to tension, which has no losses, and the charges have the phase of the stress. The term with
+r v v^T is the sound that a film in a baffle radiates.
 
-The equations are projected on load-dependent Ritz vectors (Wilson, Yuan and Dickens, Earthquake
-Engineering and Structural Dynamics 10 (1982) 813-821): first the static displacement K^-1 f, so
-that static charges are exact, then K^-1 M of the vector before, all orthonormal by M. K has its
-losses there. Where the film radiates sound, vectors from K^-1 v are added.
+The equations are projected onto load-dependent Ritz vectors (Wilson, Yuan and Dickens, Earthquake
+Engineering and Structural Dynamics 10 (1982) 813-821). The first is the static displacement K^-1 f,
+so that static charges are exact; each further one is K^-1 M times the previous vector. All are
+orthonormal with respect to M, and K includes its losses. If the film radiates sound, a second
+sequence begins with K^-1 v.
 """
 
 from __future__ import annotations
@@ -39,34 +42,38 @@ from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 from pvdf_fem.solver.solution import Solution
 
 TINY = np.finfo(float).tiny
-#: Number of Ritz vectors at which the charges are first compared.
+#: Number of Ritz vectors at which the convergence of the charges is tested first.
 FIRST_COMPARISON = 16
 ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
 class MotionEquations:
-    """Linear equations of motion, for unknowns of the film or for amplitudes of vectors."""
+    """Linear equations of motion, see the head of this module for the symbols.
 
-    stiffness: Any  #: K in N/m.
-    elastic: Any  #: K_e in N/m.
-    mass: Any  #: M in kg, with that of the air.
-    force: Array  #: f, (unknowns,).
-    rates: Array  #: g in C/m, (unknowns, electrodes).
-    volume: Array  #: v in m^2, (unknowns,).
-    radiation: float  #: r in kg s/m^4.
-    loss_tangent: float
+    The unknowns are those of the film, with sparse matrices, or the amplitudes of vectors, with
+    dense matrices.
+    """
+
+    stiffness: Any  #: Tangent stiffness K in N/m.
+    elastic: Any  #: Elastic stiffness K_e in N/m.
+    mass: Any  #: Mass M in kg, including the added mass of air.
+    force: Array  #: Load vector f per newton, shape (unknowns,).
+    rates: Array  #: Derivatives g of the charges in C/m, shape (unknowns, electrodes).
+    volume: Array  #: Displaced volume v per unknown in m^2, shape (unknowns,).
+    radiation: float  #: Coefficient r in kg s/m^4.
+    loss_tangent: float  #: tan(delta).
 
     @classmethod
     def linearise(cls, equilibrium: Equilibrium, q: Array) -> MotionEquations:
-        """Linearise the motion about an equilibrium, with a force of the first probe along z.
+        """Linearise the motion about an equilibrium; the force acts on the first probe along z.
 
         Parameters
         ----------
         equilibrium : Equilibrium
             Equations of the loaded film.
         q : ndarray, shape (unknowns,)
-            Their solution.
+            Unknowns at equilibrium.
         """
         state = equilibrium.state(q)
         air = AirLoad.from_equilibrium(equilibrium)
@@ -91,7 +98,13 @@ class MotionEquations:
         )
 
     def project(self, vectors: Any) -> MotionEquations:
-        """Return the dense equations for amplitudes of vectors (unknowns, n)."""
+        """Project the equations onto vectors (Galerkin); the result is dense.
+
+        Parameters
+        ----------
+        vectors : ndarray, shape (unknowns, n)
+            Basis, which may be complex. It is transposed without conjugation.
+        """
         return MotionEquations(
             stiffness=vectors.T @ (self.stiffness @ vectors),
             elastic=vectors.T @ (self.elastic @ vectors),
@@ -104,18 +117,18 @@ class MotionEquations:
         )
 
     def without_losses(self) -> MotionEquations:
-        """Return the equations without losses of the film and without sound."""
+        """Return a copy of the equations without losses of the film and without sound."""
         return replace(self, radiation=0.0, loss_tangent=0.0)
 
     def compute_charges(self, frequencies_Hz: Array, at_once: int = 256) -> ComplexArray:
-        """Compute the charges of dense equations under a force of amplitude 1 N.
+        """Compute the charges due to a force with the amplitude 1 N; for dense equations only.
 
         Parameters
         ----------
         frequencies_Hz : ndarray, shape (n,)
             Frequencies of the force.
         at_once : int, optional
-            Number of frequencies solved together, small to save memory.
+            Number of frequencies to solve together, which limits the memory.
 
         Returns
         -------
@@ -133,7 +146,13 @@ class MotionEquations:
         return np.asarray((1.0 + 1j * self.loss_tangent) * (q @ self.rates))
 
     def find_resonances_Hz(self, highest_Hz: float) -> Array:
-        """Return the resonances (n,) of dense equations without losses, up to a highest one."""
+        """Compute the undamped resonances of dense equations up to a highest frequency.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Resonances in Hz in ascending order.
+        """
         squares = scipy.linalg.eigvals(self.stiffness, self.mass).real
         frequencies_Hz = np.sqrt(np.sort(squares[squares > 0.0])) / (2.0 * np.pi)
         return np.asarray(frequencies_Hz[frequencies_Hz <= highest_Hz])
@@ -144,36 +163,36 @@ class MotionEquations:
         progress: Progress = ignore_progress,
         tolerance: float = 1e-7,
         max_vectors: int = 426,
-        tests: int = 24,
+        test_count: int = 24,
     ) -> MotionEquations:
-        """Reduce the equations to as many Ritz vectors as their charges need.
+        """Reduce the equations to as many Ritz vectors as accurate charges require.
 
         Parameters
         ----------
         frequencies_Hz : ndarray, shape (n,)
             Frequencies of interest.
         progress : callable, optional
-            Called with the number of vectors and the largest number.
+            Function that is called with the number of vectors and their maximum number.
         tolerance : float, optional
-            Largest change of a charge by the last fifth of the vectors, relative to the charge plus
-            the largest static charge.
+            Maximum change of a charge due to the last fifth of the vectors, relative to the sum of
+            the magnitudes of this charge and of the largest static charge.
         max_vectors : int, optional
-            Largest number of vectors.
-        tests : int, optional
-            Number of the frequencies at which charges are compared.
+            Maximum number of vectors.
+        test_count : int, optional
+            Number of the frequencies at which the charges are tested for convergence.
 
         Returns
         -------
         MotionEquations
-            Dense equations for amplitudes of the vectors.
+            Dense equations for the amplitudes of the vectors.
 
         Raises
         ------
         NotConvergedError
-            When the largest number of vectors does not suffice.
+            If the charges have not converged with the maximum number of vectors.
         """
-        picked = np.linspace(0, len(frequencies_Hz) - 1, tests).round().astype(int)
-        tested_Hz = np.sort(frequencies_Hz)[picked]
+        indices = np.linspace(0, len(frequencies_Hz) - 1, test_count).round().astype(int)
+        tested_Hz = np.sort(frequencies_Hz)[indices]
         charges: Any = np.zeros((1, 1), dtype=complex)
         vectors: Any = np.empty((len(self.force), 0))
         next_comparison = FIRST_COMPARISON
@@ -195,7 +214,15 @@ class MotionEquations:
         )
 
     def _iterate_ritz_vectors(self, max_vectors: int) -> Iterator[Any]:
-        """Yield the first 1, 2, 3 ... Ritz vectors, (unknowns, n), orthonormal by the mass."""
+        """Yield arrays of the first 1, 2, 3, ... Ritz vectors, of shape (unknowns, n).
+
+        They are views of one array, orthonormal with respect to the mass.
+
+        Parameters
+        ----------
+        max_vectors : int
+            Number of vectors to compute at most.
+        """
         stiffness = self.stiffness
         if self.loss_tangent:
             stiffness = stiffness + 1j * self.loss_tangent * self.elastic
@@ -210,27 +237,27 @@ class MotionEquations:
             yield vectors[:, : i + 1]
 
     def _orthonormalise(self, vector: Any, basis: Any) -> Any:
-        """Return the part of a vector orthogonal to a basis, normalised, both by the mass."""
-        for _ in range(2):  # twice is enough to remove the effect of rounding
+        """Orthogonalise a vector to a basis and normalise it, both with respect to the mass."""
+        for _ in range(2):  # A second pass removes the round-off of the first (Gram-Schmidt).
             vector = vector - basis @ (basis.T.conj() @ (self.mass @ vector))
         return vector / np.sqrt(np.vdot(vector, self.mass @ vector).real)
 
 
 class LinearisedMotion(NamedTuple):
-    """Equations of motion about a solution."""
+    """Equations of motion about a solution, and more accurate ones for error estimates."""
 
     equations: MotionEquations
-    #: Those in elements of the next order on the same mesh, for errors.
+    #: Equations in elements of the next order on the same mesh.
     next_order: MotionEquations
 
 
 def linearise_about(solution: Solution) -> LinearisedMotion:
-    """Linearise the motion about a solution, and about its refinement by the next order.
+    """Linearise the motion about a solution and about the solution of the next element order.
 
     Raises
     ------
     NotConvergedError
-        When there is no solution of the next order.
+        If the solve in elements of the next order does not converge.
     """
     factorised = factorise_tangent(solution.discrete)
     correction = solve_next_order(factorised)
@@ -241,11 +268,21 @@ def linearise_about(solution: Solution) -> LinearisedMotion:
 
 
 def _assemble_elastic_stiffness(equilibrium: Equilibrium, state: State) -> Any:
-    """Assemble the film's stiffness in N/m without the geometric stiffness by its tension."""
+    """Assemble the tangent stiffness of the film in N/m, without its geometric stiffness.
+
+    Terms of the loads are left out, too.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+        Equations of the loaded film.
+    state : State
+        State at equilibrium, with the stress.
+    """
     space, membrane = equilibrium.space, equilibrium.membrane
     film_terms = [term for term in equilibrium.terms if not isinstance(term, LoadTerm)]
     film = equilibrium.with_terms(film_terms)
-    # (elements, points, 2, 2)
+    # Membrane tension times quadrature weights, shape (elements, points, 2, 2).
     tension = (state.stress * membrane.volumes[..., None])[..., [[0, 2], [2, 1]]]
     gradients = space.gradients
     products = np.matmul(np.matmul(gradients, tension), gradients.swapaxes(2, 3))

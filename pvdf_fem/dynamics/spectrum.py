@@ -22,39 +22,45 @@ VACUUM, AIR = "in vacuum", "in air"
 
 
 class Pencil(NamedTuple):
-    """The matrices of an eigenvalue problem."""
+    """Matrices of a generalised eigenvalue problem K x = omega^2 M x."""
 
-    stiffness: sp.csc_matrix  #: K in N/m.
-    mass: Any  #: M in kg, sparse; a `LowRankUpdate` with the mass of air.
+    stiffness: sp.csc_matrix  #: Tangent stiffness K in N/m.
+    #: Mass M in kg: a sparse matrix, or a `LowRankUpdate` if the mass of air is included.
+    mass: Any
 
 
 class EigenPairs(NamedTuple):
-    """The lowest modes of a pencil."""
+    """Lowest modes of a pencil."""
 
-    frequencies: Array  #: In Hz, ascending, (n,).
-    vectors: Array  #: Eigenvectors, (unknowns, n).
+    frequencies: Array  #: Frequencies in Hz in ascending order, shape (n,).
+    vectors: Array  #: Eigenvectors, shape (unknowns, n).
 
 
 class EquilibriumState(NamedTuple):
     """Equations of a film with their solution, about which it vibrates."""
 
     equilibrium: Equilibrium
-    q: Array  #: Unknowns.
+    q: Array  #: Unknowns at equilibrium.
 
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """The lowest modes about an equilibrium."""
+    """Lowest modes about an equilibrium, with the errors of their frequencies."""
 
     equilibrium: Equilibrium
-    q: Array  #: Unknowns of the equilibrium.
-    frequencies: Array  #: In Hz, ascending, (n,).
-    errors: Array  #: Estimated discretisation errors in Hz, (n,).
-    vectors: Array  #: Eigenvectors, (unknowns, n).
+    q: Array  #: Unknowns at equilibrium.
+    frequencies: Array  #: Frequencies in Hz in ascending order, shape (n,).
+    errors: Array  #: Estimated discretisation errors of the frequencies in Hz, shape (n,).
+    vectors: Array  #: Eigenvectors, shape (unknowns, n).
 
     @property
     def shapes(self) -> Array:
-        """u, v, w by mode, (n, scalar dofs, 3), scaled as those of `Modes`."""
+        """Displacements u, v, w of the modes, scaled as `Modes.shapes`.
+
+        Returns
+        -------
+        ndarray, shape (n, dofs, 3)
+        """
         shapes = np.array([self.equilibrium.unknowns.expand(vector) for vector in self.vectors.T])
         peaks = np.abs(shapes).argmax(axis=1)[:, None]
         normalised = shapes / np.take_along_axis(shapes, peaks, axis=1)
@@ -67,23 +73,23 @@ def compute_spectra(
     count: int,
     on_solve: Callable[[], None] = lambda: None,
 ) -> dict[str, Spectrum] | Status:
-    """Compute the lowest modes with their errors.
+    """Compute the lowest modes in vacuum and, with ``[air]``, in air, with their errors.
 
     Parameters
     ----------
     coarse : EquilibriumState
-        The film whose modes are computed.
+        Equilibrium of the film whose modes are computed.
     rich : EquilibriumState
-        The film in elements of the next order on the same mesh, for the errors.
+        The same in elements of the next order on the same mesh, for the errors.
     count : int
         Number of modes.
     on_solve : callable, optional
-        Called at each linear solve.
+        Function that is called at each linear solve.
 
     Returns
     -------
-    dict of Spectrum, or Status
-        The modes in `VACUUM` and, with ``[air]``, in `AIR`; or the reason for which there are none.
+    dict of str to Spectrum, or Status
+        Modes by `VACUUM` and `AIR`, or the reason why there are none.
     """
     pencil = assemble_pencil(*coarse)
     rich_pencil = assemble_pencil(*rich)
@@ -95,12 +101,12 @@ def compute_spectra(
     pencil = _add_air(coarse.equilibrium, pencil)
     rich_pencil = _add_air(rich.equilibrium, rich_pencil)
     air = _compute_spectrum(coarse, rich, pencil, rich_pencil, count, on_solve=on_solve)
-    assert isinstance(air, Spectrum)  # the same stiffness has modes in vacuum
+    assert isinstance(air, Spectrum)  # The stiffness is the same as in vacuum, and had modes there.
     return {VACUUM: vacuum, AIR: air}
 
 
 def _add_air(equilibrium: Equilibrium, pencil: Pencil) -> Pencil:
-    """Return a pencil with the mass of the scene's air added."""
+    """Return a copy of a pencil that includes the added mass of the scene's air."""
     air = AirLoad.from_equilibrium(equilibrium)
     return Pencil(pencil.stiffness, LowRankUpdate(pencil.mass, air.root))
 
@@ -112,16 +118,16 @@ def _compute_spectrum(
     rich_pencil: Pencil,
     count: int,
     on_solve: Callable[[], None],
-    least_share: float = 0.25,
+    min_fraction: float = 0.25,
 ) -> Spectrum | Status:
-    """Compute the modes of a pencil, and their errors by the pencil of the next order.
+    """Compute the modes of a pencil, and their errors from the pencil of the next order.
 
     Parameters
     ----------
     coarse : EquilibriumState
-        The film whose modes are computed.
+        Equilibrium of the film whose modes are computed.
     rich : EquilibriumState
-        The film in elements of the next order.
+        The same in elements of the next order.
     pencil : Pencil
         Stiffness and mass of the coarse state.
     rich_pencil : Pencil
@@ -129,15 +135,21 @@ def _compute_spectrum(
     count : int
         Number of modes.
     on_solve : callable
-        Called at each linear solve.
-    least_share : float, optional
-        Least error over the sum of the magnitudes of its two contributions.
+        Function that is called at each linear solve.
+    min_fraction : float, optional
+        Lower bound of an error, as a fraction of the sum of the magnitudes of its contributions.
+
+    Returns
+    -------
+    Spectrum or Status
+        Modes, or the reason why there are none.
 
     Notes
     -----
-    The next order changes a frequency through the film's stress and through the mode's shape. The
-    error is the sum of both changes, and at least a share of the sum of their magnitudes: the
-    first change can have either sign, and they may cancel by chance.
+    The next order changes a frequency in two ways: the stress of the film changes, which the
+    Rayleigh quotient of the coarse shape in the rich pencil shows, and the shape of the mode
+    changes. The error is the magnitude of the sum of both changes, but at least a fraction of the
+    sum of their magnitudes, since they may cancel by chance.
     """
     is_symmetric = coarse.equilibrium.conservative or not coarse.q.any()
     modes = _solve_eigenproblem(pencil, is_symmetric, count, on_solve)
@@ -146,15 +158,15 @@ def _compute_spectrum(
     rich_modes = _solve_eigenproblem(rich_pencil, is_symmetric, count, on_solve)
     if isinstance(rich_modes, Status):
         return rich_modes
-    # Rayleigh quotients of the coarse shapes in the rich pencil
+    # The frequencies of the Rayleigh quotients of the coarse shapes in the rich pencil.
     shapes = make_prolongation(coarse.equilibrium, rich.equilibrium) @ modes.vectors
     energies = (shapes * (rich_pencil.stiffness @ shapes)).sum(axis=0)
     inertias = (shapes * (rich_pencil.mass @ shapes)).sum(axis=0)
     same_shape = np.sqrt(energies / inertias) / (2.0 * np.pi)
-    by_stress = modes.frequencies - same_shape
-    by_shape = same_shape - rich_modes.frequencies
-    least = least_share * (np.abs(by_stress) + np.abs(by_shape))
-    errors = np.maximum(np.abs(by_stress + by_shape), least)
+    due_to_stress = modes.frequencies - same_shape
+    due_to_shape = same_shape - rich_modes.frequencies
+    min_errors = min_fraction * (np.abs(due_to_stress) + np.abs(due_to_shape))
+    errors = np.maximum(np.abs(due_to_stress + due_to_shape), min_errors)
     return Spectrum(
         coarse.equilibrium,
         coarse.q,
@@ -165,7 +177,15 @@ def _compute_spectrum(
 
 
 def assemble_pencil(equilibrium: Equilibrium, q: Array) -> Pencil:
-    """Assemble the tangent stiffness in N/m at the unknowns `q`, and the mass of the film in kg."""
+    """Assemble the tangent stiffness and the mass of a film, including the mass of its layers.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+        Equations of the film.
+    q : ndarray, shape (unknowns,)
+        Unknowns at equilibrium.
+    """
     film, space = equilibrium.film, equilibrium.space
     unit_mass = space.mass_matrices()
     element_masses = film.density * film.thickness * unit_mass
@@ -181,47 +201,49 @@ def _solve_eigenproblem(
     is_symmetric: bool,
     count: int,
     on_solve: Callable[[], None],
-    largest_imaginary: float = 1e-6,
+    max_imaginary: float = 1e-6,
 ) -> EigenPairs | Status:
-    """Solve for the lowest modes of a pencil.
+    """Solve for the lowest modes of a pencil by shift-and-invert iterations.
 
     Parameters
     ----------
     pencil : Pencil
         Stiffness and mass.
     is_symmetric : bool
-        Whether the stiffness is symmetric: Lanczos's method is then used instead of Arnoldi's,
-        both by shift and invert.
+        Whether the stiffness is symmetric, so that Lanczos's method is used instead of Arnoldi's.
     count : int
         Number of modes.
     on_solve : callable
-        Called at each linear solve.
-    largest_imaginary : float, optional
+        Function that is called at each linear solve.
+    max_imaginary : float, optional
         Relative imaginary part above which an eigenvalue of an unsymmetric stiffness counts as
-        complex. Rounding splits a pair of modes by the root of the machine's precision.
+        complex. Round-off splits a double eigenvalue by about the square root of the machine
+        precision.
 
     Returns
     -------
     EigenPairs or Status
-        `Status.SINGULAR` or `Status.UNSTABLE` if the film has no such modes.
+        `Status.SINGULAR` if the stiffness is singular, `Status.UNSTABLE` if an eigenvalue is not
+        real and positive.
     """
     try:
         factors = factorise(pencil.stiffness)
-    except RuntimeError:  # SuperLU: exactly singular
+    except RuntimeError:  # SuperLU raises it for an exactly singular matrix.
         return Status.SINGULAR
 
     def solve(right: Array) -> Array:
+        """Count a linear solve with the stiffness, and return its solution."""
         on_solve()
         return np.asarray(factors.solve(right))
 
     inverse = LinearOperator(pencil.stiffness.shape, matvec=solve, dtype=float)
-    # a random start is orthogonal to no mode; a fixed seed makes results repeatable
+    # A random start vector is not orthogonal to any mode; a fixed seed makes results repeatable.
     start = np.random.default_rng(0).standard_normal(pencil.stiffness.shape[0])
     solver: Any = eigsh if is_symmetric else eigs
     values, vectors = solver(
         pencil.stiffness, count, M=pencil.mass, sigma=0.0, OPinv=inverse, v0=start
     )
-    is_complex = np.abs(values.imag) > largest_imaginary * np.abs(values)
+    is_complex = np.abs(values.imag) > max_imaginary * np.abs(values)
     if np.any(is_complex) or np.any(values.real <= 0.0):
         return Status.UNSTABLE
     order = np.argsort(values.real)

@@ -1,8 +1,9 @@
-"""Charges of a small further force about a solution, by time.
+"""Charges due to a small additional force about a solution, as functions of time.
 
-The modes of the equations of motion answer one by one, each damped as losses and sound damp it at
-its own frequency, without the coupling of modes by damping and without the stress's lag. Forces
-are sums of switched exponentials; partial fractions give results that are exact in time.
+The charges are sums over the undamped modes of the equations of motion. Each mode is damped by the
+losses and the sound at its own frequency; the coupling of modes by damping and the phase lag of the
+stress are neglected. Forces are sums of switched exponentials, so that partial fractions give the
+exact time dependence.
 """
 
 from __future__ import annotations
@@ -34,17 +35,20 @@ from pvdf_fem.solver.solution import Solution
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Transient(ChargeChanges):
-    """Changes of charges and readings against a solution by time, (n,), by electrode."""
+    """Changes of charges and readings relative to a solution, by electrode.
 
-    solution: Solution
+    Arrays have the shape (n,), one value for each of `times_s`.
+    """
+
+    solution: Solution  #: Solution about which the motion is linearised.
     times_s: Array
-    charges_pC: dict[str, Array]
-    charge_errors_pC: dict[str, Array]  #: Estimated discretisation errors, absolute.
-    readings_V: dict[str, Array]  #: Of the channels; empty without ``[readout]``.
-    neglected: tuple[str, ...]  #: Effects that the model neglects, with their sizes.
+    charges_pC: dict[str, Array]  #: Changes of the charges.
+    charge_errors_pC: dict[str, Array]  #: Estimated absolute discretisation errors.
+    readings_V: dict[str, Array]  #: Changes of the readings; empty without ``[readout]``.
+    neglected: tuple[str, ...]  #: Descriptions of the neglected effects, with their sizes.
 
     def columns(self) -> dict[str, Array]:
-        """Return times, changes of the charges with their errors, and readings."""
+        """Return the columns: times, changes of the charges with their errors, and readings."""
         columns = {"time_s": self.times_s}
         for name, changes in self.charges_pC.items():
             columns[f"{name}_change_pC"] = changes
@@ -60,27 +64,35 @@ def transient(
     times_s: ArrayLike,
     highest_Hz: float = 1000.0,
 ) -> Transient:
-    """Compute charges and readings by time, linear in a further force of the probe along z.
+    """Compute the changes of charges and readings due to an additional force of the probe along z.
+
+    The motion is linearised about the solution, so that the force should be small compared with the
+    load.
 
     Parameters
     ----------
-    solution : Solution, Scene, or whatever `solve` takes for a scene
-        As for `respond`.
+    solution : Solution, Scene, or anything that `solve` accepts as a scene
+        Solution of the loaded film, or a scene to solve first. It must have a single probe that is
+        not a tip, with a dead load.
     force_history : tuple of SwitchedExponential
-        A `half_sine` or a `step`, small beside the load.
+        Additional force from `half_sine` or `step`.
     times_s : array_like
         Times of the results.
     highest_Hz : float, optional
-        Frequency up to which the modes are those of the film; slow forces excite little beyond.
+        Frequency up to which the reduced basis is accurate. Slow forces excite little beyond it.
 
     Returns
     -------
     Transient
+        Changes at the given times.
 
     Raises
     ------
     SceneError
-        For a pressure that follows the film, which has no modes.
+        If the scene does not have a single probe, has a tip, has charges that do not follow from
+        the stress alone, or has a follower load, whose unsymmetric stiffness has no real modes.
+    NotConvergedError
+        If the frequencies are too high for the reduced basis, or the solve does not converge.
 
     Examples
     --------
@@ -92,7 +104,8 @@ def transient(
     highest_Hz = coerce("highest_Hz", highest_Hz, float, (1e-3, MAX_FREQUENCY_HZ), "Hz")
     solution, channels = resolve_loaded_solution(solution)
     if not solution.discrete.equilibrium.conservative:
-        raise SceneError([format_error("load.kind", "follower", 'has no modes; give "dead"')])
+        reason = 'incompatible with a transient, which needs real modes; give "dead"'
+        raise SceneError([format_error("load.kind", "follower", reason)])
     tested_Hz = np.linspace(0.0, highest_Hz, 24)
     motion = linearise_about(solution)
     modes = _compute_damped_modes(motion.equations, tested_Hz)
@@ -113,10 +126,10 @@ def transient(
 
 
 def _coerce_force_history(force_history: Any) -> ForceHistory:
-    """Return the terms of a force by time; ValueError for anything else."""
+    """Convert the terms of a force to `SwitchedExponential`; raise ValueError if invalid."""
     is_history = isinstance(force_history, tuple) and len(force_history) > 0
     if not is_history or any(np.shape(term) != (3,) for term in force_history):
-        reason = "must be a force by time; give half_sine(...) or step(...)"
+        reason = "must be a force as a function of time; give half_sine(...) or step(...)"
         raise ValueError(format_error("force_history", force_history, reason))
     return tuple(SwitchedExponential(*term) for term in force_history)
 
@@ -124,27 +137,34 @@ def _coerce_force_history(force_history: Any) -> ForceHistory:
 class DampedModes(NamedTuple):
     """Modes of the equations of motion, each with its own damping."""
 
-    #: A pair of poles of each mode in 1/s, (2, modes, 1).
+    #: Pair of poles of each mode in 1/s, shape (2, modes, 1).
     poles: ComplexArray
-    #: f g of each mode in C/(kg m), (electrodes, modes).
+    #: Modal force times modal charge of each mode in C/(kg m), shape (electrodes, modes).
     weights: Array
 
 
 def _compute_damped_modes(equations: MotionEquations, tested_Hz: Array) -> DampedModes:
-    """Compute the modes of equations that are reduced as the charges at some frequencies need it.
+    """Compute the modes of the reduced equations of motion, with their damping.
+
+    Parameters
+    ----------
+    equations : MotionEquations
+        Equations of the film.
+    tested_Hz : ndarray, shape (n,)
+        Frequencies at which the reduced equations must give accurate charges.
 
     Notes
     -----
-    A mode of angular frequency w decays at the rate (tan(delta) k_e/w + r (w v)^2)/2, where k_e is
-    its elastic stiffness and v its volume, both for a unit of modal mass.
+    A mode with the angular frequency w decays at the rate (tan(delta) k_e/w + r (w v)^2)/2, where
+    k_e is its elastic stiffness and v its displaced volume, both for a unit modal mass.
     """
     lossless = equations.without_losses().reduce(tested_Hz)
     squares, shapes = scipy.linalg.eigh(lossless.stiffness, lossless.mass)
     modal = lossless.project(shapes)
     omega = np.sqrt(squares)
-    by_film = equations.loss_tangent * np.diag(modal.elastic) / omega
-    by_sound = equations.radiation * (omega * modal.volume) ** 2
-    decay = 0.5 * (by_film + by_sound)
+    due_to_film = equations.loss_tangent * np.diag(modal.elastic) / omega
+    due_to_sound = equations.radiation * (omega * modal.volume) ** 2
+    decay = 0.5 * (due_to_film + due_to_sound)
     root = np.sqrt(decay**2 - squares + 0j)
     poles = np.stack([root - decay, -root - decay])[..., None]
     return DampedModes(poles, modal.force * modal.rates.T)
@@ -153,18 +173,23 @@ def _compute_damped_modes(equations: MotionEquations, tested_Hz: Array) -> Dampe
 def _compute_readings(
     channel: Channel, modes: DampedModes, terms: ForceHistory, times_s: Array
 ) -> Array:
-    """Compute the readings in V, (electrodes, times), that a channel would have of each electrode.
+    """Compute the changes of readings if all electrodes were connected to the same channel.
 
     Parameters
     ----------
     channel : Channel
-        The circuit of an electrode.
+        Circuit to which the electrodes are connected.
     modes : DampedModes
         Modes of the film.
     terms : tuple of SwitchedExponential
-        The force.
+        Terms of the additional force.
     times_s : ndarray, shape (times,)
         Times of the results.
+
+    Returns
+    -------
+    ndarray, shape (electrodes, times)
+        Readings in V, without the offset of the channel.
     """
     discharge_poles = []
     if not math.isinf(channel.resistance):
@@ -186,22 +211,23 @@ def _sum_modes(
     modes : DampedModes
         Modes of the film.
     terms : tuple of SwitchedExponential
-        The force.
+        Terms of the additional force.
     times_s : ndarray, shape (times,)
         Times of the results.
     discharge_poles : sequence of float, optional
-        Poles in 1/s of circuits that discharge the charges, as high-pass filters.
+        Poles in 1/s of circuits that discharge the electrodes, that is of high-pass filters.
 
     Returns
     -------
     ndarray, shape (electrodes, times)
-        Charges in C, or their remainders after the circuits.
+        Changes of the charges in C, reduced by the discharge.
 
     Notes
     -----
-    The Laplace transform of a mode under the term c exp(p t) is c s^m/prod(s - z) over all poles z:
-    those of the mode, p, and m poles of circuits, each with a zero at s = 0. Partial fractions give
-    residues c z^m/prod(z - other poles) of exp(z t).
+    The Laplace transform of the amplitude of a mode under the term c exp(p t) is c s^m/prod(s - z).
+    The product is over all poles z: two of the mode, p, and the m poles of the circuits, each of
+    which also has a zero at s = 0. By partial fractions, the amplitude is the sum over the poles of
+    exp(z t) times the residue c z^m/prod(z - other poles).
     """
     total: Any = 0.0
     for term in terms:

@@ -1,9 +1,10 @@
 """A channel of the readout: the reading that an electrode's charge makes.
 
 The charge Q sits on a capacitance C, which a resistance R discharges: C dV/dt + V/R = dQ/dt. In
-front of a voltage amplifier, C is that of electrode and cable (Mirbagheri's thesis, App. 5, where
-the cable is left out). A charge amplifier moves the charge to its feedback capacitance, whatever
-electrode and cable have. A reading is an offset plus a gain times V.
+front of a voltage amplifier, C is the capacitance of electrode and cable (Mirbagheri's thesis,
+App. 5, where the cable is left out). A charge amplifier transfers the charge to its feedback
+capacitance, whatever the capacitance of electrode and cable. A reading is an offset plus a gain
+times V.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene import Scene
 
-#: What a reading may be of, and how texts call it.
+#: What a reading may measure, by the key of the scene, and its name in texts.
 READINGS = {"total": "total charges", "change": "changes by the touch"}
 #: pC in a unit of charge.
 CHARGE_UNITS_PC = {"pC": 1.0, "fC": 1e-3, "nC": 1e3, "µC": 1e6, "C": 1e12}
@@ -30,7 +31,7 @@ class Channel:
     """The channel of one electrode; all quantities are in SI units."""
 
     name: str
-    capacitance: float  #: In F, of the feedback or of electrode and cable.
+    capacitance: float  #: In F: of the feedback, or of electrode and cable.
     resistance: float = math.inf  #: In Ω; infinite where nothing discharges the capacitance.
     gain: float = 1.0
     offset: float = 0.0  #: In V.
@@ -38,11 +39,11 @@ class Channel:
 
     @property
     def time_constant(self) -> float:
-        """R C in s, in which the voltage of a constant charge falls to 1/e."""
+        """Time constant R C in s, within which the voltage decays to 1/e."""
         return self.resistance * self.capacitance
 
     def reading(self, charge: ArrayLike) -> Array:
-        """Return the readings in V right after charges in C have appeared."""
+        """Return the readings in V just after charges in C have appeared suddenly."""
         charge = np.asarray(charge, dtype=float)
         return self.offset + self.gain * charge / self.capacitance
 

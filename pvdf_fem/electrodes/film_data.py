@@ -1,4 +1,4 @@
-"""What maps, views in 3-D and files draw of a solution."""
+"""The data of a solution that maps, 3-D views and files show."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class FilmData:
     charge_errors_pC: dict[str, float]  #: Their estimated errors.
     contacts: dict[str, ContactResult]  #: Contacts of indenter tips, by patch.
     included: Sequence[str]  #: Included effects beyond the membrane.
-    #: Computes the contributions of the elements to the charge errors in C, as an array
+    #: Function that computes the contributions of the elements to the charge errors in C, shape
     #: (elements, electrodes).
     error_contributions: Callable[[], Array]
 
@@ -41,5 +41,16 @@ class FilmData:
         return self.equilibrium.space.mesh
 
     def in_elements(self, local: Array) -> PointValues:
-        """Evaluate the fields at local points (2, points) of all elements, (elements, points)."""
+        """Evaluate the fields at the same local points of all elements.
+
+        Parameters
+        ----------
+        local : ndarray, shape (2, points)
+            Points in local coordinates of the reference triangle.
+
+        Returns
+        -------
+        PointValues
+            With the shape (elements, points).
+        """
         return evaluate_in_elements(self.equilibrium, self.state, local)

@@ -1,4 +1,4 @@
-"""Pyroelectric charges: by warming of the whole film, and by warm probes."""
+"""Pyroelectric charges, by uniform warming of the film and by warm probes."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ def compute_heat_charges(problem: Problem, equilibrium: Equilibrium) -> Array:
     Parameters
     ----------
     problem : Problem
-        The problem with film and warm probes; it need not be that of the equations.
+        The problem, which defines the warming and the outputs; it may differ from that of
+        `equilibrium`.
     equilibrium : Equilibrium
-        Equations whose mesh the temperature is integrated on.
+        Equations on the mesh that the temperature is integrated on.
 
     Returns
     -------
@@ -31,7 +32,7 @@ def compute_heat_charges(problem: Problem, equilibrium: Equilibrium) -> Array:
     if uneven is not None:
         by_probes = integrate_over_outputs(
             problem.outputs,
-            lambda places: uneven.temperature(places)[..., None],
+            lambda points: uneven.temperature(points)[..., None],
             equilibrium.space.mesh,
             equilibrium.sector,
         )

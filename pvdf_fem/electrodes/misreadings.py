@@ -11,7 +11,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import Channel, list_units_pC
 
-#: Largest number of channels of which all permutations are tried.
+#: Maximum number of channels of which all permutations are tried.
 MAX_PERMUTED = 4
 
 
@@ -22,7 +22,7 @@ class Misreading:
     kind: str  #: ``swapped_channels``, ``wrong_unit`` or ``wrong_sign``.
     text: str  #: The mistake in words.
     order: tuple[int, ...]  #: The column of each channel.
-    factors: Array  #: Factors that turn the given readings into the right ones, (channels,).
+    factors: Array  #: Factors on the readings that correct them, shape (channels,).
 
     @property
     def swapped_count(self) -> int:
@@ -30,7 +30,17 @@ class Misreading:
         return sum(channel != column for channel, column in enumerate(self.order))
 
     def correct(self, readings: Array) -> Array:
-        """Return corrected readings, an array (..., channels) like the given one."""
+        """Return the readings that would have been recorded without the mistake.
+
+        Parameters
+        ----------
+        readings : ndarray, shape (..., channels)
+            Readings with the mistake.
+
+        Returns
+        -------
+        ndarray, shape (..., channels)
+        """
         return np.asarray(readings[..., self.order] * self.factors)
 
 
@@ -66,7 +76,7 @@ def list_misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misread
 
 
 def _describe_order(names: Sequence[str], order: Sequence[int]) -> str:
-    """Describe in words which channels are in which columns."""
+    """Describe in words which channels are swapped, and for more than two the columns."""
     swapped = []
     columns = []
     for channel, column in enumerate(order):
@@ -80,11 +90,11 @@ def _describe_order(names: Sequence[str], order: Sequence[int]) -> str:
 
 
 def _list_unit_ratios(channels: Sequence[Channel], unit: str) -> Iterator[tuple[list[str], Array]]:
-    """Yield other units and their ratios to the given unit; units of equal size come together."""
+    """Yield groups of other units of equal size, with their ratio to the given unit."""
     units = list_units_pC(channels)
     ratios = {other: size / units[unit] for other, size in units.items()}
     for other, ratio in ratios.items():
-        # 1 V on 1000 pF is 1 nC
+        # units may have equal size: 1 V on 1000 pF is 1 nC
         equal = [name for name, size in ratios.items() if np.allclose(size, ratio, atol=0.0)]
         if other == equal[0] and unit not in equal:
             yield equal, ratio
@@ -94,7 +104,7 @@ def _list_orders(count: int) -> Iterator[tuple[int, ...]]:
     """Yield all permutations of few channels, and all swaps of two among many."""
     if count <= MAX_PERMUTED:
         orders = permutations(range(count))
-        next(orders)  # the right order
+        next(orders)  # skip the correct order
         yield from orders
         return
     for first, second in combinations(range(count), 2):

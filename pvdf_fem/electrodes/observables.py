@@ -32,7 +32,7 @@ class RelativeElementSizes(NamedTuple):
 
 
 class Observable(ABC):
-    """A rule for the stress integrals of an electrode."""
+    """A definition of the stress integrals of an electrode."""
 
     name: ClassVar[str]  #: Value of the scene's key ``numerics.observable``.
     #: Whether electrodes have to be rectangles along the axes of their scene.
@@ -47,7 +47,7 @@ class Observable(ABC):
         Parameters
         ----------
         film : Laminate
-            The film's law.
+            The film, for its material law.
         gradient : ndarray, shape (..., 3, 2)
             Displacement gradient. It may be complex (for complex-step derivatives): the imaginary
             part of the stress is then the derivative times the imaginary step.
@@ -60,7 +60,7 @@ class Observable(ABC):
 
     @abstractmethod
     def samplings(self, outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
-        """Yield the points at which electrodes sample the stress.
+        """Yield the points at which electrodes sample the stress, with their weights.
 
         Raises
         ------
@@ -69,12 +69,12 @@ class Observable(ABC):
         """
 
     def is_defined_for(self, output: Output) -> bool:
-        """Return whether an electrode has a charge by this observable."""
-        # an edge has the voltage's stress on one side
+        """Return whether the observable is defined for an electrode."""
+        # the stress by a voltage jumps at the electrode's edge, so that the edge has no stress
         return not self.needs_edges or (output.has_edges and output.floating is None)
 
     def require_defined(self, outputs: Sequence[Output]) -> None:
-        """Raise ValueError for an electrode that the observable is not defined for."""
+        """Raise a ValueError if the observable is not defined for one of the electrodes."""
         if not all(self.is_defined_for(output) for output in outputs):
             reason = (
                 "needs electrodes that are rectangles along x and y at no voltage; use material"
@@ -93,7 +93,7 @@ class Material(Observable):
         return film.stress(compute_strain(gradient))
 
     def samplings(self, outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
-        """Yield points over the electrodes' areas."""
+        """Yield quadrature points over the electrodes' areas."""
         return sample_areas(outputs, space)
 
 
@@ -127,7 +127,7 @@ class ThesisEdge(Observable):
         return np.stack([xx, yy, xy], axis=-1) / J[..., None]
 
     def samplings(self, outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
-        """Yield points along the electrodes' edges."""
+        """Yield quadrature points along the electrodes' edges."""
         self.require_defined(outputs)
         return sample_edges(outputs, space)
 

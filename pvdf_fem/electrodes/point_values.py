@@ -27,35 +27,45 @@ COMPONENT_NAMES = {
 }
 
 
-#: Points that are located together; a limit keeps memory small beyond the results.
+#: Maximum number of points that are evaluated at a time, which limits the memory.
 POINTS_AT_ONCE = 20_000
-#: Rounding may put a point of the rim outside by this part of the radius.
+#: Distance outside the rim, as a fraction of the radius, at which a point counts as on the rim:
+#: round-off.
 RIM_SLACK = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PointValues(TabularResult):
-    """Values at points of the undeformed film; (...) is the shape of the points' coordinates."""
+    """Values of a solution at points of the undeformed film.
 
-    x_mm: Array  #: (...)
-    y_mm: Array  #: (...)
-    displacement_mm: Array  #: u, v, w, (..., 3).
-    slopes: Array  #: dw/dx and dw/dy, (..., 2).
-    strain: Array  #: Green-Lagrange strain of the displacement, E11, E22, 2 E12, (..., 3).
-    #: Second Piola-Kirchhoff stress including pretension, S11, S22, S12, (..., 3).
+    In the shapes below, (...) is the shape of the points' coordinates.
+    """
+
+    x_mm: Array  #: Coordinates of the points, shape (...).
+    y_mm: Array  #: Coordinates of the points, shape (...).
+    displacement_mm: Array  #: u, v, w, shape (..., 3).
+    slopes: Array  #: dw/dx and dw/dy, shape (..., 2).
+    strain: Array  #: Green-Lagrange strain of the displacement, E11, E22, 2 E12, shape (..., 3).
+    #: Second Piola-Kirchhoff stress including pretension, S11, S22, S12, shape (..., 3).
     stress_MPa: Array
-    #: d31 S11 + d32 S22, also outside electrodes, (...).
+    #: d31 S11 + d32 S22, also outside electrodes, shape (...).
     charge_density_pC_mm2: Array
-    #: Distance along the line from its start, (...); None for points without a line.
+    #: Distance along a line from its start, shape (...); None for points that are not on a line.
     distance_mm: Array | None = None
 
     @property
     def deflection_mm(self) -> Array:
-        """w, (...)."""
+        """Deflection w, shape (...)."""
         return np.asarray(self.displacement_mm[..., 2])
 
     def columns(self) -> dict[str, Array]:
-        """Return a column for each coordinate, component and density, (points,)."""
+        """Return a column for each coordinate, component and density.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (...)
+            Columns by their names, which end with the unit.
+        """
         columns = {"x_mm": self.x_mm, "y_mm": self.y_mm}
         if self.distance_mm is not None:
             columns["distance_mm"] = self.distance_mm
@@ -70,18 +80,18 @@ class PointValues(TabularResult):
     def summary(self) -> Summary:
         """Summarize the range of the deflections, with a table of the first and last few points."""
         deflections = self.deflection_mm
-        known = deflections[np.isfinite(deflections)]
+        finite = deflections[np.isfinite(deflections)]
         span = "none"
-        if known.size:
-            span = f"deflections {known.min():.4g} to {known.max():.4g} mm"
+        if finite.size:
+            span = f"deflections {finite.min():.4g} to {finite.max():.4g} mm"
         table = TextTable.from_columns(self.columns())
         return Summary(f"{self.x_mm.size} points of the film", [span], tables=[table])
 
 
 class ElementValues(NamedTuple):
-    """Values at points in elements, (n, points, 3) each."""
+    """Values of a solution at points in elements, each of shape (n, points, 3)."""
 
-    places_mm: Array  #: x, y and 0.
+    points_mm: Array  #: x, y and 0.
     displacement_mm: Array  #: u, v, w.
     slopes: Array  #: dw/dx, dw/dy and 0.
     strain: Array  #: E11, E22, 2 E12.
@@ -106,7 +116,7 @@ def evaluate_at(
     x_mm, y_mm : array_like
         Coordinates, numbers or arrays that broadcast together.
     outside : {"refuse", "nan"}, optional
-        What happens to points that are not on the film.
+        For points that are not on the film, raise an error or return NaN.
 
     Returns
     -------
@@ -143,12 +153,29 @@ def _broadcast(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _evaluate_points(equilibrium: Equilibrium, state: State, points: Array) -> Array:
-    """Evaluate `ElementValues` at points (2, n) in m on the film, (5, n, 3)."""
+    """Evaluate the fields of `ElementValues` at points of the film.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+        Equations of the whole film.
+    state : State
+        Their solution.
+    points : ndarray, shape (2, n)
+        Points in m.
+
+    Returns
+    -------
+    ndarray, shape (5, n, 3)
+        The five fields, stacked.
+    """
     parts = [np.empty((len(ElementValues._fields), 0, 3))]
     for first in range(0, points.shape[1], POINTS_AT_ONCE):
         chunk = points[:, first : first + POINTS_AT_ONCE]
         elements, local = locate_points(equilibrium.space.mesh, chunk)
-        values = _evaluate(equilibrium, state, elements=elements, local=local[:, :, None])
+        values = _evaluate_local_points(
+            equilibrium, state, elements=elements, local=local[:, :, None]
+        )
         parts.append(np.stack(values)[:, :, 0])
     return np.concatenate(parts, axis=1)
 
@@ -163,24 +190,24 @@ def evaluate_in_elements(equilibrium: Equilibrium, state: State, local: Array) -
     state : State
         Their solution.
     local : ndarray, shape (2, points)
-        Local coordinates.
+        Points in local coordinates of the reference triangle.
 
     Returns
     -------
     PointValues
-        Arrays (elements, points).
+        With the shape (elements, points).
     """
     elements = np.arange(equilibrium.space.mesh.nelements)
     points = np.repeat(local[:, None], len(elements), axis=1)
-    values = _evaluate(equilibrium, state, elements=elements, local=points)
-    x, y = np.moveaxis(values.places_mm[..., :2], -1, 0)
+    values = _evaluate_local_points(equilibrium, state, elements=elements, local=points)
+    x, y = np.moveaxis(values.points_mm[..., :2], -1, 0)
     return _make_point_values(equilibrium, values, x=x, y=y)
 
 
 def _make_point_values(
     equilibrium: Equilibrium, values: ElementValues, *, x: Array, y: Array
 ) -> PointValues:
-    """Make point values with their charge density; coordinates are in mm."""
+    """Make `PointValues` at coordinates x and y in mm, and compute the charge density."""
     film = equilibrium.film
     stress = values.stress_MPa
     density = film.d31_pC_N * stress[..., 0] + film.d32_pC_N * stress[..., 1]
@@ -195,10 +222,22 @@ def _make_point_values(
     )
 
 
-def _evaluate(
+def _evaluate_local_points(
     equilibrium: Equilibrium, state: State, *, elements: Indices, local: Array
 ) -> ElementValues:
-    """Evaluate a solution in elements (n,) at local points (2, n, points)."""
+    """Evaluate a solution at local points of some elements.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+        Equations of the whole film.
+    state : State
+        Their solution.
+    elements : ndarray, shape (n,)
+        Numbers of the elements.
+    local : ndarray, shape (2, n, points)
+        Local coordinates of the points in each element.
+    """
     space = equilibrium.space
     nodal = state.dofs.reshape(-1, 3)[space.nodes[elements]]
     displacement = np.matmul(evaluate_shape_functions(space.basis.elem, local), nodal)
@@ -207,13 +246,13 @@ def _evaluate(
     strain = compute_strain(gradients)
     slopes = np.zeros_like(displacement)
     slopes[..., :2] = gradients[..., 2, :]
-    places = np.zeros_like(displacement)
-    places[..., :2] = np.moveaxis(space.mesh.mapping().F(local, elements), 0, -1)
-    stress = equilibrium.membrane.film_stress(strain, places[..., :2])
+    points = np.zeros_like(displacement)
+    points[..., :2] = np.moveaxis(space.mesh.mapping().F(local, elements), 0, -1)
+    stress = equilibrium.membrane.film_stress(strain, points[..., :2])
     if state.added is not None:
         stress = stress + state.added[elements]
     return ElementValues(
-        places_mm=1e3 * places,
+        points_mm=1e3 * points,
         displacement_mm=1e3 * displacement,
         slopes=slopes,
         strain=strain,
@@ -235,17 +274,17 @@ def evaluate_along(
     line_mm : array_like, shape (n, 2)
         Corners of the polyline.
     points : int, optional
-        Number of points, ends included.
+        Number of points, including both ends.
 
     Returns
     -------
     PointValues
-        With distances from the start.
+        With the distances from the start of the line in ``distance_mm``.
 
     Raises
     ------
     ValueError
-        For a line that is not one, or leaves the film.
+        If `line_mm` is not a polyline, or if it leaves the film.
     """
     corners = coerce_array("line_mm", line_mm)
     if corners.shape[1:] != (2,) or len(corners) < 2:

@@ -2,10 +2,11 @@
 
 On a mesh that follows an electrode, the points over its area are the quadrature points of its
 elements. On other meshes the electrode's outline is intersected with the elements; edges always
-are. The stress is smooth inside elements, so an integral is exact over the pieces into which
-elements cut an outline. A piece is a polygon: triangles from its first corner to its edges, counted
-with the sign of their orientation, add up to it, so that no triangulation is needed. Chords replace
-curved element edges, the same ones for both neighbours, so that no part of an outline counts twice.
+are. The stress is smooth inside elements, so that an integral is accurate over each of the pieces
+into which elements cut an outline. A piece is a polygon. It is the sum of the triangles from its
+first corner to its edges, with the sign of their orientation, so that no triangulation is needed.
+Curved element edges are replaced by chords, the same ones for both neighbours, so that no part of
+an outline counts twice.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ Geometries = NDArray[np.object_]
 #: Polynomial degree that is integrated exactly over the pieces of an outline. The stress of a St.
 #: Venant-Kirchhoff film has degree 2 (order - 1): 6 for the elements of order 4 in the estimate.
 AREA_DEGREE = 6
-#: Chords in place of a curved element edge.
+#: Number of chords that replace a curved element edge.
 CHORDS = 32
 
 
@@ -41,23 +42,28 @@ CHORDS = 32
 class Sampling:
     """Points at which electrodes sample the stress; the points of a row lie in one element."""
 
-    outputs: Indices  #: Number of the electrode that a row belongs to, (n,).
+    outputs: Indices  #: Index of the electrode that a row belongs to, shape (n,).
     #: The stress integrals that the points add to: 0 is X (component 11 or xx), 1 is Y.
     axes: tuple[int, ...]
-    elements: Indices  #: (n,)
-    gradients: Array  #: Gradients of the space's functions, 1/m, (n, points, functions, 2).
-    #: Weights of the stress in m²; they add up to the area of an electrode, (n, points).
+    elements: Indices  #: Element of each row, shape (n,).
+    gradients: Array  #: Gradients of shape functions in 1/m, shape (n, points, functions, 2).
+    #: Quadrature weights in m², shape (n, points); their sum is the area of the electrode.
     weights: Array
-    #: Local coordinates of the points in their elements, (2, n, points).
+    #: Local coordinates of the points in their elements, shape (2, n, points).
     local: Array
 
     def global_points(self, mesh: MeshTri2) -> Array:
-        """Return the global coordinates of the points in m, an array (n, points, 2)."""
+        """Compute the global coordinates of the points in m.
+
+        Returns
+        -------
+        ndarray, shape (n, points, 2)
+        """
         points = mesh.mapping().F(self.local, self.elements)
         return np.moveaxis(np.asarray(points), 0, -1)
 
     def gradient(self, space: Space, x: Array) -> Array:
-        """Return the displacement gradient (n, points, 3, 2) of the dofs `x`."""
+        """Return the displacement gradient at the points, shape (n, points, 3, 2), of dofs `x`."""
         nodal = x[space.element_dofs[self.elements]].reshape(len(self.elements), 1, -1, 3)
         return np.matmul(nodal.swapaxes(2, 3), self.gradients)
 
@@ -65,18 +71,18 @@ class Sampling:
 class AreaPoints(NamedTuple):
     """Quadrature points inside outlines; the points of a row lie in one element."""
 
-    owners: Indices  #: Number of the outline of a row, (n,).
-    elements: Indices  #: Element of a row, (n,).
-    points: Array  #: In m, (n, points, 2).
-    weights: Array  #: In m², (n, points).
+    owners: Indices  #: Index of the outline of a row, shape (n,).
+    elements: Indices  #: Element of a row, shape (n,).
+    points: Array  #: In m, shape (n, points, 2).
+    weights: Array  #: In m², shape (n, points).
 
 
 class Pieces(NamedTuple):
     """The pieces into which elements cut polygons or lines."""
 
-    owners: Indices  #: Number of the shape that a piece is of, (n,).
-    elements: Indices  #: Element that it lies in, (n,).
-    shapes: Geometries  #: The pieces, (n,).
+    owners: Indices  #: Index of the shape that a piece belongs to, shape (n,).
+    elements: Indices  #: Element that it lies in, shape (n,).
+    shapes: Geometries  #: The pieces, shape (n,).
 
 
 def sample_areas(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
@@ -167,7 +173,20 @@ def sample_edges(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
 
 
 def _find_edges(output: Output, axis: int) -> Array:
-    """Return left and right (axis 0), or lower and upper edges (2, 2, 2) in the mesh's axes."""
+    """Find the two edges of a rectangular electrode on which a coordinate is constant.
+
+    Parameters
+    ----------
+    output : Output
+        The electrode.
+    axis : int
+        0 for the left and right edges, 1 for the lower and upper edges.
+
+    Returns
+    -------
+    ndarray, shape (2, 2, 2)
+        Start and end of both edges in m, in the axes of the mesh.
+    """
     edges = np.stack([output.corners, np.roll(output.corners, -1, axis=0)], axis=1)
     is_across = edges[:, 0, axis] == edges[:, 1, axis]
     return output.to_mesh_axes(edges[is_across])
@@ -189,7 +208,7 @@ def place_area_points(mesh: MeshTri2, outlines: Sequence[Outline], degree: int) 
     -------
     AreaPoints
     """
-    pieces = _cut(mesh, [outline.equal_area_polygon for outline in outlines])
+    pieces = _cut_by_elements(mesh, [outline.equal_area_polygon for outline in outlines])
     rings = shapely.get_exterior_ring(shapely.orient_polygons(pieces.shapes))
     corners, ring = shapely.get_coordinates(rings, return_index=True)
     first = corners[np.searchsorted(ring, ring[:-1])]
@@ -230,12 +249,12 @@ def make_line_quadrature(
     Returns
     -------
     PlacedQuadrature
-        With the numbers of the lines as owners.
+        Its owners are the indices of the lines.
     """
     along = lines[:, 1] - lines[:, 0]
     normal = np.stack([-along[:, 1], along[:, 0]], axis=-1)[:, None]
     both_sides = np.concatenate([lines + offset * normal, lines - offset * normal])
-    pieces = _cut(mesh, shapely.linestrings(both_sides))
+    pieces = _cut_by_elements(mesh, shapely.linestrings(both_sides))
     ends = shapely.get_coordinates(pieces.shapes).reshape(-1, 2, 2)
     middle = ends.mean(axis=1)
     half = 0.5 * (ends[:, 1] - ends[:, 0])
@@ -249,13 +268,24 @@ def make_line_quadrature(
     )
 
 
-def _cut(
+def _cut_by_elements(
     mesh: MeshTri2, shapes: Sequence[shapely.Geometry] | Geometries, negligible: float = 1e-12
 ) -> Pieces:
-    """Cut polygons, or lines, into pieces by the elements of a mesh.
+    """Cut polygons or lines into pieces by the elements of a mesh.
 
-    An element that only touches a shape has a piece without size, or by rounding one below the
-    `negligible` part of the shape; these are left out.
+    Parameters
+    ----------
+    mesh : MeshTri2
+        The mesh.
+    shapes : sequence or ndarray of shapely.Geometry, shape (n,)
+        All polygons, or all lines, in m.
+    negligible : float
+        Pieces below this fraction of their shape's area or length are left out: an element that
+        only touches a shape has a piece without size, or with one due to round-off.
+
+    Returns
+    -------
+    Pieces
     """
     polygons = _make_element_polygons(mesh)
     cut = np.asarray(shapes)

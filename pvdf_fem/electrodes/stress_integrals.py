@@ -1,7 +1,8 @@
 """Stress integrals of the electrodes, and the charges that follow from them.
 
 A charge is d31 X + d32 Y with the stress integrals X = ∫ S11 dA and Y = ∫ S22 dA over the
-electrode, or what its observable takes for them; see `pvdf_fem.electrodes.observables`.
+electrode, or with other integrals that its observable defines; see
+`pvdf_fem.electrodes.observables`.
 """
 
 from __future__ import annotations
@@ -32,12 +33,12 @@ CANCELLATION_FRACTION = 0.05
 class StressIntegrals:
     """Stress integrals of a solution's outputs, with their estimated errors."""
 
-    values: Array  #: X and Y of each output in N, (outputs, 2).
-    errors: Array  #: Their estimated errors in N, with signs, (outputs, 2).
+    values: Array  #: X and Y of each output in N, shape (outputs, 2).
+    errors: Array  #: Their estimated errors in N, with signs, shape (outputs, 2).
 
     @classmethod
     def unknown(cls, outputs: int) -> StressIntegrals:
-        """Return NaN for values and errors of a number of outputs."""
+        """Make stress integrals of a number of outputs whose values and errors are NaN."""
         return cls(np.full((outputs, 2), np.nan), np.full((outputs, 2), np.nan))
 
     def of(self, rows: Selection | Sequence[int]) -> StressIntegrals:
@@ -210,7 +211,19 @@ def differentiate_charges(
 
 
 def combine_charges(outputs: Sequence[Output], integrals: Array) -> Array:
-    """Combine stress integrals in N, (outputs, 2), to charges in C, (outputs,)."""
+    """Combine stress integrals to charges in C.
+
+    Parameters
+    ----------
+    outputs : sequence of Output
+        The electrodes, for their d31 and d32.
+    integrals : ndarray, shape (outputs, 2)
+        X and Y in N.
+
+    Returns
+    -------
+    ndarray, shape (outputs,)
+    """
     return _combine(integrals, piezo_coefficients(outputs))
 
 
@@ -333,12 +346,15 @@ def measure_area_defects(
 
 
 def _combine(integrals: Array, d: ArrayLike) -> Array:
-    """Compute d31 X + d32 Y of integrals (outputs, 2), with `d` (2,) or (outputs, 2)."""
+    """Compute d31 X + d32 Y of stress integrals, shape (outputs,)."""
     return np.asarray((integrals * np.asarray(d)).sum(axis=1))
 
 
 def _restrict_film(membrane: Membrane, sampling: Sampling, sector: SymmetrySector) -> Laminate:
-    """Return the film at the sampling points; a linear law has the same stress everywhere."""
+    """Return the film with its prestrain at the sampling points.
+
+    If the prestrain is uniform or the law is linear, the membrane itself has the same stress.
+    """
     if membrane.added is None or membrane.law.is_linear:
         return membrane
     return membrane.at_points(sampling.global_points(membrane.space.mesh) @ sector.frame)
@@ -347,7 +363,17 @@ def _restrict_film(membrane: Membrane, sampling: Sampling, sector: SymmetrySecto
 def _iterate_samplings(
     outputs: Sequence[Output], space: Space, sector: SymmetrySector
 ) -> Iterator[tuple[Observable, Sampling, Array]]:
-    """Yield each observable in use with its sampling points and the directions of its outputs."""
+    """Yield the sampling points of all outputs, grouped by observable.
+
+    Yields
+    ------
+    observable : Observable
+        An observable of some outputs.
+    sampling : Sampling
+        Points of these outputs and their reflections; a row belongs to an index of `outputs`.
+    directions : ndarray, shape (n, 2, 3)
+        ``Output.directions`` for each row of the sampling.
+    """
     reflections, owners = reflect_outputs(outputs, sector)
     for name, observable in OBSERVABLES.items():
         numbers = [i for i, output in enumerate(reflections) if output.observable == name]

@@ -1,14 +1,16 @@
 """Electromechanical coupling: how the voltages of electrodes stiffen the film.
 
 A charge amplifier keeps its electrode at zero voltage. Any other electrode shares its charge with
-the capacitance C_L of its wires, which is zero if it is open. The strain E since the unloaded film
-causes the charge q and the voltage V::
+the capacitance C_L of its wires, which is zero if it is open. The Green-Lagrange strain E relative
+to the unloaded film causes the charge q and the voltage V::
 
     q = ∫ e : E dA,    e = d : C,    V = q/(C + C_L),    C = ε_S A/h,    ε_S = ε_T - d : C : d
 
-with the permittivity ε_T at constant stress, ``film.permittivity``. It adds e V/h to the stress S
-and q²/(2 (C + C_L)) to the film's energy. A channel reads the charge ∫ d : S dA by the whole
-stress, with and without coupling: V times (ε_T A/h + C_L).
+with the piezoelectric coefficients d, the plane-stress stiffness C of the film in the products with
+d (elsewhere C is the electrode's capacitance), the electrode's area A, the film's thickness h, and
+the permittivity ε_T at constant stress, ``film.permittivity``. The voltage adds e V/h to the stress
+S and q²/(2 (C + C_L)) to the film's energy. A channel reads the charge ∫ d : S dA of the total
+stress S, with and without coupling; it equals V times (ε_T A/h + C_L).
 """
 
 from __future__ import annotations
@@ -46,73 +48,100 @@ class FloatingElectrode:
 
     @cached_property
     def e(self) -> Array:
-        """Stress over electric field in C/m², (3,)."""
+        """Piezoelectric stress coefficients e = d : C in C/m², shape (3,)."""
         return self.film.stiffness @ [self.film.d31, self.film.d32, 0.0]
 
     @cached_property
     def capacitance(self) -> float:
-        """C + C_L in F."""
+        """Capacitance C + C_L of electrode and wires in F."""
         permittivity = max(self.film.clamped_permittivity, np.finfo(float).tiny)
         return permittivity * self.outline.area / self.film.thickness + self.load
 
     @cached_property
     def coupling_matrix(self) -> Array:
-        """Stress integrals X, Y by the voltage over those by the strain, (2, 2)."""
+        """Matrix from the stress integrals X, Y by strain to those by the voltage, shape (2, 2).
+
+        The stress integrals by strain count from the unloaded film, whose voltage is zero.
+        """
         factor = self.outline.area / self.film.thickness / self.capacitance
         return factor * np.outer(self.e[:2], [self.film.d31, self.film.d32])
 
     def with_voltage(self, integrals: Array) -> Array:
-        """Return stress integrals X, Y of the whole stress in N, (2,).
+        """Add the stress by the electrode's own voltage to its stress integrals X and Y.
 
         Parameters
         ----------
-        integrals : (2,) array
-            Integrals of the strain's stress in N.
+        integrals : ndarray, shape (2,)
+            X and Y of the stress by strain, including the prestress, in N.
+
+        Returns
+        -------
+        ndarray, shape (2,)
+            X and Y of the total stress in N.
         """
         unloaded = self.film.prestress[:2] * self.outline.area
         return np.asarray(integrals + self.coupling_matrix @ (integrals - unloaded))
 
     def estimate_effect(self, scene: Scene, probe: LoadedProbe, own_fraction: float = 0.4) -> float:
-        """Estimate the relative change of a charge by coupling.
+        """Estimate how much coupling changes the electrode's charge.
 
         Parameters
         ----------
         scene : Scene
-            The scene.
+            The scene, for its film and for the contact with a curved tip.
         probe : LoadedProbe
-            The probe that presses.
+            The probe that presses; other probes are ignored.
         own_fraction : float
-            Share of its own stress that a small part of a film keeps: (1 - ν)/2, or (1 + ν)/4 of a
-            shear (Eshelby).
+            Fraction of a stress imposed on a small part of a film that remains there: (1 - ν)/2, or
+            (1 + ν)/4 for a shear (Eshelby).
+
+        Returns
+        -------
+        float
+            Change divided by the charge.
         """
         area = self.outline.area
         pressed_area, force = estimate_pressed_area(scene, probe)
         radius = math.sqrt(area / math.pi)
         pressed_radius = math.sqrt(pressed_area.area / math.pi)
         distance = math.dist(self.outline.centroid, pressed_area.centroid)
-        # an electrode under the probe has its mean tension at about half its radius
+        # the tension at half its radius is about the mean over an electrode under the probe
         r = max(distance - radius, pressed_radius, 0.5 * radius)
         covered = area / (math.pi * self.film.radius**2)
-        kept = own_fraction + (1.0 - own_fraction) * covered
+        remaining = own_fraction + (1.0 - own_fraction) * covered
         return (
             float(np.trace(self.coupling_matrix))
-            * kept
+            * remaining
             * estimate_load_fraction(self.film, force, r)
         )
 
 
 class Coupling(Term):
-    """The energy q²/(2 (C + C_L)) of a floating electrode."""
+    """The energy q²/(2 (C + C_L)) of a floating electrode.
+
+    Parameters
+    ----------
+    electrode : FloatingElectrode
+        The electrode, with its capacitances.
+    space : Space
+        The finite-element space on a mesh that follows the electrode's outline.
+    """
 
     def __init__(self, electrode: FloatingElectrode, space: Space) -> None:
         self.electrode = electrode
         self.space = space
-        #: Elements of the electrode, (n,).
+        #: Numbers of the electrode's elements, shape (n,).
         self.elements: Indices = space.mesh.subdomains[make_subdomain_name(electrode.name)]
         self._weighted_e = space.weights[self.elements, :, None] * electrode.e
 
     def charge(self, strain: Array) -> float:
-        """Return q in C of the whole film's strain, (elements, points, 3)."""
+        """Return the charge q in C of a strain.
+
+        Parameters
+        ----------
+        strain : ndarray, shape (elements, points, 3)
+            Green-Lagrange strain in all elements of the film.
+        """
         return float((strain[self.elements] * self._weighted_e).sum())
 
     def voltage(self, state: State) -> float:
@@ -124,34 +153,59 @@ class Coupling(Term):
         return 0.5 * self.voltage(state) * self.charge(state.strain)
 
     def charge_gradient(self, state: State) -> Array:
-        """Return the derivative of q by the dofs in C/m, (dofs,).
+        """Return the derivative of the charge q with respect to the dofs.
 
-        It has the integrals of e : sym(Fᵀ grad v) over the electrode.
+        Returns
+        -------
+        ndarray, shape (dofs,)
+            Integrals of e : sym(Fᵀ grad v) over the electrode for every function v, in C/m.
         """
         flux = state.deformation_gradient[self.elements] * self._weighted_e[:, :, None, :2]
         parts = np.matmul(self.space.gradients[self.elements], flux.swapaxes(2, 3))
         return self.space.sum_at_dofs(parts.sum(axis=1), self.elements)
 
     def residual(self, state: State) -> Array:
-        """Return the derivative of the energy in N, (dofs,)."""
+        """Return the derivative of the energy with respect to the dofs in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         return self.voltage(state) * self.charge_gradient(state)
 
     def added_stress(self, state: State) -> ElementStress:
-        """Return the stress e V/h of the voltage."""
+        """Return the stress e V/h that the voltage adds in the electrode's elements."""
         field = self.voltage(state) / self.electrode.film.thickness
         return ElementStress(self.elements, field * self.electrode.e)
 
     def tangent_column(self, state: State) -> Array:
-        """Return the slope over √(C + C_L)."""
+        """Return the derivative of q divided by √(C + C_L), so that c cᵀ is a part of the tangent.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+            In √(N/m).
+        """
         return self.charge_gradient(state) / np.sqrt(self.electrode.capacitance)
 
     def action(self, state: State, x: Array) -> Array:
-        """Return the tangent without the geometric stiffness times `x` in N, (dofs,)."""
+        """Multiply the tangent c cᵀ, without geometric stiffness, by the dofs `x`; return N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         column = self.tangent_column(state)
         return column * (column @ x)
 
     def energy_along(self, state: State, x: Array) -> Array:
-        """Return the energy of the dofs moved by s `x`, as coefficients (5,) of 1, s, ... s⁴."""
+        """Return the energy at the dofs plus s times `x`, as a polynomial in s.
+
+        Returns
+        -------
+        ndarray, shape (5,)
+            Coefficients in J of 1, s, ..., s⁴. They are exact: q is quadratic in s.
+        """
         step = self.space.displacement_gradient(x)
         first = compute_strain_rate(state.deformation_gradient, step)
         second = compute_strain(step) - compute_strain_rate(IDENTITY, step)
@@ -177,7 +231,8 @@ def find_floating_electrodes(scene: Scene) -> tuple[FloatingElectrode, ...]:
 def find_coupled_electrodes(scene: Scene) -> tuple[FloatingElectrode, ...]:
     """Find the floating electrodes whose voltages act on the film.
 
-    ``film.coupling = "auto"`` is resolved here.
+    With ``film.coupling = "auto"`` coupling is included if its estimated effect exceeds the
+    tolerance of the charges.
     """
     is_coupled = scene.film.coupling
     if is_coupled == "auto":
@@ -186,7 +241,7 @@ def find_coupled_electrodes(scene: Scene) -> tuple[FloatingElectrode, ...]:
 
 
 def estimate_coupling_effect(scene: Scene) -> float:
-    """Estimate the largest relative change of a charge by coupling."""
+    """Estimate the largest relative change of any electrode's charge by coupling."""
     largest = 0.0
     for electrode in find_floating_electrodes(scene):
         for probe in scene.loaded_probes:
@@ -195,7 +250,7 @@ def estimate_coupling_effect(scene: Scene) -> float:
 
 
 def describe_coupling(scene: Scene) -> Iterator[EffectNote]:
-    """Describe the effect of coupling; yield nothing without floating electrodes."""
+    """Yield a note about the effect of coupling if the scene has floating electrodes."""
     floating = find_floating_electrodes(scene)
     if not floating:
         return

@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-Charges = Mapping[str, float] | None  #: In pC by electrode; None before a solve.
+#: Charges in pC by the names of electrodes; None before a solve.
+Charges = Mapping[str, float] | None
 
 
 class EffectNote(NamedTuple):
-    """A note about an effect."""
+    """A note that an effect is included in a solution or neglected."""
 
     is_included: bool  #: False if the solution neglects the effect.
-    text: str  #: With its size, and how to include it.
+    text: str  #: The effect, its size, and how to include it if it is neglected.
 
 
 def format_two_digits(value: float) -> str:
-    """Format a number with two significant digits, as 220 and not 2.2e+02."""
+    """Format a number with two significant digits and without an exponent, such as 220."""
     return f"{float(f'{value:.2g}'):g}"
 
 
@@ -28,22 +29,22 @@ def describe_charge_effect(
     name: str,
     charges_pC: Charges,
 ) -> EffectNote:
-    """Describe an effect that adds charge, by its size on an electrode.
+    """Describe an effect that adds charge, with the charge that it adds on one electrode.
 
     Parameters
     ----------
     about : tuple of str
-        The effect, and the key of its coefficient.
+        Name of the effect, and the scene key of its coefficient.
     coefficient : float or None
-        The effect's coefficient in the scene; None if it has none, so that the effect is neglected.
+        The coefficient in the scene; None if the scene has none, so that the effect is neglected.
     typical : float
-        A typical coefficient, which estimates a neglected effect.
+        A typical coefficient, from which the size of a neglected effect is estimated.
     per_unit : float
-        Charge on the electrode for a coefficient of 1, in pC.
+        Charge in pC that a coefficient of 1 adds on the electrode.
     name : str
-        The electrode's name.
+        Name of the electrode.
     charges_pC : mapping or None
-        Charges of the solution.
+        Charges of the solution, to which the added charge is compared; None before a solve.
     """
     effect, key = about
     added_pC = per_unit * (typical if coefficient is None else coefficient)

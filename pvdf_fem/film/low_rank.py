@@ -1,4 +1,4 @@
-"""Low-rank updates of sparse matrices, A + B Bᵀ, and their factors by those of A."""
+"""Low-rank updates A + B Bᵀ of sparse matrices, and solves with them by the factors of A."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from pvdf_fem.arrays import Array
 
 
 class LowRankUpdate(LinearOperator):  # type: ignore[misc]
-    """The matrix A + B Bᵀ.
+    """The matrix A + B Bᵀ of a sparse matrix A and a few columns B, which is never formed.
 
     Parameters
     ----------
-    sparse : (n, n) sparse matrix
-        A.
-    columns : (n, m) array
-        B, with few columns.
+    sparse : sparse matrix, shape (n, n)
+        The sparse matrix A.
+    columns : ndarray, shape (n, m)
+        The columns B. Products skip the rows of B that are zero.
     """
 
     def __init__(self, sparse: sp.csc_matrix, columns: Array) -> None:
+        """Keep A and B, and select the rows of B that are not zero."""
         super().__init__(sparse.dtype, sparse.shape)
         self.sparse = sparse
         self.columns = columns
@@ -28,7 +29,7 @@ class LowRankUpdate(LinearOperator):  # type: ignore[misc]
         self._nonzero_rows = columns[self._nonzero]
 
     def _matmat(self, x: Array) -> Array:
-        if np.iscomplexobj(x):  # the product would make a complex copy of B
+        if np.iscomplexobj(x):  # a product with complex x would make a complex copy of B
             return self._matmat(x.real) + 1j * self._matmat(x.imag)
         total = np.asarray(self.sparse @ x)
         total[self._nonzero] += self._nonzero_rows @ (self._nonzero_rows.T @ x[self._nonzero])
@@ -36,14 +37,14 @@ class LowRankUpdate(LinearOperator):  # type: ignore[misc]
 
 
 class LowRankFactors:
-    """Solves with A + B Bᵀ by the factors of A.
+    """Factors of A + B Bᵀ: those of A and a small matrix.
 
     Parameters
     ----------
     matrix : LowRankUpdate
-        A + B Bᵀ.
+        The matrix A + B Bᵀ.
     factors : SuperLU
-        Factors of A.
+        LU factors of A.
 
     Notes
     -----
@@ -53,25 +54,25 @@ class LowRankFactors:
     def __init__(self, matrix: LowRankUpdate, factors: SuperLU) -> None:
         self.factors = factors
         self.columns = matrix.columns
-        #: A⁻¹ B and A⁻ᵀ B.
+        #: A⁻¹ B by the key "N", and A⁻ᵀ B by the key "T".
         self._solved_columns = {trans: factors.solve(self.columns, trans) for trans in "NT"}
-        #: I + Bᵀ A⁻¹ B, (m, m). Its negative eigenvalues count those that A has in addition to
+        #: I + Bᵀ A⁻¹ B, shape (m, m). It has as many negative eigenvalues as A has more than
         #: A + B Bᵀ.
         self.small = np.eye(self.columns.shape[1]) + self.columns.T @ self._solved_columns["N"]
 
     def solve(self, right: Array, trans: str = "N") -> Array:
-        """Solve with the matrix, as `SuperLU.solve` does.
+        """Solve a linear system with A + B Bᵀ or its transpose; the interface of `SuperLU.solve`.
 
         Parameters
         ----------
-        right : (n,) or (n, m) array
+        right : ndarray, shape (n,) or (n, m)
             Right-hand sides.
         trans : str
-            "N", or "T" for the transposed matrix.
+            "N" for A + B Bᵀ, "T" for its transpose.
 
         Returns
         -------
-        (n,) or (n, m) array
+        ndarray, shape (n,) or (n, m)
             The solutions.
         """
         x = self.factors.solve(right, trans)

@@ -1,7 +1,7 @@
 """The membrane term: a geometrically exact film under tension.
 
 `pvdf_fem.film.weak_form` has its equations as scikit-fem forms. Here they are evaluated for all
-elements at once on the same basis, quadrature and dofs; a test holds the two equal. The material
+elements at once on the same basis, quadrature and dofs; a test checks that both agree. The material
 laws are in `pvdf_fem.film.laws`.
 
 Symmetric tensors are in Voigt order (11, 22, 12), strains with engineering shear (2 E12).
@@ -25,77 +25,96 @@ COMPONENT_PAIRS = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)]
 
 
 class Membrane(Laminate, Term):
-    """The membrane's energy, residual and tangent on a space, of the plies of a `Laminate`.
+    """The membrane's energy, residual and tangent, summed over the plies of a `Laminate`.
 
-    The stress of its states is the resultant of all plies over the film's thickness.
+    The stress of its states is that of all plies together: the tension in N/m divided by the film's
+    thickness.
     """
 
-    #: Artificial tension over the mean tension that keeps the tangent of a slack film regular.
+    #: Artificial tension, as a fraction of the mean tension, that keeps the tangent of a slack film
+    #: regular.
     floor = 1e-6
-    _last_moduli: tuple[State, Array] | None = None
+    _last_tangent_stiffness: tuple[State, Array] | None = None
 
     @cached_property
     def volumes(self) -> Array:
-        """Quadrature weights times area times thickness in m³, (elements, points)."""
+        """Quadrature weights times the film's thickness in m³, shape (elements, points)."""
         return self.film.thickness * self.space.weights
 
     def state(self, x: Array) -> State:
-        """Return the fields of the dofs `x` in m."""
+        """Return deformation gradient, strain and stress of the displacement dofs `x` in m."""
         gradient = self.space.displacement_gradient(x)
         strain = compute_strain(gradient)
         return State(gradient + IDENTITY, strain, self.resultant(strain), x)
 
     def constitutive_stress(self, state: State) -> Array:
-        """Return the strain's stress in Pa, without the stress that terms add."""
+        """Return the stress of the material law in Pa, without the stress that terms add."""
         return state.stress if state.added is None else state.stress - state.added
 
     def tangent_stiffness(self, state: State) -> Array:
-        """Return dS/dE in Pa; that of the last state is kept.
+        """Return the tangent stiffness dS/dE in Pa; the last state's is cached.
 
         Returns
         -------
-        (3, 3) or (elements, points, 3, 3) array
+        ndarray, shape (3, 3) or (elements, points, 3, 3)
             A single matrix where it is the same everywhere.
         """
         if state.tangent_stiffness is not None:
             return state.tangent_stiffness
-        if self._last_moduli is None or self._last_moduli[0] is not state:
-            self._last_moduli = state, self.resultant_tangent_stiffness(state.strain)
-        return self._last_moduli[1]
+        if self._last_tangent_stiffness is None or self._last_tangent_stiffness[0] is not state:
+            self._last_tangent_stiffness = state, self.resultant_tangent_stiffness(state.strain)
+        return self._last_tangent_stiffness[1]
 
     def energy(self, state: State) -> float:
         """Return the stored energy in J."""
         return self.stored_energy(state.strain, self.volumes)
 
     def residual(self, state: State) -> Array:
-        """Return the internal forces in N, (dofs,), without those that balance in the flat film.
+        """Return the internal forces in N, without those of the flat film's prestress.
 
-        The sum of these would leave rounding, which drowns a small load and moves a flat film.
+        The forces of a uniform prestress cancel at every dof inside the rim. Their sum in floating
+        point would leave round-off that exceeds the forces of a small load and moves a flat film.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
         """
         return self.internal_forces(state) - self._prestress_forces
 
     @cached_property
     def _prestress_forces(self) -> Array:
-        """Forces in N of the part of the flat film's stress that balances inside the rim, (dofs,).
+        """Forces in N of the flat film's uniform stress, shape (dofs,).
 
-        It is the whole stress if that is uniform, otherwise its mean.
+        They are zero inside the rim up to round-off. Where the stress of the flat film is not
+        uniform, these are the forces of its mean, which are self-equilibrated, too.
         """
         flat = self.resultant(np.zeros((*self.volumes.shape, 3)))
         mean = np.einsum("epi,ep->i", flat, self.volumes) / self.volumes.sum()
-        is_uniform = np.abs(flat - mean).max() <= 1e-12 * np.abs(mean).max()  # but for rounding
-        balanced = flat if is_uniform else np.broadcast_to(mean, flat.shape)
+        is_uniform = np.abs(flat - mean).max() <= 1e-12 * np.abs(mean).max()  # up to round-off
+        stress = flat if is_uniform else np.broadcast_to(mean, flat.shape)
         undeformed = np.broadcast_to(IDENTITY, (*self.volumes.shape, 3, 2))
         return self.space.sum_at_dofs(
-            self.space.integrate_flux(self._first_piola(undeformed, balanced))
+            self.space.integrate_flux(self._first_piola(undeformed, stress))
         )
 
     def internal_forces(self, state: State) -> Array:
-        """Return the forces of the strain's stress in N, (dofs,)."""
+        """Return the internal forces of the constitutive stress in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         flux = self._first_piola(state.deformation_gradient, self.constitutive_stress(state))
         return self.space.sum_at_dofs(self.space.integrate_flux(flux))
 
     def element_action(self, state: State, x: Array) -> Array:
-        """Return the tangent times the dofs `x` in N, (elements, element dofs)."""
+        """Multiply the element tangents by the dofs `x`, without forming the matrices.
+
+        Returns
+        -------
+        ndarray, shape (elements, element dofs)
+            Forces in N.
+        """
         F = state.deformation_gradient
         step = self.space.displacement_gradient(x)
         stress_rate = apply_matrix(self.tangent_stiffness(state), compute_strain_rate(F, step))
@@ -106,15 +125,25 @@ class Membrane(Laminate, Term):
         return forces
 
     def diagonal(self, state: State) -> Array:
-        """Return the diagonal of the tangent in N/m, (dofs,)."""
+        """Return the diagonal of the tangent in N/m, summed over the elements.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         return self.space.sum_at_dofs(self.element_diagonal(state))
 
     def element_diagonal(self, state: State) -> Array:
-        """Return the diagonals of the element tangents in N/m, (elements, element dofs)."""
-        moduli = self.tangent_stiffness(state)
+        """Return the diagonals of the element tangents in N/m.
+
+        Returns
+        -------
+        ndarray, shape (elements, element dofs)
+        """
+        stiffness = self.tangent_stiffness(state)
         factors = np.empty((*self.volumes.shape, 3, 3))
         for i in range(3):
-            m11, m12, _, m22 = self._derivatives(state, moduli, i, i)
+            m11, m12, _, m22 = self._derivatives(state, stiffness, i, i)
             factors[..., i] = np.concatenate([m11, 2.0 * m12, m22], axis=-1)
         rows = self.space.gradient_rows
         g1, g2 = rows[:, 0::2], rows[:, 1::2]
@@ -128,89 +157,89 @@ class Membrane(Laminate, Term):
         return diagonal
 
     def element_tangent(self, state: State) -> ElementMatrices:
-        """Return the tangents of all elements in N/m."""
+        """Return the tangent matrices of all elements in N/m."""
         return ElementMatrices(ALL, self.tangent_matrices(state))
 
     def tangent_matrices(self, state: State, chunk_size: int = 128) -> Array:
-        """Compute the tangents of all elements.
+        """Compute the tangent matrices of all elements.
 
         Parameters
         ----------
         state : State
             The state of the film.
         chunk_size : int
-            Number of elements that are computed at a time, so that they stay in the processor's
-            cache.
+            Number of elements that are computed at a time, so that their arrays fit into the
+            processor's cache.
 
         Returns
         -------
-        (elements, element dofs, element dofs) array
-            Tangents in N/m. Damping keeps those of a wrinkling film regular where the film is
-            slack; the residual is exact, so that the damping changes no solution.
+        ndarray, shape (elements, element dofs, element dofs)
+            Tangents in N/m. For a wrinkling film they include an artificial tension, which keeps
+            them regular where the film is slack. The residual does not include it, so that it
+            changes no solution.
         """
         count = len(self.space.gradient_rows)
         functions = self.space.gradient_rows.shape[-1]
-        moduli = self.tangent_stiffness(state)
+        stiffness = self.tangent_stiffness(state)
         blocks = np.empty((count, functions, 3, functions, 3))
         for first in range(0, count, chunk_size):
             chunk = slice(first, first + chunk_size)
-            products = self._tangent_products(state, moduli, chunk)
+            products = self._tangent_products(state, stiffness, chunk)
             for k, (i, j) in enumerate(COMPONENT_PAIRS):
                 blocks[chunk, :, i, :, j] = products[:, :, k]
                 blocks[chunk, :, j, :, i] = products[:, :, k].swapaxes(1, 2)
         matrices = blocks.reshape(count, 3 * functions, 3 * functions)
         return matrices + self._damping(state) if self.law.wrinkles else matrices
 
-    def _tangent_products(self, state: State, moduli: Array, chunk: slice) -> Array:
-        """Return the tangent's blocks in a chunk of elements.
+    def _tangent_products(self, state: State, stiffness: Array, chunk: slice) -> Array:
+        """Compute the blocks of displacement components of the tangents in a chunk of elements.
 
         Parameters
         ----------
         state : State
             The state of the film.
-        moduli : (3, 3) or (elements, points, 3, 3) array
-            Moduli in Pa.
+        stiffness : ndarray, shape (3, 3) or (elements, points, 3, 3)
+            Tangent stiffness dS/dE in Pa.
         chunk : slice
-            The elements.
+            The elements of the chunk.
 
         Returns
         -------
-        (elements, functions, component pairs, functions) array
-            Blocks in N/m.
+        ndarray, shape (elements, functions, component pairs, functions)
+            Blocks in N/m, in the order of `COMPONENT_PAIRS`.
         """
         rows = self.space.gradient_rows[chunk]
         elements, lines, functions = rows.shape
         g1, g2 = rows[:, 0::2], rows[:, 1::2]
         fluxes = np.empty((elements, lines // 2, 2, len(COMPONENT_PAIRS), functions))
         for k, (i, j) in enumerate(COMPONENT_PAIRS):
-            m11, m12, m21, m22 = self._derivatives(state, moduli, i, j, chunk)
+            m11, m12, m21, m22 = self._derivatives(state, stiffness, i, j, chunk)
             fluxes[:, :, 0, k] = m11 * g1 + m12 * g2
             fluxes[:, :, 1, k] = m21 * g1 + m22 * g2
         products = np.matmul(rows.swapaxes(1, 2), fluxes.reshape(elements, lines, -1))
         return products.reshape(elements, functions, len(COMPONENT_PAIRS), functions)
 
     def _derivatives(
-        self, state: State, moduli: Array, i: int, j: int, chunk: slice = ALL
+        self, state: State, stiffness: Array, i: int, j: int, chunk: slice = ALL
     ) -> tuple[Array, Array, Array, Array]:
-        """Differentiate row i of the first Piola-Kirchhoff stress F S by row j of F.
+        """Differentiate row i of the first Piola-Kirchhoff stress F S with respect to row j of F.
 
         Parameters
         ----------
         state : State
             The state of the film.
-        moduli : (3, 3) or (elements, points, 3, 3) array
-            Moduli in Pa. Uniform moduli are those of the film's axes: they do not couple shear with
-            normal strain.
+        stiffness : ndarray, shape (3, 3) or (elements, points, 3, 3)
+            Tangent stiffness dS/dE in Pa. A single matrix is that of an orthotropic film in its
+            axes, in which shear and normal strain do not couple.
         i, j : int
             Displacement components.
         chunk : slice
-            The elements.
+            The elements of the chunk.
 
         Returns
         -------
-        four (elements, points, 1) arrays
-            Derivatives of (F S)_ia by F_jb times the quadrature's volumes, in the order ab = 11,
-            12, 21, 22.
+        d11, d12, d21, d22 : ndarray, shape (elements, points, 1)
+            d_ab is the derivative of (F S)_ia with respect to F_jb in Pa, times `volumes` in m³.
         """
         weight = self.volumes[chunk, :, None]
         F, stress = state.deformation_gradient[chunk], state.stress[chunk]
@@ -218,14 +247,14 @@ class Membrane(Laminate, Term):
         b1, b2 = F[..., j, 0, None], F[..., j, 1, None]
         is_diagonal = float(i == j)
         s11, s22, s12 = (stress[..., k, None] * is_diagonal for k in range(3))
-        C = moduli if moduli.ndim == 2 else moduli[chunk]
+        C = stiffness if stiffness.ndim == 2 else stiffness[chunk]
         c11, c12 = C[..., 0, 0, None], C[..., 0, 1, None]
         c22, c33 = C[..., 1, 1, None], C[..., 2, 2, None]
         d11 = c11 * a1 * b1 + c33 * a2 * b2 + s11
         d12 = c12 * a1 * b2 + c33 * a2 * b1 + s12
         d21 = c12 * a2 * b1 + c33 * a1 * b2 + s12
         d22 = c22 * a2 * b2 + c33 * a1 * b1 + s22
-        if moduli.ndim > 2:
+        if stiffness.ndim > 2:
             c13, c23 = C[..., 0, 2, None], C[..., 1, 2, None]
             d11 = d11 + c13 * (a1 * b2 + a2 * b1)
             d12 = d12 + c13 * a1 * b1 + c23 * a2 * b2
@@ -234,23 +263,24 @@ class Membrane(Laminate, Term):
         return weight * d11, weight * d12, weight * d21, weight * d22
 
     def energy_along(self, state: State, x: Array) -> Array:
-        """Return the stored energy of the dofs moved by s `x` as a polynomial in s.
+        """Return the stored energy at the dofs plus s times `x`, as a polynomial in s.
 
         Parameters
         ----------
         state : State
             The state at s = 0.
-        x : (dofs,) array
+        x : ndarray, shape (dofs,)
             The direction in m.
 
         Returns
         -------
-        (5,) array
-            Coefficients in J of 1, s, ... s⁴, with the moduli of the state. They are exact for a
-            linear law: the strain is quadratic in s, and the energy is quadratic in the strain.
+        ndarray, shape (5,)
+            Coefficients in J of 1, s, ..., s⁴, with the tangent stiffness of the state. They are
+            exact for a linear law: the strain is quadratic in s, and the energy is quadratic in
+            the strain.
         """
         step = self.space.displacement_gradient(x)
-        moduli = self.tangent_stiffness(state)
+        stiffness = self.tangent_stiffness(state)
         volumes = self.volumes[..., None]
         # strain = E + s first + s² second
         first = compute_strain_rate(state.deformation_gradient, step)
@@ -260,8 +290,8 @@ class Membrane(Laminate, Term):
             return float((stress * strain * volumes).sum())
 
         stress = self.constitutive_stress(state)
-        stress_first = apply_matrix(moduli, first)
-        stress_second = apply_matrix(moduli, second)
+        stress_first = apply_matrix(stiffness, first)
+        stress_second = apply_matrix(stiffness, second)
         return np.array(
             [
                 self.energy(state),
@@ -273,19 +303,20 @@ class Membrane(Laminate, Term):
         )
 
     def _first_piola(self, deformation_gradient: Array, stress: Array) -> Array:
-        """Return the first Piola-Kirchhoff stress F S times the volumes.
+        """Return the first Piola-Kirchhoff stress F S times `volumes`.
 
         Parameters
         ----------
-        deformation_gradient : (elements, points, 3, 2) array
-            F.
-        stress : (elements, points, 3) array
-            S in Pa.
+        deformation_gradient : ndarray, shape (elements, points, 3, 2)
+            Deformation gradient F.
+        stress : ndarray, shape (elements, points, 3)
+            Second Piola-Kirchhoff stress S in Pa.
 
         Returns
         -------
-        (2, 3, elements, points) array
-            By direction and component, in N m.
+        ndarray, shape (2, 3, elements, points)
+            In N m: the first index is the direction in the reference plane, the second the
+            displacement component.
         """
         s11, s22, s12 = (stress[..., i] * self.volumes for i in range(3))
         f1, f2 = move_components_first(deformation_gradient, 2).swapaxes(0, 1)
@@ -293,40 +324,42 @@ class Membrane(Laminate, Term):
 
     @cached_property
     def _laplace(self) -> Array:
+        """Element matrices of the integral of grad v : grad u, cached for `_damping`."""
         return self.space.laplace_matrices()
 
     def _damping(self, state: State) -> Array:
-        """Return the tangent of an artificial tension in N/m.
+        """Return the element tangents of the artificial tension.
 
         Returns
         -------
-        (elements, element dofs, element dofs) array
-            Element matrices.
+        ndarray, shape (elements, element dofs, element dofs)
+            Matrices in N/m.
         """
         return (state.damping + self.floor) * self.mean_tension(state) * self._laplace
 
     def mean_tension(self, state: State, min_strain: float = 1e-16) -> float:
-        """Return the mean of both principal tensions over the film in N/m.
+        """Return the tension in N/m, averaged over the film and both principal directions.
 
-        Where the film is slack everywhere, it is the tension of the strain `min_strain`.
+        It is at least the tension of the strain `min_strain`, also where the film is slack
+        everywhere.
         """
         mean = 0.5 * state.stress[..., :2].sum(axis=-1)
         average = float((mean * self.volumes).sum() / self.volumes.sum())
         return self.film.thickness * max(average, min_strain * self.law.stiffness[0, 0])
 
     def with_predicted_stress(self, state: State, stress: Array, damping: float) -> State:
-        """Return a state with another stress and damping in its tangent.
+        """Return a copy of a state whose tangent has another geometric stiffness and damping.
 
-        Its moduli remain those of its own strain.
+        Its tangent stiffness dS/dE remains that of its own strain.
 
         Parameters
         ----------
         state : State
-            The state of the film.
-        stress : (elements, points, 3) array
+            The state to copy.
+        stress : ndarray, shape (elements, points, 3)
             The stress in Pa that is predicted for the next step.
         damping : float
-            Artificial tension over the mean tension.
+            Artificial tension as a fraction of the mean tension.
         """
         return replace(
             state, stress=stress, tangent_stiffness=self.tangent_stiffness(state), damping=damping
@@ -334,19 +367,35 @@ class Membrane(Laminate, Term):
 
 
 def compute_strain(gradient: Array) -> Array:
-    """Compute the Green-Lagrange strain (..., 3) of a displacement gradient (..., 3, 2)."""
+    """Compute the Green-Lagrange strain of a displacement gradient.
+
+    Parameters
+    ----------
+    gradient : ndarray, shape (..., 3, 2)
+        Displacement gradient; it may be complex (for complex-step derivatives).
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        E11, E22 and 2 E12.
+    """
     return compute_strain_rate(IDENTITY + 0.5 * gradient, gradient)
 
 
 def compute_strain_rate(deformation_gradient: Array, step: Array) -> Array:
-    """Compute sym(Fᵀ grad v), (..., 3) in Voigt order: the derivative of the strain along v.
+    """Compute sym(Fᵀ grad v), the derivative of the Green-Lagrange strain along v.
 
     Parameters
     ----------
-    deformation_gradient : (..., 3, 2) array
-        F.
-    step : (..., 3, 2) array
-        grad v.
+    deformation_gradient : ndarray, shape (..., 3, 2)
+        Deformation gradient F.
+    step : ndarray, shape (..., 3, 2)
+        Gradient of the displacement v.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        Components 11, 22 and twice 12.
     """
     f1, f2 = deformation_gradient[..., 0], deformation_gradient[..., 1]
     v1, v2 = step[..., 0], step[..., 1]
@@ -355,21 +404,37 @@ def compute_strain_rate(deformation_gradient: Array, step: Array) -> Array:
 
 
 def _dot(a: Array, b: Array) -> Array:
-    """Return a . b over the last axis; three terms in full take less time than a sum."""
+    """Return the scalar product over the last axis, written out because that is faster."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 def compute_principal_values(tensor: Array) -> tuple[Array, Array]:
-    """Compute the smaller and the larger principal value, both (...), of stresses (..., 3)."""
+    """Compute the principal values of plane symmetric tensors.
+
+    Parameters
+    ----------
+    tensor : ndarray, shape (..., 3)
+        Components 11, 22 and 12 (not twice 12).
+
+    Returns
+    -------
+    smaller, larger : ndarray, shape (...)
+        The two principal values.
+    """
     mean = 0.5 * (tensor[..., 0] + tensor[..., 1])
     radius = np.hypot(0.5 * (tensor[..., 0] - tensor[..., 1]), tensor[..., 2])
     return mean - radius, mean + radius
 
 
 def compute_tensile_part(stress: Array) -> Array:
-    """Compute the stress without its compressive principal values, (..., 3)."""
+    """Remove the compressive principal values from stresses.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+    """
     smallest, largest = (value[..., None] for value in compute_principal_values(stress))
-    # two equal principal stresses have no direction to project on, and need none
+    # where both principal stresses are equal, the stress or zero is the result in any case
     difference = np.where(largest > smallest, largest - smallest, 1.0)
     projector = (stress - smallest * np.array([1.0, 1.0, 0.0])) / difference
     return np.where(smallest >= 0.0, stress, np.maximum(largest, 0.0) * projector)

@@ -1,14 +1,14 @@
 """Membrane, plate or tension field: the model of a scene's film.
 
-`resolve_film_model` is the only place that decides; everything that depends on the decision is in
-the `FilmModel` that it returns.
+Only `resolve_film_model` chooses between them. Everything that depends on the choice is in the
+`FilmModel` that it returns.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -31,24 +31,25 @@ from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import quote
 
-#: Stresses below this part of the largest stress are rounding.
-ROUNDING = 1e-9
+#: Stresses below this fraction of the largest stress are round-off.
+ROUND_OFF = 1e-9
 #: Relative change of a charge from which neglected bending deserves a warning.
 CONSIDERABLE_CHANGE = 1e-2
 
 
 @dataclass(frozen=True)
 class Kinematics:
-    """How a film carries its load."""
+    """The kind of film: whether it bends, and whether it carries compression."""
 
     name: str
-    bends: bool = False  #: Whether the film has bending stiffness, and meshes resolve its layers.
+    #: Whether the film has bending stiffness, so that meshes resolve its bending layers.
+    bends: bool = False
     #: Whether the film wrinkles or goes slack instead of carrying compression.
     wrinkles: bool = False
-    lowest_order: int = 1  #: Lowest polynomial order of a displacement.
+    lowest_order: int = 1  #: Minimum polynomial order of the displacement.
 
 
-#: A film that carries compression where the equilibrium needs it.
+#: A film without bending stiffness that carries compression where the equilibrium needs it.
 MEMBRANE = Kinematics("membrane")
 PLATE = Kinematics("plate", bends=True, lowest_order=2)
 TENSION_FIELD = Kinematics("tension field", wrinkles=True)
@@ -56,41 +57,43 @@ TENSION_FIELD = Kinematics("tension field", wrinkles=True)
 
 @dataclass(frozen=True)
 class MeshPolicy:
-    """Numbers for meshes, and for solves and errors on them."""
+    """Numbers that the film's kinematics set for meshing, solving and estimating errors."""
 
-    #: Least Jacobian in an element over the element's mean.
+    #: Minimum Jacobian in an element, as a fraction of the element's mean.
     min_jacobian_ratio: float = 0.14
     #: Factor on the element sizes of the first mesh.
     size_factor: float = 1.0
     #: Default number of unknowns of the finest mesh, at the usual tolerance.
     max_unknowns: int = 60_000
-    #: Time of a Newton iteration over that of a membrane with equally many unknowns.
+    #: Time of a Newton iteration, divided by that of a membrane with equally many unknowns.
     iteration_cost: float = 1.0
-    #: Whether the correction in the next order is nearly diagonal in the nodal basis.
+    #: Whether the diagonal of the tangent is a good preconditioner for the correction in elements
+    #: of the next order.
     has_smooth_correction: bool = True
-    #: Error over the change from this order to the next on the same mesh.
+    #: Error, divided by the change from this order to the next on the same mesh.
     saturation: float = 1.0
-    #: Largest imbalance of a solution in the energy norm: rounding and Newton's last step.
+    #: Maximum residual of a solution in the energy norm, from round-off and the last Newton step.
     imbalance: float = 1e-6
 
 
 @dataclass(frozen=True)
 class Capabilities:
-    """Properties of the solution that other methods rely on."""
+    """Properties of a film's solutions that other methods rely on."""
 
-    #: Whether a sector of a symmetric film may be solved for the whole.
+    #: Whether a symmetric film may be solved on a sector instead of as a whole.
     uses_symmetry: bool = True
     #: Whether the deformation depends on force and thickness by their ratio only.
     scales_with_force_over_thickness: bool = True
-    #: Whether charges have derivatives by thickness, pretension or cooling, and moduli.
+    #: Whether charges are differentiable with respect to thickness, pretension or cooling, and the
+    #: elastic constants.
     has_film_derivatives: bool = True
 
 
 class CompressedArea(NamedTuple):
     """A part of the film with compression, wrinkles or no tension."""
 
-    text: str  #: A note with a place ``{}`` for the part's area.
-    where: Mask  #: At the quadrature points, (elements, points).
+    text: str  #: A note with a placeholder ``{}`` for the area.
+    where: Mask  #: At the quadrature points, shape (elements, points).
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,13 +103,13 @@ class FilmModel:
     Attributes
     ----------
     scene : Scene
-        The scene.
+        The scene, whose film is modelled.
     kinematics : Kinematics
-        Membrane, plate or tension field.
+        `MEMBRANE`, `PLATE` or `TENSION_FIELD`.
     mesh_policy : MeshPolicy
-        Numbers for meshes, and for solves and errors on them.
+        Numbers for meshing, solving and estimating errors.
     capabilities : Capabilities
-        Properties of the solution that other methods rely on.
+        Properties of the solutions that other methods rely on.
     """
 
     scene: Scene
@@ -126,29 +129,29 @@ class FilmModel:
 
     @cached_property
     def bending_effect(self) -> BendingEffect:
-        """Estimate of the effect of bending, included or not."""
+        """Estimate of the effect of bending, whether the model includes it or not."""
         return estimate_bending_effect(self.scene)
 
     @property
     def law(self) -> Law:
-        """The material law of the film."""
+        """The material law of the film: that of ``film.law``, or the tension field."""
         film = self.scene.film
         return TensionField(film.stiffness) if self.wrinkles else LAWS[film.law](film.stiffness)
 
     def make_membrane(self, space: Space, sector: SymmetrySector = WHOLE_FILM) -> Membrane:
-        """Make the membrane term on the space of a sector."""
+        """Make the membrane term on a finite-element space of the whole film or a sector."""
         added = UnevenStrain.from_scene(self.scene)
         return Membrane(space, self.scene.film, self.law, added, sector.frame)
 
     def make_bending_terms(self, space: Space, terms: list[Term]) -> list[Term]:
-        """Make the terms of bending: the plate, if the film bends.
+        """Make the plate term of a film that bends; an empty list for other films.
 
         Parameters
         ----------
         space : Space
             The finite-element space.
         terms : list of Term
-            All other terms, whose rigid patches do not bend.
+            All other terms. Elements that they keep flat and horizontal do not bend.
         """
         if not self.bends:
             return []
@@ -164,16 +167,16 @@ class FilmModel:
     def make_bending_layers(
         self, terms: list[Term], expansion: sp.csr_matrix, state: State
     ) -> BendingLayers | None:
-        """Make the bending layers that the elements of a solution do not resolve.
+        """Make the estimate of the error in bending layers narrower than the elements.
 
         Parameters
         ----------
         terms : list of Term
-            The terms of the solution's equations.
-        expansion : (dofs, unknowns) sparse matrix
-            The map from unknowns to dofs.
+            The terms of the equations that are solved.
+        expansion : sparse matrix, shape (dofs, unknowns)
+            Matrix that maps unknowns to dofs.
         state : State
-            The solution's state.
+            The solution.
 
         Returns
         -------
@@ -185,7 +188,7 @@ class FilmModel:
 
     @property
     def bending_note(self) -> EffectNote:
-        """Whether bending is included, with an estimate of its effect."""
+        """Note that bending is included or neglected, with an estimate of its effect."""
         text = f"bending (film.bending = {quote(self.scene.film.bending)}): {self.bending_effect}"
         if not self.bends:
             text += f"; to include it give {self._bending_advice}"
@@ -193,7 +196,7 @@ class FilmModel:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings before any solve, about neglected bending."""
+        """Warning about neglected bending if its effect is considerable; needs no solve."""
         change = self.bending_effect.change
         if self.bends or change <= max(self.scene.numerics.tolerance, CONSIDERABLE_CHANGE):
             return ()
@@ -203,7 +206,7 @@ class FilmModel:
 
     @property
     def _bending_advice(self) -> str:
-        """The change of the scene that includes bending."""
+        """Text: which keys of the scene to change so that bending is included."""
         if self.wrinkles:
             return 'film.compression = "refuse" with film.bending = "auto" or true'
         if self.scene.film.patches:
@@ -217,15 +220,16 @@ class FilmModel:
 
         Parameters
         ----------
-        smallest, largest : (elements, points) arrays
-            Principal stresses in Pa.
+        smallest, largest : ndarray, shape (elements, points)
+            Smaller and larger principal stress in Pa.
 
         Yields
         ------
         CompressedArea
-            A part of the film; nothing if the film is in tension everywhere.
+            The compressed part, or the wrinkled and the slack part; nothing if the film is in
+            tension everywhere.
         """
-        limit = ROUNDING * np.abs(largest).max()
+        limit = ROUND_OFF * np.abs(largest).max()
         if self.wrinkles:
             is_slack = largest <= limit
             is_wrinkled = (smallest <= limit) & ~is_slack
@@ -242,11 +246,14 @@ class FilmModel:
                 yield area
 
 
-@lru_cache(maxsize=64)
 def resolve_film_model(scene: Scene) -> FilmModel:
-    """Decide the model of a scene's film; ``film.bending = "auto"`` is resolved here."""
+    """Choose the model of a scene's film: membrane, plate or tension field.
+
+    With ``film.bending = "auto"`` the film is a plate if the estimated effect of bending exceeds
+    the tolerance of the charges.
+    """
     kinematics = _choose_kinematics(scene)
-    # half the error from the singular edge of a rigid probe remains in the next order
+    # the next order still has half of the error from the singular edge of a rigid probe
     edge_saturation = 2.0 if has_rigid_probe(scene) else 1.0
     if kinematics is PLATE:
         policy = MeshPolicy(
@@ -266,9 +273,9 @@ def resolve_film_model(scene: Scene) -> FilmModel:
             max_unknowns=30_000,
             iteration_cost=1.5,
             has_smooth_correction=False,
-            # the next order takes away 0.55 to 0.8 of the error of kinks (measured)
+            # the next order removes 0.55 to 0.8 of the error of kinks (measured)
             saturation=max(1.6, edge_saturation),
-            # steps shrink only linearly, and rounding in a stiff film ends them early
+            # Newton steps shrink only linearly, and round-off in a stiff film ends them early
             imbalance=max(1e-6, 0.1 * scene.numerics.tolerance),
         )
         capabilities = Capabilities(has_film_derivatives=False)
@@ -279,7 +286,7 @@ def resolve_film_model(scene: Scene) -> FilmModel:
 
 
 def _choose_kinematics(scene: Scene) -> Kinematics:
-    """Choose between membrane, plate and tension field."""
+    """Choose between membrane, plate and tension field by the keys of the scene's film."""
     film = scene.film
     if film.compression == "tension-field":
         return TENSION_FIELD

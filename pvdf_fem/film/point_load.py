@@ -1,14 +1,15 @@
-"""The film around a point load, to a small factor: the basis of initial guesses and estimates.
+"""Estimates of the film under a point load, for initial guesses and the sizes of effects.
 
-With the tension N0 of the unloaded film, a force F causes at the distance r about the root N of
+At the distance r from a force F, the tension N of a film is about the positive root of::
 
-    N^2 (N - N0) = (0.24)^3 E h F^2/r^2,
+    N^2 (N - N0) = (0.24)^3 E h F^2/r^2
 
-which is Schwerin's point load without pretension and, to a small factor, the linear film under a
-large pretension.
+with the tension N0 of the unloaded film, Young's modulus E and the thickness h. Without pretension
+this is Schwerin's solution for a point load; for a large pretension it agrees with the linear film
+up to a factor near 1.
 
-The roots are found by a few lines of Newton's method and bisection: `scipy.optimize` takes longer
-to import than many scenes take to solve.
+Newton's method and bisection are written out here, because the import of `scipy.optimize` takes
+longer than the solve of many scenes.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from pvdf_fem.scene.film import Film
 
 
 def estimate_tension(film: Film, force: float, r: float) -> float:
-    """Estimate the tension of a loaded film.
+    """Estimate the tension of a film under a point load.
 
     Parameters
     ----------
@@ -42,7 +43,7 @@ def estimate_tension(film: Film, force: float, r: float) -> float:
 
 
 def estimate_tension_cube(film: Film, force: float, r: float, schwerin: float = 0.24) -> float:
-    """Estimate the cube of the tension that a film without pretension would have.
+    """Estimate the cube of the tension of a film without pretension under a point load.
 
     Parameters
     ----------
@@ -53,7 +54,8 @@ def estimate_tension_cube(film: Film, force: float, r: float, schwerin: float = 
     r : float
         Distance from the load in m.
     schwerin : float
-        The tension over (E h F^2/r^2)^(1/3), for a Poisson's ratio of 1/3.
+        Schwerin's factor: the tension divided by (E h F^2/r^2)^(1/3), for a Poisson's ratio of
+        1/3.
 
     Returns
     -------
@@ -66,7 +68,7 @@ def estimate_tension_cube(film: Film, force: float, r: float, schwerin: float = 
 
 
 def estimate_load_fraction(film: Film, force: float, r: float) -> float:
-    """Estimate the share of the tension that is due to the load, (N - N0)/N.
+    """Estimate the fraction of the tension that is due to a point load, (N - N0)/N.
 
     Parameters
     ----------
@@ -80,7 +82,7 @@ def estimate_load_fraction(film: Film, force: float, r: float) -> float:
     Returns
     -------
     float
-        From 0 to 1, computed without cancellation.
+        From 0 to 1; computed without the cancellation in N - N0.
     """
     if not force:
         return 0.0
@@ -89,11 +91,12 @@ def estimate_load_fraction(film: Film, force: float, r: float) -> float:
 
 
 def _solve_cubic(unloaded: float, cube: float) -> float:
-    """Return the positive root N of N^2 (N - unloaded) = cube, or 0.
+    """Solve N^2 (N - unloaded) = cube for its positive root N; return 0 if there is none.
 
-    Newton's method starts above the root, where the cubic is convex, and comes down monotonically.
+    Newton's method starts above the root, where the cubic is convex, so that its iterates decrease
+    monotonically towards the root.
     """
-    if cube == 0.0:  # the squares of the least tensions would vanish, too
+    if cube == 0.0:  # the iteration would divide by zero where N squared underflows
         return max(unloaded, 0.0)
     N = max(unloaded, 0.0) + math.cbrt(cube)
     while N > 0.0:
@@ -106,7 +109,7 @@ def _solve_cubic(unloaded: float, cube: float) -> float:
 
 
 def estimate_point_deflection(
-    film: Film, force: float, nearest: float | None = None, reach: float | None = None
+    film: Film, force: float, distance: float | None = None, rim_distance: float | None = None
 ) -> float:
     """Estimate the deflection near a point load at the film's centre.
 
@@ -116,28 +119,31 @@ def estimate_point_deflection(
         The film.
     force : float
         Point load in N.
-    nearest : float, optional
-        Distance from the load in m at which the film is deflected; by default a hundredth of the
-        rim's distance.
-    reach : float, optional
-        Distance of the rim in m; by default the film's radius.
+    distance : float, optional
+        Distance from the load in m at which the deflection is estimated; by default a hundredth of
+        `rim_distance`.
+    rim_distance : float, optional
+        Distance from the load to the rim in m; by default the film's radius.
 
     Returns
     -------
     float
-        Deflection in m: the integral of the slope F/(2π r N) from the rim.
+        Deflection in m: the slope F/(2π r N), integrated from the rim.
     """
-    reach = reach or film.radius
-    r = np.geomspace(nearest or 1e-2 * reach, reach, 40)
-    tension = np.array([estimate_tension(film, force, distance) for distance in r])
-    slopes = force / (2.0 * np.pi * r * tension)
-    return float(np.sum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(r)))
+    if not rim_distance:
+        rim_distance = film.radius
+    if not distance:
+        distance = 1e-2 * rim_distance
+    radii = np.geomspace(distance, rim_distance, 40)
+    tension = np.array([estimate_tension(film, force, r) for r in radii])
+    slopes = force / (2.0 * np.pi * radii * tension)
+    return float(np.sum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(radii)))
 
 
 def estimate_point_force(film: Film, deflection: float) -> float:
     """Estimate the force in N that deflects the film's centre by `deflection` in m.
 
-    It is exact to a hundredth, which is enough for an initial guess.
+    The bisection ends at a relative accuracy of 1 %, which is enough for an initial guess.
     """
     low, high = 1e-12, 1e12
     force = 1.0

@@ -1,8 +1,9 @@
 """The finite-element space of the film's displacement: scikit-fem's basis, with fast operations.
 
 All three displacement components have the same scalar space of order 1 to 4 on six-node triangles.
-The dofs follow ``ElementVector(element, 3)``: component c at scalar dof i is dof 3 i + c. The dofs
-of auxiliary nodes beside the film come last, for instance the depth of a moving tip.
+The dofs are numbered as in ``ElementVector(element, 3)``: component c at scalar dof i is dof
+3 i + c. The dofs of auxiliary nodes, which are not on the film, come last; an example is the depth
+of a moving tip.
 """
 
 from __future__ import annotations
@@ -32,29 +33,29 @@ from pvdf_fem.arrays import (
 )
 from pvdf_fem.mesh.points import compute_local_coordinates, find_nearest_elements
 
-#: Scalar element of each order.
+#: Scalar element of each polynomial order.
 ELEMENTS: dict[int, type[Element]] = {
     1: ElementTriP1,
     2: ElementTriP2,
     3: ElementTriP3,
     4: ElementTriP4,
 }
-#: Degree of the quadrature for each order. It is exact for the membrane's residual on
-#: straight-sided elements, which has four gradients of degree order - 1. For order 3 degree 6
-#: leaves the tangent its full rank, and a higher degree changes no digit.
+#: Degree of the quadrature for each polynomial order. The membrane's residual is a product of four
+#: gradients of degree order - 1. Orders 1 and 2 are integrated exactly on straight-sided elements;
+#: for order 3, degree 6 gives the tangent its full rank, and a higher degree changes no digit.
 INTEGRATION_ORDER = {1: 1, 2: 4, 3: 6, 4: 8}
 
 
 class Quadrature(NamedTuple):
-    """Points of a quadrature in some elements."""
+    """A quadrature in some elements, with the shape functions at its points."""
 
-    points: Array  #: In m, (n, points, 2).
-    values: Array  #: Of the scalar functions, (n, points, functions).
-    weights: Array  #: Times area in m², (n, points).
+    points: Array  #: Quadrature points in m, shape (n, points, 2).
+    values: Array  #: Scalar shape functions at the points, shape (n, points, functions).
+    weights: Array  #: Quadrature weights in m²; their sum is the area, shape (n, points).
 
 
 class Space:
-    """Continuous displacements of one polynomial order on a mesh.
+    """The space of continuous, piecewise polynomial displacements on a mesh.
 
     Parameters
     ----------
@@ -63,20 +64,20 @@ class Space:
     order : int
         Polynomial order of the displacement, 1 to 4.
     auxiliary_nodes : int
-        Number of nodes beside the film, with three dofs each.
+        Number of nodes that are not on the film, with three dofs each.
 
     Attributes
     ----------
-    gradients : (elements, points, functions, 2) array
-        Gradients of the scalar functions at the quadrature points in 1/m.
-    gradient_rows : (elements, 2 points, functions) array
-        The same; both components of a point are neighbours.
-    weights : (elements, points) array
-        Quadrature weights times area in m².
-    element_dofs : (elements, element dofs) array
-        Dofs of the elements.
+    gradients : ndarray, shape (elements, points, functions, 2)
+        Gradients of the scalar shape functions at the quadrature points in 1/m.
+    gradient_rows : ndarray, shape (elements, 2 points, functions)
+        The same gradients in another order: row 2 p + i has component i at point p.
+    weights : ndarray, shape (elements, points)
+        Quadrature weights in m²; their sum is the film's area.
+    element_dofs : ndarray, shape (elements, element dofs)
+        Numbers of the dofs of each element.
     dof_count : int
-        Number of dofs, with those of the auxiliary nodes.
+        Number of dofs, including those of the auxiliary nodes.
     """
 
     def __init__(self, mesh: MeshTri2, order: int, auxiliary_nodes: int = 0) -> None:
@@ -96,32 +97,32 @@ class Space:
 
     @property
     def auxiliary_dofs(self) -> Indices:
-        """Dofs of the auxiliary nodes, (3 auxiliary nodes,)."""
+        """Numbers of the auxiliary nodes' dofs, three per node."""
         return np.arange(3 * self.basis.N, self.dof_count)
 
     @property
     def nodes(self) -> Indices:
-        """Scalar dofs of the elements, (elements, functions)."""
+        """Numbers of the scalar dofs of each element, shape (elements, functions)."""
         return np.asarray(self.basis.element_dofs.T)
 
     @property
     def quadrature_points(self) -> Array:
-        """The quadrature points in m, (elements, points, 2)."""
+        """The quadrature points in m, shape (elements, points, 2)."""
         return np.moveaxis(np.asarray(self.basis.global_coordinates()), 0, -1)
 
     @cached_property
     def values(self) -> Array:
-        """Values of the functions at the quadrature points, (elements, points, functions)."""
+        """Shape functions at the quadrature points, shape (elements, points, functions)."""
         shape = self.weights.shape
         return np.stack([np.broadcast_to(s[0], shape) for s in self.basis.basis], axis=-1)
 
     def make_quadrature(self, elements: Indices, order: int) -> Quadrature:
-        """Return a quadrature of another degree in some elements.
+        """Make a quadrature of another degree in some elements.
 
         Parameters
         ----------
-        elements : (n,) array
-            Elements.
+        elements : ndarray, shape (n,)
+            Numbers of the elements.
         order : int
             Degree up to which the quadrature is exact on straight-sided elements.
         """
@@ -131,14 +132,18 @@ class Space:
         return Quadrature(quadrature_points, np.stack(values, axis=-1), basis.dx)
 
     def displacement_gradient(self, x: Array, elements: Selection = ALL) -> Array:
-        """Return the displacement gradient at the quadrature points, (elements, points, 3, 2).
+        """Compute the displacement gradient at the quadrature points.
 
         Parameters
         ----------
-        x : (dofs,) array
+        x : ndarray, shape (dofs,)
             Dofs of the displacement in m.
-        elements : slice or (n,) array
-            Elements.
+        elements : slice or ndarray, shape (n,)
+            Numbers of the elements; by default all elements.
+
+        Returns
+        -------
+        ndarray, shape (n, points, 3, 2)
         """
         rows = self.gradient_rows[elements]
         nodes = self.nodes[elements]
@@ -146,70 +151,93 @@ class Space:
         return move_components_last(np.ascontiguousarray(slopes.transpose(3, 2, 0, 1)), 2)
 
     def integrate_flux(self, flux: Array) -> Array:
-        """Return integrals of flux : grad v over the elements.
+        """Integrate flux : grad v over every element.
 
         Parameters
         ----------
-        flux : (2, 3, elements, points) array
-            By direction and component, times the quadrature weights.
+        flux : ndarray, shape (2, 3, elements, points)
+            The flux times the quadrature weights: the first index is the direction of the
+            derivative, the second the displacement component.
 
         Returns
         -------
-        (elements, element dofs) array
-            The integrals for every function v.
+        ndarray, shape (elements, element dofs)
+            The integrals for every vector-valued shape function v.
         """
         stacked = flux.transpose(2, 3, 0, 1).reshape(len(self.gradient_rows), -1, 3)
         forces = np.matmul(self.gradient_rows.swapaxes(1, 2), stacked)
         return forces.reshape(self.element_dofs.shape)
 
     def sum_at_dofs(self, element_vectors: Array, elements: Selection = ALL) -> Array:
-        """Return the sum of vectors of elements, (elements, element dofs), at the dofs, (dofs,)."""
+        """Sum element vectors at the dofs.
+
+        Parameters
+        ----------
+        element_vectors : ndarray, shape (n, element dofs)
+            Vectors of the elements.
+        elements : slice or ndarray, shape (n,)
+            Numbers of the elements; by default all elements.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         dofs = self.element_dofs[elements]
         total = np.bincount(dofs.ravel(), element_vectors.ravel(), self.dof_count)
         return np.asarray(total, dtype=np.float64)
 
     def laplace_matrices(self) -> Array:
-        """Return integrals of grad v . grad u, (elements, element dofs, element dofs)."""
+        """Compute the element matrices of the integral of grad v : grad u.
+
+        Returns
+        -------
+        ndarray, shape (elements, element dofs, element dofs)
+        """
         weighted = self.gradients * self.weights[..., None, None]
         return self.expand_to_components(
             np.matmul(weighted, self.gradients.swapaxes(2, 3)).sum(axis=1)
         )
 
     def mass_matrices(self) -> Array:
-        """Return integrals of v . u in m², (elements, element dofs, element dofs)."""
+        """Compute the element matrices of the integral of v . u in m².
+
+        Returns
+        -------
+        ndarray, shape (elements, element dofs, element dofs)
+        """
         weighted = self.values * self.weights[..., None]
         return self.expand_to_components(np.matmul(weighted.swapaxes(1, 2), self.values))
 
     def expand_to_components(self, scalar: Array) -> Array:
-        """Return matrices for all three displacement components.
+        """Expand element matrices of a scalar to all three displacement components.
 
         Parameters
         ----------
-        scalar : (elements, functions, functions) array
-            Matrices for a scalar function.
+        scalar : ndarray, shape (elements, functions, functions)
+            Element matrices for a scalar unknown.
 
         Returns
         -------
-        (elements, element dofs, element dofs) array
-            The same for each component, without coupling.
+        ndarray, shape (elements, element dofs, element dofs)
+            The same matrix for each component; components are not coupled.
         """
         blocks = np.einsum("eab,ij->eaibj", scalar, np.eye(3))
         return blocks.reshape(*self.element_dofs.shape, self.element_dofs.shape[1])
 
     def evaluate_gradients(self, elements: Indices, points: Array) -> Array:
-        """Evaluate the gradients of the scalar functions at any points.
+        """Evaluate the gradients of the scalar shape functions at any points.
 
         Parameters
         ----------
-        elements : (n,) array
-            Elements.
-        points : (2, n, points) array
+        elements : ndarray, shape (n,)
+            Numbers of the elements.
+        points : ndarray, shape (2, n, points)
             Local coordinates of the points in each element.
 
         Returns
         -------
-        (n, points, functions, 2) array
-            Gradients in 1/m.
+        ndarray, shape (n, points, functions, 2)
+            Gradients with respect to x and y in 1/m.
         """
         local = evaluate_shape_gradients(self.basis.elem, points.reshape(2, -1))
         local = local.reshape(*points.shape[1:], -1, 2)
@@ -217,20 +245,20 @@ class Space:
         return np.matmul(local, inverse.transpose(2, 3, 0, 1))
 
     def interpolation_matrix(self, points: Array, candidates: int = 8) -> sp.csr_matrix:
-        """Make the matrix that takes values at scalar dofs to values at points.
+        """Make the matrix that maps values at scalar dofs to values at points.
 
         Parameters
         ----------
-        points : (2, n) array
-            Places in m.
+        points : ndarray, shape (2, n)
+            Positions in m.
         candidates : int
-            Number of elements, with the nearest centroids, in which a point is looked for. A point
-            in none of them is extrapolated from the nearest.
+            Number of elements with the nearest centroids that may contain the point. At a point
+            in none of them the shape functions of the nearest element are extrapolated.
 
         Returns
         -------
-        (n, scalar dofs) sparse matrix
-            Values of the scalar functions at the points.
+        sparse matrix, shape (n, scalar dofs)
+            The scalar shape functions at the points.
         """
         elements, _ = find_nearest_elements(self.mesh, points, candidates)
         local = compute_local_coordinates(self.mesh, elements, points.T[:, None])[:, :, 0]
@@ -241,63 +269,83 @@ class Space:
 
 
 def evaluate_shape_functions(element: Element, points: Array) -> Array:
-    """Evaluate an element's functions, (..., functions), at local points (2, ...)."""
+    """Evaluate the shape functions of an element.
+
+    Parameters
+    ----------
+    element : Element
+        Scalar scikit-fem element.
+    points : ndarray, shape (2, ...)
+        Points in local coordinates of the reference triangle.
+
+    Returns
+    -------
+    ndarray, shape (..., functions)
+    """
     flat = points.reshape(2, -1)
     values = [element.lbasis(flat, i)[0] for i in range(len(element.doflocs))]
     return np.stack(values, axis=-1).reshape(*points.shape[1:], -1)
 
 
 def evaluate_shape_gradients(element: Element, points: Array) -> Array:
-    """Evaluate first derivatives by the local coordinates, (points, functions, 2).
+    """Evaluate the first derivatives of shape functions with respect to the local coordinates.
 
     Parameters
     ----------
     element : Element
-        Element with the functions.
-    points : (2, points) array
-        Local coordinates.
+        Scalar scikit-fem element.
+    points : ndarray, shape (2, points)
+        Points in local coordinates of the reference triangle.
+
+    Returns
+    -------
+    ndarray, shape (points, functions, 2)
     """
     gradients = [element.lbasis(points, i)[1] for i in range(len(element.doflocs))]
     return np.array(gradients).transpose(2, 0, 1)
 
 
 def evaluate_shape_hessians(element: Element, points: Array) -> Array:
-    """Evaluate second derivatives by the local coordinates, (points, functions, 2, 2).
+    """Evaluate the second derivatives of shape functions with respect to the local coordinates.
 
     Parameters
     ----------
     element : Element
-        Element with the functions.
-    points : (2, points) array
-        Local coordinates.
+        Scalar scikit-fem element.
+    points : ndarray, shape (2, points)
+        Points in local coordinates of the reference triangle.
+
+    Returns
+    -------
+    ndarray, shape (points, functions, 2, 2)
 
     Notes
     -----
-    They are complex steps in the first derivatives.
+    scikit-fem gives first derivatives only; these are differentiated by complex steps.
     """
     columns = []
     for direction in np.eye(2):
-        moved = points + 1j * COMPLEX_STEP * direction[:, None]
-        columns.append(evaluate_shape_gradients(element, moved).imag / COMPLEX_STEP)
+        stepped = points + 1j * COMPLEX_STEP * direction[:, None]
+        columns.append(evaluate_shape_gradients(element, stepped).imag / COMPLEX_STEP)
     return np.stack(columns, axis=-1)
 
 
 def transfer_dofs(space: Space, x: Array, target: Space) -> Array:
-    """Interpolate a displacement on another mesh, as an initial guess.
+    """Interpolate a displacement in a space on another mesh, as an initial guess.
 
     Parameters
     ----------
     space : Space
         The space of the displacement.
-    x : (dofs,) array
-        Its dofs in m.
+    x : ndarray, shape (dofs,)
+        Dofs of the displacement in m.
     target : Space
-        The space on the other mesh, with as many auxiliary nodes.
+        The space on the other mesh; it has as many auxiliary nodes as `space`.
 
     Returns
     -------
-    (target dofs,) array
-        Dofs in m. Auxiliary dofs are copied.
+    ndarray, shape (target dofs,)
+        Dofs in `target` in m; auxiliary dofs are copied.
     """
     nodal = x.reshape(-1, 3)[: space.basis.N]
     on_film = space.interpolation_matrix(target.basis.doflocs) @ nodal

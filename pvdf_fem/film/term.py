@@ -1,7 +1,7 @@
-"""Terms of the film's potential energy: their interface, and everything that is optional in it.
+"""The interface of the terms of the film's potential energy.
 
-An equilibrium makes the sum of its terms stationary. A term needs an energy and its derivative,
-`Term.residual`; a load needs its forces. All other members have defaults:
+At an equilibrium the sum of all terms is stationary. A term needs an energy and its derivative,
+`Term.residual`; a load needs its forces. All other members have defaults that a term may override:
 
 - `Term.element_tangent`, and with it products and diagonals of the tangent;
 - `Term.constraints`, for a term that fixes or joins dofs (`Constraints`);
@@ -26,65 +26,67 @@ NO_INDICES: Indices = np.empty(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class State:
-    """Deformation, strain and stress of a displacement at the quadrature points of the elements."""
+    """A displacement, with its deformation, strain and stress at the quadrature points."""
 
-    #: (elements, points, 3, 2)
+    #: Deformation gradient F, shape (elements, points, 3, 2).
     deformation_gradient: Array
-    #: Green-Lagrange strain, Voigt with engineering shear, (elements, points, 3).
+    #: Green-Lagrange strain, Voigt with engineering shear, shape (elements, points, 3).
     strain: Array
-    #: Second Piola-Kirchhoff stress in Pa, Voigt, (elements, points, 3), with the stress that terms
-    #: add.
+    #: Second Piola-Kirchhoff stress in Pa, Voigt, including the stress that terms add, shape
+    #: (elements, points, 3).
     stress: Array
-    #: The displacement in m, (dofs,).
+    #: The displacement in m, shape (dofs,).
     dofs: Array
-    #: Stress that terms add to the strain's stress, if any does, (elements, 1, 3).
+    #: Stress in Pa that terms add to the constitutive stress, shape (elements, 1, 3); None if no
+    #: term adds any.
     added: Array | None = field(default=None, kw_only=True)
-    #: Moduli in Pa that replace the strain's moduli in a tangent.
+    #: Tangent stiffness dS/dE in Pa to use in place of that at the strain; None to compute it.
     tangent_stiffness: Array | None = field(default=None, kw_only=True)
-    #: Artificial tension in a tangent, over the film's mean tension.
+    #: Artificial tension in a tangent, as a fraction of the film's mean tension.
     damping: float = field(default=0.0, kw_only=True)
 
 
 class ElementMatrices(NamedTuple):
-    """Matrices of some elements."""
+    """Element matrices of some elements."""
 
-    elements: Selection  #: (n,)
-    matrices: Array  #: (n, element dofs, element dofs)
+    elements: Selection  #: Numbers of the elements, shape (n,), or a slice.
+    matrices: Array  #: Shape (n, element dofs, element dofs).
 
 
 class ElementStress(NamedTuple):
-    """A stress that is constant over some elements."""
+    """A stress that is uniform over some elements."""
 
-    elements: Indices  #: (n,)
-    stress: Array  #: Voigt, in Pa, (3,).
+    elements: Indices  #: Numbers of the elements, shape (n,).
+    stress: Array  #: Voigt, in Pa, shape (3,).
 
 
 class ElementForces(NamedTuple):
-    """Forces on some elements, against the film's face."""
+    """Forces along z that press on the face of the film, one for each of some elements."""
 
-    elements: Selection  #: (n,)
-    forces: Array  #: In N, (n,).
+    elements: Selection  #: Numbers of the elements, shape (n,), or a slice.
+    forces: Array  #: In N, shape (n,).
 
 
 class CombinedMotion(NamedTuple):
-    """Dofs that move together, by a combination of a few functions."""
+    """Dofs whose values are a linear combination of a few functions, such as a rigid tilt."""
 
-    dofs: Indices  #: (n,)
-    functions: Array  #: The functions' values at the dofs, (n, functions).
+    dofs: Indices  #: Numbers of the dofs, shape (n,).
+    functions: Array  #: Values of the functions at the dofs, shape (n, functions).
 
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """Constraints of a term on the dofs. They add no equation, but map unknowns to dofs."""
+    """Constraints of a term on the dofs; they add no equation, but map unknowns to dofs."""
 
-    #: Dofs that stay zero, (n,).
+    #: Dofs that stay zero, shape (n,).
     fixed_dofs: Indices = field(default_factory=NO_INDICES.copy)
-    #: Groups of dofs; the dofs of a group have a common value.
+    #: Groups of dofs; all dofs of a group have the same value.
     shared_dofs: tuple[Indices, ...] = ()
+    #: Groups of dofs that move by combinations of functions.
     motions: tuple[CombinedMotion, ...] = ()
-    #: Dofs beside the film that the term moves, (n,). All others stay zero.
+    #: Auxiliary dofs that the term moves, shape (n,). Auxiliary dofs of no term stay zero.
     auxiliary_dofs: Indices = field(default_factory=NO_INDICES.copy)
-    #: Elements that stay plane, (n,).
+    #: Elements that a rigid body keeps plane, shape (n,).
     rigid_elements: Indices = field(default_factory=NO_INDICES.copy)
 
     @property
@@ -97,46 +99,75 @@ UNCONSTRAINED = Constraints()
 
 
 class MatrixAssembler(Protocol):
-    """Sums matrices of deflections or of dofs into matrices of the unknowns."""
+    """An object that reduces matrices of deflections or of dofs to matrices of the unknowns."""
 
     def of_deflections(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
-        """Reduce a matrix (scalar dofs, scalar dofs) of the deflections."""
+        """Reduce a matrix of the deflections, shape (scalar dofs, scalar dofs)."""
 
     def of_dofs(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
-        """Reduce a matrix (dofs, dofs)."""
+        """Reduce a matrix of all dofs, shape (dofs, dofs)."""
 
 
 class SolverHints:
-    """How a term helps the solver. The defaults suit smooth terms with an energy."""
+    """Approximations of a term for the solver; the defaults suit smooth terms with an energy."""
 
     def with_frozen_loads(self) -> Self | Term:
-        """Return a conservative approximation, whose equilibrium starts the solve."""
+        """Return a conservative approximation, such as a dead load for a follower load.
+
+        Its equilibrium is the initial guess of the solve. Default: the term itself.
+        """
         return self
 
     def relaxed(self) -> Self | Term:
-        """Return a smoother approximation, whose equilibrium starts the solve."""
+        """Return a smoother approximation of a term that changes abruptly.
+
+        Its equilibrium is the initial guess of the solve. Default: the term itself.
+        """
         return self
 
     def complete_initial_guess(self, x: Array) -> Array:
-        """Return the dofs `x` with suitable values of the term's auxiliary dofs."""
+        """Return an initial guess near the dofs `x`, in which the term is not far from balance.
+
+        A term may set its auxiliary dofs or reduce the deflection. Default: `x` itself.
+        """
         return x
 
 
 class NonlocalTangent:
-    """Parts of a tangent that are no element matrices. By default there are none."""
+    """Parts of a term's tangent that are not element matrices; by default there are none."""
 
     def coupled_tangent(self, assembly: MatrixAssembler, state: State) -> sp.csc_matrix | None:
-        """Return a sparse part in N/m that couples elements, (unknowns, unknowns)."""
+        """Return the part of the tangent that couples dofs of several elements. Default: None.
+
+        Parameters
+        ----------
+        assembly : MatrixAssembler
+            Reduces the matrix to the unknowns.
+        state : State
+            The state at which the tangent is taken.
+
+        Returns
+        -------
+        sparse matrix, shape (unknowns, unknowns), or None
+            In N/m.
+        """
         return None
 
     def tangent_column(self, state: State) -> Array | None:
-        """Return c of a part c cᵀ that couples many elements, (dofs,) in √(N/m)."""
+        """Return the vector c of a rank-one part c cᵀ of the tangent. Default: None.
+
+        Returns
+        -------
+        ndarray, shape (dofs,), or None
+            In √(N/m).
+        """
         return None
 
     def added_stress(self, state: State) -> ElementStress | None:
-        """Return a stress to add to the strain's stress.
+        """Return a stress to add to the constitutive stress of the film. Default: None.
 
-        The membrane has the geometric stiffness of the sum.
+        The membrane's tangent includes the geometric stiffness of the sum, its residual does not
+        include the added stress.
         """
         return None
 
@@ -144,9 +175,9 @@ class NonlocalTangent:
 class Term(SolverHints, NonlocalTangent, ABC):
     """A summand of the film's potential energy.
 
-    Arrays (dofs,) are forces in N or displacements in m in the film's `Space`; the equilibrium
-    decides which dofs are free. A subclass gives `space`, `energy` and `residual`, and the
-    `element_tangent` if its forces depend on the displacement.
+    Vectors of shape (dofs,) are forces in N or displacements in m in the film's `Space`; the
+    equilibrium decides which dofs are free. Subclasses define `space`, `energy` and `residual`, and
+    `element_tangent` if their forces depend on the displacement.
     """
 
     space: Space
@@ -158,24 +189,35 @@ class Term(SolverHints, NonlocalTangent, ABC):
     def energy(self, state: State) -> float:
         """Return the energy in J.
 
-        For a nonconservative load it is minus the work of its present forces.
+        For a nonconservative load it is the potential of its present forces, held constant.
         """
 
     @abstractmethod
     def residual(self, state: State) -> Array:
-        """Return the derivative of the energy: internal less external forces in N, (dofs,)."""
+        """Return the derivative of the energy with respect to the dofs in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
 
     def element_tangent(self, state: State) -> ElementMatrices | None:
-        """Return the derivative of `residual` in N/m, element by element; None if it is zero."""
+        """Return the derivative of `residual` in N/m, element by element.
+
+        Default: None, for a term whose forces do not depend on the displacement.
+        """
         return None
 
     # --- derived from the members above; overridden where there is a faster or more exact way
 
     def element_action(self, state: State, x: Array) -> Array | None:
-        """Return the symmetric tangent times the dofs `x` in N, (elements, element dofs).
+        """Multiply the element tangents by the dofs `x`.
 
-        None where there is no tangent, and for a nonconservative load: leaving out its small
-        tangent keeps the sum over all terms symmetric.
+        Returns
+        -------
+        ndarray, shape (elements, element dofs), or None
+            Forces in N. None without a tangent, and for a nonconservative load: leaving out its
+            small, asymmetric tangent keeps the sum over all terms symmetric.
         """
         tangent = self.element_tangent(state) if self.conservative else None
         if tangent is None:
@@ -186,33 +228,44 @@ class Term(SolverHints, NonlocalTangent, ABC):
         return actions
 
     def action(self, state: State, x: Array) -> Array | None:
-        """Return the sum of `element_action` at the dofs in N, (dofs,)."""
+        """Multiply the tangent by the dofs `x`: the sum of `element_action` over the elements.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         forces = self.element_action(state, x)
         return None if forces is None else self.space.sum_at_dofs(forces)
 
     def diagonal(self, state: State) -> Array | None:
-        """Return the diagonal of the symmetric tangent in N/m, (dofs,); None as `action`."""
+        """Return the diagonal of the symmetric tangent; None where `action` is None.
+
+        Returns
+        -------
+        ndarray, shape (dofs,), or None
+            In N/m.
+        """
         tangent = self.element_tangent(state) if self.conservative else None
         if tangent is None:
             return None
         return self.space.sum_at_dofs(np.einsum("eii->ei", tangent.matrices), tangent.elements)
 
     def energy_along(self, state: State, x: Array) -> Array:
-        """Return the energy of the dofs moved by s `x`, as a polynomial in s.
+        """Return the energy at the dofs plus s times `x`, as a polynomial in s.
 
         Parameters
         ----------
         state : State
             The state at s = 0.
-        x : (dofs,) array
+        x : ndarray, shape (dofs,)
             The direction in m.
 
         Returns
         -------
-        (5,) array
-            Coefficients in J of 1, s, ... s⁴: by default of the second order, which is exact for a
-            quadratic energy and for dead loads. They do not hold for a wrinkling film, whose energy
-            is no polynomial.
+        ndarray, shape (5,)
+            Coefficients in J of 1, s, ..., s⁴. The default is the Taylor polynomial of second
+            order, which is exact for a quadratic energy and for dead loads. For a wrinkling film,
+            whose energy is not a polynomial, it is an approximation.
         """
         action = self.action(state, x)
         slope = float(self.residual(state) @ x)
@@ -221,47 +274,60 @@ class Term(SolverHints, NonlocalTangent, ABC):
 
 
 class LoadTerm(Term):
-    """External forces, dead or depending on the present displacement.
+    """A term of external forces, which may depend on the displacement.
 
-    A subclass gives `force`, `forces` and `scaled`. A load whose forces follow the film gives
-    `element_tangent` as well, and either its `energy` or ``conservative = False`` with a dead load
-    in `with_frozen_loads`.
+    Subclasses define `force`, `forces` and `scaled`. A load whose forces follow the film also
+    defines `element_tangent`, and either its `energy` or ``conservative = False`` together with
+    `with_frozen_loads`, which returns a dead load.
     """
 
     @property
     @abstractmethod
     def force(self) -> float:
-        """Size of the total force on the whole film in N."""
+        """Magnitude of the total force on the whole film in N."""
 
     @abstractmethod
     def forces(self, state: State) -> Array:
-        """Return the external forces in N, (dofs,)."""
+        """Return the external forces in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
 
     @abstractmethod
     def scaled(self, factor: float) -> Self:
-        """Return the same load, multiplied by a factor."""
+        """Return a copy of the load whose force is multiplied by a factor."""
 
     def energy(self, state: State) -> float:
-        """Return the potential of the present forces in J."""
+        """Return minus the work of the present forces, held constant, in J."""
         return -float(self.forces(state) @ state.dofs)
 
     def residual(self, state: State) -> Array:
-        """Return the forces with a minus sign in N, (dofs,)."""
+        """Return the external forces with a minus sign in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         return -self.forces(state)
 
     def through_thickness_forces(self, state: State, residual: Array) -> ElementForces | None:
-        """Return the forces by which the load compresses the film across its thickness.
+        """Return the forces that press on the film's face, element by element.
+
+        They compress the film across its thickness, which causes a charge by d33.
 
         Parameters
         ----------
         state : State
             The state of the film.
-        residual : (dofs,) array
-            The residual of all terms at this state in N, which has the reactions of constraints.
+        residual : ndarray, shape (dofs,)
+            The residual of all terms at this state in N. At constrained dofs it contains the
+            reactions, from which a rigid punch computes its forces.
 
         Returns
         -------
         ElementForces or None
-            None for a load that does not press on a face, as the film's weight.
+            Default: None, for a load that does not press on a face, such as the film's weight.
         """
         return None

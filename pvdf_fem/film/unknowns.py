@@ -21,30 +21,30 @@ FIXED = -1
 
 
 class Unknowns:
-    """The map from unknowns to the dofs that the rim, mirror lines and terms leave free.
+    """The linear map from unknowns to dofs, given the constraints of rim, mirror lines and terms.
 
-    Every free dof has a slot. Dofs of a shared group have one slot in common. Without combined
-    motions, slots are unknowns. The dofs of a combined motion have slots of their own, behind the
-    others, and an unknown for each function: the matrix `slots_of_unknowns` takes unknowns to
-    slots, and `unknowns_of_slots` is its pseudo-inverse.
+    Every free dof has a slot, an index in an intermediate vector. All dofs of a shared group have
+    the same slot. Without combined motions, slots are unknowns. The dofs of a combined motion have
+    slots of their own, after the others, and there is one unknown for each of its functions: the
+    matrix `slots_of_unknowns` maps unknowns to slots; `unknowns_of_slots` is its pseudo-inverse.
 
     Parameters
     ----------
     dof_count : int
-        Number of dofs.
-    fixed : (n,) array
+        Number of dofs, including auxiliary ones.
+    fixed : ndarray, shape (n,)
         Dofs that are zero.
-    shared : sequence of (n,) arrays
+    shared : sequence of ndarray, shape (n,)
         Groups of dofs with a common value. A group with a fixed dof is zero.
     motions : sequence of CombinedMotion
-        Dofs that move by combinations of functions.
+        Groups of dofs that move by combinations of functions.
 
     Attributes
     ----------
-    of_dof : (dofs,) array
-        Slot of each dof; `FIXED` where it has none.
+    of_dof : ndarray, shape (dofs,)
+        Slot of each dof; `FIXED` for a dof that stays zero.
     slot_count, count : int
-        Number of slots, and of unknowns.
+        Numbers of slots and of unknowns.
     """
 
     def __init__(
@@ -83,16 +83,16 @@ class Unknowns:
 
     @classmethod
     def from_terms(cls, space: Space, clamped: Indices, terms: Sequence[Term]) -> Self:
-        """Make the map that clamped dofs and the constraints of terms leave.
+        """Make the map for clamped dofs and the constraints of terms.
 
         Parameters
         ----------
         space : Space
-            The finite-element space.
-        clamped : (n,) array
-            Dofs that the rim and mirror lines fix.
+            The finite-element space; its auxiliary dofs stay zero unless a term moves them.
+        clamped : ndarray, shape (n,)
+            Dofs that the rim and the mirror lines fix.
         terms : sequence of Term
-            All terms.
+            The terms of the equilibrium, for their constraints.
         """
         fixed = [clamped]
         moved = [np.empty(0, dtype=np.int64)]
@@ -109,22 +109,29 @@ class Unknowns:
 
     @cached_property
     def expansion(self) -> sp.csr_matrix:
-        """The map as a matrix (dofs, unknowns); its transpose sums forces on dofs."""
+        """The map as a sparse matrix, shape (dofs, unknowns); its transpose sums forces on dofs."""
         dofs = np.flatnonzero(self.of_dof != FIXED)
         shape = (len(self.of_dof), self.slot_count)
         matrix = sp.csr_matrix((np.ones(len(dofs)), (dofs, self.of_dof[dofs])), shape=shape)
         return matrix if self.slots_of_unknowns is None else matrix @ self.slots_of_unknowns
 
     def expand(self, q: Array) -> Array:
-        """Return the dofs, (dofs,), of the unknowns `q`."""
+        """Map unknowns `q`, shape (unknowns,), to dofs, shape (dofs,); fixed dofs are zero."""
         slots = q if self.slots_of_unknowns is None else self.slots_of_unknowns @ q
-        # fixed dofs take the zero that is appended behind the slots
+        # `FIXED` is -1, so that fixed dofs take the zero that is appended after the slots
         return np.append(slots, 0.0)[self.of_dof]
 
     def fold(self, forces: Array) -> Array:
-        """Return the forces on the unknowns, (unknowns, ...), of forces on the dofs, (dofs, ...).
+        """Sum forces on dofs to forces on unknowns; forces on fixed dofs drop out.
 
-        Forces on fixed dofs drop out.
+        Parameters
+        ----------
+        forces : ndarray, shape (dofs,) or (dofs, n)
+            Forces in N, or other vectors that transform like forces.
+
+        Returns
+        -------
+        ndarray, shape (unknowns,) or (unknowns, n)
         """
         if forces.ndim > 1:
             return np.asarray(self.expansion.T @ forces)
@@ -134,12 +141,16 @@ class Unknowns:
         return np.asarray(total, dtype=np.float64)
 
     def fold_diagonal(self, diagonal: Array) -> Array:
-        """Return the diagonal for unknowns of a matrix with a diagonal for dofs, (unknowns,).
+        """Transform the diagonal of a matrix of the dofs to the diagonal for the unknowns.
 
         Parameters
         ----------
-        diagonal : (dofs,) array
-            The diagonal; coupling between dofs that share an unknown is neglected.
+        diagonal : ndarray, shape (dofs,)
+            The diagonal. Off-diagonal entries between dofs that share an unknown are neglected.
+
+        Returns
+        -------
+        ndarray, shape (unknowns,)
         """
         total = self._sum_in_slots(diagonal)
         if self.slots_of_unknowns is not None:
@@ -147,42 +158,62 @@ class Unknowns:
         return np.asarray(total)
 
     def restrict(self, x: Array) -> Array:
-        """Return the unknowns for the dofs `x`, averaged where dofs share an unknown."""
+        """Return the unknowns nearest to the dofs `x`, shape (unknowns,).
+
+        Dofs that share a slot are averaged, and combined motions are fitted by least squares.
+        """
         dof_counts = np.bincount(self.of_dof + 1, minlength=self.slot_count + 1)[1:]
         mean = self._sum_in_slots(x) / dof_counts
         return np.asarray(mean if self.unknowns_of_slots is None else self.unknowns_of_slots @ mean)
 
     def deflections(self) -> Mask:
-        """Return which unknowns are deflections, not in-plane displacements, (unknowns,)."""
+        """Return whether each unknown is a deflection, not an in-plane displacement.
+
+        Returns
+        -------
+        ndarray, shape (unknowns,)
+        """
         slots = np.zeros(self.slot_count + 1, dtype=bool)
-        slots[self.of_dof[2::3]] = True  # the last, surplus slot takes the fixed dofs
+        slots[self.of_dof[2::3]] = True  # fixed dofs, -1, mark an extra last slot
         slots = slots[:-1]
         if self.slots_of_unknowns is None:
             return slots
         return np.asarray(self.slots_of_unknowns.T @ slots != 0.0)
 
     def _sum_in_slots(self, values: Array) -> Array:
-        """Return the sum of values (dofs,) in each slot, (slots,)."""
-        # the first bin is that of fixed dofs
+        """Sum values of the dofs, shape (dofs,), in each slot, shape (slots,)."""
+        # shifted by one, fixed dofs fall into the first bin, which is dropped
         return np.asarray(np.bincount(self.of_dof + 1, values, self.slot_count + 1)[1:])
 
 
 class Assembly:
-    """Sums of element matrices, and of matrices for deflections, as matrices for unknowns."""
+    """Assembler of element matrices, and of matrices for dofs or deflections, for the unknowns.
+
+    Parameters
+    ----------
+    space : Space
+        The finite-element space.
+    unknowns : Unknowns
+        The map from unknowns to its dofs.
+    """
 
     def __init__(self, space: Space, unknowns: Unknowns) -> None:
         self.unknowns = unknowns
         slots = unknowns.of_dof[space.element_dofs]
-        # fixed dofs go to a last, surplus slot, which is dropped
+        # fixed dofs go to an extra last slot, which is dropped
         self._slots = np.where(slots == FIXED, unknowns.slot_count, slots).astype(np.int32)
 
     def matrix(self, element_matrices: Array) -> sp.csc_matrix:
-        """Return the sum of element matrices, (unknowns, unknowns).
+        """Assemble element matrices to a sparse matrix for the unknowns.
 
         Parameters
         ----------
-        element_matrices : (elements, element dofs, element dofs) array
-            Matrices of all elements.
+        element_matrices : ndarray, shape (elements, element dofs, element dofs)
+            Matrices of all elements, in the order of ``Space.element_dofs``.
+
+        Returns
+        -------
+        ndarray, shape (unknowns, unknowns)
         """
         count = self.unknowns.slot_count
         rows = np.broadcast_to(self._slots[:, :, None], element_matrices.shape)
@@ -193,18 +224,38 @@ class Assembly:
         return total if expansion is None else (expansion.T @ total @ expansion).tocsc()
 
     def of_dofs(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
-        """Reduce a matrix (dofs, dofs) to (unknowns, unknowns)."""
+        """Reduce a matrix of all dofs to one of the unknowns.
+
+        Parameters
+        ----------
+        matrix : sparse matrix, shape (dofs, dofs)
+            The matrix.
+
+        Returns
+        -------
+        sparse matrix, shape (unknowns, unknowns)
+        """
         expansion = self.unknowns.expansion
         return (expansion.T @ matrix @ expansion).tocsc()
 
     def of_deflections(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
-        """Reduce a matrix (scalar dofs, scalar dofs) of the deflections to (unknowns, unknowns)."""
+        """Reduce a matrix of the deflections to one of the unknowns.
+
+        Parameters
+        ----------
+        matrix : sparse matrix, shape (scalar dofs, scalar dofs)
+            The matrix; scalar dofs are ordered as the nodes.
+
+        Returns
+        -------
+        sparse matrix, shape (unknowns, unknowns)
+        """
         expansion = self.unknowns.expansion[2::3]
         return (expansion.T @ matrix @ expansion).tocsc()
 
 
 class Discrete(Protocol):
-    """Equations on a space."""
+    """Equations that are discretized on a finite-element space."""
 
     @property
     def space(self) -> Space:
@@ -216,14 +267,14 @@ class Discrete(Protocol):
 
 
 class _Interpolation(NamedTuple):
-    """Values at points of the functions of a coarse space."""
+    """Shape functions of a coarse space, evaluated at points."""
 
-    values: Array  # (points, functions)
-    nodes: Indices  # scalar dofs of the functions, (points, functions)
+    values: Array  # shape (points, functions)
+    nodes: Indices  # scalar dofs of the functions, shape (points, functions)
 
 
 def make_prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
-    """Make the matrix that takes a displacement to a richer space.
+    """Make the matrix that interpolates a displacement of a space in a richer space.
 
     Parameters
     ----------
@@ -232,15 +283,15 @@ def make_prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
 
     Returns
     -------
-    (rich unknowns, coarse unknowns) sparse matrix
-        The map of unknowns.
+    sparse matrix, shape (rich unknowns, coarse unknowns)
+        Maps unknowns of the coarse equations to unknowns of the rich ones.
     """
     unknowns = rich.unknowns
-    # one dof represents all that share a slot
+    # one dof represents all dofs that share a slot
     dofs = _find_first_indices(unknowns.of_dof, unknowns.slot_count)
     node, component = np.divmod(dofs, 3)
     values, nodes = _interpolate_at_nodes(coarse.space, rich.space, node)
-    is_kept = np.abs(values) > 1e-13  # a node of both spaces takes one value, not six
+    is_kept = np.abs(values) > 1e-13  # at a node of both spaces all but one function vanish
     row_ends = np.append(0, np.cumsum(is_kept.sum(axis=1)))
     columns = (3 * nodes + component[:, None])[is_kept]
     shape = (unknowns.slot_count, coarse.space.dof_count)
@@ -252,9 +303,19 @@ def make_prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
 
 
 def _interpolate_at_nodes(coarse: Space, rich: Space, nodes: Indices) -> _Interpolation:
-    """Evaluate the functions of a coarse space at scalar dofs `nodes` (n,) of a rich space.
+    """Evaluate the functions of a coarse space at nodes of a rich space.
 
-    A node beside the film has the same value in both spaces.
+    Parameters
+    ----------
+    coarse, rich : Space
+        Spaces on the same mesh.
+    nodes : ndarray, shape (n,)
+        Scalar dofs of the rich space. An auxiliary node has the same value in both spaces.
+
+    Returns
+    -------
+    _Interpolation
+        Shape functions and their scalar dofs in the coarse space.
     """
     shapes = evaluate_shape_functions(coarse.basis.elem, ELEMENTS[rich.order].doflocs.T)
     is_beside = nodes >= rich.basis.N
@@ -269,10 +330,10 @@ def _interpolate_at_nodes(coarse: Space, rich: Space, nodes: Indices) -> _Interp
 
 
 def _find_first_indices(labels: Indices, count: int) -> Indices:
-    """Return where each of the labels 0 ... count - 1 stands first in `labels`, (count,).
+    """Return the index of the first occurrence of each label 0 ... count - 1, shape (count,).
 
-    Negative labels are ignored.
+    The label -1 is ignored. Labels are assigned in reverse order, so that the first one remains.
     """
-    place = np.empty(count + 1, dtype=np.int64)
-    place[labels[::-1]] = np.arange(len(labels))[::-1]
-    return place[:count]
+    first = np.empty(count + 1, dtype=np.int64)
+    first[labels[::-1]] = np.arange(len(labels))[::-1]
+    return first[:count]

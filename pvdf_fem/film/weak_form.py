@@ -1,4 +1,4 @@
-"""The weak form of the membrane, as scikit-fem forms: the page to read first.
+"""The weak form of the membrane as scikit-fem forms, written for reading, not for speed.
 
 Reference disc in the plane z = 0, displacement u = (u, v, w), total Lagrangian::
 
@@ -9,9 +9,10 @@ Reference disc in the plane z = 0, displacement u = (u, v, w), total Lagrangian:
     residual = integral of h S : dE,       dE = sym(F^T grad v)
     tangent  = integral of h (dE : C : DE + S : sym(grad v^T grad u))
 
-with the prestrain E0 of the flat film, -alpha dT I of one that is cooled.
+with the displacements u and v of trial and test functions, the thickness h, the plane-stress
+stiffness C and the prestrain E0 of the flat film, which is -alpha dT I for a film cooled by dT.
 `pvdf_fem.film.membrane` evaluates the same equations for all elements at once, about fifty times
-faster; a test holds the two equal.
+faster; a test checks that both agree.
 """
 
 from __future__ import annotations
@@ -27,15 +28,15 @@ from pvdf_fem.scene.film import Film
 
 
 def make_vector_basis(space: Space) -> Basis:
-    """Make the three-component basis on which the forms assemble."""
+    """Make the basis of three-component displacements on which the forms are assembled."""
     element = ElementVector(ELEMENTS[space.order](), 3)
     return Basis(space.mesh, element, intorder=INTEGRATION_ORDER[space.order])
 
 
 def make_residual_form(film: Film) -> LinearForm:
-    """Make the form h S : sym(F^T grad v).
+    """Make the linear form h S : sym(F^T grad v) of the membrane's residual.
 
-    It is to be assembled with the field `displacement`.
+    Assemble it with the interpolated displacement as the keyword ``displacement``.
     """
 
     def form(v: Any, p: Any) -> Array:
@@ -47,9 +48,9 @@ def make_residual_form(film: Film) -> LinearForm:
 
 
 def make_tangent_form(film: Film) -> BilinearForm:
-    """Make the form h (dE : C : DE + S : sym(grad v^T grad u)).
+    """Make the bilinear form h (dE : C : DE + S : sym(grad v^T grad u)) of the tangent.
 
-    It is to be assembled with the field `displacement`.
+    Assemble it with the interpolated displacement as the keyword ``displacement``.
     """
 
     def form(u: Any, v: Any, p: Any) -> Array:
@@ -64,30 +65,30 @@ def make_tangent_form(film: Film) -> BilinearForm:
 
 
 def _deformation_gradient(displacement: Any) -> Array:
-    """Return F = [I; 0] + grad u, (3, 2, elements, points)."""
+    """Return F = [I; 0] + grad u, shape (3, 2, elements, points)."""
     return np.eye(3, 2)[:, :, None, None] + displacement.grad
 
 
 def _sym(F: Array, gradient: Array) -> Array:
-    """Return sym(F^T grad v), (2, 2, elements, points)."""
+    """Return sym(F^T grad v), shape (2, 2, elements, points)."""
     product = np.einsum("ca...,cb...->ab...", F, gradient)
     return 0.5 * (product + product.swapaxes(0, 1))
 
 
 def _double_contraction(A: Array, B: Array) -> Array:
-    """Return A : B, (elements, points)."""
+    """Return A : B, shape (elements, points)."""
     return np.einsum("ab...,ab...", A, B)
 
 
 def _apply_stiffness(E: Array, film: Film) -> Array:
-    """Return C : E in Pa, (2, 2, elements, points)."""
+    """Return C : E in Pa, shape (2, 2, elements, points)."""
     voigt = [E[0, 0], E[1, 1], 2 * E[0, 1]]
     s11, s22, s12 = np.einsum("ij,j...->i...", film.stiffness, voigt)
     return np.array([[s11, s12], [s12, s22]])
 
 
 def _stress(F: Array, film: Film) -> Array:
-    """Return S = C : (E + E0) in Pa, (2, 2, elements, points)."""
+    """Return S = C : (E + E0) in Pa, shape (2, 2, elements, points)."""
     identity = np.eye(2)[:, :, None, None]
     E = 0.5 * (np.einsum("ca...,cb...->ab...", F, F) - identity)
     e11, e22, e12 = film.prestrain

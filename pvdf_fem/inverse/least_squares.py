@@ -1,21 +1,20 @@
 """Nonlinear least squares: many Levenberg-Marquardt searches that advance together.
 
-A search minimises chi-square, the sum of squares χ²(c) = |r(c)|² of whitened residuals r, over the
-coordinates c (k,). Residuals are whitened when they are divided by their standard deviations, or
-multiplied by the inverse of a root of their covariance. With the derivatives J = ∂r/∂c a search
-solves at each step the damped normal equations
+A search minimises chi-square, the sum of squares χ²(c) = |r(c)|² of whitened residuals r, over k
+coordinates c. Residuals are whitened by dividing them by their standard deviations, or by
+multiplying them by the inverse of a square root of their covariance. With the derivatives
+J = ∂r/∂c each step of a search solves the damped normal equations
 
     (JᵀJ + λ diag(JᵀJ)) s = -Jᵀr
 
-for the step s, and lowers the damping λ after a good step or raises λ after a bad one (Marquardt,
+for the step s. The damping λ is lowered after a good step and raised after a bad one (Marquardt,
 J. SIAM 11 (1963) 431-441; Nocedal and Wright, Numerical Optimization, 2006, section 10.3).
 
 Arrays named `system` are the augmented matrices [r J] of the linearised problem, of shape
-(searches, residuals, 1 + k). Their products [r J]ᵀ[r J], of shape (searches, 1 + k, 1 + k), hold
-χ² in the corner [0, 0], the gradient Jᵀr beside it, and JᵀJ in the rest.
+(searches, residuals, 1 + k); `pvdf_fem.inverse.normal_equations` has the linear algebra.
 
-A prior adds a residual for each coordinate (`append_prior_rows`), a robust loss adds a weight and
-a residual for each group (`apply_robust_loss`), and bounds are a projection
+A prior adds one residual per coordinate (`append_prior_rows`). A robust loss adds a weight and one
+residual per group of residuals (`apply_robust_loss`). Bounds are imposed by projection
 (`LeastSquaresProblem.project_onto_bounds`).
 
 All searches advance together, so that the problem evaluates all of them in one call:
@@ -32,28 +31,29 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.inverse.normal_equations import compute_damped_steps, compute_normal_matrices
 
 
 @dataclass(frozen=True)
 class SearchOptions:
     """Termination and damping of Levenberg-Marquardt searches."""
 
-    max_steps: int = 60  #: Steps after which a search is given up.
-    #: A step is the last one if it is predicted to lower chi-square by less than this. At 1e-2 the
-    #: step has 0.1 standard deviations, and the distance that remains is of the order of the
-    #: step's square.
+    max_steps: int = 60  #: Number of steps after which a search is abandoned.
+    #: A search ends with a step that is predicted to lower chi-square by less than this. At 1e-2
+    #: the step is 0.1 standard deviations long, and the remaining distance to the minimum is of the
+    #: order of the square of this length.
     chi_square_tolerance: float = 1e-2
-    #: The last step is also shorter than this share of the longest steps, since residuals may
-    #: hardly change along a long step.
+    #: The last step must also be shorter than this fraction of the longest allowed step, since the
+    #: residuals may hardly change along a long step.
     step_tolerance: float = 1e-2
-    #: A search that the bounds stop ends when a step lowers chi-square by less than this share.
+    #: A search at the bounds ends when a step lowers chi-square by less than this fraction.
     bound_gain_tolerance: float = 1e-2
-    #: Damping λ at the start; also the smallest one.
+    #: Initial and minimum damping λ.
     min_damping: float = 1e-10
-    #: Least damping after a bad step.
+    #: Minimum damping after a bad step.
     first_damping: float = 1e-3
-    #: Factor of the damping after a step that lowers chi-square by half of the prediction or more;
-    #: after another step the damping is divided by it.
+    #: The damping is multiplied by this factor after a good step, which lowers chi-square by at
+    #: least half of the predicted decrease, and divided by it after any other step.
     damping_factor: float = 0.1
 
 
@@ -61,19 +61,38 @@ DEFAULT_OPTIONS = SearchOptions()
 
 
 class LeastSquaresProblem(Protocol):
-    """A problem of least squares with k coordinates."""
+    """A least-squares problem with k coordinates."""
 
     @property
     def longest_steps(self) -> Array:
-        """Longest step along each coordinate, (k,); longer ones would leave a valley."""
+        """Maximum length of a step along each coordinate, as an ndarray of shape (k,).
+
+        A longer step could leave the valley of chi-square in which a search began.
+        """
 
     @property
     def merge_distances(self) -> Array:
-        """Distances (k,) within which two searches have the same minimum; zero by default."""
+        """Distances along each coordinate within which two searches share a minimum.
+
+        Subclasses override this. Default: zeros of shape (k,), so that searches are never merged.
+        """
         return np.zeros(len(self.longest_steps))
 
     def project_onto_bounds(self, coordinates: Array) -> Array:
-        """Return coordinates (n, k) within the bounds; there are none by default."""
+        """Move coordinates that violate the bounds onto them.
+
+        Subclasses override this. Default: there are no bounds.
+
+        Parameters
+        ----------
+        coordinates : ndarray, shape (n, k)
+            Coordinates of n searches.
+
+        Returns
+        -------
+        ndarray, shape (n, k)
+            Coordinates within the bounds; may be the same array if none had to be moved.
+        """
         return coordinates
 
     def linearise(self, coordinates: Array, rows: Indices | None = None) -> Array:
@@ -84,33 +103,33 @@ class LeastSquaresProblem(Protocol):
         coordinates : ndarray, shape (n, k)
             Coordinates of the searches.
         rows : ndarray of int, shape (n,), optional
-            Row of the measured data that each search is to explain; by default the first one.
+            Index of the row of measured data that each search fits; by default the first row.
 
         Returns
         -------
         ndarray, shape (n, residuals, 1 + k)
-            The augmented matrices [r J].
+            Augmented matrices [r J].
         """
 
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """Ends of n searches."""
+    """End points of n searches."""
 
-    coordinates: Array  #: (n, k)
-    #: Derivatives of the whitened residuals before the last step, (n, residuals, k); zero along
-    #: coordinates that are fixed.
+    coordinates: Array  #: Coordinates of the end points; shape (n, k).
+    #: Derivatives of the whitened residuals before the last step, zero with respect to fixed
+    #: coordinates; shape (n, residuals, k).
     jacobian: Array
-    chi_square: Array  #: Sums of the squared residuals, (n,).
-    converged: Mask  #: Whether the end is a minimum, (n,); False where a search was given up.
+    chi_square: Array  #: Sums of the squared whitened residuals; shape (n,).
+    converged: Mask  #: Whether the end point is a minimum, not an abandoned search; shape (n,).
 
     @property
     def ranking(self) -> Array:
-        """Chi-square of converged searches, infinity for the others, (n,)."""
+        """Chi-square of the converged searches and infinity for the others; shape (n,)."""
         return np.where(self.converged, self.chi_square, np.inf)
 
     def select(self, rows: Indices) -> SearchResult:
-        """Return the ends of some searches."""
+        """Return a new result with the end points of the searches `rows`, in this order."""
         return SearchResult(
             coordinates=self.coordinates[rows],
             jacobian=self.jacobian[rows],
@@ -119,14 +138,17 @@ class SearchResult:
         )
 
     def replace_worse(self, rows: Indices, others: SearchResult) -> None:
-        """Overwrite the ends `rows` where the end in `others` has a lower chi-square.
+        """Overwrite end points of this result in place where `others` has better ones.
+
+        A converged end point is better than one that did not converge, and of two converged end
+        points the one with the lower chi-square is better.
 
         Parameters
         ----------
         rows : ndarray of int, shape (m,)
-            Ends that may be overwritten.
+            Indices of the end points that may be overwritten.
         others : SearchResult
-            As many ends, in the same order.
+            m end points to compare with, in the order of `rows`.
         """
         is_better = others.ranking < self.ranking[rows]
         replaced = rows[is_better]
@@ -137,7 +159,7 @@ class SearchResult:
 
 
 def concatenate_results(results: Sequence[SearchResult]) -> SearchResult:
-    """Concatenate the ends of several sets of searches."""
+    """Concatenate the end points of several results, in their order."""
     return SearchResult(
         coordinates=np.concatenate([result.coordinates for result in results]),
         jacobian=np.concatenate([result.jacobian for result in results]),
@@ -161,30 +183,31 @@ def run_levenberg_marquardt(
     problem : LeastSquaresProblem
         Residuals, derivatives and bounds.
     initial : ndarray, shape (n, k)
-        Coordinates where the searches begin. Coordinates along which all derivatives are zero keep
-        their values.
+        Initial coordinates of the searches. Coordinates with respect to which all derivatives are
+        zero keep their values.
     rows : ndarray of int, shape (n,), optional
-        Row of the measured data that each search is to explain. By default all searches explain
-        the first row and compete: a search is given up when it comes close to a better search or to
-        a minimum, or when it cannot reach the least chi-square of the minima plus `max_excess`.
+        Index of the row of measured data that each search fits. By default all searches fit the
+        first row and compete: a search is abandoned when it comes close to a better search or to a
+        minimum, or when it is not expected to come within `max_excess` of the lowest minimum.
     max_excess : float
-        Largest difference of chi-square from the least one that is still of interest.
+        Maximum difference from the lowest chi-square at which a minimum is still of interest.
+        It has an effect on competing searches alone. Default: infinity.
     options : SearchOptions
         Termination and damping.
 
     Returns
     -------
     SearchResult
-        The n ends, in the order of `initial`.
+        The n end points, in the order of `initial`.
 
     Notes
     -----
-    Residuals are not evaluated after the last step: the end's chi-square is the one predicted
-    there, and the Jacobian is the one before the step.
+    The residuals are not evaluated after the last step: the chi-square of an end point is the
+    predicted one, and its Jacobian is the one before the step.
     """
     searches = _Searches(problem, initial, rows, options)
     compete = rows is None and len(initial) > 1
-    least_chi_square = np.inf
+    min_chi_square = np.inf
     active = np.arange(len(initial))
     for _ in range(options.max_steps):
         trial = searches.propose_steps(active)
@@ -193,10 +216,10 @@ def run_levenberg_marquardt(
         ends = is_last
         if compete:
             expected = trial.chi_square - trial.predicted_decrease
-            least_chi_square = min(least_chi_square, np.min(expected[is_last], initial=np.inf))
+            min_chi_square = min(min_chi_square, np.min(expected[is_last], initial=np.inf))
             # Further steps together gain less than four times the decrease of the next one.
             within_reach = trial.chi_square - 4.0 * trial.predicted_decrease
-            is_hopeless = within_reach > least_chi_square + max_excess
+            is_hopeless = within_reach > min_chi_square + max_excess
             ends = is_last | is_hopeless | searches.mark_repeated(trial)
         if ends.any():
             searches.finish(trial.select(ends), is_last[ends])
@@ -210,17 +233,18 @@ def run_levenberg_marquardt(
 
 
 class _TrialSteps(NamedTuple):
-    """Steps of the m searches that go on."""
+    """Proposed steps of the m searches that are still active."""
 
-    searches: Indices  #: Which of all searches these are, (m,).
-    chi_square: Array  #: Before the step, (m,).
-    predicted_decrease: Array  #: Of chi-square by the step, (m,).
-    relative_length: Array  #: Length of the step over the longest one, (m,).
-    unbounded: Array  #: Coordinates after the step, (m, k).
-    coordinates: Array  #: The same projected onto the bounds, (m, k).
+    searches: Indices  #: Indices of these searches among all searches; shape (m,).
+    chi_square: Array  #: Chi-square before the step; shape (m,).
+    predicted_decrease: Array  #: Predicted decrease of chi-square by the step; shape (m,).
+    #: Length of the computed step divided by the longest allowed step, may exceed 1; shape (m,).
+    relative_length: Array
+    unbounded: Array  #: Coordinates after the step, without bounds; shape (m, k).
+    coordinates: Array  #: Coordinates after the step, projected onto the bounds; shape (m, k).
 
     def select(self, mask: Mask) -> _TrialSteps:
-        """Return the steps of some searches."""
+        """Return the steps of the searches for which `mask`, of shape (m,), is true."""
         return _TrialSteps(
             searches=self.searches[mask],
             chi_square=self.chi_square[mask],
@@ -232,7 +256,7 @@ class _TrialSteps(NamedTuple):
 
 
 class _Searches:
-    """All searches, whether they go on or have ended."""
+    """State of all searches, of the active ones and of those that have ended."""
 
     def __init__(
         self,
@@ -251,11 +275,12 @@ class _Searches:
         self._converged = np.zeros(len(initial), dtype=bool)
         self._system = problem.linearise(self._coordinates, rows)
         self._normal = compute_normal_matrices(self._system)
-        self._chi_square = self._normal[:, 0, 0]  # a view
+        # A view: to change chi-square here changes the normal matrices, and vice versa.
+        self._chi_square = self._normal[:, 0, 0]
 
     @property
     def result(self) -> SearchResult:
-        """The searches as they are now."""
+        """Current end points of all searches; the arrays are not copied."""
         return SearchResult(
             coordinates=self._coordinates,
             jacobian=self._system[:, :, 1:],
@@ -264,7 +289,7 @@ class _Searches:
         )
 
     def propose_steps(self, active: Indices) -> _TrialSteps:
-        """Compute the damped step of each active search, no longer than the longest one."""
+        """Compute the damped steps of active searches, shortened to the longest allowed step."""
         steps = compute_damped_steps(self._normal[active], self._damping[active, None])
         length = np.abs(steps.step / self._longest_steps).max(axis=1)
         unbounded = self._coordinates[active] + steps.step / np.maximum(length, 1.0)[:, None]
@@ -278,20 +303,38 @@ class _Searches:
         )
 
     def mark_repeated(self, trial: _TrialSteps) -> Mask:
-        """Mark the steps that come close to a better one or to a minimum."""
+        """Mark the steps that lead close to a better search or to a minimum found before."""
         minima = self._coordinates[self._converged]
         return mark_repeated(trial.coordinates, trial.chi_square, self._merge_distances, minima)
 
     def finish(self, trial: _TrialSteps, is_last: Mask) -> None:
-        """Take the last step of some searches without an evaluation of the residuals there."""
+        """End some searches after a last step, without evaluating the residuals there.
+
+        Parameters
+        ----------
+        trial : _TrialSteps
+            Last steps of these m searches.
+        is_last : ndarray of bool, shape (m,)
+            Whether a search has converged; false for an abandoned search.
+        """
         self._coordinates[trial.searches] = trial.coordinates
         self._converged[trial.searches] = is_last
         self._chi_square[trial.searches] -= trial.predicted_decrease
 
     def advance(self, trial: _TrialSteps) -> Indices:
-        """Take the steps that lower chi-square, adapt the damping, and return the active searches.
+        """Accept the steps that do not raise chi-square, and adapt the damping.
 
-        A search that the bounds stop ends where it is once chi-square hardly falls any longer.
+        A search at the bounds ends, as converged, once chi-square hardly decreases any more.
+
+        Parameters
+        ----------
+        trial : _TrialSteps
+            Proposed steps, at which the residuals are evaluated.
+
+        Returns
+        -------
+        ndarray of int
+            Indices of the searches that remain active.
         """
         options = self._options
         searches = trial.searches
@@ -315,103 +358,6 @@ class _Searches:
         return searches[~is_stuck]
 
 
-def append_prior_rows(system: Array, residuals: Array, inverse_deviations: Array) -> Array:
-    """Append one residual for the prior of each coordinate.
-
-    Parameters
-    ----------
-    system : ndarray, shape (n, residuals, 1 + k)
-        Augmented matrices [r J].
-    residuals : ndarray, shape (k,) or (n, k)
-        Distances of the coordinates from their prior means, over the priors' deviations.
-    inverse_deviations : ndarray, shape (k,)
-        One over the priors' deviations, which are the derivatives of the new residuals.
-
-    Returns
-    -------
-    ndarray, shape (n, residuals + k, 1 + k)
-        Augmented matrices with the priors' rows at the end.
-    """
-    count = len(inverse_deviations)
-    prior_rows = np.zeros((len(system), count, 1 + count))
-    prior_rows[:, :, 0] = residuals
-    prior_rows[:, :, 1:] = np.diag(inverse_deviations)
-    return np.concatenate([system, prior_rows], axis=1)
-
-
-def apply_robust_loss(system: Array, limits: Array) -> Array:
-    """Weigh groups of residuals down where they are too long.
-
-    Parameters
-    ----------
-    system : ndarray, shape (groups, residuals, 1 + k)
-        Augmented matrices [r J] of the groups of residuals of one search.
-    limits : ndarray, shape (groups,)
-        Squared lengths up to which groups count in full; may be infinite.
-
-    Returns
-    -------
-    ndarray, shape (1, groups * (residuals + 1), 1 + k)
-        The augmented matrix of the search, with one residual more for each group.
-
-    Notes
-    -----
-    A group with the squared length s and the limit c has the loss ρ(s) = s up to c, and
-    ρ(s) = c (1 + ln(s/c)) beyond. Residuals and derivatives are multiplied by the root of the
-    weight ρ'(s) = c/s (iteratively reweighted least squares: Huber, Robust Statistics, 1981,
-    chapter 7). The further residual √(ρ(s) - s ρ'(s)) has no derivatives and makes the sum of
-    squares equal to the loss.
-    """
-    excess = np.maximum(np.square(system[:, :, 0]).sum(axis=1) / limits, 1.0)  # s/c, or 1 within
-    remainder = np.zeros((len(system), 1, system.shape[2]))
-    finite_limits = np.where(excess > 1.0, limits, 0.0)
-    remainder[:, 0, 0] = np.sqrt(finite_limits * np.log(excess))
-    weighted = system / np.sqrt(excess)[:, None, None]
-    return np.concatenate([weighted, remainder], axis=1).reshape(1, -1, system.shape[2])
-
-
-def compute_normal_matrices(system: Array) -> Array:
-    """Compute the products [r J]ᵀ[r J] (n, 1 + k, 1 + k) of augmented matrices [r J]."""
-    return np.matmul(system.swapaxes(1, 2), system)
-
-
-class DampedSteps(NamedTuple):
-    """Steps of n searches."""
-
-    step: Array  #: (n, k)
-    predicted_decrease: Array  #: Of chi-square by the step, (n,).
-
-
-def compute_damped_steps(normal: Array, damping: Array | float) -> DampedSteps:
-    """Solve the damped normal equations.
-
-    Parameters
-    ----------
-    normal : ndarray, shape (n, 1 + k, 1 + k)
-        Products [r J]ᵀ[r J].
-    damping : ndarray, shape (n, 1), or float
-        Damping λ of each search.
-
-    Returns
-    -------
-    DampedSteps
-        Steps s = -(JᵀJ + λ diag(JᵀJ))⁻¹ Jᵀr, and their predicted decrease of chi-square.
-
-    Notes
-    -----
-    The predicted decrease is -sᵀJᵀr. Linear residuals decrease by λ sᵀdiag(JᵀJ)s more.
-    """
-    damped = normal[:, 1:, 1:].copy()
-    diagonal = np.einsum("nii->ni", damped)  # a view
-    diagonal *= 1.0 + damping
-    # Coordinates that the residuals do not depend on keep their values.
-    diagonal += diagonal == 0.0
-    gradient = normal[:, 1:, :1]
-    opposite_step = np.asarray(np.linalg.solve(damped, gradient), dtype=float)
-    decrease = np.matmul(gradient.swapaxes(1, 2), opposite_step)[:, 0, 0]
-    return DampedSteps(step=-opposite_step[:, :, 0], predicted_decrease=decrease)
-
-
 def mark_repeated(
     points: Array, chi_square: Array, distances: Array, minima: Array | None = None
 ) -> Mask:
@@ -420,18 +366,18 @@ def mark_repeated(
     Parameters
     ----------
     points : ndarray, shape (n, k)
-        Coordinates.
+        Coordinates of the points.
     chi_square : ndarray, shape (n,)
-        The points' chi-square; the lower, the better.
+        Chi-square at the points; a lower value is better.
     distances : ndarray, shape (k,)
-        Points are close if they are nearer than this along every coordinate.
+        Two points are close if they differ by less than this along every coordinate.
     minima : ndarray, shape (m, k), optional
-        Coordinates of minima that searches have already found.
+        Coordinates of minima that searches have already found. Default: none.
 
     Returns
     -------
     ndarray of bool, shape (n,)
-        True for points that need not be followed any further.
+        True for points that are close to a better point or to a minimum.
     """
     if minima is None:
         minima = points[:0]

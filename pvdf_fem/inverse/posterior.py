@@ -1,15 +1,15 @@
 """Posterior probability of touches: the likelihood integrated, not only its curvature.
 
-Where the derivative of the charges changes its sign, as along the ring of electrodes, the
-likelihood is bent or has two maxima with a ridge between them, and the covariance at the most
-likely touch says little about the errors. Bayes' rule does: if all places, rotations and logarithms
-of the force within the response's domain are equally likely a priori, then regions with 68.3 % of
-the posterior probability contain 68.3 % of such touches, whatever the shape of the likelihood
-(Rubin, Ann. Statist. 12 (1984) 1151-1172).
+Where the derivative of the charges changes its sign, such as along the ring of electrodes, the
+likelihood is bent, or it has two maxima with a ridge between them. The covariance by the curvature
+at the most likely touch then says little about the errors, but the posterior distribution does: if
+all positions, rotations and logarithms of the force within the response's domain are equally likely
+a priori, then regions with 68.3 % of the posterior probability contain 68.3 % of such touches,
+whatever the shape of the likelihood (Rubin, Ann. Statist. 12 (1984) 1151-1172).
 
-The integrals are importance sampling (Geweke, Econometrica 57 (1989) 1317-1339): draws from a
-mixture of Student's t distributions about the maxima of the likelihood, each weighted by the
-likelihood over the mixture's density.
+The integrals are computed by importance sampling (Geweke, Econometrica 57 (1989) 1317-1339):
+samples are drawn from a mixture of Student's t distributions about the maxima of the likelihood,
+and each is weighted by the likelihood divided by the density of the mixture.
 """
 
 from __future__ import annotations
@@ -24,37 +24,39 @@ from scipy.special import chdtr
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.least_squares import SearchOptions, run_levenberg_marquardt
-from pvdf_fem.inverse.touch.location_problem import PLACE, LocationProblem
+from pvdf_fem.inverse.touch.location_problem import POSITION, LocationProblem
 from pvdf_fem.inverse.touch.touch import Touch
 from pvdf_fem.surrogate.charge_function import find_rotation_period_deg
 from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 #: Probability of a normal distribution within one standard deviation.
 ONE_SIGMA = float(chdtr(1, 1.0))
-#: Most places are far from any touch that fits, and need few steps.
+#: Options of `profile_chi_square`. Most positions are far from any touch that fits, so that a few
+#: steps are enough there.
 PROFILE_SEARCH = SearchOptions(max_steps=8)
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Weighted draws from the posterior distribution of a touch."""
+    """Weighted samples of the posterior distribution of a touch."""
 
-    values: Array  #: Unknown quantities in their units, (draws, unknown).
-    weights: Array  #: Probabilities of the draws, (draws,).
-    periods: Array  #: Period of a rotation, 0 for other quantities, (unknown,).
+    values: Array  #: Unknown quantities of each sample in their units; shape (draws, unknown).
+    weights: Array  #: Probabilities of the samples, which sum to 1; shape (draws,).
+    #: Period of each unknown: of a rotation in degrees, 0 for other quantities; shape (unknown,).
+    periods: Array
 
     def compute_deviations(self, about: Array) -> Array:
-        """Compute the half-widths of intervals with the probability of one standard deviation.
+        """Compute half-widths of intervals that hold 68.3 % of the posterior probability.
 
         Parameters
         ----------
         about : ndarray, shape (unknown,)
-            Middle of the intervals.
+            Centres of the intervals.
 
         Returns
         -------
         ndarray, shape (unknown,)
-            Distances within which 68.3 % of the posterior probability lies, along each quantity.
+            Half-width of the interval of each quantity by itself, in the unit of the quantity.
         """
         distances = np.abs(_subtract_periods(self.values - about, self.periods)).T
         half_widths = []
@@ -64,17 +66,18 @@ class Posterior:
         return np.array(half_widths)
 
     def compute_covariance(self, about: Array) -> Array:
-        """Compute a covariance matrix with the squares of `compute_deviations` on its diagonal.
+        """Compute the posterior covariance, scaled to the half-widths of `compute_deviations`.
 
         Parameters
         ----------
         about : ndarray, shape (unknown,)
-            Point about which deviations and correlations are taken.
+            Point about which deviations and correlations are computed.
 
         Returns
         -------
         ndarray, shape (unknown, unknown)
-            Second moments of the draws, scaled to these deviations.
+            Second moments of the samples about the point, with rows and columns scaled so that the
+            diagonal has the squares of `compute_deviations`.
         """
         differences = _subtract_periods(self.values - about, self.periods)
         moments = (differences * self.weights[:, None]).T @ differences
@@ -86,22 +89,27 @@ class Posterior:
 class _Mixture:
     """A mixture of Student's t distributions of the unknown coordinates."""
 
-    roots: Array  #: Square roots of the scale matrices, (components, unknown, unknown).
-    shares: Array  #: Shares of the draws, (components,).
-    freedom: float  #: Degrees of freedom of all components.
+    roots: Array  #: Square roots of the scale matrices; shape (components, unknown, unknown).
+    fractions: Array  #: Fraction of the samples from each component; shape (components,).
+    freedom: float  #: Degrees of freedom of every component.
 
     def compute_density(self, steps: Array) -> Array:
-        """Compute the density up to a constant factor, (n,).
+        """Compute the density of the mixture at n points, up to a constant factor.
 
         Parameters
         ----------
         steps : ndarray, shape (components, n, unknown)
-            Differences of n points from each centre.
+            Differences of the points from the centre of each component.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Density times a constant.
         """
-        # scipy.stats.multivariate_t takes the same matrices one by one, at ten times the cost.
+        # scipy.stats.multivariate_t evaluates one component at a time, at ten times the cost.
         inverses = np.linalg.inv(self.roots)
         squares = np.square(np.matmul(steps, inverses.swapaxes(1, 2))).sum(axis=2)
-        heights = self.shares * np.abs(np.linalg.det(inverses))
+        heights = self.fractions * np.abs(np.linalg.det(inverses))
         exponent = -0.5 * (self.freedom + self.roots.shape[1])
         density: Array = heights @ (1.0 + squares / self.freedom) ** exponent
         return density
@@ -113,48 +121,51 @@ def sample_posterior(
     draws: int = 3072,
     freedom: float = 3.0,
     widening: float = 1.3,
-    least_share: float = 0.02,
+    min_fraction: float = 0.02,
 ) -> Posterior:
-    """Draw from the posterior distribution of the touch that gave the first row of charges.
+    """Sample the posterior distribution of the touch of a problem's first row of charges.
+
+    The same random numbers are drawn in every call, so that results are reproducible.
 
     Parameters
     ----------
     problem : LocationProblem
-        Charges and the response that explains them.
+        Measured charges and the response.
     touches : sequence of Touch
-        Maxima of the likelihood.
+        Maxima of the likelihood, about which samples are drawn.
     draws : int
-        Number of draws, before those outside of the response's domain are left out.
+        Number of samples, before those outside of the response's domain are discarded.
     freedom : float
-        Degrees of freedom of the Student's t distributions that are drawn from.
+        Degrees of freedom of the Student's t distributions of the mixture.
     widening : float
-        Their widths over those by the curvature of the likelihood.
-    least_share : float
-        Least share of the draws about each maximum, before shares are scaled to a sum of 1.
+        Width of the distributions as a multiple of the width by the curvature of the likelihood.
+    min_fraction : float
+        Minimum fraction of the samples drawn about each maximum, before the fractions are scaled to
+        a sum of 1.
 
     Returns
     -------
     Posterior
-        Weighted draws within the response's domain.
+        Weighted samples within the response's domain; samples outside of it if none is inside.
     """
     unknown = problem.unknown
     maxima = problem.to_coordinates(np.array([touch.values for touch in touches]))
     periods = np.where(
         unknown == TouchColumn.ROTATION, find_rotation_period_deg(problem.response), 0.0
     )
-    mixture = _make_mixture(problem, touches, maxima, widening, least_share, freedom)
+    mixture = _make_mixture(problem, touches, maxima, widening, min_fraction, freedom)
     standard = _draw_standard(len(unknown), draws, freedom)
-    component = np.searchsorted(np.cumsum(mixture.shares)[:-1], standard.level)
+    component = np.searchsorted(np.cumsum(mixture.fractions)[:-1], standard.level)
     normal_steps = np.matmul(mixture.roots[component], standard.normal[:, :, None])[:, :, 0]
     steps = standard.radius[:, None] * normal_steps
     drawn = maxima[component]
     drawn[:, unknown] += steps
-    # A draw farther than half a period would count a rotation twice.
-    is_once = (_subtract_periods(steps, periods) == steps).all(axis=1)
+    # A step by more than half a period would count the same rotation twice.
+    is_within_period = (_subtract_periods(steps, periods) == steps).all(axis=1)
     is_inside = (problem.project_onto_domain(drawn) == drawn).all(axis=1)
-    is_kept = is_once & is_inside
-    if not is_kept.any():  # as where the first maximum is beyond the domain
-        is_kept = is_once
+    is_kept = is_within_period & is_inside
+    if not is_kept.any():  # for instance if the only maximum is beyond the domain
+        is_kept = is_within_period
     drawn = drawn[is_kept]
     differences = drawn[:, unknown] - maxima[:, None, unknown]
     density = mixture.compute_density(_subtract_periods(differences, periods))
@@ -170,55 +181,64 @@ def _make_mixture(
     touches: Sequence[Touch],
     maxima: Array,
     widening: float,
-    least_share: float,
+    min_fraction: float,
     freedom: float,
 ) -> _Mixture:
-    """Make the mixture to draw from.
+    """Make the mixture of Student's t distributions from which samples are drawn.
 
     Parameters
     ----------
-    problem, touches, widening, least_share, freedom
+    problem, touches, widening, min_fraction, freedom
         As for `sample_posterior`.
     maxima : ndarray, shape (components, k)
-        Coordinates of the touches.
+        Coordinates of the touches, the centres of the components.
     """
-    # The covariances of touches are in N, those of coordinates in logarithms of the force.
+    # Covariances of touches refer to the force F, those of coordinates to ln F: dF = F d(ln F).
     is_force = problem.unknown == TouchColumn.FORCE
     per_coordinate = np.where(is_force, np.exp(maxima[:, TouchColumn.FORCE, None]), 1.0)
     covariance_roots = np.array([touch.covariance_root for touch in touches])
-    shares: Array = np.maximum([touch.weight for touch in touches], least_share)
+    fractions: Array = np.maximum([touch.weight for touch in touches], min_fraction)
     return _Mixture(
         roots=widening * covariance_roots / per_coordinate[:, :, None],
-        shares=shares / shares.sum(),
+        fractions=fractions / fractions.sum(),
         freedom=freedom,
     )
 
 
 def _subtract_periods(differences: Array, periods: Array) -> Array:
-    """Return differences (..., unknown) less whole periods."""
+    """Reduce differences of periodic quantities to between minus and plus half a period.
+
+    Parameters
+    ----------
+    differences : ndarray, shape (..., unknown)
+        Differences of the unknown quantities.
+    periods : ndarray, shape (unknown,)
+        Periods; 0 for quantities without a period, whose differences stay as they are.
+    """
     if not periods.any():
         return differences
     return differences - periods * np.round(differences / np.where(periods > 0.0, periods, np.inf))
 
 
 class _StandardDraws(NamedTuple):
-    """Draws that make a sample of a mixture of Student's t distributions."""
+    """Standard random numbers for samples of a mixture of Student's t distributions."""
 
-    normal: Array  #: Standard normal numbers, (draws, dimension).
-    radius: Array  #: Factors that make them Student's, (draws,).
-    level: Array  #: Evenly spaced numbers from 0 to 1 that choose the component, (draws,).
+    normal: Array  #: Standard normal numbers; shape (draws, dimension).
+    #: Factors that turn a row of normal numbers into Student's t distribution; shape (draws,).
+    radius: Array
+    level: Array  #: Evenly spaced numbers from 0 to 1 that select the component; shape (draws,).
 
 
 @lru_cache(maxsize=16)
 def _draw_standard(dimension: int, draws: int, freedom: float) -> _StandardDraws:
-    """Draw standard numbers, the same ones in each call.
+    """Draw standard random numbers, with a fixed seed.
 
     Parameters
     ----------
     dimension : int
-        Number of unknowns.
+        Number of unknown quantities.
     draws : int
-        Number of draws.
+        Number of samples.
     freedom : float
         Degrees of freedom of Student's t distribution.
     """
@@ -229,37 +249,38 @@ def _draw_standard(dimension: int, draws: int, freedom: float) -> _StandardDraws
 
 
 def profile_chi_square(
-    problem: LocationProblem, touch: Touch, places_mm: Array, rotations: int = 6
+    problem: LocationProblem, touch: Touch, positions_mm: Array, rotations: int = 6
 ) -> Array:
-    """Minimise chi-square over force and rotation at each of many places.
+    """Minimise chi-square with respect to force and rotation at each of many positions.
 
     Parameters
     ----------
     problem : LocationProblem
-        Charges, of which the first row is explained, and their response.
+        Measured charges, of which the first row is fitted, and the response.
     touch : Touch
-        Touch whose force and rotation the searches begin with.
-    places_mm : ndarray, shape (n, 2)
-        Places in the frame of the scene's stage.
+        Touch whose force and rotation are the initial values of the searches.
+    positions_mm : ndarray, shape (n, 2)
+        Positions x, y in the frame of the scene's stage.
     rotations : int
-        Number of rotations that searches begin with where the rotation is unknown.
+        Number of initial rotations, spread over the period, if the rotation is unknown.
 
     Returns
     -------
     ndarray, shape (n,)
-        Least chi-square at each place: minus twice the logarithm of the profile likelihood.
+        Minimum of chi-square at each position: minus twice the logarithm of the profile likelihood,
+        up to a constant.
     """
-    touches = np.tile(touch.values, (len(places_mm), 1))
-    touches[:, PLACE] = places_mm
+    touches = np.tile(touch.values, (len(positions_mm), 1))
+    touches[:, POSITION] = positions_mm
     initial = problem.to_coordinates(touches)
     free = problem.unknown[~np.isin(problem.unknown, (TouchColumn.X, TouchColumn.Y))]
-    at_places = replace(problem, unknown=free)
+    at_positions = replace(problem, unknown=free)
     first_row = np.zeros(len(initial), dtype=int)
     count = rotations if TouchColumn.ROTATION in free else 1
-    least = np.full(len(initial), np.inf)
-    for turn_deg in find_rotation_period_deg(problem.response) * np.arange(count) / count:
-        turned = initial.copy()
-        turned[:, TouchColumn.ROTATION] += turn_deg
-        found = run_levenberg_marquardt(at_places, turned, first_row, options=PROFILE_SEARCH)
-        least = np.minimum(least, found.chi_square)
-    return least
+    min_chi_square = np.full(len(initial), np.inf)
+    for rotation_deg in find_rotation_period_deg(problem.response) * np.arange(count) / count:
+        rotated = initial.copy()
+        rotated[:, TouchColumn.ROTATION] += rotation_deg
+        ends = run_levenberg_marquardt(at_positions, rotated, first_row, options=PROFILE_SEARCH)
+        min_chi_square = np.minimum(min_chi_square, ends.chi_square)
+    return min_chi_square

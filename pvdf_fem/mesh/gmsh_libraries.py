@@ -1,6 +1,7 @@
-"""Shared libraries that gmsh's wheel loads and does not contain, with their Debian packages.
+"""Shared libraries that gmsh's wheel needs but does not contain, with their Debian packages.
 
-The script `run` runs this module before any Python package is installed, to print the missing ones.
+The script `run` executes this module before any Python package is installed, to print the missing
+packages.
 """
 
 from __future__ import annotations
@@ -27,11 +28,15 @@ PACKAGES = {
 
 
 class GmshMissingError(ImportError):
-    """An error in the import of gmsh; the text says which packages to install."""
+    """gmsh cannot be imported; the message says which packages to install."""
+
+
+class GmshInUseError(RuntimeError):
+    """Another part of the program has a gmsh session, whose options and models would be lost."""
 
 
 def find_missing_packages() -> Iterator[str]:
-    """Find the Debian packages of libraries that Linux's loader does not find."""
+    """Yield the Debian packages of libraries that cannot be loaded; none on other systems."""
     if sys.platform != "linux":
         return
     for library, package in PACKAGES.items():
@@ -42,7 +47,7 @@ def find_missing_packages() -> Iterator[str]:
 
 
 def describe_missing_gmsh(error: Exception) -> str:
-    """Describe an exception in the import of gmsh, and what to install."""
+    """Return a message about an exception in the import of gmsh, with advice on what to install."""
     packages = " ".join(find_missing_packages())
     if packages:
         advice = f"install the missing libraries: apt-get install {packages}"

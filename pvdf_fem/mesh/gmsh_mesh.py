@@ -1,34 +1,39 @@
 """Mesh a scene with gmsh: the clamped disc with electrodes, patches and probes as subdomains.
 
-This is the only module that imports gmsh. The outlines are embedded with OpenCASCADE's
-``fragment``, and subdomains and their overlaps are unions of elements. Elements are six-node
-triangles: the rim and curved outlines are curved to second order, with the areas of the outlines.
-Element sizes are smallest along the outlines and grow linearly with the distance from them
-(`GradedSizes`), or follow an error estimate on an earlier mesh (`SizeField`). A mesh can cover the
-symmetry sector of a scene alone (`symmetry.SymmetrySector`).
+This is the only module that imports gmsh. The outlines are embedded by OpenCASCADE's ``fragment``,
+so that subdomains and their intersections are unions of elements. Elements are six-node triangles,
+whose curved sides give them the areas of the outlines. Element sizes are smallest along the
+outlines and grow linearly with the distance from them (`GradedSizes`), or follow an error estimate
+on an earlier mesh (`SizeField`). A mesh may cover only a symmetry sector of a scene
+(`symmetry.SymmetrySector`).
 
-In gmsh the film's radius is 100, so that gmsh's absolute geometric tolerance is equally fine for
-films of 1 mm and of 1 m.
+In gmsh's units the film's radius is 100, so that gmsh's absolute geometric tolerance is relative to
+the size of the film.
 """
 
 from __future__ import annotations
 
-import os
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Indices
-from pvdf_fem.mesh.gmsh_libraries import GmshMissingError, describe_missing_gmsh
-from pvdf_fem.mesh.six_node import bulge_arcs, sort_vertices, straighten_sides
-from pvdf_fem.mesh.size_field import GMSH_SIZE_RATIO, GradedSizes, SizeField, compute_element_sizes
+from pvdf_fem.mesh.gmsh_libraries import GmshInUseError, GmshMissingError, describe_missing_gmsh
+from pvdf_fem.mesh.gmsh_lock import GMSH_LOCK
+from pvdf_fem.mesh.six_node import bulge_arcs, repair_distorted_elements, sort_vertices
+from pvdf_fem.mesh.size_field import (
+    GMSH_SIZE_RATIO,
+    GradedSizes,
+    SizeField,
+    compute_element_sizes,
+    count_arcs,
+)
 from pvdf_fem.mesh.subdomains import (
     FILM,
+    add_reflected_sizes,
     collect_outlines,
     make_subdomain_name,
     name_mesh_parts,
@@ -40,43 +45,30 @@ from pvdf_fem.scene.scene import Scene
 _LOADING_ERROR = ""
 try:
     import gmsh
-except (ImportError, OSError) as error:  # only meshing needs it
+except (ImportError, OSError) as error:  # reported when a mesh is needed
     _LOADING_ERROR = describe_missing_gmsh(error)
 
-# gmsh has one state for all threads, and a worker of a cluster may have several threads.
-_GMSH_LOCK = threading.Lock()
-if hasattr(os, "register_at_fork"):  # a fork while another thread meshes would copy a closed lock
-    os.register_at_fork(
-        before=_GMSH_LOCK.acquire,
-        after_in_parent=_GMSH_LOCK.release,
-        after_in_child=_GMSH_LOCK.release,
-    )
 _OPTIONS = {
     "General.Terminal": 0,
     "General.Verbosity": 1,
-    # errors are exceptions
-    "General.AbortOnError": 2,
+    "General.AbortOnError": 2,  # raise exceptions
     "General.NumThreads": 1,
-    # other sources of element sizes are switched off
+    # no other sources of element sizes
     "Mesh.MeshSizeFromPoints": 0,
     "Mesh.MeshSizeExtendFromBoundary": 0,
-    # frontal Delaunay
-    "Mesh.Algorithm": 6,
-    # precision of the number of elements along a curve; gmsh's 1e-9 takes most of the time
+    "Mesh.Algorithm": 6,  # frontal Delaunay
+    # tolerance of the integral that gives the number of elements on a curve: with gmsh's default
+    # 1e-9 this integral takes most of the time
     "Mesh.LcIntegrationPrecision": 1e-2,
 }
-# Radius of the film in gmsh.
+# Radius of the film in gmsh's units.
 _GMSH_RADIUS = 100.0
-# Curves and nodes nearer to a mirror line than this share of the film's radius are on the line.
+# Curves and nodes closer to a mirror line than this fraction of the film's radius are on the line.
 _ON_MIRROR_LINE = 1e-8
 
 
 class MeshError(RuntimeError):
-    """An error of gmsh in a scene; the text names the patches found and expected."""
-
-
-class GmshInUseError(RuntimeError):
-    """An open gmsh session elsewhere in the program, whose options and models would change."""
+    """A scene that gmsh cannot mesh."""
 
 
 def mesh_scene(
@@ -86,70 +78,75 @@ def mesh_scene(
     min_jacobian_ratio: float = 0.14,
     attempts: int = 6,
     contacts: Mapping[str, Outline] = MappingProxyType({}),
-    require: Callable[[float], object] = lambda elements: None,
+    check_element_count: Callable[[float], object] = lambda count: None,
 ) -> MeshTri2:
-    """Mesh a scene, or its symmetry sector in the axes of the sector.
+    """Mesh the film of a scene, or a symmetry sector of it.
 
     Parameters
     ----------
     scene : Scene
         The scene.
     sizes : GradedSizes or SizeField
-        Element sizes in m. The mesh is not refined along outlines that `GradedSizes` does not name.
+        Element sizes in m. Outlines that `GradedSizes` does not name are embedded, but the mesh is
+        not refined along them.
     sector : SymmetrySector
-        Electrodes and probes outside of it have no elements.
+        The sector to mesh, by default the whole film. Electrodes and probes outside of it have no
+        elements.
     min_jacobian_ratio : float
-        Least Jacobian of an element over its mean. The next mesh is finer at elements below it,
-        which lie between an arc and a corner or an edge close to the arc. The cusp between an arc
-        and its tangent, or between two arcs that touch, has 0.15 at any element size.
+        Minimum Jacobian of an element, as a fraction of the element's mean. Elements below it,
+        which lie between an arc and a corner or side close to the arc, are smaller in the next
+        mesh. Elements in the cusp between an arc and its tangent, or between two arcs that touch,
+        have a ratio of 0.15 at any size.
     attempts : int
-        Largest number of meshes. Elements that are still distorted in the last mesh get straight
+        Maximum number of meshes. Elements that are still distorted in the last one get straight
         sides.
     contacts : mapping of str to Outline
-        Edges of contacts with tips by the names of probes, in place of the probes' outlines.
-    require : callable
-        Called before each mesh with the estimated number of its elements; may raise.
+        Boundaries of the contact areas of tips, by the names of the probes' subdomains; they
+        replace the outlines of these probes.
+    check_element_count : callable
+        Called with the estimated number of elements before a mesh is made; may raise to prevent it.
 
     Returns
     -------
     MeshTri2
-        With coordinates in m. Subdomains are ``film``, ``electrode NAME`` for every electrode,
-        ``film patch 1``, ``film patch 2``, ..., and ``probe`` or ``probe 1``, ``probe 2``, ...;
-        boundaries are ``rim`` and the mirror lines of the sector (`MIRRORS`).
+        With coordinates in m, in the axes of the sector. Subdomains are ``film``,
+        ``electrode NAME`` for every electrode, ``film patch 1``, ``film patch 2``, ..., and
+        ``probe`` or ``probe 1``, ``probe 2``, .... Boundaries are ``rim`` and the mirror lines of
+        the sector (`MIRRORS`).
 
     Raises
     ------
     MeshError
-        When gmsh fails, a patch has no element, or elements with straight sides fold.
+        If gmsh fails, a subdomain has no element, or elements are folded even with straight sides.
     GmshMissingError
-        When gmsh cannot be loaded.
+        If gmsh cannot be loaded.
     GmshInUseError
-        When gmsh has a session elsewhere in the program.
+        If another part of the program has a gmsh session.
     """
     outlines = collect_outlines(scene) | dict(contacts)
     shortest = min((outline.perimeter for outline in outlines.values()), default=0.0)
     if isinstance(sizes, GradedSizes):
         film = scene.film.outline
         whole_count = sizes.estimate_element_count(
-            film.area, {FILM: film, **outlines}, arcs=_count_arcs(scene.numerics.tolerance)
+            film.area, {FILM: film, **outlines}, arcs=count_arcs(scene.numerics.tolerance)
         )
-        require(whole_count / len(sector.signs))
+        check_element_count(whole_count / len(sector.signs))
     for _ in range(attempts):
         mesh = _mesh_once(scene, outlines, sizes=sizes, sector=sector)
-        # a side moved by this share of the shortest outline changes the area by less than 1e-6
-        mesh, is_distorted = straighten_sides(
-            mesh, min_jacobian_ratio, largest_move=1e-5 * shortest
+        # moving a node by this fraction of the shortest outline changes its area by less than 1e-6
+        mesh, is_distorted = repair_distorted_elements(
+            mesh, min_jacobian_ratio, max_move=1e-5 * shortest
         )
         if not is_distorted.any():
             return mesh
         finer_sizes = GMSH_SIZE_RATIO * compute_element_sizes(mesh)
         finer_sizes[is_distorted] = 0.4 * compute_element_sizes(mesh, sliver=0.1)[is_distorted]
         sizes = SizeField.from_element_sizes(mesh, finer_sizes)
-        require(sizes.element_count)
-    mesh, is_distorted = straighten_sides(mesh, min_jacobian_ratio, largest_move=np.inf)
+        check_element_count(sizes.element_count)
+    mesh, is_distorted = repair_distorted_elements(mesh, min_jacobian_ratio, max_move=np.inf)
     if is_distorted.any():
-        count = is_distorted.sum()
-        raise MeshError(f"{count} elements fold: an outline nearly touches another")
+        reason = f"{is_distorted.sum()} elements are folded, since two outlines nearly touch"
+        raise MeshError(f"{reason}; move them apart")
     return mesh
 
 
@@ -159,20 +156,37 @@ def _mesh_once(
     sizes: GradedSizes | SizeField,
     sector: SymmetrySector,
 ) -> MeshTri2:
-    """Mesh a scene once, with its outlines in the scene's axes."""
+    """Make a single mesh of a scene, whose elements may be distorted.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    outlines : dict of str to Outline
+        Outlines in the scene's axes by the names of their subdomains.
+    sizes : GradedSizes or SizeField
+        Element sizes in m.
+    sector : SymmetrySector
+        The sector to mesh.
+
+    Returns
+    -------
+    MeshTri2
+        With coordinates in m, in the axes of the sector.
+    """
     unit = scene.film.radius / _GMSH_RADIUS
     shapes: dict[str, Outline] = {FILM: scene.film.outline}
     for name, outline in outlines.items():
         shapes[name] = outline.transform(sector.frame)
     for name, reflected in sector.reflected_electrodes.items():
         shapes[make_subdomain_name(name)] = reflected.outline
-    with _GMSH_LOCK, _open_gmsh():
+    with GMSH_LOCK, _open_gmsh():
         try:
             surfaces = _fragment_film(shapes, unit, sector=sector)
-            arcs = _count_arcs(scene.numerics.tolerance)
+            arcs = count_arcs(scene.numerics.tolerance)
             gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", arcs)
             if isinstance(sizes, GradedSizes):
-                sizes = _add_reflected_sizes(sizes, sector)
+                sizes = add_reflected_sizes(sizes, sector)
                 curves = {
                     name: _find_outer_curves(surfaces[name], shapes[name], sector=sector)
                     for name in sizes.patches
@@ -185,27 +199,18 @@ def _mesh_once(
             gmsh.model.mesh.setOrder(2)
         except Exception as error:
             raise MeshError(f"gmsh failed: {error}") from error
-        smooth = [shape for shape in shapes.values() if not len(shape.corners)]
+        curved_outlines = [shape for shape in shapes.values() if shape.is_curved]
         surfaces_by_name = {name: surfaces.get(name) for name in shapes}
-        return _read_mesh(surfaces_by_name, unit, smooth=smooth, sector=sector)
-
-
-def _count_arcs(tolerance: float) -> int:
-    """Return the least number of quadratic arcs of a circle for a tolerance of charges.
-
-    Measured with arcs of the right area: 16 of them change the charges by less than 2e-7 under a
-    disc.
-    """
-    return int(np.ceil(max(12.0, 16.0 * (1e-5 / tolerance) ** 0.25)))
+        return _read_mesh(surfaces_by_name, unit, curved_outlines=curved_outlines, sector=sector)
 
 
 @contextmanager
 def _open_gmsh() -> Iterator[None]:
-    """Open an empty model with our options, in a session of its own."""
+    """Open a gmsh session with an empty model and our options, and close it at the end."""
     if _LOADING_ERROR:
         raise GmshMissingError(_LOADING_ERROR)
     if gmsh.isInitialized():
-        raise GmshInUseError("gmsh has models of this program; call gmsh.finalize() before a solve")
+        raise GmshInUseError("gmsh is in use by this program; call gmsh.finalize() before a solve")
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         for name, value in _OPTIONS.items():
@@ -218,7 +223,22 @@ def _open_gmsh() -> Iterator[None]:
 def _fragment_film(
     shapes: dict[str, Outline], unit: float, sector: SymmetrySector
 ) -> dict[str, list[int]]:
-    """Cut the film of a sector along all outlines; return the tags of surfaces by name."""
+    """Cut the film of a sector along all outlines.
+
+    Parameters
+    ----------
+    shapes : dict of str to Outline
+        Outlines of the film and of all subdomains, in the axes of the sector.
+    unit : float
+        Unit of gmsh's lengths in m.
+    sector : SymmetrySector
+        The sector that is kept.
+
+    Returns
+    -------
+    dict of str to list of int
+        Tags of the surfaces of each subdomain that lies at least partly in the sector.
+    """
     occ = gmsh.model.occ
     film = [(2, _add_surface(shapes[FILM], unit))]
     names = [name for name in shapes if name != FILM]
@@ -243,7 +263,7 @@ def _fragment_film(
 
 
 def _add_surface(outline: Outline, unit: float) -> int:
-    """Add the surface within an outline to the model; return its tag."""
+    """Add the surface inside an outline to gmsh's model, and return its tag."""
     occ = gmsh.model.occ
     points = [occ.addPoint(x, y, 0.0) for x, y in outline.corners / unit]
     curves = []
@@ -256,7 +276,7 @@ def _add_surface(outline: Outline, unit: float) -> int:
 
 
 def _add_ellipse(curve: EllipseCurve, unit: float) -> int:
-    """Add an ellipse to the model; return its tag."""
+    """Add an elliptic curve to gmsh's model, and return its tag."""
     x, y = curve.centre / unit
     lengths = np.linalg.norm(curve.axes, axis=0) / unit
     major = int(lengths.argmax())  # gmsh expects the major axis first
@@ -274,30 +294,45 @@ def _add_ellipse(curve: EllipseCurve, unit: float) -> int:
 
 
 def _find_outer_curves(surfaces: list[int], shape: Outline, sector: SymmetrySector) -> list[int]:
-    """Find the curves along an outline, without those along a mirror line that cuts it."""
+    """Find the curves of gmsh's model along an outline.
+
+    Parameters
+    ----------
+    surfaces : list of int
+        Tags of the surfaces inside the outline.
+    shape : Outline
+        The outline in the axes of the sector.
+    sector : SymmetrySector
+        Curves along its mirror lines are excluded where the mirror line cuts the outline.
+
+    Returns
+    -------
+    list of int
+        Tags of the curves.
+    """
     pairs = gmsh.model.getBoundary([(2, tag) for tag in surfaces], combined=True, oriented=False)
     curves = {abs(tag) for _, tag in pairs}
     for axis in sector.mirror_axes:
         is_cut = shape.lower_left[axis] < -_ON_MIRROR_LINE * shape.reach
         if is_cut:
-            place = {curve: gmsh.model.occ.getCenterOfMass(1, curve)[axis] for curve in curves}
+            centre = {curve: gmsh.model.occ.getCenterOfMass(1, curve)[axis] for curve in curves}
             limit = _GMSH_RADIUS * _ON_MIRROR_LINE
-            curves = {curve for curve in curves if place[curve] > limit}
+            curves = {curve for curve in curves if centre[curve] > limit}
     return sorted(curves)
 
 
-def _add_reflected_sizes(sizes: GradedSizes, sector: SymmetrySector) -> GradedSizes:
-    """Give the reflections of electrodes the element sizes of the electrodes."""
-    reflected_sizes = {}
-    for name, reflected in sector.reflected_electrodes.items():
-        size = sizes.patches.get(make_subdomain_name(reflected.electrode))
-        if size is not None:
-            reflected_sizes[make_subdomain_name(name)] = size
-    return replace(sizes, patches=sizes.patches | reflected_sizes)
-
-
 def _set_graded_sizes(curves: dict[str, list[int]], sizes: GradedSizes, unit: float) -> None:
-    """Set element sizes that grow with the distance from the curves of outlines."""
+    """Tell gmsh element sizes that grow with the distance from outlines.
+
+    Parameters
+    ----------
+    curves : dict of str to list of int
+        Tags of the curves along each outline.
+    sizes : GradedSizes
+        Element sizes in m.
+    unit : float
+        Unit of gmsh's lengths in m.
+    """
     gmsh.option.setNumber("Mesh.MeshSizeMax", sizes.film / unit)
     field = gmsh.model.mesh.field
     thresholds = []
@@ -323,7 +358,7 @@ def _set_graded_sizes(curves: dict[str, list[int]], sizes: GradedSizes, unit: fl
 
 
 def _set_size_field(sizes: SizeField, unit: float) -> None:
-    """Set the element sizes of a field on an earlier mesh."""
+    """Pass the element sizes of a field on an earlier mesh to gmsh."""
     mesh = sizes.mesh
     corners = np.zeros((mesh.nelements, 3, 3))
     corners[:, :2] = mesh.p[:, mesh.t].transpose(2, 0, 1) / unit
@@ -334,7 +369,7 @@ def _set_size_field(sizes: SizeField, unit: float) -> None:
     field = gmsh.model.mesh.field
     background = field.add("PostView")
     field.setNumber(background, "ViewTag", view)
-    # points between the rim and its chords take the size of the nearest triangle
+    # use the nearest triangle for points between the rim and its chords, outside of all triangles
     field.setNumber(background, "UseClosest", 1)
     field.setAsBackgroundMesh(background)
 
@@ -342,25 +377,26 @@ def _set_size_field(sizes: SizeField, unit: float) -> None:
 def _read_mesh(
     surfaces: dict[str, list[int] | None],
     unit: float,
-    smooth: list[Outline],
+    curved_outlines: list[Outline],
     sector: SymmetrySector,
 ) -> MeshTri2:
-    """Read the model of gmsh as a mesh.
+    """Read the mesh from gmsh.
 
     Parameters
     ----------
     surfaces : dict of str to list of int or None
-        Tags of surfaces by the name of their subdomain; None for one outside of the sector.
+        Tags of the surfaces of each subdomain; None for a subdomain outside of the sector.
     unit : float
         Unit of gmsh's lengths in m.
-    smooth : list of Outline
-        The outlines with curved sides.
+    curved_outlines : list of Outline
+        The outlines with curved pieces, whose areas the elements get.
     sector : SymmetrySector
-        Nodes next to its mirror lines are moved onto them.
+        The meshed sector. Nodes close to its mirror lines are moved onto them.
 
     Returns
     -------
     MeshTri2
+        With coordinates in m.
     """
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     row = np.empty(int(tags.max()) + 1, dtype=np.int64)
@@ -374,7 +410,7 @@ def _read_mesh(
     empty = [name for name in expected if not len(subdomains[name])]
     if empty:
         present = [name for name in subdomains if name not in empty]
-        raise MeshError(f"patches without elements: {empty}; patches found: {present}")
+        raise MeshError(f"subdomains without elements: {empty}; with elements: {present}")
     points = coordinates.reshape(-1, 3)[:, :2].T * unit
     for axis in sector.mirror_axes:
         is_on_line = np.abs(points[axis]) < _ON_MIRROR_LINE * _GMSH_RADIUS * unit
@@ -384,7 +420,7 @@ def _read_mesh(
         if gmsh.model.getEntityType(1, curve) != "Line":
             curve_tags, _, _ = gmsh.model.mesh.getNodes(1, curve)
             is_curved[row[curve_tags]] = True
-    for outline in smooth:
+    for outline in curved_outlines:
         bulge_arcs(
             points, triangles, outline=outline, is_curved=is_curved, radius=_GMSH_RADIUS * unit
         )
@@ -392,7 +428,15 @@ def _read_mesh(
 
 
 def _read_triangles(row: Indices) -> tuple[Indices, dict[int, Indices]]:
-    """Read the nodes of the triangles (elements, 6), and the elements of each surface by tag."""
+    """Read the triangles from gmsh; `row` has the index of each node by its tag.
+
+    Returns
+    -------
+    triangles : ndarray of int, shape (elements, 6)
+        Indices of the nodes, with sorted vertices.
+    elements_of_surface : dict of int to ndarray of int
+        Elements by the tag of their surface.
+    """
     blocks = []
     elements_of_surface = {}
     count = 0

@@ -1,8 +1,8 @@
-"""The mesh for a scene from a file: by ``pvdf-fem mesh``, or the user's own gmsh mesh.
+"""The mesh of a scene from a file, written by ``pvdf-fem mesh`` or by the user's own gmsh script.
 
-A file contains plane six-node triangles about the film's centre in m or in mm, which the radius of
-the film decides. Patches lie where the scene has them: the triangles inside of an outline are its
-patch if the mesh follows the outline. Names of groups in the file are ignored.
+A file contains plane six-node triangles with the origin at the film's centre. The radius of the
+film shows whether its unit is m or mm. Subdomains are found by the outlines of the scene, which the
+mesh must follow; groups in the file are ignored.
 """
 
 from __future__ import annotations
@@ -27,38 +27,42 @@ from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 
-#: Modules of meshio that read a format, by extension.
+#: Modules of meshio by the extension of the files that they read.
 READERS = {".msh": "gmsh", ".inp": "abaqus", ".vtu": "vtu", ".vtk": "vtk", ".xdmf": "xdmf"}
 
 
 class MeshFileError(FileError):
-    """A mesh that does not fit the scene; each argument is a line about an error."""
+    """A mesh that does not fit the scene; each argument of the exception describes an error."""
 
     def __str__(self) -> str:
         return "\n".join(self.args)
 
 
 def as_mesh(mesh: MeshTri2 | str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
-    """Return a mesh of the whole film with the patches of a scene.
+    """Convert an argument to a mesh of the whole film with the subdomains of a scene.
 
     Parameters
     ----------
-    mesh : MeshTri2, str or path
-        A mesh, or its file.
+    mesh : MeshTri2, str or Path
+        A mesh in m or mm, or the path of a mesh file.
     scene : Scene
-        The scene.
+        The scene, whose outlines the mesh must follow.
     slack : float
-        See `read_mesh`.
+        Relative tolerance; see `read_mesh`.
 
     Returns
     -------
     MeshTri2
-        In m.
+        With coordinates in m.
 
     Raises
     ------
     MeshFileError
-        For a mesh that is not one of the scene's film.
+        If the mesh does not fit the scene.
+    FileError
+        If the file cannot be read.
+    ValueError
+        If `mesh` is neither a mesh nor a path.
     """
     if isinstance(mesh, str | Path):
         return read_mesh(mesh, scene, slack)
@@ -70,33 +74,33 @@ def as_mesh(mesh: MeshTri2 | str | Path, scene: Scene, slack: float = 1e-3) -> M
 
 
 def read_mesh(path: str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
-    """Read a mesh file, and find the patches of a scene in the mesh.
+    """Read a mesh file, and find the subdomains of a scene in the mesh.
 
     Parameters
     ----------
-    path : str or path
-        With an extension in `READERS`.
+    path : str or Path
+        Path of a file with an extension in `READERS`.
     scene : Scene
-        The scene.
+        The scene, whose outlines the mesh must follow.
     slack : float
-        Relative difference between the areas of film and patches in the mesh and in the scene that
-        is allowed. Outlines and centroids may be off by this share of the root of the patch's area.
+        Maximum relative difference of the areas in the mesh and in the scene. Boundaries and
+        centroids may deviate by this fraction of the square root of the area.
 
     Returns
     -------
     MeshTri2
-        In m.
+        With coordinates in m.
 
     Raises
     ------
     MeshFileError
-        For a mesh that is not one of the scene's film.
+        If the file is not a mesh of six-node triangles, or does not fit the scene.
     FileError
-        For a file that cannot be read.
+        If the file cannot be read.
     """
     path = Path(path)
     with open_regular_file(path, "a mesh file"):
-        pass  # meshio opens it by itself
+        pass  # check only: meshio opens the file itself
     try:
         points, triangles = _extract_triangles(_read_grid(path))
         return _make_mesh(points, triangles, scene=scene, slack=slack)
@@ -105,20 +109,39 @@ def read_mesh(path: str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
 
 
 def _read_grid(path: Path) -> Any:
-    """Read a file by meshio."""
+    """Read a mesh file with meshio's reader for its extension."""
     name = READERS.get(path.suffix.lower())
     if name is None:
         formats = " ".join(READERS)
-        raise MeshFileError(f"has no extension of a known format; choose from {formats}")
+        raise MeshFileError(f"has none of the supported extensions; choose from {formats}")
     try:
-        return import_module(f"meshio.{name}").read(path)  # meshio takes a quarter of a second
-    except Exception as error:  # meshio's parsers raise many types
+        # only the reader is imported, since the import of all of meshio takes 0.25 s
+        return import_module(f"meshio.{name}").read(path)
+    except Exception as error:  # meshio's parsers raise exceptions of many types
         reason = f"{type(error).__name__}: {error}"
         raise MeshFileError(f"is not a mesh that meshio reads as {name} ({reason})") from error
 
 
 def _extract_triangles(grid: Any) -> tuple[Array, Indices]:
-    """Return points (nodes, 2) in the file's unit, and nodes of the triangles (elements, 6)."""
+    """Extract the six-node triangles of a mesh file.
+
+    Parameters
+    ----------
+    grid : meshio.Mesh
+        Contents of the file.
+
+    Returns
+    -------
+    points : ndarray, shape (nodes, 2)
+        Nodes of the triangles in the unit of the file.
+    triangles : ndarray of int, shape (elements, 6)
+        Indices of the nodes; triangles that are listed several times occur once.
+
+    Raises
+    ------
+    MeshFileError
+        If there are other cells, no triangles, missing nodes or nodes off a plane.
+    """
     types = sorted({block.type for block in grid.cells})
     if "triangle6" not in types or {*types} - {"triangle6", "vertex", "line", "line3"}:
         advice = "give only six-node triangles on the film (gmsh: Mesh.ElementOrder = 2)"
@@ -126,19 +149,41 @@ def _extract_triangles(grid: Any) -> tuple[Array, Indices]:
     points = np.asarray(grid.points, dtype=float)
     triangles = grid.cells_dict["triangle6"]
     if not len(triangles) or triangles.min() < 0 or triangles.max() >= len(points):
-        raise MeshFileError("has no triangles, or triangles of nodes that are missing")
+        raise MeshFileError("has no triangles, or triangles whose nodes are missing")
     used, numbers = np.unique(triangles, return_inverse=True)
     points = points[used]
     triangles = numbers.reshape(triangles.shape)
     if not np.isfinite(points).all() or np.ptp(points[:, 2:]) > 1e-9 * np.abs(points).max():
-        raise MeshFileError("has nodes off the plane z = 0; give a flat film")
-    # an element in several groups is listed several times in MSH 2.2
+        raise MeshFileError("has nodes outside of the plane of the film; give a flat film")
+    # MSH 2.2 files list an element once for each of its groups
     _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
     return points[:, :2], triangles[first]
 
 
 def _make_mesh(points: Array, triangles: Indices, scene: Scene, slack: float) -> MeshTri2:
-    """Make the scene's mesh from triangles in m or mm."""
+    """Make the mesh of a scene from triangles.
+
+    Parameters
+    ----------
+    points : ndarray, shape (nodes, 2)
+        Nodes in m or mm.
+    triangles : ndarray of int, shape (elements, 6)
+        Indices of the nodes of each triangle.
+    scene : Scene
+        The scene, whose outlines the mesh must follow.
+    slack : float
+        Relative tolerance; see `read_mesh`.
+
+    Returns
+    -------
+    MeshTri2
+        With coordinates in m.
+
+    Raises
+    ------
+    MeshFileError
+        If the triangles are not a mesh of the scene.
+    """
     radius = scene.film.radius
     reach = float(np.hypot(points[:, 0], points[:, 1]).max())
     points = _find_unit(reach, radius, slack=slack) * points
@@ -152,7 +197,8 @@ def _make_mesh(points: Array, triangles: Indices, scene: Scene, slack: float) ->
     _require_disc(mesh, radius, slack)
     is_folded = compute_jacobian_ratios(mesh) <= 0.0
     if is_folded.any():
-        raise MeshFileError(f"has {is_folded.sum()} triangles that fold; move their midside nodes")
+        advice = "move their midside nodes"
+        raise MeshFileError(f"has {is_folded.sum()} folded triangles; {advice}")
     outlines = {FILM: scene.film.outline, **collect_outlines(scene)}
     elements_inside = _find_elements_inside(mesh, outlines)
     errors = list(_find_patch_errors(mesh, outlines, elements_inside=elements_inside, slack=slack))
@@ -162,7 +208,27 @@ def _make_mesh(points: Array, triangles: Indices, scene: Scene, slack: float) ->
 
 
 def _find_unit(reach: float, radius: float, slack: float) -> float:
-    """Find the unit in m in which the nodes reach up to the film's radius."""
+    """Find the unit, 1 for m or 1e-3 for mm, in which a mesh has the radius of the film.
+
+    Parameters
+    ----------
+    reach : float
+        Maximum distance of the nodes from the origin, in the unit to find.
+    radius : float
+        Radius of the film in m.
+    slack : float
+        Maximum relative difference of the radii.
+
+    Returns
+    -------
+    float
+        The unit in m.
+
+    Raises
+    ------
+    MeshFileError
+        If the radii agree in neither unit.
+    """
     for unit in (1.0, 1e-3):
         if abs(reach * unit / radius - 1.0) <= slack:
             return unit
@@ -171,7 +237,7 @@ def _find_unit(reach: float, radius: float, slack: float) -> float:
 
 
 def _require_shared_middles(triangles: Indices) -> None:
-    """Raise for triangles that do not share the midside node of a common side."""
+    """Raise `MeshFileError` if triangles do not share the midside node of a common side."""
     ends = np.sort(triangles[:, SIDES], axis=2).reshape(-1, 2)
     middles = triangles[:, 3:].reshape(-1, 1)
     sides = np.hstack([ends, middles])
@@ -181,21 +247,20 @@ def _require_shared_middles(triangles: Indices) -> None:
 
 
 def _require_disc(mesh: MeshTri2, radius: float, slack: float) -> None:
-    """Raise for a mesh of several pieces, or with holes or cracks."""
+    """Raise `MeshFileError` if a mesh has several pieces, holes or cracks."""
     left, right = mesh.f2t[:, mesh.f2t[1] >= 0]
     links = sp.coo_matrix((np.ones(len(left)), (left, right)), shape=(mesh.nelements,) * 2)
     pieces, _ = connected_components(links, directed=False)
     border = mesh.facets[:, mesh.boundary_facets()]
     off_rim = np.abs(np.hypot(*mesh.p[:, border]) - radius).max(axis=0) > slack * radius
     if pieces > 1 or off_rim.any():
-        raise MeshFileError(
-            f"has {pieces} pieces, and {off_rim.sum()} sides within the film that belong to only "
-            "one triangle; let the outlines share their nodes (gmsh: fragment)"
-        )
+        sides = f"{off_rim.sum()} sides inside the film with only one triangle"
+        advice = "let the outlines share their nodes (gmsh: fragment)"
+        raise MeshFileError(f"has {pieces} pieces, and {sides}; {advice}")
 
 
 def _find_elements_inside(mesh: MeshTri2, outlines: dict[str, Outline]) -> dict[str, Indices]:
-    """Find the elements with their centroids inside an outline, by the outline's name."""
+    """Find the elements whose centroids are inside each outline, by the name of the outline."""
     centroids = mesh.mapping().F(np.full((2, 1), 1.0 / 3.0))[:, :, 0].T
     elements = {}
     for name, outline in outlines.items():
@@ -206,12 +271,12 @@ def _find_elements_inside(mesh: MeshTri2, outlines: dict[str, Outline]) -> dict[
 class _Moments(NamedTuple):
     """Areas and first moments of elements."""
 
-    area: Array  #: In m² at quadrature points, (elements, points).
-    first: Array  #: Integrals of places over the elements in m³, (2, elements).
+    area: Array  #: Area in m² that each quadrature point stands for, shape (elements, points).
+    first: Array  #: Integrals of x and y over the elements in m³, shape (2, elements).
 
 
 def _compute_moments(mesh: MeshTri2) -> _Moments:
-    """Compute areas and first moments of the elements."""
+    """Compute areas and first moments of the elements by quadrature."""
     local, weights = get_quadrature(mesh.elem.refdom, 4)
     mapping = mesh.mapping()
     point_areas = np.abs(mapping.detDF(local)) * weights
@@ -225,23 +290,24 @@ def _find_patch_errors(
     elements_inside: dict[str, Indices],
     slack: float,
 ) -> Iterator[str]:
-    """Find patches whose outlines the mesh does not follow.
+    """Find outlines that the mesh does not follow.
 
     Parameters
     ----------
     mesh : MeshTri2
         With coordinates in m.
     outlines : dict of str to Outline
-        Outlines of the film and its patches by name. Those that reach over the rim are left out.
+        Outlines of the film and all subdomains by name. Outlines that extend beyond the rim are not
+        checked.
     elements_inside : dict of str to ndarray of int
-        Elements inside of each outline.
+        Elements whose centroids are inside each outline.
     slack : float
-        See `read_mesh`.
+        Relative tolerance; see `read_mesh`.
 
     Yields
     ------
     str
-        A line about a patch.
+        A line for each outline, with its area and that of the elements inside.
     """
     moments = _compute_moments(mesh)
     largest_reach = (1.0 + slack) * outlines[FILM].reach
@@ -261,5 +327,6 @@ def _find_patch_errors(
             x, y = np.round(1e3 * outline.centroid, 9) + 0.0
             yield (
                 f"{name}: the mesh does not follow its outline of {1e6 * outline.area:.6g} mm2"
-                f" about ({x:.6g}, {y:.6g}) mm; the triangles in it have {1e6 * area:.6g} mm2"
+                f" about ({x:.6g}, {y:.6g}) mm: the triangles inside have {1e6 * area:.6g} mm2;"
+                " embed the outline in the mesh"
             )

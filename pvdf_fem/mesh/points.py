@@ -1,4 +1,4 @@
-"""Places of points in a mesh: the element that contains a point, and its local coordinates."""
+"""Location of points in a mesh: the element that contains a point, and its local coordinates."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ def find_nearest_elements(
     mesh : MeshTri2
         With coordinates in m.
     points : ndarray, shape (2, n)
-        In m.
+        Points in m.
     candidates : int
-        Number of elements with the nearest centroids among which a point is searched. A point
-        outside of all of them gets the one where it is the least far outside.
+        Number of elements, those with the nearest centroids, that are searched for each point.
 
     Returns
     -------
     elements : ndarray of int, shape (n,)
+        The element of each point. If no candidate contains the point, the one with the largest
+        minimum barycentric coordinate.
     local : ndarray, shape (2, n)
-        Local coordinates in the elements.
+        Local coordinates of the points in their elements.
     """
-    from scipy.spatial import cKDTree  # many scenes are solved without
+    from scipy.spatial import cKDTree  # imported here, since most solves do not need it
 
     corners = mesh.p[:, mesh.t]
     tree = cKDTree(corners.mean(axis=1).T)
@@ -56,23 +57,25 @@ def locate_points(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indic
     mesh : MeshTri2
         With coordinates in m.
     points : ndarray, shape (2, n)
-        In m.
+        Points in m.
     steps : int
-        Largest number of steps of a walk, see Notes.
+        Maximum number of steps from element to element, see Notes.
 
     Returns
     -------
     elements : ndarray of int, shape (n,)
+        The element of each point. A point beyond the rim gets an element at the rim, and a point
+        that is not located after the last step the element where the search ended.
     local : ndarray, shape (2, n)
-        Local coordinates in the elements. A point just beyond the rim stays in the element there,
-        with local coordinates outside.
+        Local coordinates of the points in their elements; for points that are not inside, they are
+        outside of the reference triangle.
 
     Notes
     -----
-    A walk begins at the element whose straight triangle contains the point, and crosses the side
-    beyond which the point lies, until there is none.
+    The search starts from the element that would contain the point if sides were straight, and
+    steps to the neighbour across the side beyond which the point lies, until the point is inside.
     """
-    opposite_facets = mesh.t2f[[1, 2, 0]]  # of each vertex
+    opposite_facets = mesh.t2f[[1, 2, 0]]  # the facets opposite to the three vertices
     first, second = mesh.f2t[:, opposite_facets]
     neighbours = np.where(first == np.arange(mesh.nelements), second, first)
     elements, _ = find_nearest_elements(mesh, points, 32)
@@ -91,7 +94,7 @@ def locate_points(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indic
 def compute_local_coordinates(
     mesh: MeshTri2, elements: Indices, points: Array, newton_steps: int = 6
 ) -> Array:
-    """Compute the local coordinates of points, in curved elements by Newton's method.
+    """Compute the local coordinates of points in given elements.
 
     Parameters
     ----------
@@ -99,14 +102,15 @@ def compute_local_coordinates(
         With coordinates in m.
     elements : ndarray of int, shape (n,)
         The element of each row of points.
-    points : ndarray, shape (n, points, 2)
-        In m.
+    points : ndarray, shape (n, k, 2)
+        Rows of k points in m.
     newton_steps : int
-        Number of Newton steps in curved elements.
+        Number of Newton steps in curved elements; straight elements need none.
 
     Returns
     -------
-    ndarray, shape (2, n, points)
+    ndarray, shape (2, n, k)
+        Local coordinates.
     """
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs[:, elements]]
     jacobian = np.stack([nodes[:, 1] - nodes[:, 0], nodes[:, 2] - nodes[:, 0]], axis=1)
@@ -128,18 +132,18 @@ def compute_local_coordinates(
 
 @dataclass(frozen=True, eq=False)
 class PlacedQuadrature:
-    """Quadrature points in the elements of a mesh, in rows of equally many points.
+    """Quadrature points in the elements of a mesh, in n rows of k points.
 
     Parameters
     ----------
     owners : ndarray of int, shape (n,)
-        Index of the outline, line or facet that each row of points belongs to.
+        Index of the outline, line or facet to whose integral each row contributes.
     elements : ndarray of int, shape (n,)
         The element in which each row of points lies.
-    points : ndarray, shape (2, n, points)
-        Local coordinates in the element.
-    weights : ndarray, shape (n, points)
-        In m² over an area, in m along a line.
+    points : ndarray, shape (2, n, k)
+        Local coordinates in the elements.
+    weights : ndarray, shape (n, k)
+        Quadrature weights, in m² for areas and in m for lines.
     """
 
     owners: Indices
@@ -151,30 +155,30 @@ class PlacedQuadrature:
 def make_facet_quadrature(
     mesh: MeshTri2, facets: Indices, elements: Indices, count: int = 3
 ) -> tuple[PlacedQuadrature, Array]:
-    """Make Gauss points on facets, seen from one of their elements.
+    """Make a Gauss rule on facets, with the points in one of the elements of each facet.
 
     Parameters
     ----------
     mesh : MeshTri2
         With coordinates in m.
     facets : ndarray of int, shape (n,)
-        The facets.
+        Indices of the facets.
     elements : ndarray of int, shape (n,)
-        One of the elements of each facet.
+        One of the two elements of each facet.
     count : int
         Number of points on a facet.
 
     Returns
     -------
     quadrature : PlacedQuadrature
-        Owners are positions in `facets`.
+        Its owners are indices into `facets`.
     tangents : ndarray, shape (n, count, 2)
         Unit tangents from the first vertex of the facet to the second one.
 
     Notes
     -----
-    Both elements of a facet see the same curve, so that the points need not be searched in the
-    elements. A search can fail in an element that is strongly curved.
+    The local coordinates follow from the vertices of the facet. To search the points in the
+    elements would be slower, and could fail in strongly curved elements.
     """
     s, weights = np.polynomial.legendre.leggauss(count)
     reference_corners = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])

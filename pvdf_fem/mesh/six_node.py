@@ -16,7 +16,18 @@ SIDES = [[0, 1], [1, 2], [0, 2]]
 
 
 def sort_vertices(triangles: Indices) -> Indices:
-    """Sort the vertices of six-node triangles (elements, 6), as cubic elements need them."""
+    """Sort the vertices of six-node triangles by index, as conforming cubic elements require.
+
+    Parameters
+    ----------
+    triangles : ndarray of int, shape (elements, 6)
+        Indices of the vertices and then of the midside nodes, in the order of `SIDES`.
+
+    Returns
+    -------
+    ndarray of int, shape (elements, 6)
+        The same triangles; the midside nodes follow their sides.
+    """
     order = np.argsort(triangles[:, :3], axis=1)
     midside_node = np.array([[-1, 3, 5], [3, -1, 4], [5, 4, -1]])
     midsides = midside_node[order, np.roll(order, -1, axis=1)]
@@ -31,25 +42,25 @@ def bulge_arcs(
     radius: float,
     near: float = 2.5e-9,
 ) -> None:
-    """Move the midside nodes on a smooth outline in place, so that its elements have its area.
+    """Move the midside nodes on a curved outline in place, so that the elements have its area.
 
     Parameters
     ----------
     points : ndarray, shape (2, nodes)
-        In m; changed in place.
+        Nodes in m, which are changed in place.
     triangles : ndarray of int, shape (elements, 6)
-        Nodes of the triangles.
+        Indices of the nodes of each triangle.
     outline : Outline
         The outline whose area the elements get.
     is_curved : ndarray of bool, shape (nodes,)
-        Nodes inside of curved pieces of boundaries. Their distance alone is not enough: a short
-        chord is equally near to the outline.
+        Whether a node is an inner node of a curved boundary. The distance from the outline does not
+        show this, since a short chord is equally close to the outline.
     radius : float
         Radius of the film in m.
     near : float
-        A node is on the outline where its distance is below this share of the radius. Where curves
-        lie up to twice this distance apart, gmsh makes a single node halfway; curves that touch are
-        much farther apart an element's size from their contact.
+        Nodes closer to the outline than this fraction of the radius are on the outline. gmsh merges
+        two curves that are up to twice this distance apart, with nodes halfway between them.
+        Elements next to the contact of touching curves are large enough to have distinct nodes.
     """
     is_near = np.abs(outline.compute_signed_distances(points.T)) < near * radius
     ends = triangles[:, SIDES].reshape(-1, 2)
@@ -60,19 +71,20 @@ def bulge_arcs(
 
 
 def find_curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
-    """Find elements with a curved edge.
+    """Find elements with a curved side.
 
     Parameters
     ----------
     nodes : ndarray, shape (2, 6, elements)
-        Places of the elements' nodes.
+        Coordinates of the elements' nodes.
     bent : float
-        An edge is curved where its midside node is farther from its middle than this share of the
+        A side is curved if its midside node is farther from its midpoint than this fraction of the
         element's size.
 
     Returns
     -------
     ndarray of bool, shape (elements,)
+        Whether an element has a curved side.
     """
     corners = nodes[:, :3]
     middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
@@ -81,7 +93,10 @@ def find_curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
 
 
 def compute_jacobian_ratios(mesh: MeshTri2) -> Array:
-    """Compute the least Jacobian over the mean one of every element; below 0 where it folds."""
+    """Compute the minimum Jacobian of every element divided by its mean, at quadrature points.
+
+    The ratio is 1 for straight sides, and negative for a folded element.
+    """
     points, _ = get_quadrature(mesh.elem.refdom, 8)
     ratios = np.ones(mesh.nelements)
     curved = np.flatnonzero(find_curved_elements(mesh.doflocs[:, mesh.dofs.element_dofs]))
@@ -93,30 +108,32 @@ def compute_jacobian_ratios(mesh: MeshTri2) -> Array:
 def bend_sides(
     mesh: MeshTri2, is_distorted: Mask, min_jacobian_ratio: float
 ) -> tuple[MeshTri2, Mask]:
-    """Bend sides inside of patches next to arcs, in gaps narrower than the height of the arcs.
+    """Bend the straight sides of distorted elements along the element's most curved side.
 
-    Straight sides would cross the arcs there.
+    In a gap between outlines that is narrower than the height of an arc over its chord, straight
+    sides would cross the arc. Only sides in the interior of subdomains are bent.
 
     Parameters
     ----------
     mesh : MeshTri2
-        With coordinates in m.
+        With coordinates in m; it is not changed.
     is_distorted : ndarray of bool, shape (elements,)
-        Elements with a Jacobian ratio below `min_jacobian_ratio`.
+        Whether the Jacobian ratio of an element is below `min_jacobian_ratio`.
     min_jacobian_ratio : float
-        Least Jacobian of an element over its mean.
+        Minimum Jacobian of an element as a fraction of its mean.
 
     Returns
     -------
     mesh : MeshTri2
+        The mesh with bent sides.
     is_distorted : ndarray of bool, shape (elements,)
-        Elements that are still distorted.
+        Whether an element is still distorted.
 
     Notes
     -----
-    A side is bent by the height of the arc over its chord, times the square of the side's extent
-    along this chord over the chord's length: a quadratic shear of the element, whose Jacobian is
-    constant. Passes end when they repair no more elements.
+    With the height h of the arc over its chord c, a side s is bent by h (s·c / c·c)². All three
+    sides are then images of straight ones under the same quadratic shear, whose Jacobian is
+    constant. The passes end when they do not reduce the number of distorted elements.
     """
     elements = np.arange(mesh.nelements)
     patch_of = np.stack([np.isin(elements, patch) for patch in mesh.subdomains.values()])
@@ -135,7 +152,7 @@ def bend_sides(
         extents = (chords * chord).sum(axis=0) / (chord**2).sum(axis=0)
         wanted = (middles + height * extents**2).reshape(2, -1)
 
-        # a side of two distorted elements goes to the mean of both wanted places
+        # a side between two distorted elements gets the mean of the positions that they require
         sides, owner, count = np.unique(nodes[3:].ravel(), return_inverse=True, return_counts=True)
         mean = np.stack([np.bincount(owner, coordinate) for coordinate in wanted]) / count
         is_movable = np.isin(sides, movable)
@@ -150,25 +167,26 @@ def bend_sides(
     return mesh, is_distorted
 
 
-def straighten_sides(
-    mesh: MeshTri2, min_jacobian_ratio: float, largest_move: float
+def repair_distorted_elements(
+    mesh: MeshTri2, min_jacobian_ratio: float, max_move: float
 ) -> tuple[MeshTri2, Mask]:
-    """Repair distorted elements: bend sides in gaps, and straighten sides in narrow cusps.
+    """Repair distorted elements: bend sides in narrow gaps, then straighten the remaining ones.
 
     Parameters
     ----------
     mesh : MeshTri2
-        With coordinates in m.
+        With coordinates in m; it is not changed.
     min_jacobian_ratio : float
-        Least Jacobian of an element over its mean.
-    largest_move : float
-        Largest move of a midside node in m by which a side is straightened.
+        Minimum Jacobian of an element as a fraction of its mean; elements below are distorted.
+    max_move : float
+        Maximum displacement in m of a midside node to straighten its side.
 
     Returns
     -------
     mesh : MeshTri2
+        The repaired mesh.
     is_distorted : ndarray of bool, shape (elements,)
-        Elements that are still distorted.
+        Whether an element is still distorted.
     """
     is_distorted = compute_jacobian_ratios(mesh) < min_jacobian_ratio
     if is_distorted.any():
@@ -179,7 +197,7 @@ def straighten_sides(
         for middle, (a, b) in enumerate(SIDES, start=3):
             halfway = 0.5 * (points[:, nodes[a]] + points[:, nodes[b]])
             moves = np.linalg.norm(halfway - points[:, nodes[middle]], axis=0)
-            is_near = moves <= largest_move
+            is_near = moves <= max_move
             points[:, nodes[middle][is_near]] = halfway[:, is_near]
         if np.array_equal(points, mesh.doflocs):
             break

@@ -11,22 +11,23 @@ from skfem import MeshTri2
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.scene.outlines.outline import Outline
 
-#: Wanted element size over the size of gmsh's elements, approximately.
+#: Approximate ratio of the requested element size to the size of the elements that gmsh makes.
 GMSH_SIZE_RATIO = 1.18
 
 
 @dataclass(frozen=True)
 class GradedSizes:
-    """Element sizes along outlines that grow linearly with the distance from them.
+    """Element sizes that are given along outlines and grow linearly with the distance from them.
 
     Parameters
     ----------
     patches : dict of str to float
-        Element size in m along the outline of each patch; `subdomains.FILM` is the rim's.
+        Element size in m along the outline of each subdomain; that of `subdomains.FILM` is for the
+        rim.
     growth : float
         Increase of the element size per unit of distance from an outline.
     film : float
-        Largest element size in m.
+        Maximum element size in m.
     """
 
     patches: dict[str, float]
@@ -36,19 +37,19 @@ class GradedSizes:
     def estimate_element_count(
         self, area: float, outlines: Mapping[str, Outline], arcs: int, per_corner: float = 4.0
     ) -> float:
-        """Estimate the number of elements of a film, within a factor near 2.
+        """Estimate the number of elements of a film, within a factor of about 2.
 
         Parameters
         ----------
         area : float
             Area of the film in m².
         outlines : mapping of str to Outline
-            Outlines by the names of their patches.
+            Outlines of the film and all subdomains by name.
         arcs : int
-            Least number of sides of a smooth outline.
+            Minimum number of element sides along an outline without corners.
         per_corner : float
-            Number of elements at every corner, for outlines with many corners and with sides
-            shorter than the sizes.
+            Number of elements that are added for each corner. They matter for outlines with many
+            corners, whose sides are shorter than the element sizes.
 
         Returns
         -------
@@ -60,14 +61,14 @@ class GradedSizes:
             is_smooth = not len(outline.corners)
             largest = outline.perimeter / arcs if is_smooth else self.film
             size = min(self.patches.get(name, self.film), largest)
-            # both sides of the outline, up to where the size is the largest
+            # integral of 1 / size² on both sides of the outline, up to the maximum size
             excess = max(1.0 / size - 1.0 / self.film, 0.0)
             count += 2.0 * outline.perimeter / self.growth * excess
             corners += len(outline.corners)
         return float(4.0 / np.sqrt(3.0) * GMSH_SIZE_RATIO**2 * count + per_corner * corners)
 
     def scale(self, factor: float) -> GradedSizes:
-        """Return the element sizes, and with them their growth, times a factor."""
+        """Return a copy with all sizes and the growth multiplied by a factor."""
         patches = {name: size * factor for name, size in self.patches.items()}
         return GradedSizes(patches, self.growth * factor, film=self.film * factor)
 
@@ -81,7 +82,7 @@ class SizeField:
     mesh : MeshTri2
         With coordinates in m.
     sizes : ndarray, shape (vertices,)
-        In m.
+        Element sizes in m.
     """
 
     mesh: MeshTri2
@@ -89,32 +90,33 @@ class SizeField:
 
     @classmethod
     def from_element_sizes(cls, mesh: MeshTri2, sizes: Array, growth: float = 0.5) -> SizeField:
-        """Make a field from a size for every element of a mesh.
+        """Make a field from sizes of the elements of a mesh.
 
         Parameters
         ----------
         mesh : MeshTri2
             With coordinates in m.
         sizes : ndarray, shape (elements,)
-            In m.
+            New size for each element in m.
         growth : float
-            Largest growth of the size per length; larger sizes are reduced.
+            Maximum increase of the size per unit of length along the sides of the mesh; sizes that
+            exceed it are reduced.
 
         Returns
         -------
         SizeField
-            With geometric means of the sizes at the vertices.
+            At each vertex, the geometric mean over the adjacent elements, reduced for `growth`.
         """
         vertices = mesh.t.ravel()
         count = np.bincount(vertices, minlength=mesh.nvertices)
         logarithms = np.bincount(vertices, np.tile(np.log(sizes), 3), mesh.nvertices)
         vertex_sizes = np.exp(logarithms / np.maximum(count, 1))
         a, b = mesh.facets
-        largest_rise = growth * np.linalg.norm(mesh.p[:, a] - mesh.p[:, b], axis=0)
+        max_increase = growth * np.linalg.norm(mesh.p[:, a] - mesh.p[:, b], axis=0)
         while True:
             reduced = vertex_sizes.copy()
-            np.minimum.at(reduced, a, vertex_sizes[b] + largest_rise)
-            np.minimum.at(reduced, b, vertex_sizes[a] + largest_rise)
+            np.minimum.at(reduced, a, vertex_sizes[b] + max_increase)
+            np.minimum.at(reduced, b, vertex_sizes[a] + max_increase)
             if not (reduced < vertex_sizes).any():
                 return cls(mesh, vertex_sizes)
             vertex_sizes = reduced
@@ -126,10 +128,19 @@ class SizeField:
         ratios = GMSH_SIZE_RATIO * compute_element_sizes(self.mesh) / wanted_sizes
         return float((ratios**2).sum())
 
-    def coarsen(self, most_elements: float) -> SizeField:
-        """Return the field, or a coarser one with about `most_elements` elements."""
-        factor = np.sqrt(max(self.element_count / most_elements, 1.0))
+    def coarsen(self, max_elements: float) -> SizeField:
+        """Return a copy that is scaled up, if necessary, to about `max_elements` elements."""
+        factor = np.sqrt(max(self.element_count / max_elements, 1.0))
         return SizeField(self.mesh, self.sizes * factor)
+
+
+def count_arcs(tolerance: float) -> int:
+    """Return the minimum number of curved sides around a circle for a tolerance of charges.
+
+    The rule is empirical: 16 quadratic arcs with the area of the circle change the charges under a
+    disc by less than 2e-7.
+    """
+    return int(np.ceil(max(12.0, 16.0 * (1e-5 / tolerance) ** 0.25)))
 
 
 def compute_element_sizes(mesh: MeshTri2, sliver: float = 0.5) -> Array:
@@ -140,18 +151,18 @@ def compute_element_sizes(mesh: MeshTri2, sliver: float = 0.5) -> Array:
     mesh : MeshTri2
         With coordinates in m.
     sliver : float
-        Least size over the longest edge.
+        Minimum size of an element as a fraction of its longest edge.
 
     Returns
     -------
     ndarray, shape (elements,)
-        Edge in m of an equilateral triangle with the element's area, or `sliver` times the longest
-        edge where that is larger.
+        Edge in m of an equilateral triangle with the element's area, but at least `sliver` times
+        the longest edge.
 
     Notes
     -----
-    The area of a sliver says nothing about its neighbours, and gmsh would take minutes for equally
-    fine meshes in the cusp between touching arcs.
+    The area of a sliver is not representative of its neighbours: in the cusp between touching arcs,
+    gmsh would take minutes for a mesh of sizes derived from the areas alone.
     """
     corners = mesh.p[:, mesh.t]
     (x0, x1, x2), (y0, y1, y2) = corners
@@ -162,36 +173,35 @@ def compute_element_sizes(mesh: MeshTri2, sliver: float = 0.5) -> Array:
 
 def compute_refined_sizes(
     mesh: MeshTri2,
-    shares: Array,
+    contributions: Array,
     reduction: float,
-    most: Array | float = np.inf,
+    max_sizes: Array | float = np.inf,
     stiff: Indices | None = None,
     order: float = 3.0,
-    smallest: float = 0.05,
-    largest: float = 2.0,
+    min_factor: float = 0.05,
+    max_factor: float = 2.0,
 ) -> SizeField:
-    """Compute the sizes that reduce an error to a share of it with fewest elements.
+    """Compute the element sizes that reduce an error to a given fraction with fewest elements.
 
     Parameters
     ----------
     mesh : MeshTri2
         With coordinates in m.
-    shares : ndarray, shape (elements,)
-        Contributions of the elements to the error, in any unit. Where all are zero, on a slack
+    contributions : ndarray, shape (elements,)
+        Contributions of the elements to the error, in any unit. If all are zero, as on a slack
         film, they count as equal.
     reduction : float
-        Wanted error over the error.
-    most : ndarray, shape (elements,) or float
-        Largest sizes in m.
+        Requested error divided by the present error.
+    max_sizes : ndarray, shape (elements,), or float
+        Maximum element sizes in m.
     stiff : ndarray of int, optional
-        Elements that do not deform. They contribute nothing, and their neighbours decide their
-        sizes.
+        Elements that do not deform and thus do not contribute to the error. Their sizes are at most
+        those of their deformable neighbours.
     order : float
-        Power of the size with which errors in charges fall: less than 4, the power for smooth
-        solutions, because solutions are less smooth at the corners of patches (see the convergence
-        tests).
-    smallest, largest : float
-        Limits of the factor by which a size changes.
+        Order of convergence p of the charges. It is below 4, the order for smooth solutions,
+        because solutions are less smooth at the corners of outlines (see the convergence tests).
+    min_factor, max_factor : float
+        Limits of the factors by which sizes change.
 
     Returns
     -------
@@ -199,16 +209,19 @@ def compute_refined_sizes(
 
     Notes
     -----
-    The contribution of an element is proportional to size^(order + 2), so that the number of
-    elements is least where all contributions are equal (equidistribution).
+    The contribution e of an element is proportional to size^(p + 2), and the number of elements is
+    smallest if all contributions are equal (equidistribution). With contributions that add up to 1,
+    the factors are e^(-1/(p + 2)) (reduction / Σ e^(2/(p + 2)))^(1/p).
     """
-    total = shares.sum()
-    equal = np.full(len(shares), 1.0 / len(shares))
-    relative = np.maximum(shares / total if total > 0.0 else equal, 1e-12)
+    total = contributions.sum()
+    if total > 0.0:
+        relative = np.maximum(contributions / total, 1e-12)
+    else:
+        relative = np.full(len(contributions), 1.0 / len(contributions))
     factors = relative ** (-1.0 / (order + 2.0))
     factors *= (reduction / (relative ** (2.0 / (order + 2.0))).sum()) ** (1.0 / order)
-    sizes = compute_element_sizes(mesh) * np.clip(factors, smallest, largest)
-    sizes = np.minimum(sizes, most)
+    sizes = compute_element_sizes(mesh) * np.clip(factors, min_factor, max_factor)
+    sizes = np.minimum(sizes, max_sizes)
     if stiff is not None:
         neighbour_sizes = np.full(mesh.nvertices, np.inf)
         soft = np.setdiff1d(np.arange(mesh.nelements), stiff)

@@ -1,10 +1,13 @@
-"""The named parts of a mesh: subdomains below outlines, the rim and mirror lines."""
+"""The named parts of a mesh: subdomains inside of outlines, the rim and mirror lines."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Indices
+from pvdf_fem.mesh.size_field import GradedSizes
 from pvdf_fem.mesh.symmetry import SymmetrySector
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
@@ -12,13 +15,12 @@ from pvdf_fem.scene.scene import Scene
 RIM = "rim"
 FILM = "film"
 PROBE = "probe"
-#: Boundaries where the first and the second coordinate change sign between a sector and its
-#: reflection.
+#: Names of the mirror lines x = 0 and y = 0 of a sector.
 MIRRORS = ("mirror x", "mirror y")
 
 
 def make_subdomain_name(electrode: str) -> str:
-    """Make the name of the mesh subdomain below an electrode."""
+    """Return the name of the subdomain that is covered by an electrode."""
     return f"electrode {electrode}"
 
 
@@ -45,23 +47,34 @@ def collect_outlines(scene: Scene) -> dict[str, Outline]:
     return outlines
 
 
+def add_reflected_sizes(sizes: GradedSizes, sector: SymmetrySector) -> GradedSizes:
+    """Return a copy of the sizes that gives reflected electrodes the sizes of their originals."""
+    reflected_sizes = {}
+    for name, reflected in sector.reflected_electrodes.items():
+        size = sizes.patches.get(make_subdomain_name(reflected.electrode))
+        if size is not None:
+            reflected_sizes[make_subdomain_name(name)] = size
+    return replace(sizes, patches=sizes.patches | reflected_sizes)
+
+
 def name_mesh_parts(
     mesh: MeshTri2, subdomains: dict[str, Indices], sector: SymmetrySector
 ) -> MeshTri2:
-    """Give a mesh its subdomains, and its rim and mirror lines as boundaries.
+    """Return a copy of a mesh with named subdomains and boundaries.
 
     Parameters
     ----------
     mesh : MeshTri2
-        With coordinates in m.
+        With coordinates in m, and with nodes exactly on the mirror lines of the sector.
     subdomains : dict of str to ndarray of int
-        Elements by the name of the subdomain.
+        Indices of the elements by the name of the subdomain.
     sector : SymmetrySector
         The part of the film that the mesh covers.
 
     Returns
     -------
     MeshTri2
+        With the boundary facets divided into `RIM` and the `MIRRORS` of the sector.
     """
     rim = mesh.boundary_facets()
     boundaries = {}

@@ -1,10 +1,10 @@
-"""Mirror symmetry of a scene: the sector of the film to solve.
+"""Mirror symmetry of a scene: the sector of the film that has to be solved.
 
-Where a reflection about a line through the film's centre maps film, probes and electrodes onto
-themselves, the displacement is its own mirror image, and one half of the film determines it; two
-mirror lines at right angles leave a quarter. On a mirror line the film does not move across it. A
-film that is equally stiff and tight in all directions is turned to have its mirror lines along the
-axes; for other films only the axes count as mirror lines.
+If a reflection about a line through the film's centre maps film, probes and electrodes onto
+themselves, the displacement is symmetric, and one half of the film determines it. Two perpendicular
+mirror lines leave a quarter. On a mirror line, the displacement across the line is zero. An
+isotropic film under isotropic tension is rotated so that its mirror lines are along the axes; for
+other films, only the axes can be mirror lines.
 """
 
 from __future__ import annotations
@@ -27,36 +27,38 @@ from pvdf_fem.scene.placed.patch import Patch
 from pvdf_fem.scene.placed.probe import ListedProbe
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
-# Keys of a layer that a reflection has to keep.
+# Keys of a patch that must be equal for a patch and its image.
 _LAYER_KEYS = Patch.list_layer_keys()
-# Keys of a probe that are compared by its outline and its load.
+# Keys of a probe that need not be equal, since its outline and its load are compared instead.
 _COMPARED_KEYS = {"shape", *ListedProbe.list_load_keys()}
 
 
 class ReflectedElectrode(NamedTuple):
-    """The reflection of an electrode to a place where the scene has none."""
+    """The reflection of an electrode to a position where the scene has no electrode."""
 
-    electrode: str  #: Name of the electrode.
-    outline: Outline  #: Of the reflection, in the sector's axes.
+    electrode: str  #: Name of the original electrode.
+    outline: Outline  #: Outline of the reflection in the axes of the sector.
 
 
 @dataclass(frozen=True, eq=False)
 class SymmetrySector:
-    """A part of the film whose reflections together make the film.
+    """A part of the film that makes up the whole film together with its reflections.
 
     Parameters
     ----------
     frame : ndarray, shape (2, 2)
-        Orthogonal matrix from the scene's axes to the sector's axes.
+        Rotation matrix from the axes of the scene to the axes of the sector.
     mirror_axes : tuple of int
-        Coordinates, 0 or 1, whose signs the reflections change: they are positive in the sector.
+        Indices, 0 or 1, of the coordinates whose signs are changed by reflections. These
+        coordinates are positive in the sector.
     electrode_reflections : tuple of mapping of str to str
-        For each reflection, from an electrode's name to the name at the reflected place: an
-        electrode of the scene, or a key of `reflected_electrodes`. Empty for the identity.
+        For each reflection, in the order of `signs`: the image of each electrode, which is an
+        electrode of the scene or a key of `reflected_electrodes`. Empty for the identity.
     patch_reflections : tuple of mapping of str to str
-        For each reflection, from the mesh patch of a probe or of the film to its image.
+        For each reflection: the image of the subdomain of each probe and each patch of the film.
+        Empty for the identity.
     reflected_electrodes : mapping of str to ReflectedElectrode
-        Reflections of electrodes where the scene has no electrode.
+        Reflections of electrodes to positions where the scene has no electrode, by name.
     """
 
     frame: Array = field(default_factory=lambda: np.eye(2))
@@ -67,17 +69,17 @@ class SymmetrySector:
 
     @cached_property
     def signs(self) -> Array:
-        """Signs (reflections, 2) by which the reflections multiply the coordinates, first 1, 1."""
+        """Factors of the coordinates for the identity and each reflection, shape (n, 2)."""
         choices = [(1.0, -1.0) if axis in self.mirror_axes else (1.0,) for axis in (0, 1)]
         return np.array(list(product(*choices)))
 
     def covers(self, outline: Outline, radius: float) -> bool:
-        """Return whether an outline lies at least partly in the sector of a film.
+        """Return whether an outline lies at least partly in the sector.
 
         Parameters
         ----------
         outline : Outline
-            In the sector's axes.
+            Outline in the axes of the sector.
         radius : float
             Radius of the film in m.
 
@@ -97,7 +99,9 @@ WHOLE_FILM = SymmetrySector()
 
 @lru_cache(maxsize=1024)
 def classify_isotropy(film: Film) -> str:
-    """Classify the rotations and reflections that keep a film's stiffness and prestress.
+    """Classify the symmetry of a film's stiffness and prestress.
+
+    Patches are not taken into account.
 
     Parameters
     ----------
@@ -107,8 +111,8 @@ def classify_isotropy(film: Film) -> str:
     Returns
     -------
     str
-        ``axes`` for reflections about the axes, ``square`` for rotations by 90° too, ``isotropic``
-        for every rotation.
+        ``"axes"`` if only reflections about the axes preserve both, ``"square"`` if rotations by
+        90° do, too, and ``"isotropic"`` if all rotations do.
     """
     C = film.stiffness
     along_x, along_y, _ = film.prestress
@@ -119,27 +123,30 @@ def classify_isotropy(film: Film) -> str:
 
 
 def find_symmetry_sector(scene: Scene, reflect_electrodes_below: float = 1e-4) -> SymmetrySector:
-    """Find the smallest sector of a scene's film whose reflections make the whole film.
+    """Find a small sector of a scene's film that determines the solution on the whole film.
 
     Parameters
     ----------
     scene : Scene
         The scene.
     reflect_electrodes_below : float
-        Above this tolerance the reflections have to map electrodes onto electrodes. Below, the mesh
-        also follows reflections of electrodes where the scene has no electrode.
+        If the scene's tolerance is larger than this, reflections must map electrodes onto
+        electrodes. Otherwise the mesh may also follow reflections of electrodes to positions where
+        the scene has no electrode.
 
     Returns
     -------
     SymmetrySector
-        The whole film where no reflection keeps film and probes, with their loads, to the share
-        `LENGTH_TOLERANCE` of the film's radius, and where nothing presses.
+        A quarter or a half of the film. The whole film if no reflection maps film, probes and loads
+        onto themselves (up to `LENGTH_TOLERANCE` times the radius), if there is no force, if the
+        rim is displaced, or if a pressure profile is read from a file.
 
     Notes
     -----
-    Reflected electrodes cost as many elements as the electrodes themselves. Under a disc anywhere
-    that leaves 0.84 of the time at a tolerance of 1e-3, 0.78 at 1e-4 and 0.61 at 1e-5, also where a
-    reflection is 1 µm beside an electrode.
+    Reflected electrodes need as many elements as the electrodes themselves. For a disc at an
+    arbitrary position, a sector with reflected electrodes takes 0.84 of the time of the whole film
+    at a tolerance of 1e-3, 0.78 at 1e-4 and 0.61 at 1e-5, even if a reflection is only 1 µm away
+    from an electrode.
     """
     loads = [probe.load for probe in scene.loaded_probes]
     is_pressed = any(any(load.components) for load in loads)
@@ -168,7 +175,23 @@ def find_symmetry_sector(scene: Scene, reflect_electrodes_below: float = 1e-4) -
 def _make_sector(
     frame: Array, mirror_axes: tuple[int, ...], scene: Scene, slack: float
 ) -> SymmetrySector:
-    """Make a sector, with the places to which its reflections map the electrodes."""
+    """Make a sector with the images of electrodes, probes and patches under its reflections.
+
+    Parameters
+    ----------
+    frame : ndarray, shape (2, 2)
+        Rotation matrix from the axes of the scene to the axes of the sector.
+    mirror_axes : tuple of int
+        Indices of the coordinates whose signs are changed by reflections.
+    scene : Scene
+        The scene, whose probes and patches the reflections must map onto themselves.
+    slack : float
+        Maximum difference in m of coordinates that count as equal.
+
+    Returns
+    -------
+    SymmetrySector
+    """
     outlines = {}
     for name, outline in _collect_electrodes(scene).items():
         outlines[name] = outline.transform(frame)
@@ -206,12 +229,12 @@ class _MeshPatch(NamedTuple):
     """A loaded probe or a patch of the film."""
 
     outline: Outline
-    properties: Any  #: Values that a reflection has to keep.
-    force: Array  #: In N, (3,).
+    properties: Any  #: Values that must be equal for the patch and its image.
+    force: Array  #: Force in N, shape (3,).
 
 
 def _collect_patches(scene: Scene) -> dict[str, _MeshPatch]:
-    """Collect loaded probes and patches of the film by their names in the mesh."""
+    """Collect the loaded probes and the patches of the film, by the names of their subdomains."""
     patches = {}
     for probe in scene.loaded_probes:
         values = select_by_effect(probe.probe, Affects.MECHANICS).items()
@@ -236,16 +259,17 @@ def _match_patches(matrix: Array, scene: Scene, slack: float) -> dict[str, str] 
     Parameters
     ----------
     matrix : ndarray, shape (2, 2)
-        An orthogonal matrix in the scene's axes.
+        Orthogonal matrix in the axes of the scene.
     scene : Scene
         The scene.
     slack : float
-        Largest distance in m of places that count as equal.
+        Maximum difference in m of coordinates that count as equal.
 
     Returns
     -------
-    dict of str to str, or None
-        From the name of a patch in the mesh to the name of its image; None where one has no image.
+    dict of str to str or None
+        Name of the image by the name of each subdomain; None if one of them has no image in the
+        scene.
     """
     patches = _collect_patches(scene)
     images: dict[str, str] = {}
@@ -262,7 +286,7 @@ def _match_patches(matrix: Array, scene: Scene, slack: float) -> dict[str, str] 
 
 
 def _remove_tangential_force(probe: LoadedProbe) -> Load:
-    """Return the load of a probe without the force whose direction a reflection changes."""
+    """Return a copy of a probe's load without the tangential force, which reflections change."""
     return probe.load.model_copy(update={"tangential_N": None})
 
 
@@ -271,11 +295,23 @@ def _collect_electrodes(scene: Scene) -> dict[str, Outline]:
 
 
 def _iterate_reflections(scene: Scene, slack: float) -> Iterator[Array]:
-    """Yield reflections (2, 2) that the film allows and that may keep the probes.
+    """Yield candidates for the reflections that map a scene onto itself.
 
-    The first two are about the axes. The others map the probes' defining point farthest from the
-    centre to one that is equally far. A probe with a single one at the centre has the electrodes'
-    defining points instead.
+    The first two are the reflections about the axes. On an isotropic film, others follow that map
+    the farthest defining point of the probes from the centre to points at the same distance. If all
+    defining points are at the centre, those of the electrodes are used.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    slack : float
+        Maximum difference in m of distances that count as equal.
+
+    Yields
+    ------
+    ndarray, shape (2, 2)
+        Reflection matrix in the axes of the scene.
     """
     yield np.diag([1.0, -1.0])
     yield np.diag([-1.0, 1.0])
@@ -289,31 +325,31 @@ def _iterate_reflections(scene: Scene, slack: float) -> Iterator[Array]:
         return
     x, y = points[distance.argmax()]
     for u, v in points[distance > distance.max() - slack]:
-        # the mirror line is at half the sum of both points' angles
+        # the angle of the mirror line is half the sum of both points' angles
         double_angle = np.array([x * u - y * v, x * v + y * u])
         cosine, sine = double_angle / np.hypot(x, y) / np.hypot(u, v)
         yield np.array([[cosine, sine], [sine, -cosine]])
 
 
 def _collect_defining_points(outlines: Iterable[Outline]) -> Array:
-    """Collect the defining points (n, 2) of outlines, in m."""
+    """Collect the defining points of outlines in m, shape (n, 2)."""
     return np.concatenate([np.empty((0, 2)), *(outline.defining_points for outline in outlines)])
 
 
 class _MirrorLine(NamedTuple):
-    """The mirror line of a reflection in axes of which one is along the line."""
+    """The mirror line of a reflection, in rotated axes one of which is along the line."""
 
-    frame: Array  #: Rotation (2, 2) from the scene's axes.
-    axis: int  #: The coordinate across the line.
+    frame: Array  #: Rotation matrix from the axes of the scene, shape (2, 2).
+    axis: int  #: Index of the coordinate across the line.
 
 
 def _align_with_axis(reflection: Array) -> _MirrorLine:
-    """Find the rotation that brings the mirror line of a reflection to an axis."""
+    """Find the rotation that aligns the mirror line of a reflection with an axis."""
     (cosine, sine), _ = reflection
     if sine == 0.0:
         return _MirrorLine(np.eye(2), 1 if cosine > 0.0 else 0)
-    cosine = np.clip(cosine, -1.0, 1.0)  # not beyond by rounding
-    # the line is at half the angle
+    cosine = np.clip(cosine, -1.0, 1.0)  # round-off may exceed 1
+    # the mirror line is at half the angle of the reflection
     half_cosine = np.sqrt(0.5 * (1.0 + cosine))
     half_sine = np.copysign(np.sqrt(0.5 * (1.0 - cosine)), sine)
     frame = np.array([[half_cosine, half_sine], [-half_sine, half_cosine]])

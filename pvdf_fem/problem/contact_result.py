@@ -1,4 +1,4 @@
-"""Results about the contact between a tip and the film."""
+"""Results of the contact between a rigid tip and the film."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from pvdf_fem.problem.equilibrium import Equilibrium
 
 @dataclass(frozen=True, eq=False)
 class ContactResult:
-    """A tip in contact with the film.
+    """Forces, areas and pressures of a tip in contact with the film.
 
-    Areas are those of touching film, pressures act on the deformed film. The tip's guide bears the
-    lateral force, and the moments about axes through the tip's lowest point.
+    Areas are those of the touching film; pressures are per area of the deformed film. The lateral
+    force and the moments, about axes through the tip's lowest point, are borne by the tip's guide.
     """
 
-    depth_mm: float  #: Of the tip's lowest point.
-    force_N: float  #: Along z, on the film.
-    lateral_N: Array  #: The film's force on the tip along x and y, (2,).
-    moments_N_mm: Array  #: About axes along x and y, (2,).
-    area_mm2: float  #: Before the film deforms.
-    area_error_mm2: float  #: Estimated.
-    projected_area_mm2: float  #: Deformed, seen along z.
-    #: Points on the undeformed film along the contact's edge, (n, 2).
+    depth_mm: float  #: Depth of the tip's lowest point.
+    force_N: float  #: Force of the tip on the film along z.
+    lateral_N: Array  #: Force of the film on the tip along x and y, shape (2,).
+    moments_N_mm: Array  #: Moments of the film on the tip about axes along x and y, shape (2,).
+    area_mm2: float  #: Area of the undeformed film.
+    area_error_mm2: float  #: Estimated error of `area_mm2`.
+    projected_area_mm2: float  #: Area of the deformed film, projected along z.
+    #: Points on the undeformed film along the contact's edge, shape (n, 2).
     edge_mm: Array = field(repr=False)
-    mean_pressure_MPa: float  #: The force over the projected area.
-    least_pressure_MPa: float
-    largest_pressure_MPa: float
-    overlap_mm: float  #: Largest overlap of film and tip at a quadrature point, by the penalty.
+    mean_pressure_MPa: float  #: The force divided by the projected area.
+    least_pressure_MPa: float  #: Minimum at the touching quadrature points.
+    largest_pressure_MPa: float  #: Maximum at the touching quadrature points.
+    overlap_mm: float  #: Maximum overlap of film and tip, which the penalty allows.
 
     def to_json(self) -> dict[str, Any]:
         """Return the values for JSON, without the points of the edge."""
@@ -44,25 +44,25 @@ class ContactResult:
 
     @classmethod
     def from_state(cls, tip: RigidTip, state: State, thickness: float) -> Self:
-        """Compute the contact of a tip.
+        """Compute the result of a tip's contact from a state.
 
         Parameters
         ----------
         tip : RigidTip
-            The tip.
+            The tip, which touches the film.
         state : State
-            The state of the whole film.
+            The state of the whole film, not of a sector.
         thickness : float
             The film's thickness in m.
         """
         overlap = tip.overlap(state)
         weights = tip.space.weights
-        # forces on the film at the quadrature points, and their arms from the lowest point
+        # forces on the film at the quadrature points, and their lever arms about the lowest point
         forces = -overlap.rates * tip.tractions(state)[..., None]
         fx, fy, fz = np.moveaxis(forces, -1, 0)
-        places = tip.compute_deformed_points(state.dofs)
-        arm_x, arm_y = np.moveaxis(places[..., :2] - tip.spec.outline.centroid, -1, 0)
-        arm_z = places[..., 2] - overlap.depth
+        points = tip.compute_deformed_points(state.dofs)
+        arm_x, arm_y = np.moveaxis(points[..., :2] - tip.spec.outline.centroid, -1, 0)
+        arm_z = points[..., 2] - overlap.depth
         moments = np.array([(arm_y * fz - arm_z * fy).sum(), (arm_z * fx - arm_x * fz).sum()])
         force = float(fz.sum())
 
@@ -70,7 +70,7 @@ class ContactResult:
         area = tip.tip.fit_outline(edge).area
         poorer_edge = locate_contact_edge(tip, state, POORER_DEGREE)
         poorer_area = tip.tip.fit_outline(poorer_edge).area
-        # quadrature points cover the contact only roughly: its area corrects their sum
+        # the touching quadrature points represent the contact roughly: scale their sum to its area
         touching_weights = weights * overlap.is_touching
         correction = area / float(touching_weights.sum())
         area_ratio = np.linalg.det(state.deformation_gradient[..., :2, :])
@@ -94,12 +94,12 @@ class ContactResult:
 
 
 def select_tips(equilibrium: Equilibrium) -> list[RigidTip]:
-    """Return the tips that press on a film."""
+    """Select the tips among the terms of an equilibrium."""
     return [term for term in equilibrium.terms if isinstance(term, RigidTip)]
 
 
 def compute_contact_results(equilibrium: Equilibrium, state: State) -> dict[str, ContactResult]:
-    """Compute the contacts of all tips, by the names of their patches."""
+    """Compute the contact results of all tips, by the names of their patches."""
     thickness = equilibrium.film.thickness
     return {
         tip.spec.patch: ContactResult.from_state(tip, state, thickness)
@@ -112,7 +112,7 @@ def compute_contact_pressure(equilibrium: Equilibrium, state: State) -> Array:
 
     Returns
     -------
-    (elements, points) array
+    ndarray, shape (elements, points)
         Pressure in Pa at the quadrature points; 0 where no tip touches.
     """
     total = np.zeros(equilibrium.space.weights.shape)

@@ -1,4 +1,4 @@
-"""Effects beyond the plain membrane: included or neglected, each with an estimate of its size."""
+"""Descriptions of the effects beyond the plain membrane that a solution includes or neglects."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pvdf_fem.film.effects import EffectNote
 
 @dataclass(frozen=True)
 class Effects:
-    """Sentences about effects on the charges."""
+    """Descriptions of effects on the charges, each with an estimate of its size."""
 
-    included: tuple[str, ...]
-    neglected: tuple[str, ...]
+    included: tuple[str, ...]  #: Effects that the solution includes.
+    neglected: tuple[str, ...]  #: Effects that the solution neglects.
 
     @classmethod
     def sort(cls, notes: Iterable[EffectNote]) -> Effects:
-        """Sort notes about effects."""
+        """Sort notes into included and neglected effects, in their order."""
         included = []
         neglected = []
         for note in notes:

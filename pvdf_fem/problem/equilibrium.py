@@ -1,7 +1,7 @@
-"""Equilibrium: the sum of the film's energy terms, on the unknowns that the constraints leave.
+"""The equilibrium equations: the sum of the film's energy terms as a function of the unknowns.
 
-The clamped rim fixes its dofs; a term, such as a rigid punch, may fix or share more dofs. The
-equations on a symmetry sector also hold on its reflections: nothing crosses a mirror line.
+The clamped rim fixes its dofs; a term, such as a rigid punch, may fix or share more dofs. On a
+symmetry sector the displacement normal to a mirror line is fixed.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Equilibrium:
     sector : SymmetrySector, optional
         The sector of the film that is meshed.
     space : Space, optional
-        The finite-element space on the mesh, where it exists already.
+        A finite-element space on the mesh to reuse; by default a new one is made.
     """
 
     def __init__(
@@ -64,9 +64,10 @@ class Equilibrium:
             space = Space(mesh, order, count_auxiliary_nodes(problem.scene))
         self.space = space
         self.membrane = self.model.make_membrane(space, sector)
-        #: The membrane, first, the loads, coupling and, where the film bends, the plate.
+        #: The membrane as the first term, then the loads, the coupling of floating electrodes, and
+        #: the plate if the film bends.
         self.terms = self._make_terms()
-        #: Dofs that the rim and mirror lines hold, (n,).
+        #: Numbers of the dofs that the rim and the mirror lines fix, shape (n,).
         self.clamped = self._find_clamped_dofs()
 
     def _make_terms(self) -> list[Term]:
@@ -86,11 +87,11 @@ class Equilibrium:
         return np.concatenate(clamped)
 
     def at_order(self, order: int) -> Equilibrium:
-        """Return the equations in elements of another order on the same mesh."""
+        """Return the equations of the same problem and mesh in elements of another order."""
         return Equilibrium(self.problem, self.space.mesh, order, sector=self.sector)
 
     def on_whole_film(self, mesh: MeshTri2) -> Equilibrium:
-        """Return the equations on a mesh of the whole film."""
+        """Return the equations of the same problem and order on a mesh of the whole film."""
         return Equilibrium(self.problem, mesh, self.space.order)
 
     def of_problem(self, problem: Problem) -> Equilibrium:
@@ -99,7 +100,7 @@ class Equilibrium:
         return Equilibrium(problem, space.mesh, space.order, sector=self.sector, space=space)
 
     def with_terms(self, terms: Iterable[Term]) -> Equilibrium:
-        """Return a copy of the equations with other terms, of which the membrane is the first."""
+        """Return a copy of the equations with other terms; the first one is the membrane."""
         other = copy(self)
         for name in ("unknowns", "assembly", "flat_forces", "_forces_without_load"):
             other.__dict__.pop(name, None)
@@ -130,7 +131,7 @@ class Equilibrium:
 
     @property
     def conservative(self) -> bool:
-        """Whether the forces derive from an energy."""
+        """Whether the forces of all terms are derivatives of an energy."""
         return all(term.conservative for term in self.terms)
 
     @cached_property
@@ -140,19 +141,19 @@ class Equilibrium:
 
     @cached_property
     def assembly(self) -> Assembly:
-        """The sparsity pattern of the tangent, computed at first use."""
+        """The assembler of element matrices to matrices for the unknowns."""
         return Assembly(self.space, self.unknowns)
 
     def dofs(self, q: Array) -> Array:
-        """Return the dofs of unknowns `q`."""
+        """Map unknowns `q` to dofs."""
         return self.unknowns.expand(q)
 
     def restrict(self, x: Array) -> Array:
-        """Return unknowns for dofs `x`, averaged where dofs share an unknown."""
+        """Return the unknowns nearest to the dofs `x`, averaged where dofs share an unknown."""
         return self.unknowns.restrict(x)
 
     def complete_initial_guess(self, x: Array) -> Array:
-        """Return unknowns near dofs `x`, with suitable values of the terms' auxiliary dofs."""
+        """Return unknowns near the dofs `x`, changed by every term to a better initial guess."""
         for term in self.terms:
             x = term.complete_initial_guess(x)
         return self.restrict(x)
@@ -161,7 +162,7 @@ class Equilibrium:
         """Return deformation gradient, strain and stress at unknowns `q`."""
         state = self.membrane.state(self.dofs(q))
         if not self.problem.floating_electrodes or self.model.wrinkles:
-            return state  # the residual of wrinkles is of the whole stress, which has no voltage
+            return state  # the solver for wrinkles needs the constitutive stress, without voltages
         added = np.zeros((len(state.stress), 1, 3))
         for term in self.terms:
             by_term = term.added_stress(state)
@@ -171,7 +172,12 @@ class Equilibrium:
         return replace(state, stress=state.stress + added, added=added)
 
     def film_forces(self, state: State) -> Array:
-        """Return the internal less the external forces at the dofs in N, (dofs,)."""
+        """Return the internal minus the external forces at the dofs in N, with reactions.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         first, *others = self.terms
         forces = first.residual(state)
         for term in others:
@@ -179,7 +185,12 @@ class Equilibrium:
         return forces
 
     def residual(self, state: State) -> Array:
-        """Return the internal less the external forces of the unknowns in N, (unknowns,)."""
+        """Return the internal minus the external forces on the unknowns in N.
+
+        Returns
+        -------
+        ndarray, shape (unknowns,)
+        """
         return self.unknowns.fold(self.film_forces(state))
 
     def tangent(self, state: State) -> sp.csc_matrix | LowRankUpdate:
@@ -195,7 +206,7 @@ class Equilibrium:
         return LowRankUpdate(sparse, self.unknowns.fold(np.transpose(columns)))
 
     def sparse_tangent(self, state: State) -> sp.csc_matrix:
-        """Return the tangent without the columns of terms that couple many elements."""
+        """Return the sparse part of the tangent, without the rank-one parts of terms."""
         first, *others = self.terms
         local = first.element_tangent(state)
         assert local is not None  # the membrane has every element
@@ -208,7 +219,15 @@ class Equilibrium:
         return self.with_coupled(self.assembly.matrix(matrices), state)
 
     def with_coupled(self, matrix: sp.csc_matrix, state: State) -> sp.csc_matrix:
-        """Add the parts of the tangent that couple elements to a matrix (unknowns, unknowns)."""
+        """Return a matrix plus the parts of the tangent that couple dofs of several elements.
+
+        Parameters
+        ----------
+        matrix : sparse matrix, shape (unknowns, unknowns)
+            A matrix in N/m; it is not changed.
+        state : State
+            The state at which the tangent is taken.
+        """
         for term in self.terms:
             coupled = term.coupled_tangent(self.assembly, state)
             if coupled is not None:
@@ -216,41 +235,56 @@ class Equilibrium:
         return matrix
 
     def element_action(self, state: State, step: Array) -> Array:
-        """Return the element forces of a small step in N, (elements, dofs of an element).
+        """Multiply the element tangents by a step, without forming them.
 
-        The matrices are symmetric: follower loads have no part in the tangent here.
+        Follower loads are left out, so that the element tangents are symmetric.
+
+        Returns
+        -------
+        ndarray, shape (elements, element dofs)
+            Forces in N.
         """
         x = self.unknowns.expand(step)
         return _add_existing(term.element_action(state, x) for term in self.terms)
 
     def action(self, state: State, step: Array) -> Array:
-        """Return the tangent without follower loads, times a step, in N, (unknowns,)."""
+        """Multiply the tangent, without follower loads, by a step; return forces in N.
+
+        Returns
+        -------
+        ndarray, shape (unknowns,)
+        """
         x = self.unknowns.expand(step)
         return self.unknowns.fold(_add_existing(term.action(state, x) for term in self.terms))
 
     def diagonal(self, state: State) -> Array:
-        """Return the diagonal of the tangent, without coupling of shared dofs, (unknowns,)."""
+        """Return the diagonal of the tangent, without coupling of dofs that share an unknown.
+
+        Returns
+        -------
+        ndarray, shape (unknowns,)
+        """
         diagonal = _add_existing(term.diagonal(state) for term in self.terms)
         return self.unknowns.fold_diagonal(diagonal)
 
     def energy_along(self, state: State, step: Array, slope: float) -> Array:
-        """Return the potential energy along a step, a quartic polynomial.
+        """Return the potential energy along a step as a polynomial of fourth degree.
 
-        Follower forces stay fixed.
+        Follower forces are held constant.
 
         Parameters
         ----------
         state : State
-            Where the step starts.
+            The state from which the step starts.
         step : ndarray, shape (unknowns,)
             The step in m.
         slope : float
-            The residual times the step in J.
+            The scalar product of residual and step in J.
 
         Returns
         -------
         ndarray, shape (5,)
-            Coefficients of 1, s, ..., s^4 in J, at the part s of the step.
+            Coefficients of 1, s, ..., s^4 in J, where s is the fraction of the step.
         """
         x = self.unknowns.expand(step)
         energy = _add_existing(term.energy_along(state, x) for term in self.terms)
@@ -259,7 +293,7 @@ class Equilibrium:
 
     @cached_property
     def flat_forces(self) -> Array:
-        """Forces that move the flat film in N, (unknowns,)."""
+        """Minus the residual of the flat film in N, shape (unknowns,): the forces that move it."""
         return -self.residual(self._flat_state)
 
     @cached_property
@@ -268,7 +302,7 @@ class Equilibrium:
 
     @cached_property
     def _forces_without_load(self) -> Array:
-        """The part of `flat_forces` by uneven stress, without the loads."""
+        """The part of `flat_forces` due to a stress that is not uniform, without the loads."""
         return self.flat_forces - self.unknowns.fold(self.load_forces(self._flat_state))
 
     @property
@@ -277,7 +311,7 @@ class Equilibrium:
         return not self.flat_forces.any()
 
     def work(self, state: State, q: Array) -> float:
-        """Return the work along `q` in J, by the loads at a state and by uneven stress."""
+        """Return the work along `q` in J by the loads at a state and by a nonuniform prestress."""
         loads = self.unknowns.fold(self.load_forces(state))
         return float((loads + self._forces_without_load) @ q)
 
@@ -287,7 +321,12 @@ class Equilibrium:
         return any(term.relaxed() is not term for term in self.terms)
 
     def load_forces(self, state: State) -> Array:
-        """Return the external forces at the dofs in N, (dofs,)."""
+        """Return the external forces at the dofs in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         forces = np.zeros(self.space.dof_count)
         for term in self.terms:
             if isinstance(term, LoadTerm):
@@ -295,12 +334,22 @@ class Equilibrium:
         return forces
 
     def rim_reaction(self, state: State) -> Array:
-        """Return the force by which rim and guides of punches hold the film in N, (3,)."""
+        """Return the force by which rim and guides of punches hold the film in N.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+        """
         is_fixed = self.unknowns.of_dof == FIXED
         return self._sum_reflections(np.where(is_fixed, self.film_forces(state), 0.0))
 
     def applied_force(self, state: State) -> Array:
-        """Return the force of all loads in N, (3,)."""
+        """Return the force of all loads in N.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+        """
         return self._sum_reflections(self.load_forces(state))
 
     def imbalance(self, state: State) -> float:
@@ -313,7 +362,7 @@ class Equilibrium:
         return abs(float(along)) / size
 
     def _sum_reflections(self, forces: Array) -> Array:
-        """Sum forces (dofs,) and their reflections in the scene's axes, in N, (3,)."""
+        """Sum forces on dofs over all reflections; return N in the scene's axes, shape (3,)."""
         signs = self.sector.signs
         total = forces.reshape(-1, 3).sum(axis=0)
         total *= [*signs.sum(axis=0), len(signs)]
@@ -321,7 +370,7 @@ class Equilibrium:
 
 
 def _add_existing(arrays: Iterable[Array | None]) -> Array:
-    """Add the arrays that are not None, of which there is at least one."""
+    """Add the arrays that are not None; at least one must not be."""
     existing = [array for array in arrays if array is not None]
     total = existing[0]
     for array in existing[1:]:

@@ -1,11 +1,12 @@
-"""Equivalence of problems: problems whose films deform equally share a solve.
+"""Equivalence of problems: problems whose films have the same deformation share a solve.
 
 - Electrodes and piezoelectric coefficients that only read the stress do not change it.
-- A clamped round film that is equally stiff and equally stretched in all directions may be turned
-  and reflected together with its probe and electrodes. A film with two moduli, or with different
-  pretensions along x and y, may be reflected at its axes only.
-- The stress of a membrane depends on force and thickness by their ratio only: energy and tension
-  grow with the thickness, so a film twice as thick under twice the force has the same displacement.
+- A round film that is isotropic in stiffness and pretension may be rotated and reflected together
+  with its probe and electrodes. An orthotropic film, or one with different pretensions along x and
+  y, may be reflected at its axes only.
+- The stress of a membrane depends on the ratio of force and thickness only: energy and tension are
+  proportional to the thickness, so that a film twice as thick under twice the force has the same
+  displacement.
 """
 
 from __future__ import annotations
@@ -31,17 +32,17 @@ MECHANICAL_EFFECTS = (Affects.MECHANICS, Affects.OUTLINE, Affects.PRESTRAIN, Aff
 
 
 class MechanicalKey(NamedTuple):
-    """What the deformation of a film depends on."""
+    """A key that is equal for problems whose films have the same deformation."""
 
-    #: Equal for problems that share a solve; it has the tolerance and the limits of the numerics.
+    #: The key. It includes the tolerance and the limits of the numerics.
     text: str
     #: Orthogonal matrix from the scene's axes to axes in which the probes of all problems with
-    #: this text coincide, (2, 2).
+    #: this text coincide, shape (2, 2).
     frame: Array
 
 
 def compute_mechanical_key(problem: Problem) -> MechanicalKey:
-    """Compute what the deformation of a problem's film depends on.
+    """Compute the key that problems with the same deformation have in common.
 
     Parameters
     ----------
@@ -63,7 +64,7 @@ def compute_mechanical_key(problem: Problem) -> MechanicalKey:
         return MechanicalKey(scene.to_toml(), np.eye(2))
     if not _can_be_rotated(scene):
         return MechanicalKey(describe_mechanics(problem), np.eye(2))
-    # with film.bending = "auto" the electrodes have a part in whether the film bends
+    # with film.bending = "auto" it depends on the electrodes whether the film bends
     film = scene.film
     common = f"{select_by_effect(scene, Affects.MECHANICS)} {problem.film.bends}"
     for strain in film.prestrain[:2]:
@@ -71,16 +72,16 @@ def compute_mechanical_key(problem: Problem) -> MechanicalKey:
     probe = scene.probe
     if probe is None or isinstance(probe, tuple):
         return MechanicalKey(common, np.eye(2))
-    place, frame = _find_canonical_pose(probe, film.radius, classify_isotropy(film))
+    pose, frame = _find_canonical_pose(probe, film.radius, classify_isotropy(film))
     force = scene.load.force_N
     size = f"{film.thickness_um} {force}"
     if problem.film.capabilities.scales_with_force_over_thickness:
         size = f"{force / film.thickness_um:.{DIGITS}e}"
-    return MechanicalKey(f"{common} {size} {place}", frame)
+    return MechanicalKey(f"{common} {size} {pose}", frame)
 
 
 def describe_mechanics(problem: Problem, scene: Scene | None = None) -> str:
-    """Return a text of everything that the deformation depends on, ignoring symmetry.
+    """Describe everything that the deformation depends on, without use of symmetry.
 
     Parameters
     ----------
@@ -94,7 +95,10 @@ def describe_mechanics(problem: Problem, scene: Scene | None = None) -> str:
 
 
 def _can_be_rotated(scene: Scene) -> bool:
-    """Whether a turned or scaled scene can be equivalent: one even film under one uniform load."""
+    """Return whether a rotated or scaled scene can be equivalent to a scene.
+
+    This holds for a homogeneous film under a single uniform load without lateral force, or none.
+    """
     film = scene.film
     if film.is_inhomogeneous or film.distributed_force:
         return False
@@ -106,19 +110,35 @@ def _can_be_rotated(scene: Scene) -> bool:
 
 @lru_cache(maxsize=4096)
 def _find_canonical_pose(probe: Probe, radius: float, isotropy: str) -> tuple[str, Array]:
-    """Find the canonical position among a probe's equivalent ones, and the frame that leads there.
+    """Find the canonical pose among the equivalent poses of a probe.
 
-    Of several frames, which a symmetric probe has, the one with the smallest rotation is used.
+    Parameters
+    ----------
+    probe : Probe
+        The probe.
+    radius : float
+        Radius of the film in m.
+    isotropy : str
+        Symmetry of the film, see `classify_isotropy`.
+
+    Returns
+    -------
+    pose : str
+        Outline of the probe in the canonical pose, relative to the film's radius.
+    frame : ndarray, shape (2, 2)
+        Orthogonal matrix that moves the probe there. For a symmetric probe there are several; this
+        is the one with the smallest rotation.
     """
     outline = probe.outline
     points = outline.defining_points / radius
     centre = outline.centroid / radius
-    places = []
+    poses = []
     for frame in _list_frames(points, centre, isotropy):
         signature = outline.transform(frame).make_signature(radius, DIGITS)
-        turn = -round(float(np.trace(frame)), DIGITS)
-        places.append((signature, turn, tuple(frame.ravel())))
-    signature, _, entries = min(places)
+        # the trace of a rotation decreases with its angle
+        negative_trace = -round(float(np.trace(frame)), DIGITS)
+        poses.append((signature, negative_trace, tuple(frame.ravel())))
+    signature, _, entries = min(poses)
     return f"{signature}", np.reshape(entries, (2, 2))
 
 
@@ -130,12 +150,12 @@ def _list_frames(points: Array, centre: Array, isotropy: str) -> list[Array]:
             return flips
         swap = np.array([[0.0, 1.0], [1.0, 0.0]])
         return [*flips, *(flip @ swap for flip in flips)]
-    # the probe's centroid goes to the x axis; a corner does if the centroid is the film's centre
+    # rotate the centroid to the x axis, or a corner if the centroid is at the film's centre
     is_central = np.linalg.norm(centre) < 10.0**-DIGITS
     targets = points if is_central else centre[None]
-    turns = [_rotate_to_x_axis(point) for point in targets]
+    rotations = [_rotate_to_x_axis(point) for point in targets]
     mirror = np.diag([1.0, -1.0])
-    return [*turns, *(mirror @ turn for turn in turns)]
+    return [*rotations, *(mirror @ rotation for rotation in rotations)]
 
 
 def _rotate_to_x_axis(point: Array) -> Array:

@@ -1,7 +1,7 @@
-"""Outputs of a solve (quantities of interest): electrodes whose charges are wanted.
+"""Outputs of a solve (quantities of interest): electrodes whose charges are computed.
 
 They need not be the electrodes that the mesh follows: an output may lie anywhere on the mesh, and
-may belong to a film that was turned or reflected together with its probe and electrodes. On a
+may belong to a film that was rotated or reflected together with its probe and electrodes. On a
 sector of a symmetric film an output sums over its reflections there.
 """
 
@@ -24,21 +24,21 @@ from pvdf_fem.scene.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class Output:
-    """An electrode whose charge is wanted."""
+    """An electrode whose charge is computed."""
 
     outline: Outline  #: In m, in the axes of the electrode's own scene.
-    observable: str  #: A name of `pvdf_fem.electrodes.observables.OBSERVABLES`.
+    observable: str  #: A key of `pvdf_fem.electrodes.observables.OBSERVABLES`.
     d: tuple[float, float]  #: d31 and d32 in C/N.
-    #: The mesh's subdomain of the electrode; None if the mesh does not follow the electrode.
+    #: Name of the electrode's subdomain; None if the mesh does not follow the electrode.
     patch: str | None = None
-    #: Orthogonal matrix from the axes of the electrode's scene to those of the mesh, (2, 2).
+    #: Orthogonal matrix from the axes of the electrode's scene to those of the mesh, shape (2, 2).
     frame: Array = field(default_factory=lambda: np.eye(2))
-    #: The electrode's capacitances, where its voltage acts on the film.
+    #: The electrode with its capacitances if its voltage acts on the film.
     floating: FloatingElectrode | None = None
 
     @property
     def charge_coefficients(self) -> Array:
-        """Derivatives of the charge with respect to X and Y of the strain alone, in C/N, (2,).
+        """Derivatives of the charge with respect to X and Y by strain alone, in C/N, shape (2,).
 
         They differ from d31 and d32 if the electrode's voltage adds stress.
         """
@@ -48,7 +48,7 @@ class Output:
         return d + d @ self.floating.coupling_matrix
 
     def to_mesh_axes(self, points: Array) -> Array:
-        """Transform points (..., 2) from the axes of the electrode's scene to those of the mesh."""
+        """Transform points, shape (..., 2), from the axes of the scene to those of the mesh."""
         return points @ self.frame.T
 
     @cached_property
@@ -58,29 +58,32 @@ class Output:
 
     @cached_property
     def directions(self) -> Array:
-        """Weights of S11, S22, S12 in the normal stress along the scene's x and y, (2, 3)."""
+        """Weights of S11, S22, S12 in the normal stress along the scene's x and y, shape (2, 3)."""
         along_x, along_y = self.frame
         weights = [along_x * along_x, along_y * along_y, 2.0 * along_x * along_y]
         return np.stack(weights, axis=-1)
 
     @property
     def has_edges(self) -> bool:
-        """Whether the electrode is a rectangle along the axes of its scene."""
+        """Whether the electrode is a rectangle with sides along the axes of its scene."""
         edges = self.outline.corners - np.roll(self.outline.corners, 1, axis=0)
         is_along_axis = (edges == 0.0).any(axis=1)
         return len(edges) == 4 and bool(is_along_axis.all())
 
     @property
     def corners(self) -> Array:
-        """Corners of an electrode with edges in m, (4, 2)."""
+        """Corners of a rectangular electrode in m, in the axes of its scene, shape (4, 2)."""
         return self.outline.corners
 
     def find_elements(self, mesh: MeshTri2) -> Indices:
-        """Return the electrode's elements in a mesh that follows it."""
+        """Return the numbers of the electrode's elements in a mesh that follows its outline."""
         return mesh.subdomains[self.patch]
 
     def reflect(self, sector: SymmetrySector) -> list[Output]:
-        """Return the electrodes on a sector whose stress integrals add up to this electrode's."""
+        """Return the reflections of the electrode onto a sector.
+
+        Their stress integrals on the sector add up to those of the electrode on the whole film.
+        """
         if not sector.mirror_axes:
             return [self]
         reflections = []
@@ -135,7 +138,7 @@ def reflect_outputs(
     reflections : list of Output
         All reflections of all outputs.
     owners : ndarray of int, shape (reflections,)
-        The number of the output that each reflection belongs to.
+        Index of the output that each reflection belongs to.
     """
     reflections: list[Output] = []
     for output in outputs:
@@ -145,10 +148,20 @@ def reflect_outputs(
 
 
 def output_areas(outputs: Sequence[Output]) -> Array:
-    """Return the areas of the outlines in m^2, (outputs,)."""
+    """Return the areas of the outlines in m^2.
+
+    Returns
+    -------
+    ndarray, shape (outputs,)
+    """
     return np.array([output.outline.area for output in outputs])
 
 
 def piezo_coefficients(outputs: Sequence[Output]) -> Array:
-    """Return d31 and d32 of each output in C/N, (outputs, 2)."""
+    """Return d31 and d32 of each output in C/N.
+
+    Returns
+    -------
+    ndarray, shape (outputs, 2)
+    """
     return np.reshape([output.d for output in outputs], (-1, 2))

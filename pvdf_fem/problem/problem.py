@@ -45,16 +45,16 @@ class Problem(Result):
     """A scene resolved to what is solved.
 
     Every choice that a scene leaves open is made here and nowhere else: whether the film is a
-    membrane, a plate or a tension field, which voltages act on it, what presses, which charges are
-    wanted, and which sector of a symmetric film represents the whole. The choices are made when
-    they are first asked for, and kept.
+    membrane, a plate or a tension field, which voltages act on it, which loads press, which charges
+    are computed, and which sector of a symmetric film represents the whole. All choices but the
+    first are made when they are first needed, and cached.
 
     Attributes
     ----------
     scene : Scene
         The scene, with the digests of the pressure profiles that it reads from files.
     film : FilmModel
-        Membrane, plate or tension field.
+        The model of the film: membrane, plate or tension field.
     pressure : callable, optional
         Pressure in Python on the single probe, in place of ``load.profile``.
     requested_outputs : tuple of Output, optional
@@ -98,8 +98,8 @@ class Problem(Result):
         Raises
         ------
         SceneError
-            For a pressure that the scene has no single dead load for, and for a profile file that
-            cannot be read.
+            If a pressure is given and the scene is not loaded by a single dead probe, or if a
+            profile file cannot be read.
         """
         scene = as_scene(scene)
         require_usable_pressure(scene, pressure)
@@ -163,7 +163,7 @@ class Problem(Result):
 
     @cached_property
     def unloaded_stress(self) -> Array | None:
-        """Uniform stress S11, S22 in Pa of the unloaded film, (2,); None if it must be solved for.
+        """Uniform stress S11, S22 of the unloaded film in Pa; None if it must be solved for.
 
         A flat film has a uniform stress. A film that moves in its plane or bears its weight is not
         flat, only a bending film can carry compression, and a tension field carries none.
@@ -186,12 +186,13 @@ class Problem(Result):
         return self._unloaded.outputs
 
     def check_profiles(self) -> None:
-        """Evaluate every pressure profile once, so that a useless one is refused before meshing.
+        """Evaluate every pressure profile once, to report an unusable one before meshing.
 
         Raises
         ------
         SceneError
-            For a profile that is not finite, or is zero on its whole probe.
+            For a profile that is negative or not finite under its probe, or whose file cannot be
+            read.
         """
         for load in self.loads:
             make_profile(load).mean(load.outline.equal_area_polygon)
@@ -223,7 +224,7 @@ class Problem(Result):
         return Effects.sort(notes)
 
     def summary(self) -> Summary:
-        """Summarize what is going to be solved, and why; nothing is meshed or solved for it."""
+        """Summarize what is going to be solved, and why, without meshing or solving."""
         film = self.scene.film
         choices = {
             "film": f"{film.radius_mm:g} mm radius, {film.thickness_um:g} µm thick",
@@ -265,7 +266,7 @@ class Problem(Result):
 
     @property
     def film_model_name(self) -> str:
-        """What the film is taken for: ``membrane``, ``plate`` or ``tension field``."""
+        """Name of the film model: ``membrane``, ``plate`` or ``tension field``."""
         if self.film.wrinkles:
             return "tension field"
         return "plate" if self.film.bends else "membrane"
@@ -274,8 +275,8 @@ class Problem(Result):
         lines = len(self.sector.mirror_axes)
         if lines == 0:
             return "the whole film"
-        share = {1: "half", 2: "a quarter"}[lines]
-        return f"{share} of the film: {lines} mirror line{'s' if lines > 1 else ''}"
+        fraction = {1: "half", 2: "a quarter"}[lines]
+        return f"{fraction} of the film: {lines} mirror line{'s' if lines > 1 else ''}"
 
     def _describe_loads(self) -> str:
         texts = []

@@ -1,7 +1,8 @@
 """The thickness direction: the size of the charges that a probe's pressure adds by d33.
 
-Under a pressure p on one face the stress across the film runs from -p to zero, -p/2 in the mean. An
-electrode gains -d33/2 times the pressing force, without feedback on the film.
+Under a pressure p on one face the stress across the film varies from -p to zero, with the mean
+-p/2. The charge of an electrode increases by -d33/2 times the force that presses on it. The effect
+of this charge on the film is neglected.
 """
 
 from __future__ import annotations
@@ -42,14 +43,14 @@ def describe_thickness_effect(
     floating_electrodes : sequence of FloatingElectrode
         Electrodes whose voltages act on the film.
     charges_pC : mapping, optional
-        Charges by electrode, which the size is compared with.
+        Charges in pC by electrode, to which the size is compared.
 
     Yields
     ------
-    is_included : bool
-        Whether the film has a d33; otherwise a typical one of PVDF estimates the missing charge.
-    text : str
-        The effect and its size; nothing is yielded where no electrode is pressed.
+    EffectNote
+        The charge by d33 on the electrode that is pressed most; for a film without d33 it is
+        estimated with a typical value of PVDF. A second note is about the neglected effect of this
+        charge on floating electrodes. Nothing is yielded if no electrode is pressed.
     """
     film = scene.film
     electrodes = scene.electrode_list
@@ -59,19 +60,19 @@ def describe_thickness_effect(
         forces = forces + _estimate_forces_on_electrodes(scene, load, polygons)
     if not forces.any():
         return
-    most = int(forces.argmax())
-    name = electrodes[most].name
+    most_pressed = int(forces.argmax())
+    name = electrodes[most_pressed].name
     yield describe_charge_effect(
         ("thickness direction, pressed by a probe", "film.d33_pC_N"),
         film.d33_pC_N,
         typical=TYPICAL_D33_PC_N,
-        per_unit=-0.5 * forces[most],
+        per_unit=-0.5 * forces[most_pressed],
         name=name,
         charges_pC=charges_pC,
     )
     if film.d33_pC_N and floating_electrodes:
-        shares = [float(np.trace(electrode.coupling_matrix)) for electrode in floating_electrodes]
-        charge_pC = abs(0.5 * max(shares) * film.d33_pC_N * forces[most])
+        traces = [float(np.trace(electrode.coupling_matrix)) for electrode in floating_electrodes]
+        charge_pC = abs(0.5 * max(traces) * film.d33_pC_N * forces[most_pressed])
         text = f"coupling by the charge of film.d33_pC_N: about {charge_pC:.1e} pC on {name}"
         yield EffectNote(False, f"{text}; no key includes it")
 
@@ -79,22 +80,36 @@ def describe_thickness_effect(
 def _estimate_forces_on_electrodes(
     scene: Scene, load: LoadSpec, polygons: NDArray[np.object_]
 ) -> Array:
-    """Estimate the force of a probe on every electrode in N, (electrodes,).
+    """Estimate the force of a probe on every electrode.
 
-    A dead pressure presses by its profile; a rigid probe presses mainly along its edge.
+    A dead pressure is distributed by its profile; a rigid probe presses mainly along its edge.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    load : LoadSpec
+        The probe and its load.
+    polygons : ndarray of shapely.Polygon, shape (electrodes,)
+        Outlines of the electrodes in m.
+
+    Returns
+    -------
+    ndarray, shape (electrodes,)
+        Forces along z in N.
     """
     outline, _ = estimate_pressed_area(scene, load)
     force = estimate_load_force(load.load, scene.film)
     probe = outline.equal_area_polygon
-    at_edge = PROBE_LOADS[load.load.kind].edge_fraction
+    edge_fraction = PROBE_LOADS[load.load.kind].edge_fraction
     inside = shapely.intersection(polygons, probe)
     edge = shapely.intersection(polygons, probe.exterior)
-    share_along_edge = shapely.length(edge) / probe.length
-    share_over_area = shapely.area(inside) / probe.area
+    length_fraction = shapely.length(edge) / probe.length
+    area_fraction = shapely.area(inside) / probe.area
     profile = make_profile(load)
-    pressed = np.flatnonzero(share_over_area)
+    pressed = np.flatnonzero(area_fraction)
     if profile.order and pressed.size:
         means = np.array([profile.mean(shape) for shape in inside[pressed]])
-        share_over_area[pressed] *= means / max(profile.mean(probe), np.finfo(float).tiny)
-    shares = at_edge * share_along_edge + (1.0 - at_edge) * share_over_area
-    return np.asarray(force * shares)
+        area_fraction[pressed] *= means / max(profile.mean(probe), np.finfo(float).tiny)
+    fractions = edge_fraction * length_fraction + (1.0 - edge_fraction) * area_fraction
+    return np.asarray(force * fractions)

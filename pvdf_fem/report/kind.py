@@ -320,7 +320,9 @@ class Kind(Section):
             keys = {key: [value] * len(names) for key, value in changes.items()}
             frames.append(pd.concat([pd.DataFrame(keys), frame], axis=1))
         if not frames:
-            raise NothingToShowError("no scene and no task is computed")
+            raise NothingToShowError(
+                f"list_changes and list_scenes of {type(self).__name__} give no scene to solve"
+            )
         data = pd.concat(frames, ignore_index=True)
         if not data.computed_pC.notna().any():
             raise NothingToShowError("none of the scenes has charges")

@@ -18,7 +18,7 @@ from pvdf_fem.report.script_keys import Other, Script, ScriptSection, Table
 from pvdf_fem.report.task import Task
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.scene_file import MOST_BYTES, SceneError, format_error, parse_toml, suggest
+from pvdf_fem.scene.scene_file import MAX_BYTES, SceneError, format_error, parse_toml, suggest
 from pvdf_fem.scene.validation.errors import MAX_ERRORS, describe_errors, join_key
 
 MAX_PREVIEWS = 3  #: Maximum number of previews at the top of the page.
@@ -178,7 +178,7 @@ def load_script(path: Path, kinds: Kinds) -> ReportPlan:
         If the script, its scene or its data are invalid. The exception lists the errors.
     """
     try:
-        table = parse_toml(read_text(path, MOST_BYTES, "a report script"), str(path))
+        table = parse_toml(read_text(path, MAX_BYTES, "a report script"), str(path))
     except FileError as error:
         raise SceneError([str(error)], str(path)) from None
     reader = _ScriptReader({"figure": {**FIGURES, **kinds}, "table": TABLES}, [path])

@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import BaseModel
 
-from pvdf_fem.scene.dependent_keys import ALTERNATIVE_KEYS, set_key
 from pvdf_fem.scene.load import FORCE_KEYS
 from pvdf_fem.scene.placed.electrode import Layout
 from pvdf_fem.scene.placed.placed_shape import SIZE_KEYS
 from pvdf_fem.scene.scene_file import format_error
+from pvdf_fem.scene.validation.dependent_keys import ALTERNATIVE_KEYS, set_key
 
-#: The names (str) and indices (int) of a parsed key: ("electrodes", 0, "x_mm").
+#: The names (str) and indices (int) of a parsed key, such as ``("electrodes", 0, "x_mm")``.
 Steps = tuple[Any, ...]
 
 # Keys on which the existence of other keys depends, in the order in which they must be changed.
@@ -27,12 +27,8 @@ _KEY = re.compile(r"[^.[\]]+(?:\.[^.[\]]+|\[[0-9]{1,9}\])*")
 # Keys that are removed when the shape changes.
 _KEYS_OF_A_SHAPE = SIZE_KEYS | {"edge_radius_mm"}
 _KEYS_OF_EVERY_LAYOUT = Layout.list_common_keys()
-# Messages for a key of a list without an index, or a key of a table with an index.
-_INDEX_REASONS = {
-    "electrodes": "electrodes are addressed by index in a list [[electrodes]], as in"
-    " electrodes[0].x_mm",
-    "probe": "probes are addressed by index in a list [[probe]], as in probe[0].x_mm",
-}
+# Tables of a scene of which there may also be a list.
+_TABLES_OR_LISTS = ("electrodes", "probe")
 
 
 class Replaced(dict[str, Any]):
@@ -116,7 +112,9 @@ def normalize_key(key: str) -> str:
     return spelling.removeprefix(".") or key
 
 
-def apply_changes(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) -> list[str]:
+def apply_changes(
+    tables: dict[str, Any], new_values: Any, keywords: Mapping[str, Any]
+) -> list[str]:
     """Change values in the tables of a scene in place.
 
     The new values are not validated.
@@ -125,11 +123,11 @@ def apply_changes(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) 
     ----------
     tables : dict
         The tables of a scene, which are changed.
-    given : mapping or None
+    new_values : mapping or None
         New values by dotted key, such as ``load.force_N`` or ``probe[0].x_mm``. Tables among the
         values are merged into those of the scene, and tables that a key needs are created.
-    named : mapping
-        Further changes in the same form, which take precedence over equal keys of `given`.
+    keywords : mapping
+        Further values in the same form, which take precedence over equal keys of `new_values`.
 
     Returns
     -------
@@ -137,19 +135,18 @@ def apply_changes(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) 
         ``key = value: reason; advice`` for each key that is not a key of the scene or is changed
         twice.
     """
-    if not isinstance(given, Mapping | None):
+    if not isinstance(new_values, Mapping | None):
         reason = 'must be a dict of keys with their values; give {"load.force_N": 2}'
-        return [format_error("changes", given, reason)]
-    changes, problems = _collect_changes({**(given or {}), **named})
+        return [format_error("changes", new_values, reason)]
+    changes, problems = _collect_changes({**(new_values or {}), **keywords})
 
     # whole tables first, and decisive keys before the keys that depend on them
-    for steps in sorted(changes, key=_order_of_change):
+    for steps in sorted(changes, key=_rank_change):
         change = changes[steps]
         alternative = changes.get((*steps[:-1], ALTERNATIVE_KEYS.get(steps[-1])))
+        alternative_value = None if alternative is None else alternative.value
         try:
-            _apply_change(
-                tables, steps, value=change.value, alternative=alternative and alternative.value
-            )
+            _apply_change(tables, steps, value=change.value, alternative=alternative_value)
         except _IndexError as error:
             value = {} if change.value is _TABLE else change.value
             problems.append(format_error(change.key, value, str(error)))
@@ -160,12 +157,12 @@ def apply_changes(tables: dict[str, Any], given: Any, named: Mapping[str, Any]) 
     return list(dict.fromkeys(problems))
 
 
-def _collect_changes(given: Mapping[Any, Any]) -> tuple[dict[Steps, _Change], list[str]]:
+def _collect_changes(values: Mapping[Any, Any]) -> tuple[dict[Steps, _Change], list[str]]:
     """Collect the changes of single values.
 
     Parameters
     ----------
-    given : mapping
+    values : mapping
         Values or tables by dotted key.
 
     Returns
@@ -177,7 +174,7 @@ def _collect_changes(given: Mapping[Any, Any]) -> tuple[dict[Steps, _Change], li
     """
     changes: dict[Steps, _Change] = {}
     problems = []
-    for name, table_or_value in given.items():
+    for name, table_or_value in values.items():
         key = _escape_surrogates(name)
         first_steps = parse_key(key) if isinstance(key, str) else ()
         if not first_steps:
@@ -195,7 +192,7 @@ def _collect_changes(given: Mapping[Any, Any]) -> tuple[dict[Steps, _Change], li
     return changes, problems
 
 
-def _order_of_change(steps: Steps) -> tuple[int, int]:
+def _rank_change(steps: Steps) -> tuple[int, int]:
     """Return the sort key of a change: by depth, and then decisive keys before others."""
     name = steps[-1]
     rank = _DECISIVE_KEYS.index(name) if name in _DECISIVE_KEYS else len(_DECISIVE_KEYS)
@@ -288,12 +285,21 @@ def _apply_change(tables: dict[str, Any], steps: Steps, value: Any, alternative:
 def _require_index_of_list(tables: dict[str, Any], steps: Steps) -> None:
     """Raise if a list of electrodes or probes is addressed by name, or a table by index."""
     section = steps[0]
-    if section not in _INDEX_REASONS or len(steps) <= 2:
+    if section not in _TABLES_OR_LISTS or len(steps) <= 2:
         return
     entries = tables.get(section) or {}
-    is_right = isinstance(steps[1], int) if isinstance(entries, list) else steps[1] in entries
-    if not is_right:
-        raise _IndexError(_INDEX_REASONS[section])
+    has_index = isinstance(steps[1], int)
+    example = f"{section}[0].x_mm"
+    if isinstance(entries, list):
+        if not has_index:
+            reason = f"requires an index, since the scene has a list [[{section}]]"
+            raise _IndexError(f"{reason}; write it as in {example}")
+    elif steps[1] not in entries:
+        if has_index:
+            reason = f"has an index, but the scene has no list [[{section}]]"
+            raise _IndexError(f"{reason}; remove the index or give a list")
+        reason = f"requires a list [[{section}]]"
+        raise _IndexError(f"{reason}; give a list, and an index as in {example}")
 
 
 def _escape_surrogates(key: Any) -> Any:

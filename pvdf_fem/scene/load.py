@@ -1,4 +1,4 @@
-"""The table ``[load]`` of a scene, and the load that a listed probe has for itself."""
+"""The table ``[load]`` of a scene, and the keys of it that a listed probe overrides."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pvdf_fem.scene.registry import (
 )
 from pvdf_fem.scene.scene_file import suggest
 
-#: Load keys that a listed probe has beside its shape; a file may have them in `load`, too.
+#: Load keys that a listed probe stores in its own table; a file may have them in `load`, too.
 FORCE_KEYS = ("depth_mm", "force_N", "tangential_N")
 
 KIND = Key(words=LOAD_CLASSES)
@@ -42,37 +42,34 @@ PROFILE = Key(needs=("kind", "dead"), neutral="uniform")
 
 
 class LoadOverrides(Section):
-    """Keys of a load, which are None where they are not given.
-
-    A listed probe overrides the scene's load by them.
-    """
+    """The keys of the scene's load that a listed probe overrides; None stands for the scene's."""
 
     kind: Annotated[str | None, KIND] = None
     """dead: a traction along z on the undeformed area. follower: a pressure normal to the deformed
-    film. rigid: a flat punch. contact: a rigid tip, a sphere or a probe with edge_radius_mm, whose
-    contact with the sliding film is found."""
+    film. rigid: a flat punch. contact: a rigid tip (a sphere, or a probe with edge_radius_mm),
+    whose contact area with the sliding film is computed."""
     depth_mm: Annotated[float | None, DEPTH] = None
     """Depth of a tip, in place of force_N."""
     force_N: Annotated[float | None, FORCE] = None
     """Force along z."""
     contact: Annotated[Literal["sliding", "stuck"] | None, CONTACT] = None
-    """sliding: film slides under a flat punch without friction. stuck: film sticks to the punch,
-    which its guide holds unless tangential_N pushes it. By default sliding."""
+    """sliding: the film slides under a flat punch without friction. stuck: the film sticks to the
+    punch, whose guide lets it move along x and y only under tangential_N. By default sliding."""
     tilt: Annotated[Literal["held", "free"] | None, TILT] = None
-    """held: the guide of a punch keeps it horizontal by moments. free: the punch leans without
-    moments, by small angles about x and y."""
+    """held: a guide keeps the punch horizontal. free: the punch tilts by small angles about x and y
+    until no moment acts on it."""
     tangential_N: Annotated[tuple[float, float] | None, TANGENTIAL] = None
     """Force along x and y, of a dead load or a stuck punch."""
     profile: Annotated[str | None, PROFILE] = None
-    """Distribution of a dead load: uniform, hertz (discs and ellipses), gaussian, or the path, from
-    the working directory, of a CSV or NetCDF file with x_mm, y_mm and pressure on a grid in the
-    probe's own axes, scaled to the force. With a path that ends in #sha256= and a digest, a file of
-    other content is refused."""
+    """Pressure distribution of a dead load: uniform, hertz (circles and ellipses), gaussian, or the
+    path (relative to the working directory) of a CSV or NetCDF file with x_mm, y_mm and pressure on
+    a grid in the probe's own axes. The pressure is scaled to the force. If the path ends in
+    #sha256= and a digest, a file with other content is refused."""
     profile_width_mm: Annotated[
         float | None, Key("mm", (1e-4, 1e5), needs=("profile", "gaussian"), example=2.0)
     ] = None
-    """Radius at which a gaussian is 1/e² of its largest value; by default the radius of a disc of
-    the same area."""
+    """Radius at which a gaussian falls to 1/e² of its maximum; by default the radius of a circle
+    with the probe's area."""
 
     @field_validator("profile")
     @classmethod
@@ -88,7 +85,7 @@ class LoadOverrides(Section):
     @field_validator("tangential_N")
     @classmethod
     def _reject_tangential_force(cls, value: Any, info: ValidationInfo) -> Any:
-        """Refuse a tangential force that the kind of load or contact cannot transmit."""
+        """Refuse a tangential force that this kind of load or contact cannot transmit."""
         if value is None:
             return value
         kind = info.data.get("kind")
@@ -96,26 +93,31 @@ class LoadOverrides(Section):
             reason = "is incompatible with a pressure normal to the film"
             raise make_validation_error(f'{reason}; remove it or give kind "dead"')
         if kind == "contact":
-            reason = "is incompatible with a tip, which a guide holds and the film slides on"
+            reason = "is incompatible with a tip, on which the film slides without friction"
             raise make_validation_error(f"{reason}; remove it")
         if info.data.get("contact") == "sliding":
-            reason = "would move a sliding punch, which has no friction"
+            reason = "cannot act on the film through a sliding punch, which has no friction"
             raise make_validation_error(f'{reason}; remove it or give contact = "stuck"')
+        if kind not in (None, "dead", "rigid"):  # None stands for the kind of the scene's load
+            reason = 'requires load.kind = "dead" or "rigid"'
+            raise make_validation_error(f"{reason}; remove it or give one of these")
         return value
 
     @field_validator("force_N")
     @classmethod
     def _reject_force(cls, value: float | None, info: ValidationInfo) -> float | None:
-        """Refuse a force beside a depth, and a tip without a force."""
+        """Refuse a force beside a depth, and a zero force on a tip."""
         if info.data.get("depth_mm") is not None:
-            raise make_validation_error("follows from depth_mm; remove one of the two")
+            reason = "is incompatible with depth_mm, from which the force is computed"
+            raise make_validation_error(f"{reason}; remove one of the two")
         if value == 0.0 and info.data.get("kind") == "contact":
-            raise make_validation_error("presses no tip on the film; give more, or remove [probe]")
+            reason = "does not press the tip on the film"
+            raise make_validation_error(f"{reason}; give a larger force or remove [probe]")
         return value
 
     @model_serializer(mode="wrap")
     def _omit_unset_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Return the table without None, and without a force that follows from the depth."""
+        """Omit unset keys, and the force if a depth is given."""
         table = {key: value for key, value in handler(self).items() if value is not None}
         if self.depth_mm is not None:
             table.pop("force_N", None)
@@ -123,7 +125,7 @@ class LoadOverrides(Section):
 
 
 class Load(LoadOverrides):
-    """The force of a probe on the film."""
+    """The load of the scene's probe, or the common load of listed probes."""
 
     kind: Annotated[str, KIND] = "dead"
     force_N: Annotated[float, FORCE] = 1.0
@@ -142,12 +144,12 @@ class Load(LoadOverrides):
 
     @property
     def depth(self) -> float | None:
-        """Depth of a tip in m, where given instead of a force."""
+        """Depth of a tip in m; None if the force is given."""
         return None if self.depth_mm is None else self.depth_mm / 1e3
 
     @property
     def unloaded(self) -> Load:
-        """The load without any force."""
+        """A copy of the load with zero force, along x and y too."""
         tangential = None if self.tangential_N is None else (0.0, 0.0)
         return self.model_copy(update={"tangential_N": tangential, "force_N": 0.0})
 
@@ -164,5 +166,5 @@ class Load(LoadOverrides):
 
     @property
     def profile_entry(self) -> ProfileEntry:
-        """The entry of the profile in the registry."""
+        """The registry entry of the pressure profile."""
         return PROFILE_ENTRIES.get(self.profile, TABLE_ENTRY)

@@ -1,4 +1,4 @@
-"""The table ``[readout]`` of a scene: the amplifiers that read the electrodes, by channel."""
+"""The table ``[readout]`` of a scene: the amplifiers that read the electrodes."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ Value = TypeVar("Value")
 
 
 class ByName(dict[str, Value]):
-    """Values by name, hashable like every part of a scene."""
+    """A dictionary that can be hashed, as all values of a scene must be."""
 
     def __hash__(self) -> int:  # type: ignore[override]
         return hash(frozenset(self.items()))
 
 
-#: A common value for all channels, or a table by electrode; missing ones have the default.
+#: A value for all electrodes, or values by electrode; electrodes without one have the default.
 ByChannel = Annotated[
     Annotated[Value, Tag("<one>")]
     | Annotated[dict[str, Value], AfterValidator(ByName), Tag("<table>")],
@@ -38,24 +38,24 @@ ByChannel = Annotated[
 
 def _reject_zero(value: float) -> float:
     if not value:
-        raise make_validation_error("would read nothing; give a number other than zero")
+        raise make_validation_error("must not be zero; give another number")
     return value
 
 
 def resolve_deviation(deviation: float | str, number: float) -> float:
-    """Return a standard deviation as a number.
+    """Convert a standard deviation to a number.
 
     Parameters
     ----------
     deviation : float or str
-        A number, or a share of the uncertain number's magnitude such as ``"5 %"``.
+        A number, or a percentage of `number` such as ``"5 %"``.
     number : float
-        The uncertain number.
+        The uncertain number; only its magnitude matters.
 
     Returns
     -------
     float
-        In the unit of the number.
+        Standard deviation in the unit of `number`.
     """
     if isinstance(deviation, str):
         return abs(number) * float(deviation.rstrip("% ")) / 100.0
@@ -63,32 +63,33 @@ def resolve_deviation(deviation: float | str, number: float) -> float:
 
 
 def _check_deviations(deviations: dict[str, Any]) -> ByName[Any]:
-    """Refuse values that are neither positive numbers nor shares."""
+    """Refuse values that are neither positive numbers nor percentages."""
     for key, value in deviations.items():
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         is_positive = is_number and 0.0 < value < 1e12
-        is_share = isinstance(value, str) and re.fullmatch(r"\d+(\.\d*)? ?%", value)
-        if not (is_share or is_positive):
+        is_percentage = isinstance(value, str) and re.fullmatch(r"\d+(\.\d*)? ?%", value)
+        if not (is_percentage or is_positive):
             reason = f"has {value!r:.60} for {key}"
-            raise make_validation_error(f'{reason}; give a positive number in its unit, or "5 %"')
+            advice = 'give a positive number in the unit of the key, or a percentage such as "5 %"'
+            raise make_validation_error(f"{reason}; {advice}")
     return ByName(deviations)
 
 
-#: Standard deviations by the scene's keys: numbers, or shares like ``"5 %"``.
+#: Standard deviations by keys of the scene: numbers, or percentages like ``"5 %"``.
 Uncertain = Annotated[dict[str, Any], BeforeValidator(flatten), AfterValidator(_check_deviations)]
 
 
 class Readout(Section):
     """The amplifiers that read the electrodes.
 
-    Values except `reading` are common to the electrodes or tables by electrode, ``gain = { A =
-    1.02, B = 0.97 }``; missing electrodes have the default.
+    All values except `reading` are either common to all electrodes or tables by electrode, such as
+    ``gain = { A = 1.02, B = 0.97 }``. Electrodes that are not in a table have the default.
     """
 
     kind: ByChannel[Literal["charge", "voltage"]] = "charge"
-    """charge: a charge amplifier, whose output is the charge over its feedback capacitance and
-    decays through its feedback resistance. voltage: an amplifier of the voltage that the charge
-    makes on electrode and cable, loaded by its input resistance."""
+    """charge: a charge amplifier; its output is the charge divided by the feedback capacitance and
+    decays through the feedback resistance. voltage: a voltage amplifier; its input is the voltage
+    of the charge on the capacitance of electrode and cable, loaded by the input resistance."""
     feedback_capacitance_pF: Annotated[
         ByChannel[float], Key("pF", (1e-3, 1e9), needs=("kind", "charge"))
     ] = 1000.0
@@ -96,11 +97,11 @@ class Readout(Section):
     feedback_resistance_MOhm: Annotated[
         ByChannel[float] | None, Key("MΩ", (1e-6, 1e9), needs=("kind", "charge"), example=1e3)
     ] = None
-    """Feedback resistance; by default infinite, so that the output does not decay."""
+    """Feedback resistance, by default infinite: the output does not decay."""
     input_resistance_MOhm: Annotated[
         ByChannel[float] | None, Key("MΩ", (1e-6, 1e9), needs=("kind", "voltage"), example=1e3)
     ] = None
-    """Input resistance; by default infinite, so that the voltage does not decay."""
+    """Input resistance, by default infinite: the voltage does not decay."""
     cable_capacitance_pF: Annotated[
         ByChannel[float], Key("pF", (0.0, 1e9), needs=("kind", "voltage"))
     ] = 0.0
@@ -108,18 +109,19 @@ class Readout(Section):
     gain: Annotated[
         ByChannel[Annotated[float, AfterValidator(_reject_zero)]], Key("", (-1e6, 1e6))
     ] = 1.0
-    """Ratio of the reading to the output or the voltage of the amplifier."""
+    """Reading divided by the output of a charge amplifier, or by the input of a voltage
+    amplifier."""
     offset_V: Annotated[ByChannel[float], Key("V", (-1e4, 1e4))] = 0.0
-    """Added to each reading."""
+    """Constant that is added to each reading."""
     noise_V: Annotated[ByChannel[float], Key("V", (0.0, 1e4))] = 0.0
     """Standard deviation of each reading."""
     reading: Literal["change", "total"] = "change"
-    """change: readings are of the change of the charge since the film was unloaded. total: of the
-    whole charge."""
+    """change: readings measure the change of the charge relative to the unloaded film. total:
+    readings measure the total charge."""
 
     @model_serializer(mode="wrap")
     def _omit_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Return the table without defaults, so that a channel's value may be set by its key."""
+        """Omit most defaults, so that a change such as ``readout.gain.A`` can create a table."""
         fields = type(self).model_fields
         table = {}
         for key, value in handler(self).items():
@@ -128,14 +130,14 @@ class Readout(Section):
         return table
 
     def get_value(self, key: str, electrode: str) -> Any:
-        """Return the value of a key for an electrode."""
+        """Return the value that a key has for an electrode, or else the default of the key."""
         value = getattr(self, key)
         if isinstance(value, ByName):
             return value.get(electrode, type(self).model_fields[key].default)
         return value
 
     def find_channel_errors(self, electrodes: Sequence[str]) -> Iterator[str]:
-        """Find channels of electrodes that the scene does not have.
+        """Find values for electrodes that the scene does not have.
 
         Parameters
         ----------
@@ -152,5 +154,6 @@ class Readout(Section):
             names = list(table) if isinstance(table, ByName) else []
             for name in names:
                 if name not in electrodes:
-                    reason = f"is not of an electrode of the scene; {suggest(name, electrodes)}"
+                    advice = suggest(name, electrodes)
+                    reason = f"is for an electrode that the scene does not have; {advice}"
                     yield format_error(f"readout.{key}.{name}", table[name], reason)

@@ -1,7 +1,7 @@
 """The shapes, loads, pressure profiles, material laws and observables that a scene may name.
 
-A further one is a class in a file of its own and its line here. Classes except shapes are given as
-``module:Class``, so that scenes are read without the modules of the solver.
+To add one, write its class in a file of its own and add a line here. Classes other than shapes are
+given as texts ``module:Class``, so that a scene is read without importing the solver.
 """
 
 from __future__ import annotations
@@ -50,11 +50,11 @@ LAW_CLASSES = {
 
 
 class ProfileEntry(NamedTuple):
-    """The class of a pressure profile, and the outlines that it serves."""
+    """The class of a pressure profile, and the outlines for which it is valid."""
 
-    path: str
-    needs_ellipse: bool = False
-    is_symmetric: bool = True  #: Whether the profile has the symmetry of its outline.
+    path: str  #: ``module:Class``.
+    needs_ellipse: bool = False  #: Whether the outline must be a circle or an ellipse.
+    is_symmetric: bool = True  #: Whether the profile has the symmetries of the outline.
 
 
 #: Named ``load.profile`` values.
@@ -63,17 +63,17 @@ PROFILE_ENTRIES = {
     "hertz": ProfileEntry("pvdf_fem.film.loads.profiles:Hertz", needs_ellipse=True),
     "gaussian": ProfileEntry("pvdf_fem.film.loads.profiles:Gaussian"),
 }
-#: Profiles that are read from a file.
+#: Entry of all profiles that are read from a file.
 TABLE_ENTRY = ProfileEntry("pvdf_fem.film.loads.profiles:TableProfile", is_symmetric=False)
 #: Separates the path of a profile file from the SHA-256 digest of its content.
 DIGEST_MARK = "#sha256="
 
 
 class ObservableEntry(NamedTuple):
-    """The class of an observable, and whether it needs rectangles with sides along x and y."""
+    """The class of an observable, and the electrodes for which it is valid."""
 
-    path: str
-    needs_edges: bool = False
+    path: str  #: ``module:Class``.
+    needs_edges: bool = False  #: Whether electrodes must be rectangles along x and y.
 
 
 #: Each ``numerics.observable``.

@@ -20,11 +20,11 @@ from pvdf_fem.scene.changes import Replaced, apply_changes
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.keys import Affects, Key, Section
 from pvdf_fem.scene.load import FORCE_KEYS, Load, LoadOverrides
+from pvdf_fem.scene.numerics import Numerics
 from pvdf_fem.scene.placed.electrode import Electrode, Electrodes, Layout
 from pvdf_fem.scene.placed.loaded_probe import LoadedProbe
 from pvdf_fem.scene.placed.probe import Probe, Probes
 from pvdf_fem.scene.readout import Readout, Uncertain
-from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
 from pvdf_fem.scene.response_domain import ResponseDomain
 from pvdf_fem.scene.scene_file import (
     SceneError,
@@ -62,29 +62,11 @@ __all__ = [
 ]
 
 
-class Numerics(Section):
-    """The wanted error in every charge, the definition of charge, and limits of a solve."""
-
-    tolerance: Annotated[float, Key("", (2e-8, 0.49))] = 1e-3
-    """Wanted error of every charge, relative to the charge. Where its two parts, from d31 S11 and
-    d32 S22, cancel to less than 5 % of them, it is relative to 5 % of them, with a warning."""
-    observable: Annotated[str, Key(affects=Affects.READING, words=OBSERVABLE_ENTRIES)] = "material"
-    """Definition of a charge. material: the integral of d31 S11 + d32 S22 over the electrode.
-    thesis-edge: the mean stress on opposite edges times the area."""
-    max_unknowns: Annotated[int | None, Key("unknowns", (100, 10_000_000), example=60000)] = None
-    """Largest number of unknowns of a refined mesh; by default 60000, 30000 if the film wrinkles,
-    and more for tolerances below 1e-3."""
-    max_seconds: Annotated[float | None, Key("s", (0.1, 1e6), example=20.0)] = None
-    """Work allowed for a solve in seconds of one core, counted by unknowns and iterations so that a
-    result does not depend on the machine's load; by default 20, and more for tolerances below
-    1e-3."""
-
-
 class Scene(Result, Section):
     """A film with electrodes, optional probes, a load, readout and stage.
 
-    Listed probes may have their own loads. Errors raise `SceneError`, listed under the keys of the
-    scene file; valid values that were probably meant otherwise are among the `warnings`.
+    Invalid tables raise `SceneError`, which lists all errors by key. Valid values that are probably
+    mistakes are listed in `warnings`.
 
     Examples
     --------
@@ -96,31 +78,31 @@ class Scene(Result, Section):
     film: Film = Film()
     """The film and its material."""
     electrodes: Annotated[Electrodes, Key(affects=Affects.READING)] = Layout.model_validate({})
-    """The electrodes: a layout, or a list of any."""
+    """The electrodes: a layout, or a list of arbitrary ones."""
     probe: Probes | None = None
-    """The probe that presses on the film, or a list of several; none where it is not given."""
+    """The probe that presses on the film, or a list of several; by default there is none."""
     load: Load = Load()
-    """The force of the probe."""
+    """The load of the probe; listed probes may override its keys."""
     numerics: Numerics = Numerics()
     """The accuracy of a solve."""
     readout: Annotated[Readout | None, Key(affects=Affects.INSTRUMENT)] = None
     """The amplifiers that read the electrodes."""
     stage: Annotated[Stage | None, Key(affects=Affects.INSTRUMENT)] = None
-    """The film on the stage that positions the probe."""
+    """The position of the film on the stage that moves the probe."""
     air: Annotated[Air | None, Key(affects=Affects.DYNAMICS)] = None
     """The air on both sides of the film, for vibrations."""
     model: Annotated[ResponseDomain | None, Key(affects=Affects.INSTRUMENT)] = None
-    """The domain of the response, the charges as a function of the touch."""
+    """The domain of the response (the charges as a function of the touch)."""
     uncertain: Annotated[
         Uncertain | None,
         Key(affects=Affects.INSTRUMENT, example={"film.thickness_um": "5 %"}),
     ] = None
     """Standard deviations of numbers of the scene, by key: ``{ "film.thickness_um" = "5 %" }``."""
 
-    if not TYPE_CHECKING:  # type checkers have the keys from the fields
+    if not TYPE_CHECKING:  # type checkers derive the parameters from the fields
 
         def __init__(self, /, *positional: Any, **tables: Any) -> None:
-            """Validate the tables of a scene; all errors are reported at once."""
+            """Validate the tables of a scene; the `SceneError` lists all errors."""
             if positional:
                 raise SceneError([format_error("Scene", positional[0], REASONS["nameless"])])
             try:
@@ -130,7 +112,7 @@ class Scene(Result, Section):
 
     @model_validator(mode="after")
     def _reject_combinations(self) -> Self:
-        """Refuse tables that are valid by themselves, but not together."""
+        """Refuse tables that are valid by themselves, but incompatible with each other."""
         problems = list(islice(self._find_combination_errors(), MAX_ERRORS + 1))
         if problems:
             context = {"text": "\n".join(problems), "problems": problems}
@@ -138,6 +120,7 @@ class Scene(Result, Section):
         return self
 
     def _find_combination_errors(self) -> Iterator[str]:
+        """Find placement errors, incompatible keys and readouts of unknown electrodes."""
         electrodes = self.electrodes
         observable = self.numerics.observable
         probes = self._probes
@@ -162,16 +145,15 @@ class Scene(Result, Section):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings of a valid scene: loads that press on nothing, and unusual values."""
+        """Warnings of a valid scene: loads without effect, and probable mistakes."""
         warnings = []
         has_idle_load = self.probe is None and self.load != Load()
         if has_idle_load:
-            warnings.append("load: nothing presses, since there is no probe; add [probe]")
+            warnings.append("load: has no effect without a probe; add [probe]")
         given_keys = [f"load.{key}" for key in self.load.model_dump(exclude_defaults=True)]
         for key in self.find_unused_load_keys(given_keys):
-            warnings.append(
-                f"{key}: has no effect, since each probe has its own; remove one of the two"
-            )
+            reason = "has no effect, since all probes override it"
+            warnings.append(f"{key}: {reason}; remove it here or from a probe")
         tables: dict[str, Section] = {"film": self.film}
         if not has_idle_load:
             tables["load"] = self.load
@@ -196,13 +178,13 @@ class Scene(Result, Section):
 
     @property
     def electrode_list(self) -> tuple[Electrode, ...]:
-        """The electrodes, of a layout those that it stands for."""
+        """The electrodes; those of a layout are made from it."""
         electrodes = self.electrodes
         return electrodes if isinstance(electrodes, tuple) else electrodes.electrodes
 
     @property
     def loaded_probes(self) -> tuple[LoadedProbe, ...]:
-        """The probes with their loads: patches ``probe``, or of a list ``probe 1``, ``probe 2``."""
+        """The probes with their loads, in the order of the scene."""
         if self.probe is None:
             return ()
         if not isinstance(self.probe, tuple):
@@ -223,12 +205,13 @@ class Scene(Result, Section):
         return tuple(probe for probe in self.loaded_probes if probe.load.kind == "contact")
 
     def with_loaded_probes(self, loaded_probes: Sequence[LoadedProbe]) -> Scene:
-        """Return the scene with other probes and loads.
+        """Return a copy of the scene with other probes and loads.
 
         Parameters
         ----------
         loaded_probes : sequence of LoadedProbe
-            Some of the scene's `loaded_probes`, or others. Their values are not validated.
+            The new probes with their loads, which are not validated: none, or a single one if the
+            scene has a single probe, or any number if it has a list.
 
         Returns
         -------
@@ -247,16 +230,17 @@ class Scene(Result, Section):
         return self.model_copy(update={"probe": tuple(probes), "load": Load()})
 
     def find_unused_load_keys(self, keys: Iterable[str]) -> list[str]:
-        """Find keys of the scene's load that have no effect on any of the listed probes.
+        """Find keys of the scene's load that all listed probes override.
 
         Parameters
         ----------
         keys : iterable of str
-            Keys of the scene; those of other tables than ``load`` are left out.
+            Dotted keys of the scene, such as ``load.force_N``; keys of other tables are ignored.
 
         Returns
         -------
         list of str
+            Empty for a scene without a list of probes.
         """
         if not isinstance(self.probe, tuple):
             return []
@@ -269,29 +253,30 @@ class Scene(Result, Section):
         return unused
 
     def require_no_tips(self, purpose: str) -> None:
-        """Raise `SceneError` for a scene with tips, whose contacts a purpose cannot find.
+        """Raise `SceneError` if the scene has tips.
 
         Parameters
         ----------
         purpose : str
-            Words for the message, such as ``"a response"``.
+            What cannot compute the contact of a tip, for the message: ``"a response"``.
         """
         if self.tips:
-            reason = f"is incompatible with {purpose}, which does not find where a tip touches"
+            reason = f"is incompatible with {purpose}, which does not compute contact areas"
             advice = "choose another kind"
             raise SceneError([format_error("load.kind", "contact", f"{reason}; {advice}")])
 
     def require_plain_charges(self, purpose: str, *supported: str) -> None:
-        """Raise `SceneError` where stress at zero voltage and constant temperature is not enough.
+        """Raise `SceneError` if charges depend on more than d31, d32 and the stress.
 
-        Plain charges are d31 and d32 times this stress.
+        Further contributions come from ``coupling``, ``d33_pC_N`` and ``warming_K`` of the film,
+        and from ``temperature_K`` of probes.
 
         Parameters
         ----------
         purpose : str
-            Words for the message, such as ``"a response"``.
+            What neglects these contributions, for the message: ``"a response"``.
         *supported : str
-            Names of keys that the purpose takes into account, such as ``"coupling"``.
+            Names of those among these keys that it takes into account.
         """
         names = ("coupling", "d33_pC_N", "warming_K")
         values = {f"film.{name}": getattr(self.film, name) for name in names}
@@ -308,10 +293,10 @@ class Scene(Result, Section):
 
     @property
     def single_probe(self) -> Probe | None:
-        """The probe, or None without one; raises `SceneError` for a list of probes."""
+        """The probe, or None if there is none; raises `SceneError` for a list of probes."""
         if isinstance(self.probe, tuple):
             shapes = [probe.shape for probe in self.probe]
-            reason = "is a list [[probe]], and this requires a single probe; give a table [probe]"
+            reason = "must be a single probe, not a list [[probe]]; give a table [probe]"
             raise SceneError([format_error("probe", shapes, reason)])
         return self.probe
 
@@ -321,8 +306,8 @@ class Scene(Result, Section):
 
         Parameters
         ----------
-        path : path or str
-            A TOML file in UTF-8.
+        path : Path or str
+            Path of a TOML file in UTF-8.
 
         Returns
         -------
@@ -331,7 +316,7 @@ class Scene(Result, Section):
         Raises
         ------
         SceneError
-            Listing all errors of the file under its path.
+            If the file cannot be read or has errors; the exception lists all of them.
         """
         return cls.parse(read_scene_text(path), str(path))
 
@@ -342,9 +327,9 @@ class Scene(Result, Section):
         Parameters
         ----------
         text : str
-            TOML.
+            TOML with the tables of a scene.
         source : str
-            Name of the text in a `SceneError`.
+            Name of the text in error messages.
 
         Returns
         -------
@@ -353,7 +338,7 @@ class Scene(Result, Section):
         Raises
         ------
         SceneError
-            Listing all errors.
+            If the text has errors; the exception lists all of them.
         """
         return cls._from_tables(parse_toml(text, source), source)
 
@@ -364,7 +349,7 @@ class Scene(Result, Section):
         Parameters
         ----------
         name : str
-            Such as ``"triangle"``.
+            Name of the example, such as ``"triangle"``.
 
         Returns
         -------
@@ -373,7 +358,7 @@ class Scene(Result, Section):
         Raises
         ------
         SceneError
-            For an unknown name, with the known ones.
+            If there is no such example; the message suggests names.
         """
         scenes = {}
         for example, text in read_examples().items():
@@ -383,21 +368,17 @@ class Scene(Result, Section):
         return cls.parse(get_example_text(name, scenes), name)
 
     def with_(self, tables: Mapping[str, Any] | None = None, /, **changes: Any) -> Scene:
-        """Return another scene with some values changed.
+        """Return a copy of the scene with changed values.
 
         Parameters
         ----------
         tables : mapping, optional
-            Changes as a dict instead of keywords.
+            Changes as a dict, in the same form as the keywords.
         **changes
-            Values by dotted key, ``{"load.force_N": 2.0, "electrodes.0.x_mm": 8}``, or tables,
-            ``film={"thickness_um": 12}``, which are merged: keys that a table does not have stay. A
-            section's model, a `Replaced` table, a list and None replace the old value.
-
-            A new shape removes the old shape's sizes, a new layout the keys that it does not have,
-            and a new kind or profile of a load the keys that need the old value.
-            ``film.pretension_N_m`` replaces ``film.temperature_change_K``, ``load.depth_mm``
-            replaces ``load.force_N``, and vice versa; both of them together are refused.
+            Values by dotted key, as in ``**{"load.force_N": 2.0, "electrodes[0].x_mm": 8}``, or
+            tables, as in ``film={"thickness_um": 12}``. Tables are merged: keys that are not given
+            keep their values. A model of a table, a `Replaced` table, a list and None replace the
+            old value.
 
         Returns
         -------
@@ -406,22 +387,29 @@ class Scene(Result, Section):
         Raises
         ------
         SceneError
-            Listing all errors, as for a file.
+            If the new scene has errors; the exception lists all of them.
+
+        Notes
+        -----
+        Keys that do not go with a new value are removed: the sizes of the old shape, keys that a
+        new layout does not have, and keys that require the old kind or profile of a load. Setting
+        ``film.pretension_N_m`` removes ``film.temperature_change_K``, and setting
+        ``load.depth_mm`` removes ``load.force_N``, and vice versa; setting both is an error.
         """
         own = self.to_json()
         problems = apply_changes(own, tables, changes)
         return self._from_tables(own, "", problems)
 
     def to_toml(self) -> str:
-        """Return the scene as a scene file with every key; parsing it gives an equal scene."""
+        """Return the text of a scene file with all keys, which `Scene.parse` reads."""
         return format_toml(self.to_json())
 
     def to_json(self) -> dict[str, Any]:
-        """Return the tables of the scene file with every key."""
+        """Return the tables of the scene with all keys, in types that JSON and TOML can hold."""
         return self.model_dump(mode="json", exclude_none=True)
 
     def summary(self) -> Summary:
-        """Summarize film, electrodes and probes, all keys, and warnings."""
+        """Summarize the film, electrodes and probes, with a table of all keys and the warnings."""
         names = ", ".join(electrode.name for electrode in self.electrode_list)
         probes = " and ".join(probe.shape for probe in self._probes.values()) or "no probe"
         values = flatten(self.to_json(), lists=True)
@@ -435,7 +423,22 @@ class Scene(Result, Section):
     def _from_tables(
         cls, tables: dict[str, Any], source: str, problems: Sequence[str] = ()
     ) -> Scene:
-        """Make a scene from its tables, or raise `SceneError` with further problems."""
+        """Make a scene from its tables.
+
+        Parameters
+        ----------
+        tables : dict
+            The tables of the scene.
+        source : str
+            Path or name of the text; may be empty.
+        problems : sequence of str
+            Errors that were found before validation. If there are any, the scene is refused.
+
+        Raises
+        ------
+        SceneError
+            With `problems` and the errors of the tables.
+        """
         try:
             scene = cls(**tables)
         except SceneError as error:

@@ -1,4 +1,4 @@
-"""The text of a scene file: TOML read with bounds, formatted, and quoted in errors."""
+"""The text of a scene file: TOML with limits on its size, and the format of error messages."""
 
 from __future__ import annotations
 
@@ -12,25 +12,26 @@ from typing import Any, NamedTuple
 
 from pvdf_fem.files import FileError, escape_unprintable, read_text
 
-MOST_BYTES = 1_000_000  #: Largest scene file in bytes.
+MAX_BYTES = 1_000_000  #: Maximum size of a scene file in bytes.
 
-# tomllib's time grows with the square of the number of names in a dotted key; a scene needs two.
+# Keys of ten and more names are refused, since tomllib's time grows with the square of their
+# number; a scene needs two.
 _LONG_KEY = re.compile(
     r"""(?:^|[\[{,])[ \t]*(?:(?:"[^"\n]*"|'[^'\n]*'|[\w-]+)[ \t]*\.[ \t]*){9}""", re.MULTILINE
 )
-# Tables that may be repeated, each with a heading in double brackets.
+# Lists of tables, whose headings are in double brackets.
 _REPEATED_TABLES = {"axes", "electrodes", "probe", "film.patches"}
 
 
 class SceneError(ValueError):
-    """A scene that cannot be simulated.
+    """Errors of a scene.
 
     Attributes
     ----------
     problems : tuple of str
-        One line for each error: ``key = value: reason; advice``.
+        A line for each error, of the form ``key = value: reason; advice``.
     source : str
-        Where the scene came from: a path, or empty.
+        Path of the file or name of the text that has the errors; may be empty.
 
     Examples
     --------
@@ -55,8 +56,8 @@ def read_scene_text(path: Path | str) -> str:
 
     Parameters
     ----------
-    path : path or str
-        A UTF-8 file with at most `MOST_BYTES`.
+    path : Path or str
+        Path of a UTF-8 file of at most `MAX_BYTES` bytes.
 
     Returns
     -------
@@ -65,18 +66,18 @@ def read_scene_text(path: Path | str) -> str:
     Raises
     ------
     SceneError
-        For a file that cannot be read.
+        If the file cannot be read.
     """
     if not isinstance(path, str | Path):
         raise SceneError([format_error("path", path, "is not a path; give the name of a file")])
     try:
-        return read_text(Path(path), MOST_BYTES, "a scene file")
+        return read_text(Path(path), MAX_BYTES, "a scene file")
     except FileError as error:
         raise SceneError([str(error)], str(path)) from None
 
 
 def read_examples() -> dict[str, str]:
-    """Read the texts of the example files, scenes, sweeps and reports, by name."""
+    """Read the texts of all example files (scenes, sweeps and reports) by name."""
     paths = sorted(Path(__file__).parents[1].joinpath("examples").glob("*.toml"))
     return {path.stem: path.read_text("utf-8") for path in paths}
 
@@ -91,13 +92,13 @@ def get_example_text(name: str, files: Mapping[str, str]) -> str:
 class KeyText(NamedTuple):
     """A key of a scene file with its meaning."""
 
-    table: str  #: Its heading: ``[film]``.
+    table: str  #: Heading of the table, such as ``[film]``.
     name: str
-    text: str  #: Lines of comment, and the key with its default or an example.
+    text: str  #: Comment lines with the meaning, and a line with the default or an example.
 
 
 def read_key_texts() -> Iterator[KeyText]:
-    """Read the keys of a scene with their meanings from the example with every key."""
+    """Yield all keys of a scene file with their meanings, from the example ``four_electrodes``."""
     table = ""
     lines: list[str] = []
     for line in read_examples()["four_electrodes"].splitlines():
@@ -116,14 +117,14 @@ def read_key_texts() -> Iterator[KeyText]:
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
-    """Parse a TOML text with bounds on its size and its depth.
+    """Parse a TOML text, with limits on its size and its depth.
 
     Parameters
     ----------
     text : str
-        The text.
+        TOML with at most `MAX_BYTES` characters.
     source : str
-        Name of the text in errors.
+        Name of the text in error messages.
 
     Returns
     -------
@@ -132,14 +133,14 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     Raises
     ------
     SceneError
-        With source and line of the first error.
+        With the source and, where it is known, the line of the first error.
     """
     if not isinstance(text, str):
         reason = "is not text; give the TOML of a scene file"
         raise SceneError([format_error("text", text, reason)])
-    if len(text) > MOST_BYTES:
-        reason = f"has {len(text)} characters, more than {MOST_BYTES}; a scene is small"
-        raise SceneError([f"{source}: {reason}, give another"], source)
+    if len(text) > MAX_BYTES:
+        reason = f"has {len(text)} characters, more than {MAX_BYTES}; give a shorter text"
+        raise SceneError([f"{source}: {reason}"], source)
     too_deep = f"{source}: tables or lists are nested too deeply; a scene needs two levels"
     long_key = _LONG_KEY.search(text)
     if long_key:
@@ -151,20 +152,28 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
         raise SceneError([too_deep], source) from None
     except tomllib.TOMLDecodeError as error:
         key = ".".join(re.findall(r"'([\w-]+)'", str(error)))
-        advice = "correct the file there"
+        advice = "correct the text there"
         if key in _REPEATED_TABLES:
-            advice = f"begin each of them with [[{key}]]"
-        problem = f"{source}: not TOML: {str(error)[:300]}; {advice}"
+            advice = f"begin each of these tables with [[{key}]]"
+        problem = f"{source}: is not TOML: {str(error)[:300]}; {advice}"
         raise SceneError([problem], source) from None
-    except ValueError:  # int() limits the number of digits
+    except ValueError:  # Python refuses to convert integers with thousands of digits
         problem = f"{source}: has an integer of thousands of digits; give a smaller number"
         raise SceneError([problem], source) from None
 
 
 def format_toml(table: Mapping[str, Any]) -> str:
-    """Format a mapping of tables and lists of tables as TOML.
+    """Format tables as a TOML text.
 
-    The values of the tables are scalars, lists and tables of scalars.
+    Parameters
+    ----------
+    table : mapping of str to mapping or list of mappings
+        Tables and lists of tables by name. Their values are scalars, lists and inner tables, which
+        are written in one line each.
+
+    Returns
+    -------
+    str
     """
     blocks = []
     for name, content in table.items():
@@ -183,20 +192,22 @@ def _format_key(name: str) -> str:
 
 
 def flatten(table: Any, prefix: str = "", *, lists: bool = False) -> Any:
-    """Flatten nested tables, as TOML keys without quotes make them, to values by dotted key.
+    """Flatten nested tables to values by dotted key.
 
     Parameters
     ----------
     table : mapping or object
-        Anything but a mapping is returned as it is.
+        Nested tables; anything else is returned unchanged.
     prefix : str
-        Put before each key.
+        Text that precedes each key.
     lists : bool
-        Flatten lists of tables too, ``probe[0].x_mm``; otherwise a list is a value.
+        Whether to flatten lists of tables, too, with keys such as ``probe[0].x_mm``; otherwise a
+        list is a value.
 
     Returns
     -------
     dict or object
+        Values by keys such as ``film.thickness_um``.
     """
     if not isinstance(table, Mapping):
         return table
@@ -214,22 +225,24 @@ def flatten(table: Any, prefix: str = "", *, lists: bool = False) -> Any:
 
 
 def parse_change(text: str) -> tuple[str, Any]:
-    """Parse ``KEY=VALUE``, where the value is TOML or a bare word.
+    """Parse a change of a scene on the command line.
 
     Parameters
     ----------
     text : str
-        The text.
+        ``KEY=VALUE``, where the value is TOML or words without quotes.
 
     Returns
     -------
     key : str
+        The key, which is not checked.
     value : object
+        The parsed value.
 
     Raises
     ------
     SceneError
-        For a text that is not a change.
+        If the text does not have this form.
     """
     shown = text if len(text) <= 80 else f"{text[:77]}..."
     key, equals, value = (part.strip() for part in text.partition("="))
@@ -251,7 +264,7 @@ def parse_change(text: str) -> tuple[str, Any]:
 def format_toml_value(value: Any) -> str:
     """Format a scalar, list or table as TOML in one line."""
     if isinstance(value, str):
-        # JSON's escapes are TOML's, and other printable characters need none
+        # the escapes of JSON are valid in TOML, and other printable characters need none
         return json.dumps(value, ensure_ascii=False)
     if isinstance(value, bool):
         return str(value).lower()
@@ -272,9 +285,9 @@ def quote(value: Any, depth: int = 0) -> str:
     Parameters
     ----------
     value : object
-        The value.
+        Any value; tables, long texts and long or deeply nested lists are abbreviated.
     depth : int
-        Depth of the value in nested lists, which are shortened.
+        Number of lists around the value; for recursive calls.
 
     Returns
     -------
@@ -304,11 +317,11 @@ def format_error(key: str, value: Any, reason: str) -> str:
     Parameters
     ----------
     key : str
-        Key of the scene, or name of an argument.
+        Key of a scene, or name of an argument.
     value : object
-        The value.
+        The value, which is quoted in at most 60 characters.
     reason : str
-        What is wrong, and after a semicolon what to do.
+        ``reason; advice``: what is wrong, and what to do.
 
     Returns
     -------
@@ -318,20 +331,20 @@ def format_error(key: str, value: Any, reason: str) -> str:
 
 
 def suggest(word: Any, known: Sequence[str]) -> str:
-    """Suggest known words in place of an unknown one.
+    """Suggest valid words instead of an invalid one.
 
     Parameters
     ----------
     word : object
-        The unknown word; anything but text is similar to no word.
+        The invalid word, or a value of another type.
     known : sequence of str
-        The known words.
+        The valid words.
 
     Returns
     -------
     str
-        The most similar word, the words that begin with the unknown one, ``d31_pC_N`` for ``d31``,
-        or all words.
+        A question with the most similar word, or else with the words that add a unit or the like
+        (``d31_pC_N`` for ``d31``); a list of all valid words if there are none of these.
     """
     if isinstance(word, str) and word:
         similar = difflib.get_close_matches(word, known, n=1)

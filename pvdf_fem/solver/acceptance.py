@@ -31,8 +31,8 @@ from pvdf_fem.solver.nonlinear.status import Status
 #: direction.
 STRENGTH = 180e6
 #: Slope up to which the load is modelled well. The film's law is exact at any slope. But at this
-#: slope a pressure along z and one normal to the film differ by 1 - cos = 11 %, and the probe's face
-#: no longer covers its projection.
+#: slope a pressure along z and one normal to the film differ by 1 - cos = 11 %, and the face of the
+#: probe no longer covers its projection.
 SLOPE_LIMIT = 0.5
 #: Reach of a contact over the film's radius beyond which a tip meets the clamped rim.
 RIM_REACH = 0.99

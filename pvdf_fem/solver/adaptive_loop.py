@@ -202,7 +202,9 @@ class AdaptiveLoop(Generic[T]):
                 self.sector,
                 self.problem.film.mesh_policy.min_jacobian_ratio,
                 contacts=self.find_contacts(coarser),
-                require=partial(self._require_affordable, overestimate=self.rules.overestimate),
+                check_element_count=partial(
+                    self._require_affordable, overestimate=self.rules.overestimate
+                ),
             )
         if coarser is None:
             self._require_affordable(mesh.nelements)

@@ -26,7 +26,7 @@ REACHED_ERRORS = {1: 2e-2, 2: 2e-3, 3: 1e-4}
 SMALLEST_FACTOR = 0.4
 LARGEST_FACTOR = 2.2
 #: Element size at a rigid punch over its half width; tractions are singular along its edge.
-PUNCH_SHARE = 0.5
+RELATIVE_PUNCH_SIZE = 0.5
 #: Least number of elements along the edge of a contact.
 CONTACT_ELEMENTS = 22
 #: Largest number of elements along an outline.
@@ -50,8 +50,8 @@ def choose_first_sizes(problem: Problem, order: int) -> GradedSizes:
 
     Notes
     -----
-    The size at an outline is a share of its area over its perimeter, which for a slender shape is
-    half its width; but at least a two-hundredth of the perimeter, however thin a needle is.
+    The size at an outline is proportional to its area over its perimeter, which for a slender shape
+    is half its width; but it is at least a two-hundredth of the perimeter, however thin a needle is.
 
     A scene without electrodes is meshed for charges anywhere on the film. Electrodes that cut
     elements have larger errors, so that the mesh is finer at the probe, and farther away.
@@ -62,10 +62,10 @@ def choose_first_sizes(problem: Problem, order: int) -> GradedSizes:
     largest = 0.55 if has_electrodes else 0.4
     contacts = estimate_contact_outlines(scene)
     outlines = collect_outlines(scene) | contacts
-    shares = _choose_shares(scene, outlines)
+    relative_sizes = _choose_relative_sizes(scene, outlines)
     patches = {}
     for name, outline in outlines.items():
-        size = shares[name] * outline.area / outline.perimeter
+        size = relative_sizes[name] * outline.area / outline.perimeter
         patches[name] = max(size, outline.perimeter / OUTLINE_ELEMENTS)
 
     # the error falls with the power order + 1 of the sizes
@@ -82,16 +82,16 @@ def choose_first_sizes(problem: Problem, order: int) -> GradedSizes:
     return _resolve_bending_layers(scene, sizes) if problem.film.bends else sizes
 
 
-def _choose_shares(scene: Scene, outlines: Mapping[str, Outline]) -> dict[str, float]:
+def _choose_relative_sizes(scene: Scene, outlines: Mapping[str, Outline]) -> dict[str, float]:
     """Choose the element size over area and perimeter of each outline."""
     relative_element_sizes = OBSERVABLES[scene.numerics.observable].relative_element_sizes
     has_electrodes = len(scene.electrode_list) > 0
-    shares = dict.fromkeys(outlines, relative_element_sizes.electrode)
+    relative_sizes = dict.fromkeys(outlines, relative_element_sizes.electrode)
     for probe in scene.loaded_probes:
         is_rigid = PROBE_LOADS[probe.load.kind].is_rigid
-        share = PUNCH_SHARE if is_rigid else relative_element_sizes.probe
-        shares[probe.patch] = share if has_electrodes else 0.5 * share
-    return shares
+        relative_size = RELATIVE_PUNCH_SIZE if is_rigid else relative_element_sizes.probe
+        relative_sizes[probe.patch] = relative_size if has_electrodes else 0.5 * relative_size
+    return relative_sizes
 
 
 def _resolve_bending_layers(

@@ -16,50 +16,52 @@ from pvdf_fem.studies.scene_grid import SceneGrid
 from pvdf_fem.surrogate.response_key import make_mechanical_key
 from pvdf_fem.surrogate.touch_domain import TOUCH_SCENE_KEYS, Domain, TouchColumn
 
-#: Keys of the probe's place, which no design sets.
-PLACE_KEYS = TOUCH_SCENE_KEYS[: TouchColumn.ROTATION]
-#: Dimensions of the places at which a design is assessed.
-PLACE_DIMS = ("y_mm", "x_mm")
+#: Keys of the probe's position, which a design cannot vary.
+POSITION_KEYS = TOUCH_SCENE_KEYS[: TouchColumn.ROTATION]
+#: Dimensions of the grid of positions at which a design is assessed.
+POSITION_DIMS = ("y_mm", "x_mm")
 
 
 class ResponseGroup(NamedTuple):
-    """Designs whose films deform alike, so that they share a response."""
+    """Designs whose films deform in the same way, so that they share a response."""
 
-    scene: Scene  #: The scene that the response is built for.
-    indices: list[int]  #: Indices of the designs.
+    scene: Scene  #: Scene that the response is built for.
+    indices: list[int]  #: Indices of the designs in `DesignStudy.scenes`.
 
 
 @dataclass(frozen=True, eq=False)
 class DesignStudy:
-    """Scenes of the designs; ``print`` shows how many there are."""
+    """Scenes of the designs; ``print`` shows the numbers of designs and of responses."""
 
     grid: SceneGrid
-    scenes: Sequence[Scene]  #: In the order of the grid.
+    scenes: Sequence[Scene]  #: Scenes of the designs in the order of the grid.
     groups: Sequence[ResponseGroup]
-    #: Readout keys with values by electrode, which have their defaults because the designs have
+    #: Readout keys whose values by electrode are replaced by their defaults, since the designs have
     #: different electrodes.
     dropped: Sequence[str] = ()
 
     @classmethod
     def from_scene(cls, scene: Scene, vary: Mapping[str, Any]) -> Self:
-        """Make all combinations of values of the scene's keys.
+        """Make the designs with all combinations of the values of some keys.
+
+        The stage of the scene is removed.
 
         Parameters
         ----------
         scene : Scene
-            The sensor, its probe and force.
+            Base design, with the probe and the force.
         vary : mapping of str to sequence
             Keys of the scene with their values.
 
         Raises
         ------
         SceneError
-            If keys or values are wrong, with all errors.
+            If keys or values are wrong; the exception lists the errors.
         """
         errors = []
         for key in vary:
-            if normalize_key(key) in PLACE_KEYS:
-                reason = "is at every place of the reach anyhow; remove it"
+            if normalize_key(key) in POSITION_KEYS:
+                reason = "cannot vary, since touches are at all positions in the reach; remove it"
                 errors.append(format_error(key, vary[key], reason))
         if errors:
             raise SceneError(errors)
@@ -76,48 +78,49 @@ class DesignStudy:
     def __str__(self) -> str:
         lines = [
             f"{len(self.scenes):>8} designs",
-            f"{len(self.groups):>8} models of the charges: one for all films that deform alike",
+            f"{len(self.groups):>8} responses, one for all films that deform in the same way",
         ]
-        reason = "has values by electrode; designs with other electrodes have its default"
+        reason = "has values by electrode; the designs have its default instead"
         lines += [f"{key}: {reason}" for key in self.dropped]
         return "\n".join(lines)
 
     def find_errors(
         self, domain: Domain, step_mm: float, tolerance: float, sigma: float, noise_pC: float | None
     ) -> Iterator[str]:
-        """Find errors in places, noise, forces and scenes.
+        """Find errors of the grid of positions, the noise, the forces and the responses.
 
         Parameters
         ----------
         domain : Domain
             Reach and forces of the responses.
         step_mm : float
-            Distance of neighbouring places.
+            Distance between neighbouring positions.
         tolerance : float
-            Error bound of the responses.
+            Maximum error bound of the responses.
         sigma : float
-            Relative standard deviation of a reading.
+            Relative standard deviation of the readings.
         noise_pC : float, optional
-            Absolute standard deviation of a reading in pC.
+            Absolute standard deviation of the readings in pC.
         """
         lowest_N, highest_N = domain.force_N
         if not 0.0 < as_float(step_mm) <= domain.reach_mm:
             limit = f"must be above 0 and at most the reach, {domain.reach_mm:g} mm"
             yield f"step_mm = {step_mm}: {limit}"
         if not sigma and not noise_pC:
-            yield f"sigma = {sigma}: readings have errors; give a positive one, or noise_pC"
+            yield f"sigma = {sigma}: readings have noise; give a positive value, or noise_pC"
         for scene in self.scenes:
             force_N = scene.load.force_N
             if not lowest_N <= force_N <= highest_N:
                 limits = f"{lowest_N:g} to {highest_N:g} N"
-                yield f"load.force_N = {force_N:g}: is out of the response's {limits}; change one"
+                reason = f"must be within the forces of the response, {limits}; change either"
+                yield f"load.force_N = {force_N:g}: {reason}"
             yield from find_noise_and_response_errors(scene, domain, tolerance, sigma, noise_pC)
 
 
 def _make_axis_tables(vary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Make the table of an axis for each key, named by its last part where that is unique."""
+    """Make the table of an axis for each key; its name is the last part of the key if unique."""
     last_parts = {key: key.rpartition(".")[2] for key in vary}
-    counts = Counter([*last_parts.values(), *PLACE_DIMS])
+    counts = Counter([*last_parts.values(), *POSITION_DIMS])
     tables = []
     for key, last_part in last_parts.items():
         name = last_part if counts[last_part] == 1 else key
@@ -126,15 +129,22 @@ def _make_axis_tables(vary: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _make_grid(scene: Scene, tables: Sequence[Mapping[str, Any]]) -> SceneGrid:
-    """Make the grid of designs; without axes the scene is the only one."""
+    """Make the grid of designs; without axes the base scene is the only design."""
     return SceneGrid.from_tables(scene, tables) if tables else SceneGrid(scene, ())
 
 
 def _group_scenes(scene: Scene, scenes: Sequence[Scene]) -> list[ResponseGroup]:
-    """Group scenes by their mechanical key.
+    """Group designs by their mechanical key.
 
-    The response of a group is built for its first scene, but for the base scene if that is among
-    them, as its response serves further purposes.
+    The response of a group is built for its first design. If the base scene has the same mechanical
+    key, it is built for the base scene, whose response may already be cached.
+
+    Parameters
+    ----------
+    scene : Scene
+        Base scene.
+    scenes : sequence of Scene
+        Designs.
     """
     indices_by_key: dict[str, list[int]] = {}
     for index, design in enumerate(scenes):
@@ -150,9 +160,21 @@ def _group_scenes(scene: Scene, scenes: Sequence[Scene]) -> list[ResponseGroup]:
 def _drop_readout_values(
     scene: Scene, tables: Sequence[Mapping[str, Any]]
 ) -> tuple[Scene, Sequence[str]]:
-    """Replace readout values by electrode by their defaults, and return these keys.
+    """Replace readout values that are stated by electrode, if the names of electrodes vary.
 
-    Nothing is replaced where every design has the scene's electrode names.
+    Parameters
+    ----------
+    scene : Scene
+        Base scene.
+    tables : sequence of mapping
+        Tables of the axes.
+
+    Returns
+    -------
+    scene : Scene
+        Base scene in which these values are the defaults.
+    dropped : sequence of str
+        Keys of these values; empty if nothing is replaced.
     """
     tables_of_keys = set()
     for table in tables:

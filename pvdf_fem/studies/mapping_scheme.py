@@ -1,7 +1,7 @@
-"""Places of the probe on lines from the centre of an electrode: the thesis's mapping scheme.
+"""Positions of the probe on lines from the centre of an electrode: the thesis's mapping scheme.
 
-Thesis, section 3.1: lines at fixed angles from an electrode's centre, with the probe every 4 mm in
-a fixed orientation. The thesis does not say how far out its lines go.
+Thesis, section 3.1: the probe is placed every 4 mm on lines at fixed angles from the centre of an
+electrode, always with the same orientation. The thesis does not say how long the lines are.
 """
 
 from __future__ import annotations
@@ -14,67 +14,103 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.scene import Scene
 
-#: Places beyond the reach by less than this are kept, in mm.
+#: Positions may exceed the reach by this distance, which allows for round-off.
 REACH_ROUNDING_MM = 1e-9
 
 
 @dataclass(frozen=True)
 class MappingScheme:
-    """Places of the probe on lines from the centre of an electrode.
+    """Positions of the probe on lines from the centre of an electrode.
 
-    Raises `ValueError` where the scene has no such electrode or no probe, distances do not grow, or
-    a line has no place within the reach.
+    Raises
+    ------
+    ValueError
+        If the scene has no such electrode or no single probe, the distances do not increase, or a
+        line has no position within the reach.
     """
 
-    scene: Scene  #: The sensor, and the probe with its orientation.
-    electrode: str  #: Name of the electrode that the lines start from.
+    scene: Scene  #: Scene with the electrodes and the probe.
+    electrode: str  #: Name of the electrode from whose centre the lines start.
     #: Directions of the lines, counter-clockwise from +x.
     angles_deg: tuple[float, ...]
-    #: Distances of the places from the electrode's centre, growing.
+    #: Distances of the positions from the centre of the electrode, in ascending order.
     distances_mm: tuple[float, ...]
-    reach_mm: float  #: Places farther than this from the film's centre are left out.
+    reach_mm: float  #: Maximum distance from the film's centre; positions beyond are left out.
 
     def __post_init__(self) -> None:
         names = [electrode.name for electrode in self.scene.electrode_list]
         if self.electrode not in names:
             raise ValueError(f"electrode {self.electrode!r}: choose from {', '.join(names)}")
         if self.scene.single_probe is None:
-            raise ValueError("scene: has no probe to place; add [probe]")
+            raise ValueError("scene: has no probe; add [probe] to the scene")
         if np.any(np.diff(self.distances_mm) <= 0.0):
-            raise ValueError(f"distances_mm {self.distances_mm}: do not grow; sort them")
+            raise ValueError(f"distances_mm {self.distances_mm}: must increase; sort them")
         for angle in self.angles_deg:
             if not self.list_distances(angle).size:
-                reason = f"no place within reach_mm = {self.reach_mm:g} of the film's centre"
+                reason = f"no position within reach_mm = {self.reach_mm:g} of the film's centre"
                 raise ValueError(f"angles_deg {angle:g}: {reason}; change the angle or the reach")
 
     @cached_property
     def centre_mm(self) -> Array:
-        """Centre of the electrode, (2,)."""
+        """Centre x, y of the electrode.
+
+        Returns
+        -------
+        ndarray, shape (2,)
+        """
         electrodes = {electrode.name: electrode for electrode in self.scene.electrode_list}
         return 1e3 * electrodes[self.electrode].outline.centroid
 
     @property
     def positions_mm(self) -> tuple[Array, ...]:
-        """Places of the probe on each line, (places, 2)."""
+        """Positions of the probe on each line.
+
+        Returns
+        -------
+        tuple of ndarray, shape (n, 2)
+        """
         lines = []
         for angle in self.angles_deg:
-            lines.append(self._compute_places(angle, self.list_distances(angle)))
+            lines.append(self._compute_positions(angle, self.list_distances(angle)))
         return tuple(lines)
 
     def list_distances(self, angle_deg: float) -> Array:
-        """Return the distances in mm from the electrode's centre of the places on a line, (n,)."""
+        """Return the distances, from the electrode's centre, of the positions on a line.
+
+        Parameters
+        ----------
+        angle_deg : float
+            Direction of the line.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Those of `distances_mm` whose positions are within the reach.
+        """
         distances_mm = np.array(self.distances_mm)
-        places_mm = self._compute_places(angle_deg, distances_mm)
-        from_film_centre = np.linalg.norm(places_mm, axis=1)
+        positions_mm = self._compute_positions(angle_deg, distances_mm)
+        from_film_centre = np.linalg.norm(positions_mm, axis=1)
         return distances_mm[from_film_centre <= self.reach_mm + REACH_ROUNDING_MM]
 
-    def _compute_places(self, angle_deg: float, distances_mm: Array) -> Array:
-        """Compute places on a line, (n, 2), rounded so that equal places give equal scenes."""
+    def _compute_positions(self, angle_deg: float, distances_mm: Array) -> Array:
+        """Compute positions on a line, rounded so that round-off does not make scenes differ.
+
+        Parameters
+        ----------
+        angle_deg : float
+            Direction of the line.
+        distances_mm : ndarray, shape (n,)
+            Distances from the centre of the electrode.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+        """
         direction = unit_vector(angle_deg)
         return np.round(self.centre_mm + distances_mm[:, None] * direction, 9)
 
 
 def unit_vector(angle_deg: float) -> Array:
-    """Return the unit vector, (2,), at an angle counter-clockwise from +x."""
+    """Return the unit vector at an angle that is counter-clockwise from +x."""
     angle = np.radians(angle_deg)
     return np.array([np.cos(angle), np.sin(angle)])

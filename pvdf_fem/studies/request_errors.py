@@ -1,4 +1,4 @@
-"""Errors in the noise and the response that a study of touches asks for."""
+"""Validation of the noise and the response in requests of designs and datasets."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ def find_noise_and_response_errors(
     noise_pC: float | None,
     reading: str | None = None,
 ) -> Iterator[str]:
-    """Find errors in the noise of readings, and in a response of a scene.
+    """Find errors of the noise, and reasons why no response of a scene can be built.
 
     Parameters
     ----------
     scene : Scene
-        The sensor.
+        Scene of the sensor.
     domain : Domain
-        Places and forces of the response.
+        Reach and forces of the response.
     tolerance : float
-        Error bound of the response.
+        Maximum error bound of the response.
     sigma : float
-        Standard deviation of a reading, relative to it.
+        Relative standard deviation of the readings.
     noise_pC : float, optional
-        Absolute standard deviation of a reading in pC.
+        Absolute standard deviation of the readings in pC. None: that of the readout.
     reading : {"change", "total"}, optional
-        Meaning of the readings.
+        Meaning of the readings. None: that of the readout.
     """
-    # Noise is checked together with readings, so that any readings will do.
+    # The noise is validated together with readings; any valid readings serve for that.
     readings = dict.fromkeys(get_channel_values(scene), math.pi)
     yield from find_reading_errors(scene, readings, sigma, noise_pC, reading)
     yield from find_validation_errors(scene, domain, tolerance)

@@ -1,7 +1,7 @@
 """A grid of scenes: a base scene, and axes along which keys vary.
 
-An axis varies one key, or several together. In a sweep file and in Python an axis is a table with
-keys of the scene and their values: a list, or numbers from `start` to `stop`.
+An axis varies one key, or several keys together. In a sweep file and in Python, an axis is a table
+of scene keys with their values: a list, or a range of numbers from `start` to `stop`.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ _SECTIONS = tuple(Scene.model_fields)
 
 @dataclass(frozen=True)
 class SceneGrid:
-    """A base scene and its axes."""
+    """All combinations of the values of some keys, as changes to a base scene."""
 
-    scene: Scene
+    scene: Scene  #: Base scene.
     axes: tuple[SweepAxis, ...]
-    files: tuple[Path, ...] = ()  #: Files that were read.
+    files: tuple[Path, ...] = ()  #: Sweep file and scene file that the grid is read from.
 
     @classmethod
     def from_tables(cls, scene: Scene, tables: Sequence[Mapping[str, Any]]) -> Self:
-        """Make a grid from tables by axis.
+        """Make a grid from a table for each axis.
 
         Parameters
         ----------
         scene : Scene
-            The base scene.
+            Base scene.
         tables : sequence of mapping
-            A table for each axis, with the keys that vary together, such as
+            Tables of the keys that vary together along an axis, such as
             ``{"film.thickness_um": [9, 25, 110]}`` or
-            ``{"load.force_N": {"start": 0.1, "stop": 10, "count": 5, "spacing": "log"}}``. Several
-            keys have lists of one length. Keys may be nested tables too. ``name`` is the name of
-            the axis, by default the last part of its first key.
+            ``{"load.force_N": {"start": 0.1, "stop": 10, "count": 5, "spacing": "log"}}``. Keys of
+            one axis have equally many values. Instead of dotted keys there may be nested tables.
+            ``name`` is the name of the axis; default: the last part of its first key.
             ``{"mapping": {"electrode": "A", "angles_deg": [0, 45]}}`` puts the probe on lines from
             an electrode of the base scene, with ``distances_mm`` and ``reach_mm`` as in
             `MappingScheme`.
@@ -57,24 +57,26 @@ class SceneGrid:
         Raises
         ------
         SceneError
-            If tables have errors, with all of them.
+            If tables have errors; the exception lists up to `MAX_ERRORS` of them.
         """
         return cls(scene, parse_axes(tables, scene))
 
     @classmethod
     def from_file(cls, path: Path | str) -> Self:
-        """Read the grid of a sweep file.
+        """Read a grid from a sweep file.
 
         Parameters
         ----------
         path : path
-            A TOML file. Its key ``scene`` is the path of a scene file, relative to the sweep file,
-            or a table; its key ``axes`` holds tables as in `from_tables`.
+            Path of a TOML file. Its key ``scene`` is the path of a scene file, relative to the
+            sweep file, or a table with the keys of a scene. Its key ``axes`` is a list of tables as
+            in `from_tables`.
 
         Raises
         ------
         SceneError
-            If the sweep file or the scene file has errors, with all of them.
+            If the sweep file or the scene file has errors; the exception lists up to `MAX_ERRORS`
+            of them.
         """
         table = parse_toml(read_scene_text(path), str(path))
         path = Path(path)
@@ -82,7 +84,7 @@ class SceneGrid:
         tables = table.pop("axes", [])
         errors = []
         for key, value in table.items():
-            reason = f"is no key of a sweep file; {suggest(key, ['scene', 'axes'])}"
+            reason = f"is not a key of a sweep file; {suggest(key, ['scene', 'axes'])}"
             errors.append(format_error(key, value, reason))
         files = [path]
         if isinstance(source, str):
@@ -107,14 +109,15 @@ class SceneGrid:
         return tuple(len(axis) for axis in self.axes)
 
     def scenes(self) -> list[Scene]:
-        """Return the scenes, in the order of an array of `shape`: the last axis varies fastest.
+        """Return the scenes in the order of an array with this `shape`: the last axis is fastest.
 
-        Scenes share objects for equal films and further equal parts, to save memory.
+        Equal films, probes and so on of different scenes are the same object, to save memory.
 
         Raises
         ------
         SceneError
-            If scenes have errors, with the distinct ones of the first `MAX_ERRORS` wrong scenes.
+            If scenes have errors. The exception lists up to `MAX_ERRORS` distinct errors of the
+            first `MAX_ERRORS` scenes with errors.
         """
         shared_parts: dict[Any, Any] = {}
         scenes = []
@@ -137,7 +140,7 @@ class SceneGrid:
         return scenes
 
     def _get_changes(self, indices: Sequence[int]) -> dict[str, Any]:
-        """Return the changes to the base scene at an index of each axis."""
+        """Return the changes to the base scene, for an index along each axis."""
         changes: dict[str, Any] = {}
         for axis, index in zip(self.axes, indices, strict=True):
             changes |= axis[index]
@@ -150,9 +153,14 @@ def _read_base_scene(source: Any, folder: Path) -> Scene:
     Parameters
     ----------
     source : str or mapping
-        Path of a scene file relative to the folder, or the tables of a scene.
+        Path of a scene file relative to the folder, or a table with the keys of a scene.
     folder : Path
         Folder of the sweep file.
+
+    Raises
+    ------
+    SceneError
+        If there is no source, or the scene has errors.
     """
     if isinstance(source, str):
         return Scene.from_file(folder / source)
@@ -160,22 +168,26 @@ def _read_base_scene(source: Any, folder: Path) -> Scene:
         return Scene().with_(**source)
     if source is None:
         raise SceneError(["scene: is required; give the path of a scene file or a table"])
-    reason = "must be the path of a scene file or a table; give one"
+    reason = "must be the path of a scene file or a table; give one of them"
     raise SceneError([format_error("scene", source, reason)])
 
 
 def _change_scene(scene: Scene, changes: Mapping[str, Any]) -> Scene:
-    """Return the scene with changes; SceneError also for keys that each probe has by itself."""
+    """Return a copy of the scene with changes.
+
+    Raises `SceneError` if the changed scene has errors, or if a changed key has no effect because
+    each probe has a value of its own.
+    """
     changed = scene.with_(**changes)
     unused = changed.find_unused_load_keys(find_changed_keys(changes))
     if unused:
-        reason = "varies, and each probe has its own; remove one of the two"
+        reason = "varies, but each probe has its own value; remove one of the two"
         raise SceneError(f"{key}: {reason}" for key in unused)
     return changed
 
 
 def _name_changes(error: str, changes: Mapping[str, Any]) -> str:
-    """Append the varied keys to an error about another key."""
+    """Append the varied keys and values to an error, unless it is about one of these keys."""
     if error.partition(" = ")[0] in changes:
         return error
     values = ", ".join(f"{key} = {quote(value)}" for key, value in changes.items())
@@ -183,7 +195,15 @@ def _name_changes(error: str, changes: Mapping[str, Any]) -> str:
 
 
 def _share_parts(scene: Scene, shared_parts: dict[Any, Any]) -> Scene:
-    """Return an equal scene with the parts that were seen first; new parts are added to these."""
+    """Return an equal scene in which parts that occurred before are the same objects.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene to copy.
+    shared_parts : dict
+        Parts of previous scenes; new parts of this scene are added.
+    """
     parts = {}
     for name in _SECTIONS:
         part = getattr(scene, name)

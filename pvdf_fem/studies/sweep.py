@@ -15,7 +15,7 @@ from pvdf_fem.studies.scene_grid import SceneGrid
 if TYPE_CHECKING:
     import xarray
 
-MAX_PROCESSES = 4096
+MAX_PROCESSES = 4096  #: Maximum number of processes that may be requested.
 
 
 def sweep(
@@ -27,27 +27,28 @@ def sweep(
     scheduler: str | None = None,
     progress: Progress | bool | None = None,
 ) -> xarray.Dataset:
-    """Solve a scene over a grid of parameters.
+    """Solve a scene over a grid of parameters, and return the charges as a dataset.
 
-    Scenes whose films deform alike share a solve.
+    Scenes whose films deform in the same way share a solve.
 
     Parameters
     ----------
     scene : Scene, path of its file, dict of its tables, or a result of it
-        The base scene.
+        Base scene.
     axes : sequence of mapping
-        A table for each axis, with keys of the scene and their values,
+        Tables of scene keys with their values, one for each axis,
         ``[{"film.thickness_um": [9, 25, 110]}, ...]``; see
         `pvdf_fem.studies.scene_grid.SceneGrid.from_tables`.
     store : Store or path of its file, optional
-        Scenes in the store are not solved; new records join it, but not those of crashed solves.
+        Store of solved scenes. Scenes in the store are not solved again; new records are saved to
+        it, except those of crashed solves. Default: None, save nothing.
     processes : int, optional
-        Number of processes; by default one for each core. 1 solves in the calling process.
+        Number of processes; 1 solves in the calling process. Default: None, one for each core.
     scheduler : str, optional
-        Address of a Dask scheduler, whose workers solve in place of local processes.
+        Address of a Dask scheduler whose workers solve the scenes. Default: None, local processes.
     progress : callable or bool, optional
-        Called with the number of distinct scenes that have been solved and of those to solve; or
-        whether these are shown, see `pvdf_fem.progress.show_progress`.
+        Function that is called with the numbers of finished and of all distinct scenes to solve, or
+        whether to show these; see `pvdf_fem.progress.show_progress`.
 
     Returns
     -------
@@ -58,7 +59,7 @@ def sweep(
     Raises
     ------
     SceneError
-        If an axis, or a scene of the grid, has errors; with all of them.
+        If axes or scenes of the grid have errors; the exception lists them.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Axes of a sweep: keys that vary together, with their values, and how tables describe them."""
+"""Axes of a sweep: keys that vary together with their values, and parsing of their tables."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from pvdf_fem.scene.scene_file import SceneError, format_error
 from pvdf_fem.scene.validation.errors import MAX_ERRORS, describe_errors
 from pvdf_fem.studies.mapping_scheme import MappingScheme
 
-MAX_SCENES = 1_000_000  #: Largest number of scenes in a grid.
-#: Largest number of axes; numpy's arrays have at most 64 dimensions, including `electrode`.
+MAX_SCENES = 1_000_000  #: Maximum number of scenes in a grid.
+#: Maximum number of axes; NumPy arrays have at most 64 dimensions, one of which is `electrode`.
 MAX_AXES = 63
-#: Names of the dataset's own variables, and of its dimension of electrodes.
+#: Names of variables of the dataset and of its dimension `electrode`, which axes cannot have.
 RESERVED_NAMES = {
     "charge_pC",
     "charge_error_pC",
@@ -36,13 +36,16 @@ RESERVED_NAMES = {
     "electrode",
 }
 _TOO_MANY = f"at most {MAX_SCENES} are allowed, give fewer values"
-# NetCDF keeps some names for itself; texts have a dimension such as `string4`.
+# NetCDF reserves the names of its types; the dimension of texts has a name such as `string4`.
 _NETCDF_TYPES = r"(byte|char|u?short|u?int(64)?|float|real|double|bool|string\d*)"
 _NETCDF_NAME = re.compile(rf"(?!{_NETCDF_TYPES}$)\w[^/']{{0,59}}(?<! )")
 
 
 class ValueRange(Section):
-    """`count` numbers from `start` to `stop`, both included, with equal steps or equal ratios."""
+    """Range of `count` numbers from `start` to `stop`, both included.
+
+    Neighbouring numbers have equal differences (``linear``) or equal ratios (``log``).
+    """
 
     start: Finite
     stop: Finite
@@ -58,7 +61,7 @@ class ValueRange(Section):
 
 
 class MappingLines(Section):
-    """The table of an axis of places: arguments of `MappingScheme`, on the base scene."""
+    """Table of an axis of probe positions: the arguments of `MappingScheme` except the scene."""
 
     electrode: str
     angles_deg: tuple[Number, ...] = Field(min_length=1)
@@ -68,40 +71,40 @@ class MappingLines(Section):
 
 @dataclass(frozen=True)
 class SweepAxis:
-    """A dimension of a grid of scenes."""
+    """A dimension of a grid of scenes: keys that vary together."""
 
     name: str
-    values: Mapping[str, tuple[Any, ...]]  #: For each key of the scene its values along the axis.
-    #: Further coordinates along the axis, without scene keys.
-    beside: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    values: Mapping[str, tuple[Any, ...]]  #: Values along the axis for each scene key.
+    #: Additional coordinates along the axis that are not keys of a scene.
+    extra_coordinates: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(next(iter(self.values.values())))
 
     def __getitem__(self, index: int) -> dict[str, Any]:
-        """Return the changes to the base scene at an index of the axis."""
+        """Return the changes to the base scene at an index along the axis."""
         return {key: values[index] for key, values in self.values.items()}
 
 
 def parse_axes(
     tables: Sequence[Mapping[str, Any]], scene: Scene | None, source: str = ""
 ) -> tuple[SweepAxis, ...]:
-    """Parse the tables of axes.
+    """Parse and validate the tables of axes.
 
     Parameters
     ----------
     tables : sequence of mapping
-        A table for each axis, see `SceneGrid.from_tables`.
+        Table of each axis, see `SceneGrid.from_tables`.
     scene : Scene, optional
-        The base scene; without one, because it has errors itself, the lines of a mapping are not
-        placed.
+        Base scene. None if it has errors itself; axes with a ``mapping`` are then left out of the
+        result, so that only errors of the tables can be found.
     source : str
-        Name of the file for error messages.
+        Name of the file, for error messages.
 
     Raises
     ------
     SceneError
-        If tables have errors, with all of them.
+        If tables have errors; the exception lists up to `MAX_ERRORS` of them.
     """
     is_list = isinstance(tables, list | tuple)
     if not is_list or not all(isinstance(table, Mapping) for table in tables):
@@ -128,37 +131,37 @@ def parse_axes(
 
 
 def _expand_ranges(axis: SweepAxis) -> SweepAxis:
-    """Return the axis with the numbers of its ranges."""
+    """Return a copy of the axis in which ranges are tuples of their numbers."""
     values = {key: tuple(along) for key, along in axis.values.items()}
-    return SweepAxis(axis.name, values, axis.beside)
+    return SweepAxis(axis.name, values, axis.extra_coordinates)
 
 
 def _parse_axis(
     where: str, table: Mapping[str, Any], scene: Scene | None, errors: list[str]
 ) -> SweepAxis | None:
-    """Parse the table of an axis.
+    """Parse the table of an axis, and append its errors to a list.
 
     Parameters
     ----------
     where : str
-        Key of the table for error messages.
+        Key of the table, for error messages.
     table : mapping of str to values
-        Keys of the scene that vary together, or a mapping.
+        Scene keys that vary together with their values, or a ``mapping``.
     scene : Scene, optional
-        The base scene.
+        Base scene, which a ``mapping`` needs.
     errors : list of str
-        Errors are appended.
+        List to which errors are appended.
 
     Returns
     -------
     SweepAxis or None
-        None if the table has errors.
+        None if the table has errors, or has a ``mapping`` and there is no scene.
     """
     count_before = len(errors)
     varied = dict(table)
     name = varied.pop("name", None)
     if name is not None and not _is_netcdf_name(name):
-        reason = "is no name that NetCDF can hold; give at most 60 letters, digits and _"
+        reason = "is not a valid name in NetCDF; give at most 60 letters, digits and _"
         errors.append(format_error(f"{where}.name", name, reason))
     if "mapping" in varied:
         lines = varied.pop("mapping")
@@ -172,16 +175,16 @@ def _parse_axis(
     for key, value in _flatten(varied):
         normal_key = normalize_key(key)
         if normal_key in values:
-            reason = "is the same key as one before; remove one"
+            reason = "is the same key as a previous one; remove one of them"
             errors.append(format_error(f"{where}.{key}", value, reason))
         values[normal_key] = _parse_values(f"{where}.{key}", value, errors)
     if not values:
-        errors.append(f"{where}: has no key of a scene; add one, with its values")
+        errors.append(f"{where}: has no scene key; add one with its values")
     elif len(errors) == count_before:
         lengths = {key: len(along) for key, along in values.items()}
         if len(set(lengths.values())) > 1:
             text = ", ".join(f"{key} has {length}" for key, length in lengths.items())
-            errors.append(f"{where}: {text} values; give keys that vary together equally many")
+            errors.append(f"{where}: {text} values; give all keys of an axis the same number")
     if len(errors) > count_before:
         return None
     if name is None:
@@ -191,14 +194,22 @@ def _parse_axis(
 
 
 def _is_netcdf_name(name: Any) -> bool:
-    """Whether a dimension and a variable of a NetCDF file can have a name."""
+    """Return whether a value is a valid name of a dimension and a variable in NetCDF files."""
     if not isinstance(name, str) or not unicodedata.is_normalized("NFC", name):
         return False
     return name.isprintable() and _NETCDF_NAME.fullmatch(name) is not None
 
 
 def _flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Iterate over the dotted keys of nested tables, down to lists and ranges."""
+    """Iterate over the dotted keys of nested tables with their lists and ranges of values.
+
+    Parameters
+    ----------
+    table : mapping
+        Nested tables. Tables of a range are values.
+    prefix : str
+        Dotted key of the table, followed by a dot.
+    """
     for key, value in table.items():
         is_table = isinstance(value, Mapping)
         if is_table and not {"start", "stop", "count"} & value.keys():
@@ -208,21 +219,26 @@ def _flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
 
 
 def _parse_values(where: str, value: Any, errors: list[str]) -> tuple[Any, ...] | ValueRange:
-    """Parse the values of a key along an axis.
+    """Parse the values of a key along an axis, and append errors to a list.
 
     Parameters
     ----------
     where : str
-        The key for error messages.
-    value : list, tuple, array or mapping
+        Key, for error messages.
+    value : list, tuple, ndarray or mapping
         Values, or a table with the keys of `ValueRange`.
     errors : list of str
-        Errors are appended; the values are empty then.
+        List to which errors are appended.
+
+    Returns
+    -------
+    tuple or ValueRange
+        Values; empty if there are errors.
     """
     if isinstance(value, Mapping):
         return _parse_range(where, value, errors)
     if not isinstance(value, list | tuple | np.ndarray) or not len(value):
-        reason = "must be a list, or a table of start, stop and count; put it in brackets"
+        reason = "must be a list, or a table of start, stop and count; put values in brackets"
         errors.append(format_error(where, value, reason))
         return ()
     return tuple(to_plain_value(value))
@@ -238,7 +254,9 @@ def _parse_range(
         errors += describe_errors(error, where, ValueRange)
         return ()
     if numbers.spacing == "log" and not numbers.start * numbers.stop > 0.0:
-        reason = "both ends of equal ratios need one sign, and not 0; change them or spacing"
+        reason = (
+            'start and stop must have the same sign and not be 0 if spacing = "log"; change one'
+        )
         errors.append(format_error(f"{where}.start", numbers.start, reason))
         return ()
     return numbers
@@ -247,20 +265,20 @@ def _parse_range(
 def _parse_mapping_axis(
     where: str, table: Any, scene: Scene | None, name: str, errors: list[str]
 ) -> SweepAxis | None:
-    """Parse the table of an axis of places on lines.
+    """Parse the table of an axis of probe positions on lines, and append errors to a list.
 
     Parameters
     ----------
     where : str
-        Key of the table for error messages.
+        Key of the table, for error messages.
     table : mapping
-        Keys of `MappingLines`.
+        Table with the keys of `MappingLines`.
     scene : Scene, optional
-        The base scene.
+        Base scene with the electrode and the probe.
     name : str
         Name of the axis.
     errors : list of str
-        Errors are appended.
+        List to which errors are appended.
 
     Returns
     -------
@@ -274,7 +292,7 @@ def _parse_mapping_axis(
         return None
     count = len(lines.angles_deg) * len(lines.distances_mm)
     if count > MAX_SCENES:
-        errors.append(f"{where}.angles_deg: make {count} places; {_TOO_MANY}")
+        errors.append(f"{where}.angles_deg: make {count} positions; {_TOO_MANY}")
         return None
     if scene is None:
         return None
@@ -283,47 +301,52 @@ def _parse_mapping_axis(
     except ValueError as error:
         errors.append(f"{where}.{error}")
         return None
-    places_mm = np.concatenate(scheme.positions_mm)
-    distances_mm = np.linalg.norm(places_mm - scheme.centre_mm, axis=1)
+    positions_mm = np.concatenate(scheme.positions_mm)
+    distances_mm = np.linalg.norm(positions_mm - scheme.centre_mm, axis=1)
     lengths = [len(line) for line in scheme.positions_mm]
     angles_deg = np.repeat(lines.angles_deg, lengths)
     values = {
-        "probe.x_mm": tuple(places_mm[:, 0].tolist()),
-        "probe.y_mm": tuple(places_mm[:, 1].tolist()),
+        "probe.x_mm": tuple(positions_mm[:, 0].tolist()),
+        "probe.y_mm": tuple(positions_mm[:, 1].tolist()),
     }
-    beside = {
+    extra_coordinates = {
         "angle_deg": tuple(angles_deg.tolist()),
         "distance_mm": tuple(distances_mm.tolist()),
     }
-    return SweepAxis(name, values, beside)
+    return SweepAxis(name, values, extra_coordinates)
 
 
 def _find_conflicts(axes: Sequence[SweepAxis]) -> Iterator[str]:
-    """Find names and keys that two axes have, and a grid that is too large."""
+    """Find conflicts between axes: equal names, equal keys, reserved names, too many scenes."""
     names = set[str]()
     keys = set[str]()
     coordinates = set[str]()
     for axis in axes:
-        coordinates |= {*axis.values, *axis.beside}
+        coordinates |= {*axis.values, *axis.extra_coordinates}
     for index, axis in enumerate(axes):
         where = f"axes[{index}]"
         if axis.name in names:
-            yield format_error(where, axis.name, "an axis before has this name; name the axis")
+            reason = "a previous axis has this name; give the axis another name"
+            yield format_error(where, axis.name, reason)
         for key in axis.values:
             if key in keys:
-                yield format_error(where, key, "an axis before has this key; remove it from one")
+                reason = "a previous axis has this key; remove it from one of them"
+                yield format_error(where, key, reason)
         names.add(axis.name)
         keys |= axis.values.keys()
         if axis.name in RESERVED_NAMES or axis.name in coordinates - axis.values.keys():
-            reason = "is the dataset's own name or that of another key; choose another"
+            reason = "is reserved, or the name of another key; choose another name"
             yield format_error(f"{where}.name", axis.name, reason)
     count = math.prod(len(axis) for axis in axes)
     if count > MAX_SCENES:
-        yield format_error("axes", count, f"is the number of their scenes; {_TOO_MANY}")
+        yield format_error("axes", count, f"is the number of scenes; {_TOO_MANY}")
 
 
 def _find_overridden_keys(axes: Sequence[SweepAxis]) -> Iterator[str]:
-    """Find keys within tables that vary too: the keys would not have the tables' values."""
+    """Find keys that vary together with a table that contains them.
+
+    The value from the table would be overridden by the value of the key.
+    """
     tables: dict[tuple[Any, ...], tuple[Any, ...]] = {}
     for axis in axes:
         for key, values in axis.values.items():
@@ -334,12 +357,12 @@ def _find_overridden_keys(axes: Sequence[SweepAxis]) -> Iterator[str]:
             for depth in range(1, len(steps)):
                 varied = tables.get(steps[:depth], ())
                 if any(_has_value(value, steps[depth:]) for value in varied):
-                    reason = "a table that varies has this key; remove it from one"
+                    reason = "a table that varies contains this key; remove it from one of them"
                     yield format_error(f"axes[{index}]", key, reason)
 
 
 def _has_value(value: Any, steps: Sequence[Any]) -> bool:
-    """Whether nested tables and lists have a value at some steps."""
+    """Return whether nested tables and lists have a value at a path of keys and indices."""
     try:
         for step in steps:
             value = value[step]

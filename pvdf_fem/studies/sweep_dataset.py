@@ -1,4 +1,4 @@
-"""The dataset of a sweep: charges over a grid of scenes as xarray dataset and NetCDF file."""
+"""The dataset of a sweep: charges over a grid of scenes, as an xarray dataset or a NetCDF file."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ from pvdf_fem.scene.keys import split_unit
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.studies.scene_grid import SceneGrid
 
-#: Signs of units in ASCII, for files.
+#: Replacements of the non-ASCII characters of units in files.
 _ASCII_SIGNS = str.maketrans({"µ": "u", "Ω": "Ohm", "²": "2", "³": "3"})
-#: Variables that belong to the charges, as the CF conventions name them.
+#: Names of the ancillary variables (CF conventions) of `charge_pC`.
 _ANCILLARY = "charge_error_pC status"
 _CHARGE_VARIABLES = {
     "charge_pC": "total charge",
     "charge_error_pC": "estimated error of the total charge",
-    "rest_charge_pC": "charge without a touch",
-    "rest_charge_error_pC": "estimated error without a touch",
-    "charge_change_pC": "change of the charge by the touch",
-    "charge_change_error_pC": "its estimated error",
+    "rest_charge_pC": "charge of the unloaded film",
+    "rest_charge_error_pC": "estimated error of the charge of the unloaded film",
+    "charge_change_pC": "change of the charge due to the load",
+    "charge_change_error_pC": "estimated error of the change of the charge",
 }
 
 
 class SweepColumns:
-    """Results of the distinct scenes of a sweep as arrays, NaN where there is none."""
+    """Results of the distinct scenes of a sweep as arrays, NaN where there is no result."""
 
     def __init__(self, scenes: Sequence[Scene], electrodes: Sequence[str]) -> None:
-        """Make empty arrays.
+        """Make arrays without results.
 
         Parameters
         ----------
         scenes : sequence of Scene
-            The scenes.
+            Distinct scenes of the sweep.
         electrodes : sequence of str
-            Names of all electrodes of the scenes.
+            Names of the electrodes of all scenes.
         """
         self.scenes = scenes
         self.column_of = {name: column for column, name in enumerate(electrodes)}
@@ -59,8 +59,16 @@ class SweepColumns:
         self.deflections_mm = np.full(len(scenes), np.nan)
         self.statuses = np.full(len(scenes), "", dtype="U32")
 
-    def fill(self, index: int, record: Record) -> None:
-        """Fill in the record of a scene, by the scene's index."""
+    def store_record(self, index: int, record: Record) -> None:
+        """Store the results of a scene in the arrays.
+
+        Parameters
+        ----------
+        index : int
+            Index of the scene.
+        record : Record
+            Result of its solve.
+        """
         scene = self.scenes[index]
         columns = [self.column_of[electrode.name] for electrode in scene.electrode_list]
         coefficients = (scene.film.d31_pC_N, scene.film.d32_pC_N)
@@ -79,7 +87,12 @@ class SweepColumns:
             self.readings_V[index, columns] = compute_readings_V(scene, charges_pC, changes_pC)
 
     def get_charge_columns(self) -> dict[str, Array]:
-        """Return the arrays of charges, (scenes, electrodes), by variables of the dataset."""
+        """Return the charges by the variable of the dataset.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (scenes, electrodes)
+        """
         return {
             "charge_pC": self.charges_pC,
             "charge_error_pC": self.charge_errors_pC,
@@ -93,36 +106,37 @@ class SweepColumns:
 def make_sweep_dataset(
     grid: SceneGrid, plan: SweepPlan, records: Iterable[tuple[int, Record]]
 ) -> xarray.Dataset:
-    """Make the dataset of a sweep.
+    """Make the dataset of a sweep from the records of its scenes.
 
     Parameters
     ----------
     grid : SceneGrid
-        The scenes with their axes.
+        Grid of scenes with its axes.
     plan : SweepPlan
-        The distinct scenes among them.
+        Plan with the distinct scenes of the grid.
     records : iterable of (int, Record)
         Records of the distinct scenes with their indices in the plan, in any order.
 
     Returns
     -------
     xarray.Dataset
-        With a dimension for each axis, and ``electrode``. ``charge_pC`` and ``charge_error_pC``
-        (total charges), ``rest_charge_pC`` and ``rest_charge_error_pC`` (unloaded film),
-        ``charge_change_pC`` and ``charge_change_error_pC``, and with ``[readout]`` ``reading_V``
-        have all dimensions, and are NaN where there is no charge; ``status`` and
-        ``deflection_max_mm`` have those of the axes. Variables have the CF attributes
-        ``long_name`` and ``units``, and coordinates an attribute ``key``, the varied scene key.
+        Dataset with a dimension for each axis and the dimension ``electrode``. Variables with all
+        dimensions: total charges ``charge_pC``, charges of the unloaded film ``rest_charge_pC``,
+        their differences ``charge_change_pC``, their errors ``charge_error_pC``,
+        ``rest_charge_error_pC`` and ``charge_change_error_pC``, and with ``[readout]`` the
+        ``reading_V``; they are NaN where there is no charge. Variables with the dimensions of the
+        axes: ``status`` and ``deflection_max_mm``. Variables have the CF attributes ``long_name``
+        and ``units``; coordinates also have the attribute ``key``, the scene key that varies.
     """
     electrodes = _list_electrodes(plan.scenes)
     columns = SweepColumns(plan.scenes, electrodes)
     for index, record in records:
-        columns.fill(index, record)
+        columns.store_record(index, record)
     dims = [axis.name for axis in grid.axes]
     by_electrode = [*dims, "electrode"]
 
     def arrange(values: Any) -> Any:
-        """Arrange values of distinct scenes, (scenes, ...), over the grid."""
+        """Arrange values, whose first axis is that of the distinct scenes, over the grid."""
         return values[plan.first].reshape(*grid.shape, *values.shape[1:])
 
     variables: dict[str, Any] = {}
@@ -133,7 +147,7 @@ def make_sweep_dataset(
         variables[name] = (by_electrode, arrange(values), attributes)
     attributes = make_attributes("largest deflection", "mm")
     variables["deflection_max_mm"] = (dims, arrange(columns.deflections_mm), attributes)
-    attributes = make_attributes("how the solve ended")
+    attributes = make_attributes("status of the solve")
     variables["status"] = (dims, arrange(columns.statuses), attributes)
     if any(scene.readout for scene in plan.scenes):
         attributes = make_attributes("reading just after a sudden touch", "V")
@@ -153,7 +167,7 @@ def make_sweep_dataset(
 
 
 def _list_electrodes(scenes: Sequence[Scene]) -> list[str]:
-    """Return the distinct names of all electrodes of scenes, in the order of their first scene."""
+    """List the distinct names of the electrodes of all scenes, in the order of appearance."""
     layouts = {scene.electrodes: scene.electrode_list for scene in scenes}
     names = []
     for electrodes in layouts.values():
@@ -162,10 +176,10 @@ def _list_electrodes(scenes: Sequence[Scene]) -> list[str]:
 
 
 def make_coordinates(grid: SceneGrid) -> dict[str, Any]:
-    """Make the coordinates along a grid's axes, with their attributes.
+    """Make the coordinates of a dataset along the axes of a grid, with their attributes.
 
-    A coordinate is named by the last part of its key, or by its whole key where another coordinate
-    or an axis has that name.
+    A coordinate has the name of its axis if the axis has a single key. Otherwise its name is the
+    last part of its key, or the whole key if another coordinate or axis has the same last part.
     """
     name_counts = Counter(axis.name for axis in grid.axes)
     for axis in grid.axes:
@@ -176,21 +190,21 @@ def make_coordinates(grid: SceneGrid) -> dict[str, Any]:
             last_part = _get_last_part(key)
             name = last_part if name_counts[last_part] == 1 else key
             if len(axis.values) == 1:
-                name = axis.name  # xarray takes it for the index of the dimension
+                name = axis.name  # A coordinate with the name of its dimension is its index.
             attributes = {"key": key, **describe_key(key)}
             coordinates[name] = (axis.name, _make_labels(values), attributes)
-        for name, numbers in axis.beside.items():
+        for name, numbers in axis.extra_coordinates.items():
             coordinates[name] = (axis.name, list(numbers), describe_key(name))
     return coordinates
 
 
 def _get_last_part(key: str) -> str:
-    """Return the name of a key without its tables."""
+    """Return the last part of a dotted key."""
     return key.rpartition(".")[-1]
 
 
 def _make_labels(values: Sequence[Any]) -> list[Any]:
-    """Return values as numbers, or as texts where they are not all numbers."""
+    """Convert the values of a coordinate to floats if all are numbers, otherwise to texts."""
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return [float(value) for value in values]
     labels = []
@@ -201,19 +215,19 @@ def _make_labels(values: Sequence[Any]) -> list[Any]:
 
 
 def describe_key(key: str) -> dict[str, str]:
-    """Return attributes of a variable by its key: of ``film.thickness_um`` film thickness, um."""
+    """Make the CF attributes of a key, such as ``film thickness`` in um for `film.thickness_um`."""
     words, unit = split_unit(key)
     return make_attributes(words, unit.translate(_ASCII_SIGNS))
 
 
 def make_attributes(long_name: str, unit: str = "") -> dict[str, str]:
-    """Return the CF attributes of a variable with a description and a unit."""
+    """Make the CF attributes of a variable from its description and its unit."""
     if not unit:
         return {"long_name": long_name}
     return {"long_name": long_name, "units": unit}
 
 
 def write_netcdf(data: xarray.Dataset, path: Path) -> None:
-    """Write a dataset as NetCDF 3, which xarray reads back equal."""
+    """Write a dataset to a NetCDF 3 file, from which xarray reads an equal dataset."""
     with replace_file(path) as part:
         data.to_netcdf(part, format="NETCDF3_64BIT", engine="scipy")

@@ -1,7 +1,7 @@
-"""A dataset to learn from: random touches of a sensor with their charges and noisy readings.
+"""A dataset for machine learning: random touches of a sensor with charges and noisy readings.
 
-Touches are evenly distributed over the domain of the response: by place, by rotation and by the
-logarithm of the force. Readings are in nominal pC, as `locate` takes them.
+Positions, rotations and logarithms of the force are uniformly distributed over the domain of the
+response. Readings are in nominal pC, as `locate` expects them.
 """
 
 from __future__ import annotations
@@ -37,15 +37,16 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray
 
-FORMATS = (".nc", ".csv", ".parquet")
-MAX_TOUCHES = 10_000_000  #: They take 1.3 GB with four electrodes.
-MAX_SEED = 2**63 - 1
-DEFAULT_SIGMA = 0.01  #: Noise that the response is built for if readings have no relative noise.
-#: Variables by touch and electrode, with their meaning. Their unit is pC.
+FORMATS = (".nc", ".csv", ".parquet")  #: Extensions of the files that `write_dataset` writes.
+MAX_TOUCHES = 10_000_000  #: Maximum number of touches, which takes 1.3 GB with four electrodes.
+MAX_SEED = 2**63 - 1  #: Maximum seed.
+#: Relative noise that determines the tolerance of the response if `sigma` is 0.
+DEFAULT_SIGMA = 0.01
+#: Variables over touches and electrodes, with their descriptions. Their unit is pC.
 ELECTRODE_VARIABLES = {
     "charge_pC": "total charge",
     "model_error_pC": "bound on the error of the charge",
-    "reading_pC": "reading with noise, over the nominal capacitance of the channel",
+    "reading_pC": "reading with noise in V times the nominal capacitance of the channel",
 }
 
 
@@ -61,51 +62,52 @@ def dataset(
     processes: int | None = None,
     progress: Progress | bool | None = None,
 ) -> xarray.Dataset:
-    """Draw random touches of a sensor, with electrode charges and noisy readings.
+    """Draw random touches of a sensor, with their charges and noisy readings.
 
     Parameters
     ----------
     scene : Scene, or anything that `solve` accepts as a scene
-        The sensor and its probe. Its table ``[model]`` has the reach and the forces of touches.
+        Scene with the sensor and a single probe. Its table ``[model]`` defines the reach and the
+        forces of the touches.
     touches : int
         Number of touches.
     seed : int
-        Seed of the random numbers; equal seeds draw equal touches and equal noise.
+        Seed of the random numbers; the same seed reproduces the touches and the noise.
     sigma : float
-        Standard deviation of a reading, relative to the total charge or its change, whichever is
-        read.
+        Standard deviation of a reading, relative to the total charge or to the change of the
+        charge, whichever the readings measure.
     noise_pC : float, optional
-        Absolute standard deviation of a reading in nominal pC; by default the ``noise_V`` of the
+        Absolute standard deviation of a reading in nominal pC. Default: the ``noise_V`` of the
         scene's ``[readout]``.
     reading : {"change", "total"}, optional
-        Whether readings are changes of the charge by the touch or total charges; by default as the
-        scene's ``[readout]`` says, else ``total``.
+        Whether the readings are the changes of the charges due to the touch, or total charges.
+        Default: the value of the scene's ``[readout]``, ``total`` without one.
     response : Response, optional
-        Charges as a function of the touch; by default one is built.
+        Response of a scene whose film deforms in the same way. Default: None, build one.
     processes : int, optional
-        Number of processes that build the response; by default one for each core.
+        Number of processes that build the response. Default: None, one for each core.
     progress : callable or bool, optional
-        Progress of the build, as for `build_response`.
+        Progress of the build, see `build_response`.
 
     Returns
     -------
     xarray.Dataset
-        By ``touch``: ``x_mm``, ``y_mm``, ``rotation_deg`` (from 0 to the probe's period) and
-        ``force_N``, in the frame of the scene's stage. By ``touch`` and ``electrode``:
-        ``charge_pC``, ``model_error_pC`` (a bound on the error of the charge) and ``reading_pC``.
-        The attribute ``scene`` is the scene as TOML.
+        Variables over ``touch``: ``x_mm``, ``y_mm``, ``rotation_deg`` (from 0 to the probe's
+        period) and ``force_N``, in the frame of the scene's stage. Variables over ``touch`` and
+        ``electrode``: ``charge_pC``, ``model_error_pC`` (a bound on the error of the charge) and
+        ``reading_pC``. The attribute ``scene`` is the scene as TOML.
 
     Raises
     ------
     SceneError, ValueError
-        If arguments are wrong, with all errors, before anything is solved.
+        If arguments are wrong, before anything is solved; the message has a line for each error.
     NotConvergedError
-        If the film has no response.
+        If the response cannot be built.
 
     Notes
     -----
-    A reading is gain (q + n) + offset, with the charge or change q and normal noise n of the
-    standard deviation √((sigma q)² + (noise_pC/gain)²).
+    A reading is gain (q + n) + offset, where q is the total charge or the change of the charge and
+    n is normally distributed noise with the standard deviation √((sigma q)² + (noise_pC/gain)²).
 
     Examples
     --------
@@ -131,7 +133,7 @@ def dataset(
     drawn = draw_touches(response.domain, touches, seed)
     chunks = np.array_split(drawn, 1 + touches // CHUNK_ROWS)
     charges_pC = np.concatenate([response.evaluate(chunk)[0] for chunk in chunks])
-    # The touches use the random numbers of the seed alone, so that the noise has a second one.
+    # The generator of the touches has the seed alone; that of the noise needs another seed.
     normal = np.random.default_rng([seed, 1]).standard_normal(charges_pC.shape)
     noisy_pC = charges_pC + measurement.compute_noise(charges_pC) * normal
     by_electrode = {
@@ -157,20 +159,22 @@ def find_request_errors(
     noise_pC: float | None = None,
     reading: str | None = None,
 ) -> Iterator[str]:
-    """Find errors in the arguments of `dataset`, which has the same parameters.
+    """Find errors of the arguments of `dataset`.
 
     Parameters
     ----------
     scene : Scene
-        The sensor.
-    touches, seed : int
-        Number of touches, and seed of the random numbers.
+        See `dataset`.
+    touches : int
+        See `dataset`.
+    seed : int
+        See `dataset`.
     sigma : float
-        Relative standard deviation of a reading.
+        See `dataset`.
     noise_pC : float, optional
-        Absolute standard deviation of a reading in pC.
+        See `dataset`.
     reading : {"change", "total"}, optional
-        Meaning of the readings.
+        See `dataset`.
     """
     if not isinstance(touches, int) or not 1 <= touches <= MAX_TOUCHES:
         yield f"touches = {touches}: give a whole number from 1 to {MAX_TOUCHES}"
@@ -181,12 +185,25 @@ def find_request_errors(
 
 
 def _move_to_stage(response: Response, touches: Array) -> Array:
-    """Return touches on the film, (n, 4), in the frame of the scene's stage."""
+    """Convert touches from the frame of the film to that of the scene's stage.
+
+    Parameters
+    ----------
+    response : Response
+        Response with the scene and the period of the probe's rotation.
+    touches : ndarray, shape (n, 4)
+        Touches on the film.
+
+    Returns
+    -------
+    ndarray, shape (n, 4)
+        Touches on the stage, with rotations from 0 to the period.
+    """
     stage = response.scene.stage or Stage()
     moved = touches.copy()
-    places = touches[:, : TouchColumn.ROTATION]
+    positions = touches[:, : TouchColumn.ROTATION]
     moved[:, : TouchColumn.ROTATION], rotations = stage.to_stage(
-        places, touches[:, TouchColumn.ROTATION]
+        positions, touches[:, TouchColumn.ROTATION]
     )
     moved[:, TouchColumn.ROTATION] = rotations % find_rotation_period_deg(response)
     return moved
@@ -198,18 +215,18 @@ def _make_dataset(
     by_electrode: Mapping[str, Array],
     attributes: Mapping[str, Any],
 ) -> xarray.Dataset:
-    """Make the dataset.
+    """Make the dataset of touches and their readings.
 
     Parameters
     ----------
     response : Response
-        Has the scene and the names of the electrodes.
-    touches : array, (touches, 4)
+        Response with the scene and the names of the electrodes.
+    touches : ndarray, shape (n, 4)
         Touches on the stage.
-    by_electrode : mapping of str to array, (touches, electrodes)
-        Variables by touch and electrode.
-    attributes : mapping
-        Attributes of the dataset besides scene and source.
+    by_electrode : mapping of str to ndarray, shape (n, electrodes)
+        Variables over touches and electrodes.
+    attributes : mapping of str to values
+        Additional attributes of the dataset.
     """
     import xarray  # slow to import
 
@@ -236,10 +253,10 @@ def _make_dataset(
 
 
 def make_table(data: xarray.Dataset) -> pd.DataFrame:
-    """Return a table with a row for each touch.
+    """Convert a dataset of touches to a table with a row for each touch.
 
-    Its columns are the quantities of the touch, then columns like ``charge_pC.A``. The attributes
-    of the dataset are `attrs` of the table.
+    The columns are the quantities of the touch, then one column per variable and electrode, such as
+    ``charge_pC.A``. The attributes of the dataset become `attrs` of the table.
     """
     import pandas as pd  # slow to import
 
@@ -253,10 +270,17 @@ def make_table(data: xarray.Dataset) -> pd.DataFrame:
 
 
 def write_dataset(data: xarray.Dataset, path: Path) -> None:
-    """Write a dataset to a file with an extension in `FORMATS`.
+    """Write a dataset of touches to a file, in the format of its extension.
 
-    Parquet has the attributes as metadata for ``pandas.read_parquet(path).attrs``, CSV as ``#``
-    comments before its header. Parquet needs pyarrow.
+    Attributes are kept in all formats. In Parquet they are metadata, which
+    ``pandas.read_parquet(path).attrs`` returns; in CSV they are ``#`` comments before the header.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+        Dataset of touches from `dataset`.
+    path : Path
+        Path with an extension in `FORMATS`. Parquet requires pyarrow.
     """
     from pvdf_fem.studies.sweep_dataset import write_netcdf
 

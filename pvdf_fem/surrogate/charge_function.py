@@ -1,7 +1,8 @@
 """The interface of responses: charges of the electrodes as a smooth function of a touch.
 
-Most responses describe one probe, whose touch is a row (4,) of x and y in mm, rotation in degrees
-and force in N. A response may have several probes and further quantities in its rows.
+Most responses describe one probe, whose touch is a row of four numbers: x and y in mm, the rotation
+in degrees and the force in N. The touches of other responses have these numbers for each of several
+probes, and further quantities.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.surrogate.touch_domain import Domain
 
-#: Charges of the electrodes of the unloaded film in pC, and their estimated errors.
+#: Charges of the electrodes of the unloaded film, and their estimated errors, in pC.
 UnloadedCharges = tuple[tuple[float, ...], tuple[float, ...]]
 
 
@@ -26,10 +27,10 @@ class ChargeFunction(Hashable, Protocol):
 
     @property
     def quantity_names(self) -> tuple[str, ...]:
-        """Names of a touch's k quantities.
+        """Names of the quantities in a row of touches, in the order of its columns.
 
-        `TOUCH_QUANTITIES` for one probe; for a list of probes these by key (``probe[1].x_mm``) for
-        each of them; then any further quantities.
+        For a single probe these are `TOUCH_QUANTITIES`. For several probes each name is a key, such
+        as ``probe[1].x_mm``: four keys per probe, followed by the keys of further quantities.
         """
 
     @property
@@ -42,51 +43,60 @@ class ChargeFunction(Hashable, Protocol):
 
     @property
     def scene(self) -> Scene:
-        """Film, electrodes and probe, with the values that `locate` fixes by default."""
+        """Scene of the film, the electrodes and the probe.
+
+        Its values are the defaults of quantities that `locate` does not find.
+        """
 
     @property
     def domain(self) -> Domain:
-        """Touches for which the charges are valid."""
+        """Domain of the touches for which the charges are valid."""
 
     @property
     def error_bound(self) -> float:
-        """Largest error of a charge, relative to the charge."""
+        """Bound on the relative error of a charge."""
 
     @property
     def unloaded_charges_pC(self) -> UnloadedCharges | None:
-        """Charges of the unloaded film with their errors, if the function has them."""
+        """Charges of the unloaded film with their errors; None if they are not known."""
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
-        """Return the charges of touches and their derivatives by the quantities.
+        """Evaluate the charges of touches and their derivatives.
 
         Parameters
         ----------
         touches : ndarray, shape (n, k)
-            Rows of the quantities.
+            Touches as rows of the k quantities.
 
         Returns
         -------
         charges : ndarray, shape (n, electrodes)
-            In pC.
+            Total charges in pC.
         slopes : ndarray, shape (n, electrodes, k)
-            In pC per unit of each quantity.
+            Derivatives with respect to the quantities, in pC per unit of each quantity.
         """
 
 
 @lru_cache(maxsize=8)
 def count_probes(response: ChargeFunction) -> int:
-    """Return the number of probes that load the film at once."""
+    """Count the probes that load the film at the same time."""
     return sum(name.endswith("force_N") for name in response.quantity_names)
 
 
 def find_rotation_period_deg(response: ChargeFunction) -> float:
-    """Return the period of the charges by the first probe's rotation; 360 degrees for a disc."""
+    """Return the rotation in degrees that maps the first probe onto itself; 360 for a disc."""
     return float(find_rotation_periods_deg(response)[0])
 
 
 @lru_cache(maxsize=8)
 def find_rotation_periods_deg(response: ChargeFunction) -> Array:
-    """Return the period in degrees of the charges by each probe's rotation, (probes,)."""
+    """Return the rotation in degrees that maps each probe onto itself; 360 for a disc.
+
+    Returns
+    -------
+    ndarray, shape (probes,)
+        One period of 360 degrees for a scene without a probe.
+    """
     periods_deg = [load.probe.period_deg for load in response.scene.loaded_probes]
     if not periods_deg:
         return np.array([360.0])
@@ -95,30 +105,31 @@ def find_rotation_periods_deg(response: ChargeFunction) -> Array:
 
 @lru_cache(maxsize=8)
 def is_rotation_dependent(response: ChargeFunction) -> bool:
-    """Return whether the charges depend on a probe's rotation, which those of discs do not."""
+    """Return whether the charges depend on the rotation of a probe; not if all are discs."""
     loads = response.scene.loaded_probes
     return not loads or any(load.probe.period_deg > 0.0 for load in loads)
 
 
 def compute_unloaded_charges_pC(scene: Scene, reading: str = "total") -> Array:
-    """Compute the charges of the unloaded film.
+    """Compute the charges of the unloaded film and their errors by a full solve.
 
     Parameters
     ----------
     scene : Scene
-        Film, electrodes, probe and load.
-    reading : str, optional
-        With ``"change"`` the unloaded charges are necessary.
+        Scene with the film and the electrodes; the probe has no effect.
+    reading : {"total", "change"}, optional
+        Meaning of the readings that the charges are for. Only for ``change`` is it an error if
+        there are no unloaded charges.
 
     Returns
     -------
     ndarray, shape (2, electrodes)
-        Charges and their estimated errors in pC; NaN for a film without an unloaded equilibrium.
+        Charges, then their estimated errors, in pC; NaN if the film has no unloaded equilibrium.
 
     Raises
     ------
     UnloadedFilmError
-        If the film has no unloaded equilibrium and `reading` is ``"change"``.
+        If the film has no unloaded equilibrium and `reading` is ``change``.
     """
     from pvdf_fem.problem.problem import Problem
     from pvdf_fem.solver.adaptive import compute_unloaded_integrals  # imports gmsh

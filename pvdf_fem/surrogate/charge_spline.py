@@ -1,4 +1,7 @@
-"""The spline of a response: charges as polynomials of the force, over place and rotation."""
+"""The spline of a response.
+
+Charges are polynomials of the force, whose coefficients are splines of position and rotation.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +15,13 @@ from pvdf_fem.surrogate.stress.stress_modes import StressModes
 from pvdf_fem.surrogate.touch_domain import Domain, centre_probe
 from pvdf_fem.surrogate.uniform_spline import PADDING_STEPS, UniformAxis, UniformSpline
 
-#: Charges are smooth functions of this power of the force, both where the pretension carries the
-#: force and where the tension that the force itself causes does.
+#: Charges are smooth functions of this power of the force, both for small forces, which the
+#: pretension carries, and for large forces, which the additional tension carries.
 FORCE_EXPONENT = 1.0 / 6.0
 
 
 def compute_force_nodes_N(domain: Domain, count: int) -> Array:
-    """Return the forces at the Chebyshev points of a domain, from the largest to the least."""
+    """Return the Chebyshev points in F^(1/6) of a domain's forces, in descending order."""
     lowest, highest = domain.force_N
     low, high = lowest**FORCE_EXPONENT, highest**FORCE_EXPONENT
     points = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
@@ -26,21 +29,25 @@ def compute_force_nodes_N(domain: Domain, count: int) -> Array:
 
 
 def evaluate_force_powers(domain: Domain, force_N: Array, count: int) -> Array:
-    """Evaluate the powers of the scaled force, and their derivatives by the force.
+    """Evaluate powers of the scaled force and their derivatives with respect to the force.
 
     Parameters
     ----------
     domain : Domain
-        Its forces are the range of the scaled force t, -1 to 1.
+        Domain with the range of forces.
     force_N : ndarray, shape (n,)
-        Forces to evaluate.
+        Forces F.
     count : int
-        Number of powers 1, t, t² ...
+        Number of powers 1, t, t², ...
 
     Returns
     -------
     ndarray, shape (n, 2, count)
-        The powers, then their derivatives in 1/N.
+        Powers, then their derivatives in 1/N.
+
+    Notes
+    -----
+    The scaled force t is linear in F^(1/6), from -1 at the minimum to 1 at the maximum force.
     """
     lowest, highest = domain.force_N
     low, high = lowest**FORCE_EXPONENT, highest**FORCE_EXPONENT
@@ -54,7 +61,17 @@ def evaluate_force_powers(domain: Domain, force_N: Array, count: int) -> Array:
 
 
 def estimate_pressed_outline(scene: Scene, force_N: float) -> Outline:
-    """Return the outline of a probe at the film's centre, or estimate a tip's contact there."""
+    """Estimate the outline of the loaded area with the probe at the film's centre.
+
+    It is the outline of the probe, or the estimated outline of the contact of a tip.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with a single probe.
+    force_N : float
+        Force, on which the contact of a tip depends.
+    """
     from pvdf_fem.film.loads.contact_estimate import estimate_pressed_area  # imports scikit-fem
 
     pressed = centre_probe(scene).with_(**{"load.force_N": force_N})
@@ -64,24 +81,24 @@ def estimate_pressed_outline(scene: Scene, force_N: float) -> Outline:
 def make_axes(
     scene: Scene, domain: Domain, cell_mm: float, rotation_step: float
 ) -> tuple[UniformAxis, UniformAxis, UniformAxis]:
-    """Make the axes of the spline.
+    """Make the axes of the spline over position and rotation.
 
     Parameters
     ----------
     scene : Scene
-        With one probe.
+        Scene with a single probe.
     domain : Domain
-        Touches for which the response is valid.
+        Touches for which the response is valid. The axes extend beyond it by a padding.
     cell_mm : float
         Step of x and y.
     rotation_step : float
-        Largest movement of the probe's corners from one rotation to the next, over `cell_mm`. A
-        disc has a single rotation.
+        Maximum distance that the corners of the probe move between neighbouring rotations, divided
+        by `cell_mm`. The axis of a disc has a single rotation.
 
     Returns
     -------
     tuple of UniformAxis
-        Of x and y in mm and of the rotation in degrees.
+        Axes of x and y in mm and of the rotation in degrees.
     """
     assert scene.single_probe is not None
     half = int(np.ceil(domain.reach_mm / cell_mm)) + PADDING_STEPS
@@ -102,25 +119,26 @@ def tabulate_charges(
     axes: tuple[UniformAxis, ...],
     runner: TaskRunner,
 ) -> UniformSpline:
-    """Tabulate the charges of a scene's electrodes and make their spline.
+    """Compute the charges of the electrodes at all nodes of a grid, and interpolate them.
 
     Parameters
     ----------
     stress_modes : StressModes
-        Under the forces of `compute_force_nodes_N`.
+        Stress about the probe under the forces of `compute_force_nodes_N`.
     scene : Scene
-        Electrodes, d31 and d32.
+        Scene with the electrodes, d31 and d32.
     domain : Domain
-        Touches for which the response is valid.
+        Domain with the range of forces.
     axes : tuple of UniformAxis
-        Those of `make_axes`.
+        Axes of x, y and rotation from `make_axes`.
     runner : TaskRunner
-        Runs the tasks on processes.
+        Runner of one task for each rotation, on several processes.
 
     Returns
     -------
     UniformSpline
-        Coefficients in pC of `evaluate_force_powers`, ordered by power, then by electrode.
+        Spline of the coefficients in pC of the powers of `evaluate_force_powers`, ordered by power,
+        then by electrode.
     """
     x_mm, y_mm, rotations_deg = (axis.values for axis in axes)
     positions_mm = np.stack(np.meshgrid(x_mm, y_mm, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -130,11 +148,12 @@ def tabulate_charges(
     for rotation in np.radians(rotations_deg):
         compute = stress_modes.compute_charges_pC
         tasks.append((compute, outlines, positions_mm, float(rotation), d_pC_N))
-    # (x y, rotations, forces, electrodes), then powers of the force in place of forces
+    # shape (positions, rotations, forces, electrodes)
     by_force = np.stack([*runner.run(tasks)], axis=1)
     count = by_force.shape[2]
     forces_N = compute_force_nodes_N(domain, count)
     powers = evaluate_force_powers(domain, forces_N, count)[:, 0]
+    # The polynomial through the values at the nodes: its coefficients replace the forces.
     by_power = np.einsum("kf,prfe->prke", np.linalg.inv(powers), by_force)
     values = by_power.reshape(len(x_mm), len(y_mm), len(rotations_deg), -1)
     return UniformSpline.interpolate(axes, values, np.float32)

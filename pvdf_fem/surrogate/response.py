@@ -1,8 +1,8 @@
-"""The charges of a sensor as a function of the touch: place, rotation and force of one probe.
+"""The charges of a sensor as a function of position, rotation and force of a probe.
 
-A response is a spline, which `build_response` makes from a few dozen solves. Its error is measured
-against full solves of random touches. It keeps the stress about the probe, from which the spline is
-made anew for other electrodes, d31 and d32.
+A response is a spline that `build_response` makes from a few dozen solves. Its error is measured by
+comparison with full solves of random touches. It keeps the stress about the probe, from which the
+spline for other electrodes, d31 and d32 can be made without new solves.
 """
 
 from __future__ import annotations
@@ -38,8 +38,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Rows of the products (value and derivatives by x, y, rotation) x (value and derivative by force)
-# that are the value, and the derivatives by x, y, rotation and force.
+# `Response.evaluate` multiplies (value, d/dx, d/dy, d/drotation) of the spline by (value, d/dforce)
+# of the powers of the force. These five of the eight products are the value and its derivatives
+# with respect to x, y, rotation and force; the others are second derivatives.
 _VALUE_AND_SLOPES: Indices = np.array([0, 2, 4, 6, 1])
 
 
@@ -54,39 +55,40 @@ class Response(Result):
     >>> charges_pC, derivatives = response.evaluate([[2.0, 1.0, 0.0, 0.5]])  # x, y, rotation, force
     """
 
-    #: Names of a touch's quantities.
+    #: Names of the quantities in a row of touches.
     quantity_names: ClassVar[tuple[str, ...]] = TOUCH_QUANTITIES
     #: Whether thousands of evaluations take less than a second.
     is_fast: ClassVar[bool] = True
-    #: Film, electrodes and probe; the probe's place and the force have no effect.
+    #: Scene of the film, the electrodes and the probe. The charges do not depend on its probe
+    #: position and force, which are defaults of `locate`.
     scene: FileScene
     #: Touches for which the response is valid.
     domain: Domain
-    #: Bound on the error of a charge over |d31 X| + |d32 Y|: five times the largest error at the
-    #: random touches with a full solve, and the error of these solves.
+    #: Bound on the error of a charge, as a fraction of |d31 X| + |d32 Y| with the stress integrals
+    #: X, Y of the electrode; see `with_measured_error`.
     error_bound: float
-    #: Over x in mm, y in mm and rotation in degrees: coefficients in pC of powers of the scaled
-    #: force, ordered by power, then by electrode, (powers electrodes,).
+    #: Spline over x in mm, y in mm and rotation in degrees. Its functions are the coefficients in
+    #: pC of powers of the scaled force, ordered by power, then by electrode.
     spline: UniformSpline
-    #: The largest error bound that was requested.
+    #: Requested maximum of the error bound.
     tolerance: float = 1e-3
-    #: Notes on the build, and changes that would help if the bound exceeds the tolerance.
+    #: Notes on the build; if the bound exceeds the tolerance, what would help.
     notes: tuple[str, ...] = ()
-    #: The stress about the probe, for responses of other electrodes.
+    #: Stress about the probe, from which `for_scene` makes other responses.
     stress_modes: StressModes | None = None
-    #: The full solves with which the error was measured.
+    #: Full solves with which the error was measured.
     validation: ValidationSolves | None = None
-    #: Charges of the unloaded film in pC and their errors, if it has an unloaded equilibrium.
+    #: Charges of the unloaded film and their errors in pC; None without an unloaded equilibrium.
     unloaded_charges_pC: UnloadedCharges | None = None
 
     def summary(self) -> Summary:
-        """Return the electrodes, the domain, the error bound and the notes."""
+        """Return a summary with the electrodes, the domain, the error bound and the notes."""
         about = f"charges of {', '.join(self.names)} for {self.domain}"
         lines = [f"errors: up to {self.error_bound:.2g} of a charge", *self.notes]
         return Summary(self.status, [about], notes=lines)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the values that `pvdf-fem model --json` prints besides the file."""
+        """Return the values that `pvdf-fem model --json` prints, except the name of the file."""
         return {
             "electrodes": list(self.names),
             "reach_mm": self.domain.reach_mm,
@@ -102,7 +104,7 @@ class Response(Result):
 
     @property
     def status(self) -> Status:
-        """Whether the error bound is within the tolerance."""
+        """Status ``CONVERGED`` if the error bound is within the tolerance, else ``TOLERANCE``."""
         return Status.CONVERGED if self.error_bound <= self.tolerance else Status.TOLERANCE
 
     def evaluate(self, touches: ArrayLike) -> tuple[Array, Array]:
@@ -111,30 +113,31 @@ class Response(Result):
         Parameters
         ----------
         touches : array_like, shape (n, 4)
-            Rows of x and y in mm, rotation in degrees and force in N.
+            Rows of x and y in mm, rotation in degrees and force in N. A single row may have the
+            shape (4,).
 
         Returns
         -------
         charges : ndarray, shape (n, electrodes)
-            In pC.
+            Charges in pC.
         derivatives : ndarray, shape (n, electrodes, 4)
-            By x, y, rotation and force, in pC per mm, degree and N.
+            Derivatives with respect to x, y, rotation and force, in pC per mm, degree and N.
 
         Raises
         ------
         ValueError
-            For touches outside of the domain.
+            If a touch is outside of the domain.
         """
         touches = coerce_array("touches", touches).reshape(-1, len(TOUCH_QUANTITIES))
         require_within(self.domain, touches)
         count = len(touches)
-        # (n, value and derivatives by place, powers, electrodes)
-        by_place = self.spline.evaluate_with_gradient(touches[:, : TouchColumn.FORCE])
-        by_place = by_place.reshape(count, 4, -1, len(self.names))
+        # shape (n, value and 3 derivatives, powers, electrodes)
+        coefficients = self.spline.evaluate_with_gradient(touches[:, : TouchColumn.FORCE])
+        coefficients = coefficients.reshape(count, 4, -1, len(self.names))
         forces_N = touches[:, TouchColumn.FORCE]
-        by_force = evaluate_force_powers(self.domain, forces_N, by_place.shape[2])
-        # (n, value and derivatives by place x value and derivative by force, electrodes)
-        products = np.matmul(by_force[:, None], by_place).reshape(count, 8, -1)
+        # shape (n, value and derivative, powers)
+        powers = evaluate_force_powers(self.domain, forces_N, coefficients.shape[2])
+        products = np.matmul(powers[:, None], coefficients).reshape(count, 8, -1)
         charges_and_slopes = products.take(_VALUE_AND_SLOPES, axis=1)
         return charges_and_slopes[:, 0], charges_and_slopes[:, 1:].swapaxes(1, 2)
 
@@ -146,42 +149,49 @@ class Response(Result):
         check: bool = True,
         progress: Progress | bool | None = None,
     ) -> Response:
-        """Make the response of a scene with the same stress about its probe.
+        """Make the response of another scene whose film deforms in the same way.
 
-        The scene may differ in electrodes, d31, d32, readout and stage, and in the place of the
-        probe and the force, which have no effect.
+        The scene may have other electrodes, d31, d32, readout and stage. It may also have another
+        position of the probe and another force, which have no effect on a response.
 
         Parameters
         ----------
         scene : Scene
-            The other scene.
+            Other scene.
         processes : int, optional
-            Number of processes; by default all cores.
+            Number of processes. Default: None, one for each core.
         check : bool, optional
-            Whether the error bound is measured anew. Otherwise nothing is solved, and the bound is
-            that of this response.
+            Whether to measure the error bound of the new response. If not, nothing is solved, the
+            bound is that of this response, and `validation` and `unloaded_charges_pC` are None.
         progress : callable or bool, optional
-            As for `build_response`.
+            See `build_response`.
+
+        Returns
+        -------
+        Response
+            Response of the other scene. Only the scene is replaced if the charges are the same.
 
         Raises
         ------
         ValueError
-            For a scene whose film deforms otherwise.
+            If the film of the scene deforms differently, or if this response has no `stress_modes`
+            or `validation`.
         NotConvergedError
-            When more than half of the random touches have no solution.
+            If more than half of the random touches cannot be solved.
 
         Notes
         -----
-        The spline is made anew, which takes seconds. Its error bound is measured with the full
-        solves of the build. For other electrodes, and where the meshes for the old d31 and d32
-        leave the bound above the tolerance, the same touches are solved anew.
+        A new spline is computed from `stress_modes`, which takes seconds. If the electrodes are the
+        same, its error is measured with the existing validation solves. The touches are solved
+        again for other electrodes, and if this error bound exceeds the tolerance, since the meshes
+        of the existing solves may be too coarse for the new d31 and d32.
         """
         require_same_mechanics(self.scene, scene)
         response = replace(self, scene=scene)
         if has_same_readout(self.scene, scene):
             return response
         if self.stress_modes is None or self.validation is None:
-            raise ValueError("response: keeps no stress about the probe; build it again")
+            raise ValueError("response: has no stress about the probe; build it again")
         with show_progress("s of one core", progress) as show:
             runner = TaskRunner(processes, show)
             spline = tabulate_charges(
@@ -200,12 +210,20 @@ class Response(Result):
         return replace(response, validation=validation).with_measured_error()
 
     def with_measured_error(self, safety: float = 5.0) -> Response:
-        """Return this response with the error bound that follows from its validation solves.
+        """Return a copy with updated error bound, notes and charges of the unloaded film.
+
+        The bound is measured with the validation solves. The notes say what would help if it
+        exceeds the tolerance. For the unloaded charges the unloaded film is solved.
 
         Parameters
         ----------
         safety : float, optional
-            The bound is the largest error times this factor, plus the error of the full solves.
+            Safety factor of the largest error at the random touches.
+
+        Notes
+        -----
+        The bound is the safety factor times the largest error relative to |d31 X| + |d32 Y|, plus
+        the largest error that the full solves estimate of themselves.
         """
         assert self.validation is not None
         touches = self.validation.touches
@@ -224,8 +242,8 @@ class Response(Result):
         distances = np.hypot(touches[:, TouchColumn.X], touches[:, TouchColumn.Y])
         nearest_miss_mm = distances[bounds > self.tolerance].min()
         note = (
-            f"tolerance = {self.tolerance:g}: exceeded by the error bound {bound:.2g}; raise the"
-            " tolerance to the bound, or lower the reach: touches meet the tolerance up to"
+            f"tolerance = {self.tolerance:g}: the error bound is {bound:.2g}; raise the tolerance"
+            " to the bound, or reduce the reach: touches meet the tolerance up to"
             f" {nearest_miss_mm:.3g} mm"
         )
         return replace(response, notes=(note,))
@@ -237,21 +255,28 @@ class Response(Result):
         force_N: float = 1.0,
         ax: Axes | None = None,
     ) -> Figure:
-        """Draw the charge of an electrode by the place of the probe, with lines of equal charge.
+        """Plot the charge of an electrode as a function of the probe's position.
 
         Parameters
         ----------
         electrode : str
             Name of the electrode.
-        rotation_deg, force_N : float, optional
-            Rotation and force of the probe.
+        rotation_deg : float, optional
+            Rotation of the probe.
+        force_N : float, optional
+            Force of the probe, within the domain.
         ax : matplotlib.axes.Axes, optional
-            Where to draw; by default in a new figure.
+            Axes to draw into. Default: None, those of a new figure.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Figure with coloured charges and lines of equal charge.
 
         Raises
         ------
         ValueError
-            If the response has no such electrode.
+            If the response has no such electrode, or the force is outside of the domain.
         """
         from pvdf_fem.view.touch_map import draw_charge_map
 
@@ -260,19 +285,25 @@ class Response(Result):
             raise ValueError(f"electrode = {electrode!r}: not in the response; choose from {known}")
         column = self.names.index(electrode)
 
-        def evaluate_charge(places_mm: Array) -> Array:
-            touches = np.empty((len(places_mm), len(TOUCH_QUANTITIES)))
-            touches[:, : TouchColumn.ROTATION] = places_mm
+        def evaluate_charge(positions_mm: Array) -> Array:
+            """Evaluate the charge of the electrode in pC, for positions of the probe."""
+            touches = np.empty((len(positions_mm), len(TOUCH_QUANTITIES)))
+            touches[:, : TouchColumn.ROTATION] = positions_mm
             touches[:, TouchColumn.ROTATION] = rotation_deg
             touches[:, TouchColumn.FORCE] = force_N
             charges_pC, _ = self.evaluate(touches)
             return charges_pC[:, column]
 
-        title = f"Charge of {electrode} by the probe's place, {force_N:g} N, {rotation_deg:g}°"
+        title = f"Charge of {electrode} by position of the probe, {force_N:g} N, {rotation_deg:g}°"
         return draw_charge_map(self.scene, self.domain.reach_mm, evaluate_charge, title, ax)
 
     def save(self, path: Path | str) -> None:
-        """Write the response to a file, which replaces an older one only when it is complete.
+        """Write the response to a file.
+
+        Parameters
+        ----------
+        path : path
+            Path of the file. An existing file is replaced once the new one is complete.
 
         Raises
         ------
@@ -283,18 +314,24 @@ class Response(Result):
 
     @classmethod
     def load(cls, path: Path | str) -> Response:
-        """Read a response from a file.
+        """Read a response from a file that `save` has written.
+
+        Parameters
+        ----------
+        path : path
+            Path of the file.
 
         Raises
         ------
-        ResponseError
-            A `FileError`: for a damaged file, and for one without a response of this version.
+        FileError
+            If the file cannot be read. It is a `ResponseError` if the file is damaged, or is not a
+            response of this version.
         """
         return read_response(coerce("path", path, Path), cls)
 
 
 def _compute_finite_unloaded_charges(scene: Scene) -> UnloadedCharges | None:
-    """Compute the charges of the unloaded film; None for a film without an unloaded equilibrium."""
+    """Compute the charges of the unloaded film and their errors; None without an equilibrium."""
     charges_pC, errors_pC = compute_unloaded_charges_pC(scene)
     if not (np.isfinite(charges_pC).all() and np.isfinite(errors_pC).all()):
         return None

@@ -1,4 +1,4 @@
-"""The build of a response: solves of the stress, the spline of the charges, and the true error."""
+"""The build of a response: solves of the stress, spline of the charges, measured error."""
 
 from __future__ import annotations
 
@@ -43,40 +43,42 @@ def build_response(
 
     Parameters
     ----------
-    scene : Scene, or whatever `solve` takes for a scene
-        Film, electrodes and probe.
+    scene : Scene, or anything that `solve` accepts as a scene
+        Scene with the film, the electrodes and a single probe.
     reach_mm : float, optional
-        Largest distance of the probe from the film's centre; by default that of the scene's
-        ``[model]``.
+        Reach: maximum distance of a touch from the film's centre. Default: that of the scene's
+        ``[model]``, or one that keeps the probe away from the rim.
     force_range_N : tuple of float, optional
-        Minimum and maximum force; by default those of the scene's ``[model]``.
+        Minimum and maximum force. Default: the ``force_range_N`` of the scene's ``[model]``.
     tolerance : float, optional
-        Largest error bound; by default that of the scene's ``[model]``. A response that exceeds it
-        is returned with its true bound, and its `notes` say what would help.
+        Maximum error bound. Default: that of the scene's ``[model]``, or a tenth of a relative
+        noise of 1 %. If the tolerance is not met, the response is returned with its true bound, and
+        its `notes` say what would help.
     processes : int, optional
-        Number of processes; by default all cores.
+        Number of processes. Default: None, one for each core.
     file : path, optional
-        Where the response is saved.
+        File to save the response to. Default: None, do not save it.
     progress : callable or bool, optional
-        Called with the seconds of one core that the build has taken, and with those that it will
-        take in all, estimated from the solves so far; or whether these are shown, see
+        Function that is called with the core-seconds that the build has taken and the estimate of
+        those that it will take in total, or whether to show these; see
         `pvdf_fem.progress.show_progress`.
     options : ResponseOptions, optional
-        By default those for the tolerance.
+        Resolution of the first build. Default: chosen by the tolerance.
 
     Returns
     -------
     Response
+        Response with its measured error bound.
 
     Raises
     ------
     ValueError
-        For a scene, a domain or a tolerance without a response.
+        If there is no response for the scene, the domain or the tolerance.
     FileError
-        For a file that cannot be written.
+        If the file cannot be written.
     NotConvergedError
-        When the stress about the probe, or more than half of the full solves that measure the
-        error, do not converge.
+        If a solve of the stress about the probe does not converge, or more than half of the full
+        solves that measure the error.
 
     Examples
     --------
@@ -85,7 +87,7 @@ def build_response(
     >>> response.error_bound
     """
     scene = as_scene(scene)
-    make_mechanical_key(scene)  # rejects a scene without a probe, which has no default domain
+    make_mechanical_key(scene)  # raises for a scene without a probe, which has no default domain
     default = resolve_response_settings(scene)
     reach_mm = default.domain.reach_mm if reach_mm is None else reach_mm
     if force_range_N is None:
@@ -115,7 +117,7 @@ class _BuildResults:
     """Results of the tasks of one build."""
 
     stress_modes: StressModes
-    #: Results of the further tasks.
+    #: Results of the additional tasks.
     solves: Sequence[Any]
 
 
@@ -126,28 +128,28 @@ def _build_within_tolerance(
     options: ResponseOptions,
     runner: TaskRunner,
 ) -> Response:
-    """Build responses with ever finer options until one meets the tolerance.
+    """Build responses with increasing resolution until one meets the tolerance.
 
     Parameters
     ----------
     scene : Scene
-        Film, electrodes, probe and load.
+        Scene with a single probe.
     domain : Domain
         Touches for which the response is valid.
     tolerance : float
-        Largest error bound.
+        Maximum error bound.
     options : ResponseOptions
-        Those of the first build.
+        Resolution of the first build, and the maximum number of builds.
     runner : TaskRunner
-        Runs the tasks on processes.
+        Runner of the tasks on several processes.
 
     Returns
     -------
     Response
-        The first response that meets the tolerance, or the one with the smallest error bound.
+        First response that meets the tolerance; if none does, the one with the smallest bound.
     """
     touches = draw_touches(domain, options.validation_touches)
-    # the full solves do not depend on the options: only the first build has them
+    # The full solves do not depend on the options, so that they are part of the first build only.
     solve_tasks = make_solve_tasks(scene, touches, tolerance)
     validation: ValidationSolves | None = None
     best: Response | None = None
@@ -179,7 +181,7 @@ def _build_within_tolerance(
     assert validation is not None
     failed = len(touches) - len(validation.touches)
     if failed:
-        note = f"{failed} of the {len(touches)} random touches have no solution"
+        note = f"{failed} of the {len(touches)} random touches could not be solved"
         best = replace(best, notes=(*best.notes, note))
     return best
 
@@ -192,22 +194,22 @@ def _solve_stress_modes(
     solve_tasks: Sequence[tuple[Any, ...]],
     runner: TaskRunner,
 ) -> _BuildResults:
-    """Solve the stress about the probe at all positions, and further tasks beside it.
+    """Solve the stress about the probe at all positions of a grid, and run additional tasks.
 
     Parameters
     ----------
     scene : Scene
-        Film, electrodes, probe and load.
+        Scene with a single probe.
     domain : Domain
         Touches for which the response is valid.
     tolerance : float
-        Largest error bound.
+        Maximum error bound of the response.
     options : ResponseOptions
-        Those of the build.
+        Resolution of the response.
     solve_tasks : sequence of tuple
-        Further tasks for the same run of the runner, so that no process is idle.
+        Additional tasks, run together with the solves of the stress so that no process is idle.
     runner : TaskRunner
-        Runs the tasks on processes.
+        Runner of the tasks on several processes.
     """
     centre_grid = options.make_centre_grid(scene, domain)
     polar_grid = options.make_polar_grid(scene, domain, centre_grid)
@@ -215,11 +217,13 @@ def _solve_stress_modes(
     bare_scene = _replace_electrodes(scene, tolerance)
 
     def make_task(position: Array) -> tuple[Any, ...]:
+        """Make the task that solves the stress with the probe at one position."""
         arguments = (bare_scene, position, forces_N, polar_grid, options.size_factor)
         return (solve_mean_stress, *arguments)
 
     stress_tasks = [make_task(position) for position in centre_grid.probe_positions]
-    # a stress task first: these take longest, and the estimate of the remaining time needs one
+    # The first task is a solve of the stress: these take longest, and the estimate of the remaining
+    # time needs the duration of one.
     first, *others = runner.run([stress_tasks[0], *solve_tasks, *stress_tasks[1:]])
     solves = others[: len(solve_tasks)]
     means = [first, *others[len(solve_tasks) :]]
@@ -228,10 +232,10 @@ def _solve_stress_modes(
 
 
 def _replace_electrodes(scene: Scene, tolerance: float) -> Scene:
-    """Return the scene for solves of the stress, on which electrodes have no effect."""
-    # a scene has at least one electrode
+    """Return a copy of the scene for solves of the stress, on which electrodes have no effect."""
+    # A scene must have an electrode; a large circle hardly refines the mesh.
     radius_mm = 0.9 * scene.film.radius_mm
     electrode = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius_mm}
     changes = {"electrodes": [electrode], "readout": None, **dict.fromkeys(PLACE, 0.0)}
-    # the stiffness of a tip's penalty follows from the tolerance
+    # The penalty stiffness of the contact under a tip depends on the tolerance.
     return scene.with_(**changes, **{"numerics.tolerance": min(tolerance, 1e-2)})

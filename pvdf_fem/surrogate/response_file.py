@@ -1,7 +1,7 @@
-"""Files of responses: a head with a digest, and an archive of NumPy arrays and a JSON text.
+"""Files of responses: a header line with a digest, then an archive of NumPy arrays and a JSON text.
 
-The digest of the archive reveals damage of any kind. The text has the response's dataclasses, with
-numbers of arrays in place of arrays and with the scene as TOML.
+The digest of the archive detects any damage. The JSON text holds the fields of the response, in
+which each array is replaced by its index in the archive and each scene by its TOML text.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ SavedType = TypeVar("SavedType")
 
 
 def _find_array(number: int, info: ValidationInfo) -> NDArray[Any]:
-    """Return an array of the file that is being read by its number."""
+    """Return the array with a given index of the archive that is being read."""
     assert info.context is not None
     return info.context[f"arr_{number}"]
 
 
-#: Type of a field that is an array in a file's archive.
+#: Type of an array field; a file holds the index of the array in the archive.
 FileArray = Annotated[NDArray[Any], PlainValidator(_find_array)]
-#: Type of a field that is a scene, a text in a file.
+#: Type of a scene field; a file holds the scene as a TOML text.
 FileScene = Annotated[Scene, PlainValidator(Scene.parse)]
 
 
 class ResponseError(FileError):
-    """A file without a valid response; the message names the file and says what to do."""
+    """Error of a file without a valid response; the message names the file and says what to do."""
 
 
 def write_response(path: Path, response: Any) -> None:
@@ -47,9 +47,9 @@ def write_response(path: Path, response: Any) -> None:
     Parameters
     ----------
     path : Path
-        An older file is replaced only when the new one is complete.
+        Path of the file. An existing file is replaced once the new one is complete.
     response : dataclass
-        With fields that are dataclasses, numbers, texts, arrays and scenes.
+        Dataclass whose fields are dataclasses, numbers, texts, arrays and scenes.
 
     Raises
     ------
@@ -59,6 +59,7 @@ def write_response(path: Path, response: Any) -> None:
     arrays: list[NDArray[Any]] = []
 
     def to_json(value: Any) -> Any:
+        """Convert a value that JSON does not know; collect it in `arrays` if it is an array."""
         if isinstance(value, Scene):
             return value.to_toml()
         if isinstance(value, np.ndarray):
@@ -66,17 +67,17 @@ def write_response(path: Path, response: Any) -> None:
             return len(arrays) - 1
         if is_dataclass(value):
             return {field.name: getattr(value, field.name) for field in fields(value)}
-        return value.item()  # a number of NumPy
+        return value.item()  # The value is a NumPy scalar.
 
     text = json.dumps(response, default=to_json)
     archive = io.BytesIO()
     np.savez(archive, *arrays, contents=np.array(text))
     with replace_file(path) as temporary:
-        temporary.write_bytes(_make_head(archive.getvalue()) + archive.getvalue())
+        temporary.write_bytes(_make_header(archive.getvalue()) + archive.getvalue())
 
 
-def _make_head(content: bytes) -> bytes:
-    """Return the line of a file before its content."""
+def _make_header(content: bytes) -> bytes:
+    """Return the header line of a file: format, version and digest of the content."""
     return FORMAT + hashlib.sha256(content).hexdigest().encode() + b"\n"
 
 
@@ -86,9 +87,9 @@ def read_response(path: Path, kind: type[SavedType]) -> SavedType:
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the file.
     kind : type
-        The dataclass that was written.
+        Dataclass to make from the file; the one that was written.
 
     Raises
     ------
@@ -96,13 +97,13 @@ def read_response(path: Path, kind: type[SavedType]) -> SavedType:
         If the file is damaged, or is not a response of this version.
     """
     with open_regular_file(path, "a response") as file:
-        head = file.read(len(_make_head(b"")))
-        content = file.read() if head.startswith(FORMAT) else b""
+        header = file.read(len(_make_header(b"")))
+        content = file.read() if header.startswith(FORMAT) else b""
     advice = "delete it; pvdf-fem model SCENE.toml builds it again"
-    if not head.startswith(FORMAT):
+    if not header.startswith(FORMAT):
         raise ResponseError(f"{path}: is not a response of this version; {advice}")
-    if head != _make_head(content):
-        raise ResponseError(f"{path}: is damaged, as its digest shows; {advice}")
+    if header != _make_header(content):
+        raise ResponseError(f"{path}: is damaged, its digest is wrong; {advice}")
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         arrays = dict(archive)
     return TypeAdapter(kind).validate_json(str(arrays["contents"]), context=arrays)

@@ -1,7 +1,7 @@
 """Keys of responses, and comparison of scenes that may share a response.
 
-The mechanical key of a scene names everything on which the stress about its probe depends. Scenes
-with equal mechanical keys share the solves of a response, whatever their electrodes.
+The mechanical key of a scene describes everything that the stress about its probe depends on.
+Scenes with the same mechanical key share the solves of a response, even if their electrodes differ.
 """
 
 from __future__ import annotations
@@ -15,20 +15,21 @@ from pvdf_fem.surrogate.touch_domain import Domain, centre_probe
 
 
 def make_mechanical_key(scene: Scene) -> str:
-    """Make the text of everything on which the stress about a scene's probe depends.
+    """Make a text that describes everything that the stress about the probe of a scene depends on.
 
-    The place of the probe and its force are not part of it.
+    Position and force of the probe are not part of it, since they are variables of a response.
 
     Raises
     ------
     ValueError
-        For a scene without a probe, and for a depth in place of a force.
+        If the scene does not have a single probe, prescribes a depth instead of a force, or has
+        keys with further charges (`Scene.require_plain_charges`).
     """
     from pvdf_fem.problem.equivalence import describe_mechanics  # imports scikit-fem
     from pvdf_fem.problem.problem import Problem
 
     if scene.single_probe is None:
-        raise ValueError("scene: has no probe, which a response needs; add [probe]")
+        raise ValueError("probe: is required for a response; add [probe]")
     depth_mm = scene.load.depth_mm
     if depth_mm is not None:
         raise ValueError(
@@ -42,19 +43,19 @@ def make_mechanical_key(scene: Scene) -> str:
 
 
 def make_response_key(scene: Scene, domain: Domain, tolerance: float) -> str:
-    """Make the hash of everything from which a response is built, the code included.
+    """Make a hash of everything that a response is built from, including the source code.
 
-    A file that is named by the hash is never loaded when it is stale. Electrodes, d31, d32, readout
-    and the probe's place are not part of it, see `Response.for_scene`.
+    It names files in a cache, so that an outdated response is never loaded. Electrodes, d31, d32,
+    readout and the probe's position are not part of it, see `Response.for_scene`.
 
     Parameters
     ----------
     scene : Scene
-        With one probe.
+        Scene with a single probe.
     domain : Domain
-        Touches of the response.
+        Touches for which the response is valid.
     tolerance : float
-        Largest error bound of the response.
+        Maximum error bound of the response.
 
     Returns
     -------
@@ -75,31 +76,33 @@ def require_same_mechanics(response_scene: Scene, scene: Scene) -> None:
     Parameters
     ----------
     response_scene : Scene
-        The scene of a response.
+        Scene that a response was built for.
     scene : Scene
-        The scene that is to use the response.
+        Scene that the response is to be used for.
 
     Raises
     ------
     ValueError
-        With the keys that differ.
+        If their mechanical keys differ; the message lists the keys that differ and their values.
     """
     if make_mechanical_key(response_scene) == make_mechanical_key(scene):
         return
-    there = _collect_mechanical_values(response_scene)
-    here = _collect_mechanical_values(scene)
+    response_values = _collect_mechanical_values(response_scene)
+    scene_values = _collect_mechanical_values(scene)
     differences = []
-    for key in {**there, **here}:
-        if here.get(key) != there.get(key):
-            differences.append(f"{key} = {here.get(key)} is {there.get(key)} there")
+    for key in {**response_values, **scene_values}:
+        value = scene_values.get(key)
+        response_value = response_values.get(key)
+        if value != response_value:
+            differences.append(f"{key} = {value} instead of {response_value}")
     raise ValueError(
-        f"scene: the film deforms otherwise than in the response ({', '.join(differences)}); build"
-        " a response of this scene"
+        f"scene: the film deforms differently from that of the response ({', '.join(differences)});"
+        " build a response of this scene"
     )
 
 
 def _collect_mechanical_values(scene: Scene) -> dict[str, Any]:
-    """Return the values by key on which charges of a centred probe depend, without electrodes."""
+    """Return the values, by key, that the stress about a centred probe depends on."""
     from pvdf_fem.problem.equivalence import MECHANICAL_EFFECTS  # imports scikit-fem
 
     values: dict[str, Any] = {}
@@ -108,15 +111,15 @@ def _collect_mechanical_values(scene: Scene) -> dict[str, Any]:
         if name != "electrodes":
             for key, value in tables[0].items():
                 values[f"{name}.{key}"] = value
-    # the density matters only by the film's weight
+    # The density matters only if the film has weight.
     values["film.density_kg_m3"] = scene.film.density_kg_m3 * bool(scene.film.weight)
     return values
 
 
 def has_same_readout(scene: Scene, other: Scene) -> bool:
-    """Return whether two scenes have the same charges under the same stress.
+    """Return whether two scenes have the same charges if the stress is the same.
 
-    Names of electrodes do not matter.
+    The piezoelectric coefficients and the electrodes, apart from their names, must be the same.
     """
     values = select_by_effect(scene.film, Affects.READING)
     other_values = select_by_effect(other.film, Affects.READING)
@@ -129,5 +132,5 @@ def has_equal_electrodes(scene: Scene, other: Scene) -> bool:
 
 
 def _describe_electrodes(scene: Scene) -> list[str]:
-    """Return the text of each electrode without its name."""
-    return [repr(e.model_copy(update={"name": ""})) for e in scene.electrode_list]
+    """Return a text for each electrode that describes everything except its name."""
+    return [repr(each.model_copy(update={"name": ""})) for each in scene.electrode_list]

@@ -1,4 +1,4 @@
-"""The resolution of a response, and the requirements on its scene, domain and tolerance."""
+"""The resolution of a response, and validation of its scene, domain and tolerance."""
 
 from __future__ import annotations
 
@@ -20,57 +20,66 @@ from pvdf_fem.surrogate.stress.polar_grid import PolarGrid
 from pvdf_fem.surrogate.touch_domain import Domain
 from pvdf_fem.surrogate.uniform_spline import PADDING_STEPS
 
-#: Least tolerance of a response, which full solves can still confirm.
+#: Minimum tolerance of a response, which full solves can still confirm.
 MIN_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class ResponseOptions:
-    """The resolution of a response for a given error, and how its true error is measured.
+    """Resolution of a response for a desired error, and measurement of its true error.
 
-    Numbers of positions, forces and modes grow with the logarithm of the error; the sizes of cells
-    and elements fall with its fourth root. The sizes below are those for an error of 1e-3.
+    The numbers of positions, forces and modes grow in proportion to -log(error); the sizes of cells
+    and elements are proportional to error^(1/4). The sizes below are those for an error of 1e-3.
     """
 
-    #: Largest relative error of a charge for which the resolution is chosen.
+    #: Relative error of the charges that the resolution is chosen for.
     error: float = 1e-3
-    #: Number of random touches whose full solves measure the true error.
+    #: Number of random touches that are solved in full to measure the true error.
     validation_touches: int = 24
-    #: Largest number of builds, each with finer options, until the tolerance is met.
+    #: Maximum number of builds, each with a smaller `error`, until the tolerance is met.
     max_builds: int = 3
-    #: Cell of the spline's grid over the root of the probe's area.
+    #: Cell size of the spline's grid divided by the square root of the probe's area.
     cell_fraction: float = 1 / 9
-    #: The same over the root of the area of a tip's least contact, at whose edge the pressure is
-    #: zero.
+    #: The same for a tip, divided by the square root of its contact area at the minimum force. It
+    #: may be larger, since the pressure at the edge of the contact is zero.
     tip_cell_fraction: float = 1 / 5
-    #: Largest cell of the spline's grid.
+    #: Maximum cell size of the spline's grid.
     max_cell_mm: float = 0.6
-    #: Over the cell: the movement of the probe's corners from one rotation to the next, the step of
-    #: the polar grid of the stress, and twice the distance of its rays at the probe's corners.
+    #: Steps divided by the cell size: the distance that the probe's corners move between two
+    #: rotations, the step along the rays of the polar grid, and twice the distance between
+    #: neighbouring rays at the probe's corners.
     step_fraction: float = 0.8
 
     @property
     def decades(self) -> float:
-        """Powers of ten by which the error is below 1e-3."""
+        """Number of decades by which `error` is below 1e-3; negative if it is above."""
         return -3.0 - math.log10(self.error)
 
     @property
     def size_factor(self) -> float:
-        """Sizes over the sizes for an error of 1e-3."""
+        """Factor on the sizes that are stated for an error of 1e-3."""
         return float(10.0 ** (-0.25 * self.decades))
 
     def compute_cell_mm(self, scene: Scene, domain: Domain) -> float:
-        """Return the cell of the spline's grid over the places of the probe."""
+        """Compute the cell size in mm of the spline's grid of probe positions.
+
+        Parameters
+        ----------
+        scene : Scene
+            Scene with a single probe.
+        domain : Domain
+            Domain whose minimum force gives the smallest contact of a tip.
+        """
         pressed = estimate_pressed_outline(scene, domain.force_N[0])
         pressed_size_mm = 1e3 * float(np.sqrt(pressed.area))
-        share = self.tip_cell_fraction if scene.tips else self.cell_fraction
-        return self.size_factor * min(share * pressed_size_mm, self.max_cell_mm)
+        fraction = self.tip_cell_fraction if scene.tips else self.cell_fraction
+        return self.size_factor * min(fraction * pressed_size_mm, self.max_cell_mm)
 
     def compute_forces_N(self, domain: Domain) -> Array:
-        """Return the forces under which the stress is solved.
+        """Compute the forces in N under which the stress is solved, in descending order.
 
-        The coefficients of polynomials of the force fall by a factor of 4 from one to the next
-        where the largest force is e times the least.
+        Their number grows with log(maximum force/minimum force) and with the number of decades of
+        the error; it is at least 4.
         """
         log_lowest, log_highest = domain.log_force
         by_log_range = (1.25 + 0.5 * self.decades) * (log_highest - log_lowest)
@@ -79,25 +88,26 @@ class ResponseOptions:
     def make_centre_grid(
         self, scene: Scene, domain: Domain, error_without: float = 80.0, rotation_count: int = 6
     ) -> CentreGrid:
-        """Make the grid of film centres about the probe for which the stress is solved.
+        """Make the grid of positions of the film's centre, seen from the probe.
 
         Parameters
         ----------
         scene : Scene
-            With one probe.
+            Scene with a single probe.
         domain : Domain
-            Touches for which the response is valid.
+            Touches for which the response is valid. The grid reaches two cells farther.
         error_without : float, optional
-            Error of the interpolation extrapolated to no distances at all.
+            Prefactor C of the interpolation error, see Notes.
         rotation_count : int, optional
-            Number of rotations in half a turn for an orthotropic film, at an error of 1e-3.
+            Number of rotations within 180 degrees for an orthotropic film, at an error of 1e-3.
 
         Notes
         -----
-        Polynomials along diameters of the reach converge by the distance of the rim, where the
-        stress is singular: each distance divides the error by exp(2 arccosh(radius / reach)), the
-        square of the parameter of Bernstein's ellipse (Trefethen, Approximation Theory and
-        Approximation Practice, chapter 8).
+        As a function of the probe's position, the stress is singular where the probe would reach
+        the rim, at the distance R from the centre. So the error of a polynomial along a diameter of
+        the grid, whose reach is r, is C ρ^(-2n) for n distances, with the parameter of the
+        Bernstein ellipse ρ = exp(arccosh(R/r)) (Trefethen, Approximation Theory and Approximation
+        Practice, chapter 8).
         """
         assert scene.single_probe is not None
         reach_mm = domain.reach_mm + 2.0 * self.compute_cell_mm(scene, domain)
@@ -111,22 +121,23 @@ class ResponseOptions:
         )
 
     def make_polar_grid(self, scene: Scene, domain: Domain, centre_grid: CentreGrid) -> PolarGrid:
-        """Make the grid about the probe on which the stress is sampled.
+        """Make the polar grid about the probe on which the stress is sampled.
 
         Parameters
         ----------
         scene : Scene
-            Film, electrodes, probe and load.
+            Scene with a single probe.
         domain : Domain
-            From all of its places the grid covers the film, since electrodes may be anywhere.
+            Touches for which the response is valid. With the probe at any of their positions, the
+            grid covers the whole film, since electrodes may be anywhere.
         centre_grid : CentreGrid
-            Its number of angles divides that of the polar grid.
+            Grid whose number of angles must divide the number of angles of the polar grid.
         """
         cell_mm = self.compute_cell_mm(scene, domain)
         corners_mm = 1e3 * float(estimate_pressed_outline(scene, domain.force_N[0]).reach)
         rays = 4.0 * np.pi * corners_mm / (self.step_fraction * cell_mm)
         angle_count = centre_grid.angle_count * math.ceil(rays / centre_grid.angle_count)
-        # from the corner of the spline's square grid to the rim on the other side
+        # From the corner of the spline's square grid to the rim on the opposite side.
         reach_mm = math.sqrt(2.0) * (domain.reach_mm + (PADDING_STEPS + 1) * cell_mm)
         reach_mm += scene.film.radius_mm
         return PolarGrid(
@@ -137,44 +148,45 @@ class ResponseOptions:
         )
 
 
-def choose_options(scene: Scene, tolerance: float, share_of_tip: float = 0.5) -> ResponseOptions:
-    """Choose the options for a tolerance.
+def choose_options(scene: Scene, tolerance: float, tip_factor: float = 0.5) -> ResponseOptions:
+    """Choose the resolution of a response by its tolerance.
 
     Parameters
     ----------
     scene : Scene
-        Film, electrodes, probe and load.
+        Scene with a single probe.
     tolerance : float
-        Largest relative error of a charge.
-    share_of_tip : float, optional
-        Error over tolerance under a tip, whose contact grows with the force.
+        Maximum error bound of the response.
+    tip_factor : float, optional
+        Factor on the error under a tip, whose contact grows with the force and therefore needs a
+        finer resolution.
     """
     error = min(tolerance, 1.0)
     if scene.tips:
-        error *= share_of_tip
+        error *= tip_factor
     return ResponseOptions(error=error)
 
 
 def find_validation_errors(
     scene: Scene, domain: Domain, tolerance: float, options: ResponseOptions | None = None
 ) -> Iterator[str]:
-    """Yield the reasons for which a response cannot be built.
+    """Find the errors of a scene, a domain and a tolerance for which no response can be built.
 
     Parameters
     ----------
     scene : Scene
-        Film, electrodes, probe and load.
+        Scene to check.
     domain : Domain
-        Touches for which the response is valid.
+        Touches for which the response should be valid.
     tolerance : float
-        Largest relative error of a charge.
+        Maximum error bound of the response.
     options : ResponseOptions, optional
-        By default those for the tolerance.
+        Resolution of the response. Default: chosen by the tolerance.
 
     Yields
     ------
     str
-        The key with its value, the reason, and a change that helps.
+        Message with a key and its value, what is wrong, and what to change.
     """
     try:
         make_mechanical_key(scene)
@@ -185,10 +197,10 @@ def find_validation_errors(
     has_tolerance = MIN_TOLERANCE <= tolerance < np.inf
     has_forces = 0.0 < lowest < highest < np.inf
     if not has_tolerance:
-        reason = f"must be a finite number; give one from {MIN_TOLERANCE:g} on"
+        reason = f"must be a finite number; give at least {MIN_TOLERANCE:g}"
         yield format_error("tolerance", tolerance, reason)
     if not has_forces:
-        reason = "must be a range of positive forces; give the least and the largest"
+        reason = "must be a range of positive forces; give the minimum and the maximum"
         yield format_error("force_range_N", domain.force_N, reason)
     yield from _find_incompatible_keys(scene)
     if has_tolerance and has_forces:
@@ -198,12 +210,12 @@ def find_validation_errors(
 
 
 def _find_incompatible_keys(scene: Scene) -> Iterator[str]:
-    """Yield an error for each key of a scene that is incompatible with a response."""
+    """Find the keys of a scene that are incompatible with a response."""
     load = scene.load
     film = scene.film
     observable = scene.numerics.observable
     if load.kind == "rigid":
-        reason = "makes the stress singular at the probe's edge; take 'dead' or 'follower'"
+        reason = "the stress is singular at the edge of the probe; choose 'dead' or 'follower'"
         yield format_error("load.kind", load.kind, f"incompatible with a response: {reason}")
     if film.is_inhomogeneous:
         yield "film: patches and rim_displacement_um are incompatible with a response; remove them"
@@ -214,22 +226,32 @@ def _find_incompatible_keys(scene: Scene) -> Iterator[str]:
             yield format_error(f"film.{key}", value, reason)
     if load.tangential_N is not None or load.profile != "uniform":
         yield (
-            "load: a response needs a uniform pressure along z; remove load.tangential_N and"
+            "load: a response requires a uniform pressure along z; remove load.tangential_N and"
             " load.profile"
         )
     if observable != "material":
-        reason = "no integral of the stress about the probe, which a response needs"
-        yield format_error("numerics.observable", observable, f"{reason}; take 'material'")
+        reason = "incompatible with a response, which integrates the stress about the probe"
+        yield format_error("numerics.observable", observable, f"{reason}; choose 'material'")
 
 
 def _find_reach_errors(scene: Scene, domain: Domain, options: ResponseOptions) -> Iterator[str]:
-    """Yield an error if the probe comes too near the rim."""
+    """Find the error of a reach that is not positive or brings the probe too close to the rim.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with a single probe.
+    domain : Domain
+        Domain with the reach, and with the maximum force that gives the largest contact of a tip.
+    options : ResponseOptions
+        Resolution, which gives the margin of three cells.
+    """
     cell_mm = options.compute_cell_mm(scene, domain)
     corners_mm = 1e3 * estimate_pressed_outline(scene, domain.force_N[1]).reach
     limit_mm = scene.film.radius_mm - corners_mm - 3.0 * cell_mm
     if not 0.0 < domain.reach_mm < limit_mm:
         reason = (
-            f"must be between zero and {max(limit_mm, 0.0):.3g}, where the probe comes too near"
-            " the rim; give another reach, or a smaller probe"
+            f"must be between 0 and {max(limit_mm, 0.0):.3g}, where the probe comes too close to"
+            " the rim; give a value in this range, or a smaller probe"
         )
         yield format_error("reach_mm", domain.reach_mm, reason)

@@ -1,7 +1,8 @@
-"""Touches of one probe as rows of numbers, and the domain of touches that a response covers.
+"""Touches as rows of numbers, and the domain of touches that a response covers.
 
-A touch is a row of four numbers: the place x and y in mm, the rotation in degrees and the force in
-N of the probe. Several probes have their four numbers one behind the other in a row.
+The touch of one probe is a row of four numbers: the position x and y in mm, the rotation in degrees
+and the force in N. The rows of several probes are concatenated. The reach of a domain is the
+maximum distance of a touch from the film's centre.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.scene.response_domain import ResponseDomain
 from pvdf_fem.scene.scene import Scene
 
-#: Names of the quantities of one probe's touch, in the order of its row.
+#: Names of the quantities of a touch, in the order of its row.
 TOUCH_QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")
 #: Scene keys in the order of `TOUCH_QUANTITIES`.
 TOUCH_SCENE_KEYS = ("probe.x_mm", "probe.y_mm", "probe.rotation_deg", "load.force_N")
 
 
 class TouchColumn:
-    """Columns of the quantities in a row of touches, in the order of `TOUCH_QUANTITIES`."""
+    """Column indices of the quantities in rows of touches, in the order of `TOUCH_QUANTITIES`."""
 
     X = 0
     Y = 1
@@ -34,21 +35,21 @@ class TouchColumn:
 
 @dataclass(frozen=True)
 class Domain:
-    """The touches for which a response is valid."""
+    """Positions and forces of the touches for which a response is valid; any rotation is valid."""
 
-    #: Largest distance of the probe's centroid from the film's centre.
+    #: Maximum distance of the probe's centroid from the film's centre.
     reach_mm: float
-    #: Least and largest force.
+    #: Minimum and maximum force.
     force_N: tuple[float, float]
 
     @cached_property
     def log_force(self) -> tuple[float, float]:
-        """Natural logarithms of the least and the largest force in N."""
+        """Natural logarithms of the minimum and the maximum force in N."""
         lowest, highest = self.force_N
         return math.log(lowest), math.log(highest)
 
     def covers(self, other: Domain) -> bool:
-        """Return whether this domain contains the other domain."""
+        """Return whether this domain contains another domain."""
         lowest, highest = self.force_N
         other_lowest, other_highest = other.force_N
         has_forces = lowest <= other_lowest and other_highest <= highest
@@ -60,24 +61,26 @@ class Domain:
 
 
 class ResponseSettings(NamedTuple):
-    """The domain of a response and the largest error of its charges."""
+    """Domain of a response, and the maximum relative error of its charges."""
 
     domain: Domain
     tolerance: float
 
 
 def draw_touches(domain: Domain, count: int, seed: int = 0) -> Array:
-    """Draw random touches of one probe all over a domain.
+    """Draw random touches of one probe from a domain.
+
+    The positions are uniformly distributed in the disc of the reach, the rotations from 0 to 360
+    degrees, and the logarithms of the forces in their range.
 
     Parameters
     ----------
     domain : Domain
-        The touches are uniform over its disc of places, over all rotations, and over the logarithm
-        of its forces.
+        Domain of the touches.
     count : int
         Number of touches.
     seed : int, optional
-        Seed of the random numbers; the same seed draws the same touches.
+        Seed of the random numbers; the same seed reproduces the touches.
 
     Returns
     -------
@@ -99,18 +102,20 @@ def draw_touches(domain: Domain, count: int, seed: int = 0) -> Array:
 def is_within(
     touches: Array, reach_mm: float, lowest: float, highest: float, few: int = 32
 ) -> bool:
-    """Return whether all touches are finite and inside of limits.
+    """Return whether all touches are finite and within limits.
 
     Parameters
     ----------
     touches : ndarray, shape (n, 4)
         Rows of x and y in mm, rotation in degrees and force, or the logarithm of the force.
     reach_mm : float
-        Largest distance from the film's centre.
-    lowest, highest : float
-        Limits of the last column: forces, or logarithms of forces.
+        Maximum distance from the film's centre.
+    lowest : float
+        Minimum of the last column, a force or the logarithm of a force.
+    highest : float
+        Maximum of the last column.
     few : int, optional
-        Number of touches up to which plain floats are compared, which is faster for few rows.
+        Up to this number of touches, Python floats are compared, which is faster for few rows.
     """
     square = reach_mm * reach_mm
     if len(touches) <= few:
@@ -125,12 +130,12 @@ def is_within(
 
 
 def require_within(domain: Domain, touches: Array, rounding: float = 1e-9) -> None:
-    """Raise an error unless all touches are finite and inside of a domain.
+    """Raise an error unless all touches are finite and within a domain, up to round-off.
 
     Parameters
     ----------
     domain : Domain
-        Limits of the touches.
+        Domain of the touches.
     touches : ndarray, shape (n, 4)
         Rows of x and y in mm, rotation in degrees and force in N.
     rounding : float, optional
@@ -139,7 +144,7 @@ def require_within(domain: Domain, touches: Array, rounding: float = 1e-9) -> No
     Raises
     ------
     ValueError
-        With the first touch that is outside of the domain.
+        If a touch is outside of the domain; the message has the first such touch.
     """
     low, high = domain.force_N
     limits = ((1.0 + rounding) * domain.reach_mm, (1.0 - rounding) * low, (1.0 + rounding) * high)
@@ -155,67 +160,77 @@ def require_within(domain: Domain, touches: Array, rounding: float = 1e-9) -> No
             )
 
 
-def compute_clear_reach_mm(scene: Scene, least: float = 0.2) -> float:
-    """Return how far from the film's centre probes keep their own width from the rim.
+def compute_clear_reach_mm(scene: Scene, min_fraction: float = 0.2) -> float:
+    """Compute the reach at which the centre of the widest probe is its own width from the rim.
 
-    Probes that are nearly as wide as the film may move by the share `least` of the film's radius.
+    The width is the mean width of the outline, its perimeter divided by π.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with probes.
+    min_fraction : float, optional
+        Minimum of the result as a fraction of the film's radius, for very wide probes.
     """
     radius_mm = scene.film.radius_mm
     width_mm = 0.0
     for load in scene.loaded_probes:
         width_mm = max(width_mm, 1e3 / math.pi * load.outline.perimeter)
-    return max(radius_mm - width_mm, least * radius_mm)
+    return max(radius_mm - width_mm, min_fraction * radius_mm)
 
 
-def choose_default_reach_mm(
-    scene: Scene, largest_mm: float = 12.0, largest_share: float = 0.6
-) -> float:
-    """Choose the largest distance of touches from the film's centre when the user gives none.
+def choose_default_reach_mm(scene: Scene, max_mm: float = 12.0, max_fraction: float = 0.6) -> float:
+    """Choose the reach in mm of a scene for which the user has not specified one.
+
+    It is the smallest of `max_mm`, `max_fraction` of the film's radius, and the reach at which the
+    probe is its own width from the rim.
 
     Parameters
     ----------
     scene : Scene
-        With a probe. Its place does not matter, so that names of files can depend on the result.
-    largest_mm : float, optional
-        Upper limit of the distance.
-    largest_share : float, optional
-        Upper limit of the distance over the film's radius.
+        Scene with a single probe. Its position and force have no effect, so that a file name may
+        contain the result.
+    max_mm : float, optional
+        Upper limit in mm.
+    max_fraction : float, optional
+        Upper limit as a fraction of the film's radius.
     """
     clear_mm = compute_clear_reach_mm(centre_probe(scene))
-    return min(largest_mm, largest_share * scene.film.radius_mm, clear_mm)
+    return min(max_mm, max_fraction * scene.film.radius_mm, clear_mm)
 
 
 def resolve_response_settings(
     scene: Scene,
     sigma: float = 0.01,
-    share: float = 0.1,
+    fraction: float = 0.1,
     limits: tuple[float, float] = (1e-4, 1e-2),
 ) -> ResponseSettings:
-    """Resolve the domain and the tolerance of a scene's response from its table ``[model]``.
+    """Return the domain and the tolerance of a scene's response, with defaults for missing keys.
 
     Parameters
     ----------
     scene : Scene
-        With or without the table ``[model]``.
+        Scene with a single probe. Keys of its table ``[model]`` replace the defaults.
     sigma : float, optional
         Relative noise of the readings that the response is for.
-    share : float, optional
-        The default tolerance over `sigma`.
+    fraction : float, optional
+        Default tolerance as a fraction of `sigma`.
     limits : tuple of float, optional
-        Least and largest default tolerance.
+        Minimum and maximum of the default tolerance.
     """
-    wanted = scene.model or ResponseDomain()
-    reach_mm = wanted.reach_mm
+    settings = scene.model or ResponseDomain()
+    reach_mm = settings.reach_mm
     if reach_mm is None:
         reach_mm = choose_default_reach_mm(scene)
-    tolerance = wanted.tolerance
+    tolerance = settings.tolerance
     if tolerance is None:
-        tolerance = min(max(share * sigma, limits[0]), limits[1])
-    return ResponseSettings(Domain(reach_mm, wanted.force_range_N), tolerance)
+        lowest, highest = limits
+        tolerance = min(max(fraction * sigma, lowest), highest)
+    return ResponseSettings(Domain(reach_mm, settings.force_range_N), tolerance)
 
 
 def extract_touch(scene: Scene) -> dict[str, float]:
-    """Return the touch of a scene's probe by quantity; the force alone if it has no probe."""
+    """Return the touch of a scene's probe by quantity; only the force if there is no probe."""
     touch: dict[str, float] = {}
     probe = scene.single_probe
     if probe is not None:
@@ -225,21 +240,21 @@ def extract_touch(scene: Scene) -> dict[str, float]:
 
 
 def centre_probe(scene: Scene) -> Scene:
-    """Return the scene with its probe at the film's centre, unrotated, under 1 N."""
+    """Return a copy of the scene with the probe at the centre, without rotation, loaded by 1 N."""
     return scene.with_(**dict(zip(TOUCH_SCENE_KEYS, (0.0, 0.0, 0.0, 1.0), strict=True)))
 
 
 def apply_touch(scene: Scene, touch: Array, tolerance: float) -> Scene:
-    """Return the scene with its probe and force at a touch, and a tolerance of the solve.
+    """Return a copy of the scene with the position, rotation and force of a touch.
 
     Parameters
     ----------
     scene : Scene
-        With one probe.
+        Scene with a single probe.
     touch : ndarray, shape (4,)
-        x and y in mm, rotation in degrees and force in N.
+        Position x and y in mm, rotation in degrees and force in N.
     tolerance : float
-        Value of ``numerics.tolerance``.
+        Tolerance of the solve, the value of ``numerics.tolerance``.
     """
     changes = dict(zip(TOUCH_SCENE_KEYS, map(float, touch), strict=True))
     changes["numerics.tolerance"] = tolerance

@@ -1,6 +1,6 @@
 """Cubic splines on uniform grids of any dimension, with gradients, for many points at once.
 
-Values and gradients of several functions are evaluated together, 1.7 to 3 times faster than by
+Values and gradients of several functions are evaluated together, 1.7 to 3 times faster than with
 `scipy.interpolate.NdBSpline`.
 """
 
@@ -19,12 +19,12 @@ from scipy.ndimage import spline_filter1d
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.surrogate.response_file import FileArray
 
-#: Steps by which a grid extends beyond the points of interest, so that the ends of the spline do
-#: not matter there.
+#: Number of steps by which a grid extends beyond the region of interest, so that the end conditions
+#: of the spline have no effect there.
 PADDING_STEPS = 6
 
-# Powers 1, u, u^2, u^3 of the position u in a cell, times these matrices, are the four cubic
-# B-splines that overlap the cell, and their derivatives by u.
+# The row vector (1, u, u^2, u^3) of the position u in a cell, from 0 to 1, times these matrices
+# gives the four cubic B-splines that overlap the cell, and their derivatives with respect to u.
 _CUBIC = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6.0
 _SLOPE = np.array([[-3, 0, 3, 0], [6, -12, 6, 0], [-3, 9, -9, 3], [0, 0, 0, 0]]) / 6.0
 _POWERS = np.arange(4.0)
@@ -34,69 +34,77 @@ _POWERS = np.arange(4.0)
 class UniformAxis:
     """A uniform grid along one coordinate."""
 
-    start: float
-    step: float
-    count: int
-    #: Whether the value after the last is the first.
+    start: float  #: First value.
+    step: float  #: Distance between neighbouring values.
+    count: int  #: Number of values.
+    #: Whether the coordinate is periodic: the first value follows the last one.
     periodic: bool = False
 
     @property
     def values(self) -> Array:
-        """Values of the grid, (count,)."""
+        """Values of the grid.
+
+        Returns
+        -------
+        ndarray, shape (count,)
+        """
         return self.start + self.step * np.arange(self.count, dtype=float)
 
 
 class _Grid(NamedTuple):
-    """The grids of all axes as arrays, (axes,)."""
+    """Properties of all axes, as arrays of shape (axes,)."""
 
-    starts: Array
-    cells_per_unit: Array
-    last_cells: Indices
+    starts: Array  #: Coordinates of the first values.
+    cells_per_unit: Array  #: Inverse steps.
+    last_cells: Indices  #: Indices of the last cells.
 
 
 class _Rows(NamedTuple):
-    """Rows of the flat coefficients that overlap a cell."""
+    """Positions of the coefficients of a cell in the matrix `UniformSpline._flat`."""
 
-    strides: Indices  #: Rows from one coefficient to the next along each axis, (axes,).
-    offsets: Indices  #: From the first row of a cell to all of its rows, (4^axes,).
+    #: Number of rows from one coefficient to the next along each axis, shape (axes,).
+    strides: Indices
+    #: Offsets of the rows of a cell from its first row, shape (4^axes,).
+    offsets: Indices
 
 
 class _Weights(NamedTuple):
-    """Weights of the flat coefficients in results at n points."""
+    """Weights of the coefficients in the values and derivatives at n points."""
 
-    values: Array  #: (n, results, 4^axes).
-    rows: Indices  #: Rows of the coefficients, (n, 4^axes).
+    values: Array  #: Weights, shape (n, results, 4^axes).
+    rows: Indices  #: Rows of the coefficients in `UniformSpline._flat`, shape (n, 4^axes).
 
 
 @dataclass(frozen=True, eq=False)
 class UniformSpline:
-    """The tensor product of cubic splines through values on a uniform grid.
+    """Tensor product of cubic splines that interpolates several functions on a uniform grid.
 
-    At the ends of an axis that is not periodic the spline has slope zero. The error of that falls
-    to 0.27 of itself from each cell to the next. Outside of the grid the polynomials of the
-    outermost cells are evaluated.
+    The slope is zero at the ends of an axis that is not periodic. The error due to this condition
+    decreases by the factor 0.27 from each cell to the next. Outside of the grid, the spline is the
+    polynomial of the outermost cell.
     """
 
-    #: Each with at least four values, or periodic.
+    #: Axes of the grid; those that are not periodic have at least four values.
     axes: tuple[UniformAxis, ...]
-    #: Coefficients of the B-splines, (axes..., functions). Along an axis they begin one step before
-    #: the first value and end one step after the last; two steps after the last of a periodic axis.
+    #: Coefficients of the B-splines, with one dimension per axis and the functions last. Along an
+    #: axis they start one step before the first value and end one step after the last value (two
+    #: steps for a periodic axis).
     coefficients: FileArray
 
     @classmethod
     def interpolate(
         cls, axes: Sequence[UniformAxis], values: ArrayLike, dtype: type[np.floating] = np.float64
     ) -> UniformSpline:
-        """Make the spline through values.
+        """Interpolate values on a grid.
 
         Parameters
         ----------
         axes : sequence of UniformAxis
-            Grids of the coordinates.
-        values : array_like, shape (axes..., functions)
-            Values at the nodes of the grid.
+            Axes of the grid.
+        values : array_like, shape (n1, n2, ..., functions)
+            Values of the functions at the nodes of the grid.
         dtype : type, optional
-            Type of the coefficients.
+            Data type of the coefficients and of the results of evaluations.
         """
         coefficients = np.asarray(values, dtype=float)
         for i, axis in enumerate(axes):
@@ -119,12 +127,13 @@ class UniformSpline:
         points : ndarray, shape (n, axes)
             Coordinates of the points.
         at_once : int, optional
-            Number of points evaluated together; their coefficients then fit into the cache.
+            Number of points to evaluate together, so few that their coefficients fit into the cache
+            of the processor.
 
         Returns
         -------
         ndarray, shape (n, 1 + axes, functions)
-            Values, then derivatives by each coordinate.
+            Values, then derivatives with respect to each coordinate.
         """
         if len(points) > at_once:
             starts = range(0, len(points), at_once)
@@ -135,18 +144,19 @@ class UniformSpline:
         return np.matmul(weights.values, self._flat.take(weights.rows, axis=0))
 
     def sum_weighted(self, points: Array, factors: Array) -> Array:
-        """Sum the functions over sets of points, with a factor for each point.
+        """Compute weighted sums of the functions over sets of points, by one sparse product.
 
         Parameters
         ----------
         points : ndarray, shape (n, m, axes)
-            n sets of m points.
+            Coordinates of n sets of m points.
         factors : ndarray, shape (n, m)
-            Factors of the points.
+            Weights of the points.
 
         Returns
         -------
         ndarray, shape (n, functions)
+            Sum over each set of the functions times the weights.
         """
         n, m = factors.shape
         values_only = self._polynomials[:, :, :4]
@@ -158,7 +168,15 @@ class UniformSpline:
         return matrix @ self._flat
 
     def _compute_weights(self, points: Array, polynomials: Array) -> _Weights:
-        """Compute the weights of the coefficients at points (n, axes) for some of the results."""
+        """Compute the weights of the coefficients in results at several points.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, axes)
+            Coordinates of the points.
+        polynomials : ndarray, shape (axes, 4, 4 results)
+            Columns of `_polynomials` for the results.
+        """
         grid = self._grid
         n, axes = points.shape
         position = (points - grid.starts) * grid.cells_per_unit
@@ -166,10 +184,11 @@ class UniformSpline:
             if axis.periodic:
                 position[:, i] %= axis.count
         cell = np.minimum(np.maximum(position.astype(np.int64), 0), grid.last_cells)
-        # (axes, n, powers)
+        # shape (axes, n, powers)
         powers = (position - cell).T[:, :, None] ** _POWERS
         factors = np.matmul(powers, polynomials).astype(self._flat.dtype, copy=False)
         factors = factors.reshape(axes, n, -1, 4)
+        # The weights are outer products of the B-splines of all axes.
         weights = factors[0]
         for i in range(1, axes):
             weights = weights[..., None] * factors[i, :, :, None]
@@ -179,21 +198,32 @@ class UniformSpline:
 
     @cached_property
     def _flat(self) -> NDArray[np.floating]:
-        """Coefficients as a matrix, (rows, functions)."""
+        """Coefficients as a matrix.
+
+        Returns
+        -------
+        ndarray, shape (rows, functions)
+        """
         return self.coefficients.reshape(-1, self.coefficients.shape[-1])
 
     @cached_property
     def _grid(self) -> _Grid:
-        """The grids of all axes as arrays."""
+        """Properties of all axes as arrays."""
         starts = np.array([axis.start for axis in self.axes])
         steps = np.array([axis.step for axis in self.axes])
         return _Grid(starts, 1.0 / steps, np.array(self.coefficients.shape[:-1]) - 4)
 
     @cached_property
     def _polynomials(self) -> Array:
-        """Coefficients of B-splines for the value and the derivatives, (axes, 4, results 4)."""
+        """Polynomial coefficients of the B-splines for the value and the derivatives.
+
+        An array of shape (axes, 4, 4 (1 + axes)): for each axis, the powers in the rows; in the
+        columns the four B-splines for the value, then for the derivative with respect to each
+        coordinate. In the derivative with respect to coordinate i, only the factor of axis i is
+        differentiated.
+        """
         axes = len(self.axes)
-        # (axes, powers, results, splines): derivatives by coordinate i differ in the factor of i
+        # shape (axes, powers, results, splines)
         polynomials = np.tile(_CUBIC[:, None], (axes, 1, 1 + axes, 1))
         for i, axis in enumerate(self.axes):
             polynomials[i, :, 1 + i] = _SLOPE / axis.step
@@ -201,7 +231,7 @@ class UniformSpline:
 
     @cached_property
     def _rows(self) -> _Rows:
-        """Rows of the flat coefficients that overlap a cell."""
+        """Positions of the coefficients of a cell in `_flat`."""
         counts = self.coefficients.shape[-2:0:-1]
         strides = np.append(np.cumprod(counts)[::-1], 1).astype(np.int64)
         corners = np.indices((4,) * len(self.axes)).reshape(len(self.axes), -1)

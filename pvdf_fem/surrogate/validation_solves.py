@@ -1,4 +1,7 @@
-"""Full solves of random touches that are not used to build a response, to measure its error."""
+"""Full solves of random touches, which measure the error of a response.
+
+The response is not built from these solves.
+"""
 
 from __future__ import annotations
 
@@ -20,53 +23,53 @@ if TYPE_CHECKING:
 
 
 class RelativeErrors(NamedTuple):
-    """Errors of charges relative to |d31 X| + |d32 Y|."""
+    """Errors of charges as fractions of |d31 X| + |d32 Y|, with the stress integrals X, Y."""
 
-    of_charges: Array  #: By touch and electrode, (n, electrodes).
-    of_solves: float  #: Largest error that the full solves estimate of themselves.
+    of_charges: Array  #: Differences from the full solves, shape (n, electrodes).
+    of_solves: float  #: Largest estimated error of the full solves.
 
 
 def make_solve_tasks(
-    scene: Scene, touches: Array, tolerance: float, share: float = 0.1
+    scene: Scene, touches: Array, tolerance: float, fraction: float = 0.1
 ) -> list[tuple[Any, ...]]:
-    """Make the tasks of a `TaskRunner` that solve touches.
+    """Make the tasks that solve touches, for a `TaskRunner`.
 
     Parameters
     ----------
     scene : Scene
-        Film, electrodes, probe and load.
+        Scene with a single probe.
     touches : ndarray, shape (n, 4)
         Rows of x and y in mm, rotation in degrees and force in N.
     tolerance : float
         Tolerance of the response.
-    share : float, optional
-        Tolerance of the solves over the tolerance of the response.
+    fraction : float, optional
+        Tolerance of the solves as a fraction of `tolerance`.
     """
-    return [(solve_stress_integrals, scene, touch, share * tolerance) for touch in touches]
+    return [(solve_stress_integrals, scene, touch, fraction * tolerance) for touch in touches]
 
 
 def solve_stress_integrals(scene: Scene, touch: Array, tolerance: float) -> StressIntegrals | str:
-    """Solve the stress integrals of all electrodes under a touch.
+    """Solve a touch in full, and return the stress integrals of all electrodes.
 
     Parameters
     ----------
     scene : Scene
-        Film, electrodes, probe and load.
+        Scene with a single probe.
     touch : ndarray, shape (4,)
-        x and y in mm, rotation in degrees and force in N.
+        Position x and y in mm, rotation in degrees and force in N.
     tolerance : float
-        Largest relative error of a charge.
+        Tolerance of the solve.
 
     Returns
     -------
     StressIntegrals or str
-        The reason if there is no solution.
+        Stress integrals, or the reason why the solve failed.
     """
     from pvdf_fem.problem.problem import Problem  # imports gmsh
     from pvdf_fem.solver.adaptive import solve_outputs
 
-    touched = apply_touch(scene, touch, tolerance)
-    solution = solve_outputs(Problem.from_scene(touched))
+    loaded_scene = apply_touch(scene, touch, tolerance)
+    solution = solve_outputs(Problem.from_scene(loaded_scene))
     if solution.status is not Status.CONVERGED:
         return solution.reason
     return solution.discrete.stress_integrals
@@ -76,52 +79,48 @@ def solve_stress_integrals(scene: Scene, touch: Array, tolerance: float) -> Stre
 class ValidationSolves:
     """Stress integrals X, Y of the electrodes from full solves, with their estimated errors."""
 
-    #: Touches (n, 4) of x and y in mm, rotation in degrees and force in N.
+    #: Rows of x and y in mm, rotation in degrees and force in N, shape (n, 4).
     touches: FileArray
-    #: Stress integrals in N, (n, electrodes, 2).
+    #: Stress integrals in N, shape (n, electrodes, 2).
     integrals: FileArray
-    #: Their estimated errors in N, with signs, (n, electrodes, 2).
+    #: Estimated errors of the stress integrals in N, with signs, shape (n, electrodes, 2).
     errors: FileArray
 
     @classmethod
     def collect(cls, touches: Array, results: Sequence[StressIntegrals | str]) -> ValidationSolves:
-        """Collect the touches that have a solution.
+        """Collect the results of full solves, without the touches that could not be solved.
 
         Parameters
         ----------
         touches : ndarray, shape (n, 4)
             Rows of x and y in mm, rotation in degrees and force in N.
         results : sequence of StressIntegrals or str
-            Those of `solve_stress_integrals` for each touch.
+            Results of `solve_stress_integrals` for each touch.
 
         Raises
         ------
         NotConvergedError
-            When more than half of the touches have no solution.
+            If more than half of the touches could not be solved.
         """
         failed = [i for i, result in enumerate(results) if isinstance(result, str)]
         if 2 * len(failed) > len(touches):
             x, y, rotation, force = touches[failed[0]]
-            place = f"({x:.6g}, {y:.6g}) mm, {rotation:.6g} deg, {force:.6g} N"
-            raise NotConvergedError(f"touch at {place}: {results[failed[0]]}")
+            touch = f"({x:.6g}, {y:.6g}) mm, {rotation:.6g} deg, {force:.6g} N"
+            raise NotConvergedError(f"touch at {touch}: {results[failed[0]]}")
         solved = [result for result in results if not isinstance(result, str)]
         integrals = np.array([result.values for result in solved])
         errors = np.array([result.errors for result in solved])
         return cls(np.delete(touches, failed, axis=0), integrals, errors)
 
     def compute_relative_errors(self, film: Film, charges_pC: Array) -> RelativeErrors:
-        """Compute the errors of charges against the full solves.
+        """Compute the errors of charges by comparison with the full solves.
 
         Parameters
         ----------
         film : Film
-            d31 and d32.
+            Film with d31 and d32.
         charges_pC : ndarray, shape (n, electrodes)
-            Charges of the same touches in pC.
-
-        Returns
-        -------
-        RelativeErrors
+            Charges of `touches` in pC, from a response.
         """
         from pvdf_fem.electrodes.stress_integrals import StressIntegrals  # imports scikit-fem
 

@@ -265,11 +265,11 @@ def _draw_error_contributions(ax: Axes, film: FilmData, film_map: FilmMap) -> Sc
     film_map : FilmMap
         Label and colours.
     """
-    shares_pC = 1e12 * film.error_contributions().max(axis=1)
-    largest = max(float(shares_pC.max()), np.finfo(float).eps)
+    contributions_pC = 1e12 * film.error_contributions().max(axis=1)
+    largest = max(float(contributions_pC.max()), np.finfo(float).eps)
     norm = LogNorm(1e-4 * largest, largest, clip=True)
     filled = PolyCollection(
-        _trace_element_boundaries_mm(film), array=shares_pC, norm=norm, cmap=film_map.colours
+        _trace_element_boundaries_mm(film), array=contributions_pC, norm=norm, cmap=film_map.colours
     )
     ax.add_collection(filled)
     return filled

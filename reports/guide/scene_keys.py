@@ -197,7 +197,7 @@ def make_scene_page() -> str:
         "# Scene files",
         "A scene is a TOML file of these tables. Every key has a default unless it is marked as",
         "required, and the units are in the keys' names. `pvdf-fem keys` prints the scene at the",
-        "end of this page, and `pvdf-fem keys WORD` the keys of a word.",
+        "end of this page, and `pvdf-fem keys WORD` only those keys that have this word.",
         "",
         clean_docstring(Scene.__doc__),
     ]

@@ -167,15 +167,21 @@ class ErrorMap(TouchFigure):
         figure.set_layout_engine("compressed")
         axes = figure.subplots(2, len(LAYOUTS), sharex=True, sharey=True)
         bands = BoundaryNorm(LEVELS_MM, 256)
-        most_mm = max(places.rival_mm.max(), 1.0)
+        most_mm = max(places.alternative_mm.max(), 1.0)
         for (upper, lower), layout in zip(axes.T, LAYOUTS, strict=True):
             at = places[places.electrodes == layout]
             error_mm = at.error_mm.clip(LEVELS_MM[0], LEVELS_MM[-1])
             shades = upper.tricontourf(at.x_mm, at.y_mm, error_mm, levels=LEVELS_MM, norm=bands)
             lower.plot(at.x_mm, at.y_mm, ".", color="0.8", markersize=2.0, zorder=0)
-            far = at[at.rival_mm > FAR_MM]
+            far = at[at.alternative_mm > FAR_MM]
             dots = lower.scatter(
-                far.x_mm, far.y_mm, 14.0, far.rival_mm, vmin=0.0, vmax=most_mm, cmap="plasma_r"
+                far.x_mm,
+                far.y_mm,
+                14.0,
+                far.alternative_mm,
+                vmin=0.0,
+                vmax=most_mm,
+                cmap="plasma_r",
             )
             electrodes = task.with_electrodes(layout).electrode_list
             for ax in (upper, lower):
@@ -183,12 +189,12 @@ class ErrorMap(TouchFigure):
                 ax.label_outer()
             upper.set_title(f"{layout} electrodes")
         figure.colorbar(shades, ax=axes[0], label="error (mm)", format="%g")
-        figure.colorbar(dots, ax=axes[1], label="distance of a rival (mm)")
+        figure.colorbar(dots, ax=axes[1], label="distance of an alternative (mm)")
         is_inner = np.hypot(places.x_mm, places.y_mm) <= INNER_MM
-        has_rival = places.rival_mm > FAR_MM
+        has_alternative = places.alternative_mm > FAR_MM
         numbers = {
             "inner_mm": places[is_inner].groupby("electrodes").error_mm.median(),
-            "rival_percent": 100.0 * has_rival.groupby(places.electrodes).mean(),
+            "alternative_percent": 100.0 * has_alternative.groupby(places.electrodes).mean(),
         }
         return Drawing(places, figure, numbers)
 
@@ -218,7 +224,7 @@ class FoundPlaces(TouchFigure):
             **noisy.groupby("electrodes")[["error_mm", "force_percent"]].median(),
             "within": {layout: compute_percentage_within(of) for layout, of in pulls.items()},
             "exact": 100.0 * is_exact[is_four & (touches.noise == 0.0)].mean(),
-            "turned": 100.0 * (touches[is_turned & is_four].rivals > 0).mean(),
+            "turned": 100.0 * (touches[is_turned & is_four].alternatives > 0).mean(),
             "fits": 100.0 * (four.p_value > 0.05).mean(),
             **response[["built_s", "locate_ms", "per_second", "error_bound"]],
         }

@@ -165,7 +165,7 @@ class LocatedTouches(Task):
         return frame.assign(
             sort="touch",
             turned=rotations_deg is None,
-            rivals=found.alternatives,
+            alternatives=found.alternatives,
             p_value=found.p_value,
             noise=noise,
         )
@@ -199,7 +199,7 @@ class LocatedTouches(Task):
                 "x_mm": x_mm,
                 "y_mm": y_mm,
                 "error_mm": error_mm,
-                "rival_mm": farthest_mm,
+                "alternative_mm": farthest_mm,
             }
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from pvdf_fem.cli.program import MAX_LINE_LENGTH, MAX_LINES
 from pvdf_fem.scene.scene import Scene, SceneError
-from pvdf_fem.scene.scene_file import MOST_BYTES
+from pvdf_fem.scene.scene_file import MAX_BYTES
 from tests.helpers.damage import damages, drawn
 
 MAX_TABLE_BYTES = 500  #: Bytes of a damaged table, whose rows are all answered.
@@ -122,6 +122,6 @@ def test_a_path_that_is_not_a_text_file_is_an_error_at_once(tmp_path, name):
         Scene.from_file(path)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert peak < 10 * MOST_BYTES
+    assert peak < 10 * MAX_BYTES
     (line,) = caught.value.problems
     assert name in line

@@ -85,7 +85,7 @@ def test_an_energy_or_a_stress_makes_a_law(law_class):
 
 
 def test_a_law_without_energy_and_stress_is_refused():
-    with pytest.raises(TypeError, match="give one of both"):
+    with pytest.raises(TypeError, match="define one of them"):
         type("Empty", (Law,), {})
 
 

@@ -15,7 +15,8 @@ from pvdf_fem.film.bending.layers import (
     estimate_missing_fraction,
     estimate_uncertain_fraction,
 )
-from pvdf_fem.film.bending.plate import Plate, compute_plate_stiffness
+from pvdf_fem.film.bending.plate import Plate
+from pvdf_fem.film.bending.plate_form import compute_plate_stiffness
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.six_node import compute_jacobian_ratios
 from pvdf_fem.mesh.size_field import GradedSizes

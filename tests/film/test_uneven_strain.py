@@ -13,11 +13,11 @@ from pvdf_fem.film.loads.uneven_strain import (
     describe_heat_effects,
 )
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, find_symmetry_sector
+from pvdf_fem.problem import problem as problem_module
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.scene import Replaced
-from pvdf_fem.solver import adaptive as solving
 from pvdf_fem.solver.adaptive import compute_unloaded_charges
 from tests.helpers.discs import charges, graded_mesh
 from tests.helpers.laminated import laminated
@@ -167,7 +167,7 @@ def test_a_sector_of_a_symmetric_film_has_its_charges(monkeypatch, scene, most):
     for name in scene.film.layers:
         patch = on_sector.mesh.subdomains[name]
         assert on_sector.discrete.equilibrium.space.weights[patch].sum() == pytest.approx(9e-6)
-    monkeypatch.setattr(solving, "find_symmetry_sector", lambda scene: WHOLE_FILM)
+    monkeypatch.setattr(problem_module, "find_symmetry_sector", lambda scene: WHOLE_FILM)
     assert [*on_sector.charges_pC.values()] == pytest.approx(charges(scene), rel=most)
 
 

@@ -216,7 +216,7 @@ def test_the_number_of_elements_is_estimated_before_meshing(text):
     estimates = []
     scene = Scene.parse(text)
     sizes = choose_first_sizes(Problem.from_scene(scene), 3)
-    mesh = mesh_scene(scene, sizes, require=estimates.append)
+    mesh = mesh_scene(scene, sizes, check_element_count=estimates.append)
     assert 0.6 * mesh.nelements < estimates[0] < 1.6 * mesh.nelements
     finer = SizeField.from_element_sizes(mesh, 0.5 * compute_element_sizes(mesh))
     assert 0.4 < finer.element_count / mesh_scene(scene, finer).nelements < 2.5

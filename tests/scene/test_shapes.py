@@ -40,6 +40,23 @@ def test_an_outline_has_the_area_and_the_centroid_of_its_shape(shape):
 
 
 @each_shape
+def test_an_outline_has_the_symmetry_that_its_shape_declares(shape):
+    """Responses and searches leave out equal rotations; a wrong period loses touches."""
+    table = make_table(shape)
+    sizes = PlacedShape.model_validate({**table, "rotation_deg": 0.0}).geometry
+    period_deg = sizes.period_deg
+    rotation_deg = period_deg or 77.0
+    rotated = sizes.make_outline(0.0, 0.0, rotation_deg)
+    assert rotated.coincides(sizes.outline, 1e-12)
+    for parts in (2, 3, 5):
+        if period_deg:
+            smaller = sizes.make_outline(0.0, 0.0, period_deg / parts)
+            assert not smaller.coincides(sizes.outline, 1e-12)
+    image = sizes.outline.transform(np.diag([-1.0, 1.0]))
+    assert image.coincides(sizes.outline, 1e-12) == sizes.is_mirror_symmetric
+
+
+@each_shape
 def test_a_shape_serves_electrodes_patches_and_probes(shape):
     table = make_table(shape)
     scene = Scene().with_(

@@ -9,7 +9,7 @@ import shapely
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.polygon import Polygon
-from pvdf_fem.scene.outlines.tip import STEEPEST, DiscTip, PolygonTip
+from pvdf_fem.scene.outlines.tip import MAX_RELATIVE_DISTANCE, DiscTip, PolygonTip
 
 CENTRE = np.array([3.0, -1.0])
 TRIANGLE = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 2.0]])
@@ -33,11 +33,15 @@ def test_heights_are_those_of_a_ball_with_their_derivatives(name):
     points = np.random.default_rng(2).uniform(low, high, (400, 2))
     d = shapely.distance(core, shapely.points(points))
     # where a step of the difference meets no jump of the curvature
-    smooth = (np.abs(d - STEEPEST * tip.radius) > 1e-3) & ((d > 1e-2) | (name == "sphere"))
+    smooth = (np.abs(d - MAX_RELATIVE_DISTANCE * tip.radius) > 1e-3) & (
+        (d > 1e-2) | (name == "sphere")
+    )
     points, d = points[smooth], d[smooth]
     found = tip.compute_height(points)
-    ball = tip.radius - np.sqrt(tip.radius**2 - np.minimum(d, STEEPEST * tip.radius) ** 2)
-    near = d < STEEPEST * tip.radius
+    ball = tip.radius - np.sqrt(
+        tip.radius**2 - np.minimum(d, MAX_RELATIVE_DISTANCE * tip.radius) ** 2
+    )
+    near = d < MAX_RELATIVE_DISTANCE * tip.radius
     assert 20 < near.sum() < len(near) - 20
     assert found.value[near] == pytest.approx(ball[near], abs=1e-4 * tip.radius)
     assert (found.value[~near] > ball[~near]).all()

@@ -56,8 +56,8 @@ def test_a_mapping_scheme_is_an_axis_of_places_on_lines_from_an_electrode():
     slanting = [[0, -10], [4 * c, -10 + 4 * s], [8 * c, -10 + 8 * s]]
     places = np.transpose([axis.values["probe.x_mm"], axis.values["probe.y_mm"]])
     assert places == pytest.approx(np.array(vertical + slanting), abs=1e-9)
-    assert axis.beside["angle_deg"] == (90.0,) * 3 + (35.0,) * 3
-    assert axis.beside["distance_mm"] == pytest.approx([0.0, 4.0, 8.0] * 2)
+    assert axis.extra_coordinates["angle_deg"] == (90.0,) * 3 + (35.0,) * 3
+    assert axis.extra_coordinates["distance_mm"] == pytest.approx([0.0, 4.0, 8.0] * 2)
 
 
 def test_places_beyond_the_reach_are_left_out():
@@ -69,7 +69,7 @@ def test_places_beyond_the_reach_are_left_out():
         "reach_mm": 10,
     }
     (axis,) = SceneGrid.from_tables(THREE, [{"mapping": lines}]).axes
-    assert axis.beside["angle_deg"] == (0.0, 90.0, 90.0, 90.0)
+    assert axis.extra_coordinates["angle_deg"] == (0.0, 90.0, 90.0, 90.0)
     assert SceneGrid.from_file(GEOMETRY / "mapping_lines.toml").shape == (21, 2, 2)
 
 

@@ -132,12 +132,12 @@ def test_a_touch_outside_of_the_domain_is_rejected(touch, others):
 @pytest.mark.parametrize(
     ("changes", "arguments", "match"),
     [
-        ({"probe": None}, {}, "has no probe"),
-        ({"load.kind": "rigid"}, {}, "take 'dead' or 'follower'"),
+        ({"probe": None}, {}, "probe: is required"),
+        ({"load.kind": "rigid"}, {}, "choose 'dead' or 'follower'"),
         ({"load.kind": "contact", "load.depth_mm": 2.0, "probe.shape": "sphere"}, {}, "depth_mm"),
         ({"load.profile": "hertz"}, {}, "load.profile"),
         ({"film.rim_displacement_um": [1.0]}, {}, "rim_displacement_um"),
-        ({"numerics.observable": "thesis-edge"}, {}, "take 'material'"),
+        ({"numerics.observable": "thesis-edge"}, {}, "choose 'material'"),
         ({}, {"reach_mm": 40.0}, "reach_mm = 40"),
         ({"probe.radius_mm": 44.0}, {"reach_mm": 1.0}, "smaller probe"),
         ({}, {"force_range_N": (0.0, 1.0)}, "force_range_N"),

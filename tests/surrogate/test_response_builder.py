@@ -42,7 +42,7 @@ def assert_agrees_with_solver(made, tolerance):
     Return the full solves of these touches.
     """
     touches = draw_touches(made.domain, 3, seed=9)
-    found = TaskRunner(1).run(make_solve_tasks(made.scene, touches, 2e-4, share=1.0))
+    found = TaskRunner(1).run(make_solve_tasks(made.scene, touches, 2e-4, fraction=1.0))
     solved = ValidationSolves.collect(touches, [*found])
     errors = solved.compute_relative_errors(made.scene.film, made.evaluate(solved.touches)[0])
     assert errors.of_charges.max() < made.error_bound < tolerance

@@ -116,7 +116,7 @@ class _RowLocator:
         self.copied = [name for name in columns if name not in electrodes and name not in KNOWN]
         #: Columns with known quantities.
         self.known_columns = [name for name in KNOWN if name in columns]
-        no_touches = Touches.empty(np.array([], dtype=object), (), "total")
+        no_touches = Touches.make_empty(np.array([], dtype=object), (), "total")
         added = list(no_touches.to_table())
         self.output_columns = [*self.copied, *added]
         clashes = [name for name in added if name in self.copied]

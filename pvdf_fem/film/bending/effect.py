@@ -1,13 +1,14 @@
-"""Change by bending: an upper estimate from dimensionless numbers, before any solve.
+"""An upper estimate of the effect of bending from dimensionless numbers, before any solve.
 
-Bending acts within the length l = sqrt(D/N) of an edge, with D = h^3/12 C the film's bending
-stiffness and N its tension. The tension is that of `pvdf_fem.film.point_load`; (N - N0)/N is the
-part of an electrode's charge that the load makes. Of that part
+Bending acts within the length l = sqrt(D/N) of an edge, with the film's bending stiffness
+D = h^3/12 C, its thickness h, stiffness C and tension N. The tension is that of
+`pvdf_fem.film.point_load`; with the tension N0 of the unloaded film, (N - N0)/N is the fraction of
+an electrode's charge that is due to the load. Bending changes this part
 
-- the clamped rim, which moves inwards by l, changes about l/a, more for an electrode far from the
-  film's centre and for a probe near the rim;
-- the probe changes about l/b when rigid, as if its radius b grew by l, and (l/b)^2 when it is a
-  pressure, which spreads by l; less for an electrode far from the probe.
+- at the clamped rim, as if the film's radius a were reduced by l, by about l/a; by more for an
+  electrode far from the film's centre and for a probe near the rim;
+- at the probe by about l/b if it is rigid, as if its radius b were increased by l, and by (l/b)^2
+  if it is a pressure, which spreads by l; by less for an electrode far from the probe.
 
 The factors are fitted to changes measured in random scenes. The estimate is at least a third of
 every measured change, and more than twice the change in half the scenes
@@ -33,14 +34,14 @@ from pvdf_fem.scene.scene import LoadedProbe, Scene
 class BendingFit:
     """Factors of the changes by bending, fitted to random scenes."""
 
-    #: Change over l/a by the rim, for an electrode at the film's centre.
+    #: Change at the rim divided by l/a, for an electrode at the film's centre.
     rim_at_centre: float = 0.4
-    #: Added to `rim_at_centre` per square of the electrode's distance over the film's radius.
+    #: Added to `rim_at_centre`, times the squared ratio of the electrode's distance to the radius.
     rim_outside: float = 4.0
-    probe: float = 0.4  #: Change over l/b, or (l/b)^2, by the probe.
-    #: Least difference between the effects of strain along x and y, beside a layer.
-    even: float = 0.1
-    #: Distance from the rim that counts for a probe at the rim, over the probe's radius.
+    probe: float = 0.4  #: Change at the probe, divided by l/b or (l/b)^2.
+    #: Minimum of |d31 - d32|/(|d31| + |d32|), with which a layer affects electrodes beside it.
+    min_difference: float = 0.1
+    #: Minimum distance between probe and rim, as a fraction of the probe's radius.
     min_gap: float = 0.1
 
 
@@ -49,34 +50,35 @@ FIT = BendingFit()
 
 @dataclass(frozen=True)
 class BendingEffect:
-    """Where bending acts, and how much it changes."""
+    """Estimated effect of bending: the lengths within which it acts, and the changes of charges."""
 
     rim_tension: float  #: Tension of the loaded film at the rim in N/m.
     probe_tension: float  #: Tension of the loaded film at the probe's edge in N/m.
-    #: Bending length sqrt(D/N) of the flat film in m; infinite without tension, as the others.
+    #: Bending length sqrt(D/N) of the unloaded film in m; infinite without tension, as are the
+    #: others.
     unloaded_length: float
     rim_length: float  #: Bending length at the rim in m.
     probe_length: float  #: Bending length at the probe's edge in m.
     rim: float  #: Relative change of the worst charge by bending at the rim.
     probe: float  #: Relative change of the worst charge by bending at the probe.
-    #: Relative change of the worst charge by layers on one side, which pull the film off its plane.
+    #: Relative change of the worst charge by layers on one side of the film, which bend it.
     patches: float = 0.0
 
     @property
     def change(self) -> float:
-        """Relative change of the worst charge by bending; from 0 to 1 without patches."""
+        """Relative change of the worst charge by bending; at most 1 without layers on one side."""
         return self.rim + self.probe + self.patches
 
     def __str__(self) -> str:
-        """Return the change, and the lengths within which bending acts."""
+        """Describe the change, and the lengths within which bending acts."""
         lengths = {
             "at rest": self.unloaded_length,
             "at the rim": self.rim_length,
             "at the probe": self.probe_length,
         }
         within = [
-            f"{1e3 * length:.2g} mm {place}"
-            for place, length in lengths.items()
+            f"{1e3 * length:.2g} mm {position}"
+            for position, length in lengths.items()
             if math.isfinite(length)
         ]
         percent = format_two_digits(100.0 * self.change)
@@ -88,24 +90,25 @@ class BendingEffect:
 
 
 class _PressingLoad(NamedTuple):
-    """A load on the film, as a probe that presses alone."""
+    """A load on the film in the form of a single probe."""
 
-    force: float  # in N, with the loads on the whole film
-    outline: Outline | None  # where it presses; None without load
-    is_rigid: bool
+    force: float  # in N, including the loads on the whole film
+    outline: Outline | None  # outline of the pressed area; None without load
+    is_rigid: bool  # whether the film stays plane under the load
 
 
 def estimate_bending_effect(scene: Scene) -> BendingEffect:
-    """Estimate the effect of bending in a scene; zero without load.
+    """Estimate the effect of bending in a scene.
 
-    Of several probes, the one with the largest effect when it presses alone counts.
+    Each probe is considered as if it pressed alone; the largest effect is returned. Without load
+    the changes at rim and probe are zero.
     """
     effects = [_estimate_for(scene, probe) for probe in scene.loaded_probes or (None,)]
     return max(effects, key=lambda effect: effect.change)
 
 
 def _estimate_for(scene: Scene, probe: LoadedProbe | None) -> BendingEffect:
-    """Estimate the effect of bending where one probe of a scene presses alone."""
+    """Estimate the effect of bending if only one probe of a scene presses, or none."""
     film = scene.film
     press = _find_pressing_load(scene, probe)
     D = film.thickness**3 / 12.0 * float(film.stiffness[:2, :2].max())
@@ -131,7 +134,7 @@ def _estimate_for(scene: Scene, probe: LoadedProbe | None) -> BendingEffect:
 
 
 def _find_pressing_load(scene: Scene, probe: LoadedProbe | None) -> _PressingLoad:
-    """Find where, how strongly and how rigidly the film is pressed."""
+    """Combine a probe and the loads on the whole film to a single load."""
     force = scene.film.distributed_force
     if probe is not None:
         outline, probe_force = estimate_pressed_area(scene, probe)
@@ -142,6 +145,7 @@ def _find_pressing_load(scene: Scene, probe: LoadedProbe | None) -> _PressingLoa
 
 
 def _compute_bending_length(D: float, tension: float) -> float:
+    """Return sqrt(D/N) in m; infinite without tension."""
     return math.sqrt(D / tension) if tension > 0.0 else math.inf
 
 
@@ -155,23 +159,28 @@ def _estimate_edge_changes(
     scene : Scene
         The scene.
     press : _PressingLoad
-        The load.
+        The load on the film.
     rim_length, probe_length : float
         Bending lengths at the rim and at the probe's edge in m.
+
+    Returns
+    -------
+    rim_change, probe_change : float
+        Changes of the charge whose sum of both is largest.
     """
     film = scene.film
     if press.outline is None or not press.force > 0.0:
         return 0.0, 0.0
     a = film.radius
     b = _compute_radius(press.outline)
-    # a probe at the rim has its own width as mean distance from the rim
+    # the mean distance from the rim of a probe at the rim is about its own width
     gap = max(1.0 - press.outline.reach / a, FIT.min_gap * b / a)
     power = 1 if press.is_rigid else 2
     distances = []
     for electrode in scene.electrode_list:
         between = math.dist(electrode.outline.centroid, press.outline.centroid)
         distances.append(max(between - _compute_radius(electrode.outline), b))
-    if not distances:  # the estimate for any electrode that there may be
+    if not distances:  # without electrodes, estimate the effect on any that may be added
         distances = [b, 0.5 * a]
     worst = 0.0, 0.0
     for r in distances:
@@ -184,41 +193,43 @@ def _estimate_edge_changes(
 
 
 class _LaminateStiffness(NamedTuple):
-    """Stiffness of the film with a layer on one side."""
+    """Stiffness of a laminate of film and one layer, treated as a beam."""
 
     bending: float  # in N m
     membrane: float  # in N/m
-    offset: float  # from the film's middle to the neutral axis in m
+    offset: float  # distance from the film's mid-plane to the neutral axis in m
 
 
 def _compute_laminate(film: Film, layer: Layer) -> _LaminateStiffness:
+    """Compute the stiffness of the film with a layer on one side."""
     h, h_p = film.thickness, layer.patch.thickness
     A = h * float(film.stiffness[:2, :2].max())
     A_p = h_p * float(layer.stiffness[:2, :2].max())
-    apart = 0.5 * (h + h_p)
-    D = (A * h**2 + A_p * h_p**2) / 12.0 + A * A_p / (A + A_p) * apart**2
-    return _LaminateStiffness(bending=D, membrane=A + A_p, offset=A_p / (A + A_p) * apart)
+    distance = 0.5 * (h + h_p)  # between the mid-planes
+    D = (A * h**2 + A_p * h_p**2) / 12.0 + A * A_p / (A + A_p) * distance**2
+    return _LaminateStiffness(bending=D, membrane=A + A_p, offset=A_p / (A + A_p) * distance)
 
 
 def _estimate_layer_change(scene: Scene, layer: Layer, press: _PressingLoad) -> float:
-    """Estimate the relative change of the worst charge by a layer on one side.
+    """Estimate the relative change of the worst charge by a layer on one side of the film.
 
     Parameters
     ----------
     scene : Scene
         The scene.
     layer : Layer
-        The layer.
+        The layer, whose stiffness is off the film's mid-plane.
     press : _PressingLoad
-        The load.
+        The load on the film.
 
     Notes
     -----
-    The tension N off the laminate's neutral axis by e bends a strip of half width b by
-    κ = N e/D cosh(x/l)/cosh(b/l), which adds κ e to the film's strain N/A, as does the curvature
-    F/(2π N r²) of the load's deflection where the layer is not too stiff to follow. Beside a
-    patch, the strain κ e falls with the square of the distance, and two perpendicular directions
-    have equal strains of opposite sign.
+    The tension N acts at the distance e from the neutral axis of the laminate, whose bending and
+    membrane stiffness are D and A. It bends a strip of half width b to the curvature
+    κ = N e/D cosh(x/l)/cosh(b/l) at the distance x from its middle, with l = sqrt(D/N), which adds
+    κ e to the strain N/A of the film. So does the curvature F/(2π N r²) of the deflection by the
+    force F, unless the layer is too stiff to follow it. Beside a patch the strain κ e decreases
+    with the square of the distance; it has opposite signs in two perpendicular directions.
     """
     film, outline = scene.film, layer.patch.outline
     D, A, e = _compute_laminate(film, layer)
@@ -236,7 +247,7 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _PressingLoad) -> 
     d31, d32 = abs(film.d31), abs(film.d32)
     difference = 0.0
     if d31 + d32:
-        difference = max(abs(film.d31 - film.d32) / (d31 + d32), FIT.even)
+        difference = max(abs(film.d31 - film.d32) / (d31 + d32), FIT.min_difference)
     largest = 0.0
     for electrode in scene.electrode_list:
         area = electrode.outline.equal_area_polygon
@@ -252,16 +263,16 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _PressingLoad) -> 
 def _estimate_load_curvature(
     film: Film, electrode: Outline, press: _PressingLoad, half_width: float, D: float
 ) -> float:
-    """Estimate the curvature of a layer by the load's deflection.
+    """Estimate the curvature of a layer that follows the deflection of the film by the load.
 
     Parameters
     ----------
     film : Film
         The film.
     electrode : Outline
-        The electrode's outline.
+        Outline of an electrode on the layer.
     press : _PressingLoad
-        The load.
+        The load on the film.
     half_width : float
         Half the layer's width in m.
     D : float
@@ -270,7 +281,7 @@ def _estimate_load_curvature(
     Returns
     -------
     float
-        Curvature at the electrode over the tension there in 1/N.
+        Curvature at the electrode divided by the tension there, in 1/N; 0 without tension.
     """
     r = film.radius
     if press.outline:
@@ -284,9 +295,13 @@ def _estimate_load_curvature(
 
 
 def choose_layer_size(
-    length: float, change: float, tolerance: float, widest: float = 8.0, unresolved: float = 6.0
+    length: float,
+    change: float,
+    tolerance: float,
+    max_width: float = 8.0,
+    negligible: float = 6.0,
 ) -> float:
-    """Choose the element size along an edge where bending acts.
+    """Choose the element size in the bending layer along an edge.
 
     Parameters
     ----------
@@ -296,21 +311,21 @@ def choose_layer_size(
         Relative change of the worst charge by bending there.
     tolerance : float
         Relative tolerance of charges.
-    widest : float
-        Size in bending lengths where the change is just worth resolving. For smaller tolerances
-        elements are narrower: elements of 100, 10, 5 and 3 bending lengths miss a third, a tenth, a
+    max_width : float
+        Size in bending lengths for a change just above the negligible one. The size is smaller for
+        a smaller tolerance: elements of 100, 10, 5 and 3 bending lengths miss a third, a tenth, a
         twentieth and a hundredth of the change.
-    unresolved : float
-        A layer that changes a charge by up to so many tolerances is not resolved.
+    negligible : float
+        Maximum change, as a multiple of the tolerance, of a layer that is not resolved.
 
     Returns
     -------
     float
-        Size in m; infinite if any size will do.
+        Size in m; infinite if the layer is not resolved.
     """
-    if change <= unresolved * tolerance:
+    if change <= negligible * tolerance:
         return math.inf
-    return widest * length * float((unresolved * tolerance / change) ** 0.25)
+    return max_width * length * float((negligible * tolerance / change) ** 0.25)
 
 
 def _compute_radius(outline: Outline) -> float:

@@ -1,63 +1,25 @@
 """The plate term: the film's bending stiffness in von Kármán's equations.
 
-A Kirchhoff plate of stiffness D = h^3/12 C has the energy 1/2 integral kappa : D : kappa of its
-curvature kappa = grad grad w. The membrane's deflection is continuous, but its slope is not, so the
-normal slopes of neighbours are joined by an interior penalty (Engel and others, Comput. Methods
-Appl. Mech. Eng. 191, 2002, 3669-3750; Brenner and Sung, J. Sci. Comput. 22, 2005, 83-118)::
-
-    integral of M(w) : grad grad v over the elements,                  M(w) = D : grad grad w
-    - integral of {M_nn(w)} [dv/dn] + {M_nn(v)} [dw/dn] - tau [dw/dn] [dv/dn] over the edges
-
-where [ ] is the sum of the outward slopes of both sides and { } the mean of their moments. The
-clamped rim has one side; the edge of a rigid punch has it, too: the punch is flat for every moment
-beside it. The energy is quadratic in w and free of the in-plane displacement: a constant matrix.
+The energy is quadratic in the deflection w and does not depend on the in-plane displacement, so
+that the stiffness is a constant matrix; see `pvdf_fem.film.bending.plate_form`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.polynomial.legendre import leggauss
-from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.film.space import Space, evaluate_shape_gradients, evaluate_shape_hessians
+from pvdf_fem.film.bending.plate_form import make_bending_form
+from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import MatrixAssembler, State, Term
-from pvdf_fem.mesh.six_node import compute_jacobian_ratios
-from pvdf_fem.mesh.subdomains import RIM
 from pvdf_fem.scene.film import Film
 
 
-@dataclass(frozen=True)
-class Penalty:
-    """Numbers of the penalty tau on the slopes' jumps along the edges."""
-
-    #: tau over D_nn times the mean of |e|/area of both sides. The form is positive definite from 3
-    #: on for order 3 and from 6 on for order 4 (measured, isotropic to E1/E2 = 50; inverse
-    #: inequalities bound them by 9 and 18). The number does not depend on the order, so that a
-    #: function keeps its energy in a space of higher order. A larger number clamps too stiffly
-    #: where an element at the rim is larger than the bending length.
-    regular: float = 9.0
-    #: An element whose area is compressed to the part c somewhere, as a curved one beside a cusp,
-    #: has at least this number times 1/c^2 - 1, with which its own form is semidefinite (measured).
-    distorted: float = 16.0
-    #: Functions of order 3 turn within an element of height H, beside a clamped edge, more easily
-    #: than the film outside its layer with length l. The layer's penalty divided by
-    #: 1 - turning l/H corrects the energy, within 6 % for all l/H (measured; without the correction
-    #: up to 20 % of the layer's effect are missing at H = 20 l).
-    turning: float = 5.5
-    max_turning: float = 0.75  #: Where turning l/H is larger, the regular penalty takes over.
-
-
-PENALTY = Penalty()
-
-
 class Plate(Term):
-    """The bending energy of a film.
+    """The bending energy of a film as a plate.
 
     Parameters
     ----------
@@ -65,12 +27,12 @@ class Plate(Term):
         A space of order 2 to 4.
     film : Film
         The film.
-    rigid_elements : (n,) array
+    rigid_elements : ndarray, shape (n,)
         Elements under rigid punches, which do not bend.
     rim_tension, punch_tension : float
-        Tensions in N/m that are expected at the rim and at the punches' edges. Where elements are
-        much larger than the bending length, √(D N)/2 (dw/dn)² is the energy per length of the layer
-        in which a film that stretches from a clamped edge turns by dw/dn.
+        Tensions N in N/m that are expected at the rim and at the edges of punches. Where elements
+        are much larger than the bending length, the penalty represents the bending layer there: its
+        energy per length of the edge is √(D N)/2 (dw/dn)² if the slope changes by dw/dn.
 
     Raises
     ------
@@ -93,7 +55,7 @@ class Plate(Term):
 
     @cached_property
     def matrix(self) -> sp.csr_matrix:
-        """Stiffness of the deflections in N/m, (scalar dofs, scalar dofs)."""
+        """Stiffness of the deflections in N/m, shape (scalar dofs, scalar dofs)."""
         return self.form.matrix
 
     def energy(self, state: State) -> float:
@@ -101,312 +63,78 @@ class Plate(Term):
         return self._compute_energy(state.dofs)
 
     def _compute_energy(self, x: Array) -> float:
-        """Compute the bending energy in J of the dofs `x`."""
+        """Compute the bending energy in J at the dofs `x`."""
         w = x[2::3]
         return 0.5 * float(w @ self.form.forces(w))
 
     def residual(self, state: State) -> Array:
-        """Return the bending forces in N, (dofs,)."""
-        return self._place_at_dofs(self.form.forces(state.dofs[2::3]))
+        """Return the bending forces in N.
 
-    def _place_at_dofs(self, deflection_forces: Array) -> Array:
-        """Return forces of the deflections, (scalar dofs,), as forces of the dofs."""
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
+        return self._expand_to_dofs(self.form.forces(state.dofs[2::3]))
+
+    def _expand_to_dofs(self, deflection_forces: Array) -> Array:
+        """Return forces on the deflections, shape (scalar dofs,), as forces on all dofs."""
         forces = np.zeros(self.space.dof_count)
         forces[2::3] = deflection_forces
         return forces
 
     def coupled_tangent(self, assembly: MatrixAssembler, state: State) -> sp.csc_matrix:
-        """Return the stiffness in N/m, (unknowns, unknowns). The last one is kept."""
+        """Return the stiffness of the unknowns; the matrix for the last `assembly` is cached.
+
+        Returns
+        -------
+        sparse matrix, shape (unknowns, unknowns)
+            In N/m.
+        """
         if self._last_tangent is None or self._last_tangent[0] is not assembly:
             self._last_tangent = assembly, assembly.of_deflections(self.matrix)
         return self._last_tangent[1]
 
     def element_action(self, state: State, x: Array) -> Array:
-        """Return the bending forces of the dofs `x` in N, (elements, element dofs).
+        """Distribute the bending forces at the dofs `x` to the elements.
 
-        The elements around a node share its force equally.
+        The force at a node is divided equally between the elements around it.
+
+        Returns
+        -------
+        ndarray, shape (elements, element dofs)
         """
         nodes = self.space.nodes
         forces = np.zeros((*nodes.shape, 3))
-        shares = self.form.forces(x[2::3]) / np.bincount(nodes.ravel())
-        forces[..., 2] = shares[nodes]
+        force_per_element = self.form.forces(x[2::3]) / np.bincount(nodes.ravel())
+        forces[..., 2] = force_per_element[nodes]
         return forces.reshape(self.space.element_dofs.shape)
 
     def action(self, state: State, x: Array) -> Array:
-        """Return the stiffness times the dofs `x` in N, (dofs,)."""
-        return self._place_at_dofs(self.matrix @ x[2::3])
+        """Multiply the stiffness by the dofs `x`; return forces in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
+        return self._expand_to_dofs(self.matrix @ x[2::3])
 
     def diagonal(self, state: State) -> Array:
-        """Return the diagonal of the stiffness in N/m, (dofs,)."""
-        return self._place_at_dofs(self.matrix.diagonal())
+        """Return the diagonal of the stiffness in N/m.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
+        return self._expand_to_dofs(self.matrix.diagonal())
 
     def energy_along(self, state: State, x: Array) -> Array:
-        """Return the energy of the dofs moved by s `x`, as coefficients (5,) in J of 1, s, ... s⁴.
+        """Return the energy at the dofs plus s times `x`, as a polynomial in s.
 
-        Unlike the default it is computed factor by factor, which keeps more digits.
+        Returns
+        -------
+        ndarray, shape (5,)
+            Coefficients in J of 1, s, ..., s⁴. Unlike the default they are computed factor by
+            factor, which keeps more digits.
         """
         slope = float(x[2::3] @ self.form.forces(state.dofs[2::3]))
         return np.array([self.energy(state), slope, self._compute_energy(x), 0.0, 0.0])
-
-
-def compute_plate_stiffness(film: Film) -> Array:
-    """Compute D = h^3/12 C in N m, (3, 3), for the curvatures (w_xx, w_yy, 2 w_xy)."""
-    return film.thickness**3 / 12.0 * film.stiffness
-
-
-@dataclass(frozen=True)
-class BendingForm:
-    """The quadratic form G^T B G of the deflections at the scalar dofs.
-
-    Forces are computed factor by factor: the product K w of the whole matrix would lose
-    (radius/element size)^4 in rounding.
-    """
-
-    #: G: curvatures at points of elements, slope jumps and mean moments at points of edges,
-    #: (values, scalar dofs).
-    strains: sp.csr_matrix
-    stiffness: sp.csr_matrix  #: B, (values, values).
-    #: Element of each value; of an edge between two elements the first, (values,).
-    elements: Indices
-
-    @property
-    def matrix(self) -> sp.csr_matrix:
-        """Stiffness in N/m, (scalar dofs, scalar dofs)."""
-        return (self.strains.T @ (self.stiffness @ self.strains)).tocsr()
-
-    def forces(self, w: Array) -> Array:
-        """Return the forces in N of the deflections `w` in m, both (scalar dofs,)."""
-        return np.asarray(self.strains.T @ (self.stiffness @ (self.strains @ w)))
-
-
-def make_bending_form(
-    space: Space,
-    film: Film,
-    rigid_elements: Indices,
-    rim_tension: float,
-    punch_tension: float,
-) -> BendingForm:
-    """Make the quadratic form of a film's bending energy.
-
-    Parameters
-    ----------
-    space : Space
-        A space of order 2 to 4.
-    film : Film
-        The film.
-    rigid_elements : (n,) array
-        Elements under rigid punches, which do not bend.
-    rim_tension, punch_tension : float
-        Tensions in N/m that are expected at the rim and at the punches' edges.
-
-    Raises
-    ------
-    ValueError
-        If the space has order 1.
-    """
-    if space.order < 2:
-        raise ValueError(f"order = {space.order}: has no curvature; give 2 or 3")
-    mesh, dof_count = space.mesh, space.basis.N
-    D = compute_plate_stiffness(film)
-    bending = np.setdiff1d(np.arange(mesh.nelements), rigid_elements)
-    curvature = _ShapeValues.at_points(space, space.basis.quadrature[0]).curvature
-    rows = _make_operator(space.nodes[bending], curvature[bending].swapaxes(2, 3), dof_count)
-    strains = [rows]
-    stiffness = [sp.kron(sp.diags(space.weights[bending].ravel()), D)]
-    elements = [np.repeat(bending, rows.shape[0] // len(bending))]
-
-    edges = _EdgeValues.of_space(space, D)
-    single, double = _find_sides(mesh, bending)
-    is_rim = np.isin(mesh.t2f.ravel()[single[:, 0]], mesh.boundaries[RIM])
-    groups = (
-        (single[is_rim], rim_tension),
-        (single[~is_rim], punch_tension),
-        (double, 0.0),
-    )
-    for sides, tension in groups:
-        joined = edges.join(sides, tension)
-        functions = joined.slope_jump.shape[-1]
-        nodes = space.nodes[sides % mesh.nelements].reshape(len(sides), functions)
-        strains.append(_make_operator(nodes, joined.slope_jump, dof_count))
-        strains.append(_make_operator(nodes, joined.mean_moment, dof_count))
-        first_element = np.repeat(sides[:, 0] % mesh.nelements, joined.weights.shape[1])
-        elements += [first_element, first_element]
-        jump_stiffness = sp.diags((joined.penalty * joined.weights).ravel())
-        cross = sp.diags(-joined.weights.ravel())
-        stiffness.append(sp.bmat([[jump_stiffness, cross], [cross, None]]))
-    return BendingForm(
-        strains=sp.vstack(strains, "csr"),
-        stiffness=sp.block_diag(stiffness, "csr"),
-        elements=np.concatenate(elements),
-    )
-
-
-@dataclass(frozen=True)
-class _ShapeValues:
-    """Derivatives of the shape functions at points of the elements."""
-
-    inverse_jacobian: Array  # (elements, points, 2, 2)
-    area_ratio: Array  # area over that in the reference triangle, (elements, points)
-    gradient: Array  # in 1/m, (elements, points, functions, 2)
-    curvature: Array  # w_xx, w_yy, 2 w_xy in 1/m², (elements, points, functions, 3)
-
-    @classmethod
-    def at_points(cls, space: Space, points: Array) -> _ShapeValues:
-        """Evaluate the functions at points (2, points) of the reference triangle.
-
-        Notes
-        -----
-        grad grad w = J^-T (w'' - sum over i of w_,i x_i'') J^-1, with ' in reference coordinates.
-        """
-        mesh = space.mesh
-        mapping = mesh.mapping()
-        inverse = np.linalg.inv(mapping.DF(points).transpose(2, 3, 0, 1))
-        gradient = np.matmul(evaluate_shape_gradients(space.basis.elem, points), inverse)
-        corners = mesh.doflocs[:, mesh.dofs.element_dofs]
-        mapping_hessian = np.einsum(
-            "ine,pnjk->epijk", corners, evaluate_shape_hessians(mesh.elem(), points)
-        )
-        second = evaluate_shape_hessians(space.basis.elem, points) - np.einsum(
-            "epfi,epijk->epfjk", gradient, mapping_hessian, optimize=True
-        )
-        hessian = np.einsum("epjx,epfjk,epky->epfxy", inverse, second, inverse, optimize=True)
-        xx, yy, xy = hessian[..., 0, 0], hessian[..., 1, 1], hessian[..., 0, 1]
-        return cls(
-            inverse_jacobian=inverse,
-            area_ratio=np.abs(mapping.detDF(points)),
-            gradient=gradient,
-            curvature=np.stack([xx, yy, 2.0 * xy], axis=-1),
-        )
-
-
-class _JoinedEdges(NamedTuple):
-    """Values at points of edges, from the elements on one or both of their sides."""
-
-    slope_jump: Array  # sum of the outward normal slopes, (edges, points, functions)
-    mean_moment: Array  # in N m, (edges, points, functions)
-    penalty: Array  # tau in N, (edges, points)
-    weights: Array  # of an integral along the edge in m, (edges, points)
-
-
-@dataclass(frozen=True)
-class _EdgeValues:
-    """Slopes and moments along the edges of elements; side i n + e is edge i of element e of n."""
-
-    slope: Array  # outward normal slope dw/dn, (sides, points, functions)
-    moment: Array  # M_nn, (sides, points, functions)
-    weights: Array  # of an integral along the edge in m, (sides, points)
-    stiffness: Array  # D_nn in N m, (sides, points)
-    height: Array  # area over length of the edge in m, (sides, 1)
-    penalty: Array  # tau height/D_nn, (sides, 1)
-
-    @classmethod
-    def of_space(cls, space: Space, D: Array) -> _EdgeValues:
-        """Evaluate the functions along all edges, with the plate stiffness `D` (3, 3)."""
-        places, lengths = leggauss(space.order + 1)
-        # edges of the reference triangle: origin, direction, and outward normal as long as the edge
-        reference_edges = (
-            ((0.0, 0.0), (1.0, 0.0), (0.0, -1.0)),
-            ((1.0, 0.0), (-1.0, 1.0), (1.0, 1.0)),
-            ((0.0, 0.0), (0.0, 1.0), (-1.0, 0.0)),
-        )
-        needed = PENALTY.distorted * (compute_jacobian_ratios(space.mesh) ** -2.0 - 1.0)
-        penalty = np.maximum(needed, PENALTY.regular)
-        edges = []
-        for origin, direction, outward in reference_edges:
-            points = np.add.outer(origin, np.zeros(len(places)))
-            points = points + np.outer(direction, (places + 1) / 2)
-            shapes = _ShapeValues.at_points(space, points)
-            normal = np.matmul(outward, shapes.inverse_jacobian)
-            length = np.linalg.norm(normal, axis=-1)
-            x, y = np.moveaxis(normal / length[..., None], -1, 0)
-            weights = 0.5 * lengths * shapes.area_ratio * length
-            bending = np.stack([x * x, y * y, 2.0 * x * y], axis=-1)  # n n, as a curvature
-            direction_column = np.stack([x, y], axis=-1)[..., None]
-            edges.append(
-                cls(
-                    slope=np.matmul(shapes.gradient, direction_column)[..., 0],
-                    moment=np.matmul(shapes.curvature, (bending @ D)[..., None])[..., 0],
-                    weights=weights,
-                    stiffness=((bending @ D) * bending).sum(axis=-1),
-                    height=(space.weights.sum(axis=1) / weights.sum(axis=1))[:, None],
-                    penalty=penalty[:, None],
-                )
-            )
-        return cls(
-            slope=np.concatenate([edge.slope for edge in edges]),
-            moment=np.concatenate([edge.moment for edge in edges]),
-            weights=np.concatenate([edge.weights for edge in edges]),
-            stiffness=np.concatenate([edge.stiffness for edge in edges]),
-            height=np.concatenate([edge.height for edge in edges]),
-            penalty=np.concatenate([edge.penalty for edge in edges]),
-        )
-
-    def join(self, sides: Indices, tension: float) -> _JoinedEdges:
-        """Join the values of elements along edges.
-
-        Parameters
-        ----------
-        sides : (edges, 1 or 2) array
-            Sides of each edge.
-        tension : float
-            Tension in N/m that is expected there, for the energy of an unresolved layer.
-        """
-        D = self.stiffness[sides[:, 0]]
-        penalty = D * (self.penalty / self.height)[sides].mean(axis=1)
-        if tension > 0.0:
-            turning = PENALTY.turning * np.sqrt(D / tension) / (2.0 * self.height[sides[:, 0]])
-            layer = np.sqrt(D * tension) / (1.0 - np.minimum(turning, PENALTY.max_turning))
-            penalty = np.maximum(penalty, layer)
-        moments = np.concatenate([self.moment[side] for side in sides.T], axis=-1)
-        return _JoinedEdges(
-            slope_jump=np.concatenate([self.slope[side] for side in sides.T], axis=-1),
-            mean_moment=moments / sides.shape[1],
-            penalty=penalty,
-            weights=self.weights[sides[:, 0]],
-        )
-
-
-def _find_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
-    """Find the sides of all edges of some elements.
-
-    Parameters
-    ----------
-    mesh : MeshTri2
-        The mesh.
-    elements : (n,) array
-        The elements.
-
-    Returns
-    -------
-    list of arrays
-        Sides (edges, 1) of edges at the border of the elements, and sides (edges, 2) of edges
-        between two of them.
-    """
-    sides = (np.arange(3)[:, None] * mesh.nelements + elements).ravel()
-    facets = mesh.t2f[:, elements].ravel()
-    order = np.argsort(facets, kind="stable")
-    _, first, count = np.unique(facets[order], return_index=True, return_counts=True)
-    by_count = []
-    for number in (1, 2):
-        places = first[count == number][:, None] + np.arange(number)
-        by_count.append(sides[order[places]])
-    return by_count
-
-
-def _make_operator(dofs: Indices, values: Array, count: int) -> sp.csr_matrix:
-    """Make a matrix with `count` columns from rows of elements or edges.
-
-    Parameters
-    ----------
-    dofs : (n, m) array
-        Columns of each element's or edge's values.
-    values : (n, ..., m) array
-        The rows.
-    count : int
-        Number of columns.
-    """
-    columns = dofs.reshape(len(dofs), *(1,) * (values.ndim - 2), dofs.shape[1])
-    columns = np.broadcast_to(columns, values.shape).ravel()
-    row_starts = np.arange(0, values.size + 1, values.shape[-1])
-    shape = (len(row_starts) - 1, count)
-    return sp.csr_matrix((values.ravel(), columns, row_starts), shape=shape)

@@ -1,4 +1,4 @@
-"""Sheets in a membrane: the film and the layers on its patches, each with its law."""
+"""The film and the layers bonded to its patches, as plies with a material law each."""
 
 from __future__ import annotations
 
@@ -23,29 +23,38 @@ EQUIBIAXIAL: Array = np.array([1.0, 1.0, 0.0])
 
 @dataclass(frozen=True)
 class Ply:
-    """A sheet with a law: the film, or a layer bonded to a patch."""
+    """A sheet with a material law: the film or a part of it, or a layer bonded to a patch."""
 
     law: Law
-    elements: Selection
-    thickness_ratio: float  #: Thickness over the film's.
-    prestrain: Array  #: Elastic strain of the flat sheet, (3,) or (elements, points, 3).
+    elements: Selection  #: Numbers of the ply's elements, shape (n,), or a slice.
+    thickness_ratio: float  #: Thickness of the ply divided by that of the film.
+    prestrain: Array  #: Elastic strain of the flat sheet, shape (3,) or (n, points, 3).
 
     def stress(self, strain: Array) -> Array:
-        """Return the stress over the film's thickness in Pa, (elements, points, 3).
+        """Return the ply's stress times its `thickness_ratio`.
+
+        So weighted, the stresses of several plies may be added: times the film's thickness, the sum
+        is the membrane force in N/m.
 
         Parameters
         ----------
-        strain : (elements, points, 3) array
-            Strain in the ply's elements.
+        strain : ndarray, shape (n, points, 3)
+            Green-Lagrange strain in the ply's elements.
+
+        Returns
+        -------
+        ndarray, shape (n, points, 3)
+            Second Piola-Kirchhoff stress times `thickness_ratio` in Pa.
         """
         stress = self.law.stress(strain, self.prestrain)
         return stress if self.thickness_ratio == 1.0 else self.thickness_ratio * stress
 
 
 class Laminate:
-    """Stress in the film with its layers, and in the film alone.
+    """The constitutive equations of the film with its layers, and of the film alone.
 
-    Layers on patches are plies of their own. The film below a layer bears compression.
+    Every layer is a ply. A tension field does not wrinkle below a layer; there it has the law of
+    ``film.law``, which carries compression.
 
     Parameters
     ----------
@@ -54,10 +63,10 @@ class Laminate:
     film : Film
         The film with its layers.
     law : Law, optional
-        The film's law; by default the one of ``film.law``.
+        Law of the film; by default that of ``film.law``.
     added : UnevenStrain, optional
-        Strain by heat and by the rim's displacement, which is not the same everywhere.
-    frame : (2, 2) array
+        Strain by heat and rim displacements, which is not uniform.
+    frame : ndarray, shape (2, 2)
         Orthogonal matrix from the scene's axes to the axes of the space.
     """
 
@@ -73,23 +82,23 @@ class Laminate:
         self.film = film
         self.added = added
         self.law: Law = LAWS[film.law](film.stiffness) if law is None else law
-        #: Elastic strain of the flat film, (3,); after `at` with the added strain, (..., 3).
+        #: Elastic strain of the flat film, shape (3,); `at_points` adds `added`, shape (..., 3).
         self.prestrain: Array = self.law.compute_prestrain(film)
-        #: Stress in Pa that `stress` subtracts, (..., 3).
+        #: Stress of the added strain in Pa, which `stress` subtracts, shape (..., 3).
         self._subtracted: Array | None = None
         self.plies = self._make_plies(frame)
 
     def _make_plies(self, frame: Array) -> list[Ply]:
-        """Make the plies: the film in one or two pieces, then its layers."""
+        """Make the plies: the film in one piece, or bare and covered parts, then its layers."""
         film = self.film
         law_class = LAWS[film.law]
         rim_strain: Array = np.zeros(3)
         warming: Array = np.zeros(1)
         prestrain = self.prestrain
         if self.added is not None:
-            places = self.space.quadrature_points @ frame
-            rim_strain = film.compute_rim_strain(places)
-            warming = self.added.temperature(places)[..., None]
+            points = self.space.quadrature_points @ frame
+            rim_strain = film.compute_rim_strain(points)
+            warming = self.added.temperature(points)[..., None]
             thermal = film.thermal_expansion_per_K * warming * EQUIBIAXIAL
             prestrain = prestrain + rim_strain - thermal
 
@@ -98,9 +107,9 @@ class Laminate:
         if self.law.wrinkles and patches:
             covered = np.unique(np.concatenate(patches))
             bare = np.setdiff1d(np.arange(self.space.mesh.nelements), covered)
-            stiff = law_class(film.stiffness)
+            taut_law = law_class(film.stiffness)
             plies.append(Ply(self.law, bare, 1.0, _select(prestrain, bare)))
-            plies.append(Ply(stiff, covered, 1.0, _select(prestrain, covered)))
+            plies.append(Ply(taut_law, covered, 1.0, _select(prestrain, covered)))
         else:
             plies.append(Ply(self.law, ALL, 1.0, prestrain))
         for elements, layer in zip(patches, film.layers.values(), strict=True):
@@ -111,57 +120,71 @@ class Laminate:
         return plies
 
     def stress(self, strain: Array) -> Array:
-        """Return the film's stress without that of the added strain in Pa, (..., 3).
+        """Return the stress of the film alone, without that of the added strain, in Pa.
 
         Parameters
         ----------
-        strain : (..., 3) array
+        strain : ndarray, shape (..., 3)
             Green-Lagrange strain.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
         """
         stress = self.law.stress(strain, self.prestrain)
         return stress if self._subtracted is None else stress - self._subtracted
 
-    def at_points(self, places: Array) -> Laminate:
-        """Return the film at some places, for laws that are not linear.
+    def at_points(self, points: Array) -> Laminate:
+        """Return a copy whose prestrain includes the added strain at some points.
+
+        A law that is not linear needs the added strain e for its stress. The `stress` of the copy
+        is still without the linear elastic stress C : e, which callers add.
 
         Parameters
         ----------
-        places : (..., 2) array
-            Places in m on the whole film.
+        points : ndarray, shape (..., 2)
+            Points in m on the whole film, in the scene's axes.
 
         Returns
         -------
         Laminate
-            Its law takes the strain e that is added there. Its `stress` still subtracts the stress
-            C : e.
+            The copy; the laminate itself if it has no added strain.
         """
         if self.added is None:
             return self
         other = copy(self)
-        other.prestrain = self.prestrain + self.added.strain(places)
-        other._subtracted = self.added.stress(places)
+        other.prestrain = self.prestrain + self.added.strain(points)
+        other._subtracted = self.added.stress(points)
         return other
 
-    def film_stress(self, strain: Array, places: Array) -> Array:
-        """Return the film's whole stress in Pa, (..., 3).
+    def film_stress(self, strain: Array, points: Array) -> Array:
+        """Return the stress of the film alone, including that of the added strain, in Pa.
 
         Parameters
         ----------
-        strain : (..., 3) array
+        strain : ndarray, shape (..., 3)
             Green-Lagrange strain.
-        places : (..., 2) array
-            Its places in m on the whole film.
+        points : ndarray, shape (..., 2)
+            Points of the strain in m on the whole film, in the scene's axes.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
         """
-        stress = self.at_points(places).stress(strain)
-        return stress if self.added is None else stress + self.added.stress(places)
+        stress = self.at_points(points).stress(strain)
+        return stress if self.added is None else stress + self.added.stress(points)
 
     def resultant(self, strain: Array) -> Array:
-        """Return the stress of all plies over the film's thickness in Pa, (elements, points, 3).
+        """Return the membrane force of all plies divided by the film's thickness, in Pa.
 
         Parameters
         ----------
-        strain : (elements, points, 3) array
+        strain : ndarray, shape (elements, points, 3)
             Green-Lagrange strain.
+
+        Returns
+        -------
+        ndarray, shape (elements, points, 3)
         """
         if len(self.plies) == 1:
             return self.plies[0].stress(strain)
@@ -171,17 +194,17 @@ class Laminate:
         return total
 
     def resultant_tangent_stiffness(self, strain: Array) -> Array:
-        """Return the derivative of `resultant` by the strain in Pa.
+        """Return the derivative of `resultant` with respect to the strain in Pa.
 
         Parameters
         ----------
-        strain : (elements, points, 3) array
+        strain : ndarray, shape (elements, points, 3)
             Green-Lagrange strain.
 
         Returns
         -------
-        (3, 3) or (elements, points or 1, 3, 3) array
-            A single matrix where it is the same everywhere.
+        ndarray, shape (3, 3) or (elements, points or 1, 3, 3)
+            A single matrix for a film without layers whose law is linear.
         """
         film, *layers = self.plies
         if not layers:
@@ -189,8 +212,8 @@ class Laminate:
         is_linear = all(ply.law.is_linear for ply in self.plies)
         total = np.zeros((len(strain), 1 if is_linear else strain.shape[1], 3, 3))
         for ply in self.plies:
-            moduli = ply.law.tangent_stiffness(strain[ply.elements], ply.prestrain)
-            total[ply.elements] += ply.thickness_ratio * moduli
+            stiffness = ply.law.tangent_stiffness(strain[ply.elements], ply.prestrain)
+            total[ply.elements] += ply.thickness_ratio * stiffness
         return total
 
     def stored_energy(self, strain: Array, volumes: Array) -> float:
@@ -198,10 +221,10 @@ class Laminate:
 
         Parameters
         ----------
-        strain : (elements, points, 3) array
+        strain : ndarray, shape (elements, points, 3)
             Green-Lagrange strain.
-        volumes : (elements, points) array
-            Volumes of the film in m³.
+        volumes : ndarray, shape (elements, points)
+            Volumes of the film at the quadrature points, without layers, in m³.
         """
         total = 0.0
         for ply in self.plies:
@@ -211,5 +234,5 @@ class Laminate:
 
 
 def _select(values: Array, elements: Indices) -> Array:
-    """Return the values in some elements, of values by element or the same everywhere."""
+    """Select the values of some elements; uniform values, which have one axis, remain."""
     return values[elements] if values.ndim > 1 else values

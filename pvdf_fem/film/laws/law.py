@@ -11,20 +11,21 @@ from pvdf_fem.scene.film import Film
 
 
 class Law:
-    """Plane stress of a thin sheet.
+    """The material law of a thin sheet in plane stress.
 
-    A law is an `energy` or a `stress`: a subclass gives at least one of both, written for arrays of
-    real or complex numbers (numpy's analytic functions only: no `abs`, no comparisons). The rest
-    has defaults, by complex steps. A subclass overrides them for speed.
+    Subclasses define `energy`, `stress` or both, for arrays of real or complex numbers (analytic
+    functions of numpy only: no `abs`, no comparisons). By default the other methods are computed
+    from these by complex steps; subclasses may override them for speed.
 
-    Strains and stresses (..., 3) are in Voigt order 11, 22, 12, strains with engineering shear.
-    `strain` is the displacement's Green-Lagrange strain. `prestrain` is the elastic strain of the
-    flat sheet and broadcasts against `strain`. Stresses are second Piola-Kirchhoff stresses in Pa,
-    and energies are per volume, of the flat sheet.
+    Strains and stresses have the shape (..., 3), in Voigt order 11, 22, 12, strains with
+    engineering shear. `strain` is the Green-Lagrange strain of the displacement from the flat
+    sheet. `prestrain` is the elastic strain of the flat sheet; it broadcasts against `strain`.
+    Stresses are second Piola-Kirchhoff stresses in Pa, and energies are per volume of the flat
+    sheet.
 
     Parameters
     ----------
-    stiffness : (3, 3) array
+    stiffness : ndarray, shape (3, 3)
         Plane-stress stiffness of the unstrained sheet in Pa.
     """
 
@@ -32,31 +33,35 @@ class Law:
     wrinkles: ClassVar[bool] = False
     #: Whether the stress is linear in the strain, so that a prestrain only adds a stress.
     is_linear: ClassVar[bool] = False
-    #: Principal Green-Lagrange strain up to which a film obeys the law.
+    #: Principal Green-Lagrange strain up to which the law describes a film.
     strain_limit: ClassVar[float] = 0.05
-    #: How a film differs from the law beyond the limit, as the end of a sentence.
+    #: How a film differs from the law beyond this limit, as the end of a sentence.
     beyond_limit: ClassVar[str] = "may no longer obey its law"
 
     def __init__(self, stiffness: Array) -> None:
         self.stiffness: Array = stiffness
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Refuse a law without energy and stress.
+        """Check that a subclass defines `energy` or `stress`.
 
         Raises
         ------
         TypeError
-            If the class has neither.
+            If it defines neither.
         """
         super().__init_subclass__(**options)
         if cls.energy is Law.energy and cls.stress is Law.stress:
-            raise TypeError(f"{cls.__name__} has no energy and no stress; give one of both")
+            raise TypeError(f"{cls.__name__} defines neither energy nor stress; define one of them")
 
     def energy(self, strain: Array, prestrain: Array) -> Array:
-        """Return the stored energy in J/m³, (...), up to a constant.
+        """Return the stored energy in J/m³ up to a constant.
 
-        By default it is the integral of the stress along a straight path from the flat sheet, by
-        Gauss's rule.
+        Default: the integral of the stress along a straight path of strains from the flat sheet, by
+        Gaussian quadrature.
+
+        Returns
+        -------
+        ndarray, shape (...)
         """
         points, weights = compute_unit_gauss_rule(8)
         total: Array = np.zeros(np.broadcast_shapes(strain.shape, prestrain.shape)[:-1])
@@ -66,10 +71,14 @@ class Law:
         return total
 
     def stress(self, strain: Array, prestrain: Array) -> Array:
-        """Return the stress in Pa, (..., 3), by default the derivative of the energy.
+        """Return the stress in Pa. Default: the derivative of the energy.
 
-        Where a complex strain has a small step as its imaginary part, the imaginary part of the
-        stress is the derivative times the step.
+        Strains may be complex (for complex-step derivatives): the imaginary part of the stress is
+        then the derivative times the imaginary step.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
         """
         if np.iscomplexobj(strain) or np.iscomplexobj(prestrain):
             return self._continue_stress(strain, prestrain)
@@ -80,10 +89,10 @@ class Law:
         return np.stack(columns, axis=-1)
 
     def _continue_stress(self, strain: Array, prestrain: Array, step: float = 1e-5) -> Array:
-        """Return the stress for complex strains of a law that is given by its energy.
+        """Return the stress for complex strains of a law that defines its energy only.
 
-        The energy's second derivatives are central differences of its first; one complex step
-        cannot give both.
+        The stress is a complex-step derivative of the energy itself, so that a central difference
+        gives its derivative along the imaginary part: with strains that differ by up to `step`.
         """
         stress = self.stress(strain.real, prestrain.real)
         strain_change = strain.imag
@@ -97,7 +106,12 @@ class Law:
         return np.asarray(stress + 1j * (ahead - behind) / (2.0 * h))
 
     def tangent_stiffness(self, strain: Array, prestrain: Array) -> Array:
-        """Return the derivative of the stress by the strain in Pa, (3, 3) or (..., 3, 3)."""
+        """Return the tangent stiffness: the derivative of stress with respect to strain, in Pa.
+
+        Returns
+        -------
+        ndarray, shape (3, 3) or (..., 3, 3)
+        """
         columns = []
         for direction in np.eye(3):
             stress = self.stress(strain + 1j * COMPLEX_STEP * direction, prestrain)
@@ -105,52 +119,80 @@ class Law:
         return np.stack(columns, axis=-1)
 
     def compute_prestrain(self, film: Film, max_steps: int = 30) -> Array:
-        """Compute the elastic strain of the flat clamped film, (3,).
+        """Compute the prestrain of the flat clamped film.
 
         Parameters
         ----------
         film : Film
-            The film. It is strained by its cooling, or by a given pretension.
+            The film, which is prestrained by its cooling or by a prescribed pretension.
         max_steps : int
-            Largest number of Newton steps from Hooke's strain.
+            Maximum number of Newton steps, which start from the strain of Hooke's law.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+            Elastic strain whose stress is the prestress.
 
         Notes
         -----
-        Newton's method squares the error in every step. With derivatives by complex steps it ends
-        at rounding, which general root finders do not reach.
+        Newton's method squares the error in every step. With derivatives by complex steps it is
+        accurate to round-off, unlike general root finders.
         """
         strain = film.prestrain
         if self.is_linear or film.pretension_N_m is None:
             return strain
-        flat, wanted = np.zeros(3), film.prestress
+        flat = np.zeros(3)
         for _ in range(max_steps):
             rates = [self.stress(flat, strain + 1e-20j * e).imag for e in np.eye(3)]
-            excess = self.stress(flat, strain) - wanted
+            excess = self.stress(flat, strain) - film.prestress
             step = np.linalg.solve(1e20 * np.array(rates).T, excess)
             strain = strain - step
             if np.abs(step).max() <= 1e-9 * np.abs(strain).max():
-                break  # the next step would be one of rounding
+                break  # the next step would be round-off
         return np.asarray(strain)
 
 
 class Hooke(Law):
-    """S = C : e of the elastic strain e, also in compression (St. Venant and Kirchhoff)."""
+    """Hooke's law S = C : e (St. Venant-Kirchhoff) for the elastic strain e = E + E0.
+
+    E is the Green-Lagrange strain, E0 the prestrain. It also holds in compression.
+
+    Parameters
+    ----------
+    stiffness : ndarray, shape (3, 3)
+        Plane-stress stiffness C in Pa.
+    """
 
     is_linear = True
-    #: At 5 % the second Piola-Kirchhoff and the nominal stress differ by as much.
+    #: At a strain of 5 % the second Piola-Kirchhoff and the nominal stress differ by 5 %.
     strain_limit = 0.05
     beyond_limit = "is no longer linear elastic"
 
     def energy(self, strain: Array, prestrain: Array) -> Array:
-        """Return e : C : e/2 in J/m³, (...)."""
+        """Return the stored energy e : C : e/2 in J/m³.
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         elastic = strain + prestrain
         return 0.5 * np.asarray((elastic * apply_matrix(self.stiffness, elastic)).sum(axis=-1))
 
     def stress(self, strain: Array, prestrain: Array) -> Array:
-        """Return C : e in Pa, (..., 3)."""
-        # the flat film's stress is added, so that a small strain loses no digits
+        """Return the stress C : e in Pa.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+        """
+        # C : E and C : E0 are added, because adding a small E to E0 would lose digits of E
         return apply_matrix(self.stiffness, strain) + prestrain @ self.stiffness
 
     def tangent_stiffness(self, strain: Array, prestrain: Array) -> Array:
-        """Return the stiffness in Pa, (3, 3)."""
+        """Return the stiffness C in Pa.
+
+        Returns
+        -------
+        ndarray, shape (3, 3)
+        """
         return self.stiffness

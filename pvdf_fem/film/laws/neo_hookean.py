@@ -1,17 +1,19 @@
-"""Neo-Hookean film (rubber) in plane stress, for every Poisson's ratio.
+"""The law of a neo-Hookean film (rubber) in plane stress, for every Poisson's ratio nu.
 
 The solid follows Blatz and Ko (Trans. Soc. Rheol. 6 (1962) 223-251, equation 46 with f = 1;
 R. W. Ogden, Non-Linear Elastic Deformations, 1984, section 7.4)::
 
     W = mu/2 (I1 - 3 + (J^(-2 b) - 1)/b),    b = nu/(1 - 2 nu)
 
-It is incompressible for nu = 1/2. Without stress across the film the stretch across it is
-c^(-m/2), with c = det C of the Cauchy-Green tensor C in its plane and m = nu/(1 - nu), so that::
+with the energy W per volume, the shear modulus mu, the first invariant I1 of the Cauchy-Green
+tensor and the ratio J of volumes. It is incompressible for nu = 1/2. In plane stress the stretch
+across the film is c^(-m/2), with c = det C of the Cauchy-Green tensor C = I + 2 E in its plane and
+m = nu/(1 - nu), so that::
 
     W = mu/2 (tr C - 2 + (c^-m - 1)/m),    S = mu (I - c^-m C^-1)
 
-which for small strains is Hooke's law. A flat film that is strained already, to C0, has per volume
-of the flat film::
+This is Hooke's law for small strains. For a flat film that is prestrained to C0, with c0 = det C0,
+the stress with reference to the flat film is::
 
     S = mu/J0 (C0 - (c0 c)^-m C^-1),    J0 = c0^((1 - m)/2)
 """
@@ -27,17 +29,17 @@ from pvdf_fem.film.laws.law import Law
 
 
 class _Prestrained(NamedTuple):
-    """Quantities of the prestrained flat film."""
+    """Functions of the prestrain of the flat film."""
 
-    power: Array  # c0^-m, (...)
-    modulus: Array  # mu/J0 in Pa, (...)
+    power: Array  # c0^-m, shape (...)
+    modulus: Array  # mu/J0 in Pa, shape (...)
 
 
 class _Deformed(NamedTuple):
-    """Quantities of the film's deformation."""
+    """Functions of the film's deformation from its flat state."""
 
-    inverse: Array  # C^-1, (..., 3)
-    power: Array  # c^-m, (...)
+    inverse: Array  # C^-1, shape (..., 3)
+    power: Array  # c^-m, shape (...)
 
 
 class NeoHookean(Law):
@@ -45,12 +47,12 @@ class NeoHookean(Law):
 
     Parameters
     ----------
-    stiffness : (3, 3) array
-        Isotropic stiffness of the unstrained film in Pa.
+    stiffness : ndarray, shape (3, 3)
+        Isotropic plane-stress stiffness of the unstrained film in Pa.
     """
 
-    #: Stretch 1.5: rubber obeys the law up to there (Treloar, The Physics of Rubber
-    #: Elasticity, 1975, section 5.3).
+    #: Strain at the stretch 1.5, up to which the law describes rubber (Treloar, The Physics of
+    #: Rubber Elasticity, 1975, section 5.3).
     strain_limit = 0.62
     beyond_limit = "stiffens more than a neo-Hookean film"
 
@@ -61,7 +63,12 @@ class NeoHookean(Law):
         self.m = nu / (1.0 - nu)
 
     def stress(self, strain: Array, prestrain: Array) -> Array:
-        """Return the stress in Pa, (..., 3)."""
+        """Return the stress in Pa.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+        """
         flat = self._describe_prestrained(prestrain)
         inverse, power = self._describe_deformed(strain)
         no_engineering_shear = np.array([1.0, 1.0, 0.5])
@@ -69,21 +76,31 @@ class NeoHookean(Law):
         return flat.modulus[..., None] * (C0 - (flat.power * power)[..., None] * inverse)
 
     def tangent_stiffness(self, strain: Array, prestrain: Array) -> Array:
-        """Return the derivative of the stress by the strain in Pa, (..., 3, 3)."""
+        """Return the tangent stiffness: the derivative of stress with respect to strain, in Pa.
+
+        Returns
+        -------
+        ndarray, shape (..., 3, 3)
+        """
         flat = self._describe_prestrained(prestrain)
         B, power = self._describe_deformed(strain)
         b11, b22, b12 = np.moveaxis(B, -1, 0)
-        moduli = (1.0 + self.m) * B[..., :, None] * B[..., None, :]
-        # C^-1 dC C^-1 differs from the product B x B in these components
+        stiffness = (1.0 + self.m) * B[..., :, None] * B[..., None, :]
+        # with B = C^-1, B dC B differs from the tensor product of B and B in these components
         difference = b12**2 - b11 * b22
-        moduli[..., 0, 1] += difference
-        moduli[..., 1, 0] += difference
-        moduli[..., 2, 2] -= 0.5 * difference
+        stiffness[..., 0, 1] += difference
+        stiffness[..., 1, 0] += difference
+        stiffness[..., 2, 2] -= 0.5 * difference
         factor = 2.0 * flat.modulus * flat.power * power
-        return np.asarray(factor[..., None, None] * moduli)
+        return np.asarray(factor[..., None, None] * stiffness)
 
     def energy(self, strain: Array, prestrain: Array) -> Array:
-        """Return the stored energy in J/m³ of the flat film, (...)."""
+        """Return the stored energy in J/m³ of the flat film.
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         flat = self._describe_prestrained(prestrain)
         e11, e22, e12 = np.moveaxis(strain, -1, 0)
         p11, p22, p12 = np.moveaxis(prestrain, -1, 0)
@@ -107,6 +124,6 @@ class NeoHookean(Law):
 
 
 def _compute_determinant(strain: Array) -> Array:
-    """Return det (I + 2 E), (...)."""
+    """Return det C = det (I + 2 E) of a strain E, shape (...)."""
     e11, e22, e12 = np.moveaxis(strain, -1, 0)
     return np.asarray((1.0 + 2.0 * e11) * (1.0 + 2.0 * e22) - e12 * e12)

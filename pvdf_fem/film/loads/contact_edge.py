@@ -1,4 +1,4 @@
-"""The edge of a contact with a rigid tip, from the smooth film beside the contact."""
+"""The edge of a contact with a rigid tip, located from the smooth film beside the contact."""
 
 from __future__ import annotations
 
@@ -16,53 +16,55 @@ from pvdf_fem.scene.outlines.outline import Outline
 
 #: Rays from the core along which the contact's edge is located.
 RAY_COUNT = 72
-#: Degree of the polynomial that locates an edge. On 10 tips at two tolerances, areas of contacts
-#: are within 0.4 % of the truth, and within 1 and 3 % in two cases.
+#: Degree of the polynomial that locates an edge. On 10 tips at two tolerances the areas of contacts
+#: have errors of at most 0.4 %, except in two cases, with 1 % and 3 %.
 DEGREE = 4
-#: Degree of a poorer polynomial, whose result differs by about the error.
+#: Degree of a less accurate polynomial; the difference of both results estimates the error.
 POORER_DEGREE = 3
 
 
 class _Rays(NamedTuple):
-    """Rays from a tip's core outwards."""
+    """Rays from the outline of a tip's core outwards."""
 
-    origins: Array  # on the core's outline in m, (rays, 2)
-    directions: Array  # unit vectors, (rays, 2)
+    origins: Array  # on the core's outline in m, shape (rays, 2)
+    directions: Array  # unit vectors, shape (rays, 2)
 
 
 class _Gaps(NamedTuple):
-    """Where points of the film are relative to a tip."""
+    """Positions of points of the film relative to a tip."""
 
-    distances: Array  # from the core in m, seen along z, (...)
-    values: Array  # gaps between tip and film in m, negative in an overlap, (...)
+    distances: Array  # from the core in m, seen along z, shape (...)
+    values: Array  # gaps between tip and film in m, negative in an overlap, shape (...)
 
 
 def locate_contact_edge(
     tip: RigidTip, state: State, degree: int = DEGREE, begin: float = 0.2, end: float = 2.5
 ) -> Array:
-    """Locate the points where the film leaves a tip.
+    """Locate the edge of a contact, where the film leaves a tip.
 
     Parameters
     ----------
     tip : RigidTip
-        The tip.
+        The tip, which touches the film.
     state : State
         The state of the film.
     degree : int
         Degree of the polynomial that is fitted to the film beside the contact.
     begin, end : float
-        Range of the fit beyond the last point that touches, in sizes of the elements there.
+        Range of the fit along a ray, from the last point that touches, in mean sizes of the
+        touching elements.
 
     Returns
     -------
-    (RAY_COUNT, 2) array
-        Points on the undeformed film in m.
+    ndarray, shape (RAY_COUNT, 2)
+        Points on the undeformed film in m, one on each ray.
 
     Notes
     -----
-    The film leaves the tip tangentially: its edge is where the smooth film beside the contact,
-    continued along a ray from the core, is nearest to the tip. There the deflection is about a
-    logarithm of the distance, so that the polynomial is one of this logarithm.
+    The film leaves the tip tangentially. A polynomial is fitted to the smooth film beside the
+    contact along a ray from the core, and extrapolated into the contact: the edge is where it is
+    nearest to the tip. Beside a tip the deflection is about linear in the logarithm of the distance
+    from the tip's centre, so that this logarithm is the variable of the polynomial.
     """
     assert tip.spec.contact is not None
     width = tip.spec.contact.width
@@ -78,7 +80,7 @@ def locate_contact_edge(
     for i in range(RAY_COUNT):
         last_radius = core_radius + last[i]
         z = np.log((core_radius + beside[:, i]) / last_radius)
-        # heights of the film less the tip's depth, and distances from the core, over z
+        # heights of the film above the tip's lowest point, and distances from the core, against z
         heights = gaps.values[:, i] - tip.tip.compute_profile(gaps.distances[:, i])[0]
         values = np.stack([heights, gaps.distances[:, i]], -1)
         film_fit, distance_fit = polynomial.polyfit(z, values, degree).T
@@ -91,19 +93,19 @@ def locate_contact_edge(
 
 
 def measure_contact_outlines(tip: RigidTip, state: State) -> dict[str, Outline]:
-    """Measure the outlines of the film on a tip and on its flat face, before it deforms.
+    """Measure the outlines of the film that touches a tip, and of that on its flat face.
 
     Parameters
     ----------
     tip : RigidTip
-        The tip.
+        The tip, which touches the film.
     state : State
         The state of the film.
 
     Returns
     -------
-    dict
-        Outlines by patch name.
+    dict of str to Outline
+        Outlines on the undeformed film by patch name; that of a flat face only if the tip has one.
     """
     outlines = {tip.spec.patch: tip.tip.fit_outline(locate_contact_edge(tip, state))}
     if tip.tip.face is not None:
@@ -114,7 +116,7 @@ def measure_contact_outlines(tip: RigidTip, state: State) -> dict[str, Outline]:
 
 
 def _make_rays(tip: RigidTip, width: float) -> _Rays:
-    """Make rays from the core through points on the outline that is offset by `width` in m."""
+    """Make rays from a tip's core, through equally spaced points on the outline at `width` in m."""
     line = tip.tip.make_offset_outline(width).inscribed_polygon.exterior
     fractions = np.arange(RAY_COUNT) / RAY_COUNT
     points = np.array([line.interpolate(t, normalized=True).coords[0] for t in fractions])
@@ -123,7 +125,24 @@ def _make_rays(tip: RigidTip, width: float) -> _Rays:
 
 
 def _find_last_touching(tip: RigidTip, state: State, rays: _Rays, width: float) -> Array:
-    """Find how far along each ray the film touches, in m, (rays,); `width` where it does not."""
+    """Find the distance along each ray up to which the film touches the tip.
+
+    Parameters
+    ----------
+    tip : RigidTip
+        The tip.
+    state : State
+        The state of the film.
+    rays : _Rays
+        The rays.
+    width : float
+        Estimated distance in m, which scales the search; it is returned for rays without contact.
+
+    Returns
+    -------
+    ndarray, shape (rays,)
+        Distances from the core in m.
+    """
     along = width * np.linspace(0.02, 3.0, 60)
     points = rays.origins + along[:, None, None] * rays.directions
     touches = _compute_gaps(tip, state, points).values <= 0.0
@@ -132,13 +151,13 @@ def _find_last_touching(tip: RigidTip, state: State, rays: _Rays, width: float) 
 
 
 def _interpolate_displacement(tip: RigidTip, state: State, points: Array) -> Array:
-    """Interpolate the film's displacement (n, 3) in m at points (n, 2)."""
+    """Interpolate the film's displacement in m, shape (n, 3), at points, shape (n, 2)."""
     nodal = state.dofs.reshape(-1, 3)[: tip.space.basis.N]
     return np.asarray(tip.space.interpolation_matrix(points.T) @ nodal)
 
 
 def _compute_gaps(tip: RigidTip, state: State, points: Array) -> _Gaps:
-    """Compute where points (..., 2) of the undeformed film are after their displacement."""
+    """Compute the gaps between a tip and displaced points of the film, shape (..., 2)."""
     flat = points.reshape(-1, 2)
     displacement = _interpolate_displacement(tip, state, flat)
     distances = tip.tip.compute_distances(flat + displacement[:, :2]).value

@@ -16,34 +16,37 @@ from pvdf_fem.film.point_load import (
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.outlines.tip import STEEPEST, Tip
+from pvdf_fem.scene.outlines.tip import MAX_RELATIVE_DISTANCE, Tip
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
-#: Contact width over the width by a point load's tension, measured for spheres: 1.07 to 1.11.
+#: Contact width, divided by the width for the tension of a point load. Measured for spheres: 1.07
+#: to 1.11.
 WIDTH_FACTOR = 1.09
-#: Displacement in the plane of the film on a tip, over its place times the square of the deflection
-#: over the film's radius. Measured on 16 rounded punches: 0.5 to 0.9.
+#: In-plane displacement of the film on a tip, divided by its position times the square of the ratio
+#: of deflection to film radius. Measured on 16 rounded punches: 0.5 to 0.9.
 DRIFT_FACTOR = 0.8
-#: Strain of the film on a tip over that by a point load. Measured on 16 rounded punches: 0.5 to
-#: 0.9.
+#: Strain of the film on a tip, divided by that under a point load. Measured on 16 rounded punches:
+#: 0.5 to 0.9.
 STRETCH_FACTOR = 0.7
-#: Overlap of film and tip in the middle of a contact over the tip's depth, over the tolerance.
-#: Under a force it changes charges by a twentieth of that, at a given depth by as much.
+#: Overlap of film and tip in the middle of a contact, as a fraction of the tip's depth, divided by
+#: the tolerance. At a given depth this fraction is the relative change of charges; under a given
+#: force it is twenty times the change.
 OVERLAP = 0.02
 
 
 @dataclass(frozen=True)
 class ContactEstimate:
-    """Estimate of a contact with a rigid tip."""
+    """Estimate of the contact with a rigid tip, which sets the penalty on their overlap."""
 
-    force: float  #: Along z, in N.
-    width: float  #: From the tip's core to the contact's edge, in m.
-    softness: float  #: Overlap over the tip's depth.
-    stiffness: float  #: Traction over overlap times the softness, in Pa/m.
+    force: float  #: Force along z in N.
+    width: float  #: Distance from the tip's core to the contact's edge in m.
+    softness: float  #: Overlap of film and tip as a fraction of the tip's depth.
+    #: Traction divided by the tip's depth in Pa/m. Divided by `softness` it is the penalty.
+    stiffness: float
 
     @classmethod
     def from_scene(cls, scene: Scene, probe: LoadedProbe) -> Self:
-        """Estimate the contact of a scene's tip."""
+        """Estimate the contact of a tip, one of the loaded probes of a scene."""
         film = scene.film
         force = estimate_load_force(probe.load, film)
         width = estimate_contact_width(probe, film)
@@ -60,21 +63,21 @@ class ContactEstimate:
 
 
 class PressedArea(NamedTuple):
-    """Where a probe presses, and how strongly."""
+    """The area on which a probe presses, and its force."""
 
-    outline: Outline
-    force: float  #: Size of the force in N.
+    outline: Outline  #: Outline of the area on the undeformed film.
+    force: float  #: Magnitude of the force in N.
 
 
 def estimate_load_force(load: Load, film: Film) -> float:
-    """Return the force of a load along z in N, or an estimate of it where the depth is given."""
+    """Return a load's force along z in N, or estimate it if the load prescribes the depth."""
     return load.force if load.depth is None else estimate_point_force(film, load.depth)
 
 
 def estimate_contact_outlines(scene: Scene) -> dict[str, Outline]:
-    """Estimate the outlines of contacts with a scene's tips, by patch name.
+    """Estimate the outlines of the contacts with a scene's tips, by patch name.
 
-    They are those of the film that touches, before it deforms.
+    An outline encloses the film that touches the tip, in its undeformed position.
     """
     outlines = {}
     for probe in scene.tips:
@@ -85,9 +88,9 @@ def estimate_contact_outlines(scene: Scene) -> dict[str, Outline]:
 
 
 def estimate_tip_outlines(scene: Scene) -> dict[str, Outline]:
-    """Estimate the outlines that a mesh follows at a scene's tips, by patch name.
+    """Estimate the outlines that a mesh should follow at a scene's tips, by patch name.
 
-    They are those of the contacts and of flat faces, on the film before it deforms.
+    They enclose the contacts and the film on flat faces of tips, in the undeformed position.
     """
     outlines = estimate_contact_outlines(scene)
     for probe in scene.tips:
@@ -99,7 +102,10 @@ def estimate_tip_outlines(scene: Scene) -> dict[str, Outline]:
 
 
 def estimate_pressed_area(scene: Scene, probe: LoadedProbe) -> PressedArea:
-    """Estimate where a probe presses, and the size of its force."""
+    """Estimate the area on which a probe presses and the magnitude of its force.
+
+    For a tip the area is that of the contact, for other probes that of the probe.
+    """
     force = estimate_load_force(probe.load, scene.film)
     size = math.hypot(*probe.load.components[:2], force)
     outline = estimate_contact_outlines(scene).get(probe.patch, probe.outline)
@@ -107,47 +113,53 @@ def estimate_pressed_area(scene: Scene, probe: LoadedProbe) -> PressedArea:
 
 
 def _move_to_undeformed_film(probe: LoadedProbe, film: Film, width: float) -> Tip:
-    """Move and shrink a tip to where the film that touches it was before it deformed.
+    """Move and shrink a tip to the position that the film touching it had before it deformed.
 
     Parameters
     ----------
     probe : LoadedProbe
-        The probe of the tip.
+        The probe with the tip.
     film : Film
         The film, which moves outwards and stretches under the tip.
     width : float
         Contact width in m.
+
+    Returns
+    -------
+    Tip
+        The tip on the undeformed film.
     """
     tip = probe.tip
     force = estimate_load_force(probe.load, film)
     centre = probe.outline.centroid
-    nearest = tip.face_perimeter / (2.0 * np.pi) + width
-    # the distance of the rim from a point load beside the film's centre
-    reach = film.radius - float(np.hypot(*centre)) ** 2 / film.radius
-    deflection = estimate_point_deflection(film, force, min(nearest, 0.5 * reach), reach)
+    edge_radius = tip.face_perimeter / (2.0 * np.pi) + width
+    # mean distance of the rim from a point load that is not at the film's centre
+    rim_distance = film.radius - float(np.hypot(*centre)) ** 2 / film.radius
+    distance = min(edge_radius, 0.5 * rim_distance)
+    deflection = estimate_point_deflection(film, force, distance, rim_distance)
     unloaded_tension = film.thickness * film.prestress[:2].mean()
-    tension = estimate_tension(film, force, nearest) - unloaded_tension
+    tension = estimate_tension(film, force, edge_radius) - unloaded_tension
     biaxial_modulus = film.stiffness[:2, :2].sum(axis=0).mean()
     stretch = STRETCH_FACTOR * tension / film.thickness / biaxial_modulus
     return tip.move(-DRIFT_FACTOR * (deflection / film.radius) ** 2 * centre, -stretch)
 
 
 def format_face_patch(probe: LoadedProbe) -> str:
-    """Return the name of the mesh patch for a tip's flat face."""
+    """Return the name of the mesh's patch on the flat face of a tip."""
     return f"{probe.patch} face"
 
 
 def estimate_contact_width(probe: LoadedProbe, film: Film, halvings: int = 60) -> float:
-    """Estimate how far a contact reaches beyond a tip's core.
+    """Estimate the width of a contact around a tip's core.
 
     Parameters
     ----------
     probe : LoadedProbe
-        The probe of the tip.
+        The probe with the tip.
     film : Film
         The film.
     halvings : int
-        Number of bisections. They end at rounding, and take less time than the import of
+        Number of bisections. 60 reach round-off and take less time than the import of
         `scipy.optimize`.
 
     Returns
@@ -157,12 +169,13 @@ def estimate_contact_width(probe: LoadedProbe, film: Film, halvings: int = 60) -
 
     Notes
     -----
-    The film pulls at the edge with N sin(slope), whose sum along the edge is the force. The tension
-    N is that of a point load.
+    At the contact's edge of length L and slope w/R the film pulls with N L w/R, which equals the
+    force, with the tension N of a point load, the width w and the tip's radius R. The result is
+    multiplied by `WIDTH_FACTOR` and reduced until the contact lies on the film.
     """
     tip = probe.tip
     force = estimate_load_force(probe.load, film)
-    low, high = 0.0, STEEPEST * tip.radius
+    low, high = 0.0, MAX_RELATIVE_DISTANCE * tip.radius
     for _ in range(halvings):
         width = 0.5 * (low + high)
         length = tip.face_perimeter + 2.0 * np.pi * width

@@ -1,4 +1,4 @@
-"""Loads on the whole film: a traction along z that is the same everywhere, and a bulge pressure."""
+"""Loads on the whole film: a uniform traction along z, and the pressure of a bulge test."""
 
 from __future__ import annotations
 
@@ -22,9 +22,19 @@ from pvdf_fem.scene.film import Film
 
 
 class FilmLoad(LoadTerm):
-    """A traction along z on the whole film; `factor` multiplies the traction of the scene.
+    """A uniform traction along z on the whole film; subclasses define `traction`.
 
-    A subclass gives `traction`.
+    Parameters
+    ----------
+    film : Film
+        The film, whose keys define the load.
+    space : Space
+        The finite-element space.
+
+    Attributes
+    ----------
+    factor : float
+        Factor on the traction of the scene; `scaled` changes it.
     """
 
     def __init__(self, film: Film, space: Space) -> None:
@@ -35,39 +45,44 @@ class FilmLoad(LoadTerm):
     @property
     @abstractmethod
     def traction(self) -> float:
-        """Force of the scene along z per undeformed area in Pa."""
+        """Force along z per undeformed area in Pa, as the scene has it, without `factor`."""
 
     @property
     def pressure(self) -> float:
-        """Force along z per undeformed area in Pa."""
+        """Force along z per undeformed area in Pa: `factor` times `traction`."""
         return self.factor * self.traction
 
     @property
     def force(self) -> float:
-        """Size of the total force in N."""
+        """Magnitude of the total force in N."""
         return abs(self.pressure) * np.pi * self.film.radius**2
 
     def scaled(self, factor: float) -> Self:
-        """Return the same load, multiplied by a factor."""
+        """Return a copy of the load whose force is multiplied by a factor."""
         other = copy(self)
         other.factor = factor * self.factor
         return other
 
     def forces(self, state: State) -> Array:
-        """Return the forces in N, (dofs,)."""
+        """Return the forces in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         return self.pressure * self._forces_per_pascal
 
     @cached_property
     def _forces_per_pascal(self) -> Array:
-        """Forces of a unit traction along z in m², (dofs,)."""
+        """Forces of a unit traction along z in m², shape (dofs,)."""
         unit = np.broadcast_to(UP, (*self.space.weights.shape, 3))
         return integrate_traction(self.space, ALL, unit)
 
 
 class FilmPressure(FilmLoad):
-    """A uniform pressure as in a bulge test, ``film.pressure_Pa``.
+    """A uniform pressure on the whole film as in a bulge test, ``film.pressure_Pa``.
 
-    It acts along z, or normal to the deformed film with ``film.pressure_follows``.
+    It acts along z, or with ``film.pressure_follows`` normal to the deformed film.
     """
 
     def __init__(self, film: Film, space: Space) -> None:
@@ -76,25 +91,33 @@ class FilmPressure(FilmLoad):
 
     @property
     def traction(self) -> float:
-        """Pressure of the scene in Pa."""
+        """The pressure ``film.pressure_Pa``; 0 if the scene has none."""
         return self.film.pressure_Pa or 0.0
 
     def forces(self, state: State) -> Array:
-        """Return the forces in N, (dofs,)."""
+        """Return the forces in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         if self.conservative:
             return super().forces(state)
         traction = self.pressure * compute_normal(state.deformation_gradient)
         return integrate_traction(self.space, ALL, traction)
 
     def element_tangent(self, state: State) -> ElementMatrices | None:
-        """Return the derivative of `residual` in N/m where the pressure follows the film."""
+        """Return the derivative of `residual` in N/m; None for a pressure along z."""
         if self.conservative:
             return None
         stiffness = compute_normal_stiffness(self.space, ALL, self.pressure, state)
         return ElementMatrices(ALL, -stiffness)
 
     def with_frozen_loads(self) -> Self:
-        """Return the pressure along z."""
+        """Return a copy whose pressure stays along z (dead load) instead of following the film.
+
+        A pressure along z returns itself.
+        """
         if self.conservative:
             return self
         other = copy(self)
@@ -102,5 +125,5 @@ class FilmPressure(FilmLoad):
         return other
 
     def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
-        """Return the pressure times the undeformed area of the elements."""
+        """Return the forces that press on the film's face: pressure times undeformed area."""
         return ElementForces(ALL, self.pressure * self.space.weights.sum(axis=1))

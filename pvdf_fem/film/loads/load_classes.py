@@ -1,4 +1,4 @@
-"""The classes of loads by their names in scenes, and the loads of a scene."""
+"""The classes of loads by their keys in scenes, and the load terms of a scene."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pvdf_fem.scene.scene import Scene
 PROBE_LOADS: dict[str, type[ProbeLoad]] = {
     kind: resolve_name(path) for kind, path in LOAD_CLASSES.items()
 }
-#: Class of each load on the whole film, by the film's key.
+#: Class of each load on the whole film, by the key of the film that switches it on.
 FILM_LOADS: dict[str, type[FilmLoad]] = {
     key: resolve_name(path) for key, path in FILM_LOAD_CLASSES.items()
 }
@@ -36,9 +36,9 @@ def make_loads(
     Parameters
     ----------
     film : Film
-        The film, whose keys give the loads on the whole film.
+        The film; a nonzero key of `FILM_LOADS` adds a load on the whole film.
     specs : iterable of LoadSpec
-        The loaded probes.
+        The loaded probes with their loads.
     space : Space
         The finite-element space.
     sector : SymmetrySector
@@ -57,24 +57,24 @@ def make_loads(
 
 
 def select_probe_loads(terms: Iterable[Term]) -> list[ProbeLoad]:
-    """Return the terms that are loads of probes."""
+    """Select the terms that are loads of probes."""
     return [term for term in terms if isinstance(term, ProbeLoad)]
 
 
 def find_rigid_elements(terms: Iterable[Term], *, horizontal_only: bool = False) -> Indices:
-    """Find the elements that terms keep plane.
+    """Find the elements that rigid bodies keep plane.
 
     Parameters
     ----------
     terms : iterable of Term
-        All terms.
+        The terms of an equilibrium.
     horizontal_only : bool
-        Whether to leave out elements that may tilt.
+        Whether to leave out elements that may tilt with their rigid body.
 
     Returns
     -------
-    (n,) array
-        Elements.
+    ndarray, shape (n,)
+        Numbers of the elements.
     """
     patches = [np.empty(0, dtype=np.int64)]
     for term in terms:
@@ -84,5 +84,5 @@ def find_rigid_elements(terms: Iterable[Term], *, horizontal_only: bool = False)
 
 
 def has_rigid_probe(scene: Scene) -> bool:
-    """Return whether the film stays plane under a probe."""
+    """Return whether any loaded probe of a scene keeps the film plane."""
     return any(PROBE_LOADS[probe.load.kind].is_rigid for probe in scene.loaded_probes)

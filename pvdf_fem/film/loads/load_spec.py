@@ -1,4 +1,4 @@
-"""The specification of a probe's load: the scene's, with a pressure in Python or an estimate."""
+"""The specification of a probe's load: scene keys, a pressure function, a contact estimate."""
 
 from __future__ import annotations
 
@@ -13,41 +13,43 @@ from pvdf_fem.film.loads.contact_estimate import ContactEstimate
 from pvdf_fem.scene.scene import LoadedProbe, Scene, SceneError
 from pvdf_fem.scene.scene_file import format_error
 
-#: A pressure in arbitrary units, as a function of x and y in mm, both (n,), in the probe's own
-#: axes. It returns (n,) values, or one for all.
+#: A pressure in arbitrary units, as a function of x and y in mm in the probe's own axes, both of
+#: shape (n,). It returns values of shape (n,), or a single value for all points.
 Pressure: TypeAlias = Callable[[Array, Array], ArrayLike]
 
 
 @dataclass(frozen=True)
 class LoadSpec(LoadedProbe):
-    """A probe of a scene with everything that its load is made of."""
+    """A loaded probe of a scene, with what the scene's keys do not say about its load."""
 
-    pressure: Pressure | None = None  #: In place of the load's profile.
-    contact: ContactEstimate | None = None  #: For a rigid tip.
-    #: Number of the tip's node beside the film, where its depth is an unknown.
+    pressure: Pressure | None = None  #: Pressure in place of the load's profile.
+    contact: ContactEstimate | None = None  #: Estimate of the contact; None unless it is a tip.
+    #: Number of the auxiliary node with the tip's depth; None if the depth is not an unknown.
     auxiliary_node: int | None = None
 
 
 def require_usable_pressure(scene: Scene, pressure: Pressure | None) -> None:
-    """Refuse a pressure in Python that the scene has no single dead load for.
+    """Raise an error unless a pressure in Python can replace the profile of the scene's load.
+
+    It can if the scene has a single probe, with a dead load of uniform profile.
 
     Parameters
     ----------
     scene : Scene
         The scene whose probe presses.
     pressure : callable or None
-        ``p(x_mm, y_mm)`` on the single probe; None is always usable.
+        Function ``p(x_mm, y_mm)``; None is always allowed.
 
     Raises
     ------
     SceneError
-        With a line for each reason.
+        If it cannot; the exception lists all reasons.
     """
     if pressure is None:
         return
     errors = []
     if not callable(pressure):
-        errors.append(format_error("pressure", pressure, "is no function; give p(x_mm, y_mm)"))
+        errors.append(format_error("pressure", pressure, "is not a function; give p(x_mm, y_mm)"))
     if scene.single_probe is None:
         errors.append("probe: is required by a pressure in Python; add [probe]")
     for key, needed in (("kind", "dead"), ("profile", "uniform")):
@@ -60,7 +62,10 @@ def require_usable_pressure(scene: Scene, pressure: Pressure | None) -> None:
 
 
 def make_load_specs(scene: Scene, pressure: Pressure | None = None) -> tuple[LoadSpec, ...]:
-    """Resolve the loaded probes of a scene."""
+    """Make the specifications of the loads of all loaded probes of a scene.
+
+    `pressure` replaces the profile of every load.
+    """
     specs = []
     auxiliary_nodes = 0
     for probe in scene.loaded_probes:
@@ -81,7 +86,7 @@ def make_load_specs(scene: Scene, pressure: Pressure | None = None) -> tuple[Loa
 
 
 def count_auxiliary_nodes(scene: Scene) -> int:
-    """Count the nodes beside the film: one for each tip that moves under a force."""
+    """Count the auxiliary nodes: one for each tip whose depth under a force is unknown."""
     return sum(_moves_under_force(probe) for probe in scene.loaded_probes)
 
 
@@ -90,5 +95,5 @@ def _moves_under_force(probe: LoadedProbe) -> bool:
 
 
 def format_function_name(pressure: object) -> str:
-    """Return the name of a pressure in Python for texts."""
+    """Return the name of a pressure function, or of its class, for messages."""
     return str(getattr(pressure, "__name__", type(pressure).__name__))

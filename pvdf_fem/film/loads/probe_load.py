@@ -1,6 +1,6 @@
-"""Loads by probes: what they have in common, dead tractions, and pressures that follow the film.
+"""Loads by probes: their common base, dead tractions, and pressures that follow the film.
 
-Each presses on the probe's patch Ω_p with the total force F:
+A load presses on the probe's patch, of the undeformed area A_p, with the total force F:
 
 - ``dead``: a traction along F per undeformed area, F/A_p or distributed by a profile; F may have
   any direction;
@@ -38,47 +38,53 @@ class ProbeLoad(LoadTerm):
     space : Space
         The finite-element space of the solved sector.
     sector : SymmetrySector
-        The solved sector. Where a mirror image of the probe is another probe, the patch of this one
-        may have no elements in the sector.
+        The solved sector of the film. If a mirror image of the probe is another probe, the patch of
+        this one may have no elements in the sector.
     """
 
     #: Whether the film stays plane under the probe. Tractions are then singular along its edge.
     is_rigid = False
-    #: Approximate share of the force that acts along the patch's edge.
+    #: Approximate fraction of the force that acts along the patch's edge.
     edge_fraction = 0.0
 
     def __init__(self, spec: LoadSpec, space: Space, sector: SymmetrySector = WHOLE_FILM) -> None:
         self.spec = spec
         self.space = space
         self.sector = sector
-        #: Elements of the probe's patch, (n,).
+        #: Elements of the probe's patch, shape (n,).
         self.patch: Indices = space.mesh.subdomains[spec.patch]
-        #: Total force on the whole film in N, in the sector's axes, (3,).
+        #: Total force on the whole film in N, in the sector's axes, shape (3,).
         self.components: Array = np.array(spec.load.components)
         self.components[:2] = sector.frame @ self.components[:2]
 
     @property
     def force(self) -> float:
-        """Size of the total force in N."""
+        """Magnitude of the total force in N."""
         return float(np.linalg.norm(self.components))
 
     def scaled(self, factor: float) -> Self:
-        """Return the same load with its force multiplied by a factor."""
+        """Return a copy of the load whose force is multiplied by a factor."""
         return self.with_components(factor * self.components)
 
     def with_components(self, components: Array) -> Self:
-        """Return the same load with another total force in N, (3,)."""
+        """Return a copy of the load with another total force.
+
+        Parameters
+        ----------
+        components : ndarray, shape (3,)
+            Force on the whole film in N, in the sector's axes.
+        """
         other = copy(self)
         other.components = components
         return other
 
     def integrate_on_film(self, weighted: Array) -> float:
-        """Return an integral over the probe's patch on the whole film.
+        """Sum an integrand over the probe's patch on the whole film, given on the solved sector.
 
         Parameters
         ----------
-        weighted : (patch elements, points) array
-            Values times quadrature weights on the solved sector.
+        weighted : ndarray, shape (patch elements, points)
+            Integrand times quadrature weights at the points of the patch in the sector.
         """
         image_count = len(self.sector.signs)
         patch_count = 1
@@ -90,36 +96,45 @@ class ProbeLoad(LoadTerm):
 
 
 class PatchLoad(ProbeLoad):
-    """A traction on the probe's patch in the mesh.
+    """A distributed traction on the probe's patch of the mesh.
 
-    A subclass gives its `traction` only. If the traction depends on the deformation it also gives
+    Subclasses define `traction`. If the traction depends on the deformation, they also define
     ``conservative = False``, `element_tangent` and `with_frozen_loads`.
     """
 
     @abstractmethod
     def traction(self, deformation_gradient: Array) -> Array:
-        """Return the traction per undeformed area in Pa, (..., 3).
+        """Return the traction per undeformed area in Pa.
 
         Parameters
         ----------
-        deformation_gradient : (..., 3, 2) array
-            Deformation gradient of the film.
+        deformation_gradient : ndarray, shape (..., 3, 2)
+            Deformation gradient of the film at the points.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
         """
 
     def forces(self, state: State) -> Array:
-        """Return the integral of the traction over the patch in N, (dofs,)."""
+        """Return the forces in N: the integral of the traction over the patch.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         traction = self.traction(state.deformation_gradient[self.patch])
         return integrate_traction(self.space, self.patch, traction)
 
     @property
     def pressure(self) -> float:
-        """Mean size of the traction in Pa."""
+        """Mean magnitude of the traction in Pa; 0 if the patch has no elements in the sector."""
         if not len(self.patch):
             return 0.0
         return self.force / self.integrate_on_film(self.space.weights[self.patch])
 
     def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
-        """Return the traction along z times the undeformed area of the elements."""
+        """Return the forces that press on the film's face: the traction along z, integrated."""
         traction = self.traction(state.deformation_gradient[self.patch])[..., 2]
         return ElementForces(self.patch, (self.space.weights[self.patch] * traction).sum(axis=1))
 
@@ -128,102 +143,128 @@ class DeadPressure(PatchLoad):
     """A traction in the direction of the force, which does not depend on the displacement."""
 
     def traction(self, deformation_gradient: Array) -> Array:
-        """Return the mean traction per undeformed area in Pa, (..., 3)."""
+        """Return the mean traction per undeformed area in Pa, without the load's profile.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+        """
         force = self.force
         direction = self.components / force if force else UP
         return np.broadcast_to(self.pressure * direction, deformation_gradient.shape[:-1])
 
     def forces(self, state: State) -> Array:
-        """Return the forces of the traction with its profile in N, (dofs,)."""
+        """Return the forces of the traction, distributed by the load's profile, in N.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         return self._dead_forces
 
     def with_components(self, components: Array) -> Self:
-        """Return the same load with another total force in N, (3,)."""
+        """Return a copy of the load with another total force.
+
+        Parameters
+        ----------
+        components : ndarray, shape (3,)
+            Force on the whole film in N, in the sector's axes.
+        """
         other = super().with_components(components)
-        other.__dict__.pop("_dead_forces", None)  # it is kept for one force
+        other.__dict__.pop("_dead_forces", None)  # the cached forces are for the old components
         return other
 
     @cached_property
     def _dead_forces(self) -> Array:
-        """The forces in N, (dofs,)."""
+        """Nodal forces in N, shape (dofs,)."""
         return np.outer(self._nodal_fractions, self.components).ravel()
 
     @cached_property
     def _nodal_fractions(self) -> Array:
-        """Force at each scalar dof over the total force, (scalar dofs with auxiliary nodes,)."""
+        """Force at each node divided by the total force, shape (nodes,); 0 at auxiliary nodes."""
         node_count = self.space.dof_count // 3
         if not len(self.patch):
             return np.zeros(node_count)
         values, weights = self._quadrature
-        shares = np.matmul(values.swapaxes(1, 2), weights[..., None])[..., 0]
+        fractions = np.matmul(values.swapaxes(1, 2), weights[..., None])[..., 0]
         nodes = self.space.nodes[self.patch]
-        total = np.bincount(nodes.ravel(), shares.ravel(), node_count)
+        total = np.bincount(nodes.ravel(), fractions.ravel(), node_count)
         return np.asarray(total / self.integrate_on_film(weights))
 
     def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
-        """Return the force along z, distributed over the patch by the load's profile."""
+        """Return the forces that press on the film's face, distributed by the load's profile."""
         _, weights = self._quadrature
-        share = weights.sum(axis=1) / self.integrate_on_film(weights)
-        return ElementForces(self.patch, self.components[2] * share)
+        fractions = weights.sum(axis=1) / self.integrate_on_film(weights)
+        return ElementForces(self.patch, self.components[2] * fractions)
 
     @property
     def _quadrature(self) -> tuple[Array, Array]:
-        """Quadrature on the patch, in the order of its elements.
+        """Quadrature on the patch, whose weights are multiplied by the load's profile.
 
-        Values of the functions, (n, points, functions), and weights times the profile in m²,
-        (n, points).
+        Shape functions, shape (n, points, functions), and weights in m², shape (n, points), in the
+        order of the patch's elements.
+
+        Raises
+        ------
+        SceneError
+            If the profile is zero at all points.
         """
         profile = make_profile(self.spec)
         if profile.order is None:
             return self.space.values[self.patch], self.space.weights[self.patch]
-        places, values, weights = self.space.make_quadrature(self.patch, profile.order)
-        weights = weights * profile(places @ self.sector.frame)
+        points, values, weights = self.space.make_quadrature(self.patch, profile.order)
+        weights = weights * profile(points @ self.sector.frame)
         if len(weights) and not weights.any():
             raise profile.make_error("is zero wherever the probe presses; change it")
         return values, weights
 
 
 class FollowerPressure(PatchLoad):
-    """A pressure that stays normal to the deformed film."""
+    """A uniform pressure that stays normal to the deformed film."""
 
     conservative = False
 
     def traction(self, deformation_gradient: Array) -> Array:
-        """Return the traction per undeformed area in Pa, (..., 3)."""
+        """Return the traction per undeformed area in Pa.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+        """
         return self.pressure * compute_normal(deformation_gradient)
 
     def element_tangent(self, state: State) -> ElementMatrices | None:
-        """Return the derivative of `residual` in N/m."""
+        """Return the derivative of `residual` in N/m; None if the patch has no elements."""
         if not len(self.patch):
             return None
         stiffness = compute_normal_stiffness(self.space, self.patch, self.pressure, state)
         return ElementMatrices(self.patch, -stiffness)
 
     def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
-        """Return the pressure times the undeformed area of the elements."""
+        """Return the forces that press on the film's face: pressure times undeformed area."""
         area = self.space.weights[self.patch].sum(axis=1)
         return ElementForces(self.patch, self.pressure * area)
 
     def with_frozen_loads(self) -> DeadPressure:
-        """Return the dead pressure of the same size."""
+        """Return a dead load with the same force, distributed by the load's profile."""
         return DeadPressure(self.spec, self.space, self.sector).with_components(self.components)
 
 
 def integrate_traction(space: Space, elements: Selection, traction: Array) -> Array:
-    """Integrate a traction over elements.
+    """Integrate a traction over elements to nodal forces.
 
     Parameters
     ----------
     space : Space
         The finite-element space.
-    elements : slice or (n,) array
-        Elements on which the traction acts.
-    traction : (n, points, 3) array
+    elements : slice or ndarray, shape (n,)
+        Numbers of the elements on which the traction acts.
+    traction : ndarray, shape (n, points, 3)
         Force per undeformed area at the quadrature points in Pa.
 
     Returns
     -------
-    (dofs,) array
+    ndarray, shape (dofs,)
         Forces in N.
     """
     weighted = space.weights[elements][..., None] * traction
@@ -232,21 +273,26 @@ def integrate_traction(space: Space, elements: Selection, traction: Array) -> Ar
 
 
 def compute_normal(deformation_gradient: Array) -> Array:
-    """Return the film's normal, as long as the ratio of deformed to undeformed area, (..., 3)."""
+    """Compute the film's normal, whose length is the ratio of deformed to undeformed area.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+    """
     return np.cross(deformation_gradient[..., 0], deformation_gradient[..., 1])
 
 
 def compute_normal_stiffness(
     space: Space, elements: Selection, pressure: float, state: State
 ) -> Array:
-    """Differentiate the forces of a pressure that stays normal to the film.
+    """Differentiate the nodal forces of a pressure that stays normal to the deformed film.
 
     Parameters
     ----------
     space : Space
         The finite-element space.
-    elements : slice or (n,) array
-        Elements on which the pressure acts.
+    elements : slice or ndarray, shape (n,)
+        Numbers of the elements on which the pressure acts.
     pressure : float
         The pressure in Pa.
     state : State
@@ -254,12 +300,12 @@ def compute_normal_stiffness(
 
     Returns
     -------
-    (n, element dofs, element dofs) array
-        Derivative of the forces by the element's dofs in N/m.
+    ndarray, shape (n, element dofs, element dofs)
+        Derivatives of the element's forces with respect to its dofs in N/m; not symmetric.
 
     Notes
     -----
-    The normal is F₁ × F₂ with the columns of the deformation gradient, and its derivative
+    The normal is F₁ × F₂ with the columns F₁ and F₂ of the deformation gradient. Its derivative is
     F₁ × dF₂ - F₂ × dF₁.
     """
     F = state.deformation_gradient[elements]

@@ -1,7 +1,7 @@
-"""Pressure profiles: how a dead load is distributed over its patch, a class by ``load.profile``.
+"""Pressure profiles: the distribution of a dead load over its patch, by ``load.profile``.
 
-Only the shape of a profile counts, since a load scales it to its force. A further profile is a
-class here and a line in `pvdf_fem.scene.registry`.
+A profile may have any scale, since the load scales it to its force. To add a profile, write a class
+here and its line in `pvdf_fem.scene.registry`.
 """
 
 from __future__ import annotations
@@ -29,27 +29,27 @@ from pvdf_fem.scene.registry import DIGEST_MARK, PROFILE_ENTRIES
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import format_error
 
-#: A pressure at places (..., 2) in mm in the probe's own axes, (...).
+#: A pressure at points of shape (..., 2) in mm in the probe's own axes, shape (...).
 GridFunction: TypeAlias = Callable[[Array], Array]
 
 
 class _ProfileFile(NamedTuple):
     """The content of a profile file."""
 
-    digest: str  # SHA-256
-    pressure: GridFunction
+    digest: str  # SHA-256 of the bytes
+    pressure: GridFunction  # interpolates the table in the file
 
 
 class _GridTable(NamedTuple):
-    """A pressure on a grid."""
+    """A table of a pressure on a rectangular grid."""
 
-    x_mm: Array  # (n,)
-    y_mm: Array  # (m,)
-    pressure: Array  # (n, m)
+    x_mm: Array  # increasing, shape (n,)
+    y_mm: Array  # increasing, shape (m,)
+    pressure: Array  # in any unit, shape (n, m)
 
 
 class Profile(ABC):
-    """A pressure over a patch, to a factor.
+    """A pressure over a patch up to a constant factor.
 
     Parameters
     ----------
@@ -57,53 +57,67 @@ class Profile(ABC):
         The probe and its load.
     """
 
-    #: Degree of the quadrature that the profile takes; None for that of the film.
+    #: Degree of the quadrature that integrates the profile; None for the quadrature of the film.
     order: int | None = 16
 
     def __init__(self, spec: LoadSpec) -> None:
         self.spec = spec
-        #: The key that error messages name, and its value.
+        #: The scene key that error messages name, and its value.
         self.source = "load.profile", spec.load.profile
 
     @abstractmethod
     def __call__(self, points: Array) -> Array:
-        """Return nonnegative values, (...), at points (..., 2) in m on the film."""
+        """Evaluate the profile at points of the film.
+
+        Parameters
+        ----------
+        points : ndarray, shape (..., 2)
+            Points in m in the scene's axes.
+
+        Returns
+        -------
+        ndarray, shape (...)
+            Pressures in any unit; not negative.
+        """
 
     def mean(self, shape: shapely.Geometry) -> float:
-        """Return about the mean over a shape on the film, in m."""
+        """Return an approximate mean of the profile over a shape in m in the scene's axes."""
         return average_over(shape, self)
 
     def make_error(self, reason: str) -> SceneError:
-        """Make the error for a profile that cannot be used."""
+        """Make the error that reports why this profile cannot be used."""
         return SceneError([format_error(*self.source, reason)])
 
 
 class Uniform(Profile):
-    """The same everywhere."""
+    """A uniform pressure."""
 
     order = None
 
     def __call__(self, points: Array) -> Array:
-        """Return ones."""
+        """Return ones, one for each point."""
         return np.ones(points.shape[:-1])
 
 
 class Hertz(Profile):
-    """An ellipsoid over a disc or an ellipse, as under a sphere on a soft half-space."""
+    """A half-ellipsoid over a disc or an ellipse, as under a sphere on a soft half-space."""
 
     def __call__(self, points: Array) -> Array:
-        """Return the ellipsoid's height over its largest."""
+        """Return the pressure divided by its maximum."""
         outline = self.spec.outline
-        assert isinstance(outline, Ellipse)  # the scene accepts no other
+        assert isinstance(outline, Ellipse)  # the scene accepts no other shape
         z = (points - outline.centre) @ np.linalg.inv(outline.axes).T
         return np.sqrt(np.maximum(1.0 - (z**2).sum(axis=-1), 0.0))
 
 
 class Gaussian(Profile):
-    """exp(-2 r²/w²) about the centroid, cut off by the outline."""
+    """The pressure exp(-2 r²/w²) at the distance r from the probe's centroid, within the outline.
+
+    The width w is ``load.profile_width_mm``, by default the radius of the disc of the same area.
+    """
 
     def __call__(self, points: Array) -> Array:
-        """Return the pressure over its largest."""
+        """Return the pressure divided by its maximum."""
         outline = self.spec.outline
         width_mm = self.spec.load.profile_width_mm
         width = width_mm / 1e3 if width_mm else np.sqrt(outline.area / np.pi)
@@ -111,14 +125,14 @@ class Gaussian(Profile):
 
 
 class CallableProfile(Profile):
-    """A function of x and y in mm in the probe's own axes.
+    """A pressure given as a function of x and y in mm in the probe's own axes.
 
     Parameters
     ----------
     spec : LoadSpec
         The probe and its load.
     pressure : callable
-        The function.
+        Function of two arrays x and y that returns an array of pressures, or a single one.
     """
 
     def __init__(self, spec: LoadSpec, pressure: Pressure) -> None:
@@ -128,17 +142,17 @@ class CallableProfile(Profile):
             self.source = "pressure", format_function_name(pressure)
 
     def __call__(self, points: Array) -> Array:
-        """Return the function's values, (...), at points (..., 2) in m on the film.
+        """Evaluate the function at points of the film, in m in the scene's axes.
 
         Raises
         ------
         SceneError
-            If the function raises, or its values are no nonnegative finite numbers of the right
-            shape.
+            If the function raises an exception, or if its values are not finite, are negative,
+            or have another shape.
         """
         probe = self.spec.probe
-        places_mm = 1e3 * points.reshape(-1, 2) - [probe.x_mm, probe.y_mm]
-        x, y = rotate(places_mm, -probe.rotation_deg).T.copy()
+        points_mm = 1e3 * points.reshape(-1, 2) - [probe.x_mm, probe.y_mm]
+        x, y = rotate(points_mm, -probe.rotation_deg).T.copy()
         try:
             values = np.asarray(self.pressure(x, y))
         except Exception as error:
@@ -155,7 +169,7 @@ class CallableProfile(Profile):
 
 
 class TableProfile(CallableProfile):
-    """Values on a grid in a file, interpolated bilinearly, and zero outside."""
+    """A table of pressures on a grid in a file: interpolated bilinearly, zero outside the grid."""
 
     def __init__(self, spec: LoadSpec) -> None:
         pressure = _read_profile(spec.load.profile).pressure
@@ -170,7 +184,7 @@ def make_profile(spec: LoadSpec) -> Profile:
     Raises
     ------
     SceneError
-        If its file cannot be read.
+        If its file cannot be read, or does not contain a grid.
     """
     if spec.pressure is not None:
         return CallableProfile(spec, spec.pressure)
@@ -179,10 +193,10 @@ def make_profile(spec: LoadSpec) -> Profile:
 
 
 def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
-    """Replace profile files in scenes by absolute paths and digests: ``/p.csv#sha256=...``.
+    """Replace the names of profile files in scenes by paths with digests: ``/p.csv#sha256=...``.
 
-    Processes with another working directory find the files, and no process solves a file that has
-    changed. Each file is read once.
+    With the absolute path, processes in other working directories find the file; with the digest,
+    a process that reads a changed file raises an error. Each file is read once.
 
     Parameters
     ----------
@@ -192,12 +206,12 @@ def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
     Returns
     -------
     list of Scene
-        The scenes; those without files are as they were.
+        The scenes; scenes without profile files are returned as they are.
 
     Raises
     ------
     SceneError
-        If a file holds no grid.
+        If a file cannot be read, or does not contain a grid.
     """
 
     @cache
@@ -215,11 +229,11 @@ def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
     return pinned_scenes
 
 
-def _read_profile(profile: str, most_bytes: int = 20_000_000) -> _ProfileFile:
-    """Read a profile file, which has to have the digest behind its name, if there is one."""
+def _read_profile(profile: str, max_bytes: int = 20_000_000) -> _ProfileFile:
+    """Read a profile file; if its name ends with a digest, check that the content has it."""
     name, _, wanted_digest = profile.partition(DIGEST_MARK)
     try:
-        content = read_bytes(Path(name), most_bytes, "a pressure profile")
+        content = read_bytes(Path(name), max_bytes, "a pressure profile")
         digest = sha256(content).hexdigest()
         if wanted_digest not in ("", digest):
             reason = "has changed since the scene was made (its digest differs)"
@@ -233,7 +247,7 @@ def _read_profile(profile: str, most_bytes: int = 20_000_000) -> _ProfileFile:
 
 @lru_cache(maxsize=8)
 def _interpolate_table(name: str, content: bytes) -> GridFunction:
-    """Interpolate the table in the content of a file, whose format follows from its name."""
+    """Interpolate the table in a file's content: netCDF if its name ends with .nc, else CSV."""
     from scipy.interpolate import RegularGridInterpolator  # slow to import
 
     table = _read_netcdf(name, content) if name.endswith(".nc") else _read_csv(name, content)
@@ -242,6 +256,7 @@ def _interpolate_table(name: str, content: bytes) -> GridFunction:
 
 
 def _read_netcdf(name: str, content: bytes) -> _GridTable:
+    """Read the variable `pressure` with the coordinates `x_mm` and `y_mm` from netCDF data."""
     import xarray  # slow to import
 
     with TemporaryDirectory() as folder:  # not every engine of xarray reads bytes
@@ -253,6 +268,10 @@ def _read_netcdf(name: str, content: bytes) -> _GridTable:
 
 
 def _read_csv(name: str, content: bytes) -> _GridTable:
+    """Read the columns x_mm, y_mm and pressure; the rows may be in any order.
+
+    Raises ValueError unless they have one finite pressure for every point of a grid.
+    """
     heading, *lines = decode_text(Path(name), content).splitlines()
     columns = [column.strip() for column in heading.split(",")]
     rows = np.array([line.split(",") for line in lines if line.strip()], dtype=float)
@@ -262,5 +281,5 @@ def _read_csv(name: str, content: bytes) -> _GridTable:
     pressure = np.full((len(grid_x), len(grid_y)), np.nan)
     pressure[row_i, row_j] = values
     if not np.isfinite(pressure).all() or pressure.size != len(rows):
-        raise ValueError("the places are no grid with one finite pressure each")
+        raise ValueError("the points are not a grid with one finite pressure each")
     return _GridTable(grid_x, grid_y, pressure)

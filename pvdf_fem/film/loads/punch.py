@@ -1,8 +1,8 @@
 """Rigid flat punches.
 
 Under a punch that stays horizontal the deflection is a single unknown; under a punch that tilts
-freely it is a linear function with three unknowns. The film slides on the punch or sticks to it. A
-guide holds a sticking punch, u = v = 0 below it, or a sideways push leaves u and v an unknown each.
+freely it is a linear function with three unknowns. The film slides on the punch or sticks to it.
+Under a sticking punch in a guide u = v = 0; with a tangential force u and v are an unknown each.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 @dataclass(frozen=True)
 class PunchTilt:
-    """How a punch tilts, and the moments by which its guide holds it.
+    """The tilt of a punch, and the moments with which its guide holds it.
 
     Both are about axes along x and y through the punch's centroid.
     """
@@ -31,7 +31,17 @@ class PunchTilt:
 
 
 class Punch(DeadPressure):
-    """A rigid flat punch under a dead force."""
+    """A rigid flat punch under a dead force.
+
+    Parameters
+    ----------
+    spec : LoadSpec
+        The probe and its load.
+    space : Space
+        The finite-element space of the solved sector.
+    sector : SymmetrySector
+        The solved sector of the film.
+    """
 
     is_rigid = True
     edge_fraction = 1.0
@@ -39,14 +49,15 @@ class Punch(DeadPressure):
     def __init__(self, spec: LoadSpec, space: Space, sector: SymmetrySector = WHOLE_FILM) -> None:
         super().__init__(spec, space, sector)
         self._nodes: Indices = np.unique(space.basis.element_dofs[:, self.patch])
-        #: From the punch's centroid to the nodes in m, in the sector's axes, (nodes, 2).
+        #: Vectors from the punch's centroid to its nodes in m, in the sector's axes, shape
+        #: (nodes, 2).
         self._arms: Array = (
             space.basis.doflocs.T[self._nodes] - sector.frame @ spec.outline.centroid
         )
         self.constraints = self._make_constraints()
 
     def _make_constraints(self) -> Constraints:
-        """Join the dofs under the punch."""
+        """Make the constraints on the dofs under the punch: fixed, shared, or a linear motion."""
         u, v, w = 3 * self._nodes, 3 * self._nodes + 1, 3 * self._nodes + 2
         load = self.spec.load
         fixed = NO_INDICES
@@ -70,11 +81,14 @@ class Punch(DeadPressure):
         )
 
     def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
-        """Return the reactions along z at the nodes; a node's elements share them equally."""
+        """Return the reactions along z at the nodes under the punch, which press on the film.
+
+        The reaction at a node is distributed equally to the elements around it.
+        """
         node_count = self.space.basis.N
         nodes = self.space.nodes[self.patch]
-        sharing = np.maximum(np.bincount(nodes.ravel(), minlength=node_count), 1)
-        reactions = (residual + self.forces(state))[2::3][:node_count] / sharing
+        element_counts = np.maximum(np.bincount(nodes.ravel(), minlength=node_count), 1)
+        reactions = (residual + self.forces(state))[2::3][:node_count] / element_counts
         return ElementForces(self.patch, reactions[nodes].sum(axis=1))
 
     def compute_tilt(self, state: State, residual: Array) -> PunchTilt:
@@ -83,9 +97,9 @@ class Punch(DeadPressure):
         Parameters
         ----------
         state : State
-            The state of the whole film.
-        residual : (dofs,) array
-            The residual of all terms at this state in N.
+            The state of the whole film, not of a sector.
+        residual : ndarray, shape (dofs,)
+            The residual of all terms at this state in N, which contains the reactions.
         """
         w = 3 * self._nodes + 2
         columns = np.column_stack([np.ones(len(w)), self._arms])

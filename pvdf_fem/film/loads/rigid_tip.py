@@ -1,11 +1,12 @@
-"""Contact with a rigid tip, by a penalty on the overlap of film and tip.
+"""Frictionless contact with a rigid tip, by a penalty on the overlap of film and tip.
 
-Over a displaced point X + u the tip's surface has the height d - z(X + u), with the depth d of its
-lowest point. The overlap o = d - z(X + u) - w costs the energy k <o>²/2 per undeformed area, so
-that the tip presses with the traction k <o> along z and the film slides without friction. The
-contact ends where the overlap ends, and no mesh has to follow that edge.
+The point X of the film moves by u in the plane and by the deflection w. There the tip's surface is
+at d - z(X + u), with the depth d of its lowest point and its height profile z. The overlap
+o = d - z(X + u) - w adds the energy k <o>²/2 per undeformed area, with the penalty k and the
+positive part <o>, so that the tip presses with the traction k <o> along z. The contact ends where
+the overlap ends; no mesh has to follow its edge.
 
-Where the force F is given, the depth is an unknown, in which the energy less F d is convex.
+If the force F is prescribed, the depth is an unknown, and the energy minus F d is convex in it.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ from pvdf_fem.film.term import (
 )
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
-#: Overlap over depth of the softest tip.
+#: Maximum overlap as a fraction of the depth, that of the softest tip.
 MAX_SOFTNESS = 0.1
-#: Factor on the softness from a tip to the next softer one.
+#: Factor by which `RigidTip.relaxed` increases the softness.
 SOFTNESS_STEP = 10.0
 
 
@@ -43,28 +44,40 @@ class Overlap:
     """The overlap of film and tip at the quadrature points of all elements."""
 
     depth: float  #: Depth of the tip's lowest point in m.
-    value: Array  #: The overlap in m, negative where there is a gap, (elements, points).
-    #: Derivatives of the overlap by the displacement, -z_x, -z_y and -1, (elements, points, 3).
+    #: The overlap in m, negative where there is a gap, shape (elements, points).
+    value: Array
+    #: Derivatives of the overlap with respect to the displacement, -z_x, -z_y and -1, shape
+    #: (elements, points, 3).
     rates: Array
-    hessian: Array  #: Second derivatives of the tip's height in 1/m, (elements, points, 2, 2).
+    #: Second derivatives of the tip's height in 1/m, shape (elements, points, 2, 2).
+    hessian: Array
 
     @property
     def is_touching(self) -> Mask:
-        """Whether the film touches the tip, (elements, points)."""
+        """Whether the film touches the tip, shape (elements, points)."""
         return self.value > 0.0
 
 
 class _Tractions(NamedTuple):
     """Tractions along z in the elements that touch the tip."""
 
-    elements: Indices  # (n,)
-    weighted: Array  # times the quadrature weights, in N, (n, points)
+    elements: Indices  # numbers of the elements, shape (n,)
+    weighted: Array  # tractions times quadrature weights in N, shape (n, points)
 
 
 class RigidTip(ProbeLoad):
-    """A rigid tip that presses with a force, or down to a depth.
+    """A rigid tip that presses with a prescribed force, or down to a prescribed depth.
 
-    Under a force the depth is an auxiliary dof, the last component of a node beside the film.
+    Under a force the depth is an unknown: the last component of an auxiliary node.
+
+    Parameters
+    ----------
+    spec : LoadSpec
+        The probe, its load, and an estimate of the contact.
+    space : Space
+        The finite-element space of the solved sector.
+    sector : SymmetrySector
+        The solved sector of the film.
     """
 
     edge_fraction = 0.5
@@ -73,14 +86,14 @@ class RigidTip(ProbeLoad):
         super().__init__(spec, space, sector)
         assert spec.contact is not None
         self.tip = spec.tip
-        #: Depth of the tip's lowest point in m, if given.
+        #: Prescribed depth of the tip's lowest point in m; None under a force.
         self.depth: float | None = spec.load.depth
-        #: Approximate overlap in the middle of the contact, over the depth.
+        #: Approximate overlap in the middle of the contact, as a fraction of the depth.
         self.softness: float = spec.contact.softness
         self.components[2] = spec.contact.force
-        #: The dof of an unknown depth, (1,) or (0,).
+        #: The dof of an unknown depth, shape (1,) or (0,).
         self.depth_dof: Indices = NO_INDICES
-        # where only a mirror image of the tip presses on the solved sector, nothing moves
+        # no depth is an unknown if only a mirror image of the tip presses on the solved sector
         if spec.auxiliary_node is not None and len(self.patch):
             self.depth_dof = 3 * (space.basis.N + spec.auxiliary_node) + np.array([2])
         self.constraints = Constraints(auxiliary_dofs=self.depth_dof)
@@ -93,14 +106,17 @@ class RigidTip(ProbeLoad):
 
     @property
     def penalty(self) -> float:
-        """Traction over overlap in Pa/m."""
+        """Traction divided by overlap in Pa/m."""
         assert self.spec.contact is not None
         return self.spec.contact.stiffness / self.softness
 
     def with_components(self, components: Array) -> Self:
-        """Return the same tip with another force in N, (3,), or with another given depth.
+        """Return a copy of the tip with another force, or with another prescribed depth.
 
-        A given depth grows as the cube root of the force.
+        Parameters
+        ----------
+        components : ndarray, shape (3,)
+            Force in N. A prescribed depth changes with the cube root of the force along z.
         """
         other = super().with_components(components)
         if self.depth is not None:
@@ -111,9 +127,9 @@ class RigidTip(ProbeLoad):
     # --- hints for the solver
 
     def relaxed(self) -> Term:
-        """Return a tip with a larger overlap.
+        """Return a softer copy of the tip, which overlaps with the film more.
 
-        For the softest tip it is a pressure on the estimated contact.
+        The softest tip returns a dead pressure on the estimated contact.
         """
         if self.softness > 0.1 * MAX_SOFTNESS:
             return DeadPressure(self.spec, self.space, self.sector).with_components(self.components)
@@ -123,7 +139,11 @@ class RigidTip(ProbeLoad):
         return other
 
     def complete_initial_guess(self, x: Array) -> Array:
-        """Return the dofs `x` with a suitable depth, or with the film lifted to a given depth."""
+        """Return the dofs `x` changed so that tip and film touch lightly.
+
+        An unknown depth that is still zero is set so that the overlap balances the force. For a
+        prescribed depth the deflection of a film below the tip is reduced.
+        """
         if not self.has_unknown_depth:
             return self._lift_film(x)
         if x[self.depth_dof[0]]:
@@ -133,11 +153,13 @@ class RigidTip(ProbeLoad):
         return x
 
     def _find_balanced_depth(self, x: Array) -> float:
-        """Return the depth at which the overlap with the film `x` balances the force.
+        """Compute the depth at which the overlap with a film at the dofs `x` balances the force.
 
-        The traction is linear in the depth between the depths at which further points touch.
+        The total traction is piecewise linear in the depth, with a kink at every depth at which a
+        further quadrature point begins to touch.
         """
-        touch_depth = -self._compute_overlap(x).value  # of the tip that begins to touch a point
+        # the depth in `x` is zero: minus the overlap is the depth at which a point begins to touch
+        touch_depth = -self._compute_overlap(x).value
         order = np.argsort(touch_depth, axis=None)[: np.isfinite(touch_depth).sum()]
         depths = touch_depth.ravel()[order]
         weights = self.space.weights.ravel()[order]
@@ -148,7 +170,10 @@ class RigidTip(ProbeLoad):
         return float((needed + moments[last]) / areas[last])
 
     def _lift_film(self, x: Array) -> Array:
-        """Return the film `x`, deflected less where it is below a tip of a given depth."""
+        """Scale down the dofs `x` so that a film below a tip of prescribed depth just touches it.
+
+        A film that touches the tip already is returned as it is.
+        """
         overlap = self._compute_overlap(x)
         deepest = np.unravel_index(overlap.value.argmax(), overlap.value.shape)
         if not np.isfinite(overlap.depth) or overlap.is_touching[deepest]:
@@ -160,29 +185,29 @@ class RigidTip(ProbeLoad):
     # --- the overlap
 
     def overlap(self, state: State) -> Overlap:
-        """Return the overlap of a state; the last one is kept."""
+        """Return the overlap at a state; that of the last state is cached."""
         if self._last_overlap is None or self._last_overlap[0] is not state.dofs:
             self._last_overlap = state.dofs, self._compute_overlap(state.dofs)
         return self._last_overlap[1]
 
     def _compute_overlap(self, x: Array) -> Overlap:
-        """Compute the overlap of the tip with the film that has the dofs `x`."""
-        places = self.compute_deformed_points(x)
+        """Compute the overlap of the tip with the film at the dofs `x`."""
+        points = self.compute_deformed_points(x)
         frame = self.sector.frame
-        shape = places.shape[:2]
-        height = self.tip.compute_height(places[..., :2].reshape(-1, 2) @ frame)
+        shape = points.shape[:2]
+        height = self.tip.compute_height(points[..., :2].reshape(-1, 2) @ frame)
         rates = -np.ones((*shape, 3))
         rates[..., :2] = -(height.slope @ frame.T).reshape(*shape, 2)
         hessian = (frame @ height.hessian @ frame.T).reshape(*shape, 2, 2)
         depth = self._depth_at(x)
         heights = height.value.reshape(shape)
-        value = depth - heights - places[..., 2]
-        if self.tip.face is not None:  # film without a load bears no pressure under a flat face
+        value = depth - heights - points[..., 2]
+        if self.tip.face is not None:  # flat film under a flat face bears no pressure
             value[heights == 0.0] = -np.inf
         return Overlap(depth=depth, value=value, rates=rates, hessian=hessian)
 
     def _depth_at(self, x: Array) -> float:
-        """Return the depth in m for the dofs `x`; -inf where only a mirror image presses."""
+        """Return the depth in m at the dofs `x`; -inf if only a mirror image of the tip presses."""
         if not len(self.patch):
             return -np.inf
         if self.has_unknown_depth:
@@ -190,14 +215,19 @@ class RigidTip(ProbeLoad):
         return self.depth or 0.0
 
     def compute_deformed_points(self, x: Array) -> Array:
-        """Compute the displaced quadrature points in m, (elements, points, 3), of the dofs `x`."""
-        places = np.matmul(self.space.values, x.reshape(-1, 3)[self.space.nodes])
-        places[..., :2] += self.space.quadrature_points
-        return places
+        """Compute the positions in m of the quadrature points displaced by the dofs `x`.
+
+        Returns
+        -------
+        ndarray, shape (elements, points, 3)
+        """
+        points = np.matmul(self.space.values, x.reshape(-1, 3)[self.space.nodes])
+        points[..., :2] += self.space.quadrature_points
+        return points
 
     @property
     def _force_on_sector(self) -> float:
-        """The force along z in N on the solved sector."""
+        """The part of the force along z that acts on the solved sector, in N."""
         if not len(self.patch):
             return 0.0
         weights = self.space.weights[self.patch]
@@ -206,17 +236,28 @@ class RigidTip(ProbeLoad):
     # --- the term
 
     def tractions(self, state: State) -> Array:
-        """Return tractions along z times quadrature weights in N, (elements, points)."""
+        """Return tractions along z times quadrature weights in N.
+
+        Returns
+        -------
+        ndarray, shape (elements, points)
+        """
         return self.penalty * np.maximum(self.overlap(state).value, 0.0) * self.space.weights
 
     def _touching_tractions(self, state: State) -> _Tractions:
-        """Return the tractions in the elements that touch."""
+        """Return the tractions, restricted to the elements that touch the tip."""
         weighted = self.tractions(state)
         elements = np.flatnonzero(weighted.any(axis=1))
         return _Tractions(elements, weighted[elements])
 
     def forces(self, state: State) -> Array:
-        """Return the external forces in N, (dofs,): on the film, and on the tip."""
+        """Return the forces of the tip on the film, and the net force on a tip of unknown depth.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+            In N; the net force is zero in equilibrium.
+        """
         elements, weighted = self._touching_tractions(state)
         on_film = -self.overlap(state).rates[elements] * weighted[..., None]
         forces = self._sum_at_dofs(on_film, elements)
@@ -224,18 +265,30 @@ class RigidTip(ProbeLoad):
         return forces
 
     def _sum_at_dofs(self, weighted: Array, elements: Indices) -> Array:
-        """Return the forces in N, (dofs,), of tractions times weights (elements, points, 3)."""
+        """Integrate a vector field on some elements to nodal forces.
+
+        Parameters
+        ----------
+        weighted : ndarray, shape (n, points, 3)
+            The field times quadrature weights.
+        elements : ndarray, shape (n,)
+            Numbers of the elements.
+
+        Returns
+        -------
+        ndarray, shape (dofs,)
+        """
         values = self.space.values[elements]
         return self.space.sum_at_dofs(np.matmul(values.swapaxes(1, 2), weighted), elements)
 
     def energy(self, state: State) -> float:
-        """Return the energy of the overlap less the work of a given force, in J."""
+        """Return the energy of the overlap minus the work of a prescribed force, in J."""
         overlap = np.maximum(self.overlap(state).value, 0.0)
         energy = 0.5 * float((self.tractions(state) * overlap).sum())
         return energy - self._force_on_sector * float(state.dofs[self.depth_dof].sum())
 
     def element_tangent(self, state: State) -> ElementMatrices:
-        """Return the derivative of `residual` at a constant depth in N/m."""
+        """Return the derivative of `residual` at constant depth in N/m, for touching elements."""
         elements, weighted = self._touching_tractions(state)
         stiffness = self._point_stiffness(state, elements, weighted)
         values = self.space.values[elements]
@@ -244,21 +297,21 @@ class RigidTip(ProbeLoad):
         return ElementMatrices(elements, local.reshape(len(elements), dofs, dofs))
 
     def _point_stiffness(self, state: State, elements: Indices, weighted: Array) -> Array:
-        """Differentiate the negative tractions at a constant depth.
+        """Differentiate minus the tractions with respect to the displacement at constant depth.
 
         Parameters
         ----------
         state : State
             The state of the film.
-        elements : (n,) array
-            Elements that touch.
-        weighted : (n, points) array
-            Tractions along z times weights in N.
+        elements : ndarray, shape (n,)
+            Elements that touch the tip.
+        weighted : ndarray, shape (n, points)
+            Tractions along z times quadrature weights in N.
 
         Returns
         -------
-        (n, points, 3, 3) array
-            Derivatives by the displacement, times weights, in N/m.
+        ndarray, shape (n, points, 3, 3)
+            Derivatives at the quadrature points, times quadrature weights, in N/m.
         """
         overlap = self.overlap(state)
         touching = overlap.is_touching[elements]
@@ -269,7 +322,13 @@ class RigidTip(ProbeLoad):
         return stiffness
 
     def coupled_tangent(self, assembly: MatrixAssembler, state: State) -> sp.csc_matrix | None:
-        """Return the row and column of the depth in N/m, (unknowns, unknowns)."""
+        """Return the row and the column of an unknown depth in the tangent; None without one.
+
+        Returns
+        -------
+        sparse matrix, shape (unknowns, unknowns), or None
+            In N/m.
+        """
         if not self.has_unknown_depth:
             return None
         force_rates, total_rate = self._depth_rates(state)
@@ -283,9 +342,14 @@ class RigidTip(ProbeLoad):
         return assembly.of_dofs(sp.csr_matrix((values, (rows, columns)), shape))
 
     def _depth_rates(self, state: State) -> tuple[Array, float]:
-        """Return derivatives by the depth, in N/m.
+        """Differentiate the tip's forces on the film with respect to its depth.
 
-        Those of the film's forces, (dofs,), and that of the sum of these along z.
+        Returns
+        -------
+        force_rates : ndarray, shape (dofs,)
+            Derivatives of the forces on the film in N/m.
+        total_rate : float
+            Derivative of the total force along z in N/m.
         """
         overlap = self.overlap(state)
         stiff = self.penalty * self.space.weights * overlap.is_touching
@@ -293,21 +357,21 @@ class RigidTip(ProbeLoad):
         rates = -overlap.rates[elements] * stiff[elements][..., None]
         return self._sum_at_dofs(rates, elements), float(stiff.sum())
 
-    # Products that make no element matrices take a small part of the time of `element_tangent`.
+    # The products below form no element matrices and so take much less time than `element_tangent`.
 
     def element_action(self, state: State, x: Array) -> Array:
-        """Return the tangent at a constant depth times `x` in N, (elements, element dofs)."""
+        """Multiply the element tangents at constant depth by the dofs `x`; return forces in N."""
         actions = np.zeros(self.space.element_dofs.shape)
         elements, weighted = self._touching_tractions(state)
         values = self.space.values[elements]
-        moves = np.matmul(values, x.reshape(-1, 3)[self.space.nodes[elements]])
+        displacement = np.matmul(values, x.reshape(-1, 3)[self.space.nodes[elements]])
         stiffness = self._point_stiffness(state, elements, weighted)
-        rates = np.matmul(stiffness, moves[..., None])[..., 0]
+        rates = np.matmul(stiffness, displacement[..., None])[..., 0]
         actions[elements] = np.matmul(values.swapaxes(1, 2), rates).reshape(len(elements), -1)
         return actions
 
     def action(self, state: State, x: Array) -> Array:
-        """Return the whole tangent times the dofs `x` in N, (dofs,)."""
+        """Multiply the tangent, with the row and column of the depth, by the dofs `x`."""
         forces = self.space.sum_at_dofs(self.element_action(state, x))
         if self.has_unknown_depth:
             force_rates, total_rate = self._depth_rates(state)
@@ -317,7 +381,7 @@ class RigidTip(ProbeLoad):
         return forces
 
     def diagonal(self, state: State) -> Array:
-        """Return the diagonal of the tangent in N/m, (dofs,)."""
+        """Return the diagonal of the tangent in N/m, with that of an unknown depth."""
         elements, weighted = self._touching_tractions(state)
         stiffness = np.einsum("epii->epi", self._point_stiffness(state, elements, weighted))
         values = self.space.values[elements]
@@ -331,12 +395,15 @@ class RigidTip(ProbeLoad):
     # --- results
 
     def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
-        """Return the tip's forces along z."""
+        """Return the forces that press on the film's face: the tractions along z, integrated."""
         elements, weighted = self._touching_tractions(state)
         return ElementForces(elements, weighted.sum(axis=1))
 
     def compute_contact_radius(self, state: State) -> float:
-        """Return the largest distance from the film's centre at which the tip touches, in m."""
+        """Return the maximum distance in m of touching points from the film's centre.
+
+        It is that of undeformed quadrature points; 0 if none touches.
+        """
         touching = self.space.quadrature_points[self.overlap(state).is_touching]
         return float(np.linalg.norm(touching, axis=1).max(initial=0.0))
 
@@ -352,14 +419,15 @@ class RigidTip(ProbeLoad):
 
         Returns
         -------
-        (elements, points) array
-            Pressure in Pa; 0 where the film does not touch.
+        ndarray, shape (elements, points)
+            Pressure per deformed area in Pa; 0 where the film does not touch.
 
         Notes
         -----
-        The balance of a membrane across the tip's surface, p = h S : Fᵀ H F / √(1 + slope²) per
-        undeformed area with the Hessian H of the tip's height, is smoother than the tractions of
-        the penalty.
+        The film on the tip has the tip's curvature. Equilibrium normal to the tip's surface gives
+        the pressure per undeformed area p = h S : Fᵀ H F / √(1 + slope²), with the thickness h, the
+        stress S, the in-plane rows of the deformation gradient F, and Hessian H and slope of the
+        tip's height. It is smoother than the tractions of the penalty.
         """
         overlap = self.overlap(state)
         F = state.deformation_gradient

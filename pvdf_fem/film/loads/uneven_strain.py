@@ -1,9 +1,10 @@
-"""Uneven strains in the film: heat from warm probes, and displacements of the rim.
+"""Strains that are not uniform in the film: by heat from warm probes, and by rim displacements.
 
-A probe holds the touched face at its temperature; the other face and the film beside the probe lose
-no heat. Under the probe the mean temperature through the film follows a plate heated from one side.
-Beside the probe the temperature falls with the distance d like erfc(d/√(4 κ t)) at a straight edge,
-and around a round probe of radius R by a further factor √(R/(R + d)).
+A probe holds the face that it touches at its temperature; the other face and the film beside the
+probe lose no heat. Under the probe the temperature, averaged over the thickness, is that of a plate
+heated from one side. Beside a straight edge of the probe it falls with the distance d like
+erfc(d/√(4 κ t)), with the thermal diffusivity κ and the time of contact t; around a round probe of
+radius R it is multiplied by √(R/(R + d)).
 """
 
 from __future__ import annotations
@@ -22,23 +23,25 @@ from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 
 def compute_mean_warming(fourier: float, terms: int = 12) -> float:
-    """Compute the mean temperature through a plate that is heated on one face.
+    """Compute the temperature of a plate heated on one face, averaged over the thickness.
 
     Parameters
     ----------
     fourier : float
-        Fourier number κ t/h² since the face is heated; the other face is insulated.
+        Fourier number κ t/h², with the thermal diffusivity κ, the time t since the heating began,
+        and the thickness h. The other face is insulated.
     terms : int
         Number of terms of the series.
 
     Returns
     -------
     float
-        The mean temperature over that of the heated face.
+        Mean temperature as a fraction of that of the heated face, from 0 to 1.
 
     Notes
     -----
-    Carslaw and Jaeger, Conduction of Heat in Solids, section 3.4.
+    For small F = κ t/h² it is 2 √(F/π), otherwise 1 - 2 Σ exp(-n² F)/n² with n = π/2, 3π/2, ...
+    (Carslaw and Jaeger, Conduction of Heat in Solids, section 3.4).
     """
     if fourier < 0.05:  # the heat has not reached the other face
         return 2.0 * float(np.sqrt(fourier / np.pi))
@@ -47,7 +50,10 @@ def compute_mean_warming(fourier: float, terms: int = 12) -> float:
 
 
 def compute_heat_length(film: Film, probe: LoadedProbe) -> float:
-    """Compute the distance √(4 κ t) in m that a warm probe's heat has come."""
+    """Compute the diffusion length √(4 κ t) in m of a warm probe's heat.
+
+    The time t is the probe's ``contact_time_s``, by default 1 s.
+    """
     seconds = probe.probe.contact_time_s or 1.0
     return float(np.sqrt(4.0 * film.thermal_diffusivity_m2_s * seconds))
 
@@ -59,16 +65,16 @@ def describe_heat_effects(
     heat_capacity: float = 1300.0,
     heat_transfer: float = 10.0,
 ) -> Iterator[EffectNote]:
-    """Describe the effects by heat.
+    """Describe the effects of heat on the charges.
 
     Parameters
     ----------
     scene : Scene
         The scene.
     charges_pC : mapping, optional
-        Charges of the solution.
+        Charges of the solution in pC, to which the charge by warming is compared.
     typical_uC_m2K : float
-        A typical pyroelectric coefficient of PVDF, for a film without one.
+        Typical pyroelectric coefficient of PVDF in µC/(m² K), for a film without one.
     heat_capacity : float
         Heat capacity of PVDF in J/(kg K).
     heat_transfer : float
@@ -77,7 +83,8 @@ def describe_heat_effects(
     Yields
     ------
     EffectNote
-        Two neglected effects for each warm probe, and the charge by warming.
+        For each warm probe two effects that are always neglected; then the charge by warming of the
+        electrode that it affects most, if there is any.
     """
     film = scene.film
     seconds = film.thickness * film.density * heat_capacity / (2.0 * heat_transfer)
@@ -107,10 +114,10 @@ def describe_heat_effects(
 
 
 def _estimate_misplaced_heat(outline: Outline, heat_length: float) -> float:
-    """Estimate the heat that `UnevenStrain` spreads too far, over the heat below the probe.
+    """Estimate the error of the heat beside a probe, as a fraction of the heat below the probe.
 
-    A square corner gives 2.5 κ t less, and a round outline is the less exact the more it differs
-    from a disc.
+    `UnevenStrain` is exact for straight edges. A right-angled corner spreads less heat by about
+    2.5 κ t in area. For an outline without corners the error grows with its deviation from a disc.
     """
     area = outline.area
     bulge = outline.perimeter**2 / (4.0 * np.pi * area) - 1.0
@@ -120,7 +127,7 @@ def _estimate_misplaced_heat(outline: Outline, heat_length: float) -> float:
 
 
 def _integrate_warming(scene: Scene, outline: Outline) -> float:
-    """Return about the integral of the temperature over an electrode, in K mm²."""
+    """Estimate the integral of the warming over an electrode, in K mm² (µC/(m² K) gives pC)."""
     added = UnevenStrain.from_scene(scene)
     mean = scene.film.warming_K or 0.0
     if added and added.warm_probes:
@@ -130,9 +137,14 @@ def _integrate_warming(scene: Scene, outline: Outline) -> float:
 
 @dataclass(frozen=True)
 class UnevenStrain:
-    """The strain that heat and the rim's displacement add to the film's prestrain.
+    """The strain that warm probes and rim displacements add to the film's prestrain.
 
-    Places (..., 2) are in m in the scene's axes.
+    Parameters
+    ----------
+    film : Film
+        The film.
+    warm_probes : tuple of LoadedProbe
+        The probes with a temperature; the tuple may be empty.
     """
 
     film: Film
@@ -140,35 +152,65 @@ class UnevenStrain:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Self | None:
-        """Return the added strain of a scene; None if the prestrain is the same everywhere."""
+        """Make the added strain of a scene; None if its prestrain is uniform."""
         warm = tuple(probe for probe in scene.loaded_probes if probe.probe.temperature_K)
         if warm or scene.film.rim_displacement_um:
             return cls(scene.film, warm)
         return None
 
-    def temperature(self, places: Array) -> Array:
-        """Return the mean warming through the film in K, (...)."""
+    def temperature(self, points: Array) -> Array:
+        """Compute the warming by probes, averaged over the film's thickness, in K.
+
+        Parameters
+        ----------
+        points : ndarray, shape (..., 2)
+            Points in m in the scene's axes.
+
+        Returns
+        -------
+        ndarray, shape (...)
+        """
         from scipy.special import erfc  # most scenes have no heat
 
-        points = places.reshape(-1, 2)
-        total = np.zeros(len(points))
+        flat = points.reshape(-1, 2)
+        total = np.zeros(len(flat))
         for probe in self.warm_probes:
             outline = probe.outline
             heat_length = compute_heat_length(self.film, probe)
-            d = np.maximum(outline.compute_signed_distances(points), 0.0)
+            d = np.maximum(outline.compute_signed_distances(flat), 0.0)
             fall = erfc(d / heat_length)
             if not len(outline.corners):
                 radius = np.sqrt(outline.area / np.pi)
                 fall *= np.sqrt(radius / (radius + d))
             mean = compute_mean_warming(0.25 * (heat_length / self.film.thickness) ** 2)
             total += (probe.probe.temperature_K or 0.0) * mean * fall
-        return total.reshape(places.shape[:-1])
+        return total.reshape(points.shape[:-1])
 
-    def strain(self, places: Array) -> Array:
-        """Return the added elastic strain, (..., 3)."""
-        thermal = self.film.thermal_expansion_per_K * self.temperature(places)
-        return self.film.compute_rim_strain(places) - thermal[..., None] * [1.0, 1.0, 0.0]
+    def strain(self, points: Array) -> Array:
+        """Compute the added elastic strain: by rim displacements, minus the thermal strain.
 
-    def stress(self, places: Array) -> Array:
-        """Return the stress of the added strain in Pa, (..., 3)."""
-        return self.strain(places) @ self.film.stiffness
+        Parameters
+        ----------
+        points : ndarray, shape (..., 2)
+            Points in m in the scene's axes.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+        """
+        thermal = self.film.thermal_expansion_per_K * self.temperature(points)
+        return self.film.compute_rim_strain(points) - thermal[..., None] * [1.0, 1.0, 0.0]
+
+    def stress(self, points: Array) -> Array:
+        """Compute the linear elastic stress of the added strain in Pa.
+
+        Parameters
+        ----------
+        points : ndarray, shape (..., 2)
+            Points in m in the scene's axes.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+        """
+        return self.strain(points) @ self.film.stiffness

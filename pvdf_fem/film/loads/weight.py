@@ -1,4 +1,4 @@
-"""The film's weight, and an estimate of its effect where it is neglected."""
+"""The film's weight as a load, and an estimate of its effect where it is neglected."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from pvdf_fem.scene.scene import Scene
 
 
 class Weight(FilmLoad):
-    """Density times thickness times the acceleration ``film.gravity_m_s2``, along z."""
+    """The weight of the film along z: density times thickness times ``film.gravity_m_s2``."""
 
     @property
     def traction(self) -> float:
-        """Weight per area in Pa."""
+        """Weight per undeformed area in Pa."""
         return self.film.weight
 
 
@@ -27,18 +27,19 @@ def estimate_weight_effect(scene: Scene, gravity_m_s2: float = 9.80665) -> float
     scene : Scene
         The scene, without gravity.
     gravity_m_s2 : float
-        Acceleration that the weight would have.
+        Acceleration that would cause the weight.
 
     Returns
     -------
     float
-        The change of the worst electrode's charge, relative to the charge by the probe.
+        Change of a charge by the weight, as a fraction of the charge by the probe, for the
+        electrode with the largest change. Probes with a prescribed depth are left out.
 
     Notes
     -----
     At the distance r from a probe of force F, a linear film with the tension N has the slope
-    F/(2 π r N), and by its weight q per area the slope q r/(2 N). Its strain changes by twice the
-    product of both slopes over the square of the former, 2 π q r²/F.
+    s = F/(2 π r N) by the probe and t = q r/(2 N) by its weight q per area. Its strain grows with
+    the square of the slope, so that it changes relatively by 2 s t/s² = 2 π q r²/F.
     """
     weight = scene.film.density * scene.film.thickness * gravity_m_s2
     largest = 0.0
@@ -53,7 +54,7 @@ def estimate_weight_effect(scene: Scene, gravity_m_s2: float = 9.80665) -> float
 
 
 def describe_weight(scene: Scene) -> Iterator[EffectNote]:
-    """Describe the weight; yield nothing where it is neglected and does not matter."""
+    """Yield a note about the weight, unless it is neglected and smaller than the tolerance."""
     gravity = scene.film.gravity_m_s2
     if gravity:
         pressure = format_two_digits(scene.film.weight)

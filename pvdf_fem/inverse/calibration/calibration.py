@@ -82,7 +82,12 @@ class Calibration(Result):
 
     @property
     def places_mm(self) -> Array:
-        """Corrected positions of the touches on the stage, as an array of shape (touches, 2)."""
+        """Corrected positions of the touches on the stage.
+
+        Returns
+        -------
+        ndarray, shape (touches, 2)
+        """
         return self.fit.model.table.places_mm + self.fit.place_corrections_mm
 
     @cached_property

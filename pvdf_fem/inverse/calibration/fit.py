@@ -24,10 +24,9 @@ from pvdf_fem.inverse.calibration.reading_model import Prediction, ReadingModel
 from pvdf_fem.inverse.least_squares import (
     LeastSquaresProblem,
     SearchOptions,
-    append_prior_rows,
-    apply_robust_loss,
     run_levenberg_marquardt,
 )
+from pvdf_fem.inverse.normal_equations import append_prior_rows, apply_robust_loss
 
 #: Options of the Levenberg-Marquardt search between two rounds of solves.
 SEARCH = SearchOptions(max_steps=25, chi_square_tolerance=1e-6, step_tolerance=1e-3)
@@ -103,9 +102,13 @@ class CalibrationFit(LeastSquaresProblem):
 
     @cached_property
     def deviations(self) -> Array:
-        """Standard deviations σ of the readings, as an array of shape (touches, electrodes).
+        """Standard deviations σ of the readings.
 
         They include the noise and the error of the solves, but not the errors of the positions.
+
+        Returns
+        -------
+        ndarray, shape (touches, electrodes)
         """
         readings = self.model.table.readings
         size = np.fmax(np.abs(readings), np.abs(self.prediction.readings))
@@ -134,12 +137,22 @@ class CalibrationFit(LeastSquaresProblem):
 
     @property
     def squared_residuals(self) -> Array:
-        """Squared norm of the whitened residuals of each touch, as an array of shape (touches,)."""
+        """Squared norm of the whitened residuals of each touch.
+
+        Returns
+        -------
+        ndarray, shape (touches,)
+        """
         return np.asarray((self.whitened.residuals**2).sum(axis=1))
 
     @property
     def reading_counts(self) -> Array:
-        """Number of readings of each touch, as an array of shape (touches,)."""
+        """Number of readings of each touch.
+
+        Returns
+        -------
+        ndarray, shape (touches,)
+        """
         return np.asarray(np.isfinite(self.model.table.readings).sum(axis=1))
 
     @cached_property
@@ -192,12 +205,16 @@ class CalibrationFit(LeastSquaresProblem):
 
     @cached_property
     def covariance(self) -> Array:
-        """Posterior covariance of the parameters, as an array of shape (parameters, parameters).
+        """Posterior covariance of the parameters.
 
         It combines the readings of the used touches with the priors. If the residuals are
         significantly larger than the noise explains (a p-value below `false_outlier_probability`),
         the whole matrix is multiplied by `scatter` squared, also in directions that only the priors
         determine.
+
+        Returns
+        -------
+        ndarray, shape (parameters, parameters)
 
         Notes
         -----
@@ -223,7 +240,12 @@ class CalibrationFit(LeastSquaresProblem):
 
     @property
     def longest_steps(self) -> Array:
-        """Longest steps of the coordinates, as an array of shape (parameters,)."""
+        """Longest steps of the coordinates.
+
+        Returns
+        -------
+        ndarray, shape (parameters,)
+        """
         return np.full(len(self.values), self.model.options.longest_step)
 
     def project_onto_bounds(self, coordinates: Array) -> Array:
@@ -269,7 +291,9 @@ class CalibrationFit(LeastSquaresProblem):
         return append_prior_rows(weighted, prior_residuals, np.ones(len(prior_residuals)))
 
     def refit(self, is_used: Mask, is_robust: bool = False) -> CalibrationFit:
-        """Return a new fit of parameters and positions to some touches, without further solves.
+        """Fit parameters and positions to some of the touches, without further solves.
+
+        This fit is not changed; its parameters are the initial guess of the new fit.
 
         Parameters
         ----------
@@ -297,7 +321,7 @@ class CalibrationFit(LeastSquaresProblem):
         return replace(fit, place_corrections_mm=corrections * np.minimum(1.0, longest / lengths))
 
     def reject_outliers(self) -> CalibrationFit:
-        """Return a new fit without outliers: touches that are far from a fit to the others.
+        """Fit parameters and positions without outliers, that is touches far from the others' fit.
 
         A robust fit to all solved touches comes first. Then touches beyond `outlier_limits` are
         removed and the rest is fitted again, until no more are removed. If more than

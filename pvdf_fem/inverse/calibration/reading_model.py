@@ -118,7 +118,12 @@ class ReadingModel:
 
     @property
     def is_solved(self) -> Mask:
-        """Mask of the touches that are solved, shape (touches,)."""
+        """Mask of the touches that are solved.
+
+        Returns
+        -------
+        ndarray of bool, shape (touches,)
+        """
         return np.isfinite(self.solved_at).all(axis=1)
 
     def correct_positions(self, place_corrections_mm: Array) -> Array:
@@ -236,6 +241,7 @@ class ReadingModel:
         is_required = self.reading == "change"
 
         def solve_unloaded(changed: Scene) -> Array:
+            """Solve the stress integrals of the unloaded film for changed parameters."""
             return compute_unloaded_integrals(
                 Problem.from_scene(changed), required=is_required
             ).values
@@ -278,9 +284,9 @@ class ReadingModel:
         changes = np.einsum("...tk,tkex->...tex", steps, integrals[:, 1:])
         stress_integrals = integrals[:, 0] + changes
         names = [channel.name for channel in self.channels]
-        coefficients = self._extract_many(COEFFICIENTS, values)
-        gain = self._extract_many([GAIN + name for name in names], values)
-        offset = self._extract_many([OFFSET + name for name in names], values)
+        coefficients = self._extract_parameters(COEFFICIENTS, values)
+        gain = self._extract_parameters([GAIN + name for name in names], values)
+        offset = self._extract_parameters([OFFSET + name for name in names], values)
         capacitance_pF = np.array([1e12 * channel.capacitance for channel in self.channels])
         # Readings in nominal pC are readings in V times the capacitance.
         units_per_volt = capacitance_pF if self.unit == "pC" else np.ones(len(names))
@@ -288,7 +294,7 @@ class ReadingModel:
         units_per_pC = units_per_volt / capacitance_pF
         return np.asarray(units_per_pC * gain * charges_pC + units_per_volt * offset)
 
-    def _extract_many(self, keys: tuple[str, ...] | list[str], values: Array) -> Array:
+    def _extract_parameters(self, keys: tuple[str, ...] | list[str], values: Array) -> Array:
         """Return the values of several parameters, with an axis for the touches.
 
         Parameters

@@ -49,12 +49,22 @@ class TouchTable:
 
     @property
     def places_mm(self) -> Array:
-        """Positions x, y of the touches on the stage, as an array of shape (touches, 2)."""
+        """Positions x, y of the touches on the stage.
+
+        Returns
+        -------
+        ndarray, shape (touches, 2)
+        """
         return self.probe_loads[:, : TouchColumn.ROTATION]
 
     @property
     def forces_N(self) -> Array:
-        """Forces of the touches, as an array of shape (touches,)."""
+        """Forces of the touches.
+
+        Returns
+        -------
+        ndarray, shape (touches,)
+        """
         return self.probe_loads[:, TouchColumn.FORCE]
 
     def select(self, indices: Sequence[int]) -> TouchTable:

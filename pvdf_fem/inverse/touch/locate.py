@@ -1,11 +1,11 @@
 """Locate a touch from charges: position, force and rotation with their uncertainty.
 
-`locate` finds every touch that may have given some readings, and `locate_many.locate_many` the most
-likely touch for each of many rows of readings. Both maximise the likelihood of the charges under
-independent normal errors. The result of `locate` also says why the best touch may not be the
-answer: other touches are as likely, the charges do not determine a direction, no touch explains the
-charges, or the touch is at the edge of the response's domain. `rank_probes` says which of several
-probes touched.
+`locate` finds all touches that are consistent with some readings, and `locate_many.locate_many` the
+most likely touch for each of many rows of readings. Both maximise the likelihood of the charges,
+whose errors are assumed to be normal and independent. The result of `locate` also reports why the
+best touch may not be the true one: other touches are nearly as likely, the charges do not determine
+a direction, no touch explains the charges, or the touch is at the edge of the response's domain.
+`rank_probes` computes which of several probes has most probably touched.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.surrogate.charge_function import ChargeFunction, UnloadedCharges
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn, extract_touch
 
-PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
+POSITION_AND_FORCE = ("x_mm", "y_mm", "force_N")
 
 
 def locate(
@@ -47,7 +47,7 @@ def locate(
     readings: Mapping[str, float],
     sigma: Deviations = 0.01,
     *,
-    unknown: Sequence[str] = PLACE_AND_FORCE,
+    unknown: Sequence[str] = POSITION_AND_FORCE,
     known: Mapping[str, float] | None = None,
     noise_pC: Deviations | None = None,
     reading: str | None = None,
@@ -56,38 +56,41 @@ def locate(
     options: LocateOptions = DEFAULT_OPTIONS,
     progress: Progress | bool | None = None,
 ) -> Location:
-    """Find all touches that may have given some readings.
+    """Find all touches that are consistent with some readings.
 
     Parameters
     ----------
     response : Response, Scene, or anything that `solve` accepts as a scene
-        The response of the sensor to touches. A scene is solved again and again instead, which
-        takes up to a minute; it also serves two `touches` at once, by its list of probes or by its
-        one probe, and the unknowns ``"tangential_N"`` and ``"temperature_K"``.
+        The response of the sensor to touches. A scene is solved for each touch of the search
+        instead, which takes up to a minute. Only a scene admits two `touches` at once, by a list of
+        two probes or by one probe at two positions, and the unknowns ``"tangential_N"`` and
+        ``"temperature_K"``.
     readings : mapping
-        Readings of some or all electrodes by name. In nominal pC they are charges, if the channels
-        of the scene's readout have no gain or offset.
+        Readings of some or all electrodes by name, in nominal pC or in V. Readings in nominal pC
+        equal the charges if the channels of the scene's readout have no gain error and no offset.
     sigma, noise_pC : float or mapping
-        Standard deviations of the readings, for all electrodes or by electrode: `sigma` over the
-        charge or the change that is read, and `noise_pC` in pC. By default `noise_pC` is that of
-        the readout.
+        Standard deviations of the readings, for all electrodes or by electrode: `sigma` as a
+        fraction of the charge or change that is read, and `noise_pC` in nominal pC. By default
+        `noise_pC` is that of the readout.
     unknown : sequence of str
-        Unknown quantities of every probe, of `TOUCH_QUANTITIES`.
+        Names of the unknown quantities of every probe, of `TOUCH_QUANTITIES`.
     known : mapping, optional
-        Values of the other quantities in the frame of the scene's stage; by default those of the
-        scene. If `response` is a scene, they are always those of the scene.
+        Values of the other quantities in the frame of the scene's stage. By default those of the
+        scene. Not allowed if `response` is a scene.
     reading : {"total", "change"}, optional
-        What is read: total charges, or their change by the touch, which an amplifier reads that was
-        zeroed before the touch. By default that of the scene's readout, or else total charges.
+        Meaning of the readings: total charges, or changes of the charge by the touch, as read by an
+        amplifier that was zeroed before the touch. By default that of the scene's readout, or total
+        charges without a readout.
     unit : {"pC", "V"}
-        Unit of the readings; nominal pC are readings in V times the channel's capacitance in pF.
+        Unit of the readings; a reading in nominal pC is that in V times the channel's capacitance
+        in pF.
     touches : int
-        Number of probes that touch at once; two need a scene.
+        Number of probes that touch at once, 1 or 2; 2 requires a scene.
     options : LocateOptions
         Numbers and tolerances of the search.
     progress : callable or bool, optional
-        Called with the numbers of finished and of expected solves, if there are any; or whether
-        these are shown, see `pvdf_fem.progress.show_progress`.
+        Function that is called with the number of finished and of expected solves if a scene is
+        solved; or whether to show them, see `pvdf_fem.progress.show_progress`.
 
     Returns
     -------
@@ -97,12 +100,13 @@ def locate(
     Raises
     ------
     ValueError
-        With a line for each mistake in the arguments.
+        If arguments are invalid; the message has a line for each mistake.
 
     Notes
     -----
-    The response's own error, evenly distributed within `response.error_bound` of the total charge,
-    is added to the standard deviations. It is taken as independent between electrodes.
+    The error of the response is added to the standard deviations. It is assumed to be uniformly
+    distributed within `response.error_bound` times the total charge and independent between
+    electrodes.
 
     Examples
     --------
@@ -133,7 +137,7 @@ def locate(
 
 @dataclass(frozen=True)
 class _Request:
-    """The arguments of `locate` except for the response."""
+    """Arguments of `locate` except for the response and the known quantities."""
 
     readings_pC: Mapping[str, float]  #: Readings in nominal pC by electrode.
     sigma: Deviations
@@ -159,7 +163,7 @@ class _Request:
         )
 
     def make_measurement(self, response: ChargeFunction) -> Measurement:
-        """Describe the readings of a response's electrodes."""
+        """Make the measurement of a response's electrodes that have readings."""
         return Measurement.from_response(
             response,
             tuple(self.readings_pC),
@@ -171,7 +175,7 @@ class _Request:
 
     @property
     def row(self) -> Array:
-        """The readings in nominal pC as a single row, (1, electrodes)."""
+        """Readings in nominal pC as a single row; shape (1, electrodes)."""
         return np.array([list(self.readings_pC.values())], dtype=float)
 
 
@@ -183,9 +187,14 @@ def _convert_to_pC(scene: Scene, readings: Mapping[str, float], unit: str) -> Ma
     scene : Scene
         Scene with the readout.
     readings : mapping
-        Readings by electrode. Values that are not numbers stay as they are, for the validation.
+        Readings by electrode. Anything that is not a number is left for the validation to report.
     unit : str
-        Unit of the readings.
+        Unit of the readings; an unknown unit counts as pC.
+
+    Returns
+    -------
+    mapping
+        Readings in nominal pC by electrode.
     """
     if unit == "pC" or not isinstance(readings, Mapping):
         return readings
@@ -201,21 +210,23 @@ def _convert_to_pC(scene: Scene, readings: Mapping[str, float], unit: str) -> Ma
 def _locate_by_response(
     response: ChargeFunction, request: _Request, known: Mapping[str, float]
 ) -> Location:
-    """Locate one touch by a response.
+    """Locate one touch by means of a response.
+
+    If no touch explains the readings, common mistakes in the readings are tried.
 
     Parameters
     ----------
     response : ChargeFunction
-        The response.
+        The response of one probe.
     request : _Request
         Readings and options.
     known : mapping
-        Values of fixed quantities; the others have the scene's values.
+        Values of fixed quantities by name; other fixed quantities have the values of the scene.
     """
     scene = response.scene
     errors = [*request.find_errors(scene, response.unloaded_charges_pC)]
     if request.touches != 1:
-        reason = "must be 1 with a response, which is of one touch; give its scene instead"
+        reason = "must be 1 with a response, which describes one touch; give its scene instead"
         errors.append(f"touches = {request.touches}: {reason}")
     default = get_scene_quantities(scene)
     centre_mm = get_centre_mm(scene)
@@ -244,7 +255,7 @@ def _locate_by_response(
 def _fix_coordinates(
     values: Mapping[str, float], unknown: Sequence[str], centre_mm: tuple[float, float]
 ) -> dict[int, float]:
-    """Return the coordinates of the fixed quantities by their column.
+    """Compute the coordinates of the fixed quantities by column.
 
     Parameters
     ----------
@@ -253,7 +264,13 @@ def _fix_coordinates(
     unknown : sequence of str
         Names of the free quantities.
     centre_mm : tuple of two floats
-        Place of the film's centre in this frame, where coordinates have their origin.
+        Position x, y of the film's centre in this frame, which is the origin of coordinates.
+
+    Returns
+    -------
+    dict of int to float
+        Coordinates by the column of the quantity: positions in mm, the rotation in degrees and the
+        logarithm of the force in N.
     """
     origin = (*centre_mm, 0.0, 0.0)
     fixed = {}
@@ -268,12 +285,12 @@ def _fix_coordinates(
 def _locate_by_solves(
     scene: Scene, request: _Request, progress: Progress | bool | None
 ) -> Location:
-    """Locate one touch or two at once by full solves of a scene.
+    """Locate one touch or two simultaneous touches by full solves of a scene.
 
     Parameters
     ----------
     scene : Scene
-        The scene with the probes.
+        The scene with one probe or a list of two.
     request : _Request
         Readings and options.
     progress : callable or bool, optional
@@ -304,9 +321,9 @@ def _locate_by_solves(
 
 
 def get_scene_quantities(scene: Scene) -> dict[str, float]:
-    """Return place, rotation and force of a scene's probe by name, in the frame of its stage.
+    """Return position, rotation and force of a scene's probe by name, in the frame of its stage.
 
-    A scene without a probe has the force alone.
+    For a scene without a single probe the values of `extract_touch` are returned unchanged.
     """
     quantities = extract_touch(scene)
     if scene.stage is None or scene.single_probe is None:
@@ -324,32 +341,33 @@ def get_scene_quantities(scene: Scene) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class ProbeMatch:
-    """One of several probes that may have given the charges."""
+    """One of several probes that may have touched."""
 
-    name: str  #: Name of its response.
-    #: Probability of this probe given the charges, if all probes were equally likely before.
+    name: str  #: Name of the probe's response.
+    #: Posterior probability of this probe, if all probes are equally likely a priori.
     weight: float
-    location: Location  #: The touches of this probe.
+    location: Location  #: The likely touches of this probe.
 
 
 def rank_probes(locations: Mapping[str, Location]) -> tuple[ProbeMatch, ...]:
-    """Rank the probes that may have touched by their probability.
+    """Rank several probes by the probability that they have touched.
 
     Parameters
     ----------
     locations : mapping
-        Locations of the same charges by the name of each probe's response.
+        Locations from the same charges, by the name of each probe's response.
 
     Returns
     -------
     tuple of ProbeMatch
-        The most probable probe first.
+        The probes, the most probable one first. All weights are zero if no probe has a touch.
 
     Notes
     -----
     By Bayes' rule the probabilities are proportional to the evidence of each probe, which is the
-    probability density of the charges over all its touches. A probe that can give many different
-    charges must therefore explain the measured ones better than a probe that can give few.
+    probability density of the measured charges, averaged over all touches of the probe. The
+    evidence is lower for a probe that can produce a wider variety of charges, if it fits equally
+    well.
     """
     log_evidences = np.array([location.log_evidence for location in locations.values()])
     total = np.logaddexp.reduce(log_evidences)

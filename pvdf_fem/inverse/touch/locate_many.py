@@ -1,4 +1,4 @@
-"""Locate the most likely touch for each of many rows of readings, tens of thousands a second."""
+"""Location of many touches, each from one row of readings, at tens of thousands per second."""
 
 from __future__ import annotations
 
@@ -23,14 +23,15 @@ from pvdf_fem.inverse.touch.search import (
 )
 from pvdf_fem.inverse.touch.touch import TouchStatus
 from pvdf_fem.inverse.touch.touches import Touches
-from pvdf_fem.inverse.touch.validation import LARGEST_PC, LEAST_PC, find_reading_errors
+from pvdf_fem.inverse.touch.validation import MAX_READING_PC, MIN_CHARGE_PC, find_reading_errors
 from pvdf_fem.scene.arguments import as_response, coerce
 from pvdf_fem.surrogate.charge_function import ChargeFunction
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
-#: Rows that are located together: they take some 3 kB each while searches are under way.
+#: Maximum number of rows that are located together. Each takes about 3 kB during the searches.
 CHUNK_ROWS = 32768
-#: Of searches for mistakes in readings, few of which converge.
+#: Options of searches for mistakes in readings. Most mistakes are not the cause and fit no touch,
+#: so that these searches are abandoned early.
 EXPLANATION_SEARCH = SearchOptions(max_steps=12)
 
 
@@ -48,22 +49,23 @@ def locate_many(
 ) -> Touches:
     """Find the most likely touch for each of many rows of readings.
 
-    The place is always unknown, rotation and force are unless they are given. A row that cannot be
-    used changes no other row.
+    The position is always unknown; rotation and force are unknown unless they are given. Rows are
+    independent of each other: a row that cannot be used gets a status that says why.
 
     Parameters
     ----------
     response, sigma, noise_pC, reading, unit
-        As for `locate`; a scene cannot stand for the response.
+        As for `locate`, except that `response` must not be a scene.
     readings : array_like, shape (n, electrodes), or mapping
-        Rows of readings of all electrodes, or the n readings of some electrodes by name.
+        Rows of readings of all electrodes, in the order of the response; or columns of n readings
+        by the electrode's name, for some or all electrodes. None and NaN are missing readings.
     rotations_deg : array_like, shape (n,), optional
-        Known rotations in the frame of the scene's stage.
+        Known rotation of each row in the frame of the scene's stage.
     forces_N : array_like, shape (n,), optional
-        Known forces.
+        Known force of each row.
     calibrated : bool
-        Whether all likely touches of each row are found and deviations are calibrated, as `locate`
-        does; that is a hundred times slower.
+        Whether to find all likely touches of each row and to calibrate the deviations, as `locate`
+        does, which is a hundred times slower.
 
     Returns
     -------
@@ -73,13 +75,13 @@ def locate_many(
     Raises
     ------
     ValueError
-        For shapes that do not match, and for mistakes as in `locate`.
+        If shapes do not match, or if arguments are invalid as for `locate`.
 
     Notes
     -----
-    The first search for a row begins with the best candidate of a coarse grid. If its end does not
-    explain the readings, searches from several candidates follow, and at last searches all over the
-    domain as in `locate`.
+    The first search for a row begins at the best candidate of a coarse grid. If its end point does
+    not explain the readings, searches from several candidates follow, and finally searches
+    throughout the domain as in `locate`.
 
     Examples
     --------
@@ -93,7 +95,7 @@ def locate_many(
     errors = list(
         find_reading_errors(
             response.scene,
-            dict.fromkeys(columns.names, math.pi),  # any valid readings
+            dict.fromkeys(columns.names, math.pi),  # valid numbers: rows have a status instead
             sigma=sigma,
             noise_pC=noise_pC,
             reading=reading,
@@ -120,7 +122,7 @@ def locate_many(
     unknown = np.array([i for i in range(len(TOUCH_QUANTITIES)) if i not in known])
     status = _decide_initial_status(measurement, readings_pC, known, unknown)
     names = tuple(TOUCH_QUANTITIES[column] for column in unknown)
-    touches = Touches.empty(status, names, measurement.reading)
+    touches = Touches.make_empty(status, names, measurement.reading)
     usable = np.flatnonzero(status == TouchStatus.LOCATED)
     for first in range(0, len(usable), CHUNK_ROWS):
         rows = usable[first : first + CHUNK_ROWS]
@@ -136,22 +138,23 @@ def _locate_rows(
     known: Mapping[int, Array],
     calibrated: bool,
 ) -> None:
-    """Locate some rows together and store their touches.
+    """Locate some rows together and store their touches in `touches`.
 
     Parameters
     ----------
     touches : Touches
-        Results of all rows, of which these are filled in.
+        Results of all rows, whose entries for `rows` are overwritten.
     rows : ndarray of int, shape (m,)
-        The rows to locate.
+        Indices of the rows to locate.
     measurement : Measurement
-        Meaning and noise of the readings.
+        Meaning, channels and noise of the readings.
     readings_pC : ndarray, shape (m, electrodes)
-        Readings of these rows.
+        Readings of these rows in nominal pC.
     known : mapping
-        Known quantities of all rows by column.
+        Known quantities of all n rows by column, arrays of shape (n,).
     calibrated : bool
-        Whether all likely touches are found for deviations and numbers of alternatives.
+        Whether to find all likely touches, for calibrated deviations and the numbers of
+        alternatives.
     """
     unknown = np.array([i for i in range(len(TOUCH_QUANTITIES)) if i not in known])
     fixed = _fix_coordinates(known, rows)
@@ -163,25 +166,39 @@ def _locate_rows(
         failed_problem = problem.select_rows(failed)
         retried = search_rows(failed_problem, failed_fixed, DEFAULT_OPTIONS.retry_candidates)
         ends.replace_worse(failed, retried)
-    thorough = np.arange(len(rows))
+    remaining = np.arange(len(rows))
     if not calibrated:
-        thorough = np.flatnonzero(~mark_explained(problem, ends))
-    for index in thorough.tolist():
-        location = _search_thoroughly(problem, ends, fixed, index)
+        remaining = np.flatnonzero(~mark_explained(problem, ends))
+    for index in remaining.tolist():
+        location = _search_row_everywhere(problem, ends, fixed, index)
         if calibrated:
             touches.alternatives[rows[index]] = location.alternatives
             if location.touches:
                 touches.deviations[rows[index]] = list(location.deviations.values())
     touches.store(rows, problem, ends)
-    is_strange = ~touches.explained[rows]
-    strange = rows[is_strange]
-    strange_fixed = _fix_coordinates(known, strange)
-    for found in find_explanations(measurement, readings_pC[is_strange], unknown, strange_fixed):
-        touches.explanations[strange[found.rows]] += f"; explained if {found.text}"
+    is_unexplained = ~touches.explained[rows]
+    unexplained = rows[is_unexplained]
+    unexplained_pC = readings_pC[is_unexplained]
+    unexplained_fixed = _fix_coordinates(known, unexplained)
+    for found in find_explanations(measurement, unexplained_pC, unknown, unexplained_fixed):
+        touches.explanations[unexplained[found.rows]] += f"; explained if {found.text}"
 
 
 def _fix_coordinates(known: Mapping[int, Array], rows: Indices) -> dict[int, Array]:
-    """Return the fixed coordinates of some rows from the known quantities of all rows."""
+    """Compute the fixed coordinates of some rows by column.
+
+    Parameters
+    ----------
+    known : mapping
+        Known quantities of all rows by column; forces in N.
+    rows : ndarray of int, shape (m,)
+        Indices of the rows.
+
+    Returns
+    -------
+    dict of int to ndarray, shape (m,)
+        Coordinates, with the logarithm of the force.
+    """
     fixed = {}
     for column, values in known.items():
         fixed[column] = np.log(values[rows]) if column == TouchColumn.FORCE else values[rows]
@@ -189,12 +206,12 @@ def _fix_coordinates(known: Mapping[int, Array], rows: Indices) -> dict[int, Arr
 
 
 class ReadingExplanation(NamedTuple):
-    """A mistake in readings without which touches explain some rows."""
+    """A mistake in readings that, once corrected, lets touches explain some rows."""
 
     text: str  #: The mistake in words.
-    problem: LocationProblem  #: The problem without the mistake, of all rows.
-    ends: SearchResult  #: Ends of searches at the touches that explain rows.
-    rows: Indices  #: The rows that are explained.
+    problem: LocationProblem  #: The problem of all rows with corrected readings.
+    ends: SearchResult  #: End points of the searches for the explained rows.
+    rows: Indices  #: Indices of the explained rows.
 
 
 def find_explanations(
@@ -203,23 +220,23 @@ def find_explanations(
     unknown: Indices,
     fixed: Mapping[int, Array],
 ) -> Iterator[ReadingExplanation]:
-    """Find mistakes in readings without which touches explain them.
+    """Find common mistakes whose correction lets touches explain the readings.
 
     Parameters
     ----------
     measurement : Measurement
-        Meaning and noise of the readings as they were given.
+        Meaning, channels and noise of the readings as stated by the user.
     readings_pC : ndarray, shape (n, electrodes)
-        Readings that no touch explains.
+        Readings in nominal pC that no touch explains.
     unknown : ndarray of int
         Columns of the free quantities.
     fixed : mapping
-        Coordinates (n,) of the fixed quantities by column.
+        Coordinates of the fixed quantities by column, arrays of shape (n,).
 
     Yields
     ------
     ReadingExplanation
-        One for each mistake that explains some rows.
+        One for each mistake whose correction explains at least one row.
     """
     if not len(readings_pC):
         return
@@ -232,21 +249,27 @@ def find_explanations(
             yield ReadingExplanation(alternative.text, problem, ends.select(rows), rows)
 
 
-def _search_thoroughly(
+def _search_row_everywhere(
     problem: LocationProblem, ends: SearchResult, fixed: Mapping[int, Array], index: int
 ) -> Location:
-    """Locate one row by searches all over the domain, as `locate` does.
+    """Locate one row by searches throughout the domain, as `locate` does.
 
     Parameters
     ----------
     problem : LocationProblem
-        The problem of all rows.
+        The problem of all n rows.
     ends : SearchResult
-        The best end for each row so far; the row's end is replaced by a better one.
+        The best end point of each row so far. That of this row is overwritten if a better one is
+        found.
     fixed : mapping
-        Coordinates (rows,) of the fixed quantities by column.
+        Coordinates of the fixed quantities by column, arrays of shape (n,).
     index : int
-        The row.
+        Index of the row.
+
+    Returns
+    -------
+    Location
+        All likely touches of the row.
     """
     row = np.array([index])
     row_problem = problem.select_rows(row)
@@ -258,24 +281,24 @@ def _search_thoroughly(
 
 
 class _ReadingColumns(NamedTuple):
-    """Readings of some electrodes."""
+    """Readings of some electrodes, in the unit of the user."""
 
     names: tuple[str, ...]  #: Names of the electrodes.
-    readings: Array  #: (n, electrodes)
+    readings: Array  #: Rows of readings; shape (n, electrodes).
 
 
 def _read_columns(
     response: ChargeFunction, readings: ArrayLike | Mapping[str, ArrayLike]
 ) -> _ReadingColumns:
-    """Return names of electrodes with their readings, from rows or from columns by name."""
+    """Convert readings to an array, from rows of numbers or from columns by electrode."""
     if not hasattr(readings, "keys"):
         names = tuple(response.names)
         rows = _read_numbers(readings, "readings")
         if rows.ndim != 2 or rows.shape[1] != len(names):
             raise ValueError(f"readings of shape {rows.shape}: must be (n, {len(names)})")
         return _ReadingColumns(names, rows)
-    given: Any = readings
-    columns = {name: _read_numbers(given[name], f"readings.{name}") for name in given}
+    by_name: Any = readings  # a mapping or a DataFrame, which has keys, too
+    columns = {name: _read_numbers(by_name[name], f"readings.{name}") for name in by_name}
     if len({column.shape for column in columns.values()}) > 1:
         raise ValueError("readings: columns differ in length; give one reading per row")
     if not columns:
@@ -284,7 +307,13 @@ def _read_columns(
 
 
 def _read_numbers(values: Any, key: str) -> Array:
-    """Return values as floats, NaN for None; `ValueError` if they are not numbers."""
+    """Convert values to an array of floats, None to NaN.
+
+    Raises
+    ------
+    ValueError
+        If values are not numbers; the message begins with `key`.
+    """
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError, OverflowError):
@@ -295,38 +324,40 @@ def _read_numbers(values: Any, key: str) -> Array:
 def _decide_initial_status(
     measurement: Measurement, readings_pC: Array, known: Mapping[int, Array], unknown: Indices
 ) -> NDArray[np.object_]:
-    """Find the rows that cannot be located.
+    """Decide which rows can be located, and why the others cannot.
 
     Parameters
     ----------
     measurement : Measurement
-        Meaning and noise of the readings.
+        Meaning, channels and noise of the readings.
     readings_pC : ndarray, shape (n, electrodes)
-        Readings, some of which may be infinite or NaN.
+        Readings in nominal pC; may be infinite or NaN.
     known : mapping
-        Known quantities (n,) by column.
+        Known quantities by column, arrays of shape (n,).
     unknown : ndarray of int
         Columns of the free quantities.
 
     Returns
     -------
     ndarray of TouchStatus, shape (n,)
-        `TouchStatus.LOCATED` for rows that can be located, otherwise the reason why not.
+        `TouchStatus.LOCATED` for rows that can be located, otherwise the reason.
     """
     any_row = np.zeros_like(readings_pC[:1])
     is_determinable = measurement.make_problem(any_row, unknown).is_determinable
-    clipped = np.clip(readings_pC, -LARGEST_PC, LARGEST_PC)  # huge readings must not overflow
-    is_small = np.abs(measurement.to_signals(clipped)) < LEAST_PC
+    clipped = np.clip(
+        readings_pC, -MAX_READING_PC, MAX_READING_PC
+    )  # huge readings must not overflow
+    is_small = np.abs(measurement.to_signals(clipped)) < MIN_CHARGE_PC
     has_no_deviation = (is_small & (measurement.noise_pC == 0.0)).any(axis=1)
     lowest, highest = measurement.response.domain.force_N
     forces = known.get(TouchColumn.FORCE, np.full(len(readings_pC), lowest))
     is_finite = np.isfinite([*readings_pC.T, *known.values()]).all(axis=0)
     status = np.full(len(readings_pC), TouchStatus.LOCATED, dtype=object)
-    # Where several reasons apply, the last one is given.
+    # If several reasons apply, the last one overwrites the others.
     if not is_determinable:
         status[:] = TouchStatus.UNDETERMINED
     status[~((lowest <= forces) & (forces <= highest))] = TouchStatus.OUTSIDE
     status[is_small.all(axis=1) | has_no_deviation] = TouchStatus.ZERO
-    status[(np.abs(readings_pC) > LARGEST_PC).any(axis=1)] = TouchStatus.TOO_LARGE
+    status[(np.abs(readings_pC) > MAX_READING_PC).any(axis=1)] = TouchStatus.TOO_LARGE
     status[~is_finite] = TouchStatus.NOT_FINITE
     return status

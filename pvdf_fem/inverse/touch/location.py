@@ -1,4 +1,4 @@
-"""All touches that may have given some charges, with uncertainties, a status and remarks."""
+"""All touches that are consistent with measured charges: the result of `locate`."""
 
 from __future__ import annotations
 
@@ -22,35 +22,36 @@ from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: A second touch with at least this share of the likelihood makes a location ambiguous.
-AMBIGUOUS_SHARE = 0.01
+#: A second touch whose weight exceeds this makes a location ambiguous.
+MIN_ALTERNATIVE_WEIGHT = 0.01
 
 
 class Explanation(NamedTuple):
-    """A mistake in readings without which a touch explains them."""
+    """A mistake in readings that, once corrected, lets a touch explain them."""
 
     text: str  #: The mistake in words.
-    touch: Touch  #: The touch without the mistake.
+    touch: Touch  #: The best touch for the corrected readings.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Location(Result):
-    """Candidate touches for measured charges; each is of one probe or of two at once."""
+    """All likely touches for measured charges; each touch is by one probe or by two at once."""
 
-    touches: tuple[Touch, ...]  #: The most likely one first; empty when no search converged.
-    unknown: tuple[str, ...]  #: Quantities that were free.
-    #: Logarithm of the probability density of the charges for any touch, if all places, rotations
-    #: and logarithms of the force in the response's domain were equally likely before.
+    touches: tuple[Touch, ...]  #: The touches, most likely first; empty if no search converged.
+    unknown: tuple[str, ...]  #: Names of the free quantities.
+    #: Logarithm of the evidence: the probability density of the charges, averaged over all touches
+    #: with a prior as wide as the response's domain.
     log_evidence: float
-    problem: LocationProblem  #: The charges and the response.
-    #: Mistakes in the readings without which a touch explains them, where no touch does.
+    problem: LocationProblem  #: The measured charges and the response.
+    #: Mistakes in the readings that, once corrected, let a touch explain them. Empty if a touch
+    #: explains the readings as they are.
     explanations: tuple[Explanation, ...] = ()
 
     # ---- status
 
     @property
     def status(self) -> TouchStatus:
-        """Whether the best touch is the answer, and if not, why."""
+        """`TouchStatus.LOCATED`, or the reason why the best touch may not be the true one."""
         if not self.problem.is_determinable:
             return TouchStatus.UNDETERMINED
         if not self.touches:
@@ -59,56 +60,71 @@ class Location(Result):
 
     @property
     def best(self) -> Touch:
-        """The most likely touch."""
+        """The most likely touch; `IndexError` if there is none."""
         return self.touches[0]
 
     @property
     def explained(self) -> bool:
-        """Whether a touch in the response's domain explains the charges."""
+        """Whether the best touch explains the charges; false if there is none."""
         return bool(self.touches) and self.best.explained
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Charges less unknown quantities; negative with too few charges."""
+        """Number of charges less number of unknown quantities; may be negative."""
         return self.problem.degrees_of_freedom
 
     @property
     def reading(self) -> str:
-        """Meaning of the readings, of `READINGS`."""
+        """Meaning of the readings, a key of `READINGS`."""
         return self.problem.reading
 
     # ---- uncertainty
 
     @cached_property
     def posterior(self) -> Posterior:
-        """Posterior distribution of the touch; takes a few milliseconds the first time."""
+        """Posterior distribution of the touch, sampled at the first access in a few ms."""
         return sample_posterior(self.problem, self.touches)
 
     @property
     def deviations(self) -> dict[str, float]:
-        """Calibrated errors of the best touch by unknown.
+        """Calibrated errors of the best touch, by the name of the unknown.
 
-        The touch is off by this or less with a probability of 68.3 %, which is one standard
-        deviation if errors are normal. All touches count, also those on a ridge of the likelihood
-        and about its other maxima. Full solves give `Touch.deviations` instead.
+        The error of the touch is within this with a probability of 68.3 %, which is one standard
+        deviation for normal errors. The whole posterior distribution counts, with ridges and other
+        maxima of the likelihood. If the response solves scenes, `Touch.deviations` are returned.
         """
         return self.compute_deviations(self.best)
 
     def compute_deviations(self, touch: Touch) -> dict[str, float]:
-        """Compute calibrated errors of one of the touches, by unknown.
+        """Compute calibrated errors of one of the touches, by the name of the unknown.
 
-        They are large where a touch elsewhere is more likely.
+        They are large if a distant touch is more likely.
         """
         deviations = np.sqrt(np.diag(self.compute_covariance(touch)))
         return dict(zip(self.unknown, deviations.tolist(), strict=True))
 
     @property
     def covariance(self) -> Array:
-        """Covariance (unknown, unknown) with squares of the calibrated errors on its diagonal."""
+        """Posterior covariance about the best touch; shape (unknown, unknown).
+
+        The diagonal has the squares of `deviations`.
+        """
         return self.compute_covariance(self.best)
 
     def compute_covariance(self, touch: Touch) -> Array:
-        """Compute the covariance (unknown, unknown) about one of the touches."""
+        """Compute the posterior covariance about one of the touches.
+
+        Parameters
+        ----------
+        touch : Touch
+            One of `touches`.
+
+        Returns
+        -------
+        ndarray, shape (unknown, unknown)
+            Covariance by `Posterior.compute_covariance`, or that of the touch itself if the
+            response solves scenes, for which sampling the posterior would take too long.
+        """
         if not self.problem.response.is_fast:
             return touch.covariance
         return self.posterior.compute_covariance(touch.values[self.problem.unknown])
@@ -117,12 +133,15 @@ class Location(Result):
 
     @property
     def alternatives(self) -> int:
-        """Number of likely touches besides the best one that have another place or force.
+        """Number of further likely touches at another position or with another force.
 
-        A likely touch has a weight above `AMBIGUOUS_SHARE`. It differs from the best one by more
-        than the sum of both deviations. A touch with another rotation alone does not count.
+        A touch is likely if its weight exceeds `MIN_ALTERNATIVE_WEIGHT`. Quantities differ if their
+        difference exceeds the sum of both deviations. A touch that differs from the best one in its
+        rotation alone does not count.
         """
-        return sum(1 for quantities in self._rival_differences if quantities - {"rotation_deg"})
+        return sum(
+            1 for quantities in self._alternative_differences if quantities - {"rotation_deg"}
+        )
 
     @property
     def ambiguous(self) -> bool:
@@ -130,17 +149,17 @@ class Location(Result):
         return self.alternatives > 0
 
     @cached_property
-    def _rival_differences(self) -> list[set[str]]:
-        """Base names of the unknowns in which each likely touch differs from the best one."""
-        rivals = [touch for touch in self.touches[1:] if touch.weight > AMBIGUOUS_SHARE]
-        if not rivals:
+    def _alternative_differences(self) -> list[set[str]]:
+        """Base names of the unknowns in which each further likely touch differs from the best."""
+        likely = [touch for touch in self.touches[1:] if touch.weight > MIN_ALTERNATIVE_WEIGHT]
+        if not likely:
             return []
         columns = self.problem.unknown.tolist()
         best_deviations = self.best.deviations
         found = []
-        for rival in rivals:
-            differences = self.problem.compute_differences(rival.values, self.best.values)
-            deviations = rival.deviations
+        for touch in likely:
+            differences = self.problem.compute_differences(touch.values, self.best.values)
+            deviations = touch.deviations
             quantities = set()
             for name, column in zip(self.unknown, columns, strict=True):
                 if abs(differences[column]) > deviations[name] + best_deviations[name]:
@@ -149,24 +168,24 @@ class Location(Result):
         return found
 
     @property
-    def _determines_place_and_force(self) -> bool:
-        """Whether the charges determine every unknown of the best touch except rotations.
+    def _determines_position_and_force(self) -> bool:
+        """Whether the charges determine every unknown of the best touch except for rotations.
 
-        They do if null directions move such an unknown by less than the share of the domain that
-        counts as determined.
+        They do if one standard deviation along each null direction changes such an unknown by less
+        than the extent of the domain divided by `DETERMINED_RATIO`.
         """
         problem = self.problem
         scale = problem.compute_touch_scale(self.best.values[None])[0]
         widths = (compute_extents(problem.response) * scale)[problem.unknown]
         is_counted = [get_base_quantity(name) != "rotation_deg" for name in self.unknown]
-        shares = np.abs(self.best.null_directions / widths)[:, is_counted]
-        return bool((shares < 1.0 / DETERMINED_RATIO).all())
+        fractions = np.abs(self.best.null_directions / widths)[:, is_counted]
+        return bool((fractions < 1.0 / DETERMINED_RATIO).all())
 
     # ---- text, figure and JSON
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Reasons why the best touch may not be the answer, in sentences."""
+        """Reasons why the best touch may not be the true one, in words; empty if there are none."""
         if not self.problem.is_determinable:
             count = len(self.problem.electrodes)
             charges = f"{count} {'charge does' if count == 1 else 'charges do'}"
@@ -177,14 +196,16 @@ class Location(Result):
             return (*remarks, "no search converged: the charges fit no touch of the domain")
         best = self.best
         if not best.explained:
-            remarks.append(f"unexplained: no touch of the response's domain fits; {self._fit}")
+            remarks.append(
+                f"unexplained: no touch of the response's domain fits; {self._goodness_of_fit}"
+            )
         if self.ambiguous:
             remarks.append(f"ambiguous: {1 + self.alternatives} touches are likely")
-        if not self._determines_place_and_force:
+        if not self._determines_position_and_force:
             directions = [_format_direction(self.unknown, row) for row in best.null_directions]
             remarks.append(f"undetermined: free along {' and '.join(directions)}")
-        elif not best.determined or {"rotation_deg"} in self._rival_differences:
-            others = "" if self.ambiguous else "; place and force are"
+        elif not best.determined or {"rotation_deg"} in self._alternative_differences:
+            others = "" if self.ambiguous else "; position and force are"
             remarks.append(f"rotation is not determined{others}")
         if best.at_edge:
             limits = ", ".join(best.at_edge)
@@ -193,17 +214,17 @@ class Location(Result):
         return tuple(remarks)
 
     def _list_explanations(self) -> list[str]:
-        """List the mistakes in the readings without which a touch explains them."""
+        """List remarks on the mistakes that, once corrected, let a touch explain the readings."""
         sentences = []
         for text, touch in self.explanations:
-            place = f"({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm"
-            explanation = f"a touch at {place} with {touch.force_N:.4g} N explains them"
+            position = f"({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm"
+            explanation = f"a touch at {position} with {touch.force_N:.4g} N explains them"
             sentences.append(f"wrong readings: if {text}, {explanation}")
         return sentences
 
     @property
-    def _fit(self) -> str:
-        """How badly the best touch fits, in words."""
+    def _goodness_of_fit(self) -> str:
+        """Text on how rarely a true touch fits as badly as the best touch."""
         chi_square = f"chi-square {self.best.chi_square:.3g}"
         if self.degrees_of_freedom <= 0:
             return chi_square
@@ -212,22 +233,22 @@ class Location(Result):
         return f"a touch gives such charges once in {cases:.0e} cases ({chi_square} with {freedom})"
 
     def summary(self) -> Summary:
-        """Return status, remarks, a table for each touch, and a footnote on the ±."""
+        """Return status, remarks, a table per touch, and a footnote on the ± to print."""
         tables = []
         for number, touch in enumerate(self.touches, start=1):
             tables.append(self._make_table(number, touch))
         notes = []
         if self.status is TouchStatus.UNEXPLAINED:
-            notes.append("the nearest touch does not fit the readings, so the ± are meaningless")
+            notes.append("the best touch does not fit the readings, so the ± are meaningless")
         elif tables:
-            notes.append("± : the true value is within, with a probability of 68 %")
+            notes.append("±: the true value is within this of the value with a probability of 68 %")
         count = len(self.touches)
         listed = f"{count} {'touch' if count == 1 else 'touches'} listed"
         sentences = [f"{listed}, from {READINGS[self.reading]}", *self.remarks]
         return Summary(self.status, sentences, tables=tables, notes=notes)
 
     def _make_table(self, number: int, touch: Touch) -> TextTable:
-        """Return the quantities of a touch with their errors."""
+        """Make the table of the quantities of a touch with their errors."""
         deviations = self.compute_deviations(touch)
         rows = []
         for name, value in touch.by_name.items():
@@ -240,23 +261,23 @@ class Location(Result):
             rows.append((name, text, f"{error:.2g}"))
         rows.append(("chi-square", f"{touch.chi_square:.3g}", ""))
         rows.append(("degrees of freedom", f"{self.degrees_of_freedom}", ""))
-        rows.append(("share of likelihood", f"{touch.weight:.3g}", ""))
+        rows.append(("probability", f"{touch.weight:.3g}", ""))
         return TextTable((f"touch {number}", "", "±"), tuple(rows))
 
     def plot(self) -> Figure:
-        """Draw the likelihood over the film and near the most likely touch.
+        """Draw the likelihood on the film and near the most likely touch.
 
         Returns
         -------
         matplotlib.figure.Figure
-            The likelihood of the best force and rotation at each place, with the ellipse of one
-            standard deviation and the other touches. For full solves, and for two touches at once,
-            there are ellipses alone.
+            The likelihood of the best force and rotation at each position, with the ellipse of one
+            standard deviation and the other touches. If the response solves scenes, only ellipses
+            are drawn.
 
         Raises
         ------
         ValueError
-            Without a touch whose x and y were unknown.
+            If there is no touch, or if x and y were not both unknown.
         """
         from pvdf_fem.view.touch_map import draw_likelihood_map, draw_touch_ellipses
 
@@ -275,9 +296,20 @@ class Location(Result):
             response.scene, reach_mm, touches, self._compute_distances, self.remarks
         )
 
-    def _compute_distances(self, places_mm: Array) -> Array:
-        """Compute √(2 ln(L max/L)), (n,), of the profile likelihood L at places (n, 2)."""
-        excess = profile_chi_square(self.problem, self.best, places_mm) - self.best.chi_square
+    def _compute_distances(self, positions_mm: Array) -> Array:
+        """Compute how many standard deviations each position is from the most likely touch.
+
+        Parameters
+        ----------
+        positions_mm : ndarray, shape (n, 2)
+            Positions in the frame of the scene's stage.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            √(2 ln(max L / L)) with the profile likelihood L of the position.
+        """
+        excess = profile_chi_square(self.problem, self.best, positions_mm) - self.best.chi_square
         return np.sqrt(np.maximum(excess, 0.0))
 
     def to_json(self) -> dict[str, Any]:
@@ -303,9 +335,17 @@ class Location(Result):
 
 
 def _format_direction(unknown: tuple[str, ...], direction: Array) -> str:
-    """Format a combination (unknown,) of unknowns, leaving out those without a part in it."""
-    parts = []
+    """Format a direction in the space of the unknowns, without its vanishing components.
+
+    Parameters
+    ----------
+    unknown : tuple of str
+        Names of the unknowns.
+    direction : ndarray, shape (unknown,)
+        Components of the direction.
+    """
+    components = []
     for name, value in zip(unknown, direction, strict=True):
         if abs(value) > 1e-6:
-            parts.append(f"{value:+.3g} {name}")
-    return f"({', '.join(parts)})"
+            components.append(f"{value:+.3g} {name}")
+    return f"({', '.join(components)})"

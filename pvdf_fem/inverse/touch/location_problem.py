@@ -1,13 +1,14 @@
-"""The least-squares problem of a touch: differences of charges over their standard deviations.
+"""The least-squares problem of locating a touch from measured charges.
 
-The coordinates of the problem are, for each probe, the place x and y in mm, the rotation in degrees
-and the logarithm of the force in N, followed by the other quantities that a response has. Charges
-are close to linear in them, since charges grow with a power of the force. Beyond the response's
-domain charges are extrapolated linearly from its edge, so that errors of the charges may move a
-touch near the edge a little across it.
+The k coordinates of the problem are, for each probe, the position x and y in mm, the rotation in
+degrees and the logarithm of the force in N, followed by any further quantities of the response. The
+charges are nearly linear in the coordinates, since they grow with a power of the force. Beyond the
+response's domain the charges are extrapolated linearly from its edge, so that errors of the charges
+may move a touch near the edge slightly across it.
 
-Coordinates have their origin at the film's centre and the axes of the stage, along which x or y may
-be fixed. Touches have the origin of the stage, too.
+Coordinates are relative to the film's centre, along the axes of the stage, so that x or y on the
+stage may be fixed. Touches, on the other hand, are in the frame of the stage, with its origin and
+its axes, and have forces instead of logarithms.
 """
 
 from __future__ import annotations
@@ -30,12 +31,14 @@ from pvdf_fem.surrogate.charge_function import (
 )
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn, is_within
 
-#: Columns of the place among the quantities of one probe.
-PLACE = slice(TouchColumn.X, TouchColumn.Y + 1)
-#: Searches may go this far beyond the response's domain, over its reach and over its forces.
+#: Columns of the position among the quantities of one probe.
+POSITION = slice(TouchColumn.X, TouchColumn.Y + 1)
+#: Factor by which the domain of searches extends the response's maximum distance from the centre
+#: and its range of forces at both ends.
 SEARCH_MARGIN = 1.05
-#: Longest steps of searches by base quantity: of a place over the reach, of a rotation in degrees,
-#: of a logarithm of the force, of a tangential force in N, of a temperature in K.
+#: Maximum steps of searches by base quantity: of a position as a fraction of the reach, of a
+#: rotation in degrees, of a logarithm of the force, of a tangential force in N, and of a
+#: temperature in K. The reach is the maximum distance of a touch from the centre.
 LONGEST_STEPS = {
     "x_mm": 0.25,
     "y_mm": 0.25,
@@ -44,32 +47,32 @@ LONGEST_STEPS = {
     "tangential_N": 1.0,
     "temperature_K": 5.0,
 }
-#: Searches as close as this, over the longest steps, are on the way to one minimum.
+#: Distance of searches that lead to the same minimum, as a fraction of the maximum steps.
 MERGE_DISTANCE = 0.03
-#: Extent of the domain of tangential forces and temperatures, over the longest step.
+#: Extent of the domain of tangential forces and temperatures, as a multiple of the maximum step.
 EXTENT = 4.0
 
 
 def get_base_quantity(quantity: str) -> str:
-    """Return a quantity's name without probe and index: ``x_mm`` for ``probe[1].x_mm``."""
+    """Return the name of a quantity without probe and index: ``x_mm`` for ``probe[1].x_mm``."""
     parts = parse_key(quantity)
     return next(name for name in LONGEST_STEPS if name in parts)
 
 
 def slice_quantity(response: ChargeFunction, column: int) -> slice:
-    """Return the columns of one quantity of all probes.
+    """Return the columns of one quantity, such as x, of all probes.
 
     Parameters
     ----------
     response : ChargeFunction
-        The response, of one probe or of several.
+        The response of one or several probes.
     column : int
-        Column of the quantity for one probe, of `TouchColumn`.
+        Column of the quantity for one probe, a `TouchColumn`.
 
     Returns
     -------
     slice
-        Columns in rows of touches or coordinates.
+        Columns of the quantity in arrays of touches or coordinates.
     """
     width = len(TOUCH_QUANTITIES)
     return slice(column, width * count_probes(response), width)
@@ -78,14 +81,14 @@ def slice_quantity(response: ChargeFunction, column: int) -> slice:
 def evaluate_on_stage(
     response: ChargeFunction, touches: Array, film_rotation_deg: float = 0.0
 ) -> tuple[Array, Array]:
-    """Evaluate a response along axes in which the film is rotated.
+    """Evaluate a response for touches along the axes of a stage on which the film is rotated.
 
     Parameters
     ----------
     response : ChargeFunction
-        The response, whose own axes are those of the film.
+        The response, which expects touches along the axes of the film.
     touches : ndarray, shape (n, k)
-        Touches along the axes of the stage, with their origin at the film's centre.
+        Touches along the axes of the stage, relative to the film's centre, with forces in N.
     film_rotation_deg : float
         Rotation of the film on the stage.
 
@@ -94,7 +97,7 @@ def evaluate_on_stage(
     charges : ndarray, shape (n, electrodes)
         Charges in pC.
     derivatives : ndarray, shape (n, electrodes, k)
-        Derivatives of the charges along the axes of the stage.
+        Derivatives of the charges with respect to `touches`.
     """
     if not film_rotation_deg:
         return response.evaluate(touches)
@@ -111,7 +114,18 @@ def evaluate_on_stage(
 
 @lru_cache(maxsize=8)
 def compute_longest_steps(response: ChargeFunction) -> Array:
-    """Compute the longest step of searches along each coordinate, (k,)."""
+    """Compute the maximum step of searches along each coordinate.
+
+    Parameters
+    ----------
+    response : ChargeFunction
+        The response with k quantities; results are cached for the last few responses.
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        Maximum steps: positions in mm, rotations in degrees, logarithms of forces.
+    """
     steps = np.array([LONGEST_STEPS[get_base_quantity(name)] for name in response.quantity_names])
     for column in (TouchColumn.X, TouchColumn.Y):
         steps[slice_quantity(response, column)] *= response.domain.reach_mm
@@ -120,9 +134,20 @@ def compute_longest_steps(response: ChargeFunction) -> Array:
 
 @lru_cache(maxsize=8)
 def compute_extents(response: ChargeFunction) -> Array:
-    """Compute the size of the response's domain along each coordinate, (k,).
+    """Compute the extent of the response's domain along each coordinate.
 
-    It is the standard deviation of a coordinate before any charge is measured.
+    It serves as the prior standard deviation of a coordinate.
+
+    Parameters
+    ----------
+    response : ChargeFunction
+        The response with k quantities; results are cached for the last few responses.
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        Extents: the reach in mm for positions, half a period for rotations, and the range of the
+        logarithm for forces.
     """
     lowest, highest = response.domain.log_force
     sizes = EXTENT * compute_longest_steps(response)
@@ -136,27 +161,28 @@ def compute_extents(response: ChargeFunction) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class LocationProblem:
-    """Measured charges of one or several touches, to be explained by a response.
+    """The least-squares problem of locating touches from rows of measured charges.
 
-    It is a `LeastSquaresProblem` with the residuals (Q(c) - q)/σ of the response's charges Q at the
-    coordinates c from the measured charges q with the standard deviations σ.
+    It is a `LeastSquaresProblem` with the residuals (Q(c) - q)/σ of each electrode: the charge Q of
+    the response at the coordinates c, the measured charge q and its standard deviation σ.
     """
 
-    response: ChargeFunction
-    electrodes: Indices  #: Electrodes of the response that were measured.
-    charges_pC: Array  #: Measured total charges, (rows, electrodes).
-    deviations_pC: Array  #: Their standard deviations, (rows, electrodes).
+    response: ChargeFunction  #: The response with k quantities.
+    electrodes: Indices  #: Indices in the response of the electrodes that were measured.
+    charges_pC: Array  #: Measured total charges, one touch per row; shape (rows, electrodes).
+    deviations_pC: Array  #: Standard deviations of the charges; shape (rows, electrodes).
     unknown: Indices  #: Columns of the free quantities; the others are fixed.
-    stage: Stage = field(default_factory=Stage)  #: Frame of coordinates and touches.
-    reading: str = "total"  #: Meaning of the readings, of `READINGS`.
+    #: Position and rotation of the film in the frame of touches.
+    stage: Stage = field(default_factory=Stage)
+    reading: str = "total"  #: Meaning of the readings, a key of `READINGS`.
 
     @property
     def centre_mm(self) -> tuple[float, float]:
-        """Place of the film's centre in the frame of touches."""
+        """Position x, y in mm of the film's centre in the frame of touches."""
         return self.stage.x_mm, self.stage.y_mm
 
     def select_rows(self, rows: Indices) -> LocationProblem:
-        """Return the problem with some rows of the charges."""
+        """Return a copy of the problem that has only some rows of the charges."""
         charges = self.charges_pC[rows]
         return replace(self, charges_pC=charges, deviations_pC=self.deviations_pC[rows])
 
@@ -168,15 +194,39 @@ class LocationProblem:
         return slice_quantity(self.response, TouchColumn.FORCE)
 
     def view_by_probe(self, coordinates: Array) -> Array:
-        """Return a view (n, probes, 4) of coordinates or touches (n, k)."""
+        """Return a view of coordinates or touches with an axis of probes.
+
+        Parameters
+        ----------
+        coordinates : ndarray, shape (n, k)
+            Contiguous array of coordinates or touches.
+
+        Returns
+        -------
+        ndarray, shape (n, probes, 4)
+            Position x and y, rotation and force of each probe. Values written to it appear in
+            `coordinates`.
+        """
         stop = self.force_columns.stop
         width = len(TOUCH_QUANTITIES)
         return coordinates[:, :stop].reshape(len(coordinates), stop // width, width)
 
     def to_touches(self, coordinates: Array) -> Array:
-        """Convert coordinates (n, k) to touches: places on the stage, forces in N."""
+        """Convert coordinates to touches.
+
+        Parameters
+        ----------
+        coordinates : ndarray, shape (n, k)
+            Coordinates relative to the film's centre, with logarithms of forces.
+
+        Returns
+        -------
+        ndarray, shape (n, k)
+            Touches in the frame of the stage, with forces in N. Free rotations are reduced to
+            between 0 and the period.
+        """
         touches = coordinates.copy()
-        self.view_by_probe(touches)[..., PLACE] += self.centre_mm
+        self.view_by_probe(touches)[..., POSITION] += self.centre_mm
         if TouchColumn.ROTATION in self.unknown:
             rotations = slice_quantity(self.response, TouchColumn.ROTATION)
             touches[:, rotations] %= find_rotation_periods_deg(self.response)
@@ -184,24 +234,24 @@ class LocationProblem:
         return touches
 
     def to_coordinates(self, touches: Array) -> Array:
-        """Convert touches (n, k) to coordinates, with the logarithm of forces."""
+        """Convert touches to coordinates; the inverse of `to_touches` up to whole periods."""
         coordinates = touches.copy()
-        self.view_by_probe(coordinates)[..., PLACE] -= self.centre_mm
+        self.view_by_probe(coordinates)[..., POSITION] -= self.centre_mm
         coordinates[:, self.force_columns] = np.log(touches[:, self.force_columns])
         return coordinates
 
     def compute_differences(self, coordinates: Array, others: Array) -> Array:
-        """Compute differences less whole periods of rotations.
+        """Compute differences of coordinates or touches, with rotations modulo their period.
 
         Parameters
         ----------
         coordinates, others : ndarray, shape (..., k)
-            Coordinates or touches.
+            Both coordinates or both touches.
 
         Returns
         -------
         ndarray, shape (..., k)
-            `coordinates` less `others`, with rotations from minus to plus half a period.
+            `coordinates` minus `others`, with rotations between minus and plus half a period.
         """
         differences = coordinates - others
         rotations = slice_quantity(self.response, TouchColumn.ROTATION)
@@ -210,7 +260,11 @@ class LocationProblem:
         return differences
 
     def compute_touch_scale(self, touches: Array) -> Array:
-        """Compute the derivatives (n, k) of touches (n, k) by their coordinates."""
+        """Compute the derivative of each quantity of touches with respect to its coordinate.
+
+        It is the force F for forces, since dF/d(ln F) = F, and 1 for other quantities. The result
+        has the shape (n, k) of `touches`.
+        """
         scale = np.ones(touches.shape)
         scale[:, self.force_columns] = touches[:, self.force_columns]  # dF/d(ln F) = F
         return scale
@@ -225,12 +279,12 @@ class LocationProblem:
         coordinates : ndarray, shape (n, k)
             Coordinates of the searches.
         rows : ndarray of int, shape (n,), optional
-            Row of the charges that each search is to explain; by default the first one.
+            Index of the row of charges that each search fits; by default the first row.
 
         Returns
         -------
         ndarray, shape (n, electrodes, 1 + k)
-            The augmented matrices [r J]; derivatives by fixed coordinates are zero.
+            Augmented matrices [r J]. Derivatives with respect to fixed coordinates are zero.
         """
         inside = self.project_onto_domain(coordinates)
         columns = self.force_columns
@@ -246,7 +300,7 @@ class LocationProblem:
         jacobian = system[:, :, 1:]
         jacobian[:] = derivatives.take(self.electrodes, axis=1)
         jacobian[:, :, columns] *= forces[:, None]
-        if inside is not coordinates:
+        if inside is not coordinates:  # some coordinates are outside: extrapolate linearly
             beyond = coordinates - inside
             residuals += np.matmul(jacobian, beyond[:, :, None])[:, :, 0]
         system *= self._weights[measured]
@@ -254,38 +308,60 @@ class LocationProblem:
 
     @cached_property
     def _weights(self) -> Array:
-        """Factors of the augmented matrices: 1/σ, or 0 along fixed coordinates."""
+        """Factors of the augmented matrices: 1/σ, or 0 in columns of fixed coordinates.
+
+        The shape is (rows, electrodes, 1 + k).
+        """
         is_kept = np.append(True, self._is_free)
         return is_kept / self.deviations_pC[:, :, None]
 
     # ---- bounds
 
     def project_onto_domain(self, coordinates: Array) -> Array:
-        """Return the nearest coordinates (n, k) in the domain; the same array if all are inside."""
-        lowest, highest = self.response.domain.log_force
-        return self.project_onto(coordinates, self.response.domain.reach_mm, lowest, highest)
-
-    def project_onto_bounds(self, coordinates: Array) -> Array:
-        """Return the nearest coordinates (n, k) in the larger domain of searches."""
-        reach_mm = SEARCH_MARGIN * self.response.domain.reach_mm
-        lowest, highest = self.response.domain.log_force
-        margin = math.log(SEARCH_MARGIN)
-        return self.project_onto(coordinates, reach_mm, lowest - margin, highest + margin)
-
-    def project_onto(
-        self, coordinates: Array, reach_mm: float, lowest: float, highest: float
-    ) -> Array:
-        """Return the nearest coordinates within a reach and within limits of the force.
+        """Project coordinates onto the response's domain.
 
         Parameters
         ----------
         coordinates : ndarray, shape (n, k)
-            Coordinates, returned themselves where all are inside.
+            Coordinates of n touches.
+
+        Returns
+        -------
+        ndarray, shape (n, k)
+            Nearest coordinates in the domain; the same array if all touches are inside.
+        """
+        lowest, highest = self.response.domain.log_force
+        return self.project_within(coordinates, self.response.domain.reach_mm, lowest, highest)
+
+    def project_onto_bounds(self, coordinates: Array) -> Array:
+        """Project coordinates onto the domain of searches, which is larger by `SEARCH_MARGIN`.
+
+        Arguments and results are like those of `project_onto_domain`.
+        """
+        reach_mm = SEARCH_MARGIN * self.response.domain.reach_mm
+        lowest, highest = self.response.domain.log_force
+        margin = math.log(SEARCH_MARGIN)
+        return self.project_within(coordinates, reach_mm, lowest - margin, highest + margin)
+
+    def project_within(
+        self, coordinates: Array, reach_mm: float, lowest: float, highest: float
+    ) -> Array:
+        """Project coordinates onto a disc of positions and a range of forces.
+
+        Parameters
+        ----------
+        coordinates : ndarray, shape (n, k)
+            Coordinates of n touches.
         reach_mm : float
-            Largest distance from the film's centre. A place beyond moves towards the centre, or
-            along its free coordinate if the other one is fixed.
+            Maximum distance from the film's centre. A position beyond it moves towards the centre,
+            or along its free coordinate if only one of x and y is free.
         lowest, highest : float
             Limits of the logarithms of the forces in N.
+
+        Returns
+        -------
+        ndarray, shape (n, k)
+            Nearest coordinates within the limits; the same array if all touches are inside.
         """
         stop = self.force_columns.stop
         rows_of_probes = coordinates[:, :stop].reshape(-1, len(TOUCH_QUANTITIES))
@@ -297,7 +373,7 @@ class LocationProblem:
         is_x_free, is_y_free = self._is_free[[TouchColumn.X, TouchColumn.Y]]
         if is_x_free == is_y_free:
             distance = np.hypot(probes[..., TouchColumn.X], probes[..., TouchColumn.Y])
-            probes[..., PLACE] *= (reach_mm / np.maximum(distance, reach_mm))[..., None]
+            probes[..., POSITION] *= (reach_mm / np.maximum(distance, reach_mm))[..., None]
         else:
             free = TouchColumn.X if is_x_free else TouchColumn.Y
             fixed = TouchColumn.Y if is_x_free else TouchColumn.X
@@ -306,7 +382,7 @@ class LocationProblem:
         return projected
 
     def find_active_limits(self, coordinates: Array) -> list[tuple[str, ...]]:
-        """Find the limits of the domain that touches are at or beyond.
+        """Find the limits of the response's domain that touches have reached or exceeded.
 
         Parameters
         ----------
@@ -316,7 +392,8 @@ class LocationProblem:
         Returns
         -------
         list of tuple of str
-            For each touch ``reach_mm``, ``force_N``, both or none. Fixed quantities have no limits.
+            Names for each touch: ``reach_mm``, ``force_N``, both or none. Fixed quantities have no
+            limits.
         """
         lowest, highest = self.response.domain.log_force
         unknown = self.unknown.tolist()
@@ -337,32 +414,35 @@ class LocationProblem:
 
     @property
     def longest_steps(self) -> Array:
-        """Longest step of searches along each coordinate, (k,)."""
+        """Maximum step of searches along each coordinate; shape (k,)."""
         return compute_longest_steps(self.response)
 
     @cached_property
     def merge_distances(self) -> Array:
-        """Distances (k,) within which two searches are on the way to one minimum."""
+        """Distances within which two searches lead to the same minimum; shape (k,)."""
         return MERGE_DISTANCE * self.longest_steps
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Charges less free quantities; negative with too few charges."""
+        """Number of charges less number of free quantities; may be negative."""
         return len(self.electrodes) - len(self.unknown)
 
     @property
     def is_determinable(self) -> bool:
-        """Whether there are as many charges as free coordinates that charges depend on."""
+        """Whether there are at least as many charges as there are `free_columns`."""
         return len(self.electrodes) >= len(self.free_columns)
 
     @property
     def free_columns(self) -> Indices:
-        """Columns of the free coordinates that charges depend on."""
+        """Columns of the free coordinates on which the charges depend."""
         return np.flatnonzero(self._is_free)
 
     @cached_property
     def _is_free(self) -> Mask:
-        """Whether coordinates are free and charges depend on them, (k,)."""
+        """Whether each coordinate is free and the charges depend on it; shape (k,).
+
+        The charges do not depend on the rotation of a round probe.
+        """
         is_free = np.zeros(len(self.response.quantity_names), dtype=bool)
         is_free[self.unknown] = True
         if not is_rotation_dependent(self.response):

@@ -1,8 +1,8 @@
-"""The charges that readings of electrodes stand for, and the standard deviations of these charges.
+"""Conversion of electrode readings to charges with standard deviations.
 
 A reading in nominal pC is gain · signal + offset; gain and offset are those of the electrode's
 channel in the scene's readout. The signal is either the total charge (``total``), or the change of
-the charge by the touch (``change``), which an amplifier reads that was zeroed before the touch.
+the charge by the touch (``change``), as read by an amplifier that was zeroed before the touch.
 """
 
 from __future__ import annotations
@@ -23,24 +23,27 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.surrogate.charge_function import ChargeFunction, compute_unloaded_charges_pC
 
-#: Standard deviations, one for all electrodes or one by electrode.
+#: A standard deviation for all electrodes, or standard deviations by the electrode's name.
 Deviations = float | Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Readings of some electrodes: their meaning, their channels and their noise."""
+    """How some electrodes are read: the meaning of their readings, channels and noise.
 
-    response: ChargeFunction
-    electrodes: Indices  #: Indices of the electrodes in the response, (electrodes,).
-    reading: str  #: Meaning of the readings, of `READINGS`.
-    unit: str  #: Unit in which readings were given, of `list_units_pC`.
-    gains: Array  #: Gains of the channels, (electrodes,).
-    offsets_pC: Array  #: Readings without a charge, (electrodes,).
-    unloaded_pC: Array  #: Charges of the unloaded film, (electrodes,); NaN where it has none.
-    unloaded_errors_pC: Array  #: Estimated errors of these, (electrodes,).
-    sigma: Array  #: Standard deviation of a signal over the signal, (electrodes,).
-    noise_pC: Array  #: Further standard deviation of a reading, (electrodes,).
+    Arrays have one value per electrode.
+    """
+
+    response: ChargeFunction  #: The response of the sensor.
+    electrodes: Indices  #: Indices of the electrodes in the response.
+    reading: str  #: Meaning of the readings, a key of `READINGS`.
+    unit: str  #: Unit in which the user gave the readings, a key of `list_units_pC`.
+    gains: Array  #: Gains of the channels.
+    offsets_pC: Array  #: Readings without a charge, in nominal pC.
+    unloaded_pC: Array  #: Charges of the unloaded film; NaN where it has none.
+    unloaded_errors_pC: Array  #: Estimated errors of these charges.
+    sigma: Array  #: Standard deviation of a signal divided by the signal.
+    noise_pC: Array  #: Further standard deviation of a reading in nominal pC.
 
     @classmethod
     def from_response(
@@ -52,29 +55,29 @@ class Measurement:
         reading: str | None,
         unit: str = "pC",
     ) -> Measurement:
-        """Describe readings of some of a response's electrodes.
+        """Make the measurement of some of a response's electrodes.
 
         Parameters
         ----------
         response : ChargeFunction
             The response, whose scene has the readout.
         names : sequence of str
-            Names of the electrodes.
+            Names of the electrodes that are read.
         sigma : float or mapping
-            Standard deviation over the signal.
+            Standard deviation as a fraction of the signal.
         noise_pC : float, mapping or None
-            Further standard deviation in pC; None for that of the readout.
+            Further standard deviation in nominal pC; None for that of the readout.
         reading : str or None
-            Meaning of the readings, of `READINGS`; None for that of the readout.
+            Meaning of the readings, a key of `READINGS`; None for that of the readout.
         unit : str
-            Unit in which readings were given; it matters for `list_alternatives` alone.
+            Unit in which the user gave the readings. Only `list_alternatives` needs it.
 
         Raises
         ------
         ValueError
-            If an electrode has no uncertainty at all.
+            If neither the response nor the readings of an electrode have any uncertainty.
         UnloadedFilmError
-            If changes are read of a film that has no charges without a load.
+            If changes are read, but the film has no equilibrium without a load.
         """
         values_by_name = get_channel_values(response.scene)
         channels = [values_by_name[name] for name in names]
@@ -105,49 +108,60 @@ class Measurement:
 
     @property
     def zero_pC(self) -> Array:
-        """Charges that the channels read as zero, (electrodes,)."""
+        """Charges at which the signal is zero, in pC; shape (electrodes,)."""
         return self.unloaded_pC if self.reading == "change" else np.zeros(len(self.unloaded_pC))
 
     def to_signals(self, readings_pC: Array) -> Array:
-        """Convert readings (n, electrodes) in nominal pC to charges or changes in pC."""
+        """Convert readings in nominal pC to signals, which are charges or changes of them in pC.
+
+        Both arrays have the shape (n, electrodes).
+        """
         return np.asarray((readings_pC - self.offsets_pC) / self.gains)
 
     def to_readings(self, charges_pC: Array) -> Array:
-        """Convert total charges (n, electrodes) in pC to readings in nominal pC."""
+        """Convert total charges in pC to readings in nominal pC.
+
+        Both arrays have the shape (n, electrodes).
+        """
         return np.asarray(self.offsets_pC + self.gains * (charges_pC - self.zero_pC))
 
     def compute_noise(self, charges_pC: Array) -> Array:
-        """Compute the standard deviations of charges by the noise of their readings.
+        """Compute the standard deviations of charges due to the noise of their readings.
 
         Parameters
         ----------
         charges_pC : ndarray, shape (n, electrodes)
-            Total charges.
+            Total charges in pC.
 
         Returns
         -------
         ndarray, shape (n, electrodes)
-            √((sigma · signal)² + (noise_pC / gain)²) in pC.
+            Standard deviations √((sigma · signal)² + (noise_pC / gain)²) in pC. The error of the
+            response is not included.
         """
         signals = charges_pC - self.zero_pC
         return np.asarray(np.hypot(self.sigma * signals, self.noise_pC / self.gains))
 
     def make_problem(self, readings_pC: Array, unknown: Indices) -> LocationProblem:
-        """Make the least-squares problem of the touches that gave some readings.
+        """Make the least-squares problem of locating the touches from their readings.
 
         Parameters
         ----------
         readings_pC : ndarray, shape (n, electrodes)
-            Readings in nominal pC.
+            Readings in nominal pC, one touch per row.
         unknown : ndarray of int
-            Columns of the free quantities.
+            Columns of the free quantities, see `TouchColumn`.
 
         Returns
         -------
         LocationProblem
-            Total charges with their standard deviations: noise and the error of the response, which
-            is taken as evenly distributed within its bound and thus has 1/√3 of the bound as
-            standard deviation; for changes the error of the unloaded charges, too.
+            Total charges with their standard deviations.
+
+        Notes
+        -----
+        The variance is the sum of the squares of the noise, of ε|q|/√3 and, if changes are read, of
+        the error of the unloaded charges. The error of the response is assumed to be uniformly
+        distributed within its relative bound ε of the charge q, hence the factor 1/√3.
         """
         charges = self.to_signals(readings_pC) + self.zero_pC
         response_error = self.response.error_bound / math.sqrt(3.0)
@@ -165,7 +179,11 @@ class Measurement:
         )
 
     def list_alternatives(self) -> Iterator[AlternativeReading]:
-        """List the common mistakes with which these readings may have been made."""
+        """Yield alternative interpretations of the readings, one for each common mistake.
+
+        The mistakes are a confusion of total charges with changes, and those of `list_misreadings`
+        except for permutations of more than two electrodes.
+        """
         if not np.isnan(self.unloaded_pC).any():
             other = "change" if self.reading == "total" else "total"
             meaning = replace(self, reading=other)
@@ -178,19 +196,20 @@ class Measurement:
 
 
 class AlternativeReading(NamedTuple):
-    """A mistake that may have been made with readings."""
+    """An alternative interpretation of readings, in which a common mistake is corrected."""
 
-    text: str  #: The mistake in words.
-    measurement: Measurement  #: Meaning of the readings without the mistake.
-    correct: Callable[[Array], Array]  #: Corrects readings (n, electrodes).
+    text: str  #: The mistake in words, such as "A and B are swapped".
+    measurement: Measurement  #: The measurement without the mistake.
+    #: Function that returns corrected readings, from readings of shape (n, electrodes).
+    correct: Callable[[Array], Array]
 
 
 class ChannelValues(NamedTuple):
-    """What a channel makes of a charge, in nominal pC."""
+    """Gain, offset and noise of a channel, for readings in nominal pC."""
 
-    gain: float
-    offset_pC: float
-    noise_pC: float
+    gain: float  #: Reading divided by the signal, 1 for a channel without a gain error.
+    offset_pC: float  #: Reading without a charge.
+    noise_pC: float  #: Standard deviation of a reading.
 
 
 @lru_cache(maxsize=8)
@@ -198,14 +217,17 @@ def get_channel_values(scene: Scene) -> dict[str, ChannelValues]:
     """Return gain, offset and noise of each electrode's channel by the electrode's name."""
     values = {}
     for channel in make_channels(scene):
-        volt_pC = 1e12 * channel.capacitance
+        volt_pC = 1e12 * channel.capacitance  # a reading of 1 V in nominal pC
         offset_pC = volt_pC * channel.offset
         values[channel.name] = ChannelValues(channel.gain, offset_pC, volt_pC * channel.noise)
     return values
 
 
 def get_units_pC(scene: Scene, unit: str) -> dict[str, float]:
-    """Return a unit of readings in nominal pC by electrode; 1 for an unknown unit."""
+    """Return the size of a unit of readings in nominal pC, by the electrode's name.
+
+    An unknown unit counts as pC, so that it can be reported later with other mistakes.
+    """
     channels = make_channels(scene)
     units_pC = list_units_pC(channels)
     values = units_pC.get(unit, units_pC["pC"]).tolist()
@@ -213,19 +235,30 @@ def get_units_pC(scene: Scene, unit: str) -> dict[str, float]:
 
 
 def get_reading(scene: Scene) -> str:
-    """Return the meaning of a scene's readings: that of its readout, or total charges."""
+    """Return the meaning of a scene's readings, which are total charges without a readout."""
     return scene.readout.reading if scene.readout else "total"
 
 
 def get_centre_mm(scene: Scene) -> tuple[float, float]:
-    """Return the place of the film's centre in the frame of the scene's stage."""
+    """Return the position x, y of the film's centre in the frame of the scene's stage, in mm."""
     return (scene.stage.x_mm, scene.stage.y_mm) if scene.stage else (0.0, 0.0)
 
 
 def compute_unloaded_charges(response: ChargeFunction, reading: str) -> Array:
-    """Return the charges of the unloaded film and their errors in pC, (2, electrodes).
+    """Return the charges of the unloaded film and their estimated errors.
 
-    They are those of the response if it has them, else they are computed.
+    Parameters
+    ----------
+    response : ChargeFunction
+        The response. If it stores the charges of the unloaded film, these are returned; otherwise
+        the unloaded film is solved.
+    reading : str
+        Meaning of the readings. An equilibrium of the unloaded film is required for changes alone.
+
+    Returns
+    -------
+    ndarray, shape (2, electrodes)
+        Charges and errors in pC; NaN if the film has no equilibrium without a load.
     """
     if response.unloaded_charges_pC is None:
         return compute_unloaded_charges_pC(response.scene, reading)
@@ -233,7 +266,7 @@ def compute_unloaded_charges(response: ChargeFunction, reading: str) -> Array:
 
 
 def _make_deviations(values: Deviations, names: Sequence[str]) -> Array:
-    """Return a standard deviation for each electrode, (electrodes,)."""
+    """Return an array with the standard deviation of each electrode in `names`."""
     if isinstance(values, Mapping):
         return np.array([values[name] for name in names], dtype=float)
     return np.full(len(names), values, dtype=float)

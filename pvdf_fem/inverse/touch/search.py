@@ -1,4 +1,4 @@
-"""Searches for touches all over the response's domain, and the touches that they find."""
+"""Searches for touches throughout the response's domain, and locations made from their results."""
 
 from __future__ import annotations
 
@@ -36,46 +36,48 @@ from pvdf_fem.surrogate.touch_domain import TouchColumn
 class LocateOptions:
     """Numbers and tolerances of searches for touches."""
 
-    #: A touch is listed unless its chi-square exceeds the least one by more than this: at 25 it is
-    #: e^12 times less likely than the best.
+    #: A touch is listed unless its chi-square exceeds the lowest one by more than this. At 25 it is
+    #: less likely than the best touch by a factor of exp(12.5).
     max_excess: float = 25.0
-    #: Two minima are duplicates if the squared change of the whitened residuals between them, by
-    #: the Jacobian at the better minimum, is below the first number, and the rotation's change
-    #: below the second.
+    #: Maximum squared change of the whitened residuals between duplicates of one minimum, as
+    #: predicted by the Jacobian at the better end point.
     duplicate_chi_square: float = 0.1
+    #: Maximum difference in rotation between duplicates of one minimum.
     duplicate_rotation_deg: float = 8.0
+    #: Termination and damping of searches that use a response.
     search: SearchOptions = field(default_factory=SearchOptions)
-    #: Initial candidates at each rotation.
-    candidates: int = 12
-    #: Of candidates this close (mm, mm, degrees, logarithm of the force) the best one is kept.
+    candidates: int = 12  #: Number of initial candidates at each rotation of the coarse grid.
+    #: Of candidates that are closer than this along every coordinate (mm, mm, degrees, logarithm
+    #: of the force) only the best one is kept.
     candidate_distances: tuple[float, ...] = (0.2, 0.2, 1e-9, 0.05)
-    #: Share of the charges that the linear step to a candidate neglects. A candidate is left out if
-    #: its charges are farther from the measured ones than those of the best candidate, by more than
-    #: this share and the root of `max_excess` standard deviations.
-    neglected_share: float = 0.01
-    retry_candidates: int = 8  #: Candidates of the second search for a row of `locate_many`.
+    #: Estimated error of the linear step to a candidate, as a fraction of the charges. A candidate
+    #: is discarded if its √chi-square exceeds that of the best candidate by more than this error
+    #: in standard deviations plus √`max_excess`.
+    neglected_fraction: float = 0.01
+    retry_candidates: int = 8  #: Number of candidates of the second search in `locate_many`.
 
     # ---- by full solves
 
-    #: Tolerance of coarse solves.
-    coarse_tolerance: float = 1e-2
-    #: Tolerance of the final solves, whose derivatives give the deviations: to 1 % at 1e-4, to 6 %
-    #: at 1e-3, measured where the probe's rim crosses an electrode.
+    coarse_tolerance: float = 1e-2  #: Tolerance of the solves during most of the search.
+    #: Tolerance of the final solves. Their derivatives give the deviations, with an error of 1 % at
+    #: 1e-4 and of 6 % at 1e-3, measured with the probe's rim across an electrode.
     tolerance: float = 1e-4
-    solved_pitch_mm: float = 2.5  #: Distance of the places at which single touches are solved.
-    superposed_pitch_mm: float = 1.0  #: Distance of the places at which these are superposed.
-    superposed_candidates: int = 25  #: Initial candidates by superposition.
-    candidate_distance_mm: float = 3.0  #: Least distance between these.
-    preliminary_steps: int = 3  #: Steps from every candidate before the best are chosen.
-    #: How many candidates are refined; the others follow if no touch from these explains the
-    #: charges with a p-value of `significance` or more.
+    solved_pitch_mm: float = 2.5  #: Spacing of the positions at which single touches are solved.
+    superposed_pitch_mm: float = 1.0  #: Spacing of the raster to which these are interpolated.
+    superposed_candidates: int = 25  #: Maximum number of initial candidates by superposition.
+    #: Minimum difference of these candidates in at least one coordinate of a position.
+    candidate_distance_mm: float = 3.0
+    preliminary_steps: int = 3  #: Steps from every candidate before the best ones are chosen.
+    #: Number of candidates that are refined first. The others follow if no touch found from these
+    #: explains the charges with a p-value of at least `significance`.
     refined_candidates: int = 5
-    significance: float = 0.05
-    #: Further searches begin beside the best end, at these multiples of the longest step along
-    #: the direction that the charges determine least. They are repeated about a better end,
-    #: `side_rounds` times at most.
+    significance: float = 0.05  #: Minimum p-value at which no further candidates are refined.
+    #: Offsets of further searches from the best end point, in multiples of the maximum step along
+    #: the direction that the charges determine least.
     side_steps: tuple[float, ...] = (-0.5, 0.5)
+    #: Maximum number of rounds of these searches, each from a better end point than the last.
     side_rounds: int = 3
+    #: Termination and damping of searches by full solves.
     solved_search: SearchOptions = field(
         default_factory=lambda: SearchOptions(
             max_steps=40, chi_square_tolerance=0.02, step_tolerance=0.04, damping_factor=0.3
@@ -89,26 +91,27 @@ DEFAULT_OPTIONS = LocateOptions()
 def search_everywhere(
     problem: LocationProblem, fixed: Mapping[int, float], options: LocateOptions
 ) -> SearchResult:
-    """Search all over the domain for the touch that gave a problem's only row of charges.
+    """Search throughout the response's domain for touches that fit one row of charges.
 
     Parameters
     ----------
     problem : LocationProblem
-        One row of charges of one touch.
+        One row of charges of a touch by one probe.
     fixed : mapping
         Coordinates of the fixed quantities by column.
     options : LocateOptions
-        Numbers and tolerances.
+        Numbers and tolerances of the searches.
 
     Returns
     -------
     SearchResult
-        The ends of all searches, among them duplicates.
+        End points of all searches, with duplicates and abandoned searches.
 
     Notes
     -----
-    An unknown rotation is fixed at many values at first and becomes free in a second search: a few
-    degrees of rotation change the charges by less than the pitch of the coarse grid does.
+    If the rotation is unknown, first searches keep it fixed at many values, and second searches
+    from their end points free it. This is robust, since rotating the probe by a few degrees changes
+    the charges less than moving it by the pitch of the coarse grid.
     """
     fixed_rows = {column: np.array([value]) for column, value in fixed.items()}
     candidates = find_initial_candidates(
@@ -116,10 +119,10 @@ def search_everywhere(
     )
     coordinates = candidates.coordinates[0]
     chi_square = candidates.chi_square[0]
-    distance = np.sqrt(chi_square)
-    size = np.linalg.norm(problem.charges_pC / problem.deviations_pC)
-    allowance = options.max_excess**0.5 + options.neglected_share * size
-    is_unlikely = distance > distance.min(axis=1, keepdims=True) + allowance
+    residual_norm = np.sqrt(chi_square)
+    charge_norm = np.linalg.norm(problem.charges_pC / problem.deviations_pC)
+    allowance = options.max_excess**0.5 + options.neglected_fraction * charge_norm
+    is_unlikely = residual_norm > residual_norm.min(axis=1, keepdims=True) + allowance
     coordinates = coordinates[~is_unlikely]
     distances = np.array(options.candidate_distances)
     is_repeated = mark_repeated(coordinates, chi_square[~is_unlikely], distances)
@@ -140,30 +143,31 @@ def search_rows(
     count: int,
     options: SearchOptions = DEFAULT_OPTIONS.search,
 ) -> SearchResult:
-    """Search for the touch of each row of charges from a few candidates.
+    """Search for the best touch of each row of charges from a few candidates.
 
     Parameters
     ----------
     problem : LocationProblem
         Rows of charges.
     fixed : mapping
-        Coordinates (rows,) of the fixed quantities by column.
+        Coordinates of the fixed quantities by column, arrays of shape (rows,).
     count : int
-        Number of candidates for each row.
+        Maximum number of candidates for each row.
     options : SearchOptions
         Termination and damping of the searches.
 
     Returns
     -------
     SearchResult
-        The best end for each row.
+        The best end point for each row.
     """
     candidates = find_initial_candidates(problem, fixed, count, each_rotation=False)
     coordinates = candidates.coordinates[:, 0]
     row_count, count, width = coordinates.shape
     rows = np.repeat(np.arange(row_count), count)
     coordinates = coordinates.reshape(-1, width)
-    # Neighbouring touches one after the other share the coefficients that a response reads.
+    # Evaluating neighbouring touches one after the other is faster: they use the same coefficients
+    # of the response, which are then in the processor's cache.
     order = np.lexsort((coordinates[:, TouchColumn.Y], coordinates[:, TouchColumn.X]))
     ordered = run_levenberg_marquardt(problem, coordinates[order], rows[order], options=options)
     ends = ordered.select(np.argsort(order))
@@ -172,7 +176,10 @@ def search_rows(
 
 
 def mark_explained(problem: LocationProblem, ends: SearchResult) -> Mask:
-    """Mark the searches that converged at touches that explain the charges, (n,)."""
+    """Mark the searches that converged at a touch that explains the charges.
+
+    The result is an ndarray of bool of shape (n,).
+    """
     return ends.converged & is_plausible(ends.chi_square, problem.degrees_of_freedom)
 
 
@@ -181,32 +188,34 @@ def make_location(
     ends: SearchResult | None,
     options: LocateOptions = DEFAULT_OPTIONS,
 ) -> Location:
-    """Make the location of a problem's first row of charges from the ends of searches.
+    """Make the location of a problem's first row of charges from the end points of searches.
 
     Parameters
     ----------
     problem : LocationProblem
-        The charges.
+        Measured charges, of which the first row is located.
     ends : SearchResult or None
-        Ends of searches, or None where no search was made.
+        End points of searches, with duplicates; None if no search was made.
     options : LocateOptions
-        Which touches are listed, and which ends are duplicates.
+        Limits that decide which touches are listed, and which end points are duplicates.
 
     Returns
     -------
     Location
-        The distinct touches with their weights, which are the integrals of likelihood times prior
-        about each maximum.
+        The distinct touches, most likely first, with weights that sum to 1. A location without
+        touches if no search converged.
 
     Notes
     -----
-    With a normal prior whose standard deviations are the extents S of the response's domain,
-    Laplace's method gives exp(-χ²/2) / √det(1 + SJᵀJS) for the integral about a maximum.
+    The weights are proportional to the integrals of likelihood times prior about each maximum. The
+    prior is normal; its standard deviations are the extents of the response's domain, the diagonal
+    matrix S. Laplace's method then gives exp(-χ²/2) / √det(1 + SJᵀJS) for an integral, up to a
+    common factor.
     """
     quantities = problem.response.quantity_names
     unknown = tuple(quantities[column] for column in problem.unknown.tolist())
     if ends is not None:
-        ends = ends.select(find_distinct(problem, ends, options))
+        ends = ends.select(find_distinct_ends(problem, ends, options))
     if ends is None or not ends.converged.size:
         return Location((), unknown, log_evidence=-np.inf, problem=problem)
     scaled_jacobian = ends.jacobian * compute_extents(problem.response)
@@ -233,7 +242,7 @@ def make_location(
         )
         touches.append(touch)
     if problem.degrees_of_freedom <= 0:
-        # Chi-square is zero except for where searches stop, and does not rank touches.
+        # Every touch can fit exactly; chi-square depends on where searches stop and ranks nothing.
         touches.sort(key=lambda touch: (touch.explained, touch.weight), reverse=True)
     log_norm = math.log(2.0 * math.pi) / 2.0 + np.log(problem.deviations_pC[0])
     log_evidence = log_total - float(log_norm.sum())
@@ -241,18 +250,19 @@ def make_location(
 
 
 class TouchDescriptions(NamedTuple):
-    """The touches at n ends of searches."""
+    """Values, uncertainties and fit of n touches, with the meaning of the fields of `Touch`."""
 
-    values: Array  #: Quantities in their units, (n, k).
-    covariance_roots: Array  #: Square roots of the covariances, (n, unknown, unknown).
-    undetermined: Mask  #: Principal directions that charges do not determine, (n, unknown).
-    chi_square: Array  #: (n,)
-    p_value: Array  #: Probabilities of a larger chi-square, (n,).
-    explained: Mask  #: Whether the touch explains the charges, (n,).
+    values: Array  #: Quantities in their units; shape (n, k).
+    covariance_roots: Array  #: Square roots of the covariances; shape (n, unknown, unknown).
+    #: Whether the charges do not determine each principal direction; shape (n, unknown).
+    undetermined: Mask
+    chi_square: Array  #: Sums of the squared whitened residuals; shape (n,).
+    p_value: Array  #: Probabilities of a larger chi-square; shape (n,).
+    explained: Mask  #: Whether the touch explains the charges; shape (n,).
 
 
 def describe_touches(problem: LocationProblem, ends: SearchResult) -> TouchDescriptions:
-    """Compute values, covariances and fit of the touches at ends of searches."""
+    """Compute values, uncertainties and fit of the touches at end points of searches."""
     unknown = problem.unknown
     values = problem.to_touches(ends.coordinates)
     scale = problem.compute_touch_scale(values)[:, unknown]
@@ -269,22 +279,24 @@ def describe_touches(problem: LocationProblem, ends: SearchResult) -> TouchDescr
     )
 
 
-def find_distinct(problem: LocationProblem, ends: SearchResult, options: LocateOptions) -> Indices:
-    """Find the likely ends of searches that are not duplicates of a better one.
+def find_distinct_ends(
+    problem: LocationProblem, ends: SearchResult, options: LocateOptions
+) -> Indices:
+    """Find the likely end points of searches, without duplicates of better ones.
 
     Parameters
     ----------
     problem : LocationProblem
-        The problem that was searched.
+        The problem that was solved.
     ends : SearchResult
-        Ends of all searches.
+        End points of all searches.
     options : LocateOptions
-        Which ends are likely, and which are duplicates.
+        Limits that decide which end points are likely, and which are duplicates.
 
     Returns
     -------
     ndarray of int
-        Indices of the distinct ends, the best first.
+        Indices of the distinct end points, the best first; empty if no search converged.
     """
     ranking = ends.ranking
     rotations = slice_quantity(problem.response, TouchColumn.ROTATION)
@@ -300,7 +312,7 @@ def find_distinct(problem: LocationProblem, ends: SearchResult, options: LocateO
         differences = problem.compute_differences(ends.coordinates[rows], ends.coordinates[best])
         change = np.square(differences @ ends.jacobian[best].T).sum(axis=1)
         is_duplicate = change < options.duplicate_chi_square
-        turns = np.abs(differences[:, rotations])
-        is_duplicate &= (turns < options.duplicate_rotation_deg).all(axis=1)
+        rotations_deg = np.abs(differences[:, rotations])
+        is_duplicate &= (rotations_deg < options.duplicate_rotation_deg).all(axis=1)
         rows = rows[~is_duplicate]
     return np.array(distinct, dtype=int)

@@ -1,7 +1,7 @@
-"""Full solves in place of a response: one or two probes, with tangential forces or temperatures.
+"""A response that solves the scene: for one or two probes, tangential forces and temperatures.
 
-No charges are tabulated: each evaluation solves the scene, and the derivatives of the charges come
-from adjoint solves.
+No charges are tabulated: each evaluation solves the scene, and adjoint solves give the derivatives
+of the charges.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, PLACE, get_base_quantity
+from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, POSITION, get_base_quantity
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.changes import get_number, parse_key, to_plain_value
 from pvdf_fem.scene.placed.probe import HEAT_KEYS, ListedProbe
@@ -33,23 +33,25 @@ from pvdf_fem.surrogate.touch_domain import (
     resolve_response_settings,
 )
 
-UNSOLVED_PC = 1e15  #: Charges of a scene that cannot be solved.
-#: Further quantities of a probe, with the endings of their keys.
+#: Charge that stands for a scene without a solution. It is so large that a search rejects the step.
+UNSOLVED_PC = 1e15
+#: Further quantities of a probe, with the endings of the keys of their components.
 FURTHER_QUANTITIES = {"tangential_N": ("[0]", "[1]"), "temperature_K": ("",)}
 
 
 @dataclass(frozen=True, eq=False)
 class SolvedResponse:
-    """A `ChargeFunction` of one or two probes at once that solves the scene for each touch."""
+    """A `ChargeFunction` of one or two simultaneous probes that solves the scene for each touch."""
 
     scene: Scene  #: The scene with a list of probes.
-    quantity_names: tuple[str, ...]  #: Names of the quantities of all probes, (k,).
-    free: tuple[str, ...]  #: Quantities that are free: charges have derivatives by these alone.
-    domain: Domain
+    quantity_names: tuple[str, ...]  #: Names of the k quantities of all probes.
+    #: Names of the free quantities. `evaluate` computes derivatives with respect to these alone.
+    free: tuple[str, ...]
+    domain: Domain  #: Maximum distance of the probes from the centre, and range of forces.
     error_bound: float  #: Tolerance of the solves.
-    before_solve: Callable[[], None]  #: Called before each solve.
-    is_fast: ClassVar[bool] = False
-    unloaded_charges_pC: ClassVar[None] = None
+    before_solve: Callable[[], None]  #: Called without arguments before each solve.
+    is_fast: ClassVar[bool] = False  #: Evaluations are too slow for sampling a posterior.
+    unloaded_charges_pC: ClassVar[None] = None  #: Unloaded charges are not stored.
 
     @classmethod
     def from_scene(
@@ -60,34 +62,35 @@ class SolvedResponse:
         tolerance: float,
         before_solve: Callable[[], None] = lambda: None,
     ) -> SolvedResponse:
-        """Make the response of a scene's probes, or of its only probe twice.
+        """Make the response of a scene's probes, or of its only probe at two positions.
 
-        Its domain has the reach and the forces of the scene's ``[model]``, with probes that are
-        entirely on the film.
+        The domain has the reach (the maximum distance from the centre) and the forces of the
+        scene's ``[model]``. The reach is reduced where a probe would extend beyond the film.
 
         Parameters
         ----------
         scene : Scene
             The scene with one probe or a list of probes.
         touches : int
-            Number of probes, 1 or 2.
+            Number of simultaneous touches, 1 or 2.
         unknown : sequence of str
-            Base names of the free quantities of every probe, of `LONGEST_STEPS`.
+            Base names of the free quantities of every probe, keys of `LONGEST_STEPS`.
         tolerance : float
-            Tolerance of the solves.
+            Relative tolerance of the charges of the solves.
         before_solve : callable
-            Called before each solve.
+            Called without arguments before each solve. Default: does nothing.
 
         Raises
         ------
         ValueError
-            With a line for each mistake.
+            If touches or unknowns are incompatible with the scene; the message has a line for each
+            mistake.
         """
         errors = list(_find_errors(scene, touches, unknown))
         if errors:
             raise ValueError("\n".join(errors))
         listed = _list_probes(scene, touches, unknown)
-        quantities = _name_quantities(touches, unknown)
+        quantities = _list_quantity_names(touches, unknown)
         periods_deg = [load.probe.period_deg for load in listed.loaded_probes]
         free = []
         for name in quantities:
@@ -100,7 +103,8 @@ class SolvedResponse:
         )
         if without_derivative:
             keys = ", ".join(sorted(without_derivative))
-            raise ValueError(f"unknown: charges have no derivative by {keys}; leave it out")
+            reason = f"charges have no derivative with respect to {keys}"
+            raise ValueError(f"unknown: {reason}; leave it out")
         return cls(
             scene=listed,
             quantity_names=quantities,
@@ -117,25 +121,31 @@ class SolvedResponse:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of the electrodes."""
+        """Names of the electrodes, in the order of the charges."""
         return tuple(electrode.name for electrode in self.scene.electrode_list)
 
     @property
     def scene_touch(self) -> Array:
-        """Quantities of the scene's probes in the frame of its stage, (k,)."""
+        """Quantities of the scene's probes in the frame of its stage; shape (k,)."""
         touch = np.array([get_number(self.scene, _make_key(name)) for name in self.quantity_names])
         stage = self.scene.stage or Stage()
         width = len(TOUCH_QUANTITIES)
         for probe in range(count_probes(self)):
-            values = touch[width * probe : width * (probe + 1)]  # a view
-            place_mm, rotation_deg = stage.to_stage(values[PLACE], values[TouchColumn.ROTATION])
-            values[PLACE] = place_mm
+            values = touch[width * probe : width * (probe + 1)]  # a view of touch
+            position_mm, rotation_deg = stage.to_stage(
+                values[POSITION], values[TouchColumn.ROTATION]
+            )
+            values[POSITION] = position_mm
             values[TouchColumn.ROTATION] = rotation_deg
         return touch
 
     @property
-    def other_probe(self) -> Indices:
-        """Column of each quantity for the other one of two equal probes; empty for other probes."""
+    def swapped_columns(self) -> Indices:
+        """Columns of the quantities after two equal probes are exchanged.
+
+        ``touch[swapped_columns]`` has the same charges as ``touch``. Empty if there is one probe or
+        if the two probes differ.
+        """
         if count_probes(self) < 2:
             return np.array([], dtype=int)
         first = make_single_probe_scene(self.scene, 0)
@@ -154,14 +164,15 @@ class SolvedResponse:
         Parameters
         ----------
         touches : ndarray, shape (n, k)
-            Quantities on the film.
+            Quantities of each touch in the frame of the film, with forces in N.
 
         Returns
         -------
         charges : ndarray, shape (n, electrodes)
-            Charges in pC; `UNSOLVED_PC` where there is no solution.
+            Charges in pC; `UNSOLVED_PC` for a touch that cannot be solved.
         derivatives : ndarray, shape (n, electrodes, k)
-            Derivatives by the free quantities; zero by others and where there is no solution.
+            Derivatives with respect to the free quantities; zero with respect to fixed quantities
+            and for a touch that cannot be solved.
         """
         charges = np.full((len(touches), len(self.names)), UNSOLVED_PC)
         derivatives = np.zeros((*charges.shape, touches.shape[1]))
@@ -179,7 +190,7 @@ class SolvedResponse:
         return charges, derivatives
 
     def _make_scene(self, touch: Array) -> Scene:
-        """Return the scene with the quantities of a touch (k,)."""
+        """Return the scene with the quantities of a touch, an array of shape (k,)."""
         changes: dict[str, Any] = {"numerics.tolerance": self.error_bound}
         for name, value in zip(self.quantity_names, touch.tolist(), strict=True):
             changes[_make_key(name)] = value
@@ -187,7 +198,20 @@ class SolvedResponse:
 
 
 def make_single_probe_scene(scene: Scene, probe_index: int) -> Scene:
-    """Return the scene with one of its probes alone, on the centre, under 1 N and cold."""
+    """Return the scene with only one of its probes, at the centre, under 1 N and without heat.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene with one or several probes.
+    probe_index : int
+        Index of the probe that is kept.
+
+    Returns
+    -------
+    Scene
+        A scene without readout, whose solves have a coarse tolerance.
+    """
     loaded = scene.loaded_probes[probe_index]
     centred = dict.fromkeys(("x_mm", "y_mm", "rotation_deg"), 0.0)
     unset = dict.fromkeys((*ListedProbe.list_load_keys(), *HEAT_KEYS))
@@ -197,8 +221,8 @@ def make_single_probe_scene(scene: Scene, probe_index: int) -> Scene:
     return scene.with_(probe=probe, load=load, numerics=numerics, readout=None)
 
 
-def _name_quantities(touches: int, unknown: Sequence[str]) -> tuple[str, ...]:
-    """Name the quantities of all probes: four of each probe, then further ones if unknown."""
+def _list_quantity_names(touches: int, unknown: Sequence[str]) -> tuple[str, ...]:
+    """List the quantity names of all probes: four of each probe, then unknown further ones."""
     prefixes = [""] if touches == 1 else [f"probe[{index}]." for index in range(touches)]
     names = []
     for prefix in prefixes:
@@ -211,7 +235,10 @@ def _name_quantities(touches: int, unknown: Sequence[str]) -> tuple[str, ...]:
 
 
 def _choose_domain(scene: Scene, touches: int) -> Domain:
-    """Choose the domain of places and forces for a scene with a list of probes."""
+    """Choose the domain in which all probes of a scene with a list of probes may be.
+
+    The range of forces is that of the first probe.
+    """
     domains = []
     for index in range(touches):
         single = make_single_probe_scene(scene, index)
@@ -222,21 +249,26 @@ def _choose_domain(scene: Scene, touches: int) -> Domain:
 
 
 def _list_probes(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
-    """Return the scene with a list of probes, each with a force of its own.
+    """Return the scene with a list of probes, each with its own force.
 
     Parameters
     ----------
     scene : Scene
-        A scene with as many probes as touches, or with one, which is then taken twice, at two
-        places apart.
+        A scene with as many probes as touches, or with one probe. For two touches the one probe is
+        listed twice, at two positions apart from each other.
     touches : int
-        Number of probes.
+        Number of probes in the list.
     unknown : sequence of str
-        Free quantities. An unknown temperature begins with a cold probe, an unknown tangential
-        force with zero.
+        Base names of the free quantities. The initial value of an unknown temperature is 0, and
+        that of an unknown tangential force is the scene's, or 0.
+
+    Returns
+    -------
+    Scene
+        A scene with `touches` probes.
     """
-    given = scene.loaded_probes
-    probes = list(given) * (touches // len(given))
+    scene_probes = scene.loaded_probes
+    probes = list(scene_probes) * (touches // len(scene_probes))
     tables = []
     for loaded in probes:
         table = {**to_plain_value(loaded.probe), "force_N": loaded.load.force_N}
@@ -245,7 +277,7 @@ def _list_probes(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
         if "tangential_N" in unknown or loaded.load.tangential_N:
             table["tangential_N"] = loaded.load.tangential_N or (0.0, 0.0)
         tables.append(table)
-    if len(probes) > len(given):
+    if len(probes) > len(scene_probes):
         offset_mm = min(0.5e3 * probes[0].outline.perimeter, 0.5 * scene.film.radius_mm)
         for table, x_mm in zip(tables, (-offset_mm, offset_mm), strict=True):
             table |= {"x_mm": x_mm, "y_mm": 0.0}
@@ -253,21 +285,21 @@ def _list_probes(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
 
 
 def _find_errors(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator[str]:
-    """Find the reasons why a scene's touches cannot be located by solves.
+    """Find the reasons why touches cannot be located by solves of a scene.
 
     Parameters
     ----------
     scene : Scene
-        The scene.
+        The scene with its probes and loads.
     touches : int
-        Number of probes that touch at once.
+        Number of simultaneous touches.
     unknown : sequence of str
         Base names of the free quantities.
 
     Yields
     ------
     str
-        One line for each reason, which begins with a key or an argument.
+        One line for each reason. It begins with the key or argument to change.
     """
     probes = scene.loaded_probes
     if touches not in (1, 2):
@@ -276,7 +308,7 @@ def _find_errors(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator
         yield f"probe: the scene has {len(probes)} probes; give {touches}, or one for both touches"
     elif touches > len(probes) and not {"x_mm", "y_mm"} <= set(unknown):
         advice = "add x_mm and y_mm, or list two probes as [[probe]]"
-        yield f"unknown: the places of two touches of one probe must be unknown; {advice}"
+        yield f"unknown: the positions of two touches of one probe must be unknown; {advice}"
     if any(loaded.load.depth_mm is not None for loaded in probes):
         yield "load.depth_mm: cannot be combined with unknown forces; give load.force_N instead"
     if "temperature_K" in unknown:
@@ -286,16 +318,16 @@ def _find_errors(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator
             yield "probe.contact_time_s: is required to find temperature_K; add it"
     for name in unknown:
         if name not in LONGEST_STEPS:
-            yield f"{name}: not a quantity of a touch; choose from {', '.join(LONGEST_STEPS)}"
+            yield f"{name}: is not a quantity of a touch; choose from {', '.join(LONGEST_STEPS)}"
     if not unknown:
         yield f"unknown: must not be empty; choose from {', '.join(LONGEST_STEPS)}"
 
 
 def _make_key(quantity: str) -> str:
-    """Return the scene's key of a quantity."""
+    """Return the key of a quantity in a scene with a list of probes."""
     return quantity if quantity.startswith("probe[") else f"probe[0].{quantity}"
 
 
 def _get_probe_index(quantity: str) -> int:
-    """Return the index of the probe in a quantity's name, 0 for the only probe."""
+    """Return the index of the probe in a quantity's name; 0 if the name has no index."""
     return int(parse_key(quantity)[1]) if quantity.startswith("probe[") else 0

@@ -1,4 +1,4 @@
-"""A located touch, of one probe or of two at once, with its uncertainty."""
+"""A located touch, by one probe or by two at once, with its uncertainty."""
 
 from __future__ import annotations
 
@@ -13,69 +13,75 @@ from scipy.special import chdtrc, chdtri
 from pvdf_fem.arrays import Array, Mask, finite_or_none
 from pvdf_fem.summary import Result, Summary
 
-#: Charges count as unexplained if a correct response gives such charges less often than this.
+#: Charges count as unexplained if their p-value is below this.
 SIGNIFICANCE = 1e-3
 #: A direction is determined if the domain along it is wider than this many standard deviations.
 DETERMINED_RATIO = 3.0
 
 
 def compute_p_values(chi_square: Array, degrees_of_freedom: int) -> Array:
-    """Compute the probabilities of a larger chi-square if the response is correct.
+    """Compute the probability that a correct response has a larger chi-square.
 
     Parameters
     ----------
     chi_square : ndarray, shape (n,)
         Sums of squared whitened residuals at the minima.
     degrees_of_freedom : int
-        Charges less unknown quantities.
+        Number of charges less number of unknown quantities.
 
     Returns
     -------
     ndarray, shape (n,)
-        Survival function of the chi-square distribution; NaN without degrees of freedom.
+        Survival function of the chi-square distribution; NaN if there is no degree of freedom.
     """
     if degrees_of_freedom <= 0:
         return np.full(len(chi_square), np.nan)
-    # scipy.stats has the same functions, and takes half a second to import.
+    # scipy.stats has the same function, but takes half a second to import.
     p_values: Array = chdtrc(degrees_of_freedom, chi_square)
     return p_values
 
 
 @lru_cache(maxsize=64)
 def compute_chi_square_limit(degrees_of_freedom: int) -> float:
-    """Compute the chi-square that a correct response exceeds with probability `SIGNIFICANCE`."""
+    """Compute the chi-square that a correct response exceeds with probability `SIGNIFICANCE`.
+
+    Fewer than one degree of freedom count as one.
+    """
     return float(chdtri(max(degrees_of_freedom, 1), SIGNIFICANCE))
 
 
 def is_plausible(
     chi_square: Array, degrees_of_freedom: int, significance: float = SIGNIFICANCE
 ) -> Mask:
-    """Return whether a correct response commonly has such a large chi-square.
+    """Return whether chi-square is small enough for the response to explain the charges.
 
     Parameters
     ----------
     chi_square : ndarray, shape (n,)
         Sums of squared whitened residuals at the minima.
     degrees_of_freedom : int
-        Charges less unknown quantities. Without any the charges can be matched exactly unless the
-        edge of the domain holds the touch, which is one condition: one degree of freedom is taken.
+        Number of charges less number of unknown quantities. Fewer than one count as one: the
+        charges can then be matched exactly, unless the touch is at the edge of the domain, which
+        imposes one condition.
     significance : float
-        Least p-value that counts as plausible.
+        Minimum p-value that counts as plausible.
 
     Returns
     -------
     ndarray of bool, shape (n,)
-        True also where chi-square is NaN.
+        True where the p-value is not below `significance`, and also where chi-square is NaN.
     """
     plausible: Mask = ~(compute_p_values(chi_square, max(degrees_of_freedom, 1)) < significance)
     return plausible
 
 
 class CovarianceRoots(NamedTuple):
-    """Square roots of covariances, by principal directions."""
+    """Square roots of covariance matrices, with their principal directions."""
 
-    roots: Array  #: Columns are principal directions, one standard deviation long, (..., k, k).
-    undetermined: Mask  #: Directions that the charges do not determine, (..., k).
+    #: Matrices whose columns are principal directions, one standard deviation long;
+    #: shape (..., k, k).
+    roots: Array
+    undetermined: Mask  #: Whether the charges do not determine each direction; shape (..., k).
 
 
 def compute_covariance_roots(jacobian: Array, extents: Array) -> CovarianceRoots:
@@ -84,20 +90,23 @@ def compute_covariance_roots(jacobian: Array, extents: Array) -> CovarianceRoots
     Parameters
     ----------
     jacobian : ndarray, shape (..., electrodes, k)
-        Derivatives of the charges by the unknowns, over the charges' standard deviations.
+        Derivatives J of the charges with respect to the unknowns, divided by the standard
+        deviations of the charges.
     extents : ndarray, shape (..., k)
         Sizes of the response's domain along the unknowns.
 
     Returns
     -------
     CovarianceRoots
-        Roots of the inverse information (JᵀJ)⁻¹. Along a direction that the charges determine
-        to no better than a third of the domain, the extent is taken as standard deviation.
+        Square roots of the inverse information matrices (JᵀJ)⁻¹. A direction is undetermined if its
+        standard deviation exceeds a third of the domain; its variance is then limited to about the
+        squared size of the domain.
 
     Notes
     -----
-    Principal directions are eigenvectors of SJᵀJS with the diagonal matrix S of the extents, so
-    that they do not depend on units.
+    The principal directions are the eigenvectors v of SJᵀJS with the diagonal matrix S of the
+    extents, so that they do not depend on units. A column of R is S v / √λ with the eigenvalue λ,
+    or S v / √(1 + λ) if λ < `DETERMINED_RATIO`².
     """
     per_extent = jacobian * extents[..., None, :]
     information = per_extent.swapaxes(-1, -2) @ per_extent
@@ -109,32 +118,32 @@ def compute_covariance_roots(jacobian: Array, extents: Array) -> CovarianceRoots
 
 
 class TouchStatus(StrEnum):
-    """Outcome of a search for the touch that gave some charges."""
+    """Outcome of a search for the touch that explains measured charges."""
 
     LOCATED = "located"
-    AT_EDGE = "at edge"  #: The touch is at the limits of the response's domain.
+    AT_EDGE = "at edge"  #: The touch is at a limit of the response's domain.
     AMBIGUOUS = "ambiguous"  #: Other touches are likely, too.
-    UNEXPLAINED = "unexplained"  #: The nearest touch of the response's domain does not fit.
-    #: There are fewer charges than unknown quantities, and no search is made.
+    UNEXPLAINED = "unexplained"  #: The best touch in the response's domain does not fit.
+    #: There are fewer charges than unknown quantities, so that no search is made.
     UNDETERMINED = "undetermined"
-    #: No search converged: the charges fit no touch of the response's domain.
+    #: No search converged: the charges fit no touch in the response's domain.
     NOT_FOUND = "no_touch_found"
-    NOT_FINITE = "not_finite"
-    TOO_LARGE = "too_large"  #: A charge exceeds `LARGEST_PC`.
-    #: A charge below `LEAST_PC` has no standard deviation without noise; if all charges are below
-    #: it, there is no touch.
+    NOT_FINITE = "not_finite"  #: A reading or a known quantity is NaN or infinite.
+    TOO_LARGE = "too_large"  #: A charge exceeds `MAX_READING_PC`.
+    #: All charges are below `MIN_CHARGE_PC`, so that there is no touch; or one of them is, and has
+    #: no standard deviation because its channel has no noise.
     ZERO = "zero_charge"
     OUTSIDE = "known_outside_domain"  #: The fixed force is outside of the response's domain.
     #: The row of a file does not have one cell for each column of the header.
     MALFORMED = "malformed"
 
 
-#: With these a touch explains the charges.
+#: Statuses of a touch that explains the charges.
 EXPLAINED_STATUSES = (TouchStatus.LOCATED, TouchStatus.AT_EDGE, TouchStatus.AMBIGUOUS)
 
 
 def decide_status(explained: bool, ambiguous: bool, at_edge: bool) -> TouchStatus:
-    """Decide on the status of a search that converged.
+    """Return the status of a search that converged.
 
     Parameters
     ----------
@@ -148,7 +157,7 @@ def decide_status(explained: bool, ambiguous: bool, at_edge: bool) -> TouchStatu
     Returns
     -------
     TouchStatus
-        The first reason against the touch in this order, or `TouchStatus.LOCATED`.
+        `UNEXPLAINED`, `AMBIGUOUS` or `AT_EDGE`, whichever applies first; otherwise `LOCATED`.
     """
     if not explained:
         return TouchStatus.UNEXPLAINED
@@ -161,34 +170,42 @@ def decide_status(explained: bool, ambiguous: bool, at_edge: bool) -> TouchStatu
 class Touch(Result):
     """A touch at a local maximum of the likelihood of the measured charges."""
 
-    quantity_names: tuple[str, ...]  #: Names of the response's quantities, (k,).
-    unknown: tuple[str, ...]  #: Quantities that were free; the order of all matrices.
-    #: All quantities in their units, (k,): mm, N, and degrees from 0 to the period.
+    quantity_names: tuple[str, ...]  #: Names of the response's k quantities.
+    #: Names of the free quantities, in the order of rows and columns of all matrices.
+    unknown: tuple[str, ...]
+    #: Values of all quantities: positions in mm in the frame of the stage, forces in N, rotations
+    #: in degrees, from 0 to the period if the rotation was free; shape (k,).
     values: Array
-    #: Square root of the covariance, with principal directions as columns, (unknown, unknown).
+    #: Square root of the covariance, with principal directions as columns;
+    #: shape (unknown, unknown).
     covariance_root: Array
-    undetermined: Mask  #: Principal directions that the charges do not determine, (unknown,).
+    #: Whether the charges do not determine each principal direction; shape (unknown,).
+    undetermined: Mask
     chi_square: float  #: Sum of the squared residuals, each divided by its standard deviation.
-    #: Probability of a larger chi-square if the response is correct; NaN if there are no more
+    #: Probability of a larger chi-square if the response is correct; NaN unless there are more
     #: charges than unknown quantities.
     p_value: float
-    explained: bool  #: Whether a correct response commonly has such a large chi-square.
-    weight: float  #: Share of this touch in the likelihood of all touches of its location.
-    #: Limits of the response's domain at which the touch is: ``reach_mm``, ``force_N``. The true
-    #: touch may be beyond.
+    explained: bool  #: Whether the touch explains the charges, see `is_plausible`.
+    #: Probability that this is the true one of the touches of its location, from 0 to 1.
+    weight: float
+    #: Names of the limits of the response's domain at which the touch is, ``reach_mm`` or
+    #: ``force_N``; empty inside. The true touch may be beyond the limits.
     at_edge: tuple[str, ...]
 
     @property
     def null_directions(self) -> Array:
-        """Combinations of the unknowns that the charges do not determine, (n, unknown).
+        """Directions in the space of the unknowns that the charges do not determine.
 
-        Each is one standard deviation long, in units of the unknowns. A touch that moves by a third
-        of the domain along one of them changes its charges by less than their standard deviation.
+        An ndarray of shape (n, unknown). Each row is one standard deviation long, in units of the
+        unknowns. If a touch moves by a third of the domain along a row, its charges change by less
+        than their standard deviation.
         """
         directions = self.covariance_root.T[self.undetermined]
+        # The sign of an eigenvector is arbitrary: make the largest component positive,
+        # in units of its deviation.
         deviations = np.sqrt(np.diag(self.covariance))
-        largest = np.abs(directions / deviations).argmax(axis=1)
-        signs = np.sign(np.take_along_axis(directions, largest[:, None], axis=1))
+        column = np.abs(directions / deviations).argmax(axis=1)
+        signs = np.sign(np.take_along_axis(directions, column[:, None], axis=1))
         return directions * signs
 
     @property
@@ -198,51 +215,57 @@ class Touch(Result):
 
     @property
     def covariance(self) -> Array:
-        """Covariance (unknown, unknown) by the curvature of the likelihood at this touch.
+        """Covariance by the curvature of the likelihood at this touch; shape (unknown, unknown).
 
-        It is the covariance of the errors where the charges are nearly linear over the errors; if
-        not, see `Location.covariance`. Along a direction that the charges do not determine, the
-        size of the domain is taken as standard deviation.
+        It is the covariance of the errors if the charges are nearly linear within the errors;
+        otherwise see `Location.covariance`. Along a direction that the charges do not determine,
+        the standard deviation is limited to the size of the response's domain.
         """
         return self.covariance_root @ self.covariance_root.T
 
     @property
     def deviations(self) -> dict[str, float]:
-        """Standard deviations of the unknowns by `covariance`; see `Location.deviations`."""
+        """Standard deviations of the unknowns by name, from `covariance`.
+
+        `Location.deviations` has calibrated ones.
+        """
         return dict(zip(self.unknown, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     @cached_property
     def by_name(self) -> dict[str, float]:
-        """All values by the quantity's name."""
+        """Values of all quantities by name."""
         return dict(zip(self.quantity_names, self.values.tolist(), strict=True))
 
     @property
     def x_mm(self) -> float:
-        """Place of the only probe along x; KeyError for two probes: see `by_name`."""
+        """Position x of the only probe in mm; `KeyError` for two probes, see `by_name`."""
         return self.by_name["x_mm"]
 
     @property
     def y_mm(self) -> float:
-        """Place of the only probe along y."""
+        """Position y of the only probe in mm; `KeyError` for two probes."""
         return self.by_name["y_mm"]
 
     @property
     def rotation_deg(self) -> float:
-        """Rotation of the only probe."""
+        """Rotation of the only probe in degrees; `KeyError` for two probes."""
         return self.by_name["rotation_deg"]
 
     @property
     def force_N(self) -> float:
-        """Force of the only probe."""
+        """Force of the only probe in N; `KeyError` for two probes."""
         return self.by_name["force_N"]
 
     def summary(self) -> Summary:
-        """Return the quantities to print; `Location` prints their errors."""
+        """Return the values to print, without their errors, which `Location` prints."""
         values = ", ".join(f"{name} {value:.4g}" for name, value in self.by_name.items())
-        return Summary(f"share of likelihood {self.weight:.3g}", [values])
+        return Summary(f"probability {self.weight:.3g}", [values])
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain values for JSON, None for infinite ones; the location adds the errors."""
+        """Return plain values for JSON, without the errors, which `Location.to_json` adds.
+
+        A p-value that is NaN is None.
+        """
         directions = []
         for direction in self.null_directions.tolist():
             directions.append(dict(zip(self.unknown, direction, strict=True)))

@@ -19,43 +19,51 @@ from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Touches(TabularResult):
-    """The most likely touch for each of n rows of readings; others may be as likely.
+    """The most likely touch for each of n rows of readings.
 
-    Numbers are NaN in rows without a touch.
+    Other touches may be nearly as likely, see `alternatives`. Numbers are NaN in rows without a
+    touch.
     """
 
-    #: x and y in mm, rotation in degrees and force in N, (n, 4); those of the nearest touch if the
-    #: status is `TouchStatus.UNEXPLAINED`.
+    #: Position x and y in mm, rotation in degrees and force in N of each touch; those of the best
+    #: fit if the status is `TouchStatus.UNEXPLAINED`; shape (n, 4).
     values: Array
-    reading: str  #: Meaning of the readings, of `READINGS`.
-    unknown: tuple[str, ...]  #: Quantities that were free.
-    status: NDArray[np.object_]  #: A `TouchStatus` for each row, (n,).
-    #: Covariances (n, unknown, unknown) by the curvature of the likelihood, as `Touch.covariance`.
+    reading: str  #: Meaning of the readings, a key of `READINGS`.
+    unknown: tuple[str, ...]  #: Names of the free quantities.
+    status: NDArray[np.object_]  #: `TouchStatus` of each row; shape (n,).
+    #: Covariances by the curvature of the likelihood, like `Touch.covariance`;
+    #: shape (n, unknown, unknown).
     covariances: Array
-    #: Standard deviations (n, unknown): those of `covariances`, or calibrated ones as
-    #: `Location.deviations` if these were requested.
+    #: Standard deviations from `covariances`, or calibrated ones like `Location.deviations` if
+    #: these were requested; shape (n, unknown).
     deviations: Array
-    #: Numbers of other touches that are likely, (n,); NaN if calibrated results were not requested.
+    #: Numbers of further likely touches, like `Location.alternatives`; NaN unless calibrated
+    #: deviations were requested; shape (n,).
     alternatives: Array
-    determined: Mask  #: Whether the charges determine every unknown, (n,).
-    chi_square: Array  #: Sums of the squared whitened residuals, (n,).
-    p_value: Array  #: Probabilities of a larger chi-square, (n,).
-    #: Mistakes in the readings without which a touch would explain them, in words, (n,).
+    determined: Mask  #: Whether the charges determine every unknown; shape (n,).
+    chi_square: Array  #: Sums of the squared whitened residuals; shape (n,).
+    p_value: Array  #: Probabilities of a larger chi-square; shape (n,).
+    #: Mistakes in the readings that, once corrected, let a touch explain them, in words; empty
+    #: where there is none; shape (n,).
     explanations: NDArray[np.object_]
-    at_edge: Mask  #: Whether the touch is at a limit of the response's domain, (n,).
+    at_edge: Mask  #: Whether the touch is at a limit of the response's domain; shape (n,).
 
     @classmethod
-    def empty(cls, status: NDArray[np.object_], unknown: tuple[str, ...], reading: str) -> Touches:
-        """Return results to be filled in, with NaN for numbers and false for flags.
+    def make_empty(
+        cls, status: NDArray[np.object_], unknown: tuple[str, ...], reading: str
+    ) -> Touches:
+        """Make results without touches, which `store` fills in later.
+
+        Numbers are NaN and flags are false.
 
         Parameters
         ----------
         status : ndarray of TouchStatus, shape (n,)
-            Status of each row.
+            Initial status of each row. The array is kept, and `store` writes into it.
         unknown : tuple of str
-            Free quantities.
+            Names of the free quantities.
         reading : str
-            Meaning of the readings, of `READINGS`.
+            Meaning of the readings, a key of `READINGS`.
         """
         rows = len(status)
         count = len(unknown)
@@ -76,22 +84,23 @@ class Touches(TabularResult):
 
     @property
     def explained(self) -> Mask:
-        """Whether a touch explains the charges, (n,)."""
+        """Whether a touch explains the charges of each row; shape (n,)."""
         return np.isfinite(self.chi_square) & (self.status != TouchStatus.UNEXPLAINED)
 
     def store(self, rows: Indices, problem: LocationProblem, ends: SearchResult) -> None:
-        """Fill in the touches of some rows.
+        """Store the touches of some rows in the arrays of this object.
 
-        Deviations that are there already are calibrated ones and stay.
+        Deviations that are not NaN were calibrated before and are kept.
 
         Parameters
         ----------
         rows : ndarray of int, shape (m,)
             Rows to fill in.
         problem : LocationProblem
-            The problem with the charges of these rows.
+            The problem with the charges of these m rows.
         ends : SearchResult
-            The best end for each of these rows.
+            The best end point for each of these rows. A row whose search did not converge gets the
+            status `TouchStatus.NOT_FOUND`.
         """
         self.status[rows[~ends.converged]] = TouchStatus.NOT_FOUND
         rows = rows[ends.converged]
@@ -115,19 +124,20 @@ class Touches(TabularResult):
         self.status[rows] = list(map(decide_status, explained, ambiguous, at_edge))
 
     def summary(self) -> Summary:
-        """Return how many rows are explained, and the first and the last touches."""
+        """Return the number of explained rows, and a table of touches, to print."""
         explained = f"{int(self.explained.sum())} of {len(self.status)} rows are explained"
         return Summary("touches", [explained], [TextTable.from_columns(self.columns())])
 
     def to_table(self) -> dict[str, NDArray[Any]]:
-        """Return columns of n values by name.
+        """Return the touches as columns of a table.
 
         Returns
         -------
         dict of str to ndarray
-            The quantities; their deviations, NaN for fixed ones; chi-square and p-value; the number
-            of alternatives; the status; and a remark with words such as ``explained if`` and a
-            mistake in the readings, ``undetermined`` or ``at edge``.
+            Columns of n values by name: the quantities; their deviations, NaN for fixed quantities;
+            chi-square and p-value; the number of alternatives, None if it was not requested; the
+            status; and a remark such as ``explained if`` with a mistake in the readings,
+            ``undetermined`` or ``at edge``.
         """
         deviations = np.full(self.values.shape, np.nan)
         columns = [TOUCH_QUANTITIES.index(name) for name in self.unknown]
@@ -149,7 +159,7 @@ class Touches(TabularResult):
     columns = to_table
 
     def _make_remarks(self) -> NDArray[np.object_]:
-        """Return a remark for each row, (n,); empty where there is nothing to say."""
+        """Return the remarks on each row, separated by semicolons; shape (n,)."""
         has_touch = np.isfinite(self.chi_square)
         remarks = self.explanations.copy()
         remarks[has_touch & ~self.determined] += "; undetermined"

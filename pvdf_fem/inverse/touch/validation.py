@@ -1,7 +1,7 @@
-"""Validation errors of readings, and of the quantities of a touch that are free or fixed.
+"""Validation errors of readings, and of the free and fixed quantities of a touch.
 
-Each function yields one line ``key = value: reason; advice`` for each mistake, so that all mistakes
-are reported at once.
+The functions yield one line ``key = value: reason; advice`` for each mistake, so that all mistakes
+can be reported at once.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.surrogate.charge_function import UnloadedCharges, compute_unloaded_charges_pC
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain
 
-LARGEST_PC = 1e12  #: Readings beyond this many pC are in another unit, or meaningless.
-LEAST_PC = 1e-12  #: Charges or changes below this many pC count as zero.
+MAX_READING_PC = 1e12  #: Maximum magnitude of a reading in pC; larger ones are in another unit.
+MIN_CHARGE_PC = 1e-12  #: Charges or changes with a smaller magnitude in pC count as zero.
 UNITS = ("pC", "V")  #: Units of readings.
 
 
 def as_float(value: Any) -> float:
-    """Return a value as a float; NaN for a text and for everything else that is not a number."""
+    """Convert a value to a float; return NaN for a string and for anything else but a number."""
     if isinstance(value, str | bytes):
         return math.nan
     try:
@@ -54,16 +54,16 @@ def find_reading_errors(
     readings : mapping
         Readings in nominal pC by electrode.
     sigma : float or mapping
-        Standard deviation over the signal, for all electrodes or by electrode.
+        Standard deviation as a fraction of the signal, for all electrodes or by electrode.
     noise_pC : float, mapping or None
-        Further standard deviation in pC; None for that of the readout.
+        Further standard deviation in nominal pC; None for that of the readout.
     reading : str or None
-        Meaning of the readings, of `READINGS`; None for that of the readout.
+        Meaning of the readings, a key of `READINGS`; None for that of the readout.
     unloaded_charges : UnloadedCharges, optional
-        Charges of the unloaded film, if a response has them. Without them it is tested whether the
-        film has any, as changes need them.
+        Charges of the unloaded film if a response stores them. By default the unloaded film is
+        solved if `reading` requires it.
     unit : str
-        Unit in which the readings were given.
+        Unit in which the user gave the readings, of `UNITS`.
 
     Yields
     ------
@@ -90,9 +90,9 @@ def find_reading_errors(
         reason = _explain_bad_reading(value, channels[name], noise)
         if reason:
             yield f"readings.{name} = {_format_value(value)}: {reason}"
-    yield from _find_deviation_errors("sigma", sigma, readings, most=1.0)
+    yield from _find_deviation_errors("sigma", sigma, readings, max_value=1.0)
     if noise_pC is not None:
-        yield from _find_deviation_errors("noise_pC", noise_pC, readings, most=math.inf)
+        yield from _find_deviation_errors("noise_pC", noise_pC, readings, max_value=math.inf)
     if reading is not None and reading not in READINGS:
         yield f"reading = {reading}: choose from {', '.join(READINGS)}"
     if unloaded_charges is None:
@@ -100,16 +100,16 @@ def find_reading_errors(
 
 
 def _explain_bad_reading(value: Any, channel: ChannelValues, noise_pC: float | None) -> str:
-    """Return why one reading is invalid, with advice.
+    """Return the reason why one reading is invalid, with advice.
 
     Parameters
     ----------
     value : object
-        The reading in nominal pC, if it is a number.
+        The reading, in nominal pC if it is a number.
     channel : ChannelValues
-        The electrode's channel.
+        Gain, offset and noise of the electrode's channel.
     noise_pC : float or None
-        Standard deviation in pC; None for that of the channel.
+        Standard deviation of the reading in nominal pC; None for that of the channel.
 
     Returns
     -------
@@ -117,30 +117,30 @@ def _explain_bad_reading(value: Any, channel: ChannelValues, noise_pC: float | N
         Reason and advice; empty for a valid reading.
     """
     number = as_float(value)
-    if not abs(number) <= LARGEST_PC:
-        return f"must be a number of pC, at most {LARGEST_PC:g}; check the unit"
+    if not abs(number) <= MAX_READING_PC:
+        return f"must be a number of pC, at most {MAX_READING_PC:g}; check the unit"
     if noise_pC is None:
         noise_pC = channel.noise_pC
-    if abs(number - channel.offset_pC) < LEAST_PC and not noise_pC:
+    if abs(number - channel.offset_pC) < MIN_CHARGE_PC and not noise_pC:
         return "a charge of 0 has no standard deviation without noise; give noise_pC"
     return ""
 
 
 def _find_deviation_errors(
-    key: str, deviations: Deviations, readings: Mapping[str, Any], most: float
+    key: str, deviations: Deviations, readings: Mapping[str, Any], max_value: float
 ) -> Iterator[str]:
     """Find validation errors of standard deviations.
 
     Parameters
     ----------
     key : str
-        Name of the argument.
+        Name of the argument, for the messages.
     deviations : float or mapping
-        A standard deviation for all electrodes or by electrode.
+        A standard deviation for all electrodes, or standard deviations by electrode.
     readings : mapping
-        Readings by electrode, each of which needs a deviation.
-    most : float
-        Largest deviation: 1 for a share of the charge, infinity for pC.
+        Readings by electrode. A mapping of deviations must have one for each of them.
+    max_value : float
+        Maximum deviation: 1 for a fraction of the charge, infinity for a deviation in pC.
     """
     values: dict[str, Any] = {key: deviations}
     if isinstance(deviations, Mapping):
@@ -151,15 +151,15 @@ def _find_deviation_errors(
                 yield f"{key}.{name}: is required; {advice}"
     for name, value in values.items():
         number = as_float(value)
-        if not (0.0 <= number <= most and math.isfinite(number)):
+        if not (0.0 <= number <= max_value and math.isfinite(number)):
             allowed = "zero or a positive number of pC"
-            if most == 1.0:
-                allowed = "a share of the charge, from 0 to 1"
+            if max_value == 1.0:
+                allowed = "a fraction of the charge, from 0 to 1"
             yield f"{name} = {_format_value(value)}: must be {allowed}"
 
 
 def _find_unloaded_errors(scene: Scene, reading: str) -> Iterator[str]:
-    """Find why a film has no charges without a load, where they are necessary."""
+    """Find the reasons why a film has no unloaded charges although `reading` requires them."""
     from pvdf_fem.solver.adaptive import UnloadedFilmError  # imports gmsh
 
     try:
@@ -169,7 +169,7 @@ def _find_unloaded_errors(scene: Scene, reading: str) -> Iterator[str]:
 
 
 def _format_value(value: Any) -> str:
-    """Return a value as a user has written it, texts in quotes."""
+    """Format a value as in Python code, with strings in quotes."""
     return repr(value) if isinstance(value, str | bytes) else str(value)
 
 
@@ -180,20 +180,21 @@ def find_quantity_errors(
     default: Mapping[str, float],
     centre_mm: Sequence[float] = (0.0, 0.0),
 ) -> Iterator[str]:
-    """Find validation errors of the free and the fixed quantities of a touch.
+    """Find validation errors of the free and fixed quantities of a touch.
 
     Parameters
     ----------
     domain : Domain
-        Domain of the response.
+        Domain of the response, in which the fixed quantities must lie.
     unknown : sequence of str
         Names of the free quantities.
     known : mapping
         Values of fixed quantities by name, in the frame of the scene's stage.
     default : mapping
-        The scene's values of quantities that are neither in `unknown` nor in `known`.
+        Values of the scene by name; they count for quantities that are neither in `unknown` nor in
+        `known`.
     centre_mm : sequence of two floats
-        Place of the film's centre in the same frame.
+        Position x, y of the film's centre in the same frame.
 
     Yields
     ------
@@ -205,9 +206,9 @@ def find_quantity_errors(
         yield f"unknown: must not be empty; choose from {names}"
     for name in dict.fromkeys([*unknown, *known]):
         if name not in TOUCH_QUANTITIES:
-            yield f"{name}: not a quantity of a touch; choose from {names}"
+            yield f"{name}: is not a quantity of a touch; choose from {names}"
         elif name in unknown and name in known:
-            yield f"{name}: both unknown and known; remove it from one of the two"
+            yield f"{name}: is both unknown and known; remove it from one of the two"
         elif name in known and not math.isfinite(as_float(known[name])):
             yield f"known.{name} = {_format_value(known[name])}: must be a finite number"
     fixed = {}
@@ -225,22 +226,24 @@ def _find_domain_errors(
     Parameters
     ----------
     domain : Domain
-        The domain.
+        Domain of the response.
     fixed : mapping
-        Fixed quantities by name, in the frame of the scene's stage.
+        Values of the fixed quantities by name, in the frame of the scene's stage.
     centre_mm : sequence of two floats
-        Place of the film's centre in the same frame.
+        Position x, y of the film's centre in the same frame.
     """
-    places = []
+    positions = []
     offsets_mm = []
     for name, centre in zip(("x_mm", "y_mm"), centre_mm, strict=True):
         if name in fixed:
-            places.append(f"{name} = {fixed[name]:g}")
+            positions.append(f"{name} = {fixed[name]:g}")
             offsets_mm.append(fixed[name] - centre)
     if math.hypot(*offsets_mm) > domain.reach_mm:
-        reach = f"the {domain.reach_mm:g} mm that the response reaches"
-        yield f"known {', '.join(places)}: beyond {reach}; build one with a larger reach_mm"
+        reach = f"{domain.reach_mm:g} mm from the centre, the reach of the response"
+        advice = "build a response with a larger reach_mm"
+        yield f"known {', '.join(positions)}: beyond {reach}; {advice}"
     lowest, highest = domain.force_N
     if not lowest <= fixed.get("force_N", lowest) <= highest:
-        forces = f"the response's {lowest:g} to {highest:g} N"
-        yield f"known force_N = {fixed['force_N']:g}: outside of {forces}; build one for this force"
+        forces = f"the response's forces, {lowest:g} to {highest:g} N"
+        advice = "build a response for this force"
+        yield f"known force_N = {fixed['force_N']:g}: outside of {forces}; {advice}"

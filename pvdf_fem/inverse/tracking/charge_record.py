@@ -93,7 +93,12 @@ class ChargeRecord:
 
     @property
     def charges_pC(self) -> Array:
-        """Charges of all samples in pC, as an array of shape (samples, electrodes)."""
+        """Charges of all samples in pC.
+
+        Returns
+        -------
+        ndarray, shape (samples, electrodes)
+        """
         return np.array([sample.charges_pC for sample in self.samples])
 
     @property
@@ -174,7 +179,7 @@ class ChargeRecord:
         if not count:
             return False
         largest = self.largest
-        residual, noise_variance = self._average(-count, count)
+        residual, noise_variance = self._average_charges(-count, count)
         variance = self.accumulated_variance + noise_variance
         if _is_within_noise(residual, variance):
             # Charges that have not exceeded their noise so far may still grow.
@@ -199,13 +204,13 @@ class ChargeRecord:
         count = max(self.options.min_still_samples, int(fraction * len(self.samples)))
         if len(self.samples) <= 2 * count:
             return 0
-        earlier, earlier_noise = self._average(-2 * count, count)
-        later, later_noise = self._average(-count, count)
+        earlier, earlier_noise = self._average_charges(-2 * count, count)
+        later, later_noise = self._average_charges(-count, count)
         walk = self._compute_variance_since(self.samples[-2 * count])
         is_still = _is_within_noise(later - earlier, walk + earlier_noise + later_noise)
         return count if is_still else 0
 
-    def _average(self, first: int, count: int) -> tuple[Array, Array]:
+    def _average_charges(self, first: int, count: int) -> tuple[Array, Array]:
         """Average the charges of consecutive samples, weighted by the inverse noise variance.
 
         Parameters
@@ -256,7 +261,7 @@ class ChargeRecord:
         conditional mean is subtracted. `end_s` becomes the last time at which the charges differed
         significantly from the residual.
         """
-        residual, noise_variance = self._average(-self.still_count, self.still_count)
+        residual, noise_variance = self._average_charges(-self.still_count, self.still_count)
         direction = self.largest.direction
         total = self.accumulated_variance + noise_variance
         pressed = self.samples[: -self.still_count]
@@ -269,10 +274,14 @@ class ChargeRecord:
         limits = 4.0 * np.sqrt(np.array(variances) @ np.square(direction))
         is_changed = np.flatnonzero(sizes > limits)
         self.end_s = pressed[max(is_changed, default=0)].time_s
-        self.samples = [self._condition(sample, residual, total) for sample in self.samples]
+        self.samples = [
+            self._condition_on_residual(sample, residual, total) for sample in self.samples
+        ]
         self.largest_index = int(np.argmax(np.linalg.norm(self.charges_pC, axis=1)))
 
-    def _condition(self, sample: ChargeSample, residual: Array, total: Array) -> ChargeSample:
+    def _condition_on_residual(
+        self, sample: ChargeSample, residual: Array, total: Array
+    ) -> ChargeSample:
         """Return a copy of a sample whose errors are conditioned on the residual at the end.
 
         Parameters

@@ -10,7 +10,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.inverse.least_squares import SearchOptions, run_levenberg_marquardt
-from pvdf_fem.inverse.touch.location import AMBIGUOUS_SHARE
+from pvdf_fem.inverse.touch.location import MIN_ALTERNATIVE_WEIGHT
 from pvdf_fem.inverse.touch.location_problem import SEARCH_MARGIN, LocationProblem
 from pvdf_fem.inverse.touch.measurement import compute_unloaded_charges
 from pvdf_fem.inverse.touch.search import DEFAULT_OPTIONS, make_location, search_everywhere
@@ -40,7 +40,12 @@ class CandidateTouches:
 
     @property
     def likeliest(self) -> Array:
-        """Coordinates of the likeliest touch, as an array of shape (4,)."""
+        """Coordinates of the likeliest touch.
+
+        Returns
+        -------
+        ndarray, shape (4,)
+        """
         return np.asarray(self.coordinates[0])
 
     def __len__(self) -> int:
@@ -140,7 +145,7 @@ class ContactProblem(LocationProblem):
             Coordinates.
         """
         reach_mm = SEARCH_MARGIN * self.response.domain.reach_mm
-        return self.project_onto(at, reach_mm, *self.log_force_range)
+        return self.project_within(at, reach_mm, *self.log_force_range)
 
     def linearise(self, at: Array, rows: Indices | None = None) -> Array:
         """Compute whitened residuals and their derivatives, also outside the response's forces.
@@ -211,7 +216,7 @@ class ContactProblem(LocationProblem):
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = search_everywhere(problem, self.fixed, DEFAULT_OPTIONS)
             location = make_location(problem, ends)
-        touches = [touch for touch in location.touches if touch.weight > AMBIGUOUS_SHARE]
+        touches = [touch for touch in location.touches if touch.weight > MIN_ALTERNATIVE_WEIGHT]
         if not touches or touches[0].force_N < self.response.domain.force_N[0]:
             return None
         coordinates = problem.to_coordinates(np.array([touch.values for touch in touches]))

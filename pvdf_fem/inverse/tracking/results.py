@@ -57,7 +57,7 @@ class TrackRow(Result):
         """Return the row as a line of text."""
         line = f"{self._format_time()} s{self._format_quantities()}"
         if self.alternatives > 1:
-            line += f"; {self.alternatives} places are likely"
+            line += f"; {self.alternatives} touches are likely"
         if self.touch and not self.alternatives:
             line += "; not located"
         if self.touch and self.status not in (TrackStatus.TOUCH, TrackStatus.STARTING):
@@ -86,6 +86,7 @@ class TrackRow(Result):
         return text
 
     def _format_time(self) -> str:
+        """Format the time of the sample in s."""
         return f"{self.t_s:.4f}"
 
     def to_json(self) -> dict[str, Any]:
@@ -111,4 +112,5 @@ class TouchSummary(TrackRow):
     impulse_N_s: float = math.nan
 
     def _format_time(self) -> str:
+        """Format the times of the begin and the end of the touch in s."""
         return f"{self.onset_s:.4f} to {self.end_s:.4f}"

@@ -17,7 +17,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import make_channels
-from pvdf_fem.inverse.touch.locate import PLACE_AND_FORCE, get_scene_quantities
+from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE, get_scene_quantities
 from pvdf_fem.inverse.touch.measurement import get_centre_mm
 from pvdf_fem.inverse.touch.validation import find_quantity_errors
 from pvdf_fem.inverse.tracking.baseline import Baseline
@@ -73,7 +73,7 @@ class Tracker:
         self,
         response: ChargeFunction,
         *,
-        unknown: Sequence[str] = PLACE_AND_FORCE,
+        unknown: Sequence[str] = POSITION_AND_FORCE,
         unit: str = "V",
         options: TrackOptions = DEFAULTS,
     ) -> None:
@@ -165,7 +165,18 @@ class Tracker:
         return replace(row, missing=" ".join(missing)) if missing else row
 
     def _coerce_readings(self, readings: Mapping[str, float] | Sequence[float]) -> Array:
-        """Convert the readings to an array of shape (electrodes,), NaN where they are missing."""
+        """Convert the readings to an array in the order of the electrodes.
+
+        Parameters
+        ----------
+        readings : mapping of str to float, or sequence of float
+            See `update`.
+
+        Returns
+        -------
+        ndarray, shape (electrodes,)
+            Readings, NaN where they are missing.
+        """
         names = self.response.names
         if isinstance(readings, Mapping):
             unknown = readings.keys() - {*names}

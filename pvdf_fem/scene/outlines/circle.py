@@ -1,4 +1,4 @@
-"""The outline of a disc."""
+"""The outline of a circle."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ class Circle(Ellipse):
 
     Parameters
     ----------
-    centre : ndarray, shape (2,)
-        In m.
+    centre : array_like, shape (2,)
+        Centre in m.
     radius : float
-        In m.
+        Radius in m.
     """
 
     def __init__(self, centre: ArrayLike, radius: float) -> None:
@@ -30,12 +30,12 @@ class Circle(Ellipse):
 
     @property
     def reach(self) -> float:
-        """Largest distance of a point of the circle from the film's centre, in m."""
+        """Maximum distance of the circle's points from the film's centre, in m."""
         return float(np.linalg.norm(self.centre) + self.radius)
 
     @property
     def defining_points(self) -> Array:
-        """The centre (1, 2) in m."""
+        """The centre in m, shape (1, 2)."""
         return self.centre[None]
 
     @property
@@ -44,5 +44,5 @@ class Circle(Ellipse):
         return self.radius
 
     def transform(self, frame: Array, shift: Array | float = 0.0) -> Circle:
-        """Return the circle after a rotation or reflection and a shift; see `Outline.transform`."""
+        """Return a transformed copy; see `Outline.transform`."""
         return Circle(frame @ self.centre + shift, self.radius)

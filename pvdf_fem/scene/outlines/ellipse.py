@@ -11,20 +11,20 @@ import shapely
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.outlines.outline import EllipseCurve, Outline
 
-#: Number of corners of an inscribed polygon, and of starting points of a search along an ellipse.
+#: Number of corners of an inscribed polygon, and of points of the coarsest grid along an ellipse.
 CORNERS = 256
 
 
 @dataclass(frozen=True, eq=False)
 class Ellipse(Outline):
-    """The image of the unit circle under z -> centre + axes z; arrays are stored read-only.
+    """An ellipse: the image of the unit circle under the map z -> centre + axes z.
 
     Parameters
     ----------
     centre : ndarray, shape (2,)
-        In m.
+        Centre in m; stored as a read-only copy.
     first : ndarray, shape (2,)
-        From the centre to the end of one of the semi-axes, in m.
+        Vector from the centre to an end of one semi-axis in m; stored as a read-only copy.
     second : float
         Length of the other semi-axis in m.
     """
@@ -41,7 +41,7 @@ class Ellipse(Outline):
 
     @cached_property
     def axes(self) -> Array:
-        """Semi-axes in m as orthogonal columns (2, 2), the second one 90° after the first one."""
+        """Semi-axes in m as columns, the second rotated by 90° from the first, shape (2, 2)."""
         x, y = self.first
         across = np.array([-y, x]) * self.second / np.hypot(x, y)
         return np.stack([self.first, across], axis=-1)
@@ -53,21 +53,32 @@ class Ellipse(Outline):
 
     @property
     def centroid(self) -> Array:
-        """The centre (2,) in m."""
+        """The centre in m, shape (2,)."""
         return self.centre
 
     @property
     def boundary(self) -> tuple[EllipseCurve]:
-        """The ellipse as its only piece."""
+        """The whole ellipse as the only piece."""
         return (EllipseCurve(self.centre, self.axes),)
 
     @cached_property
     def inscribed_polygon(self) -> shapely.Polygon:
-        """A polygon with `CORNERS` corners on the ellipse."""
+        """A polygon whose `CORNERS` corners are on the ellipse."""
         return shapely.Polygon(self.compute_points(_make_even_angles()))
 
     def compute_points(self, angles: Array) -> Array:
-        """Compute the images (n, 2) in m of the points at angles (n,) on the unit circle."""
+        """Compute points on the ellipse.
+
+        Parameters
+        ----------
+        angles : ndarray, shape (n,)
+            Angles on the unit circle in radians; the ellipse is the circle's image.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            Points in m.
+        """
         on_circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         return self.centre + on_circle @ self.axes.T
 
@@ -77,16 +88,17 @@ class Ellipse(Outline):
         Parameters
         ----------
         points : ndarray, shape (n, 2)
-            In m.
+            Points in m.
 
         Returns
         -------
         ndarray, shape (n,)
-            In m, exact to first order next to the boundary.
+            Distances in m, correct to first order close to the boundary.
 
         Notes
         -----
-        The distances are f / |grad f| with f = |z| - 1 at the point's inverse image z.
+        The distances are f / |grad f| with f = |z| - 1, where z is the inverse image of the point
+        under the map from the unit circle.
         """
         to_disc = np.linalg.inv(self.axes)
         z = (points - self.centre) @ to_disc.T
@@ -96,7 +108,7 @@ class Ellipse(Outline):
         return (radius - 1.0) / np.linalg.norm(outward @ to_disc, axis=1)
 
     def compute_depth_in(self, other: Outline) -> float:
-        """Compute how deep the ellipse reaches into another outline, in m; negative outside.
+        """Compute the maximum depth of the ellipse's points in another outline.
 
         Parameters
         ----------
@@ -106,11 +118,12 @@ class Ellipse(Outline):
         Returns
         -------
         float
+            Depth in m, negative if the whole ellipse is outside.
 
         Notes
         -----
-        Around each point of a grid that is deeper than its neighbours, finer and finer grids are
-        searched. The error of the depth is quadratic in the distance of neighbours.
+        A grid along the ellipse is refined around each local maximum, until its spacing is 1e-8
+        radians. The error of the depth is quadratic in the spacing.
         """
         angles = _make_even_angles()
         step = angles[1]
@@ -130,31 +143,32 @@ class Ellipse(Outline):
         return deepest
 
     def compute_arc_midpoints(self, starts: Array, ends: Array) -> Array:
-        """Compute midside nodes that give curved elements the area of the ellipse.
+        """Compute midside nodes with which curved elements have the area of the ellipse.
 
         Parameters
         ----------
         starts, ends : ndarray, shape (n, 2)
-            Ends of the elements' sides on the ellipse, in m.
+            Ends of element sides on the ellipse, in m.
 
         Returns
         -------
         ndarray, shape (n, 2)
-            In m.
+            Midside nodes in m.
 
         Notes
         -----
-        A quadratic arc through three points of the unit circle lies inside the circle, so the
-        midpoints are moved outwards. With the area right, the remaining error changes its sign
-        along the arc, and has no effect far from it. The map to the ellipse is linear and keeps the
-        ratio of areas.
+        A quadratic arc through three points of the unit circle encloses too small an area, so its
+        midpoint is moved outwards to the radius cos h + 3/4 (h - sin h cos h) / sin h, where h is
+        half the angle of the arc. The remaining error changes its sign along the arc, so that its
+        effect decays quickly with the distance. The linear map to the ellipse preserves ratios of
+        areas.
         """
         to_disc = np.linalg.inv(self.axes)
         a = (starts - self.centre) @ to_disc.T
         b = (ends - self.centre) @ to_disc.T
         half_angle = np.arcsin(0.5 * np.linalg.norm(a - b, axis=1))
-        # the area between the quadratic arc and its chord is (4/3) (r - cos) sin, and between the
-        # circle and the chord half_angle - sin cos
+        # between arc and chord, the quadratic arc with its midpoint at the radius r encloses the
+        # area 4/3 (r - cos h) sin h, and the circle encloses h - sin h cos h
         sine = np.sin(half_angle)
         cosine = np.cos(half_angle)
         radius = cosine + 0.75 * (half_angle - sine * cosine) / sine
@@ -163,19 +177,19 @@ class Ellipse(Outline):
         return self.centre + radius[:, None] * outward @ self.axes.T
 
     def make_boundary_rule(self, count: int) -> tuple[Array, Array]:
-        """Make a quadrature rule on the boundary, `count` points per quarter.
+        """Make a quadrature rule on the boundary, with points at equal angles.
 
         Parameters
         ----------
         count : int
-            Number of points per side or quarter.
+            Number of points per quarter of the ellipse.
 
         Returns
         -------
         points : ndarray, shape (4 count, 2)
-            In m.
+            Quadrature points in m.
         normals : ndarray, shape (4 count, 2)
-            Outward unit normals times weights in m.
+            Outward unit normals multiplied by the quadrature weights in m.
         """
         step = 0.5 * np.pi / count
         angles = step * np.arange(4.0 * count)
@@ -185,31 +199,31 @@ class Ellipse(Outline):
 
     @cached_property
     def reach(self) -> float:
-        """Largest distance of a point of the ellipse from the film's centre, in m."""
-        # at z = exp(it) the derivative of |centre + axes (cos t, sin t)|² is a polynomial of
-        # degree 4 over z²
+        """Maximum distance of the ellipse's points from the film's centre, in m."""
+        # the extrema over t of |centre + axes (cos t, sin t)|² are at roots z = exp(it) of a
+        # polynomial of degree 4, since the derivative is this polynomial divided by z²
         p, q = self.centre @ self.axes
         a, b = (self.axes**2).sum(axis=0)
         powers = np.array([b - a, 2j * q - 2.0 * p, 0.0, 2j * q + 2.0 * p, a - b])
-        powers[np.abs(powers) < 1e-30 * (a + b)] = 0.0  # their quotients overflow
+        powers[np.abs(powers) < 1e-30 * (a + b)] = 0.0  # np.roots divides by the leading one
         angles = np.append(np.angle(np.roots(powers)), 0.0)
         return float(np.linalg.norm(self.compute_points(angles), axis=1).max())
 
     @property
     def lower_left(self) -> Array:
-        """Least x and least y (2,) in m."""
+        """Minimum x and minimum y in m, shape (2,)."""
         return self.centre - np.linalg.norm(self.axes, axis=1)
 
     @cached_property
     def defining_points(self) -> Array:
-        """The ends (4, 2) of the axes in m."""
+        """The ends of the axes in m, shape (4, 2)."""
         return self.centre + np.concatenate([self.axes.T, -self.axes.T])
 
     def transform(self, frame: Array, shift: Array | float = 0.0) -> Ellipse:
-        """Return the ellipse after a rotation or reflection and a shift; see `Outline`."""
+        """Return a transformed copy; see `Outline.transform`."""
         return Ellipse(frame @ self.centre + shift, frame @ self.first, second=self.second)
 
 
 def _make_even_angles() -> Array:
-    """Make `CORNERS` angles at even distances around the unit circle."""
+    """Make `CORNERS` evenly spaced angles in radians, from 0 on."""
     return 2.0 * np.pi * np.arange(CORNERS) / CORNERS

@@ -1,7 +1,8 @@
-"""Common interface of the outlines of probes, electrodes and patches, in metres.
+"""Common interface of the outlines of probes, electrodes and patches.
 
-The origin is the film's centre. Areas, centroids and reaches are exact, without an approximating
-polygon. The shapes in `pvdf_fem.scene.shapes` make outlines from their sizes.
+Coordinates are in m, with the origin at the film's centre. Area, centroid and reach are exact
+rather than those of an approximating polygon. The shapes in `pvdf_fem.scene.shapes` make outlines
+from their sizes.
 """
 
 from __future__ import annotations
@@ -19,24 +20,25 @@ from shapely import affinity
 
 from pvdf_fem.arrays import Array
 
-#: Lengths closer than this, relative to the distance from the film's centre, count as equal.
+#: Relative tolerance of lengths: points closer than this fraction of their distance from the film's
+#: centre count as equal.
 LENGTH_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A straight piece of a boundary between two points (2,) in m."""
+    """A straight piece of a boundary."""
 
-    start: Array
-    end: Array
+    start: Array  #: In m, shape (2,).
+    end: Array  #: In m, shape (2,).
 
 
 @dataclass(frozen=True, eq=False)
 class EllipseCurve:
     """A whole ellipse as a boundary."""
 
-    centre: Array  #: In m, (2,).
-    axes: Array  #: The two semi-axes in m, as orthogonal columns, (2, 2).
+    centre: Array  #: In m, shape (2,).
+    axes: Array  #: The two semi-axes in m as orthogonal columns, shape (2, 2).
 
 
 class Outline(ABC):
@@ -44,7 +46,7 @@ class Outline(ABC):
 
     @property
     def corners(self) -> Array:
-        """Corners (n, 2) in m, counter-clockwise; a smooth outline has none."""
+        """Corners in m, counter-clockwise, shape (n, 2); a smooth outline has none."""
         return np.empty((0, 2))
 
     @property
@@ -55,50 +57,55 @@ class Outline(ABC):
     @cached_property
     def perimeter(self) -> float:
         """Length of the outline in m."""
-        _, normals = self.make_boundary_rule(1 if len(self.corners) else 1024)
+        _, normals = self.make_boundary_rule(1024 if self.is_curved else 1)
         return float(np.linalg.norm(normals, axis=1).sum())
 
     @property
     @abstractmethod
     def centroid(self) -> Array:
-        """Centroid (2,) in m."""
+        """Centroid in m, shape (2,)."""
 
     @property
     @abstractmethod
     def reach(self) -> float:
-        """Largest distance of a point of the outline from the film's centre, in m."""
+        """Maximum distance of the outline's points from the film's centre, in m."""
 
     @property
     @abstractmethod
     def lower_left(self) -> Array:
-        """Least x and least y (2,) in m."""
+        """Minimum x and minimum y in m, shape (2,)."""
 
     @property
     @abstractmethod
     def defining_points(self) -> Array:
-        """Points (n, 2) in m, counter-clockwise.
+        """Points in m that define the outline within its class, shape (n, 2).
 
-        They and `defining_length` define an outline among those of its class.
+        Some classes need `defining_length`, too. A closed sequence of points is counter-clockwise.
         """
 
     @property
     def defining_length(self) -> float:
-        """A length in m, such as the radius of a circle; 0 where the points are enough."""
+        """Length in m that the points do not determine, such as a circle's radius. Default: 0."""
         return 0.0
 
     @property
     @abstractmethod
     def boundary(self) -> tuple[Line | EllipseCurve, ...]:
-        """The pieces of the boundary, end to end."""
+        """The pieces of the boundary, each of which begins at the end of the one before."""
+
+    @property
+    def is_curved(self) -> bool:
+        """Whether a piece of the boundary is curved."""
+        return not all(isinstance(piece, Line) for piece in self.boundary)
 
     @property
     @abstractmethod
     def inscribed_polygon(self) -> shapely.Polygon:
-        """A polygon with its corners on the outline."""
+        """A polygon whose corners are on the outline."""
 
     @cached_property
     def equal_area_polygon(self) -> shapely.Polygon:
-        """A polygon with exactly the outline's area."""
+        """The inscribed polygon, enlarged about the centroid to the area of the outline."""
         inscribed = self.inscribed_polygon
         factor = float(np.sqrt(self.area / inscribed.area))
         x, y = self.centroid.tolist()
@@ -106,18 +113,19 @@ class Outline(ABC):
 
     @abstractmethod
     def transform(self, frame: Array, shift: Array | float = 0.0) -> Self:
-        """Return the outline after the map x -> frame x + shift.
+        """Return a copy that is transformed by the map x -> frame x + shift.
 
         Parameters
         ----------
         frame : ndarray, shape (2, 2)
             An orthogonal matrix: a rotation or a reflection.
-        shift : ndarray, shape (2,) or float
-            In m.
+        shift : ndarray, shape (2,), or float
+            Translation in m.
 
         Returns
         -------
         Outline
+            Of the same class.
         """
 
     @abstractmethod
@@ -127,38 +135,55 @@ class Outline(ABC):
         Parameters
         ----------
         points : ndarray, shape (n, 2)
-            In m.
+            Points in m.
 
         Returns
         -------
         ndarray, shape (n,)
-            In m. Distances are exact to first order next to the boundary, and have the right sign
+            Distances in m, correct to first order close to the boundary and with the correct sign
             everywhere.
         """
 
     @abstractmethod
     def compute_depth_in(self, other: Outline) -> float:
-        """Compute how deep the boundary reaches into another outline, in m; negative outside.
+        """Compute the maximum depth of the boundary's points in another outline.
+
+        Parameters
+        ----------
+        other : Outline
+            The other outline.
+
+        Returns
+        -------
+        float
+            Depth in m, negative if the whole boundary is outside.
 
         Notes
         -----
-        The depth is needed where two outlines overlap by little more than rounding. There a polygon
-        reaches in with its corners; where the other outline reaches into the sides of the polygon,
-        that outline has the larger depth.
+        `has_overlap` uses the larger of both outlines' depths to detect overlaps that are only
+        slightly larger than round-off. It is then enough that a polygon checks its corners: if the
+        other outline penetrates a side, the other outline has the larger depth.
         """
 
     def compute_arc_midpoints(self, starts: Array, ends: Array) -> Array:
-        """Compute midside nodes that give curved elements the area of a smooth outline.
+        """Compute midside nodes with which curved elements have the area of a curved outline.
+
+        Subclasses with curved boundaries override this method.
 
         Parameters
         ----------
         starts, ends : ndarray, shape (n, 2)
-            Ends in m of the elements' sides on a curved piece of the boundary.
+            Ends of element sides on a curved piece of the boundary, in m.
 
         Returns
         -------
         ndarray, shape (n, 2)
-            In m.
+            Midside nodes in m.
+
+        Raises
+        ------
+        NotImplementedError
+            If the boundary has no curved pieces.
         """
         raise NotImplementedError
 
@@ -174,13 +199,26 @@ class Outline(ABC):
         Returns
         -------
         points : ndarray, shape (n, 2)
-            In m.
+            Quadrature points in m.
         normals : ndarray, shape (n, 2)
-            Outward unit normals times weights in m.
+            Outward unit normals multiplied by the quadrature weights in m.
         """
 
     def coincides(self, other: Outline, slack: float) -> bool:
-        """Return whether another outline is the same, to `slack` in m in each coordinate."""
+        """Return whether another outline has the same class and the same geometry.
+
+        Parameters
+        ----------
+        other : Outline
+            The other outline.
+        slack : float
+            Maximum difference in m of each coordinate of the defining points, which may start at
+            another point, and of the defining length.
+
+        Returns
+        -------
+        bool
+        """
         points = self.defining_points
         other_points = other.defining_points
         if type(self) is not type(other) or len(points) != len(other_points):
@@ -198,13 +236,15 @@ class Outline(ABC):
         unit : float
             Unit of lengths in m.
         digits : int
-            Number of decimals to which lengths are rounded in this unit.
+            Number of decimals to which lengths in this unit are rounded.
 
         Returns
         -------
         tuple of str and float
-            Class, `defining_length`, and `defining_points` from the least one on.
+            Name of the class, `defining_length`, and the coordinates of `defining_points`, starting
+            from the lexicographically smallest point.
         """
+        # the sum turns -0.0 into 0.0, which has another text
         rounded = (np.round(self.defining_points / unit, digits) + 0.0).tolist()
         first = rounded.index(min(rounded))
         points = rounded[first:] + rounded[:first]
@@ -213,39 +253,43 @@ class Outline(ABC):
 
 
 def has_overlap(a: Outline, b: Outline) -> bool:
-    """Return whether the interiors of two outlines meet; outlines that touch do not overlap."""
+    """Return whether the interiors of two outlines intersect.
+
+    Outlines that only touch, up to `LENGTH_TOLERANCE`, do not overlap.
+    """
     polygon_a = a.inscribed_polygon
     polygon_b = b.inscribed_polygon
-    # chords are much nearer to their arcs
+    # this margin is much larger than the distance between an arc and its chord
     if not shapely.dwithin(polygon_a, polygon_b, 1e-4 * (a.perimeter + b.perimeter)):
         return False
     slack = LENGTH_TOLERANCE * max(a.reach, b.reach)
     common = polygon_a.intersection(polygon_b)
-    # 2 area / perimeter measures the width of the common part, however long it is
+    # 2 area / perimeter estimates the width of a narrow intersection, whatever its length
     if 2.0 * common.area > slack * common.length:
         return True
-    # an overlap between arcs and their chords is not seen by the polygons
+    # the polygons do not intersect if the outlines overlap only between arcs and their chords
     return max(a.compute_depth_in(b), b.compute_depth_in(a)) > slack
 
 
 def average_over(
     region: shapely.Geometry, field: Callable[[Array], Array], lines: int = 24
 ) -> float:
-    """Compute an approximate mean of a field over a region.
+    """Compute an approximate mean of a field over a region, from the values on a raster.
 
     Parameters
     ----------
     region : shapely.Geometry
-        In m.
+        The region, with coordinates in m.
     field : callable
-        From points (n, 2) in m to values (n,).
+        Function that maps points in m, an ndarray of shape (n, 2), to values of shape (n,).
     lines : int
-        Number of cells of a raster along x and along y. Where no centre of a cell is in the region,
-        one point of the region is taken.
+        Number of cells of the raster along x and along y. The field is evaluated at the centres of
+        cells in the region, or at one point of the region if there are none.
 
     Returns
     -------
     float
+        In the unit of the field.
     """
     low, high = np.reshape(region.bounds, (2, 2))
     cells = np.indices((lines, lines)).reshape(2, -1).T
@@ -261,14 +305,15 @@ def rotate(points: ArrayLike, angle_deg: float) -> Array:
 
     Parameters
     ----------
-    points : ndarray, shape (..., 2)
-        The points.
+    points : array_like, shape (..., 2)
+        Points in any unit.
     angle_deg : float
         Angle in degrees.
 
     Returns
     -------
     ndarray, shape (..., 2)
+        Rotated points in the same unit.
     """
     quarters, remainder = divmod(angle_deg, 90.0)
     cosine = np.cos(np.radians(remainder))

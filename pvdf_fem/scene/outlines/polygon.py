@@ -1,4 +1,4 @@
-"""The outline of a polygon, and the corners of common ones."""
+"""The outline of a polygon, and the corners of common polygons."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from pvdf_fem.scene.outlines.outline import Line, Outline
 
 
 class _Moments(NamedTuple):
-    """Signed area, positive for counter-clockwise vertices, and centroid (2,)."""
+    """Area and centroid of a polygon."""
 
-    area: float
-    centroid: Array
+    area: float  #: Positive for counter-clockwise vertices.
+    centroid: Array  #: Shape (2,).
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class Polygon(Outline):
     Parameters
     ----------
     vertices : ndarray, shape (n, 2)
-        In m, in either orientation; they are stored counter-clockwise and read-only.
+        Vertices in m, in order; stored as a read-only copy in counter-clockwise order.
     """
 
     vertices: Array
@@ -47,32 +47,32 @@ class Polygon(Outline):
 
     @cached_property
     def centroid(self) -> Array:
-        """Centroid (2,) in m."""
+        """Centroid in m, shape (2,)."""
         return _compute_moments(self.vertices).centroid
 
     @cached_property
     def reach(self) -> float:
-        """Largest distance of a vertex from the film's centre, in m."""
+        """Maximum distance of the vertices from the film's centre, in m."""
         return float(np.linalg.norm(self.vertices, axis=1).max())
 
     @cached_property
     def lower_left(self) -> Array:
-        """Least x and least y (2,) in m."""
+        """Minimum x and minimum y in m, shape (2,)."""
         return self.vertices.min(axis=0)
 
     @property
     def corners(self) -> Array:
-        """The vertices (n, 2) in m, counter-clockwise."""
+        """The vertices in m, counter-clockwise, shape (n, 2)."""
         return self.vertices
 
     @property
     def defining_points(self) -> Array:
-        """The vertices (n, 2) in m, counter-clockwise."""
+        """The vertices in m, counter-clockwise, shape (n, 2)."""
         return self.vertices
 
     @property
     def boundary(self) -> tuple[Line, ...]:
-        """The sides, end to end."""
+        """The sides, counter-clockwise."""
         ends = np.roll(self.vertices, -1, axis=0)
         return tuple(Line(start, end) for start, end in zip(self.vertices, ends, strict=True))
 
@@ -87,34 +87,34 @@ class Polygon(Outline):
         return self.inscribed_polygon
 
     def transform(self, frame: Array, shift: Array | float = 0.0) -> Polygon:
-        """Return the polygon after a rotation or reflection and a shift; see `Outline`."""
+        """Return a transformed copy; see `Outline.transform`."""
         return Polygon(self.vertices @ np.transpose(frame) + shift)
 
     def compute_signed_distances(self, points: Array) -> Array:
-        """Compute distances (n,) in m of points (n, 2) from the boundary, negative inside."""
-        places = shapely.points(points)
+        """Compute exact distances from the boundary; see `Outline.compute_signed_distances`."""
+        geometries = shapely.points(points)
         polygon = self.inscribed_polygon
-        distance = shapely.distance(polygon.exterior, places)
-        return np.where(shapely.contains(polygon, places), -distance, distance)
+        distance = shapely.distance(polygon.exterior, geometries)
+        return np.where(shapely.contains(polygon, geometries), -distance, distance)
 
     def compute_depth_in(self, other: Outline) -> float:
-        """Compute how deep a vertex reaches into another outline, in m; negative outside."""
+        """Compute the maximum depth of the vertices in another outline, in m, negative outside."""
         return -float(other.compute_signed_distances(self.vertices).min())
 
     def make_boundary_rule(self, count: int) -> tuple[Array, Array]:
-        """Make a Gauss-Legendre rule on the boundary, `count` points per side.
+        """Make a Gauss-Legendre rule on every side of the boundary.
 
         Parameters
         ----------
         count : int
-            Number of points per side or quarter.
+            Number of points per side.
 
         Returns
         -------
         points : ndarray, shape (sides count, 2)
-            In m.
+            Quadrature points in m.
         normals : ndarray, shape (sides count, 2)
-            Outward unit normals times weights in m.
+            Outward unit normals multiplied by the quadrature weights in m.
         """
         local, weights = _make_gauss_rule(count)
         starts = self.vertices[:, None]
@@ -126,7 +126,7 @@ class Polygon(Outline):
 
 @cache
 def _make_gauss_rule(count: int) -> tuple[Array, Array]:
-    """Make the points and weights (count,) of the Gauss-Legendre rule on [-1, 1], read-only."""
+    """Make the points and weights of the Gauss-Legendre rule on [-1, 1], as read-only arrays."""
     points, weights = np.polynomial.legendre.leggauss(count)
     points.setflags(write=False)
     weights.setflags(write=False)
@@ -134,34 +134,34 @@ def _make_gauss_rule(count: int) -> tuple[Array, Array]:
 
 
 def make_rectangle_corners(width: float, height: float) -> Array:
-    """Make the corners (4, 2) of a rectangle about the origin with its width along x."""
+    """Make the corners of a rectangle about the origin with its width along x, shape (4, 2)."""
     x = width / 2
     y = height / 2
     return np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
 
 
 def make_triangle_corners(side: float) -> Array:
-    """Make the corners (3, 2) of an equilateral triangle about the origin, one of them on +y."""
+    """Make the corners of an equilateral triangle about the origin, one on +y, shape (3, 2)."""
     height = side * np.sqrt(3.0) / 2
     return np.array([[0.0, 2 * height / 3], [-side / 2, -height / 3], [side / 2, -height / 3]])
 
 
 def find_polygon_defect(vertices: Sequence[Sequence[float]]) -> str | None:
-    """Find the reason why vertices are not a simple polygon that can be meshed.
+    """Find out why vertices do not form a simple polygon that can be meshed.
 
     Parameters
     ----------
     vertices : sequence of pairs of float
-        In any unit.
+        Vertices in any unit, in order.
 
     Returns
     -------
     str or None
-        None for a simple polygon.
+        The reason in words; None for a simple polygon without details that are too small.
     """
     points = np.asarray(vertices, dtype=float)
     extent = float(np.ptp(points, axis=0).max())
-    smallest_detail = 1e-6 * extent  # smaller details cannot be meshed
+    smallest_detail = 1e-6 * extent  # gmsh cannot mesh smaller details
     gaps = np.linalg.norm(points - np.roll(points, -1, axis=0), axis=1)
     repeats = np.flatnonzero(gaps <= smallest_detail)
     if repeats.size:
@@ -178,9 +178,9 @@ def find_polygon_defect(vertices: Sequence[Sequence[float]]) -> str | None:
 
 
 def _compute_moments(vertices: Array) -> _Moments:
-    """Compute signed area and centroid by Green's theorem.
+    """Compute signed area and centroid of a polygon by Green's theorem.
 
-    Vertices (n, 2) are taken relative to the first one, which avoids cancellation.
+    Vertices are taken relative to the first one to avoid cancellation.
     """
     starts = vertices - vertices[0]
     ends = np.concatenate([starts[1:], starts[:1]])

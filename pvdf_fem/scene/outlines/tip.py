@@ -1,9 +1,9 @@
-"""Rounded tips: the height over the film's plane of a rigid probe.
+"""Indenter tips: the height of a rigid, rounded probe as a function of the position.
 
-A tip is the region that a ball covers which rolls over a flat face: over a point it is a sphere,
-over a disc or a polygon it is a flat face with a rounded edge. The height over its lowest point is
-z = rho - sqrt(rho^2 - d^2) at the distance d from the face, where rho is the radius of the ball. A
-tip of another kind is a class with its own distances.
+The surface of a tip is the lower envelope of balls of radius rho whose lowest points lie on a flat
+face. If the face is a point, the tip is a sphere; if it is a disc or a polygon, the tip has a flat
+face with a rounded edge. At the distance d from the face, the height above the lowest point is
+z = rho - sqrt(rho^2 - d^2). To add a kind of tip, write a class that computes these distances.
 """
 
 from __future__ import annotations
@@ -22,52 +22,84 @@ from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.polygon import Polygon
 
-#: Share of the edge's radius up to which the height follows the ball. Farther out a parabola keeps
-#: the heights finite for iterates there.
-STEEPEST = 0.99
+#: Distance from the face, as a fraction of rho, up to which the height is that of a ball. Farther
+#: out a parabola continues the height, so that it is finite for all iterates of a solver.
+MAX_RELATIVE_DISTANCE = 0.99
 
 
 class Distances(NamedTuple):
-    """Distances from a flat face at n points."""
+    """Distances of n points from a flat face, with their derivatives."""
 
-    value: Array  #: In m, (n,).
-    normal: Array  #: Gradient, (n, 2).
-    curvature: Array  #: Curvature of the lines of equal distance in 1/m, (n,).
+    value: Array  #: Distance in m, zero on the face, shape (n,).
+    normal: Array  #: Gradient of the distance, zero on the face, shape (n, 2).
+    curvature: Array  #: Curvature of the lines of equal distance in 1/m, shape (n,).
 
 
 class Height(NamedTuple):
-    """Height over the lowest point of a tip at n points."""
+    """Height above the lowest point of a tip at n points, with its derivatives."""
 
-    value: Array  #: In m, (n,).
-    slope: Array  #: Gradient, (n, 2).
-    hessian: Array  #: In 1/m, (n, 2, 2).
+    value: Array  #: Height in m, shape (n,).
+    slope: Array  #: Gradient, shape (n, 2).
+    hessian: Array  #: Second derivatives in 1/m, shape (n, 2, 2).
 
 
 class Tip(ABC):
     """A rigid tip above the film."""
 
-    radius: float  #: Radius of the rounding in m.
+    radius: float  #: Radius rho of the rounding in m.
 
     @abstractmethod
     def compute_distances(self, points: Array) -> Distances:
-        """Compute the distances of points (n, 2) in m from the face; zero on it."""
+        """Compute the distances of points from the face.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 2)
+            Points in m.
+
+        Returns
+        -------
+        Distances
+        """
 
     @abstractmethod
     def make_offset_outline(self, distance: float) -> Outline:
-        """Make the outline around the points nearer to the face than a distance in m."""
+        """Make the outline at a distance in m from the face."""
 
     @abstractmethod
     def fit_outline(self, points: Array) -> Outline:
-        """Fit an outline to points (n, 2) in m about the face, ordered counter-clockwise."""
+        """Fit an outline to points around the face.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 2)
+            Points in m in counter-clockwise order.
+
+        Returns
+        -------
+        Outline
+        """
 
     @abstractmethod
     def move(self, motion: Array, stretch: float) -> Self:
-        """Return the tip moved by `motion` (2,) in m, its face larger by the factor 1 + stretch."""
+        """Return a copy that is moved, and whose face is enlarged about its centroid.
+
+        Parameters
+        ----------
+        motion : ndarray, shape (2,)
+            Displacement in m.
+        stretch : float
+            Relative increase of the face's size: lengths of the face grow by 1 + stretch.
+
+        Returns
+        -------
+        Tip
+        """
 
     @property
     @abstractmethod
     def face(self) -> Outline | None:
-        """The outline of the flat face, where the tip's curvature jumps; a sphere has none."""
+        """Outline of the flat face, where the tip's curvature jumps; None for a sphere."""
 
     @property
     @abstractmethod
@@ -75,19 +107,21 @@ class Tip(ABC):
         """Length of the face's outline in m; 0 for a sphere."""
 
     def compute_profile(self, distances: Array) -> tuple[Array, Array, Array]:
-        """Compute the height over the lowest point as a function of the distance from the face.
+        """Compute the height above the lowest point as a function of the distance from the face.
 
         Parameters
         ----------
         distances : ndarray, shape (n,)
-            In m; 0 on the face.
+            Distances in m; 0 on the face.
 
         Returns
         -------
-        value, first, second : ndarray, shape (n,)
-            Height in m with its first and second derivatives.
+        value : ndarray, shape (n,)
+            Height in m.
+        first, second : ndarray, shape (n,)
+            First and second derivative with respect to the distance, the second one in 1/m.
         """
-        largest = STEEPEST * self.radius
+        largest = MAX_RELATIVE_DISTANCE * self.radius
         on_ball = np.clip(distances, 0.0, largest)
         root = np.sqrt(self.radius**2 - on_ball**2)
         beyond = np.maximum(distances - largest, 0.0)
@@ -97,7 +131,23 @@ class Tip(ABC):
         return value, first, second
 
     def compute_height(self, points: Array) -> Height:
-        """Compute the height of the tip at points (n, 2) in m."""
+        """Compute the height of the tip above its lowest point.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 2)
+            Points in m.
+
+        Returns
+        -------
+        Height
+
+        Notes
+        -----
+        With the distance d from the face, its gradient n, the curvature κ of the lines of equal
+        distance and the height z(d), the Hessian is z'' n nᵀ + κ z' (I - n nᵀ). At the lowest point
+        of a sphere it is I / rho, and on a flat face it is zero up to the jump at its edge.
+        """
         distances = self.compute_distances(points)
         d = distances.value
         n = distances.normal
@@ -117,9 +167,9 @@ class DiscTip(Tip):
     Parameters
     ----------
     centre : ndarray, shape (2,)
-        In m.
+        Position of the centre in m.
     radius : float
-        Radius of the rounding in m.
+        Radius rho of the rounded edge, or of the sphere, in m.
     face_radius : float
         Radius of the flat face in m; 0 for a sphere.
     """
@@ -129,7 +179,7 @@ class DiscTip(Tip):
     face_radius: float = 0.0
 
     def move(self, motion: Array, stretch: float) -> DiscTip:
-        """Return the tip moved by `motion` (2,) in m, its face larger by the factor 1 + stretch."""
+        """Return a copy that is moved, and whose face is enlarged; see `Tip.move`."""
         face_radius = (1.0 + stretch) * self.face_radius
         return replace(self, centre=self.centre + motion, face_radius=face_radius)
 
@@ -144,12 +194,12 @@ class DiscTip(Tip):
         return 2.0 * np.pi * self.face_radius
 
     def compute_distances(self, points: Array) -> Distances:
-        """Compute the distances of points (n, 2) in m from the face; zero on it."""
+        """Compute the distances of points from the face; see `Tip.compute_distances`."""
         offsets = points - self.centre
         r = np.linalg.norm(offsets, axis=1)
         is_outside = (r > self.face_radius) & (r > 0.0)
         safe_r = np.where(is_outside, r, 1.0)
-        # a sphere is curved at its lowest point as everywhere: a finite curvature marks that
+        # a positive curvature tells compute_height that a sphere is curved at its lowest point, too
         curvature_inside = 1.0 if self.face_radius == 0.0 else 0.0
         curvature = np.where(is_outside, 1.0 / safe_r, curvature_inside)
         normal = np.where(is_outside[:, None], offsets / safe_r[:, None], 0.0)
@@ -157,16 +207,16 @@ class DiscTip(Tip):
         return Distances(value, normal, curvature=curvature)
 
     def make_offset_outline(self, distance: float) -> Circle:
-        """Make the circle around the points nearer to the face than a distance in m."""
+        """Make the circle at a distance in m from the face."""
         return Circle(self.centre, self.face_radius + distance)
 
     def fit_outline(self, points: Array) -> Ellipse:
-        """Fit an ellipse to points (n, 2) in m, by least squares of a conic's equation.
+        """Fit an ellipse to points by linear least squares.
 
         Parameters
         ----------
         points : ndarray, shape (n, 2)
-            In m.
+            Points in m.
 
         Returns
         -------
@@ -174,8 +224,9 @@ class DiscTip(Tip):
 
         Notes
         -----
-        In units of the mean distance from the centre the conic is
-        x² + y² + a (x² - y²) + 2 b x y + c x + d y + e = 0.
+        The sum of the squared residuals of the conic's equation
+        x² + y² + a (x² - y²) + 2 b x y + c x + d y + e = 0 is minimized over a to e. Here x
+        and y are relative to the tip's centre, in units of the points' mean distance from it.
         """
         scale = float(np.linalg.norm(points - self.centre, axis=1).mean())
         x, y = ((points - self.centre) / scale).T
@@ -193,8 +244,8 @@ class DiscTip(Tip):
 class _Sides(NamedTuple):
     """The sides of a polygon."""
 
-    starts: Array  #: In m, (sides, 2).
-    vectors: Array  #: From start to end in m, (sides, 2).
+    starts: Array  #: In m, shape (sides, 2).
+    vectors: Array  #: From start to end in m, shape (sides, 2).
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,23 +255,23 @@ class PolygonTip(Tip):
     Parameters
     ----------
     polygon : Polygon
-        The flat face.
+        Outline of the flat face, without the rounded edge.
     radius : float
-        Radius of the rounding in m.
+        Radius rho of the rounded edge in m.
     """
 
     polygon: Polygon
     radius: float
 
     def move(self, motion: Array, stretch: float) -> PolygonTip:
-        """Return the tip moved by `motion` (2,) in m, its face larger by the factor 1 + stretch."""
+        """Return a copy that is moved, and whose face is enlarged; see `Tip.move`."""
         vertices = self.polygon.vertices
         offsets = vertices - self.polygon.centroid
         return replace(self, polygon=Polygon(vertices + motion + stretch * offsets))
 
     @property
     def face(self) -> Polygon:
-        """The outline of the flat face."""
+        """Outline of the flat face."""
         return self.polygon
 
     @property
@@ -234,7 +285,7 @@ class PolygonTip(Tip):
         return _Sides(starts, np.roll(starts, -1, axis=0) - starts)
 
     def compute_distances(self, points: Array) -> Distances:
-        """Compute the distances of points (n, 2) in m from the face; zero on it."""
+        """Compute the distances of points from the face; see `Tip.compute_distances`."""
         starts, vectors = self._sides
         offsets = points[:, None] - starts
         along = (offsets * vectors).sum(axis=-1) / (vectors**2).sum(axis=-1)
@@ -257,29 +308,29 @@ class PolygonTip(Tip):
         return Distances(value, normal, curvature=is_at_corner / safe_value)
 
     def make_offset_outline(self, distance: float) -> Polygon:
-        """Make a polygon around the points nearer to the face than a distance in m."""
+        """Make a polygon with few corners at about a distance in m from the face."""
         offset = self.polygon.inscribed_polygon.buffer(distance, quad_segs=4)
         return _simplify(offset, distance)
 
     def fit_outline(self, points: Array) -> Polygon:
-        """Fit a polygon with few corners to points (n, 2) in m, ordered counter-clockwise."""
+        """Fit a polygon with few corners to points around the face; see `Tip.fit_outline`."""
         shape = shapely.Polygon(points)
-        if not shape.is_valid:  # gmsh does not end on sides that cross at a narrow corner
+        if not shape.is_valid:  # gmsh would not terminate if sides crossed at a narrow corner
             shape = max(shapely.get_parts(shape.buffer(0.0)), key=shapely.area)
         return _simplify(shape, float(self.compute_distances(points).value.mean()))
 
 
 def _simplify(shape: shapely.Polygon, width: float, detail: float = 0.03) -> Polygon:
-    """Make a polygon with few corners from a shape.
+    """Simplify a polygon to one with fewer corners.
 
     Parameters
     ----------
     shape : shapely.Polygon
-        In m.
+        The polygon, with coordinates in m.
     width : float
-        Width of a strip in m, of which sides move by at most the share `detail`.
+        Width in m of the strip between the face and the polygon.
     detail : float
-        Share of the width by which a side may move.
+        Maximum deviation of the sides, as a fraction of `width`.
 
     Returns
     -------
@@ -294,9 +345,9 @@ def make_tip(outline: Outline, edge_radius_mm: float | None) -> Tip:
     Parameters
     ----------
     outline : Outline
-        Outline of the probe in m.
+        Outline of the probe, including its rounded edge, in m.
     edge_radius_mm : float or None
-        Radius of its rounded edge, of a sphere the sphere's radius.
+        Radius of the rounded edge, or of a sphere; None for a sharp edge.
 
     Returns
     -------
@@ -305,20 +356,20 @@ def make_tip(outline: Outline, edge_radius_mm: float | None) -> Tip:
     Raises
     ------
     ValueError
-        With the reason, for an outline that is no tip.
+        If the probe cannot be a tip; the message is the reason.
     """
     radius = (edge_radius_mm or 0.0) / 1e3
     if not radius:
-        raise ValueError("has a sharp edge")
+        raise ValueError("has a sharp edge, but a contact requires a rounded one")
     if isinstance(outline, Circle) and outline.radius >= radius:
         return DiscTip(outline.centre, radius, face_radius=outline.radius - radius)
     if isinstance(outline, Polygon):
         polygon = outline.inscribed_polygon
         face = polygon.buffer(-radius, join_style="mitre")
         if not np.isclose(polygon.convex_hull.area, outline.area, rtol=1e-9):
-            raise ValueError("is not a tip, since it is not convex")
+            raise ValueError("requires a convex polygon")
         if not face.is_empty:
             return PolygonTip(Polygon(np.array(face.exterior.coords)[:-1]), radius)
     if isinstance(outline, Circle | Polygon):
-        raise ValueError(f"leaves no flat face with an edge of {1e3 * radius:g} mm")
-    raise ValueError("cannot have a rounded edge; choose a circle or a polygon")
+        raise ValueError("is too large, since it leaves no flat face")
+    raise ValueError("requires a circle or a convex polygon")

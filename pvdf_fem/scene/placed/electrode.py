@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 from pvdf_fem.scene.keys import Key, make_validation_error
 from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.placed.placed_shape import PlacedShape, ShapedTable, tag_table_or_list
-from pvdf_fem.scene.shapes.shape import PLACE, SIZE
+from pvdf_fem.scene.shapes.shape import COORDINATE, SIZE
 
 
 def _check_name(name: str) -> str:
@@ -32,8 +32,8 @@ class Electrode(PlacedShape):
 
     name: Annotated[str, AfterValidator(_check_name), Key(example="A")]
     """A name that no other electrode has."""
-    x_mm: Annotated[float, PLACE]
-    y_mm: Annotated[float, PLACE]
+    x_mm: Annotated[float, COORDINATE]
+    y_mm: Annotated[float, COORDINATE]
 
 
 class Layout(ShapedTable):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pvdf_fem.scene.keys import Affects, Key
 from pvdf_fem.scene.placed.placed_shape import PlacedShape
-from pvdf_fem.scene.shapes.shape import PLACE
+from pvdf_fem.scene.shapes.shape import COORDINATE
 
 # Keys that the materials of film and patches have in common.
 MODULUS = Key(
@@ -44,8 +44,8 @@ class Patch(PlacedShape):
         float | None, Key("1/K", (-0.1, 0.1), needs=("bonded", "before stretching"), example=1e-5)
     ] = None
     """Coefficient of thermal expansion."""
-    x_mm: Annotated[float, PLACE]
-    y_mm: Annotated[float, PLACE]
+    x_mm: Annotated[float, COORDINATE]
+    y_mm: Annotated[float, COORDINATE]
 
     @classmethod
     def list_layer_keys(cls) -> set[str]:

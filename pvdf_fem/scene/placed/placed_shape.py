@@ -19,7 +19,7 @@ from pydantic_core.core_schema import tagged_union_schema
 from pvdf_fem.scene.keys import Affects, Key, Section
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.registry import FLAT_SHAPES, PROBE_SHAPES
-from pvdf_fem.scene.shapes.shape import PLACE, Shape
+from pvdf_fem.scene.shapes.shape import COORDINATE, Shape
 
 ROTATION = Key("degrees", (-3600.0, 3600.0), Affects.OUTLINE)
 #: Keys of a position and rotation, in the order of a scene file.
@@ -161,10 +161,10 @@ def _collect_table_keys(table: type[ShapedTable], shape: type[Shape]) -> dict[st
 class PlacedShape(ShapedTable):
     """A shape whose reference point is at (x, y), rotated counter-clockwise about this point."""
 
-    x_mm: Annotated[float, PLACE] = 0.0
+    x_mm: Annotated[float, COORDINATE] = 0.0
     """Position of the centre along x; of a triangle, its centroid; of a polygon, the origin of its
     vertices."""
-    y_mm: Annotated[float, PLACE] = 0.0
+    y_mm: Annotated[float, COORDINATE] = 0.0
     """Position of the same point along y."""
     rotation_deg: Annotated[float, ROTATION] = 0.0
     """Rotation about this point, counter-clockwise."""

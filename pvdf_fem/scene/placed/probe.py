@@ -8,13 +8,13 @@ from typing import Annotated, Any, ClassVar, TypeAlias
 
 from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator, model_validator
 
-from pvdf_fem.scene.dependent_keys import ALTERNATIVE_KEYS, set_key
 from pvdf_fem.scene.keys import Key, make_validation_error
 from pvdf_fem.scene.load import DEPTH, FORCE, FORCE_KEYS, TANGENTIAL, Load, LoadOverrides
 from pvdf_fem.scene.placed.placed_shape import OneOfShapes, PlacedShape, tag_table_or_list
 from pvdf_fem.scene.registry import PROBE_SHAPES
 from pvdf_fem.scene.shapes.shape import Shape
 from pvdf_fem.scene.shapes.sphere import SphereShape
+from pvdf_fem.scene.validation.dependent_keys import ALTERNATIVE_KEYS, set_key
 
 #: Keys of a warm probe.
 HEAT_KEYS = ("temperature_K", "contact_time_s")

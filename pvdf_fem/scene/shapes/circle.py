@@ -1,4 +1,4 @@
-"""The shape of a disc."""
+"""The shape of a circle."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from pvdf_fem.scene.shapes.shape import Shape, make_size_key
 
 
 class CircleShape(Shape):
-    """A disc about (x, y)."""
+    """A circle about (x, y)."""
 
     period_deg = 0.0
     is_mirror_symmetric = True
     shape: Literal["circle"] = "circle"
     radius_mm: Annotated[float, make_size_key(example=1.0)]
-    """Radius of the disc."""
+    """Radius of the circle."""
 
     def make_outline(self, x_mm: float, y_mm: float, rotation_deg: float) -> Circle:
-        """Make the outline with its centre at a place; see `Shape.make_outline`."""
+        """Make the outline with its centre at a point; see `Shape.make_outline`."""
         return Circle(np.array([x_mm, y_mm]) / 1e3, self.radius_mm / 1e3)

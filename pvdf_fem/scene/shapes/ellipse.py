@@ -14,14 +14,14 @@ from pvdf_fem.scene.shapes.shape import Shape, make_size_key
 
 
 def _reject_thin_ellipse(semi_axes: tuple[float, float]) -> tuple[float, float]:
-    """Refuse an ellipse whose ends are too sharp for the rounding of a mesh."""
+    """Refuse an ellipse whose ends are too sharp to be meshed."""
     if max(semi_axes) > 1000.0 * min(semi_axes):
         raise make_validation_error("is too thin; give axes whose ratio is at most 1000")
     return semi_axes
 
 
 class EllipseShape(Shape):
-    """An ellipse about (x, y), unrotated with its first axis along x."""
+    """An ellipse about (x, y) with its first axis along x before the rotation."""
 
     period_deg = 180.0
     is_mirror_symmetric = True
@@ -31,10 +31,10 @@ class EllipseShape(Shape):
         make_size_key(example=[3.0, 2.0]),
         AfterValidator(_reject_thin_ellipse),
     ]
-    """Semi-axes [a, b], unrotated a along x."""
+    """Semi-axes [a, b]; a is along x before the rotation."""
 
     def make_outline(self, x_mm: float, y_mm: float, rotation_deg: float) -> Ellipse:
-        """Make the outline with its centre at a place; see `Shape.make_outline`."""
+        """Make the outline with its centre at a point; see `Shape.make_outline`."""
         first, second = self.semi_axes_mm
         centre = np.array([x_mm, y_mm]) / 1e3
         return Ellipse(centre, rotate([first / 1e3, 0.0], rotation_deg), second / 1e3)

@@ -1,8 +1,8 @@
-"""The base of shapes: the form and the sizes of an outline, without a place.
+"""The base class of shapes: the kind and the sizes of an outline, without its position.
 
-A shape is a class in a file of its own beside this one, with its size keys and its outline, and a
-line in `pvdf_fem.scene.registry`. Electrodes, patches and probes have a shape, and add a place and
-keys of their own (`pvdf_fem.scene.placed`).
+To add a shape, write a class with its size keys and its outline in a file beside this one, and add
+a line to `pvdf_fem.scene.registry`. Electrodes, patches and probes combine a shape with a position
+and keys of their own (`pvdf_fem.scene.placed`).
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from pvdf_fem.scene.keys import Affects, Key, Section
 from pvdf_fem.scene.outlines.outline import Outline, rotate
 from pvdf_fem.scene.outlines.polygon import Polygon
 
-#: A size in the plane of the film.
+#: Key of a size in the plane of the film.
 SIZE = Key("mm", (1e-4, 1e5), Affects.OUTLINE)
-#: A coordinate in the plane of the film.
-PLACE = Key("mm", (-1e5, 1e5), Affects.OUTLINE)
+#: Key of a coordinate in the plane of the film.
+COORDINATE = Key("mm", (-1e5, 1e5), Affects.OUTLINE)
 
 
 def make_size_key(example: Any) -> Key:
-    """Make the key of a size in the plane of the film, with a value for the example scene."""
+    """Make the key of a size in the plane of the film, with a value for the example scene file."""
     return replace(SIZE, example=example)
 
 
 class Shape(Section):
-    """A form with its sizes; its reference point is the origin."""
+    """A kind of outline with its sizes, relative to a reference point such as its centre."""
 
     shape: str
-    """The shape, which has sizes of its own."""
+    """Name of the shape, which determines its size keys."""
 
-    #: The smallest rotation that maps the shape onto itself, in degrees; 0 if every rotation does.
+    #: Smallest rotation in degrees that maps the shape onto itself; 0 if every rotation does.
     period_deg: ClassVar[float] = 360.0
     #: Whether the unrotated shape is its own mirror image about the y axis.
     is_mirror_symmetric: ClassVar[bool] = False
@@ -44,29 +44,29 @@ class Shape(Section):
 
     @classmethod
     def list_sizes(cls) -> tuple[str, ...]:
-        """Return the size keys, the one that scales the whole shape first."""
+        """Return the names of the size keys, the most important size first."""
         return tuple(name for name in cls.model_fields if name != "shape")
 
     @abstractmethod
     def make_outline(self, x_mm: float, y_mm: float, rotation_deg: float) -> Outline:
-        """Make the outline with the reference point at a place.
+        """Make the outline with the reference point at a point of the film.
 
         Parameters
         ----------
         x_mm, y_mm : float
-            Place of the reference point in mm.
+            Position of the reference point in mm.
         rotation_deg : float
-            Counter-clockwise rotation about the reference point.
+            Counter-clockwise rotation about the reference point in degrees.
 
         Returns
         -------
         Outline
-            In m.
+            Outline in m.
         """
 
     @property
     def outline(self) -> Outline:
-        """Outline in m about the origin, with its area, centroid, corners and boundary pieces."""
+        """Outline in m with the reference point at the origin, without a rotation."""
         return self.make_outline(0.0, 0.0, 0.0)
 
 
@@ -75,9 +75,14 @@ class PolygonalShape(Shape):
 
     @abstractmethod
     def make_corners_mm(self) -> Array:
-        """Make the corners (n, 2) in mm of the unrotated shape about its reference point."""
+        """Make the corners in mm before the rotation, relative to the reference point.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+        """
 
     def make_outline(self, x_mm: float, y_mm: float, rotation_deg: float) -> Polygon:
-        """Make the outline with the reference point at a place; see `Shape.make_outline`."""
+        """Make the outline with the reference point at a point; see `Shape.make_outline`."""
         rotated = rotate(self.make_corners_mm(), rotation_deg)
         return Polygon((rotated + np.array([x_mm, y_mm])) / 1e3)

@@ -1,4 +1,4 @@
-"""The shape of a sphere: a rigid tip whose contact area depends on the force."""
+"""The shape of a sphere, a rigid tip whose contact area depends on the force."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pvdf_fem.scene.shapes.shape import Shape
 
 
 class SphereShape(Shape):
-    """A sphere whose lowest point is over (x, y)."""
+    """A sphere whose lowest point is above (x, y)."""
 
     period_deg = 0.0
     is_mirror_symmetric = True

@@ -10,7 +10,7 @@ from pvdf_fem.scene.shapes.shape import PolygonalShape, make_size_key
 
 
 class SquareShape(PolygonalShape):
-    """A square about (x, y), unrotated with its edges along x and y."""
+    """A square about (x, y) with its sides along x and y before the rotation."""
 
     period_deg = 90.0
     is_mirror_symmetric = True
@@ -20,5 +20,5 @@ class SquareShape(PolygonalShape):
     """Length of a side."""
 
     def make_corners_mm(self) -> Array:
-        """Make the four corners about the centre."""
+        """Make the corners in mm relative to the centre, shape (4, 2)."""
         return make_rectangle_corners(self.side_mm, self.side_mm)

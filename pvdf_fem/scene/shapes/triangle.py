@@ -10,7 +10,7 @@ from pvdf_fem.scene.shapes.shape import PolygonalShape, make_size_key
 
 
 class TriangleShape(PolygonalShape):
-    """An equilateral triangle; (x, y) is its centroid, unrotated a vertex points to +y."""
+    """An equilateral triangle about (x, y), with a corner towards +y before the rotation."""
 
     period_deg = 120.0
     is_mirror_symmetric = True
@@ -19,5 +19,5 @@ class TriangleShape(PolygonalShape):
     """Length of a side."""
 
     def make_corners_mm(self) -> Array:
-        """Make the three corners about the centroid."""
+        """Make the corners in mm relative to the centroid, shape (3, 2)."""
         return make_triangle_corners(self.side_mm)

@@ -209,7 +209,7 @@ def _advise_on_key(location: tuple[int | str, ...], model: type[BaseModel]) -> s
         known = _find_keys(location[:-1], model)
         return suggest(unknown, known) if known else "remove it"
     if form.table is TABLES["electrodes"] and unknown in ("name", *PLACEMENT_KEYS):
-        return "it is a key of an electrode; begin each with [[electrodes]]"
+        return "it is a key of listed electrodes; begin each with [[electrodes]]"
     known = list(form.fields)
     shapes = [other for other in list_forms(form.table) if unknown in other.fields]
     if shapes:

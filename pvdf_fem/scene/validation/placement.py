@@ -123,7 +123,9 @@ def _find_tip_errors(key: str, probe: Probe, load: Load) -> Iterator[str]:
         make_tip(probe.outline, probe.rounding_mm)
     except ValueError as error:
         if is_contact or probe.edge_radius_mm is not None:
-            advice = 'give shape = "sphere" or edge_radius_mm'
+            advice = "change it or the shape"
+            if probe.edge_radius_mm is None:
+                advice = 'give shape = "sphere" or edge_radius_mm'
             yield format_error(f"{key}.{name}", value, f"{error}; {advice}")
         return
     if not is_contact:

@@ -15,7 +15,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.membrane import compute_principal_values
-from pvdf_fem.film.models import ROUNDING
+from pvdf_fem.film.models import ROUND_OFF
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.deferred_newton import (
@@ -242,7 +242,7 @@ def solve_flat_film(equilibrium: Equilibrium) -> NewtonResult:
     q = np.zeros(equilibrium.unknowns.count)
     state = equilibrium.state(q)
     smallest, largest = compute_principal_values(state.stress)
-    has_compression = smallest.min() < -ROUNDING * np.abs(largest).max()
+    has_compression = smallest.min() < -ROUND_OFF * np.abs(largest).max()
     is_stable = equilibrium.model.wrinkles or not has_compression  # a slack film is stable, too
     if not is_stable and equilibrium.model.bends:
         factors = factorise(equilibrium.tangent(state))

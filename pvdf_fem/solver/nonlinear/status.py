@@ -42,23 +42,24 @@ class Status(StrEnum):
         return ADVICE[self]
 
 
-_TENSION = "(film.temperature_change_K below zero, or film.pretension_N_m above)"
+_TENSION = "(lower film.temperature_change_K, or raise film.pretension_N_m)"
 ADVICE = {
     Status.CONVERGED: "every result is within the tolerance",
     Status.MAX_ITERATIONS: "Newton's method found no equilibrium; lower load.force_N, give the film"
-    f" more tension {_TENSION}, or let a pressure that follows the film, and may blow it up or turn"
-    ' it over, press along z (load.kind = "dead")',
-    Status.SINGULAR: f"the tangent is singular: the film has no tension; stretch it {_TENSION}",
-    Status.UNBALANCED: "the forces on the film do not balance to 1e-6 of the load, which rounding"
-    " does to a film of extreme proportions; make the probe larger",
+    f" more tension {_TENSION}, or replace a follower pressure, which may inflate the film or turn"
+    ' it over, by a pressure along z (load.kind = "dead")',
+    Status.SINGULAR: "the tangent is singular, since the film has no tension; give it tension"
+    f" {_TENSION}",
+    Status.UNBALANCED: "the forces on the film do not balance to 1e-6 of the load, because of"
+    " rounding in a film of extreme proportions; make the probe larger",
     Status.TOLERANCE: "a charge misses the tolerance; raise numerics.tolerance",
-    Status.SLACK: "the load is too small to pull taut what heating or compression has made too"
-    " large, and the tension runs in folds finer than any mesh allowed; raise load.force_N, lower"
+    Status.SLACK: "heating or compression has made the film so large that the load does not pull it"
+    " taut, and it folds more finely than any mesh allows; raise load.force_N, lower"
     " film.temperature_change_K or raise film.pretension_N_m",
     Status.MESH_FAILED: "gmsh could not mesh the scene; move or resize the probe slightly",
     Status.RIM: "the tip presses the film onto the clamped rim; move the probe inwards, or lower"
     " force or depth",
-    Status.UNSTABLE: "no equilibrium found is a minimum of the energy: the film is in compression,"
-    ' which it cannot carry; let it wrinkle (film.compression = "tension-field") or stretch it'
+    Status.UNSTABLE: "every equilibrium found is unstable: the film is in compression, which a"
+    ' membrane cannot carry; let it wrinkle (film.compression = "tension-field") or give it tension'
     f" {_TENSION}",
 }

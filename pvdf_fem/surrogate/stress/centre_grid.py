@@ -1,14 +1,16 @@
 """A polar grid of positions of the film's centre, as seen from the probe.
 
-A probe at x, rotated by R, sees the film's centre at c = -R^T x. The stress about the probe is
-solved for c on a polar grid: n distances |c| = r cos((2 i + 1) π / (4 n)), the Chebyshev points of
-a reach r, and 2 (2 n - 1) angles. Between them it is interpolated by polynomials along diameters
-and by a Fourier series of the angle. Both converge faster the farther away the rim is. By the
-probe's symmetries most nodes of the grid are images of a few nodes, and only these are solved.
+In the frame of a probe at x with the rotation matrix R, the film's centre is at c = -Rᵀ x. The
+stress about the probe is solved for c on a polar grid: n distances |c| = r cos((2 i + 1) π/(4 n)),
+the positive Chebyshev points of a reach r, and 2 (2 n - 1) angles or more. It is interpolated by
+polynomials along diameters and by a Fourier series of the angle; both converge the faster, the
+farther away the rim is. Because of the symmetries of probe and film, most nodes of the grid are
+images of a few representatives, and only these are solved.
 
-In a film that is stiffer in one direction the stress depends on R besides. It is then solved for a
-few rotations in half a turn, with a Fourier series between them. Under a disc, whose rotation has
-no effect, the axes of the probe are those of the film, and the film's symmetries remain.
+In an orthotropic film, the stress also depends on the rotation R itself. It is then solved for a
+few rotations within 180 degrees and interpolated by a Fourier series. For a disc, whose rotation
+has no effect, the axes of the probe are those of the film, and the symmetries are those of the
+film.
 """
 
 from __future__ import annotations
@@ -27,36 +29,37 @@ from pvdf_fem.scene.placed.probe import Probe
 
 
 class GridNode(NamedTuple):
-    """Indices of the rotation and of the angle of nodes at all distances."""
+    """Indices of a rotation and an angle; they stand for the nodes at all distances."""
 
     rotation: int
     angle: int
 
 
 class SymmetryImage(NamedTuple):
-    """An image of a node under a symmetry of the probe and the film."""
+    """Image of a node under a symmetry operation of the probe and the film."""
 
     node: GridNode
-    #: Whether the node is reflected in the x axis.
+    #: Whether the operation begins with a reflection in the x axis.
     is_reflected: bool
-    #: Steps of the grid's angle by which the node is then rotated.
+    #: Rotation of the operation, in steps of the grid's angle.
     steps: int
 
 
 @dataclass(frozen=True)
 class CentreGrid:
-    """Positions of the film's centre, seen from the probe; n and r are those of the module's text.
+    """Polar grid of positions of the film's centre, seen from the probe.
 
-    Distances and angles are those of the film's centre, rotations are those of the probe.
+    Distances and angles are polar coordinates of the film's centre; rotations are those of the
+    probe.
     """
 
-    #: Largest distance for which the stress is interpolated, r.
+    #: Maximum distance r for which the stress is interpolated.
     reach_mm: float
-    #: Number of distances, n.
+    #: Number n of distances.
     distance_count: int
-    #: Number of angles, 2 (2 n - 1) or more.
+    #: Number of angles, at least 2 (2 n - 1).
     angle_count: int
-    #: Number of rotations in half a turn.
+    #: Number of rotations within 180 degrees.
     rotation_count: int
     #: Number of rotations that map probe and film onto themselves.
     symmetry_order: int
@@ -67,26 +70,26 @@ class CentreGrid:
     def for_probe(
         cls, probe: Probe, reach_mm: float, distance_count: int, film_rotation_count: int = 0
     ) -> Self:
-        """Make the grid of a probe.
+        """Make the grid that has the symmetries of a probe.
 
         Parameters
         ----------
         probe : Probe
-            Its symmetries are used.
+            Probe whose period and reflections determine the symmetries.
         reach_mm : float
-            Largest distance of the probe from the film's centre.
+            Maximum distance of the probe from the film's centre.
         distance_count : int
             Number of distances.
         film_rotation_count : int, optional
-            Least number of rotations for an orthotropic film; 0 if the film is isotropic.
+            Minimum number of rotations for an orthotropic film; 0 if the film is isotropic.
         """
         is_disc = not probe.period_deg
         if not is_disc:
             symmetry_order = round(360.0 / probe.period_deg)
         elif film_rotation_count:
-            symmetry_order = 2  # an orthotropic film is its own image after half a turn
+            symmetry_order = 2  # A rotation by 180 degrees maps an orthotropic film onto itself.
         else:
-            symmetry_order = 0  # any rotation: as many as angles, see below
+            symmetry_order = 0  # Any rotation; replaced by the number of angles below.
         even_order = math.lcm(2, symmetry_order or 1)
         angle_count = even_order * math.ceil(2 * (2 * distance_count - 1) / even_order)
         rotation_count = 1
@@ -103,7 +106,7 @@ class CentreGrid:
 
     @property
     def _chebyshev_points(self) -> Array:
-        """Chebyshev points of a diameter over the reach, the positive ones before the negative."""
+        """Chebyshev points from -1 to 1 on a diameter, first the positive, then the negative."""
         points = np.cos(
             (2 * np.arange(self.distance_count) + 1) * np.pi / (4 * self.distance_count)
         )
@@ -111,7 +114,12 @@ class CentreGrid:
 
     @property
     def centres_mm(self) -> Array:
-        """All positions of the film's centre, (distances, angles, 2)."""
+        """Positions of the film's centre.
+
+        Returns
+        -------
+        ndarray, shape (distances, angles, 2)
+        """
         angle = 2.0 * np.pi * np.arange(self.angle_count) / self.angle_count
         directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         return (
@@ -120,12 +128,17 @@ class CentreGrid:
 
     @property
     def rotations_deg(self) -> Array:
-        """Rotations of the probe, (rotations,)."""
+        """Rotations of the probe.
+
+        Returns
+        -------
+        ndarray, shape (rotations,)
+        """
         return np.linspace(0.0, 180.0, self.rotation_count, endpoint=False)
 
     @property
     def representatives(self) -> list[GridNode]:
-        """The nodes to solve: the first node of each set of images."""
+        """Nodes to solve: the first node of each set of images."""
         nodes = []
         for rotation, angle in np.ndindex(self.rotation_count, self.angle_count):
             node = GridNode(rotation, angle)
@@ -135,9 +148,9 @@ class CentreGrid:
 
     @property
     def probe_positions(self) -> Array:
-        """Positions of the probe to solve: for each distance those of the representatives.
+        """Positions of the probe to solve, ordered by distance, then by representative.
 
-        An array (n, 3) of x and y in mm and the rotation in degrees.
+        An array of shape (n, 3): x and y in mm, and the rotation in degrees.
         """
         positions = []
         for centres_mm in self.centres_mm:
@@ -148,9 +161,9 @@ class CentreGrid:
         return np.array(positions)
 
     def find_images(self, node: GridNode) -> Iterator[SymmetryImage]:
-        """Yield the images of a node, which is one of them."""
+        """Find the images of a node under all symmetry operations, including the node itself."""
         for k in range(self.symmetry_order):
-            # with the rim, the film rotates by 2 π k / order; half a turn leaves it as it is
+            # Operation k rotates rim and film by 2 π k/order. Rotations of the film count modulo π.
             film_steps = k * 2 * self.rotation_count // self.symmetry_order
             steps = k * (self.angle_count // self.symmetry_order)
             rotated = GridNode(
@@ -167,17 +180,18 @@ class CentreGrid:
                 yield SymmetryImage(reflected, is_reflected=True, steps=steps)
 
     def expand_by_symmetry(self, fields: Array) -> Array:
-        """Expand the stress at the representatives to all nodes.
+        """Compute the stress at all nodes from the stress at the representatives.
 
         Parameters
         ----------
         fields : ndarray, shape (distances, representatives, forces, 3, ρ, θ)
-            The stress about the probe: its trace S11 + S22, then its deviator (S11 - S22)/2 and
-            S12. The number of values of θ is a multiple of the number of angles.
+            Stress about the probe: the trace S11 + S22, then the deviator (S11 - S22)/2 and S12.
+            The number of values of θ is a multiple of the number of angles.
 
         Returns
         -------
         ndarray, shape (rotations, distances, angles, forces, 3, ρ, θ)
+            The same components at all nodes.
         """
         count = fields.shape[-1]
         theta_steps = np.arange(count)
@@ -185,13 +199,14 @@ class CentreGrid:
         expanded = np.empty(shape)
         for index, node in enumerate(self.representatives):
             for image in self.find_images(node):
-                # θ before the symmetry operation
+                # Indices of θ before the symmetry operation.
                 source = theta_steps - image.steps * (count // self.angle_count)
                 if image.is_reflected:
                     source = -source
                 field = fields[:, index][..., source % count]
                 trace, normal, shear = np.moveaxis(field, 2, 0)
-                # a rotation by α multiplies the complex deviator by exp(2 i α)
+                # A rotation by α multiplies the complex deviator (S11 - S22)/2 + i S12 by
+                # exp(2 i α); a reflection conjugates it.
                 phase = np.exp(4j * np.pi * image.steps / self.angle_count)
                 sign = -1j if image.is_reflected else 1j
                 deviator = phase * (normal + sign * shear)
@@ -200,7 +215,7 @@ class CentreGrid:
         return expanded
 
     def compute_weights(self, centres_mm: Array, rotation: float) -> Array:
-        """Compute the weights of the nodes in the interpolated stress.
+        """Compute the interpolation weights of the nodes.
 
         Parameters
         ----------
@@ -212,12 +227,13 @@ class CentreGrid:
         Returns
         -------
         ndarray, shape (n, rotations, distances, angles)
+            Weights; the interpolated stress is the sum of weights times the stress at the nodes.
         """
         distance = np.linalg.norm(centres_mm, axis=-1) / self.reach_mm
         angle = np.arctan2(centres_mm[:, 1], centres_mm[:, 0])
         grid_angles = 2.0 * np.pi * np.arange(self.angle_count) / self.angle_count
         by_angle = _evaluate_dirichlet_kernel(angle[:, None] - grid_angles, self.angle_count)
-        # at a negative distance the angle is the opposite one
+        # A negative distance is a positive distance at the opposite angle.
         by_opposite_angle = np.roll(by_angle, self.angle_count // 2, axis=1)
         interpolator = BarycentricInterpolator(
             self._chebyshev_points, np.eye(2 * self.distance_count)
@@ -232,14 +248,14 @@ class CentreGrid:
 
 
 def _evaluate_dirichlet_kernel(angle: Array, count: int) -> Array:
-    """Evaluate the weight of a value in a trigonometric interpolation.
+    """Evaluate the weights of trigonometric interpolation on equidistant nodes.
 
     Parameters
     ----------
     angle : ndarray
-        Distances from the value in radians.
+        Angles in radians from a node to the points of evaluation.
     count : int
-        Number of equidistant values.
+        Number of nodes in 360 degrees.
     """
     total = np.ones_like(angle)
     for order in range(1, count // 2 + 1):

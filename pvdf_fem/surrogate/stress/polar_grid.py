@@ -11,40 +11,40 @@ import numpy as np
 from pvdf_fem.arrays import Array, compute_unit_gauss_rule
 from pvdf_fem.surrogate.uniform_spline import PADDING_STEPS, UniformAxis
 
-#: Samples of the stress in one step along a ray: two Gauss points in each quarter of the step.
+#: Number of samples of the stress per step along a ray: two Gauss points in each quarter step.
 SAMPLES_PER_STEP = 8
 
 
 class RayRule(NamedTuple):
-    """A quadrature rule over the distance from the probe."""
+    """Quadrature rule along a ray from the probe."""
 
-    rho_mm: Array  #: Distances of the samples, (samples,).
-    weights_mm: Array  #: Weights in an integral over the distance, (samples,).
+    rho_mm: Array  #: Distances of the samples from the probe, shape (samples,).
+    weights_mm: Array  #: Quadrature weights of integrals over the distance, shape (samples,).
 
 
 @dataclass(frozen=True)
 class PolarGrid:
-    """Points ρ (cos θ, sin θ) about a probe.
+    """Polar grid of points ρ (cos θ, sin θ) about a probe.
 
     Notes
     -----
-    Steps are equal in s with ρ = b sinh(s/b), since the stress becomes smoother with the distance
-    from the probe. The grid begins at negative ρ, on the opposite ray, where the stress continues
-    smoothly.
+    The steps along a ray are equal in s with ρ = b sinh(s/b), so that they grow with the distance
+    from the probe, where the stress is smoother. The grid begins at some negative values of ρ, that
+    is on the opposite ray: there the stress continues smoothly, which the splines need.
     """
 
-    #: Largest ρ.
+    #: Maximum ρ.
     reach_mm: float
-    #: Distance between neighbours along ρ at the probe.
+    #: Step of s; also the step of ρ close to the probe.
     step_mm: float
-    #: Number of values of θ, from 0 in equal steps; even.
+    #: Number of equidistant values of θ, starting at 0; even.
     angle_count: int
-    #: b in the formula above.
+    #: Length b in the formula above.
     stretch_mm: float = 10.0
 
     @property
     def axes(self) -> tuple[UniformAxis, UniformAxis]:
-        """Grid values of s in mm and of θ in radians."""
+        """Axes of s in mm and of θ in radians."""
         steps = int(np.ceil(self._stretch(self.reach_mm) / self.step_mm))
         start_mm = -PADDING_STEPS * self.step_mm
         along_ray = UniformAxis(start_mm, self.step_mm, PADDING_STEPS + steps + 1)
@@ -52,47 +52,64 @@ class PolarGrid:
         return along_ray, around
 
     def compute_coordinates(self, points_mm: Array) -> Array:
-        """Return s in mm and θ in radians of points (..., 2) in the probe's frame, (..., 2)."""
+        """Convert points to the coordinates of the grid.
+
+        Parameters
+        ----------
+        points_mm : ndarray, shape (..., 2)
+            Points in the frame of the probe.
+
+        Returns
+        -------
+        ndarray, shape (..., 2)
+            s in mm and θ in radians.
+        """
         rho = np.linalg.norm(points_mm, axis=-1)
         theta = np.arctan2(points_mm[..., 1], points_mm[..., 0])
         return np.stack([self._stretch(rho), theta], axis=-1)
 
     def _stretch(self, rho_mm: Array | float) -> Array:
-        """Return s of distances ρ."""
+        """Convert distances ρ to the stretched coordinate s = b arcsinh(ρ/b)."""
         return np.asarray(self.stretch_mm * np.arcsinh(np.divide(rho_mm, self.stretch_mm)))
 
     @property
     def samples_mm(self) -> Array:
-        """Points where the stress is needed, (samples, θ, 2)."""
+        """Points where the stress is sampled.
+
+        Returns
+        -------
+        ndarray, shape (samples, θ, 2)
+        """
         theta = self.axes[1].values
         directions = np.stack([np.cos(theta), np.sin(theta)], axis=-1)
         return self._ray_rule.rho_mm[:, None, None] * directions
 
     @cached_property
     def _ray_rule(self) -> RayRule:
-        """Gauss points along a ray from the probe, in the order of their distance."""
+        """Gauss points and weights along a ray from the probe, by increasing distance."""
         points, weights = compute_unit_gauss_rule(2)
         intervals_per_step = SAMPLES_PER_STEP // 2
         interval_mm = self.step_mm / intervals_per_step
         steps = self.axes[0].count - PADDING_STEPS - 1
         starts_mm = interval_mm * np.arange(intervals_per_step * steps)
         s = (starts_mm[:, None] + interval_mm * points).ravel() / self.stretch_mm
-        # dρ = cosh(s/b) ds
+        # The substitution dρ = cosh(s/b) ds; the variable s is s/b of the formula.
         weights_mm = np.tile(interval_mm * weights, len(starts_mm)) * np.cosh(s)
         return RayRule(self.stretch_mm * np.sinh(s), weights_mm)
 
     def average_along_rays(self, samples: Array) -> Array:
-        """Compute the means of a field along the rays from the probe.
+        """Average a field along the rays from the probe to the nodes of the grid.
 
         Parameters
         ----------
         samples : ndarray, shape (..., samples, θ)
-            The field S at `samples_mm`.
+            Field S at `samples_mm`.
 
         Returns
         -------
         ndarray, shape (..., ρ, θ)
-            2/ρ² ∫ S r dr from 0 to ρ, on the grid of `axes`.
+            Radial means M(ρ) = 2/ρ² ∫ S r dr, from r = 0 to ρ, at the nodes of `axes`. At ρ = 0 it
+            is the mean of the innermost samples.
         """
         rho_mm, weights_mm = self._ray_rule
         products = samples * (rho_mm * weights_mm)[:, None]
@@ -103,7 +120,7 @@ class PolarGrid:
         outward = 2.0 * np.cumsum(integrals_by_step, axis=-2) / edges_mm**2
         at_probe = samples[..., :1, :].mean(axis=-1, keepdims=True)
         middle = np.broadcast_to(at_probe, outward[..., :1, :].shape)
-        # means at negative ρ are those on the opposite ray
+        # The means at negative ρ are those on the opposite ray.
         nearest = outward[..., PADDING_STEPS - 1 :: -1, :]
         behind = np.roll(nearest, self.angle_count // 2, axis=-1)
         return np.concatenate([behind, middle, outward], axis=-2)

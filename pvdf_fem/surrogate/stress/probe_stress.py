@@ -1,9 +1,9 @@
-"""Solves of the stress about a probe, in the probe's frame, for many forces at one place.
+"""Solves of the stress about a probe, in the probe's frame, for several forces at one position.
 
-Seen from the probe, its outline stays where it is and the rim moves. The stress at a point of this
-frame is therefore a smooth function of the rim's position, even at the probe's edge, where the
-stress is not smooth in space. A response interpolates these fields between few positions of the
-rim.
+In the frame of the probe, the outline of the probe is fixed and the rim moves. Therefore the stress
+at a point of this frame is a smooth function of the rim's position, even at the edge of the probe,
+where the stress is not smooth in space. A response interpolates these fields between a few
+positions of the rim.
 """
 
 from __future__ import annotations
@@ -31,21 +31,23 @@ from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 from pvdf_fem.surrogate.stress.polar_grid import PolarGrid
 
-INSIDE = 0.999  #: Share of the film's radius within which the stress is evaluated.
+#: The stress is evaluated up to this fraction of the film's radius, to stay inside of the mesh.
+INSIDE = 0.999
 
 
 class ForceSolution(NamedTuple):
-    """The displacement under one force."""
+    """Solution under one force, from which the next is extrapolated."""
 
-    log_force: float  #: Logarithm of the force in N.
-    dofs: Array  #: Displacement in m.
+    log_force: float  #: Natural logarithm of the force in N.
+    dofs: Array  #: Degrees of freedom of the displacement in m.
 
 
 class SolvedStress(NamedTuple):
-    """The stress on one mesh under one force."""
+    """Stress under one force at the quadrature points of a mesh."""
 
-    space: Space
-    stress: Array  #: S11, S22 and S12 in Pa, (elements, points, 3).
+    space: Space  #: Finite-element space of the solution.
+    #: Second Piola-Kirchhoff stress S11, S22 and S12 in Pa, shape (elements, points, 3).
+    stress: Array
 
 
 def mesh_probe(
@@ -55,20 +57,22 @@ def mesh_probe(
     growth: float = 0.23,
     film_size: float = 0.09,
 ) -> MeshTri2:
-    """Mesh a scene with a probe, or with the estimated contact of a tip in its place.
+    """Make a mesh of the film that is graded towards the edge of the probe.
+
+    For a tip, it is graded towards the edge of the estimated contact.
 
     Parameters
     ----------
     scene : Scene
-        With one probe.
+        Scene with a single probe.
     ratio : float, optional
-        Sizes of elements over the sizes by the other parameters.
+        Factor on all element sizes and on their growth.
     edge_size : float, optional
-        Size along the edge of the probe over the root of the probe's area.
+        Element size along the edge, divided by the square root of the area within it.
     growth : float, optional
-        Growth of the size per distance from the edge.
+        Increase of the element size per distance from the edge.
     film_size : float, optional
-        Largest size over the film's radius.
+        Maximum element size, divided by the film's radius.
     """
     pressed = (collect_outlines(scene) | estimate_contact_outlines(scene))[PROBE]
     edge = ratio * edge_size * float(np.sqrt(pressed.area))
@@ -84,20 +88,21 @@ def solve_mean_stress(
     polar_grid: PolarGrid,
     mesh_ratio: float,
 ) -> Array:
-    """Solve the stress about a probe at one position, and average it along rays.
+    """Solve the stress about a probe at one position, and average it along the rays of a grid.
 
     Parameters
     ----------
     scene : Scene
-        With one probe. Its electrodes only make the mesh finer.
+        Scene with a single probe. Its electrodes only refine the mesh.
     position : ndarray, shape (3,)
-        x and y of the probe in mm and its rotation in degrees.
+        Position x and y of the probe in mm and its rotation in degrees.
     forces_N : sequence of float
-        Forces in the order of the solves.
+        Forces in the order in which they are solved.
     polar_grid : PolarGrid
-        Points beyond the share `INSIDE` of the film's radius take the stress from there.
+        Points about the probe. A point outside of the film has the stress of the nearest point at
+        the fraction `INSIDE` of the film's radius.
     mesh_ratio : float
-        Factor on the sizes of elements.
+        Factor on the element sizes.
 
     Returns
     -------
@@ -108,14 +113,14 @@ def solve_mean_stress(
     Raises
     ------
     NotConvergedError
-        When there is no solution under one of the forces.
+        If the solve under one of the forces does not converge.
     """
     x, y, rotation_deg = map(float, position)
     changes = {"probe.x_mm": x, "probe.y_mm": y, "probe.rotation_deg": rotation_deg}
     scene = scene.with_(**changes)
     points = 1e-3 * (rotate(polar_grid.samples_mm, rotation_deg) + np.array([x, y]))
-    share_of_radius = np.linalg.norm(points, axis=-1, keepdims=True) / scene.film.radius
-    points_inside = points * INSIDE / np.maximum(share_of_radius, INSIDE)
+    radius_fraction = np.linalg.norm(points, axis=-1, keepdims=True) / scene.film.radius
+    points_inside = points * INSIDE / np.maximum(radius_fraction, INSIDE)
     to_probe = _make_stress_rotation(rotation_deg)
     shape = (3, *points.shape[:2])
 
@@ -136,7 +141,11 @@ def solve_mean_stress(
 
 
 def _make_stress_rotation(rotation_deg: float) -> Array:
-    """Return the matrix (3, 3) from a row S11, S22, S12 in the film's axes to the probe's axes."""
+    """Make the matrix that rotates the stress from the film's axes to the probe's axes.
+
+    A row vector S11, S22, S12 in the film's axes times this matrix, of shape (3, 3), is the row
+    vector in the axes of a probe with this rotation.
+    """
     c, s = rotate([1.0, 0.0], rotation_deg)
     cc, cs, ss = c * c, c * s, s * s
     return np.array([[cc, ss, -cs], [ss, cc, cs], [2 * cs, -2 * cs, cc - ss]])
@@ -145,28 +154,30 @@ def _make_stress_rotation(rotation_deg: float) -> Array:
 def solve_stresses(
     scene: Scene, forces_N: Sequence[float], mesh_ratio: float, order: int = 3
 ) -> Iterator[SolvedStress]:
-    """Solve the stress under each of several forces.
+    """Solve the stress under several forces, one after the other.
 
     Parameters
     ----------
     scene : Scene
-        With one probe.
+        Scene with a single probe.
     forces_N : sequence of float
-        In the order of the solves. Under a tip each force has its own mesh, which is fine at the
-        edge of its contact; otherwise all share one mesh.
+        Forces in the order in which they are solved. For a tip, each force has its own mesh, which
+        is fine at the edge of its contact; otherwise all forces share one mesh.
     mesh_ratio : float
-        Factor on the sizes of elements.
+        Factor on the element sizes.
     order : int, optional
-        Order of the elements.
+        Polynomial order of the elements.
 
     Yields
     ------
     SolvedStress
+        Stress under each force.
 
     Notes
     -----
-    The initial guess of Newton's method is the polynomial of the logarithm of the force through the
-    last three solutions on a mesh, or else the last solution.
+    On one mesh, the initial guess of Newton's method is extrapolated from up to three previous
+    solutions by a polynomial in the logarithm of the force. On a new mesh it is the transferred
+    last solution.
     """
     equilibrium: Equilibrium | None = None
     solutions: list[ForceSolution] = []
@@ -182,7 +193,7 @@ def solve_stresses(
             solutions = [ForceSolution(log_force, transferred)]
         else:
             equilibrium = equilibrium.of_problem(problem)
-        guess = _extrapolate(solutions, force_N)
+        guess = _extrapolate_displacement(solutions, force_N)
         if guess is not None:
             guess = equilibrium.restrict(guess)
         q = _solve_equilibrium(equilibrium, guess, force_N)
@@ -190,8 +201,16 @@ def solve_stresses(
         yield SolvedStress(equilibrium.space, equilibrium.state(q).stress)
 
 
-def _extrapolate(solutions: Sequence[ForceSolution], force_N: float) -> Array | None:
-    """Extrapolate the displacement from the last three solutions, if any, to another force."""
+def _extrapolate_displacement(solutions: Sequence[ForceSolution], force_N: float) -> Array | None:
+    """Extrapolate the displacement from up to three last solutions; None if there are none.
+
+    Parameters
+    ----------
+    solutions : sequence of ForceSolution
+        Solutions on the same mesh.
+    force_N : float
+        Force to extrapolate to.
+    """
     if not solutions:
         return None
     latest = solutions[-3:]
@@ -201,21 +220,28 @@ def _extrapolate(solutions: Sequence[ForceSolution], force_N: float) -> Array | 
 
 
 def _solve_equilibrium(equilibrium: Equilibrium, guess: Array | None, force_N: float) -> Array:
-    """Solve for the unknowns, from an initial guess if Newton's method converges from it.
+    """Solve the equilibrium of the loaded film from an initial guess.
+
+    If Newton's method does not converge from the guess, the default guess is used instead.
 
     Parameters
     ----------
     equilibrium : Equilibrium
         Equations of the loaded film.
     guess : ndarray or None
-        Unknowns; None for the guess of `find_equilibrium`.
+        Initial guess of the unknowns. None for the default of `find_equilibrium`.
     force_N : float
-        Named in the error.
+        Force, for the error message.
+
+    Returns
+    -------
+    ndarray
+        Unknowns at equilibrium.
 
     Raises
     ------
     NotConvergedError
-        With the force, the status and its advice.
+        If the solve does not converge from the default guess, either.
     """
     result = find_equilibrium(equilibrium, guess)
     if guess is not None and result.status is not Status.CONVERGED:
@@ -226,13 +252,16 @@ def _solve_equilibrium(equilibrium: Equilibrium, guess: Array | None, force_N: f
 
 
 def _make_projection(space: Space) -> Callable[[Array], Array]:
-    """Make the L2 projection onto continuous fields of fields that jump between elements.
+    """Make a function that projects fields with jumps between elements onto continuous fields.
 
-    It maps values (elements, points, components) to nodal values (scalar dofs, components).
+    The function is the L2 projection, whose mass matrix is factorised only once. It maps values at
+    the quadrature points, of shape (elements, points, components), to nodal values of shape
+    (scalar dofs, components).
     """
     factors = factorise(asm(mass, space.basis).tocsc())
 
     def project(values: Array) -> Array:
+        """Project values at the quadrature points to nodal values."""
         moments = np.matmul(space.values.swapaxes(1, 2), values * space.weights[..., None])
         right = np.zeros((space.basis.N, values.shape[-1]))
         np.add.at(right, space.nodes, moments)

@@ -1,9 +1,13 @@
 """Charges of any electrodes, from the principal modes of the stress about a probe.
 
-By Gauss's theorem, the integral of a field over an electrode is half the integral, along the
-boundary of the electrode, of the field's mean along the ray from the probe times the normal
-component of the position. The stress has a kink at the probe's edge, but its mean along a ray does
-not.
+The charge of an electrode needs the integral of a stress field S over the electrode. Let M be the
+radial mean of S along the ray from the probe to the point x, M(ρ) = 2/ρ² ∫ S r dr from r = 0 to ρ.
+Since div(M x/2) = S, Gauss's theorem gives
+
+    ∫ S dA = ½ ∮ M x·n dl
+
+along the boundary with the outward normal n. Only M is stored, since it is smoother than S, which
+has a kink at the edge of the probe.
 """
 
 from __future__ import annotations
@@ -24,14 +28,14 @@ from pvdf_fem.surrogate.uniform_spline import UniformSpline
 
 @dataclass(frozen=True, eq=False)
 class StressModes:
-    """The stress about a probe at all places and forces, as a sum of a few modes."""
+    """Stress about a probe at all positions and forces, as a sum of a few modes."""
 
-    centre_grid: CentreGrid
-    polar_grid: PolarGrid
-    #: Modes over s and θ of the polar grid, as means along the rays: of the stress's trace
-    #: S11 + S22, then of its deviator (S11 - S22)/2 and S12.
+    centre_grid: CentreGrid  #: Positions at which the stress is solved.
+    polar_grid: PolarGrid  #: Points about the probe.
+    #: Spline over s and θ of the polar grid. Its functions are the modes of the radial means of the
+    #: trace S11 + S22, then those of (S11 - S22)/2, then those of S12.
     modes: UniformSpline
-    #: Amplitudes of the modes in Pa, (rotations, distances, angles, forces, modes).
+    #: Amplitudes of the modes in Pa, shape (rotations, distances, angles, forces, modes).
     amplitudes: FileArray
 
     @classmethod
@@ -40,41 +44,42 @@ class StressModes:
         centre_grid: CentreGrid,
         polar_grid: PolarGrid,
         means: Sequence[Array],
-        least: float = 1e-7,
+        min_norm: float = 1e-7,
     ) -> Self:
-        """Decompose the stress into modes.
+        """Decompose solved stress fields into modes by proper orthogonal decomposition.
 
         Parameters
         ----------
         centre_grid : CentreGrid
-            The places of the probe.
+            Positions at which the stress is solved.
         polar_grid : PolarGrid
-            The points about the probe.
+            Points about the probe.
         means : sequence of ndarray, shape (forces, 3, ρ, θ)
             `PolarGrid.average_along_rays` of S11, S22 and S12 in Pa, in the order of
             `CentreGrid.probe_positions`.
-        least : float, optional
-            Modes are neglected whose norm is below this share of the largest norm. At 1e-6 the
-            error is 3e-5 in the charge of an electrode on the film's other side.
+        min_norm : float, optional
+            Modes whose norm is below this fraction of the largest norm are neglected. With 1e-6 the
+            error is 3e-5 of the charge of an electrode on the opposite side of the film.
 
         Notes
         -----
-        A proper orthogonal decomposition by the method of snapshots (Sirovich 1987): the stress of
-        each place and force is a snapshot, divided by its root mean square over all places.
+        The method of snapshots (Sirovich, Quart. Appl. Math. 45 (1987) 561-590): a snapshot is the
+        stress at one position under one force, divided by the root mean square of the trace over
+        all positions under that force.
         """
         solved = np.reshape(means, (centre_grid.distance_count, -1, *np.shape(means)[1:]))
         S11, S22, S12 = np.moveaxis(solved, 3, 0)
         scale_by_force = np.sqrt(((S11 + S22) ** 2).mean(axis=(0, 1, 3, 4)))
         components = np.stack([S11 + S22, (S11 - S22) / 2.0, S12], axis=3)
         stress = centre_grid.expand_by_symmetry(components / scale_by_force[:, None, None, None])
-        # (rotations, distances, angles, forces), then (components, ρ, θ)
+        # The shapes are (rotations, distances, angles, forces) and (components, ρ, θ).
         snapshot_shape, field_shape = stress.shape[:4], stress.shape[4:]
         snapshots = stress.reshape(int(np.prod(snapshot_shape)), -1)
         energies, vectors = np.linalg.eigh(snapshots @ snapshots.T)
-        vectors = vectors[:, energies > least**2 * energies[-1]]
+        vectors = vectors[:, energies > min_norm**2 * energies[-1]]
         modes = (vectors.T @ snapshots).reshape(-1, *field_shape)
         amplitudes = vectors.reshape(*snapshot_shape, -1) * scale_by_force[:, None]
-        # (ρ, θ, components and modes)
+        # shape (ρ, θ, components times modes)
         values = modes.transpose(2, 3, 1, 0).reshape(*field_shape[1:], -1)
         spline = UniformSpline.interpolate(polar_grid.axes, values, np.float32)
         return cls(centre_grid, polar_grid, modes=spline, amplitudes=amplitudes)
@@ -94,14 +99,14 @@ class StressModes:
         electrodes : sequence of Outline
             Outlines of the electrodes.
         positions_mm : ndarray, shape (n, 2)
-            Positions of the probe. Beyond the reach of the centre grid the charges only continue
-            smoothly: the rim is taken to be as far away as at the reach.
+            Positions of the probe. Outside the reach of the centre grid the charges are not valid
+            but continue smoothly, as if the rim were as far away as at the reach.
         rotation : float
             Rotation of the probe in radians.
         d_pC_N : tuple of float
             d31 and d32.
         at_once : int, optional
-            Number of positions whose integrals are one sparse matrix.
+            Number of positions to integrate together, which limits the memory.
 
         Returns
         -------
@@ -112,8 +117,8 @@ class StressModes:
         c, s = np.cos(rotation), np.sin(rotation)
         to_film = np.array([[c, -s], [s, c]])
         distance = np.linalg.norm(positions_mm, axis=-1, keepdims=True)
-        share_of_reach = distance / self.centre_grid.reach_mm
-        clipped_mm = positions_mm / np.maximum(share_of_reach, 1.0)
+        reach_fraction = distance / self.centre_grid.reach_mm
+        clipped_mm = positions_mm / np.maximum(reach_fraction, 1.0)
         weights = self.centre_grid.compute_weights(-clipped_mm @ to_film, rotation)
         amplitudes = np.tensordot(weights, self.amplitudes, axes=3)
         c2, s2 = np.cos(2.0 * rotation), np.sin(2.0 * rotation)
@@ -125,16 +130,17 @@ class StressModes:
                     for i in range(0, len(positions_mm), at_once)
                 ]
             )
-            # the deviator is rotated into the film's axes
+            # Q = d31 X + d32 Y = (d31 + d32)/2 (X + Y) + (d31 - d32) (X - Y)/2, where (X - Y)/2 is
+            # rotated from the probe's axes to the film's.
             by_mode = 0.5 * (d31 + d32) * integrals[:, 0]
             by_mode += (d31 - d32) * (c2 * integrals[:, 1] - s2 * integrals[:, 2])
             charges.append(np.einsum("nm,nfm->nf", by_mode, amplitudes))
         return np.stack(charges, axis=-1)
 
     def _integrate_modes(
-        self, electrode: Outline, positions_mm: Array, to_film: Array, least_points: int = 6
+        self, electrode: Outline, positions_mm: Array, to_film: Array, min_points: int = 6
     ) -> Array:
-        """Integrate the modes over an electrode.
+        """Integrate the modes over an electrode, for several positions of the probe.
 
         Parameters
         ----------
@@ -143,19 +149,26 @@ class StressModes:
         positions_mm : ndarray, shape (n, 2)
             Positions of the probe.
         to_film : ndarray, shape (2, 2)
-            Rotation from the probe's frame to the film's.
-        least_points : int, optional
-            Least number of Gauss points on each side of the electrode.
+            Rotation matrix from the probe's frame to the film's.
+        min_points : int, optional
+            Minimum number of Gauss points on each side of the electrode.
 
         Returns
         -------
         ndarray, shape (n, 3, modes)
-            Integrals in m² of the trace, the deviator and the shear of each mode.
+            Integrals in m² of S11 + S22, (S11 - S22)/2 and S12 of each mode.
+
+        Notes
+        -----
+        The contour integral ½ ∮ M x·n dl, see the head of this module. The modes are the radial
+        means M; x is the position relative to the probe.
         """
         side_mm = 1e3 * electrode.perimeter / max(4, len(electrode.boundary))
-        count = max(least_points, int(np.ceil(side_mm / self.polar_grid.step_mm)))
+        count = max(min_points, int(np.ceil(side_mm / self.polar_grid.step_mm)))
+        # The normals contain the quadrature weights: n dl, in m.
         points, normals = electrode.make_boundary_rule(count)
         from_probe_mm = (1e3 * points - positions_mm[:, None]) @ to_film
+        # x·n dl/2 in m², with x converted from mm.
         factors = 0.5e-3 * np.einsum("nqi,qi->nq", from_probe_mm, normals @ to_film)
         coordinates = self.polar_grid.compute_coordinates(from_probe_mm)
         integrals = self.modes.sum_weighted(coordinates, factors)

@@ -7,7 +7,7 @@ from pvdf_fem import Scene, calibrate
 from pvdf_fem.inverse.calibration.parameters import get_parameter, select_parameters
 from pvdf_fem.inverse.calibration.reading_model import ReadingModel
 from pvdf_fem.inverse.calibration.touch_table import read_touches
-from pvdf_fem.inverse.least_squares import apply_robust_loss
+from pvdf_fem.inverse.normal_equations import apply_robust_loss
 from tests.helpers.touched_sensor import (
     NAMES,
     SCENE,

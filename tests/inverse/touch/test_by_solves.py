@@ -37,7 +37,7 @@ QUICK = LocateOptions(
     side_rounds=0,
     tolerance=1e-3,
 )
-PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
+POSITION_AND_FORCE = ("x_mm", "y_mm", "force_N")
 
 
 def locate_near(response, scene, coordinates):
@@ -50,11 +50,11 @@ def locate_near(response, scene, coordinates):
     return make_location(problem, ends)
 
 
-def test_a_tangential_force_is_found_with_the_place_on_the_stage():
+def test_a_tangential_force_is_found_with_the_position_on_the_stage():
     truth = {"probe.x_mm": 5.0, "probe.y_mm": 3.0, "load.tangential_N": [0.4, -0.2]}
     charges = solve(EIGHT_ELECTRODES.with_(**truth)).charges_pC
     staged = EIGHT_ELECTRODES.with_(stage={"x_mm": 20.0, "y_mm": -5.0, "rotation_deg": 90.0})
-    unknown = (*PLACE_AND_FORCE, "tangential_N")
+    unknown = (*POSITION_AND_FORCE, "tangential_N")
     location = locate(staged, charges, 1e-3, unknown=unknown, options=QUICK)
     assert location.best.values == pytest.approx([17.0, 0.0, 90.0, 1.0, 0.4, -0.2], abs=0.03)
     assert location.deviations["force_N"] < 0.01
@@ -65,7 +65,7 @@ def test_a_warm_touch_is_found_with_its_temperature():
     """Half of the probe is on one of four electrodes; the search begins where a cold one fits."""
     truth = {"probe.x_mm": 8.0, "probe.y_mm": 1.0, "probe.temperature_K": 10.0}
     touched = WARM_PROBE.with_(**truth, **{"numerics.tolerance": 1e-4})
-    unknown = (*PLACE_AND_FORCE, "temperature_K")
+    unknown = (*POSITION_AND_FORCE, "temperature_K")
     response = SolvedResponse.from_scene(WARM_PROBE, 1, unknown, 1e-4)
     (touch,) = locate_near(response, touched, [8.1, 0.9, 0.0, 0.02, 5.0]).touches
     assert touch.values == pytest.approx([8.0, 1.0, 0.0, 1.0, 10.0], abs=0.1)
@@ -75,14 +75,14 @@ def test_a_warm_touch_is_found_with_its_temperature():
 
 def test_two_touches_are_located_and_named_by_their_probes():
     initial = [-6.5, 2.6, 0.0, np.log(0.44), 5.3, -3.5, 0.0, np.log(1.0)]
-    response = SolvedResponse.from_scene(EIGHT_ELECTRODES, 2, PLACE_AND_FORCE, 1e-3)
+    response = SolvedResponse.from_scene(EIGHT_ELECTRODES, 2, POSITION_AND_FORCE, 1e-3)
     location = locate_near(response, TWO_PROBES, initial)
     expected = [-7.0, 3.0, 0.0, 0.4, 5.0, -4.0, 0.0, 1.1]
     assert location.best.values == pytest.approx(expected, abs=0.02)
     assert location.status == "located"
     [touch] = location.to_json()["touches"]
     assert touch["probe[1].force_N"] == pytest.approx(1.1, abs=0.02)
-    names = [f"probe[{index}].{name}" for index in (0, 1) for name in PLACE_AND_FORCE]
+    names = [f"probe[{index}].{name}" for index in (0, 1) for name in POSITION_AND_FORCE]
     assert [*touch["standard_deviations"]] == names
 
 
@@ -103,22 +103,22 @@ def test_both_sides_of_a_fold_are_searched():
 
 def test_the_domain_is_that_of_the_scenes_model_table():
     near = EIGHT_ELECTRODES.with_(model={"reach_mm": 4.0, "force_range_N": [0.2, 3.0]})
-    response = SolvedResponse.from_scene(near, 2, PLACE_AND_FORCE, 1e-2)
+    response = SolvedResponse.from_scene(near, 2, POSITION_AND_FORCE, 1e-2)
     assert response.domain == Domain(4.0, (0.2, 3.0))
     far = EIGHT_ELECTRODES.with_(model={"reach_mm": 60.0})
-    response = SolvedResponse.from_scene(far, 2, PLACE_AND_FORCE, 1e-2)
+    response = SolvedResponse.from_scene(far, 2, POSITION_AND_FORCE, 1e-2)
     assert 40.0 < response.domain.reach_mm < 45.0 - 2.0
 
 
 def test_only_equal_probes_can_be_exchanged():
-    response = SolvedResponse.from_scene(EIGHT_ELECTRODES, 2, PLACE_AND_FORCE, 1e-2)
+    response = SolvedResponse.from_scene(EIGHT_ELECTRODES, 2, POSITION_AND_FORCE, 1e-2)
     first = [5.0, -4.0, 0.0, 0.1]
     second = [-7.0, 3.0, 0.0, -0.9]
     coordinates = np.array([[*first, *second]])
-    assert coordinates[:, response.other_probe].tolist() == [[*second, *first]]
+    assert coordinates[:, response.swapped_columns].tolist() == [[*second, *first]]
     unequal = [{**DISC, "x_mm": -7.0}, {**DISC, "radius_mm": 3.0, "x_mm": 6.0}]
     scene = EIGHT_ELECTRODES.with_(probe=unequal)
-    assert not SolvedResponse.from_scene(scene, 2, ("x_mm",), 1e-2).other_probe.size
+    assert not SolvedResponse.from_scene(scene, 2, ("x_mm",), 1e-2).swapped_columns.size
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,7 @@ def test_only_equal_probes_can_be_exchanged():
         (EIGHT_ELECTRODES, {"known": {"x_mm": 1.0}}, "known"),
     ],
 )
-def test_bad_requests_are_refused_before_any_solve(scene, options, key):
+def test_bad_requests_are_rejected_before_any_solve(scene, options, key):
     names = [electrode.name for electrode in scene.electrode_list]
     with pytest.raises(ValueError, match=f"^{key}:"):
         locate(scene, dict.fromkeys(names, 900.0), **options)

@@ -18,7 +18,7 @@ from tests.helpers.bump_response import draw_uniform_touches, make_bump_response
 TOUCH = np.array([3.0, 4.0, 0.0, 1.0])
 ONE_SIGMA = 0.6827
 #: Columns of x, y and force.
-PLACE_AND_FORCE = [0, 1, 3]
+POSITION_AND_FORCE = [0, 1, 3]
 
 
 def compute_slopes(response, touch):
@@ -50,9 +50,9 @@ def test_the_covariance_is_the_inverse_information_where_charges_are_linear():
 
 
 def test_deviations_and_p_values_are_those_of_drawn_errors():
-    """68.3 % of errors are within a deviation, places reach the Cramér-Rao bound, p are uniform.
+    """68.3 % of errors are within a deviation, positions reach the Cramér-Rao bound, p are uniform.
 
-    Of 4000 touches ±2.5 % are more than three standard deviations of the share.
+    Of 4000 touches ±2.5 % are more than three standard deviations of the fraction.
     """
     response = make_bump_response("rectangle")
     touches = draw_uniform_touches(4000, seed=3, reach_mm=11.0)
@@ -60,24 +60,24 @@ def test_deviations_and_p_values_are_those_of_drawn_errors():
     noise = 0.01 * np.random.default_rng(4).standard_normal((4000, 4))
     charges = response.evaluate(touches)[0] * (1.0 + noise)
     found = locate_many(response, charges, 0.01, rotations_deg=touches[:, 2])
-    errors = (found.values - touches)[:, PLACE_AND_FORCE]
+    errors = (found.values - touches)[:, POSITION_AND_FORCE]
     is_within = np.abs(errors) < found.deviations
     assert is_within.mean(axis=0) == pytest.approx(ONE_SIGMA, abs=0.025)
-    slopes = response.evaluate(touches)[1][:, :, PLACE_AND_FORCE] / (0.01 * charges)[:, :, None]
+    slopes = response.evaluate(touches)[1][:, :, POSITION_AND_FORCE] / (0.01 * charges)[:, :, None]
     bound = np.linalg.inv(slopes.swapaxes(1, 2) @ slopes)
     squares = np.square(errors[:, :2]).sum()
     bounds = (bound[:, 0, 0] + bound[:, 1, 1]).sum()
     assert (squares / bounds) ** 0.5 == pytest.approx(1, abs=0.06)
-    shares = np.histogram(found.p_value, 10, (0.0, 1.0))[0] / len(found.p_value)
-    assert shares == pytest.approx(0.1, abs=0.02)
+    fractions = np.histogram(found.p_value, 10, (0.0, 1.0))[0] / len(found.p_value)
+    assert fractions == pytest.approx(0.1, abs=0.02)
     assert (~found.explained).mean() < 0.004
 
 
 def test_charges_that_cancel_name_the_undetermined_direction():
-    """Four electrodes at one place determine a distance and nothing else."""
+    """Four electrodes at one position determine a distance and nothing else."""
     response = make_bump_response("circle", 4)
-    one_place = np.tile(response.electrodes_mm[:1], (4, 1))
-    response = replace(response, electrodes_mm=one_place)
+    one_position = np.tile(response.electrodes_mm[:1], (4, 1))
+    response = replace(response, electrodes_mm=one_position)
     best = locate(response, read_charges(response, TOUCH), unknown=("x_mm", "y_mm")).best
     assert not best.determined
     [direction] = best.null_directions
@@ -92,10 +92,10 @@ def test_a_disc_has_no_rotation():
     response = make_bump_response("circle")
     location = locate(response, read_charges(response, TOUCH), unknown=TOUCH_QUANTITIES)
     best = location.best
-    assert best.values[PLACE_AND_FORCE] == pytest.approx(TOUCH[PLACE_AND_FORCE], abs=1e-5)
+    assert best.values[POSITION_AND_FORCE] == pytest.approx(TOUCH[POSITION_AND_FORCE], abs=1e-5)
     assert not best.determined
-    place_and_force = best.null_directions[0][PLACE_AND_FORCE]
-    assert place_and_force == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+    position_and_force = best.null_directions[0][POSITION_AND_FORCE]
+    assert position_and_force == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
     assert (location.status, len(location.remarks)) == ("located", 1)
     # Every rotation is as likely.
     assert location.deviations["rotation_deg"] == pytest.approx(ONE_SIGMA * 180.0, rel=0.08)
@@ -105,7 +105,7 @@ def test_calibrated_deviations_hold_along_folds():
     """By the curvature alone a third of the errors near the edge are within their deviations.
 
     Discs touch 9 to 12 mm from the centre, where the derivative of the charges changes its sign.
-    Of 56 touches ±12 % are two standard deviations of the share.
+    Of 56 touches ±12 % are two standard deviations of the fraction.
     """
     count = 300
     random = np.random.default_rng(1)
@@ -126,7 +126,7 @@ def test_calibrated_deviations_hold_along_folds():
     for row in outer:
         sizes = locations[row].to_json()["touches"][0]["standard_deviations"]
         deviations.append([*sizes.values()])
-    errors = np.abs(best - touches)[outer][:, PLACE_AND_FORCE]
+    errors = np.abs(best - touches)[outer][:, POSITION_AND_FORCE]
     is_within = errors < deviations
     assert is_within.mean(axis=0) == pytest.approx(ONE_SIGMA, abs=0.12)
 

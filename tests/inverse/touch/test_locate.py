@@ -91,8 +91,8 @@ def test_all_touches_with_an_unknown_rotation_are_listed(shape):
         assert ranks == sorted(ranks, reverse=True)
         narrow = [one for one in exact if one.deviations["rotation_deg"] < 5.0]
         widths = [np.linalg.det(one.covariance) ** 0.5 / one.force_N for one in narrow]
-        shares = np.array([one.weight for one in narrow]) / widths
-        assert shares == pytest.approx(np.full(len(narrow), shares[:1].sum()), rel=1e-2)
+        fractions = np.array([one.weight for one in narrow]) / widths
+        assert fractions == pytest.approx(np.full(len(narrow), fractions[:1].sum()), rel=1e-2)
     assert ambiguous_count > 10
 
 
@@ -176,7 +176,7 @@ def test_a_touch_beyond_the_domain_is_at_its_edge_without_evaluations_beyond(tou
 
 
 @pytest.mark.parametrize(("axis", "other"), [("x_mm", "y_mm"), ("y_mm", "x_mm")])
-def test_a_place_on_a_line_is_searched_up_to_the_reach(axis, other):
+def test_a_position_on_a_line_is_searched_up_to_the_reach(axis, other):
     """The touch is beyond a reach of 10 mm; searches go 5 % beyond the reach."""
     wide = make_bump_response("circle", domain=Domain(14.0, (0.1, 5.0)))
     narrow = make_bump_response("circle", domain=Domain(10.0, (0.1, 5.0)))

@@ -102,7 +102,7 @@ def test_columns_in_any_order_give_the_same_touches_as_rows():
         (np.ones((2, 4)), {"sigma": -1.0}, "sigma = -1"),
     ],
 )
-def test_a_table_that_cannot_be_used_is_refused(readings, options, key):
+def test_a_table_that_cannot_be_used_is_rejected(readings, options, key):
     with pytest.raises(ValueError, match=f"^{key}"):
         locate_many(make_bump_response(), readings, **options)
 

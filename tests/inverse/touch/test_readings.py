@@ -1,4 +1,4 @@
-"""Readings of channels: meaning, gains, offsets, noise, places on a stage, and validation."""
+"""Readings of channels: meaning, gains, offsets, noise, positions on a stage, and validation."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from tests.helpers.bump_response import make_bump_response, read_charges
 
 TOUCH = np.array([3.0, -4.0, 25.0, 0.7])
 ROTATION = {"rotation_deg": 25.0}
-PLACE_AND_FORCE = ("x_mm", "y_mm", "force_N")
+POSITION_AND_FORCE = ("x_mm", "y_mm", "force_N")
 CHANNELS = {
     "kind": "charge",
     "feedback_capacitance_pF": {"A": 500.0, "B": 2000.0},
@@ -111,15 +111,15 @@ def test_the_mistake_in_readings_is_named(words, options, make_mistake):
         ("x_mm",),
         ("rotation_deg",),
         ("y_mm", "force_N"),
-        PLACE_AND_FORCE,
+        POSITION_AND_FORCE,
         TOUCH_QUANTITIES,
     ],
 )
 @pytest.mark.parametrize("is_given", [True, False])
 def test_fixed_quantities_are_given_on_the_stage_or_are_those_of_the_scene(unknown, is_given):
-    """The scene's probe has its place on the film."""
-    place = dict(zip(TOUCH_QUANTITIES[:3], TOUCH.tolist(), strict=False))
-    sections = {"probe": {"shape": "rectangle", **place}, "load": {"force_N": 0.7}}
+    """The scene's probe has its position on the film."""
+    position = dict(zip(TOUCH_QUANTITIES[:3], TOUCH.tolist(), strict=False))
+    sections = {"probe": {"shape": "rectangle", **position}, "load": {"force_N": 0.7}}
     response = make_response(stage=STAGE, **({} if is_given else sections))
     known = {}
     for name, value in zip(TOUCH_QUANTITIES, TOUCH_ON_STAGE, strict=True):
@@ -166,7 +166,7 @@ def test_all_mistakes_are_reported_by_their_keys(readings, options, keys):
     assert [line.partition(":")[0].partition(" =")[0] for line in lines] == keys
 
 
-def test_readings_without_any_error_are_refused():
+def test_readings_without_any_error_are_rejected():
     response = make_bump_response(error_bound=0.0)
     with pytest.raises(ValueError, match=r"^sigma = 0"):
         locate(response, TWO_READINGS, 0.0)
