@@ -1,4 +1,4 @@
-"""Types of arrays, and small operations on them."""
+"""Types of arrays, and basic operations on arrays."""
 
 from __future__ import annotations
 
@@ -13,36 +13,37 @@ Selection = slice | Indices
 #: Selects everything along an axis.
 ALL = slice(None)
 
-#: Imaginary step of a complex-step derivative, which is exact to rounding (Squire and Trapp, SIAM
-#: Rev. 40 (1998) 110-112).
+#: Imaginary step of complex-step derivatives, which are exact up to round-off (Squire and Trapp,
+#: SIAM Rev. 40 (1998) 110-112).
 COMPLEX_STEP = 1e-30
 
 
 def finite_or_none(value: float) -> float | None:
-    """Return a finite number; None for another, which JSON does not have."""
+    """Return a finite number as a float; return None for NaN and infinity, which JSON lacks."""
     return float(value) if np.isfinite(value) else None
 
 
 def compute_unit_gauss_rule(count: int) -> tuple[Array, Array]:
-    """Return points and weights of Gauss's quadrature on [0, 1], each (count,)."""
+    """Return the `count` points and weights of Gauss-Legendre quadrature on [0, 1]."""
     points, weights = np.polynomial.legendre.leggauss(count)
     return (points + 1.0) / 2.0, weights / 2.0
 
 
 def make_polar_grid(radius: float, radii: int, angles: int) -> Array:
-    """Return places on a disc about the origin.
+    """Return the Cartesian coordinates of a polar grid on a disc around the origin.
 
     Parameters
     ----------
     radius : float
         Radius of the disc, in any unit.
     radii, angles : int
-        Numbers of radii, from 0 on, and of angles. The first angle, 0, is repeated at the end.
+        Numbers of equally spaced radii and angles. The radii begin at 0. The angles go from 0 to
+        2π, so that the first direction is repeated.
 
     Returns
     -------
-    array, (radii, angles, 2)
-        x and y in the unit of the radius.
+    ndarray, shape (radii, angles, 2)
+        Coordinates x and y in the unit of the radius.
     """
     r = np.linspace(0.0, radius, radii)[:, None]
     angle = np.linspace(0.0, 2.0 * np.pi, angles)
@@ -57,8 +58,8 @@ def move_components_first(values: Array, axes: int) -> Array:
 def move_components_last(values: Array, axes: int) -> Array:
     """Return a view of an array with the first `axes` axes moved to the end.
 
-    In memory they stay first, so that components are blocks: sums and products over points are
-    several times faster.
+    The memory layout does not change, so that the values of each component stay contiguous. Sums
+    and products over points are then several times faster.
     """
     return _rotate_axes(values, axes)
 
@@ -74,15 +75,16 @@ def apply_matrix(matrix: Array, vector: Array) -> Array:
 
     Parameters
     ----------
-    matrix : array, (n, n) or (..., n, n)
-        One matrix for all vectors, or one for each.
-    vector : array, (..., n)
+    matrix : ndarray, shape (n, n) or (..., n, n)
+        One matrix for all vectors, or a matrix for each vector.
+    vector : ndarray, shape (..., n)
         The vectors.
 
     Returns
     -------
-    array, (..., n)
-        The products. With one matrix, components are blocks in memory, see `move_components_last`.
+    ndarray, shape (..., n)
+        The products. With one matrix, the values of each component are contiguous in memory, see
+        `move_components_last`.
     """
     if matrix.ndim > 2:
         return np.matmul(matrix, vector[..., None])[..., 0]

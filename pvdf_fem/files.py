@@ -1,4 +1,4 @@
-"""Input files, read up to a largest size, and output files, which appear whole or not at all."""
+"""Reading input files up to a maximum size, and writing output files atomically."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _DECIMAL_COMMA = re.compile(r"^(\s*[+-]?[0-9]*),([0-9]+([eE][+-]?[0-9]+)?\s*)$")
 
 
 class FileError(ValueError):
-    """A file that cannot be read or written; the text names the file and what to change."""
+    """A file that cannot be read or written; the message says which file and what to change."""
 
 
 def escape_unprintable(text: str) -> str:
-    """Return a text in one line, with unprintable characters escaped."""
+    """Escape unprintable characters of a text, including line ends."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
@@ -27,7 +27,7 @@ def escape_unprintable(text: str) -> str:
 
 
 def read_text(path: Path, max_bytes: int, description: str) -> str:
-    """Read the text of a regular UTF-8 file, without a byte order mark.
+    """Read a regular UTF-8 file as text, without its byte order mark.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ def read_bytes(path: Path, max_bytes: int, description: str) -> bytes:
     path : Path
         The file.
     max_bytes : int
-        Largest size that is accepted.
+        Maximum size of the file.
     description : str
-        The expected file, for error messages: ``a scene file``.
+        Words for the expected file in error messages, such as ``a scene file``.
 
     Returns
     -------
@@ -81,9 +81,9 @@ def read_bytes(path: Path, max_bytes: int, description: str) -> bytes:
 
 
 def decode_text(path: Path, content: bytes) -> str:
-    """Return the text of a file's content, without a byte order mark.
+    """Decode the content of a file as UTF-8, without its byte order mark.
 
-    Raises `FileError` if it is not UTF-8.
+    Raises `FileError` with the line number if the content is not UTF-8.
     """
     require_utf8_lines(content, str(path))
     try:
@@ -94,14 +94,14 @@ def decode_text(path: Path, content: bytes) -> str:
 
 
 def require_utf8_lines(content: bytes, name: str) -> None:
-    """Raise `FileError` for UTF-16, and for lines that end in CR alone.
+    """Raise `FileError` if a text is UTF-16, or if its lines end in CR alone.
 
     Parameters
     ----------
     content : bytes
-        A text, or its first line.
+        The content of a file, or only its first line.
     name : str
-        The file, for error messages.
+        Name of the file for error messages.
     """
     has_byte_order_mark = content.startswith((b"\xff\xfe", b"\xfe\xff"))
     has_null_byte = content[:2].count(0) == 1  # one of two bytes of an ASCII letter
@@ -112,22 +112,22 @@ def require_utf8_lines(content: bytes, name: str) -> None:
 
 
 def read_csv_rows(lines: Iterable[str], header: str) -> Iterator[list[str]]:
-    """Read the rows of a CSV file.
+    """Yield the rows of a CSV file.
 
-    Where the header has semicolons and no comma, as from spreadsheets with decimal commas, cells
-    are separated by semicolons, and decimal commas become points.
+    If the header has semicolons and no comma, as in files of spreadsheets with decimal commas,
+    cells are separated by semicolons, and decimal commas are replaced by points.
 
     Parameters
     ----------
     lines : iterable of str
         Lines of the file.
     header : str
-        Its first line.
+        First line of the file.
 
     Yields
     ------
     list of str
-        The cells of the next row.
+        Cells of the next row.
     """
     has_semicolons = ";" in header and "," not in header
     for row in csv.reader(lines, delimiter=";" if has_semicolons else ",", strict=True):
@@ -139,7 +139,7 @@ def read_csv_rows(lines: Iterable[str], header: str) -> Iterator[list[str]]:
 
 @contextmanager
 def open_regular_file(path: Path, description: str) -> Iterator[BinaryIO]:
-    """Open a regular file for reading in this context.
+    """Open a regular file for reading within this context.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def _convert_read_errors(path: Path, description: str) -> Iterator[None]:
         yield
     except FileError:
         raise
-    except (OSError, ValueError) as error:  # the latter for a null character in the path
+    except (OSError, ValueError) as error:  # ValueError for a null character in the path
         reason = getattr(error, "strerror", error)
         raise FileError(
             f"{path}: cannot be read ({reason}); give the path of {description}"
@@ -185,20 +185,20 @@ def _convert_read_errors(path: Path, description: str) -> Iterator[None]:
 
 @contextmanager
 def replace_file(path: Path) -> Iterator[Path]:
-    """Replace a file at the end of this context, or create it.
+    """Create or replace a file at the end of this context.
 
-    The new file has the permissions and, where possible, the owner of the old one. After an
-    exception the old file remains as it was.
+    The new file gets the permissions and, if possible, the owner of the old one. If the context
+    raises an exception, the old file remains unchanged.
 
     Parameters
     ----------
     path : Path
-        The file.
+        File to create or replace.
 
     Yields
     ------
     Path
-        A temporary file to write, in the same folder.
+        Path of a temporary file in the same folder, to which the content is written.
 
     Raises
     ------
@@ -211,21 +211,21 @@ def replace_file(path: Path) -> Iterator[Path]:
             yield temporary
             with suppress(FileNotFoundError):
                 copy_permissions(path, temporary)
-            temporary.replace(os.path.realpath(path))  # a symbolic link stays one
+            temporary.replace(os.path.realpath(path))  # a symbolic link is kept
         finally:
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
 
 
 def copy_permissions(source: Path, target: Path) -> None:
-    """Give a file the permissions of another one and, if the system allows it, its owner.
+    """Copy the permissions of a file and, if the system allows it, its owner to another file.
 
     Parameters
     ----------
     source : Path
-        The file with the permissions.
+        File whose permissions are copied.
     target : Path
-        The file to change; nothing happens if it does not exist.
+        File to change. Nothing happens if it does not exist.
     """
     status = source.stat()
     if hasattr(os, "chown"):
@@ -236,7 +236,7 @@ def copy_permissions(source: Path, target: Path) -> None:
 
 
 def require_writable(path: Path, *inputs: Path | str | None) -> None:
-    """Raise `FileError` if `replace_file` could not write a file, or if it is one of `inputs`."""
+    """Raise `FileError` if a file cannot be written by `replace_file` or is one of `inputs`."""
     require_distinct(path, *inputs)
     with _convert_write_errors(path):
         temporary = _make_temporary_path(path)
@@ -245,7 +245,7 @@ def require_writable(path: Path, *inputs: Path | str | None) -> None:
 
 
 def require_distinct(path: Path, *inputs: Path | str | None) -> None:
-    """Raise `FileError` if a file to be written is one of `inputs`, under any name."""
+    """Raise `FileError` if a file is the same as one of `inputs`, also through links."""
     for other in inputs:
         if other is not None and is_same_file(path, other):
             raise FileError(
@@ -254,7 +254,7 @@ def require_distinct(path: Path, *inputs: Path | str | None) -> None:
 
 
 def is_same_file(path: Path | str, other: Path | str) -> bool:
-    """Return whether two paths lead to the same file or directory, also through links."""
+    """Return whether two paths refer to the same file or directory, also through links."""
     try:
         return os.path.samefile(path, other)
     except OSError:  # one does not exist
@@ -262,22 +262,22 @@ def is_same_file(path: Path | str, other: Path | str) -> bool:
 
 
 def make_directory(path: Path, first: str, *inputs: Path) -> None:
-    """Make a directory, with its parents, for files to be written.
+    """Create an output directory with its parents, unless it exists.
 
     Parameters
     ----------
     path : Path
-        The directory, which may exist.
+        The directory.
     first : str
-        Name of the first file in it.
+        Name of a file in it, for which writing is tested.
     *inputs : Path
-        Files that must not lie in it, since they are read.
+        Input files, which must not be in this directory.
 
     Raises
     ------
     FileError
-        If the directory cannot be made or holds one of `inputs`, or if the file `first` could not
-        be written.
+        If the directory cannot be created, if it contains one of `inputs`, or if the file `first`
+        cannot be written.
     """
     for other in inputs:
         if is_same_file(path, other.parent):
@@ -292,7 +292,7 @@ def make_directory(path: Path, first: str, *inputs: Path) -> None:
 
 
 def _make_temporary_path(path: Path) -> Path:
-    """Return a temporary path beside a file; raises `FileError` if it must not be replaced."""
+    """Return a temporary path beside a file; raise `FileError` if the file cannot be replaced."""
     if path.exists():
         if not path.is_file():
             raise FileError(f"{path}: is not a regular file; give another name")

@@ -1,4 +1,4 @@
-"""Progress of long jobs: finished work, and an estimate of the remaining time."""
+"""Progress of long jobs: finished work and an estimate of the remaining time."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-#: A function of finished work and total work, in any unit. The total may change from call to call.
+#: A function that is called with finished work and total work, in any unit. The total may change.
 Progress = Callable[[float, float], None]
 
-#: Seconds between two lines of progress where standard error is not a terminal.
+#: Seconds between two lines of progress if standard error is not a terminal.
 LINE_INTERVAL_S = 2.0
-#: Layout of the progress bar on a terminal; the names in braces are those of tqdm.
+#: Format of the progress bar on a terminal, with the variables of tqdm.
 BAR_FORMAT = "{percentage:3.0f}% {bar:20} {n:.0f} of {total:.0f} {unit}, {remaining} left"
 
 
 def ignore_progress(done: float, total: float) -> None:
-    """Show nothing: the `Progress` of a silent job."""
+    """Do nothing: the `Progress` of a silent job."""
 
 
 @contextmanager
 def show_progress(
     unit: str, requested: Progress | bool | None = None, after_s: float = 2.0
 ) -> Iterator[Progress]:
-    """Show the progress of a job on standard error.
+    """Show the progress of a job on standard error within this context.
 
-    On a terminal this is a progress bar of tqdm, which disappears at the end. Elsewhere it is a
+    On a terminal this is a progress bar of tqdm, which disappears at the end. Otherwise it is a
     line every few seconds.
 
     Parameters
@@ -37,10 +37,10 @@ def show_progress(
     unit : str
         Unit of the work, such as "solves".
     requested : callable or bool, optional
-        A callable is used as it is, in place of standard error. True always shows the progress,
-        False never does, and None shows it where standard error is a terminal.
-    after_s : float, optional
-        Time in seconds during which nothing is shown, so that short jobs are silent.
+        A callable is yielded unchanged, and nothing is shown on standard error. True always shows
+        the progress, False never does, and None shows it if standard error is a terminal.
+    after_s : float
+        Time in seconds before anything is shown, so that short jobs are silent.
 
     Yields
     ------
@@ -65,7 +65,7 @@ def show_progress(
 
 
 class _ProgressBar:
-    """A progress bar of tqdm that appears after some time."""
+    """A progress bar of tqdm that appears after `after_s` seconds."""
 
     def __init__(self, unit: str, after_s: float) -> None:
         self.unit, self.after_s = unit, after_s
@@ -92,18 +92,18 @@ class _ProgressBar:
 
 
 def _open_bar(unit: str, elapsed_s: float) -> Any:
-    """Return a bar of tqdm, not drawn yet, for a job that began `elapsed_s` seconds ago."""
-    from tqdm import tqdm  # here, since most commands end before they show a bar
+    """Make a bar of tqdm, not yet drawn, for a job that began `elapsed_s` seconds ago."""
+    from tqdm import tqdm  # imported here, since most commands end before they show a bar
 
     class Bar(tqdm):  # type: ignore[misc]
-        monitor_interval = 0  # without a thread that redraws bars of slow jobs
+        monitor_interval = 0  # no thread that redraws the bar
 
     bar = Bar(
         unit=unit,
         bar_format=BAR_FORMAT,
         leave=False,
         delay=1e-9,  # not drawn before its first refresh
-        miniters=0,  # drawn by time alone
+        miniters=0,  # redrawn at intervals of time only
         smoothing=0.0,  # the remaining time follows from the mean speed since the start
     )
     bar.start_t -= elapsed_s
@@ -111,7 +111,7 @@ def _open_bar(unit: str, elapsed_s: float) -> Any:
 
 
 class _ProgressLines:
-    """Lines of progress on standard error, one every few seconds."""
+    """Lines of progress on standard error, one every `LINE_INTERVAL_S` seconds."""
 
     def __init__(self, unit: str, after_s: float) -> None:
         self.unit, self.after_s = unit, after_s
@@ -119,7 +119,7 @@ class _ProgressLines:
         self.last_line = -math.inf
 
     def __call__(self, done: float, total: float) -> None:
-        """Write a line with finished and total work if the last one is some seconds old."""
+        """Print a line with finished and total work, unless the last line is too recent."""
         now = time.monotonic()
         elapsed_s = now - self.start
         is_due = elapsed_s >= self.after_s and now - self.last_line >= LINE_INTERVAL_S
@@ -131,7 +131,7 @@ class _ProgressLines:
 
 
 def format_remaining_time(seconds: float) -> str:
-    """Return a duration in words: in seconds below two minutes, else in minutes."""
+    """Format a duration in words: in seconds below two minutes, else in minutes."""
     if seconds < 120.0:
         return f"about {seconds:.0f} s"
     return f"about {seconds / 60.0:.0f} min"
@@ -145,7 +145,7 @@ class SolveCounter:
     progress : callable
         The `Progress` to report to.
     expected : int
-        Expected number of solves. Where more are needed, the total grows with them.
+        Expected number of solves. If there are more, the reported total grows with them.
     """
 
     def __init__(self, progress: Progress, expected: int) -> None:
@@ -153,7 +153,7 @@ class SolveCounter:
         self.done = 0
 
     def __call__(self) -> None:
-        """Count one more solve."""
+        """Count one more solve, and report the number of solves."""
         self.done += 1
         self.progress(self.done, max(self.expected, self.done))
 
@@ -161,14 +161,14 @@ class SolveCounter:
 class TaskRunner:
     """A runner of tasks on several processes that reports CPU seconds to a `Progress`.
 
-    The remaining work is estimated from finished tasks with the same function.
+    The remaining work is estimated from the durations of finished tasks with the same function.
 
     Parameters
     ----------
     processes : int, optional
-        Number of processes; None stands for one per core.
-    progress : callable, optional
-        The `Progress` to report to, in seconds of one core.
+        Number of processes. Default: one per core.
+    progress : callable
+        The `Progress` to report to, in seconds of one core. Default: nothing is reported.
     """
 
     def __init__(self, processes: int | None = None, progress: Progress = ignore_progress) -> None:
@@ -186,7 +186,7 @@ class TaskRunner:
         Yields
         ------
         object
-            The result of the next task.
+            The result of the next task, in the order of `tasks`.
         """
         import joblib
 
@@ -204,7 +204,7 @@ class TaskRunner:
                 yield result
 
     def _report(self, waiting: Counter[str]) -> None:
-        """Report finished and expected seconds, once a task of each function has finished.
+        """Report finished and expected seconds if a task of each function has finished.
 
         `waiting` is the number of unfinished tasks by function name.
         """
@@ -219,7 +219,7 @@ class TaskRunner:
 
 
 def _time_task(function: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
-    """Return the result of a function, and its CPU time in seconds."""
+    """Call a function, and return its result and its CPU time in seconds."""
     start = time.process_time()
     result = function(*arguments)
     return result, time.process_time() - start

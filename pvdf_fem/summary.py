@@ -1,8 +1,8 @@
-"""How results are shown: one line in `repr`, text in `print`, HTML in notebooks, and JSON.
+"""Presentation of results: one line in `repr`, text in `print`, HTML in notebooks, and JSON.
 
-A result derives from `Result` and returns its content as a `Summary` from one method, `summary`.
-Tables are laid out here rather than by pandas or rich: importing these takes 0.2 s and 0.05 s,
-which every command that prints a result would have to wait for.
+A result derives from `Result` and returns its content as a `Summary` from its method `summary`.
+Tables are formatted here instead of by pandas or rich, because importing these would delay every
+command that prints a result by 0.2 s or 0.05 s.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import numpy as np
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-#: Largest number of charges in a line.
+#: Maximum number of charges in a line.
 MAX_CHARGES = 4
-#: Largest length of a `repr` without the name of the class.
+#: Maximum length of a `repr` without the name of the class.
 MAX_LINE = 150
 
 
@@ -43,19 +43,19 @@ class TextTable:
 
     @classmethod
     def from_columns(cls, columns: Mapping[str, Any], max_rows: int = 12) -> Self:
-        """Format columns of values, the first and the last rows of a long table.
+        """Format columns of values as text, and shorten long tables.
 
         Parameters
         ----------
-        columns : mapping of str to sequences or arrays of n values
-            Columns by title; arrays of several dimensions are flattened.
+        columns : mapping of str to sequence or ndarray, length n
+            Columns by title. Arrays of several dimensions are flattened.
         max_rows : int
-            Largest number of rows without a gap.
+            Maximum number of rows. Of a longer table, the first and the last rows are kept.
 
         Returns
         -------
         TextTable
-            Numbers with six digits; None as an empty cell.
+            Table of numbers with six digits. None becomes an empty cell.
         """
         texts = []
         for column in columns.values():
@@ -69,7 +69,7 @@ class TextTable:
         return cls(tuple(columns), tuple(rows))
 
     def to_lines(self) -> list[str]:
-        """Return the lines of the table, first column left-aligned, the others right-aligned."""
+        """Return the lines of the table; the first column is left-aligned, others right-aligned."""
         every_row = (self.heading, *self.rows)
         widths = [max(map(len, column)) for column in zip(*every_row, strict=True)]
         lines = []
@@ -88,16 +88,17 @@ class TextTable:
 
 @dataclass(frozen=True)
 class Summary:
-    """The content of a result for people: a headline, sentences, tables and notes.
+    """The human-readable content of a result: a status, sentences, tables and notes.
 
     Parameters
     ----------
     status : str
         Outcome in a word or two, such as ``converged``.
     sentences : sequence of str
-        Lines below the status; the first one stands beside it.
+        At least one sentence. The first one follows the status on the same line, each of the
+        others is a line below.
     tables : sequence of TextTable
-        Tables; one without rows is not shown.
+        Tables below the sentences. Tables without rows are not shown.
     notes : sequence of str
         Lines below the tables.
     """
@@ -109,7 +110,7 @@ class Summary:
 
     @property
     def headline(self) -> str:
-        """Status and first sentence."""
+        """The status and the first sentence."""
         return f"{self.status}: {self.sentences[0]}"
 
     def to_text(self) -> str:
@@ -130,9 +131,9 @@ class Summary:
 
 
 class Result(ABC):
-    """A result that prints itself: a line as `repr`, text, HTML in notebooks, and JSON."""
+    """Base class of results, which shows them as a line, text, HTML or JSON."""
 
-    if not TYPE_CHECKING:  # type checkers know the attributes
+    if not TYPE_CHECKING:  # type checkers would accept any attribute
 
         def __getattr__(self, name: str) -> Any:
             public = ", ".join(attribute for attribute in dir(self) if attribute[0] != "_")
@@ -140,11 +141,11 @@ class Result(ABC):
 
     @abstractmethod
     def summary(self) -> Summary:
-        """Return the content that `print` and notebooks show."""
+        """Return the content that `print` and notebooks show. Subclasses implement this method."""
 
     @abstractmethod
     def to_json(self) -> dict[str, Any]:
-        """Return the result as plain values for JSON."""
+        """Return the result as plain values for JSON. Subclasses implement this method."""
 
     def __str__(self) -> str:
         return self.summary().to_text()
@@ -156,30 +157,30 @@ class Result(ABC):
         return self.summary().to_html()
 
     def _headline(self) -> str:
-        """Return the line of `repr`; a class whose summary is expensive replaces it."""
+        """Return the text of `repr`; classes with an expensive summary override this method."""
         return self.summary().headline
 
 
 class TabularResult(Result):
-    """A result that is a table."""
+    """Base class of results that consist of one table."""
 
     @abstractmethod
     def columns(self) -> dict[str, Any]:
-        """Return the columns of n values by name, with units in the names."""
+        """Return the columns by name, with units in the names. Subclasses implement this method."""
 
     def to_dataframe(self) -> DataFrame:
-        """Return the table as a pandas DataFrame of n rows."""
+        """Return the table as a pandas DataFrame."""
         from pandas import DataFrame  # slow to import
 
         return DataFrame({name: np.ravel(column) for name, column in self.columns().items()})
 
     def to_json(self) -> dict[str, Any]:
-        """Return lists of n values by the names of the columns."""
+        """Return the columns as lists of plain values by name."""
         return {name: np.ravel(column).tolist() for name, column in self.columns().items()}
 
 
 def format_charges(charges: Mapping[str, float], unit: str = "pC") -> str:
-    """Format the charges of the first electrodes in a line, with five digits."""
+    """Format the charges of the first `MAX_CHARGES` electrodes in a line, with five digits."""
     texts = [f"{name} {charge:.5g}" for name, charge in charges.items()]
     if len(texts) > MAX_CHARGES:
         texts = [*texts[:MAX_CHARGES], "..."]
@@ -187,19 +188,19 @@ def format_charges(charges: Mapping[str, float], unit: str = "pC") -> str:
 
 
 def format_with_error(value: float, error: float) -> tuple[str, str]:
-    """Format a value with the decimals that its error leaves.
+    """Format a value with the decimals that are significant in view of its error.
 
     Parameters
     ----------
     value : float
-        Shown up to the second digit of the error, with at most ten digits.
+        The value, shown up to the second digit of the error, with at most ten digits.
     error : float
-        Its error, zero where there is none.
+        Absolute error of the value, or zero if it is unknown.
 
     Returns
     -------
     tuple of str
-        Value and error.
+        The value, and the error with two digits.
     """
     places = []
     if value:
@@ -211,7 +212,7 @@ def format_with_error(value: float, error: float) -> tuple[str, str]:
 
 
 def _format_cell(value: Any) -> str:
-    """Format a number with six digits, None as an empty cell, and other values as they are."""
+    """Format a number with six digits, None as an empty text, and other values by `str`."""
     if value is None:
         return ""
     if isinstance(value, int | float) and not isinstance(value, bool):
@@ -220,6 +221,6 @@ def _format_cell(value: Any) -> str:
 
 
 def _format_html_row(cells: Sequence[str], tag: str) -> str:
-    """Format the cells of a row, each in an element of a tag."""
+    """Format a row of an HTML table, with each cell in an element named `tag`."""
     elements = "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells)
     return f"<tr>{elements}</tr>"

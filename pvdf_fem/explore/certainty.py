@@ -1,7 +1,7 @@
-"""How well noisy readings determine a touch: standard deviations of place and force.
+"""How well noisy readings determine a touch: standard deviations of position and force.
 
-They follow in a moment from the derivatives of the charges at the touch. Other touches with nearly
-equal charges are not searched for; `pvdf_fem.locate` finds them.
+They are computed from the derivatives of the charges at the touch. Other touches with nearly equal
+charges are not considered; `pvdf_fem.locate` finds them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pvdf_fem.solver.solution import Solution
 from pvdf_fem.summary import TextTable
 from pvdf_fem.view.touch_map import compute_deviation_ellipse
 
-#: An ellipse that is smaller than this share of the film's radius is magnified.
+#: An ellipse smaller than this fraction of the film's radius is magnified.
 SMALL_ELLIPSE = 0.02
 MAGNIFICATION = 10
 #: Names of unknown quantities of a touch.
@@ -31,20 +31,20 @@ UNKNOWN = ("x_mm", "y_mm", "force_N", "depth_mm")
 
 
 def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
-    """Estimate how well readings determine the touch of a scene file.
+    """Estimate how well readings determine the touch of a scene.
 
     Parameters
     ----------
     text : str
-        The scene file.
+        Text of the scene file.
     noise : float
-        Standard deviation of readings, relative to them; that of the readout is added.
+        Relative standard deviation of the readings, in addition to the noise of the readout.
 
     Returns
     -------
     dict
         `message` about the deviations, or the reason why there are none; `ellipses` of one standard
-        deviation of the place, each a list of points in mm, magnified where they are small;
+        deviation of the position, each a list of points in mm, magnified if all are small;
         `table` of the unknown quantities in HTML.
     """
     solution = solve_text(text)
@@ -78,32 +78,33 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
 
 
 def _magnify(ellipse: Array) -> Array:
-    """Return an ellipse, (points, 2) with the first point repeated, enlarged about its centre."""
+    """Enlarge an ellipse about its centre by `MAGNIFICATION`; its last point repeats the first."""
     centre = ellipse[:-1].mean(axis=0)
     return np.asarray(centre + MAGNIFICATION * (ellipse - centre))
 
 
 def _estimate_covariance(solution: Solution, values: dict[str, float], noise: float) -> Array:
-    """Return the covariance of a touch by linearised least squares.
+    """Estimate the covariance of a touch by linearised least squares.
 
     Parameters
     ----------
     solution : Solution
         The solution at the touch.
-    values : dict
-        Unknown quantities of the touch, by key of the scene.
+    values : dict of str to float
+        Unknown quantities of the touch by scene key.
     noise : float
-        Standard deviation of readings, relative to them.
+        Relative standard deviation of the readings.
 
     Returns
     -------
-    array, (keys, keys)
-        The inverse of JᵀJ, with the Jacobian J of the readings over their standard deviations.
+    ndarray, shape (keys, keys)
+        The inverse of JᵀJ. J is the Jacobian of the readings, divided by their standard
+        deviations, with respect to the unknown quantities.
 
     Raises
     ------
     ValueError
-        If the readings do not determine the touch.
+        If the readings do not determine the touch, or if they have no noise.
     """
     scene = solution.scene
     reads_changes = scene.readout is not None and scene.readout.reading == "change"
@@ -136,7 +137,7 @@ def _estimate_covariance(solution: Solution, values: dict[str, float], noise: fl
 
 
 def _format_name(scene: Scene, key: str) -> str:
-    """Return the name of a key in words, for one of several probes with its number."""
+    """Format a scene key in words, with the number of the probe if there are several."""
     table, _, name = key.rpartition(".")
     title = format_title(find_section(scene, table), name)
     return f"{table} {title}" if "[" in table else title

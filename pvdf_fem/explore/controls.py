@@ -1,4 +1,4 @@
-"""The parts of a view that need no solve: outlines, and controls for its values."""
+"""The parts of a view that do not need a solve: outlines, and controls for values."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import format_toml_value
 from pvdf_fem.view.figures import COLOURS
 
-#: Limits and step of the slider of a number, by key; nothing for a list.
+#: Limits and step of the slider of a number by key; empty for a list of numbers.
 SLIDERS = tomllib.loads(Path(__file__).with_name("controls.toml").read_text("utf-8"))
 #: Title and meaning of the values of a view that are not in its scene.
 TEXTS_OF_VIEW = {
     "quantity": ("colour of the film", "The quantity that colours the film."),
     "noise": ("noise of readings", "Standard deviation of a reading, relative to the reading."),
 }
-#: Keys with a control even where the scene lacks their table, which a choice then adds.
+#: Keys with a control even if the scene lacks their table, which a choice then adds.
 KEYS_THAT_ADD_TABLES = ("probe.shape", "electrodes.layout")
 
 
@@ -53,12 +53,12 @@ def describe_outlines(scene: Scene) -> dict[str, Any]:
 
 
 def choose_colour(electrode: int) -> str:
-    """Return the colour of an electrode and its bars, by its number."""
+    """Return the colour of an electrode and its bars by the electrode's index."""
     return COLOURS[electrode % len(COLOURS)]
 
 
 def to_point_list(points_mm: Array) -> list[list[float]]:
-    """Return points, (n, 2) in mm, as a list for the page."""
+    """Convert points in mm to nested lists for JSON, rounded to four decimals."""
     return np.round(points_mm, 4).tolist()
 
 
@@ -80,9 +80,9 @@ def describe_controls(view: View) -> dict[str, list[dict[str, Any]]]:
     Returns
     -------
     dict
-        Controls by table of the scene, or ``picture``. Each has `key`, `title`, `meaning` and
-        `value`; `choices` for a word; `min`, `max` and `step` for a number, so that the limits
-        enclose the value. The value of a list is TOML.
+        Controls by table of the scene; ``picture`` has the values that are not in the scene. Each
+        control has `key`, `title`, `meaning` and `value`. A word also has `choices`; a number has
+        `min`, `max` and `step`, where the limits include the value. A list has its value as TOML.
     """
     controls: dict[str, list[dict[str, Any]]] = {}
     for key in _list_keys(view.scene):
@@ -114,7 +114,7 @@ def describe_controls(view: View) -> dict[str, list[dict[str, Any]]]:
 
 
 def _list_keys(scene: Scene) -> Iterator[str]:
-    """Yield keys that may have controls, those with choices first."""
+    """Yield the keys that may have controls; keys with choices come first."""
     unused = set(scene.find_unused_load_keys(SLIDERS))
     probes = [probe.key for probe in scene.loaded_probes]
     for key in (*CHOICES, *SLIDERS):
@@ -128,19 +128,19 @@ def _list_keys(scene: Scene) -> Iterator[str]:
 
 
 def _compute_tension(film: Film) -> float | tuple[float, ...]:
-    """Return the tension of the unloaded film in N/m, along x and y where these differ."""
+    """Compute the tension of the unloaded film in N/m: one number, or those along x and y."""
     x, y = np.round(film.thickness * film.prestress[:2], 4).tolist()
     return x if x == y else (x, y)
 
 
 def format_title(section: Any, name: str) -> str:
-    """Return the name of a key of a table in words, with its unit."""
+    """Format the name of a key of a table in words, with its unit."""
     key = section.table_keys[name] if isinstance(section, Section) else Key()
     return str(key.title(name))
 
 
 def find_section(scene: Scene, table: str) -> Any:
-    """Return a table of a scene, or list of tables, by key; None where the scene has none."""
+    """Return the table or list of tables at a key of a scene, or None if the scene lacks it."""
     name, *index = parse_key(table)
     section = getattr(scene, name)
     return section[index[0]] if index else section

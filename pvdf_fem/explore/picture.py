@@ -1,4 +1,4 @@
-"""A solve for the page: its result, and the film as an image."""
+"""Solves for the page, with their results and images of the film."""
 
 from __future__ import annotations
 
@@ -24,37 +24,37 @@ from pvdf_fem.solver.adaptive import solve_problem
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.solution import Solution
 
-TOLERANCE = 1e-2  #: Relative error of charges to which pictures are solved, or the scene's.
-MAX_SECONDS = 5.0  #: Work of one core for a picture, unless the scene limits it.
-ORDER = 2  #: Of the elements: to 1e-2, quadratic ones take a fifth less time than cubic ones.
+TOLERANCE = 1e-2  #: Minimum tolerance of the charges.
+MAX_SECONDS = 5.0  #: Maximum CPU time of a solve in seconds, unless the scene limits it.
+ORDER = 2  #: Order of the elements; at this tolerance, order 2 takes a fifth less time than 3.
 PIXELS = 160  #: Pixels along the film's diameter.
-#: Elements have straight sides along the rim. A point between side and rim takes the element at
-#: this share of its distance from the centre.
+#: The search for elements uses straight sides along the rim. For a point between side and rim, the
+#: element at this fraction of its distance from the centre is used.
 INWARD = 0.95
 
 
 class Quantity(NamedTuple):
-    """A quantity that can colour the film."""
+    """A field by which the film can be coloured."""
 
     label: str
-    palette: str  #: A colour map of matplotlib, from light to dark.
-    at_dofs: Callable[[Solution], Array]  #: Values at the dofs of a solution's basis.
+    palette: str  #: Name of a colour map of matplotlib, from light to dark.
+    at_dofs: Callable[[Solution], Array]  #: Returns the field at the dofs of a solution's basis.
 
 
 def _compute_deflection(solution: Solution) -> Array:
-    """Return the deflection in mm at the dofs of a solution's basis."""
+    """Compute the deflection in mm at the dofs of a solution's basis."""
     return np.asarray(1e3 * solution.displacement[:, 2])
 
 
 def _compute_stress(solution: Solution) -> Array:
-    """Return S11 + S22 in MPa at the dofs of a solution's basis, as a continuous field."""
+    """Compute S11 + S22 in MPa at the dofs of a solution's basis, projected to this basis."""
     discrete = solution.discrete
     points = solution.basis.X
     stress = evaluate_in_elements(discrete.equilibrium, discrete.state, points).stress_MPa
     return np.asarray(solution.basis.project(stress[..., 0] + stress[..., 1]))
 
 
-#: A new quantity needs an entry here, and nothing else.
+#: Quantities by name. A new quantity only needs an entry here.
 QUANTITIES = {
     "deflection": Quantity("deflection (mm)", "Blues", _compute_deflection),
     "stress": Quantity("S11 + S22 (MPa)", "Purples", _compute_stress),
@@ -65,11 +65,11 @@ class Picture(NamedTuple):
     """The JSON of ``pvdf-fem solve --json`` for a scene, and an image of its film."""
 
     result: dict[str, Any]
-    image: Array | None  #: Of `sample_image`; None without a solution.
+    image: Array | None  #: The image of `sample_image`, or None if the solve did not converge.
 
 
 def solve_picture(text: str, quantity: str) -> Picture:
-    """Solve a scene file, and return its picture coloured by a quantity."""
+    """Solve the text of a scene file, and return its result with an image of a quantity."""
     solution = solve_text(text)
     image = None
     if solution.status is Status.CONVERGED:
@@ -79,7 +79,10 @@ def solve_picture(text: str, quantity: str) -> Picture:
 
 @lru_cache(maxsize=1)
 def solve_text(text: str) -> Solution:
-    """Solve a scene file to `TOLERANCE`, or to the scene's own tolerance where that is larger."""
+    """Solve the text of a scene file to `TOLERANCE`, or to the scene's tolerance if it is larger.
+
+    The last solution is cached.
+    """
     scene = Scene.parse(text)
     limits = {
         "numerics.tolerance": max(TOLERANCE, scene.numerics.tolerance),
@@ -89,20 +92,20 @@ def solve_text(text: str) -> Solution:
 
 
 def encode_image(image: Array, quantity: str) -> dict[str, Any]:
-    """Return an image as a PNG with its colour scale.
+    """Encode an image as a PNG with its colour scale.
 
     Parameters
     ----------
-    image : array, (pixels, pixels)
-        Values of the quantity, the lowest y first; NaN is transparent.
+    image : ndarray, shape (pixels, pixels)
+        Values of the quantity, with y increasing along the first axis. NaN is transparent.
     quantity : str
-        One of `QUANTITIES`.
+        A key of `QUANTITIES`.
 
     Returns
     -------
     dict
-        `url` with the PNG, which is palest at zero; `label`, `low` and `high`, the least and the
-        largest value as texts, and `colours` between them.
+        `url` with the PNG; `label`; `low` and `high`, the ends of the colour scale as texts, which
+        includes zero; and `colours` between them.
     """
     low = min(0.0, float(np.nanmin(image)))
     high = max(0.0, float(np.nanmax(image)))
@@ -122,24 +125,25 @@ def encode_image(image: Array, quantity: str) -> dict[str, Any]:
 
 
 def sample_image(solution: Solution, values: Array, pixels: int = PIXELS) -> Array:
-    """Sample a field at the pixels of the square about the film.
+    """Sample a field at the pixels of the square around the film.
 
     Parameters
     ----------
     solution : Solution
         The solution with mesh and basis.
-    values : array, (dofs,)
+    values : ndarray, shape (dofs,)
         The field at the dofs of the basis.
-    pixels : int, optional
+    pixels : int
         Number of pixels along a side of the square.
 
     Returns
     -------
-    array, (pixels, pixels), float32
-        The field, the lowest y first. A pixel just beyond the rim has the value at the rim, those
-        farther out have NaN.
+    ndarray of float32, shape (pixels, pixels)
+        The field, with y increasing along the first axis. Pixels just outside the rim have the
+        value at the rim, others outside have NaN.
     """
-    mesh, basis = solution.mesh, solution.basis
+    mesh = solution.mesh
+    basis = solution.basis
     radius = solution.scene.film.radius
     ticks = radius * ((np.arange(pixels) + 0.5) / pixels * 2.0 - 1.0)
     square = np.stack(np.meshgrid(ticks, ticks))
@@ -154,5 +158,5 @@ def sample_image(solution: Solution, values: Array, pixels: int = PIXELS) -> Arr
     nodal = values[basis.element_dofs[:, elements]]
     field = np.einsum("pf,fp->p", evaluate_shape_functions(basis.elem, local), nodal)
     image = np.full(near.shape, np.nan, dtype=np.float32)
-    image[near] = field.clip(values.min(), values.max())  # at the rim it is extrapolated a little
+    image[near] = field.clip(values.min(), values.max())  # at the rim the field is extrapolated
     return image

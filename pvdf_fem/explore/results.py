@@ -1,4 +1,4 @@
-"""The results of a solve for the page: bars of charges and readings, and numbers."""
+"""Results of a solve for the page: bars of charges and readings, and a table of numbers."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from pvdf_fem.summary import format_with_error
 
 
 def collect_results(text: str, quantity: str) -> dict[str, Any]:
-    """Solve a scene file, and return its results for the page.
+    """Solve a scene file, and collect its results for the page.
 
     Parameters
     ----------
     text : str
-        The scene file.
+        Text of the scene file.
     quantity : str
-        The quantity that colours the film.
+        Quantity by which the film is coloured, a key of `QUANTITIES`.
 
     Returns
     -------
     dict
-        `status`; `reason` for the absence of a solution, or empty; `warnings`; `image` of
+        `status`; `reason` why there is no solution, or empty; `warnings`; `image` as returned by
         `encode_image`, or None; `bars` of charges and of readings; `numbers` in HTML.
     """
     result, image = solve_picture(text, quantity)
@@ -50,20 +50,20 @@ def collect_results(text: str, quantity: str) -> dict[str, Any]:
 def _make_bars(
     name: str, title: str, values: Mapping[str, float], errors: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Return a group of bars.
+    """Describe a group of horizontal bars, one for each electrode.
 
     Parameters
     ----------
     name, title : str
         Name of the group in the page, and its heading.
     values, errors : mapping of str to float
-        Values by electrode with their errors, which may be missing.
+        Values and their errors by electrode. `errors` is empty if they are unknown.
 
     Returns
     -------
     dict
         `name`, `title` and `rows`. Each row has the `name` and `colour` of an electrode, its
-        `value` and `text`, and `from` and `width` in percent of the width for bars.
+        `value` and `text`, and the left end `from` and the `width` of its bar in percent.
     """
     low = min([0.0, *values.values()])
     high = max([0.0, *values.values()])

@@ -1,7 +1,7 @@
 """The server of the page.
 
-It keeps no state: the address in the browser is the view, and the history of the browser undoes and
-redoes changes.
+It does not keep a state: the address in the browser contains the view, and the browser's history
+undoes and redoes changes.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from pvdf_fem.explore.state import View
 from pvdf_fem.scene.scene import Scene, SceneError
 
 ADDRESS = "127.0.0.1"  #: The page is served on this machine only.
-#: Names by which the page may be called. A name of another site may lead to this machine, too, so
-#: that scripts of that site could read the answers.
+#: Host names in requests that are answered. Without this check, another site whose name resolves
+#: to this machine could read the answers (DNS rebinding).
 HOSTS = (ADDRESS, "localhost")
 FILES = {"/": ("page.html", "text/html"), "/page.js": ("page.js", "text/javascript")}
 
@@ -39,11 +39,11 @@ def serve(scene: Scene, file: Path, port: int, browser: bool) -> None:
     Parameters
     ----------
     scene : Scene
-        The scene.
+        The scene with which the page starts.
     file : Path
-        Its file, whose name the page shows.
+        File of the scene, whose name the page shows.
     port : int
-        Port of the page; 0 stands for any free one.
+        Port of the page, or 0 for any free port.
     browser : bool
         Whether to open the page in a browser.
 
@@ -65,22 +65,22 @@ def serve(scene: Scene, file: Path, port: int, browser: bool) -> None:
 
 
 def describe_view(start: Scene, query: str, change: str) -> dict[str, Any]:
-    """Return the parts of a view that the page shows before its solve.
+    """Return the parts of a view that the page shows before the solve.
 
     Parameters
     ----------
     start : Scene
         The scene of the scene file.
     query : str
-        The query of the link to the view.
+        Query of the link to the view.
     change : str
-        Values to change, ``KEY=VALUE KEY=VALUE``, or empty.
+        Changes of the view, such as ``KEY=VALUE KEY=VALUE``, or empty.
 
     Returns
     -------
     dict
-        `query` of the changed view, `refused` with the errors of a rejected change, and the
-        outlines and controls of the view.
+        `query` of the changed view; `refused` with the errors of an invalid query or change; and
+        the outlines and `controls` of the view.
     """
     view = View(start)
     errors: tuple[str, ...] = ()
@@ -99,7 +99,10 @@ def describe_view(start: Scene, query: str, change: str) -> dict[str, Any]:
 
 
 def _get_solver() -> Any:
-    """Return the process that solves, a new one if it has died; it ends with this process."""
+    """Return the executor of the solver process.
+
+    A new process is started if the old one died. It ends with this process.
+    """
     return get_reusable_executor(
         max_workers=1,
         timeout=None,
@@ -110,7 +113,7 @@ def _get_solver() -> Any:
 
 
 def _run_in_solver(function: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
-    """Return the result of a function in the process that solves, or `failed` with the reason."""
+    """Call a function in the solver process; return its result, or the error as `failed`."""
     try:
         return dict(_get_solver().submit(function, *arguments).result())
     except (RuntimeError, ValueError) as error:  # RuntimeError if the process died, among others
@@ -125,17 +128,17 @@ class Server(ThreadingHTTPServer):
 
 
 class Handler(BaseHTTPRequestHandler):
-    """Answers requests of a browser about one scene file."""
+    """A handler of the browser's requests about one scene file."""
 
     protocol_version = "HTTP/1.1"
-    disable_nagle_algorithm = True  # or answers would wait for the browser's acknowledgement
+    disable_nagle_algorithm = True  # else answers would wait for the browser's acknowledgement
 
     def __init__(self, start: Scene, name: str, *connection: Any) -> None:
         self.start, self.name = start, name
         super().__init__(*connection)
 
     def do_GET(self) -> None:
-        """Answer a request that calls the page by a name of this machine."""
+        """Answer a request for the page or for a part of a view, if its host is in `HOSTS`."""
         url = urlsplit(self.path)
         parameters = {name: values[-1] for name, values in parse_qs(url.query).items()}
         host, _, _ = self.headers.get("Host", "").partition(":")
@@ -152,7 +155,7 @@ class Handler(BaseHTTPRequestHandler):
             self._answer_about_view(url.path, parameters.get("at", ""))
 
     def _answer_about_view(self, path: str, query: str) -> None:
-        """Answer a request about the view with a query."""
+        """Answer a request for the image, the certainty or the scene file of a view."""
         try:
             view = View.from_query(self.start, query)
         except SceneError:
@@ -168,7 +171,7 @@ class Handler(BaseHTTPRequestHandler):
             self.send_error(404)
 
     def _send(self, text: str, media_type: str = "application/json") -> None:
-        """Send a text."""
+        """Send a text as the answer, which the browser must not cache."""
         body = text.encode()
         self.send_response(200)
         self.send_header("Content-Type", f"{media_type}; charset=utf-8")
@@ -178,4 +181,4 @@ class Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *arguments: Any) -> None:
-        """Log nothing: the page shows every result and error."""
+        """Suppress the log of requests, because the page shows every result and error."""

@@ -1,4 +1,4 @@
-"""The state of the page: a scene, how it is displayed, and its link."""
+"""The state of the page: a scene, its display, and the link that contains them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pvdf_fem.scene.scene_file import (
     suggest,
 )
 
-MAX_NOISE = 0.5  #: Largest standard deviation of readings, relative to them.
+MAX_NOISE = 0.5  #: Maximum relative standard deviation of readings.
 #: Keys whose values are chosen from a list of words.
 CHOICES: dict[str, tuple[str, ...]] = {
     "load.kind": tuple(LOAD_CLASSES),
@@ -33,7 +33,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "electrodes.shape": tuple(Layout.shapes),
     "quantity": tuple(QUANTITIES),
 }
-#: Keys whose value may have to change with that of another key.
+#: Keys whose value may have to change together with that of another key.
 PARTNERS = {
     "load.kind": "probe.shape",
     "probe.shape": "load.kind",
@@ -43,16 +43,16 @@ PARTNERS = {
 
 @dataclass(frozen=True)
 class View:
-    """A scene, the quantity that colours its film, and the noise of readings.
+    """A scene, the quantity by which its film is coloured, and the noise of readings.
 
-    Attributes
+    Parameters
     ----------
     scene : Scene
-        The scene.
+        The scene to solve.
     quantity : str
-        One of `pvdf_fem.explore.picture.QUANTITIES`.
+        A key of `pvdf_fem.explore.picture.QUANTITIES`.
     noise : float
-        Standard deviation of a reading, relative to it.
+        Relative standard deviation of the readings.
     """
 
     scene: Scene
@@ -60,12 +60,12 @@ class View:
     noise: float = 0.01
 
     def with_changes(self, changes: Mapping[str, Any]) -> View:
-        """Return a view with other values.
+        """Return a copy of the view with changed values.
 
         Parameters
         ----------
         changes : mapping of str to object
-            Values by keys of the scene, and of `quantity` and `noise`.
+            New values by scene key, or by ``quantity`` and ``noise``.
 
         Returns
         -------
@@ -75,8 +75,8 @@ class View:
         Raises
         ------
         SceneError
-            If a value is not allowed, or if a change names a file for a pressure profile: strangers
-            to this machine may change the page.
+            If a value is not allowed, or if a change names a new file for a pressure profile,
+            since a link from a stranger must not open files on this machine.
         """
         scene_changes = dict(changes)
         quantity = scene_changes.pop("quantity", self.quantity)
@@ -94,15 +94,15 @@ class View:
         return View(scene, quantity, noise)
 
     def with_typed_changes(self, text: str) -> View:
-        """Return a view with values that were typed or chosen on the page.
+        """Return a copy of the view with values that were typed or chosen on the page.
 
-        A choice that the scene does not allow is tried again with each choice for its partner key:
-        a sphere, for example, needs ``load.kind = "contact"``.
+        If the scene does not allow a choice, it is tried again with each choice for its partner
+        key (`PARTNERS`). For example, a sphere needs ``load.kind = "contact"``.
 
         Parameters
         ----------
         text : str
-            ``KEY=VALUE``, or several with blanks between them.
+            One or several changes ``KEY=VALUE``, separated by blanks.
 
         Returns
         -------
@@ -133,7 +133,7 @@ class View:
             raise
 
     def _expand_choice(self, key: str, word: str) -> dict[str, Any]:
-        """Return the changes for a chosen word: for a shape, also example values of its sizes."""
+        """Return the changes for a chosen word; a shape also gets example values of its sizes."""
         table, _, name = key.rpartition(".")
         plain_table = drop_probe_number(table)
         section = getattr(self.scene, plain_table, None) if table else None
@@ -148,10 +148,10 @@ class View:
         return changes
 
     def format_query(self, start: Scene) -> str:
-        """Return the query of a link to this view.
+        """Format the query of a link to this view.
 
-        It has the tables in which the scene differs from `start`, that of the scene file, and
-        other values of the view.
+        It contains the tables in which the scene differs from `start`, the scene of the scene file,
+        and `quantity` and `noise` if these differ from their defaults.
         """
         before = to_plain_value(start)
         changes: dict[str, Any] = {}
@@ -166,7 +166,7 @@ class View:
 
     @classmethod
     def from_query(cls, start: Scene, query: str) -> View:
-        """Return the view of a link.
+        """Parse the query of a link to a view.
 
         Parameters
         ----------
@@ -199,15 +199,16 @@ def _list_partners(keys: Iterable[str]) -> list[str]:
 
 
 def _list_profile_files(scene: Scene) -> set[str]:
-    """Return the files that pressure profiles of a scene are in."""
+    """Return the file names of the pressure profiles of a scene, without built-in profiles."""
     loads = [scene.load, *(probe.load for probe in scene.loaded_probes)]
     return {load.profile for load in loads} - PROFILE_ENTRIES.keys()
 
 
 def _parse_changes(text: str) -> dict[str, Any]:
-    """Return the values of ``KEY=VALUE KEY=VALUE`` by key.
+    """Parse changes ``KEY=VALUE KEY=VALUE``, and return the values by key.
 
-    A value that is incomplete TOML, such as a table with `=` in it, continues in the next piece.
+    The text is split before each ``KEY=``. A piece that is incomplete TOML, such as the beginning
+    of a table with ``=`` in it, is joined with the next piece.
     """
     changes: dict[str, Any] = {}
     incomplete = ""
@@ -224,7 +225,7 @@ def _parse_changes(text: str) -> dict[str, Any]:
 
 
 def drop_probe_number(key: str) -> str:
-    """Return a key without the number of a probe: ``probe.x_mm`` for ``probe[1].x_mm``."""
+    """Return a key without the number of the probe: ``probe.x_mm`` for ``probe[1].x_mm``."""
     return re.sub(r"^probe\[\d+\]", "probe", key)
 
 
@@ -236,19 +237,19 @@ class KeyExplanation(NamedTuple):
 
 
 def explain_key(table: str, name: str) -> KeyExplanation:
-    """Return the meaning of a key of a scene.
+    """Return the meaning of a scene key and an example of its value.
 
     Parameters
     ----------
     table : str
-        The table, such as ``film``; a key that is not in the table is looked up by its name alone.
+        Name of the table, such as ``film``. If the table lacks the key, another table with a key of
+        this name is used.
     name : str
-        The key in it.
+        Name of the key in the table.
 
     Returns
     -------
     KeyExplanation
-        Its meaning and an example.
     """
     by_table, by_name = _read_key_texts()
     text = by_table.get((table, name)) or by_name[name]
@@ -259,7 +260,10 @@ def explain_key(table: str, name: str) -> KeyExplanation:
 
 @cache
 def _read_key_texts() -> tuple[dict[tuple[str, str], str], dict[str, str]]:
-    """Return the texts of keys by table and name (the first one), and by name (the last one)."""
+    """Read the texts of all scene keys by table and name, and by name alone.
+
+    If a key has several texts, the first counts by table and name, the last by name alone.
+    """
     by_table: dict[tuple[str, str], str] = {}
     by_name: dict[str, str] = {}
     for key in read_key_texts():
