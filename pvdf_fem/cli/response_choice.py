@@ -66,7 +66,7 @@ def add_response_options(parser: argparse.ArgumentParser, tolerance: str | None 
     error = "maximum error of a charge, relative to the charge"
     if tolerance is None:
         error += " (default: model.tolerance, or 0.1 of the noise of readings)"
-    add_text_option(parser, "--tolerance", "SHARE", about=error, default=tolerance)
+    add_text_option(parser, "--tolerance", "FRACTION", about=error, default=tolerance)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain, TouchColum
 #: relative error of the interpolated charges of the thesis's sensor is then below 2e-3.
 RELATIVE_PITCH = 0.36
 MAX_LOGARITHM = 300.0  #: Limit of logarithms, against overflow far outside of the points.
-MAX_MISSING_FRACTION = 0.1  #: Largest share of the places without charges.
+MAX_MISSING_FRACTION = 0.1  #: Maximum fraction of the points without charges.
 FOLDS = 11  #: Number of folds of the cross-validation.
 RELATIVE_STEP = 1e-5  #: Step of central differences as a fraction of the map's radius.
 

@@ -31,7 +31,7 @@ MAX_CLAIMS = 2  #: Maximum number of claims in a verdict.
 
 @dataclass(frozen=True)
 class Entry:
-    """A figure or table on the page, or the text in its place.
+    """A figure or table on the page, or the reason why it is missing.
 
     Parameters
     ----------

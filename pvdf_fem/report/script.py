@@ -307,7 +307,7 @@ class _ScriptReader:
     def read_items(self, table: Table) -> tuple[Item, ...]:
         """Read the figures and tables of all sections, and return the valid ones."""
         items = []
-        places: dict[str, str] = {}  # keys in the script by name of the item
+        where_by_name: dict[str, str] = {}  # keys in the script by name of the item
         for number, section in _enumerate_tables(table, "section"):
             for form, kinds in self.kinds.items():
                 for index, entry in _enumerate_tables(section, form):
@@ -315,7 +315,7 @@ class _ScriptReader:
                     kind = self._read_kind(kinds, entry, where)
                     if kind is not None:
                         full = self._read_full(kind, entry, where)
-                        name = self._choose_name(kind, where, places)
+                        name = self._choose_name(kind, where, where_by_name)
                         items.append(Item(number, where, name=name, kind=kind, full=full))
         return tuple(items)
 
@@ -358,8 +358,8 @@ class _ScriptReader:
         full = self.validate(type(kind), {**table, **kind.full}, f"{where}.full")
         return kind if full is None else full
 
-    def _choose_name(self, kind: Kind, where: str, places: dict[str, str]) -> str:
-        """Choose a unique name of an item, and add it to `places`.
+    def _choose_name(self, kind: Kind, where: str, where_by_name: dict[str, str]) -> str:
+        """Choose a unique name of an item, and add it to `where_by_name`.
 
         Parameters
         ----------
@@ -367,20 +367,20 @@ class _ScriptReader:
             The item's keys. Without a key `name`, the name is made from `Kind.stem`.
         where : str
             Key of the item in the script.
-        places : dict of str to str
+        where_by_name : dict of str to str
             Keys in the script by name of the earlier items. This item is added.
         """
         name = kind.name
         if name is None:
             name = kind.stem
             number = 2
-            while name in places:
+            while name in where_by_name:
                 name = f"{kind.stem}-{number}"
                 number += 1
-        elif name in places:
-            reason = f"is the name of {places[name]}; choose another"
+        elif name in where_by_name:
+            reason = f"is the name of {where_by_name[name]}; choose another"
             self.problems.append(format_error(f"{where}.name", name, reason))
-        places[name] = where
+        where_by_name[name] = where
         return name
 
 

@@ -124,7 +124,7 @@ def add_parser(commands: Any) -> None:
     add_text_option(
         parser,
         "--sigma",
-        "SHARE",
+        "FRACTION",
         about="standard deviation of a charge or change, relative to it",
         default="0.01",
     )

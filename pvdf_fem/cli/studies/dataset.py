@@ -69,7 +69,7 @@ def add_parser(commands: Any) -> None:
     add_text_option(
         parser,
         "--sigma",
-        "SHARE",
+        "FRACTION",
         about="standard deviation of a reading, relative to the charge or change",
         default="0.01",
     )
