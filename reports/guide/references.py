@@ -59,7 +59,7 @@ INTERNAL = (
     *("model_config", "model_post_init", "table_keys", "summary", "film_data", "plan", "refresh"),
     *("loaded_probes", "single_probe", "tips", "warm_probes", "with_loaded_probes"),
     *("find_unused_load_keys", "require_no_tips", "require_plain_charges", "require_rows"),
-    *("discrete", "unloaded_integrals", "quantity_names", "empty", "store", "from_state"),
+    *("discrete", "unloaded_integrals", "quantity_names", "make_empty", "store", "from_state"),
     *("is_fast", "with_measured_error", "stress_modes", "validation"),
     *("unloaded_scene", "unloaded_stress", "unloaded_outputs", "check_profiles", "with_scene"),
 )
