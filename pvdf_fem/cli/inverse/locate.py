@@ -270,7 +270,10 @@ def _locate(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
 
 
 def _with_response_table(sensor: Scene, request: Request) -> Scene:
-    """Replace the scene's table [model] by the reach and the forces of the options, if given."""
+    """Return a copy of the scene whose [model] has the reach and the forces of given options.
+
+    Without these options, the scene itself is returned.
+    """
     changes: dict[str, Any] = {}
     if request.response.reach_mm is not None:
         changes["reach_mm"] = request.response.reach_mm
