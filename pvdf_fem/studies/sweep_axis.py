@@ -108,7 +108,7 @@ def parse_axes(
     """
     is_list = isinstance(tables, list | tuple)
     if not is_list or not all(isinstance(table, Mapping) for table in tables):
-        reason = 'must be a list of tables; give one for each axis, as in [{"load.force_N": [1, 2]}]'
+        reason = 'must be a list of tables; give one per axis, as in [{"load.force_N": [1, 2]}]'
         raise SceneError([format_error("axes", tables, reason)], source)
     if not tables:
         raise SceneError(["axes: is required; add a table [[axes]]"], source)
