@@ -276,9 +276,9 @@ class Film(Section):
 
     @property
     def prestrain(self) -> NDArray[np.float64]:
-        """Elastic strain of the flat clamped film after warming, in Voigt's notation, shape (3,).
+        """Elastic strain (11, 22, 12) of the flat clamped film after warming, shape (3,).
 
-        It follows from the temperature change, or else from the pretension. Patches and the
+        The shear is the engineering shear. The strain follows from the temperature change, or else from the pretension. Patches and the
         displacement of the rim are not included.
         """
         if self.temperature_change_K is not None:
@@ -289,7 +289,7 @@ class Film(Section):
 
     @property
     def prestress(self) -> NDArray[np.float64]:
-        """Stress in Pa in the flat clamped film after warming, in Voigt's notation, shape (3,).
+        """Stress (11, 22, 12) in Pa in the flat clamped film after warming, shape (3,).
 
         It may be compressive, as if the film did not wrinkle. Patches and the displacement of the
         rim are not included.
@@ -337,8 +337,8 @@ class Film(Section):
     @property
     def has_unbalanced_prestress(self) -> bool:
         """Whether strained patches or a displaced rim deform the unloaded film in its plane."""
-        is_layer_stretched = any(layer.prestrain.any() for layer in self.layers.values())
-        return is_layer_stretched or self.rim_displacement_um is not None
+        is_layer_strained = any(layer.prestrain.any() for layer in self.layers.values())
+        return is_layer_strained or self.rim_displacement_um is not None
 
     @property
     def is_flat_unloaded(self) -> bool:
